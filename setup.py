@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Installation of the package, for pip and for colcon (ament_python)."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+PACKAGE = "pam_orthosis"
+NODES = [
+    "plant_simulator",
+    "trajectory_publisher",
+    "position_controller",
+    "pressure_controller",
+    "inverse_valve_model",
+    "bag_recorder",
+]
+ROS = [
+    "ros-jazzy-rclpy[fastrtps]==7.1.6; sys_platform == 'linux' and platform_machine == 'x86_64'",
+    "ros-jazzy-common-interfaces; sys_platform == 'linux' and platform_machine == 'x86_64'",
+]
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="Emulated knee orthosis with two antagonistic fluidic muscles, as ROS 2 nodes",
+    license="Apache-2.0",
+    python_requires=">=3.10",
+    packages=[*find_packages(exclude=["test", "test.*"]), "pam_orthosis.config"],
+    package_dir={"pam_orthosis.config": "config"},
+    package_data={"pam_orthosis.config": ["*.yaml", "*.xml"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+        (f"share/{PACKAGE}/config", glob("config/*")),
+    ],
+    install_requires=[
+        "casadi>=3.6",
+        "matplotlib>=3.7",
+        "mcap>=1.2",
+        "numpy>=1.24",
+        "pyyaml>=6.0",
+        "rosbags>=0.10",
+        "scipy>=1.10",
+    ],
+    extras_require={
+        "ros": ROS,
+        "test": ["hypothesis>=6", "mcap-ros2-support>=0.5", "pytest>=7", "ruff>=0.5"],
+    },
+    zip_safe=True,
+    entry_points={
+        "console_scripts": [
+            "pam-orthosis = pam_orthosis.cli.main:main",
+            "run = pam_orthosis.cli.main:run_main",
+            *[f"{node} = pam_orthosis.nodes.{node}:main" for node in NODES],
+        ]
+    },
+)
