@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The closed loop without ROS: the same cores, wired by calls, for studies and tests.
+
+It is the only module of `control` that knows the plant, and it passes on measurements only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pam_orthosis.control.inverse_valve import InverseValveModel
+from pam_orthosis.control.position import PositionController
+from pam_orthosis.control.pressure import PressureController
+from pam_orthosis.control.trajectory import make_trajectory
+from pam_orthosis.model.orthosis import MUSCLES
+from pam_orthosis.model.plant import Plant
+
+SIGNALS = (
+    "time", "reference_angle", "reference_velocity", "reference_acceleration",
+    "angle", "extensor_pressure", "flexor_pressure",
+    "estimated_angle", "estimated_velocity", "disturbance",
+    "extensor_pressure_reference", "flexor_pressure_reference",
+    "extensor_mass_flow", "flexor_mass_flow", "extensor_voltage", "flexor_voltage",
+    "true_angle", "true_velocity", "true_torque", "saturated", "clamped",
+)  # fmt: skip
+
+
+class ClosedLoop:
+    """Plant, trajectory and cascade of controllers in one process."""
+
+    def __init__(self, parameters, seed: int = 0):
+        self.plant = Plant(parameters, seed)
+        self._trajectory = make_trajectory(parameters)
+        self._position = PositionController(parameters)
+        self._pressure = [PressureController(parameters, muscle) for muscle in MUSCLES]
+        self._valves = [InverseValveModel(parameters) for _ in MUSCLES]
+
+    def run(self, steps: int) -> dict[str, np.ndarray]:
+        """Advance; returns an array of `steps` samples for each of `SIGNALS`, SI units."""
+        table = np.empty((steps, len(SIGNALS)))
+        for index in range(steps):
+            table[index] = self._step(index)
+        return dict(zip(SIGNALS, table.T, strict=True))
+
+    def _step(self, index: int) -> tuple:
+        time_ns = index * self.plant.period_ns
+        measured, truth = self.plant.measure(), self.plant.truth()
+        reference = self._trajectory.sample(time_ns)
+        command = self._position.step(*measured, reference)
+        pressures, wanted = measured[1:], command[:2]
+        flows = [
+            controller.step(p, p_ref, command.angle, command.velocity)
+            for controller, p, p_ref in zip(self._pressure, pressures, wanted, strict=True)
+        ]
+        voltages = [
+            valve.step(flow, p) for valve, flow, p in zip(self._valves, flows, pressures, strict=True)
+        ]
+        self.plant.advance(*voltages)
+        return (
+            time_ns * 1e-9, *reference, *measured, command.angle, command.velocity,
+            command.disturbance, *wanted, *flows, *voltages,
+            truth.angle, truth.velocity, truth.torque, command.saturated, command.clamped,
+        )  # fmt: skip

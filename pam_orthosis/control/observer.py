@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nonlinear observer of knee angle, velocity and disturbance torque, Eqs. (29)-(32)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from pam_orthosis.control.knee import knee_acceleration
+from pam_orthosis.model.compiled import compiled
+from pam_orthosis.model.integrate import runge_kutta_4
+
+STEPS_PER_PERIOD = 2
+
+
+class Estimate(NamedTuple):
+    """Estimated angle rad, velocity rad/s, disturbance torque N m, and the residual y - y-hat rad."""
+
+    angle: float
+    velocity: float
+    disturbance: float
+    residual: float
+
+
+def system(x, pressures, belief):
+    """Return f of Eq. (31) for the states of Eq. (29), x = [q, q-dot, tau], tau-dot = 0."""
+    rate = knee_acceleration(x[0], x[1], x[2], pressures[0], pressures[1], belief)
+    return ca.vertcat(x[1], rate, 0)
+
+
+def gains(x, pressures, poles, belief):
+    """Return h of Eq. (31): the poles of A - h c, Eq. (32), are placed by Ackermann's formula.
+
+    Args:
+        x: estimate (3,), the point of linearisation.
+        pressures: absolute pressures of extensor and flexor (2,), Pa.
+        poles: three real poles, 1/s.
+    """
+    point, held = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
+    jacobian = ca.jacobian(system(point, held, belief), point)
+    a = ca.substitute([jacobian], [point, held], [x, pressures])[0]
+    c = ca.SX([[1, 0, 0]])  # Eq. (30): the angle is measured
+    observability = ca.vertcat(c, c @ a, c @ a @ a)
+    placed = ca.SX.eye(3)
+    for pole in poles:
+        placed = placed @ (a - pole * ca.SX.eye(3))
+    return placed @ ca.solve(observability, ca.SX([0, 0, 1]))
+
+
+def observer_step(belief) -> ca.Function:
+    """Return (x-hat, [y, p_e, p_f] before, [y, p_e, p_f] now) -> x-hat now.
+
+    Between two samples the measured signals are taken as straight lines, so that the estimate of
+    now contains the measurement of now.
+    """
+    x, before, now = ca.SX.sym("x", 3), ca.SX.sym("before", 3), ca.SX.sym("now", 3)
+    poles = [-belief.control.observer.pole] * 3
+    estimate, y = ca.SX.sym("estimate", 3), ca.SX.sym("y", 3)
+    # linearising once a step is enough: the gains change slowly with the estimate
+    h = ca.SX.sym("h", 3)
+    rate = ca.Function("rate", [estimate, y, h],
+                       [system(estimate, y[1:], belief) + h * (y[0] - estimate[0])])  # fmt: skip
+    gain = ca.Function("gain", [estimate, y], [gains(estimate, y[1:], poles, belief)])
+    step = belief.scenario.control_period / STEPS_PER_PERIOD
+    after = x
+    for i in range(STEPS_PER_PERIOD):
+        middle = before + (now - before) * ((i + 0.5) / STEPS_PER_PERIOD)
+        placed = gain(after, middle)
+        after = runge_kutta_4(lambda s, m=middle, k=placed: rate(s, m, k), after, step)
+    return ca.Function("observer_step", [x, before, now], [after])
+
+
+class Observer:
+    """The observer with its memory. Raises nothing; feed it finite measurements only."""
+
+    def __init__(self, belief):
+        self._step = compiled(observer_step(belief))
+        self._state: np.ndarray | None = None
+        self._before = np.zeros(3)
+
+    def step(self, angle: float, extensor_pressure: float, flexor_pressure: float) -> Estimate:
+        """Return the estimate at the instant of this measurement (rad, absolute Pa)."""
+        now = np.array([angle, extensor_pressure, flexor_pressure])
+        if self._state is None:
+            self._state, self._before = np.array([angle, 0.0, 0.0]), now
+        self._state[:] = self._step(self._state, self._before, now)[0]
+        self._before = now
+        q, velocity, disturbance = self._state.tolist()
+        return Estimate(q, velocity, disturbance, angle - q)

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fast calls of CasADi functions: fixed buffers, and C where a compiler is there."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+# contraction into fused multiply-add would make results differ between processors
+COMPILER_FLAGS = ("-O2", "-ffp-contract=off", "-fPIC", "-shared")
+
+
+class Compiled:
+    """A CasADi function that is called with numbers, without a conversion or an allocation a call."""
+
+    def __init__(self, function: ca.Function):
+        self.function = function
+        self._buffer, self._evaluate = function.buffer()
+        self._inputs = [np.zeros(function.sparsity_in(i).shape, order="F") for i in range(function.n_in())]
+        self._outputs = [np.zeros(function.sparsity_out(i).shape, order="F") for i in range(function.n_out())]
+        for i, array in enumerate(self._inputs):
+            self._buffer.set_arg(i, memoryview(array))
+        for i, array in enumerate(self._outputs):
+            self._buffer.set_res(i, memoryview(array))
+        self._flat_inputs = [array.reshape(-1, order="F") for array in self._inputs]
+        self._flat_outputs = [array.reshape(-1, order="F") for array in self._outputs]
+
+    def __call__(self, *arguments) -> list[np.ndarray]:
+        """Evaluate; returns flat arrays that the next call overwrites."""
+        for target, argument in zip(self._flat_inputs, arguments, strict=True):
+            target[:] = argument
+        self._evaluate()
+        return self._flat_outputs
+
+
+def compiled(function: ca.Function, use_compiler: bool = True) -> Compiled:
+    """Return the function as machine code if gcc or cc is there, else on CasADi's virtual machine."""
+    library = _shared_library(function) if use_compiler else None
+    if library is None:
+        return Compiled(function)
+    return Compiled(ca.external(function.name(), str(library)))
+
+
+def _shared_library(function: ca.Function) -> Path | None:
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None or os.environ.get("PAM_ORTHOSIS_NO_COMPILER"):
+        return None
+    source = _dense_source(function)
+    digest = hashlib.sha256(" ".join((source, compiler, *COMPILER_FLAGS)).encode()).hexdigest()[:20]
+    folder = _cache_folder()
+    if folder is None:
+        return None
+    library = folder / f"{function.name()}_{digest}.so"
+    if not library.exists() and not _compile(compiler, source, library):
+        return None
+    return library
+
+
+def _dense_source(function: ca.Function) -> str:
+    generator = ca.CodeGenerator(f"{function.name()}.c")
+    generator.add(function)
+    return generator.dump()
+
+
+def _cache_folder() -> Path | None:
+    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    folder = Path(base) / "pam_orthosis"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return folder if os.access(folder, os.W_OK) else None
+
+
+def _compile(compiler: str, source: str, library: Path) -> bool:
+    with tempfile.TemporaryDirectory(dir=library.parent) as folder:
+        code, built = Path(folder, "f.c"), Path(folder, "f.so")
+        code.write_text(source, encoding="utf-8")
+        command = [compiler, *COMPILER_FLAGS, str(code), "-o", str(built), "-lm"]
+        if subprocess.run(command, capture_output=True, check=False).returncode != 0:
+            return False
+        os.replace(built, library)  # several processes may build the same library at once
+    return True

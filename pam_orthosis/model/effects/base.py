@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an effect is: one physical phenomenon that a model can have or lack.
+
+The plant, the controllers' model and the gap workflow use the same object. An effect adds to the
+signals of one stage of the model (see `STAGES`), may have states of its own, and is switched on by
+one line of YAML: `effects.NAME.enabled: true`. A new effect is one file in this folder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+# the order in which a model evaluates its signals; an effect sees all signals of earlier stages
+STAGES = ("body", "supply", "command", "spool", "flow", "gas", "force", "torque")
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A parameter of an effect: typical value, unit, bounds and meaning."""
+
+    name: str
+    typical: float
+    unit: str
+    minimum: float
+    maximum: float
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """What an effect adds to signals (name -> expression) and the rates of its own states."""
+
+    add: Mapping[str, Any]
+    rates: tuple = ()
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One physical effect.
+
+    Attributes:
+        name: key in the configuration.
+        stage: the stage of the model that it enters, one of `STAGES`.
+        parameters: its parameters.
+        expression: (signals, parameter values, own states) -> Contribution.
+        physics: one paragraph on the phenomenon.
+        source: where equation and magnitudes come from.
+        states: names of its own states, zero at rest.
+        scales: typical size of each state, for integration tolerances and reports.
+    """
+
+    name: str
+    stage: str
+    parameters: tuple[Quantity, ...]
+    expression: Callable[[Any, Any, tuple], Contribution]
+    physics: str
+    source: str
+    states: tuple[str, ...] = ()
+    scales: tuple[float, ...] = field(default=())
+
+    def rows(self, prefix: str) -> list:
+        """Return the configuration rows of this effect below a prefix, switched off."""
+        from pam_orthosis.model.parameters import Row  # parameters reads the catalogue
+
+        path = f"{prefix}.{self.name}"
+        switch = Row(f"{path}.enabled", False, "-", None, None, f"switches on: {self.title}", self.source)
+        return [switch] + [
+            Row(f"{path}.{q.name}", q.typical, q.unit, q.minimum, q.maximum, q.meaning, self.source)
+            for q in self.parameters
+        ]
+
+    @property
+    def title(self) -> str:
+        """The name in words."""
+        return self.name.replace("_", " ")
+
+
+def enabled(settings) -> list[str]:
+    """Return the names of the effects that are switched on in a section of settings."""
+    return [name for name, values in settings.items() if values.enabled]
+
+
+def apply_stage(stage: str, signals: SimpleNamespace, active, settings, states, rates) -> None:
+    """Let the active effects of a stage add to the signals; collect the rates of their states.
+
+    `states` and `rates` map an effect's name to its tuple of states and of their derivatives.
+    """
+    for effect in active:
+        if effect.stage != stage:
+            continue
+        values = getattr(settings, effect.name)
+        contribution = effect.expression(signals, values, states.get(effect.name, ()))
+        for name, amount in contribution.add.items():
+            setattr(signals, name, getattr(signals, name) + amount)
+        rates[effect.name] = contribution.rates

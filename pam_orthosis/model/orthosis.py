@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The knee with its two muscles as one set of equations: mechanics, gas, valves and effects.
+
+The same assembly serves the emulated hardware, the controllers' model and the gap workflow; they
+differ in parameters, in the muscle law and in the effects that are on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+import casadi as ca
+
+from pam_orthosis.model import leg as leg_model
+from pam_orthosis.model import muscle as muscle_model
+from pam_orthosis.model import pneumatics
+from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.effects.base import apply_stage, enabled
+
+MUSCLES = ("extensor", "flexor")
+BASE_STATES = ("angle", "velocity", "extensor_pressure", "flexor_pressure")
+INPUTS = ("extensor_voltage", "flexor_voltage", "external_torque")
+# what a model reports beside its states, in this order
+OUTPUTS = (
+    "torque",
+    "extensor_contraction",
+    "flexor_contraction",
+    "extensor_rate",
+    "flexor_rate",
+    "extensor_tension",
+    "flexor_tension",
+    "extensor_flow",
+    "flexor_flow",
+)
+
+
+@dataclass(frozen=True)
+class MuscleLaw:
+    """Static force and volume of one muscle as functions of contraction and gauge pressure."""
+
+    force: object
+    volume: object
+
+
+@dataclass(frozen=True)
+class Hardware:
+    """What an assembly is built from: sections of parameters, one law a muscle, effect settings."""
+
+    leg: object
+    muscle: object
+    valve: object
+    laws: dict[str, MuscleLaw]
+    effects: object
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """State-space form: names, symbols and expressions (x, u -> rates, outputs)."""
+
+    states: tuple[str, ...]
+    x: ca.SX
+    u: ca.SX
+    rates: ca.SX
+    outputs: ca.SX
+    signals: SimpleNamespace = field(repr=False)
+
+    def function(self, name: str) -> ca.Function:
+        """Return the CasADi function (x, u) -> (rates, outputs)."""
+        return ca.Function(name, [self.x, self.u], [self.rates, self.outputs])
+
+
+def polynomial_law(m) -> MuscleLaw:
+    """Return the law that controllers believe: Eqs. (14) and (16)-(17)."""
+    return MuscleLaw(
+        lambda dl, p: muscle_model.towing_force(dl, p, m),
+        lambda dl, p: muscle_model.volume(dl, p, m),
+    )
+
+
+def geometric_law(m, scale=1.0) -> MuscleLaw:
+    """Return the law of the braid's geometry; `scale` is the specimen's force / nominal force."""
+    return MuscleLaw(
+        lambda dl, p: scale * muscle_model.geometric_force(dl, p, m),
+        lambda dl, p: muscle_model.geometric_volume(dl, p, m),
+    )
+
+
+def assemble(hardware: Hardware) -> Assembly:
+    """Return the equations of motion and gas with all effects that are on."""
+    active = [CATALOGUE[name] for name in enabled(hardware.effects)]
+    names = [*BASE_STATES, *(state for effect in active for state in effect.states)]
+    x, u = ca.SX.sym("x", len(names)), ca.SX.sym("u", len(INPUTS))
+    own_states, start = {}, len(BASE_STATES)
+    for effect in active:
+        own_states[effect.name] = tuple(ca.vertsplit(x[start : start + len(effect.states)]))
+        start += len(effect.states)
+    signals = _signals(x, u, hardware)
+    own_rates: dict[str, tuple] = {}
+
+    def stage(name):
+        apply_stage(name, signals, active, hardware.effects, own_states, own_rates)
+
+    stage("body")
+    stage("supply")
+    stage("command")
+    stage("spool")
+    _flows(signals)
+    stage("flow")
+    _gas(signals, hardware, lambda: stage("gas"))
+    _forces(signals, hardware, lambda: stage("force"))
+    _motion(signals, hardware, lambda: stage("torque"))
+    rates = [signals.velocity, signals.acceleration]
+    rates += [signals.extensor_pressure_rate, signals.flexor_pressure_rate]
+    rates += [rate for effect in active for rate in own_rates[effect.name]]
+    outputs = ca.vertcat(*(getattr(signals, name) for name in OUTPUTS))
+    return Assembly(tuple(names), x, u, ca.vertcat(*rates), outputs, signals)
+
+
+def _signals(x, u, hardware: Hardware) -> SimpleNamespace:
+    q, velocity, pe, pf = x[0], x[1], x[2], x[3]
+    contraction_e, contraction_f = leg_model.contractions(q, hardware.leg)
+    ambient = hardware.valve.ambient_pressure
+    return SimpleNamespace(
+        angle=q,
+        velocity=velocity,
+        extensor_pressure=pe,
+        flexor_pressure=pf,
+        extensor_gauge=pe - ambient,
+        flexor_gauge=pf - ambient,
+        extensor_contraction=contraction_e,
+        flexor_contraction=contraction_f,
+        extensor_rate=ca.jtimes(contraction_e, q, velocity),
+        flexor_rate=ca.jtimes(contraction_f, q, velocity),
+        extensor_voltage=u[0],
+        flexor_voltage=u[1],
+        external_torque=u[2],
+        supply_pressure=hardware.valve.supply_pressure,
+        extra_foot_mass=0.0,
+        extensor_dead_volume=hardware.valve.hose.volume,
+        flexor_dead_volume=hardware.valve.hose.volume,
+        valve=hardware.valve,
+        leg=hardware.leg,
+    )
+
+
+def _flows(s) -> None:
+    for name in MUSCLES:
+        opening = pneumatics.relative_opening(getattr(s, f"{name}_voltage"), s.valve)
+        pressure = getattr(s, f"{name}_pressure")
+        flow = pneumatics.valve_flow(opening, pressure, s.supply_pressure, s.valve)
+        setattr(s, f"{name}_opening", opening)
+        setattr(s, f"{name}_flow", flow)
+
+
+def _gas(s, hardware: Hardware, effects) -> None:
+    effects()
+    for name in MUSCLES:
+        contraction = getattr(s, f"{name}_contraction")
+        gauge = getattr(s, f"{name}_gauge")
+        volume, by_pressure, by_contraction = volume_terms(hardware.laws[name].volume, contraction, gauge)
+        rate = pneumatics.pressure_rate(
+            getattr(s, f"{name}_pressure"),
+            getattr(s, f"{name}_flow"),
+            getattr(s, f"{name}_rate"),
+            volume + getattr(s, f"{name}_dead_volume"),
+            by_pressure,
+            by_contraction,
+            s.valve,
+        )
+        setattr(s, f"{name}_pressure_rate", rate)
+
+
+def _forces(s, hardware: Hardware, effects) -> None:
+    for name in MUSCLES:
+        law = hardware.laws[name]
+        contraction, gauge = getattr(s, f"{name}_contraction"), getattr(s, f"{name}_gauge")
+        setattr(s, f"{name}_force", law.force(contraction, gauge))
+    effects()
+    for name in MUSCLES:
+        elastic, rate = getattr(s, f"{name}_force"), getattr(s, f"{name}_rate")
+        setattr(s, f"{name}_tension", muscle_model.tension(elastic, rate, hardware.muscle))
+
+
+def _motion(s, hardware: Hardware, effects) -> None:
+    s.torque = leg_model.knee_torque(s.extensor_tension, s.flexor_tension, hardware.leg)
+    s.torque += leg_model.stop_torque(s.angle, s.velocity, hardware.leg.joint)
+    s.torque += s.external_torque
+    effects()
+    terms = leg_model.mechanics(s.angle, s.velocity, hardware.leg, s.extra_foot_mass)
+    s.acceleration = acceleration(s.torque, terms)
+
+
+def acceleration(torque, terms):
+    """Return q-double-dot of Eq. (26) for the sum of all torques on the knee, rad/s^2."""
+    return (torque - terms.coriolis - terms.gravity) / terms.inertia
+
+
+def volume_terms(law, contraction, gauge):
+    """Return V, dV/dp and dV/d(dL) of a volume law, for Eq. (6)."""
+    dl, p = ca.SX.sym("dl"), ca.SX.sym("p")
+    volume = law(dl, p)
+    terms = [volume, ca.gradient(volume, p), ca.gradient(volume, dl)]
+    return ca.substitute(terms, [dl, p], [ca.SX(contraction), ca.SX(gauge)])

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The emulated hardware: true parameters, integration, sensors. Only the plant node and tests use it."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model import integrate, orthosis
+from pam_orthosis.model.compiled import compiled
+
+# deviation -> the believed parameters that it multiplies
+DEVIATIONS = {
+    "moving_mass": ("leg.thigh.mass", "leg.shank.mass", "leg.knee_mass", "leg.shoe_mass"),
+    "person_mass": ("leg.person.mass",),
+    "muscle_damping": ("muscle.dmsp_20.force.damping",),
+    "conductance": ("valve.conductance",),
+    "critical_ratio": ("valve.critical_ratio",),
+    "polytropic_exponent": ("valve.polytropic_exponent",),
+    "supply_pressure": ("valve.supply_pressure",),
+}
+
+
+class Measurement(NamedTuple):
+    """One sample of the sensors: knee angle rad, absolute pressures Pa."""
+
+    angle: float
+    extensor_pressure: float
+    flexor_pressure: float
+
+
+class Truth(NamedTuple):
+    """The true state: rad, rad/s, N m (external torque on the knee), m, m/s, N, Pa, kg/s."""
+
+    angle: float
+    velocity: float
+    torque: float
+    extensor_contraction: float
+    flexor_contraction: float
+    extensor_rate: float
+    flexor_rate: float
+    extensor_force: float
+    flexor_force: float
+    extensor_pressure: float
+    flexor_pressure: float
+    extensor_flow: float
+    flexor_flow: float
+
+
+def true_parameters(parameters):
+    """Return the parameters of the emulated hardware: the belief times its deviations."""
+    values = parameters.flat()
+    true = {}
+    for name, keys in DEVIATIONS.items():
+        for key in keys:
+            true[key] = values[key] * values[f"plant.deviation.{name}"]
+    return parameters.substituted(true)
+
+
+def true_hardware(parameters) -> orthosis.Hardware:
+    """Return what the emulated hardware is built from."""
+    true = true_parameters(parameters)
+    m, plant = true.muscle.dmsp_20, true.plant
+    if plant.muscle_law == "geometric":
+        laws = {
+            name: orthosis.geometric_law(m, getattr(plant.deviation, f"{name}_force"))
+            for name in orthosis.MUSCLES
+        }
+    else:
+        laws = dict.fromkeys(orthosis.MUSCLES, orthosis.polynomial_law(m))
+    return orthosis.Hardware(true.leg, m, true.valve, laws, plant.effects)
+
+
+class Plant:
+    """Emulated orthosis with sensors, advanced one control period at a time.
+
+    Args:
+        parameters: the whole tree, truth included.
+        seed: of the sensor noise.
+
+    Raises:
+        OrthosisError: the knee cannot be held at its starting angle with these parameters.
+    """
+
+    def __init__(self, parameters, seed: int = 0):
+        self._p = parameters
+        assembly = orthosis.assemble(true_hardware(parameters))
+        self.states = assembly.states
+        right_hand_side = assembly.function("plant_rates")
+        step = parameters.plant.simulation.step
+        self.period_ns = round(parameters.scenario.control_period * 1e9)
+        substeps = round(parameters.scenario.control_period / step)
+        self._advance = compiled(integrate.period_map("plant_period", right_hand_side, step, substeps))
+        self._outputs = compiled(ca.Function("plant_outputs", [assembly.x, assembly.u], [assembly.outputs]))
+        self._noise = np.random.default_rng(seed)
+        self._held = np.array([parameters.valve.closed_voltage] * 2 + [0.0])
+        self._index = 0
+        self.state = self._resting_state(assembly)
+
+    def measure(self) -> Measurement:
+        """Return noisy, quantised sensor readings of the present state; draws noise once a call."""
+        sensor, noise = self._p.plant.sensor, self._noise.standard_normal(3)
+        return Measurement(
+            _quantised(self.state[0] + sensor.angle_noise * noise[0], sensor.angle_resolution),
+            _quantised(self.state[2] + sensor.pressure_noise * noise[1], sensor.pressure_resolution),
+            _quantised(self.state[3] + sensor.pressure_noise * noise[2], sensor.pressure_resolution),
+        )
+
+    def advance(self, extensor_voltage: float, flexor_voltage: float) -> None:
+        """Integrate one control period with the voltages held.
+
+        Raises:
+            OrthosisError: a voltage is not finite.
+        """
+        if not (math.isfinite(extensor_voltage) and math.isfinite(flexor_voltage)):
+            raise OrthosisError("the plant was given a valve voltage that is not finite")
+        resolution = self._p.plant.voltage_resolution
+        self._held[:] = (
+            _quantised(extensor_voltage, resolution),
+            _quantised(flexor_voltage, resolution),
+            self._external_torque(),
+        )
+        self.state[:] = self._advance(self.state, self._held)[0]
+        self._index += 1
+
+    def truth(self) -> Truth:
+        """Return the true state (for the recorder and for tests, never for a controller)."""
+        y = dict(zip(orthosis.OUTPUTS, self._outputs(self.state, self._held)[0].tolist(), strict=True))
+        q, velocity, pe, pf = self.state[:4].tolist()
+        return Truth(
+            q, velocity, float(self._held[2]),
+            y["extensor_contraction"], y["flexor_contraction"], y["extensor_rate"], y["flexor_rate"],
+            y["extensor_tension"], y["flexor_tension"], pe, pf, y["extensor_flow"], y["flexor_flow"],
+        )  # fmt: skip
+
+    def _external_torque(self) -> float:
+        plant = self._p.plant
+        time = self._index * self.period_ns * 1e-9
+        return plant.external_torque * math.sin(2 * math.pi * plant.external_frequency * time)
+
+    def _resting_state(self, assembly) -> np.ndarray:
+        """Return the state at rest at the starting angle, valves closed, muscles near the mean pressure."""
+        start = self._p.scenario.start_angle
+        mean = self._p.control.position.mean_pressure
+        x = np.zeros(len(assembly.states))
+        x[:4] = start, 0.0, mean, mean
+        accelerate = ca.Function("a", [assembly.x, assembly.u], [assembly.rates[1]])
+        ambient, supply = self._p.valve.ambient_pressure, self._p.valve.supply_pressure
+        low, high = ambient - mean, supply - mean  # shift of the flexor up, of the extensor down
+        for _ in range(60):
+            shift = 0.5 * (low + high)
+            x[2] = min(max(mean - shift, ambient), supply)
+            x[3] = min(max(mean + shift, ambient), supply)
+            low, high = (shift, high) if float(accelerate(x, self._held)) < 0 else (low, shift)
+        if abs(float(accelerate(x, self._held))) > 0.1:
+            raise OrthosisError(
+                f"the muscles cannot hold the knee at scenario.start_angle = {start} rad:"
+                " choose another angle, a lighter person or a higher supply pressure"
+            )
+        return x
+
+
+def _quantised(value: float, resolution: float) -> float:
+    return float(round(value / resolution) * resolution) if resolution > 0 else float(value)
