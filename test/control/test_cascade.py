@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Observer and controllers against their own claims."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from pam_orthosis.control import inverse_valve, observer, position, pressure
+from pam_orthosis.control.knee import knee_acceleration, muscle_torque
+from pam_orthosis.model import muscle as muscle_model
+from pam_orthosis.model import orthosis, parameters, pneumatics
+
+RANDOM = np.random.default_rng(11)
+STATES = np.column_stack([
+    RANDOM.uniform(0.1, 1.3, 60), RANDOM.uniform(-4, 4, 60), RANDOM.uniform(-8, 8, 60)
+])  # fmt: skip
+PRESSURES = RANDOM.uniform(2.6e5, 5.5e5, (60, 2))
+
+
+@pytest.fixture(scope="module")
+def belief():
+    return parameters.load().belief()
+
+
+def test_observer_poles_lie_where_they_were_placed(belief):
+    """Eigenvalues of A - h c, the Jacobian of Eq. (32) taken by differences, not by CasADi."""
+    x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
+    f = ca.Function("f", [x, p], [observer.system(x, p, belief)])
+    h = ca.Function("h", [x, p], [observer.gains(x, p, [-60.0, -80.0, -100.0], belief)])
+    for state, held in zip(STATES, PRESSURES, strict=True):
+        a = np.column_stack([
+            (f(state + d, held).full()[:, 0] - f(state - d, held).full()[:, 0]) / 2e-6
+            for d in 1e-6 * np.eye(3)
+        ])  # fmt: skip
+        error_system = a - h(state, held).full() @ [[1.0, 0.0, 0.0]]
+        assert np.sort(np.linalg.eigvals(error_system).real) == pytest.approx([-100, -80, -60], rel=1e-3)
+
+
+def test_observer_finds_velocity_and_a_constant_disturbance(belief):
+    """Fed by its own model under 2 N m: the estimate must end at the true state."""
+    x, p = ca.SX.sym("x", 2), ca.SX.sym("p", 2)
+    f = ca.Function("f", [x, p], [ca.vertcat(x[1], knee_acceleration(x[0], x[1], 2.0, p[0], p[1], belief))])
+    period, state = belief.scenario.control_period, ca.DM([0.8, 0.0])
+    watch = observer.Observer(belief)
+    held = [3.3e5, 4.0e5]
+    for _ in range(200):
+        estimate = watch.step(float(state[0]), *held)
+        for _ in range(10):
+            k1 = f(state, held)
+            state = state + period / 10 * f(state + period / 20 * k1, held)
+    assert estimate.disturbance == pytest.approx(2.0, abs=0.02)
+    assert estimate.velocity == pytest.approx(float(state[1]), abs=0.01)
+
+
+def test_lyapunov_function_of_the_position_loop_decreases(belief):
+    """V2-dot = -c1 e1^2 - c2 e2^2 for the wanted acceleration, Eqs. (33)-(37)."""
+    c1, c2 = 31.0, 47.0
+    for q, w, _ in STATES:
+        reference = RANDOM.uniform([0.1, -4, -40], [1.3, 4, 40])
+        acceleration = float(position.desired_acceleration([q, w, 0.0], reference, c1, c2))
+        e1, e1_rate = reference[0] - q, reference[1] - w
+        e2, e2_rate = e1_rate + c1 * e1, reference[2] - acceleration + c1 * e1_rate
+        decrease = e1 * e1_rate + e2 * e2_rate
+        assert decrease == pytest.approx(-c1 * e1**2 - c2 * e2**2, rel=1e-9)
+        assert decrease < 0
+
+
+def allocate(belief):
+    torque, q, w = (ca.SX.sym(n) for n in ("torque", "q", "w"))
+    return ca.Function("allocate", [torque, q, w], position.pressures_for_torque(torque, q, w, belief))
+
+
+def torque_of(belief):
+    q, w, extensor, flexor = (ca.SX.sym(n) for n in ("q", "w", "extensor", "flexor"))
+    return ca.Function("torque", [q, w, extensor, flexor], [muscle_torque(q, w, extensor, flexor, belief)])
+
+
+def test_the_pressures_give_the_torque_and_keep_their_mean(belief):
+    function, settings = allocate(belief), belief.control.position
+    ambient = belief.valve.ambient_pressure
+    means = []
+    for q, w, torque in STATES:
+        extensor, flexor, saturated = (float(v) for v in function(torque, q, w))
+        low, high = settings.minimum_pressure - ambient - 1e-6, settings.maximum_pressure - ambient + 1e-6
+        assert low <= extensor <= high
+        assert low <= flexor <= high
+        if not saturated:
+            given = float(torque_of(belief)(q, w, extensor + ambient, flexor + ambient))
+            assert given == pytest.approx(torque, abs=1e-6)
+            means.append((extensor + flexor) / 2 + ambient)
+    assert len(means) > 50
+    assert np.isclose(means, settings.mean_pressure).mean() > 0.5
+
+
+def test_at_a_limit_stiffness_gives_way_before_torque(belief):
+    function, ambient = allocate(belief), belief.valve.ambient_pressure
+    extensor, flexor, saturated = (float(v) for v in function(24.0, 0.7, 0.0))
+    assert not saturated
+    assert (extensor + flexor) / 2 + ambient != pytest.approx(belief.control.position.mean_pressure, rel=1e-3)
+    given = float(torque_of(belief)(0.7, 0.0, extensor + ambient, flexor + ambient))
+    assert given == pytest.approx(24.0, abs=1e-6)
+
+
+def test_a_torque_out_of_reach_is_cut_and_said(belief):
+    _, flexor, saturated = (float(v) for v in allocate(belief)(200.0, 0.7, 0.0))
+    assert saturated
+    assert flexor + belief.valve.ambient_pressure == pytest.approx(belief.control.position.maximum_pressure)
+
+
+def gas_rate(belief, p, flow, q, w):
+    """Return dp/dt of the flexor in the belief, by the forward law."""
+    section, valve = belief.muscle.dmsp_20, belief.valve
+    angle, velocity = ca.SX.sym("q"), ca.SX.sym("w")
+    contraction, rate = pressure.kinematics(angle, velocity, belief)
+    volume, by_p, by_x = orthosis.volume_terms(
+        lambda dl, gauge: muscle_model.volume(dl, gauge, section),
+        contraction.flexor,
+        p - valve.ambient_pressure,
+    )
+    found = pneumatics.pressure_rate(p, flow, rate.flexor, volume + valve.hose.volume, by_p, by_x, valve)
+    return float(ca.Function("rate", [angle, velocity], [found])(q, w))
+
+
+def test_pressure_law_gives_the_wanted_rate(belief):
+    flow = pressure.mass_flow_function(belief, "flexor")
+    for (q, w, _), (p, _) in zip(STATES, PRESSURES, strict=True):
+        given = float(flow(p, 4e5, q, w))
+        assert gas_rate(belief, p, given, q, w) == pytest.approx(4e5, rel=1e-6)
+
+
+def test_pressure_error_decays_with_the_designed_rate(belief):
+    controller = pressure.PressureController(parameters.load(), "flexor")
+    assert controller.step(3e5, 3e5, 0.6, 0.0) == pytest.approx(0.0, abs=1e-12)
+    flow = controller.step(2.9e5, 3e5, 0.6, 0.0)
+    assert gas_rate(belief, 2.9e5, flow, 0.6, 0.0) == pytest.approx(
+        belief.control.pressure.gain * 1e4, rel=1e-6
+    )
+
+
+def test_inverse_valve_inverts_the_valve(belief):
+    valve = belief.valve
+    for p in np.linspace(1.5e5, 6.5e5, 11):
+        most, least = (float(pneumatics.valve_flow(o, p, valve.supply_pressure, valve)) for o in (1, -1))
+        for flow in np.linspace(0.95 * least, 0.95 * most, 9):
+            opening = float(inverse_valve.opening_for_flow(flow, p, valve))
+            given = float(pneumatics.valve_flow(opening, p, valve.supply_pressure, valve))
+            assert given == pytest.approx(flow, rel=1e-6, abs=1e-9)
+
+
+def test_voltage_stays_in_range_and_lifts_over_the_dead_band():
+    p = parameters.load()
+    model = inverse_valve.InverseValveModel(p)
+    assert model.step(0.0, 3e5) == pytest.approx(p.valve.closed_voltage)
+    assert model.step(1.0, 3e5) == p.valve.maximum_voltage
+    assert model.step(-1.0, 3e5) == p.valve.minimum_voltage
+    small = model.step(3e-4, 3e5) - p.valve.closed_voltage
+    assert p.valve.dead_band < small < p.valve.dead_band + 1.0
+    voltages = [model.step(flow, 3e5) for flow in np.linspace(-5e-3, 5e-3, 101)]
+    assert (np.diff(voltages) > 0).all()

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reference trajectories."""
+
+import numpy as np
+import pytest
+
+from pam_orthosis.control.trajectory import make_trajectory
+from pam_orthosis.model import parameters
+
+MS = 1_000_000
+
+
+@pytest.mark.parametrize("overrides", [{}, {"scenario.cycle_time": 1.25}, {"scenario.trajectory": "sine"}])
+def test_velocity_and_acceleration_are_the_derivatives(overrides):
+    trajectory = make_trajectory(parameters.load(overrides))
+    step = 10_000  # ns
+    for t in np.linspace(0.9e9, 5e9, 300).astype(int).tolist():
+        before, now, after = (trajectory.sample(t + d) for d in (-step, 0, step))
+        assert now.velocity == pytest.approx((after.angle - before.angle) / 2e-5, abs=1e-5)
+        assert now.acceleration == pytest.approx((after.velocity - before.velocity) / 2e-5, abs=1e-3)
+
+
+def test_it_rests_then_repeats_every_cycle():
+    p = parameters.load({"scenario.cycle_time": 1.6})
+    trajectory = make_trajectory(p)
+    assert trajectory.sample(0).velocity == 0
+    assert trajectory.sample(0).angle == pytest.approx(p.scenario.start_angle, abs=1e-6)
+    for t in (4000 * MS, 4321 * MS, 5100 * MS):
+        assert trajectory.sample(t) == pytest.approx(trajectory.sample(t + 1600 * MS), abs=1e-9)
+
+
+def test_the_gait_is_that_of_a_healthy_knee():
+    trajectory = make_trajectory(parameters.load())
+    degrees = np.rad2deg([trajectory.sample(t * MS).angle for t in range(4000, 6000, 4)])
+    assert 60 < degrees.max() < 70
+    assert -2 < degrees.min() < 6

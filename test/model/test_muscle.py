@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Muscle forces and volumes."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from pam_orthosis.model import leg as leg_model
+from pam_orthosis.model import muscle, parameters
+from pam_orthosis.model.orthosis import geometric_law, volume_terms
+
+MUSCLES = ("dmsp_20", "dmsp_10")
+
+
+@pytest.fixture(params=MUSCLES)
+def section(request):
+    return getattr(parameters.load().muscle, request.param)
+
+
+def test_a_slack_muscle_pulls_nothing(section):
+    far = 0.24 * section.length
+    assert float(muscle.towing_force(far, 0.3e5, section)) < 0
+    assert float(muscle.force(far, 0.0, 0.3e5, section)) == 0
+    assert float(muscle.force(far, -5.0, 0.3e5, section)) == 0
+
+
+def test_force_is_linear_in_the_pressure(section):
+    x = 0.08 * section.length
+    low, middle, high = (float(muscle.towing_force(x, p, section)) for p in (2e5, 3e5, 4e5))
+    assert middle == pytest.approx((low + high) / 2)
+
+
+def test_polynomial_and_geometry_agree_within_the_known_misfit(section):
+    """About 26 N for the DMSP-20 at 6 bar: the honest difference of belief and emulated hardware."""
+    differences = [
+        float(muscle.towing_force(x * section.length, p, section))
+        - float(muscle.geometric_force(x * section.length, p, section))
+        for x in np.linspace(0.03, 0.17, 8)
+        for p in (3e5, 4.5e5, 6e5)
+        if float(muscle.geometric_force(x * section.length, p, section)) > 0
+    ]
+    assert 1.0 < np.abs(differences).max() < 45.0
+
+
+def test_outside_the_box_nothing_extrapolates_and_it_is_reported(section):
+    edge = section.box.maximum_contraction * section.length / section.map_length
+    at_edge = float(muscle.towing_force(edge, 4e5, section))
+    assert float(muscle.towing_force(edge + 0.02, 4e5, section)) == pytest.approx(at_edge)
+    assert bool(muscle.outside_box(edge + 0.02, 4e5, section))
+    assert bool(muscle.outside_box(0.5 * edge, 2e6, section))
+    assert not bool(muscle.outside_box(0.5 * edge, 4e5, section))
+
+
+def test_virtual_work_of_the_bare_braid(section):
+    """Without rubber and without swelling, F = -p dV/dL of the braided cylinder."""
+    rows = {
+        f"muscle.{name}.geometry.{key}": value
+        for name in MUSCLES
+        for key, value in (("modulus", [0.0] * 4), ("frustum_slope", 0.0), ("volume_compliance", 0.0))
+    }
+    bare = getattr(parameters.load(rows).muscle, "dmsp_20" if section.length > 0.3 else "dmsp_10")
+    dl = ca.SX.sym("dl")
+    volume = ca.Function("v", [dl], [ca.gradient(muscle.geometric_volume(dl, 0.0, bare), dl)])
+    for x in np.linspace(0.0, 0.2, 9) * bare.length:
+        force = float(muscle.geometric_force(x, 3e5, bare))
+        assert force == pytest.approx(3e5 * float(volume(x)), rel=1e-9)
+
+
+def test_volume_polynomial_follows_the_geometry():
+    section = parameters.load().muscle.dmsp_20
+    for x in np.linspace(0.0, 0.2, 9) * section.length:
+        for p in (0.0, 3e5, 6e5):
+            geometric = float(muscle.geometric_volume(x, p, section))
+            assert float(muscle.volume(x, p, section)) == pytest.approx(geometric, rel=0.01)
+
+
+def test_volume_slopes_are_those_of_the_volume():
+    section = parameters.load().muscle.dmsp_20
+    law = geometric_law(section).volume
+    dl, p = ca.SX.sym("dl"), ca.SX.sym("p")
+    terms = ca.Function("terms", [dl, p], volume_terms(law, dl, p))
+    _, by_pressure, by_contraction = (float(t) for t in terms(0.04, 3e5))
+    slope_p = (float(law(0.04, 3e5 + 50)) - float(law(0.04, 3e5 - 50))) / 100
+    slope_x = (float(law(0.04 + 1e-6, 3e5)) - float(law(0.04 - 1e-6, 3e5))) / 2e-6
+    assert by_pressure == pytest.approx(slope_p, rel=1e-5)
+    assert by_contraction == pytest.approx(slope_x, rel=1e-5)
+
+
+def test_equal_muscles_at_the_symmetric_angle_balance():
+    p = parameters.load()
+    extensor, flexor = leg_model.contractions(p.leg.symmetric_angle, p.leg)
+    section = p.muscle.dmsp_20
+    forces = [float(muscle.force(dl, 0.0, 3e5, section)) for dl in (extensor, flexor)]
+    assert forces[0] > 100
+    assert float(leg_model.knee_torque(*forces, p.leg)) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_flexor_flexes():
+    leg = parameters.load().leg
+    assert leg_model.knee_torque(0.0, 100.0, leg) > 0
+    before, after = (leg_model.contractions(q, leg) for q in (0.5, 0.6))
+    assert after[1] > before[1]
+    assert after[0] < before[0]

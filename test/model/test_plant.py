@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The emulated hardware as a whole."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model import integrate, orthosis, parameters
+from pam_orthosis.model.compiled import compiled
+from pam_orthosis.model.plant import Plant, true_hardware
+
+VOLTAGES = 5 + 1.6 * np.sin(np.arange(250)[:, None] * np.array([0.06, 0.043]) + [0.0, 2.0])
+
+
+def driven(overrides=None):
+    plant = Plant(parameters.load(overrides))
+    for voltages in VOLTAGES:
+        plant.advance(*voltages)
+    return plant
+
+
+def test_it_starts_at_rest():
+    plant = Plant(parameters.load())
+    start = plant.truth()
+    for _ in range(100):
+        plant.advance(5.0, 5.0)
+    assert abs(plant.truth().angle - start.angle) < np.deg2rad(0.2)
+
+
+def test_halving_the_step_changes_less_than_the_sensors_can_see():
+    coarse, fine = driven(), driven({"plant.simulation.step": 5e-5})
+    sensor = parameters.load().plant.sensor
+    moved = abs(coarse.truth().angle - Plant(parameters.load()).truth().angle)
+    assert moved > np.deg2rad(5), "the knee must have moved for the comparison to mean anything"
+    assert abs(coarse.truth().angle - fine.truth().angle) < 0.05 * sensor.angle_resolution
+    assert abs(coarse.truth().extensor_pressure - fine.truth().extensor_pressure) < 0.5 * 244.0
+
+
+def test_same_seed_same_measurements_other_seed_others():
+    measured = [Plant(parameters.load(), seed).measure() for seed in (7, 7, 8)]
+    assert measured[0] == measured[1]
+    assert measured[0] != measured[2]
+
+
+def test_the_muscles_do_the_work_that_the_leg_gains():
+    """Energy balance with closed valves, friction off: d(T + U) = torque times q-dot."""
+    off = {f"plant.effects.{n}.enabled": False for n in ("joint_friction", "viscous_friction")}
+    assembly = orthosis.assemble(true_hardware(parameters.load(off)))
+    n = len(assembly.states)
+    x, work = ca.SX.sym("x", n), ca.SX.sym("work")
+    u = ca.DM([5.0, 5.0, 0.0])
+    f = assembly.function("f")
+
+    def rates(state):
+        dx, y = f(state[:n], u)
+        return ca.vertcat(dx, y[0] * state[1])
+
+    state = ca.vertcat(x, work)
+    step = ca.Function("step", [state], [integrate.runge_kutta_4(rates, state, 1e-4)])
+    start = np.zeros(n + 1)
+    start[:4] = 0.9, 0.0, 2.5e5, 4.2e5
+    end = step.fold(1500)(start)
+    energy = _mechanical_energy(true_hardware(parameters.load(off)).leg)
+    gained = float(energy(end[0], end[1])) - float(energy(0.9, 0.0))
+    assert abs(float(end[0]) - 0.9) > 0.03
+    assert gained == pytest.approx(float(end[n]), abs=1e-7)
+
+
+def _mechanical_energy(leg):
+    from pam_orthosis.model.leg import bodies, energies
+
+    q, w = ca.SX.sym("q"), ca.SX.sym("w")
+    kinetic, potential = energies(q, w, bodies(q, leg))
+    return ca.Function("energy", [q, w], [kinetic + potential])
+
+
+def test_machine_code_and_virtual_machine_agree():
+    assembly = orthosis.assemble(true_hardware(parameters.load()))
+    function = assembly.function("agreement")
+    x = np.zeros(len(assembly.states))
+    x[:4] = 0.6, 1.5, 3.1e5, 3.9e5
+    results = [
+        np.concatenate([part.copy() for part in compiled(function, use)(x, [5.4, 4.7, 0.3])])
+        for use in (True, False)
+    ]
+    assert np.allclose(results[0], results[1], rtol=1e-12, atol=1e-12)
+
+
+def test_voltage_that_is_not_a_number_is_refused():
+    with pytest.raises(OrthosisError, match="not finite"):
+        Plant(parameters.load()).advance(float("nan"), 5.0)
+
+
+def test_a_load_that_the_muscles_cannot_hold_is_refused():
+    heavy = {"leg.person.present": True, "leg.person.mass": 200.0, "scenario.start_angle": 1.3}
+    with pytest.raises(OrthosisError, match="cannot hold"):
+        Plant(parameters.load(heavy))
+
+
+def test_joint_limits_hold_under_full_pressure():
+    plant = Plant(parameters.load())
+    joint = parameters.load().leg.joint
+    for _ in range(400):
+        plant.advance(0.0, 10.0)
+    assert plant.truth().angle < joint.maximum + 0.1
+    for _ in range(600):
+        plant.advance(10.0, 0.0)
+    assert plant.truth().angle > joint.minimum - 0.1
