@@ -32,6 +32,9 @@ OUTPUTS = (
     "flexor_tension",
     "extensor_flow",
     "flexor_flow",
+    "measured_angle",
+    "measured_extensor_pressure",
+    "measured_flexor_pressure",
 )
 
 
@@ -98,21 +101,29 @@ def assemble(hardware: Hardware) -> Assembly:
     signals = _signals(x, u, hardware)
     own_rates: dict[str, tuple] = {}
 
-    def stage(name):
-        apply_stage(name, signals, active, hardware.effects, own_states, own_rates)
+    def stages(*names):
+        for name in names:
+            apply_stage(name, signals, active, hardware.effects, own_states, own_rates)
 
-    stage("body")
-    stage("supply")
-    stage("command")
-    stage("spool")
+    stages("body", "supply", "command", "spool")
+    _openings(signals)
+    stages("opening")
     _flows(signals)
-    stage("flow")
-    _gas(signals, hardware, lambda: stage("gas"))
-    _forces(signals, hardware, lambda: stage("force"))
-    _motion(signals, hardware, lambda: stage("torque"))
+    stages("flow", "gas")
+    _gas(signals, hardware)
+    _static_forces(signals, hardware)
+    stages("force")
+    _tensions(signals, hardware)
+    _torque(signals, hardware)
+    stages("torque")
+    _motion(signals, hardware)
+    _sensors(signals)
+    stages("sensor")
     rates = [signals.velocity, signals.acceleration]
     rates += [signals.extensor_pressure_rate, signals.flexor_pressure_rate]
-    rates += [rate for effect in active for rate in own_rates[effect.name]]
+    for effect in active:
+        own = own_rates[effect.name]
+        rates += own(signals) if callable(own) else own
     outputs = ca.vertcat(*(getattr(signals, name) for name in OUTPUTS))
     return Assembly(tuple(names), x, u, ca.vertcat(*rates), outputs, signals)
 
@@ -139,22 +150,28 @@ def _signals(x, u, hardware: Hardware) -> SimpleNamespace:
         extra_foot_mass=0.0,
         extensor_dead_volume=hardware.valve.hose.volume,
         flexor_dead_volume=hardware.valve.hose.volume,
+        polytropic_exponent=hardware.valve.polytropic_exponent,
+        temperature=hardware.valve.temperature,
         valve=hardware.valve,
         leg=hardware.leg,
     )
 
 
-def _flows(s) -> None:
+def _openings(s) -> None:
     for name in MUSCLES:
         opening = pneumatics.relative_opening(getattr(s, f"{name}_voltage"), s.valve)
-        pressure = getattr(s, f"{name}_pressure")
-        flow = pneumatics.valve_flow(opening, pressure, s.supply_pressure, s.valve)
         setattr(s, f"{name}_opening", opening)
+
+
+def _flows(s) -> None:
+    for name in MUSCLES:
+        opening, pressure = getattr(s, f"{name}_opening"), getattr(s, f"{name}_pressure")
+        flow = pneumatics.valve_flow(opening, pressure, s.supply_pressure, s.valve)
         setattr(s, f"{name}_flow", flow)
 
 
-def _gas(s, hardware: Hardware, effects) -> None:
-    effects()
+def _gas(s, hardware: Hardware) -> None:
+    gas = SimpleNamespace(polytropic_exponent=s.polytropic_exponent, temperature=s.temperature)
     for name in MUSCLES:
         contraction = getattr(s, f"{name}_contraction")
         gauge = getattr(s, f"{name}_gauge")
@@ -166,29 +183,39 @@ def _gas(s, hardware: Hardware, effects) -> None:
             volume + getattr(s, f"{name}_dead_volume"),
             by_pressure,
             by_contraction,
-            s.valve,
+            gas,
         )
         setattr(s, f"{name}_pressure_rate", rate)
 
 
-def _forces(s, hardware: Hardware, effects) -> None:
+def _static_forces(s, hardware: Hardware) -> None:
     for name in MUSCLES:
         law = hardware.laws[name]
         contraction, gauge = getattr(s, f"{name}_contraction"), getattr(s, f"{name}_gauge")
         setattr(s, f"{name}_force", law.force(contraction, gauge))
-    effects()
+
+
+def _tensions(s, hardware: Hardware) -> None:
     for name in MUSCLES:
         elastic, rate = getattr(s, f"{name}_force"), getattr(s, f"{name}_rate")
         setattr(s, f"{name}_tension", muscle_model.tension(elastic, rate, hardware.muscle))
 
 
-def _motion(s, hardware: Hardware, effects) -> None:
+def _torque(s, hardware: Hardware) -> None:
     s.torque = leg_model.knee_torque(s.extensor_tension, s.flexor_tension, hardware.leg)
     s.torque += leg_model.stop_torque(s.angle, s.velocity, hardware.leg.joint)
     s.torque += s.external_torque
-    effects()
+
+
+def _motion(s, hardware: Hardware) -> None:
     terms = leg_model.mechanics(s.angle, s.velocity, hardware.leg, s.extra_foot_mass)
     s.acceleration = acceleration(s.torque, terms)
+
+
+def _sensors(s) -> None:
+    s.measured_angle = s.angle
+    s.measured_extensor_pressure = s.extensor_pressure
+    s.measured_flexor_pressure = s.flexor_pressure
 
 
 def acceleration(torque, terms):

@@ -99,15 +99,20 @@ class Plant:
         self._noise = np.random.default_rng(seed)
         self._held = np.array([parameters.valve.closed_voltage] * 2 + [0.0])
         self._index = 0
+        self._reported: dict[str, float] | None = None
         self.state = self._resting_state(assembly)
 
     def measure(self) -> Measurement:
         """Return noisy, quantised sensor readings of the present state; draws noise once a call."""
-        sensor, noise = self._p.plant.sensor, self._noise.standard_normal(3)
+        sensor, noise, y = self._p.plant.sensor, self._noise.standard_normal(3), self._report()
+        angle = y["measured_angle"] + sensor.angle_noise * noise[0]
+        pressures = [
+            y[f"measured_{muscle}_pressure"] + sensor.pressure_noise * noise[index]
+            for index, muscle in enumerate(orthosis.MUSCLES, start=1)
+        ]
         return Measurement(
-            _quantised(self.state[0] + sensor.angle_noise * noise[0], sensor.angle_resolution),
-            _quantised(self.state[2] + sensor.pressure_noise * noise[1], sensor.pressure_resolution),
-            _quantised(self.state[3] + sensor.pressure_noise * noise[2], sensor.pressure_resolution),
+            _quantised(angle, sensor.angle_resolution),
+            *(_quantised(pressure, sensor.pressure_resolution) for pressure in pressures),
         )
 
     def advance(self, extensor_voltage: float, flexor_voltage: float) -> None:
@@ -126,16 +131,24 @@ class Plant:
         )
         self.state[:] = self._advance(self.state, self._held)[0]
         self._index += 1
+        self._reported = None
 
     def truth(self) -> Truth:
         """Return the true state (for the recorder and for tests, never for a controller)."""
-        y = dict(zip(orthosis.OUTPUTS, self._outputs(self.state, self._held)[0].tolist(), strict=True))
+        y = self._report()
         q, velocity, pe, pf = self.state[:4].tolist()
         return Truth(
             q, velocity, float(self._held[2]),
             y["extensor_contraction"], y["flexor_contraction"], y["extensor_rate"], y["flexor_rate"],
             y["extensor_tension"], y["flexor_tension"], pe, pf, y["extensor_flow"], y["flexor_flow"],
         )  # fmt: skip
+
+    def _report(self) -> dict[str, float]:
+        """Return the model's outputs by name at the present step, evaluated once a step."""
+        if self._reported is None:
+            values = self._outputs(self.state, self._held)[0].tolist()
+            self._reported = dict(zip(orthosis.OUTPUTS, values, strict=True))
+        return self._reported
 
     def _external_torque(self) -> float:
         plant = self._p.plant

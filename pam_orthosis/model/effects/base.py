@@ -14,12 +14,17 @@ from types import SimpleNamespace
 from typing import Any
 
 # the order in which a model evaluates its signals; an effect sees all signals of earlier stages
-STAGES = ("body", "supply", "command", "spool", "flow", "gas", "force", "torque")
+STAGES = (
+    "body", "supply", "command", "spool", "opening", "flow", "gas", "force", "torque", "sensor",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A parameter of an effect: typical value, unit, bounds and meaning."""
+    """A parameter of an effect: typical value, unit, bounds, meaning.
+
+    `neutral` is the value at which the whole effect vanishes; None for a parameter of its shape.
+    """
 
     name: str
     typical: float
@@ -27,14 +32,19 @@ class Quantity:
     minimum: float
     maximum: float
     meaning: str
+    neutral: float | None = None
 
 
 @dataclass(frozen=True)
 class Contribution:
-    """What an effect adds to signals (name -> expression) and the rates of its own states."""
+    """What an effect adds to signals (name -> expression) and the rates of its own states.
+
+    Rates that need signals of later stages are given as a function of the signals, which is called
+    when all stages are done.
+    """
 
     add: Mapping[str, Any]
-    rates: tuple = ()
+    rates: tuple | Callable[[Any], tuple] = ()
 
 
 @dataclass(frozen=True)
