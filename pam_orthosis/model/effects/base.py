@@ -60,6 +60,16 @@ class Effect:
         source: where equation and magnitudes come from.
         states: names of its own states, zero at rest.
         scales: typical size of each state, for integration tolerances and reports.
+        starts: for the gap workflow, sets of start values (name -> value) beside the typical ones.
+        minimum_effect: size of the first parameter below which the effect is not worth a name.
+        coordinate: the signal against which the effect is seen best in a figure.
+        confounded_with: effects that ordinary motion cannot tell from this one.
+        separated_by: scenarios or segments that tell them apart.
+        shape: a smooth bounded correction of a static map; the gap workflow lets it vary within its
+            priors beside every candidate.
+        advance: for a sensor that lags, values -> {"angle" | "extensor_pressure" | ...: seconds by which
+            the recorded signal has to be advanced to be the true one}.
+        fastest: the shortest time constant that its states have at these values, values -> s.
     """
 
     name: str
@@ -70,6 +80,24 @@ class Effect:
     source: str
     states: tuple[str, ...] = ()
     scales: tuple[float, ...] = field(default=())
+    starts: tuple[Mapping[str, float], ...] = ()
+    minimum_effect: float = 0.0
+    coordinate: str = "velocity"
+    confounded_with: tuple[str, ...] = ()
+    separated_by: tuple[str, ...] = ()
+    shape: bool = False
+    advance: Callable[[Any], Mapping[str, float]] | None = None
+    fastest: Callable[[Any], float] | None = None
+
+    @property
+    def equation(self) -> str:
+        """The equation in which it shows: torque, gas, valve, supply or sensor."""
+        return EQUATIONS[self.stage]
+
+    @property
+    def fitted(self) -> tuple[Quantity, ...]:
+        """The parameters that the gap workflow estimates; the first one is the effect's size."""
+        return tuple(quantity for quantity in self.parameters if quantity.fitted)
 
     def rows(self, prefix: str) -> list:
         """Return the configuration rows of this effect below a prefix, switched off."""
