@@ -1,0 +1,28 @@
+# make run: set up and let the knee walk. make test: set up and test. Needs Python 3.10+ and make.
+VENV ?= .venv
+PYTHON ?= python3
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+
+.PHONY: setup run test picture clean
+
+setup: $(READY)
+
+$(READY): setup.py pyproject.toml
+	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 10) and 'Python 3.10 or newer is needed')"
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[ros,test]'
+	touch $@
+
+run: setup
+	$(BIN)/pam-orthosis run
+
+test: setup
+	$(BIN)/ruff check .
+	$(BIN)/python -m pytest
+
+picture: setup
+	$(BIN)/pam-orthosis report bags/walk --out docs/pictures
+
+clean:
+	rm -rf $(VENV) build install log
