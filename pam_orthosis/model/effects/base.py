@@ -17,6 +17,11 @@ from typing import Any
 STAGES = (
     "body", "supply", "command", "spool", "opening", "flow", "gas", "force", "torque", "sensor",
 )  # fmt: skip
+# the equation of the model in which an effect of a stage shows
+EQUATIONS = {
+    "body": "torque", "force": "torque", "torque": "torque", "supply": "supply", "command": "valve",
+    "spool": "valve", "opening": "valve", "flow": "gas", "gas": "gas", "sensor": "sensor",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -24,6 +29,8 @@ class Quantity:
     """A parameter of an effect: typical value, unit, bounds, meaning.
 
     `neutral` is the value at which the whole effect vanishes; None for a parameter of its shape.
+    `fitted` is false for shape details that the gap workflow holds at their typical value. `prior`
+    is the standard deviation that a coefficient of a shape correction (`Effect.shape`) may have.
     """
 
     name: str
@@ -33,6 +40,8 @@ class Quantity:
     maximum: float
     meaning: str
     neutral: float | None = None
+    fitted: bool = True
+    prior: float | None = None
 
 
 @dataclass(frozen=True)
