@@ -8,6 +8,8 @@ those of a specimen of length `m.map_length`; other nominal lengths scale by rel
 
 from __future__ import annotations
 
+import math
+
 import casadi as ca
 
 
@@ -100,13 +102,13 @@ def geometric_force(contraction, pressure_gauge, m):
     """Return the static force of the geometric law with rubber elasticity, N; negative where slack.
 
     Source: Martens & Boblan, Actuators 2017, 6(4):33, erratum 2018, 7(1):9. The elastic modulus
-    polynomial was measured on a specimen of length `m.map_length` and is taken at the specimen's
-    length with the same relative contraction.
+    polynomial was measured on a specimen of length `m.geometry.map_length` and is taken at the
+    specimen's length with the same relative contraction.
     """
     fibre, turns = _braid(m)
     length = m.length - contraction
     diameter = braid_diameter(contraction, m)
-    modulus = polynomial(m.geometry.modulus, length * (m.map_length / m.length))
+    modulus = polynomial(m.geometry.modulus, length * (m.geometry.map_length / m.length))
     axial = modulus * (length - m.length) / m.length
     hoop = modulus * (diameter - m.geometry.diameter) / m.geometry.diameter
     volume_slope = (fibre**2 - 3 * length**2) / (4 * ca.pi * turns**2)
@@ -124,10 +126,20 @@ def geometric_volume(contraction, pressure_gauge, m):
 
     The frustum's height grows linearly with the shortening; the braid gives the cylinder's diameter.
     """
-    diameter, length, frustum = cylinder(contraction, pressure_gauge, m)
-    end = m.geometry.diameter
-    cylinder_volume = ca.pi / 4 * diameter**2 * length
-    frustum_volume = ca.pi / 12 * frustum * (diameter**2 + diameter * end + end**2)
+    return composed_volume(*cylinder(contraction, pressure_gauge, m), m.geometry.diameter)
+
+
+def composed_volume(diameter, length, frustum, end):
+    """Return V_cyl + 2 V_F of Eq. (15), m^3.
+
+    Args:
+        diameter: of the cylinder and of the frustums' wide ends, m.
+        length: of the cylinder, m.
+        frustum: height of a frustum, m.
+        end: diameter of the frustums' narrow ends (the fittings), m.
+    """
+    cylinder_volume = math.pi / 4 * diameter**2 * length
+    frustum_volume = math.pi / 12 * frustum * (diameter**2 + diameter * end + end**2)
     return cylinder_volume + 2 * frustum_volume
 
 

@@ -2,8 +2,8 @@
 """Parameters: every value a row with unit, bounds, meaning and source, in one tree.
 
 The tree has one branch a file of `config/`. The branches `muscle`, `valve`, `leg`, `control` and
-`effects` are the belief (all that controllers know); `plant` is the truth of the emulated hardware;
-`scenario` says what a run does.
+`effects` are the belief (all that controllers know); `rig` is the belief about the test rig;
+`plant` is the truth of the emulated hardware; `scenario` says what a run does.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from pam_orthosis.model.rules import broken_rules
 
 Value = float | int | bool | str | list
 
-SUBJECTS = ("muscle", "valve", "leg", "control", "plant", "scenario")
-BELIEF = ("muscle", "valve", "leg", "control", "effects", "scenario")
+SUBJECTS = ("muscle", "valve", "leg", "control", "rig", "plant", "scenario")
+# the knee's nodes know no rig; the rig's controllers know these and their rig
+BELIEF = ("muscle", "valve", "leg", "control", "effects", "scenario", "gap")
 _YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -143,6 +144,10 @@ class Parameters(Section):
         """Return what controllers and identification may know: no plant."""
         return self.only(*BELIEF)
 
+    def rig_belief(self) -> Parameters:
+        """Return what the test rig's controllers may know: no plant."""
+        return self.only(*BELIEF, "rig")
+
     def changed(self, overrides: Mapping[str, Any]) -> Parameters:
         """Return the tree with other values, each checked against its row and the rules.
 
@@ -209,16 +214,26 @@ def read_yaml(path: Path) -> Any:
 
 @lru_cache(maxsize=1)
 def _shipped_rows() -> dict[str, Row]:
+    from pam_orthosis.model.effects import CATALOGUE  # the catalogue needs Row's neighbours
+
     rows: dict[str, Row] = {}
     for subject in SUBJECTS:
         tree = read_yaml(config_folder() / f"{subject}.yaml")
         tree = tree["defaults"] if subject == "scenario" else tree
-        effects = tree.pop("effects", {}) if subject == "plant" else {}
-        rows.update(_rows_of(tree, subject))
         if subject == "plant":
-            rows.update(_effect_rows("plant.effects", effects))
-    rows.update(_effect_rows("effects", {}))
+            rows.update(_true_effect_rows(tree))
+        rows.update(_rows_of(tree, subject))
+    rows.update(_effect_rows("effects", {}, CATALOGUE))
     return rows
+
+
+def _true_effect_rows(plant: dict[str, Any]) -> dict[str, Row]:
+    """Take the settings of effects out of the plant's tree; return their rows."""
+    from pam_orthosis.model.effects import CATALOGUE
+    from pam_orthosis.model.effects.carriage_friction import RIG_EFFECTS
+
+    rows = _effect_rows("plant.effects", plant.pop("effects", {}), CATALOGUE)
+    return rows | _effect_rows("plant.rig.effects", plant["rig"].pop("effects", {}), RIG_EFFECTS)
 
 
 @lru_cache(maxsize=1)
@@ -254,11 +269,11 @@ def _row(key: str, node: Mapping[str, Any]) -> Row:
     return row.with_value(row.value)
 
 
-def _effect_rows(prefix: str, values: Mapping[str, Mapping[str, Any]]) -> dict[str, Row]:
-    from pam_orthosis.model.effects import CATALOGUE  # the catalogue needs Row's neighbours
-
+def _effect_rows(
+    prefix: str, values: Mapping[str, Mapping[str, Any]], catalogue: Mapping[str, Any]
+) -> dict[str, Row]:
     rows: dict[str, Row] = {}
-    for effect in CATALOGUE.values():
+    for effect in catalogue.values():
         for row in effect.rows(prefix):
             rows[row.key] = row
     for effect_name, settings in values.items():
