@@ -111,8 +111,8 @@ class Plant:
             for index, muscle in enumerate(orthosis.MUSCLES, start=1)
         ]
         return Measurement(
-            _quantised(angle, sensor.angle_resolution),
-            *(_quantised(pressure, sensor.pressure_resolution) for pressure in pressures),
+            quantised(angle, sensor.angle_resolution),
+            *(quantised(pressure, sensor.pressure_resolution) for pressure in pressures),
         )
 
     def advance(self, extensor_voltage: float, flexor_voltage: float) -> None:
@@ -125,8 +125,8 @@ class Plant:
             raise OrthosisError("the plant was given a valve voltage that is not finite")
         resolution = self._p.plant.voltage_resolution
         self._held[:] = (
-            _quantised(extensor_voltage, resolution),
-            _quantised(flexor_voltage, resolution),
+            quantised(extensor_voltage, resolution),
+            quantised(flexor_voltage, resolution),
             self._external_torque(),
         )
         self.state[:] = self._advance(self.state, self._held)[0]
@@ -177,5 +177,6 @@ class Plant:
         return x
 
 
-def _quantised(value: float, resolution: float) -> float:
+def quantised(value: float, resolution: float) -> float:
+    """Return the value on the grid of a sensor or converter; resolution 0 means none."""
     return float(round(value / resolution) * resolution) if resolution > 0 else float(value)
