@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Table of docs/control.md: tracking and chatter over gains, filter and control period, seed 1.
+
+Run `python docs/studies/gains.py`; it prints Markdown.
+"""
+
+import numpy as np
+
+from pam_orthosis.control.loop import ClosedLoop
+from pam_orthosis.model import parameters
+
+SECONDS = 9.0
+# control period, observer pole, c1 = c2, pressure gain, reference filter
+ROWS = {
+    "default": [
+        (0.002, 60, 25, 60, 60),
+        (0.002, 80, 35, 80, 60),
+        (0.002, 100, 45, 80, 60),
+        (0.002, 100, 45, 80, 150),
+        (0.002, 140, 45, 80, 60),
+        (0.002, 140, 60, 120, 150),
+        (0.004, 100, 45, 80, 60),
+        (0.005, 80, 35, 80, 60),
+        (0.005, 100, 45, 80, 60),
+    ],
+    "person": [(0.002, 50, 20, 40, 60), (0.002, 70, 30, 60, 60), (0.002, 100, 45, 80, 60)],
+}
+KEYS = (
+    "scenario.control_period",
+    "control.observer.pole",
+    "control.position.c1",
+    "control.position.c2",
+    "control.pressure.gain",
+    "control.pressure.reference_filter",
+)
+
+
+def measure(scenario, period, pole, gain, pressure_gain, bandwidth):
+    """Return maximum error deg, RMS deg, voltage variation V/s of extensor and flexor."""
+    values = map(float, (period, pole, gain, gain, pressure_gain, bandwidth))
+    overrides = {**parameters.scenario_overrides(scenario), **dict(zip(KEYS, values, strict=True))}
+    run = ClosedLoop(parameters.load(overrides), seed=1).run(round(SECONDS / period))
+    error = np.degrees(run["reference_angle"] - run["angle"])
+    variation = [np.abs(np.diff(run[f"{m}_voltage"])).sum() / SECONDS for m in ("extensor", "flexor")]
+    return np.abs(error).max(), np.sqrt(np.mean(error**2)), *variation
+
+
+def main():
+    """Print the table."""
+    print("| scenario | period | pole | c1 = c2 | pressure gain | reference filter | max | RMS | voltage variation |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    for scenario, rows in ROWS.items():
+        for period, *gains in rows:
+            largest, rms, extensor, flexor = measure(scenario, period, *gains)
+            columns = [f"{period * 1e3:g} ms", *map(str, gains), f"{largest:.2f} deg", f"{rms:.2f} deg"]
+            print(f"| {scenario} | {' | '.join(columns)} | {extensor:.0f}, {flexor:.0f} V/s |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
