@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Read bags, ours and those of `ros2 bag record`, into arrays keyed by header stamp."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from operator import attrgetter
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from pam_orthosis.bag.record import METADATA_FILE, RUN_RECORD
+from pam_orthosis.bag.topics import BY_NAME, SECOND_NS, SIGNALS, Signal, resolve
+from pam_orthosis.errors import OrthosisError
+
+
+class Series(NamedTuple):
+    """A signal: strictly rising stamps (n,) int64 in ns, values (n,) float64 in SI."""
+
+    stamp_ns: np.ndarray
+    value: np.ndarray
+
+
+@dataclass(frozen=True)
+class Bag:
+    """What was read: series by signal name; run metadata, parameters (both empty if foreign)."""
+
+    path: Path
+    series: Mapping[str, Series]
+    run: Mapping[str, str]
+    parameters: Mapping[str, Any]
+
+    def __getitem__(self, signal: str) -> Series:
+        """Return a signal's series."""
+        return self.series[signal]
+
+
+def read_bag(path: Path, signals: Iterable[str], optional: Iterable[str] = (), namespace: str = "") -> Bag:
+    """Read signals of the table `bag.topics.SIGNALS` from a bag folder or file.
+
+    Args:
+        path: folder with `metadata.yaml`, or an `.mcap` or `.db3` file.
+        signals: names that must be there.
+        optional: names that are left out where the bag has no such topic.
+        namespace: of the leg, e.g. `/left`.
+
+    Raises:
+        OrthosisError: missing, unclosed, damaged or empty bag; topic missing or of another type;
+            value not finite.
+    """
+    path = Path(path)
+    _check_path(path)
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+            series = _read(reader, path, list(signals), set(optional), namespace)
+        run = run_record(path)
+        parameters = json.loads(run.get("parameters", "{}"))
+    except OrthosisError:
+        raise
+    except Exception as error:  # a damaged file makes the readers raise anything
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise OrthosisError(
+            f"{path} cannot be read as a bag ({reason}); try `pam-orthosis recover {path}`"
+        ) from error
+    return Bag(path, series, run, parameters)
+
+
+def run_record(path: Path) -> dict[str, str]:
+    """Return the run metadata of a bag of ours, empty for another."""
+    for file in [path] if path.is_file() else sorted(path.glob("*.mcap")):
+        if file.suffix == ".mcap":
+            with open(file, "rb") as stream:
+                for record in make_reader(stream).iter_metadata():
+                    if record.name == RUN_RECORD:
+                        return dict(record.metadata)
+    return {}
+
+
+def aligned(*series: Series) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Join series by stamp: the stamps that all have, and each one's values there."""
+    stamps = reduce(np.intersect1d, (one.stamp_ns for one in series))
+    return stamps, [one.value[np.searchsorted(one.stamp_ns, stamps)] for one in series]
+
+
+def _check_path(path: Path) -> None:
+    if not path.exists():
+        raise OrthosisError(f"no bag at {path}")
+    if path.is_dir() and not (path / METADATA_FILE).exists():
+        if any(path.glob("*.mcap")):
+            raise OrthosisError(
+                f"{path} was never closed (no {METADATA_FILE}); run `pam-orthosis recover {path}`"
+            )
+        raise OrthosisError(f"{path} holds no bag (no {METADATA_FILE})")
+
+
+def _read(
+    reader: AnyReader, path: Path, signals: list[str], optional: set[str], namespace: str
+) -> dict[str, Series]:
+    wanted = defaultdict(list)
+    for signal in map(SIGNALS.__getitem__, [*signals, *optional]):
+        wanted[resolve(signal.topic, namespace)].append(signal)
+    connections = _connections(reader, path, wanted, optional)
+    samples = {signal.name: ([], []) for signals in wanted.values() for signal in signals}
+    for connection, _, data in reader.messages(connections):
+        message = reader.deserialize(data, connection.msgtype)
+        stamp_ns = message.header.stamp.sec * SECOND_NS + message.header.stamp.nanosec
+        for signal in wanted[connection.topic]:
+            stamps, values = samples[signal.name]
+            stamps.append(stamp_ns)
+            values.append(_value(message, signal))
+    return {
+        name: _series(path, SIGNALS[name], *lists)
+        for name, lists in samples.items()
+        if lists[0] or name not in optional
+    }
+
+
+def _connections(
+    reader: AnyReader, path: Path, wanted: Mapping[str, Sequence[Signal]], optional: set[str]
+) -> list:
+    there = {connection.topic: connection for connection in reader.connections}
+    for topic, signals in wanted.items():
+        needed = [signal for signal in signals if signal.name not in optional]
+        if topic not in there and needed:
+            raise OrthosisError(f"{path} has no topic {topic}, needed for {needed[0].name}")
+        expected = BY_NAME[signals[0].topic].type
+        if topic in there and there[topic].msgtype != expected:
+            raise OrthosisError(f"{path}: topic {topic} is of type {there[topic].msgtype}, not {expected}")
+    return [connection for connection in reader.connections if connection.topic in wanted]
+
+
+def _value(message: Any, signal: Signal) -> float:
+    if BY_NAME[signal.topic].type.endswith("JointTrajectory"):
+        if not message.points:
+            return np.nan
+        return _at(getattr(message.points[0], signal.field), message.joint_names, signal.joint)
+    if signal.joint:
+        return _at(getattr(message, signal.field), message.name, signal.joint)
+    return attrgetter(signal.field)(message)
+
+
+def _at(values: Sequence[float], names: Sequence[str], name: str) -> float:
+    """Return the value of a named joint, NaN where the message does not give it."""
+    index = names.index(name) if name in names else len(values)
+    return values[index] if index < len(values) else np.nan
+
+
+def _series(path: Path, signal: Signal, stamps: list[int], values: list[float]) -> Series:
+    if not stamps:
+        raise OrthosisError(f"{path}: topic {signal.topic} is empty, needed for {signal.name}")
+    stamp_ns, first = np.unique(np.array(stamps, dtype=np.int64), return_index=True)
+    value = np.array(values, dtype=float)[first]
+    bad = ~np.isfinite(value)
+    if bad.any():
+        where = stamp_ns[np.argmax(bad)] / SECOND_NS
+        raise OrthosisError(
+            f"{path}: {signal.name} on {signal.topic} is missing or not finite at {where:.3f} s"
+        )
+    return Series(stamp_ns, value)

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Make a readable bag of one whose recorder was killed."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+import zstandard
+from mcap.exceptions import McapError
+from mcap.records import Channel, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader
+
+from pam_orthosis.bag.record import METADATA_FILE, RUN_RECORD, BagWriter
+from pam_orthosis.errors import OrthosisError
+
+_DAMAGE = (McapError, ValueError, struct.error, zstandard.ZstdError, KeyError, MemoryError)
+
+
+def recover(bag: Path, out: Path) -> int:
+    """Copy all whole messages of a damaged MCAP bag into a new, closed bag; return their number.
+
+    Args:
+        bag: folder with one `.mcap` file, or the file.
+        out: folder of the new bag.
+
+    Raises:
+        OrthosisError: no MCAP file there, nothing readable in it, or `out` holds a bag.
+    """
+    source = _source(Path(bag))
+    if not any(isinstance(record, Message) for record in _whole_records(source)):
+        raise OrthosisError(f"{source} holds no readable message")
+    with BagWriter(out, _run_record(source)) as writer:
+        return _copy(_whole_records(source), writer)
+
+
+def recover_in_place(bag: Path) -> int:
+    """Close the unfinished bag of a folder, keeping its name; return the number of messages."""
+    source = _source(Path(bag))
+    rescue = bag / "recovered"
+    count = recover(source, rescue)
+    (rescue / f"{rescue.name}_0.mcap").replace(source)
+    text = (rescue / METADATA_FILE).read_text().replace(f"{rescue.name}_0.mcap", source.name)
+    (bag / METADATA_FILE).write_text(text)
+    (rescue / METADATA_FILE).unlink()
+    rescue.rmdir()
+    return count
+
+
+def _source(bag: Path) -> Path:
+    files = [bag] if bag.is_file() else sorted(bag.glob("*.mcap"))
+    if len(files) != 1:
+        raise OrthosisError(f"{bag}: expected one .mcap file to recover, found {len(files)}")
+    return files[0]
+
+
+def _whole_records(source: Path) -> Iterator[McapRecord]:
+    """Yield the records of a file up to its end or its first damage."""
+    try:
+        with open(source, "rb") as stream:
+            yield from StreamReader(stream, record_size_limit=source.stat().st_size).records
+    except _DAMAGE:
+        return
+
+
+def _run_record(source: Path) -> dict[str, str]:
+    for record in _whole_records(source):
+        if isinstance(record, Metadata) and record.name == RUN_RECORD:
+            return dict(record.metadata)
+    return {}
+
+
+def _copy(records: Iterator[McapRecord], writer: BagWriter) -> int:
+    schemas: dict[int, Schema] = {}
+    topics: dict[int, str] = {}
+    count = 0
+    for record in records:
+        if isinstance(record, Message):
+            writer.write(topics[record.channel_id], record.log_time, record.data)
+            count += 1
+        elif isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel) and record.id not in topics:
+            topics[record.id] = record.topic
+            schema = schemas[record.schema_id]
+            writer.add_channel(record.topic, schema.name, schema.data, record.metadata)
+    return count

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The one table of topics and of the signals on them.
+
+Nodes take type and peers of a topic from here, the start barrier the number of its peers, the
+recorder its list, readers the place of each signal. Topics stand in causal order: within a step a
+message depends only on topics above it, so the first one missing names the node that is at fault.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+PLANT = "plant_simulator"
+TRAJECTORY = "trajectory_publisher"
+POSITION = "position_controller"
+EXTENSOR = "extensor_pressure_controller"
+FLEXOR = "flexor_pressure_controller"
+VALVE = "inverse_valve_model"
+RECORDER = "bag_recorder"
+NODES = (PLANT, TRAJECTORY, POSITION, EXTENSOR, FLEXOR, VALVE, RECORDER)
+
+SECOND_NS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic: relative name, ROS type, who publishes and who (beside the recorder) listens.
+
+    `rate` is `step` (one message each control period), `1 Hz` (one from each producer) or `event`
+    (management of the graph, not recorded).
+    """
+
+    name: str
+    type: str
+    producers: tuple[str, ...]
+    consumers: tuple[str, ...]
+    meaning: str
+    unit: str
+    rate: str = "step"
+
+    @property
+    def recorded(self) -> bool:
+        """Whether the recorder listens."""
+        return self.rate != "event"
+
+    @property
+    def subscribers(self) -> tuple[str, ...]:
+        """All nodes that listen, the recorder included."""
+        return (*self.consumers, RECORDER) if self.recorded else self.consumers
+
+
+def _topic(name: str, type_: str, producer: str, consumers: Iterable[str], *rest: str) -> Topic:
+    return Topic(name, type_, (producer,), tuple(consumers), *rest)
+
+
+JOINT, PRESSURE = "sensor_msgs/msg/JointState", "sensor_msgs/msg/FluidPressure"
+_OTHERS = tuple(node for node in NODES if node != PLANT)
+
+TOPICS = (
+    _topic("/clock", "rosgraph_msgs/msg/Clock", PLANT, [TRAJECTORY], "simulated time", "s"),
+    _topic("joint_states", JOINT, PLANT, [POSITION], "measured knee angle", "rad"),
+    _topic("extensor/pressure", PRESSURE, PLANT, [POSITION, EXTENSOR, VALVE], "measured pressure", "Pa"),
+    _topic("flexor/pressure", PRESSURE, PLANT, [POSITION, FLEXOR, VALVE], "measured pressure", "Pa"),
+    _topic("truth", JOINT, PLANT, [], "state of the emulated hardware", "SI"),
+    _topic(
+        "reference",
+        "trajectory_msgs/msg/JointTrajectory",
+        TRAJECTORY,
+        [POSITION],
+        "angle to follow, published one period ahead",
+        "rad, rad/s, rad/s^2",
+    ),
+    _topic("estimate", JOINT, POSITION, [EXTENSOR, FLEXOR], "observer: angle, velocity", "rad, rad/s"),
+    _topic(
+        "disturbance",
+        "geometry_msgs/msg/WrenchStamped",
+        POSITION,
+        [],
+        "observer: torque about +y on the knee",
+        "N m",
+    ),
+    _topic("extensor/pressure_reference", PRESSURE, POSITION, [EXTENSOR], "pressure to reach", "Pa"),
+    _topic("flexor/pressure_reference", PRESSURE, POSITION, [FLEXOR], "pressure to reach", "Pa"),
+    _topic("extensor/mass_flow", JOINT, EXTENSOR, [VALVE], "mass flow to reach (velocity)", "kg/s"),
+    _topic("flexor/mass_flow", JOINT, FLEXOR, [VALVE], "mass flow to reach (velocity)", "kg/s"),
+    _topic("extensor/valve_voltage", JOINT, VALVE, [PLANT], "valve voltage (effort)", "V"),
+    _topic("flexor/valve_voltage", JOINT, VALVE, [PLANT], "valve voltage (effort)", "V"),
+    Topic(
+        "diagnostics",
+        "diagnostic_msgs/msg/DiagnosticArray",
+        NODES,
+        (),
+        "health of each node, once a second of its time",
+        "-",
+        "1 Hz",
+    ),
+    Topic("ready", "std_msgs/msg/String", NODES, (PLANT,), "the node's peers are there", "-", "event"),
+    _topic("recorded", "builtin_interfaces/msg/Time", RECORDER, [PLANT], "recorded up to", "s", "event"),
+    _topic("end", "builtin_interfaces/msg/Time", PLANT, _OTHERS, "the run is over", "s", "event"),
+)
+BY_NAME = {topic.name: topic for topic in TOPICS}
+ORDER = {topic.name: index for index, topic in enumerate(TOPICS)}
+RECORDED = tuple(topic for topic in TOPICS if topic.recorded)
+
+
+def resolve(name: str, namespace: str = "") -> str:
+    """Return the absolute name of a topic of the table inside a namespace."""
+    return name if name.startswith("/") else f"{namespace.rstrip('/')}/{name}"
+
+
+def is_health_instant(stamp_ns: int, period_ns: int) -> bool:
+    """Whether the step at `stamp_ns` is the first of its second, when nodes report their health."""
+    return stamp_ns // SECOND_NS != (stamp_ns - period_ns) // SECOND_NS
+
+
+class Signal(NamedTuple):
+    """One number on a topic: its message field, and the joint where the field is a list."""
+
+    name: str
+    topic: str
+    field: str
+    joint: str
+    unit: str
+
+
+def _muscle_signals(muscle: str) -> list[Signal]:
+    valve = f"{muscle}_valve"
+    return [
+        Signal(f"{muscle}_pressure", f"{muscle}/pressure", "fluid_pressure", "", "Pa"),
+        Signal(
+            f"{muscle}_pressure_reference",
+            f"{muscle}/pressure_reference",
+            "fluid_pressure",
+            "",
+            "Pa",
+        ),
+        Signal(f"{muscle}_mass_flow", f"{muscle}/mass_flow", "velocity", valve, "kg/s"),
+        Signal(f"{muscle}_voltage", f"{muscle}/valve_voltage", "effort", valve, "V"),
+        Signal(f"truth_{muscle}_contraction", "truth", "position", muscle, "m"),
+        Signal(f"truth_{muscle}_rate", "truth", "velocity", muscle, "m/s"),
+        Signal(f"truth_{muscle}_force", "truth", "effort", muscle, "N"),
+        Signal(f"truth_{muscle}_pressure", "truth", "effort", f"{muscle}_gas", "Pa"),
+        Signal(f"truth_{muscle}_flow", "truth", "velocity", f"{muscle}_gas", "kg/s"),
+    ]
+
+
+SIGNALS = {
+    signal.name: signal
+    for signal in (
+        Signal("angle", "joint_states", "position", "knee", "rad"),
+        Signal("reference_angle", "reference", "positions", "knee", "rad"),
+        Signal("reference_velocity", "reference", "velocities", "knee", "rad/s"),
+        Signal("reference_acceleration", "reference", "accelerations", "knee", "rad/s^2"),
+        Signal("estimate_angle", "estimate", "position", "knee", "rad"),
+        Signal("estimate_velocity", "estimate", "velocity", "knee", "rad/s"),
+        Signal("disturbance", "disturbance", "wrench.torque.y", "", "N m"),
+        Signal("truth_angle", "truth", "position", "knee", "rad"),
+        Signal("truth_velocity", "truth", "velocity", "knee", "rad/s"),
+        Signal("truth_torque", "truth", "effort", "knee", "N m"),
+        *_muscle_signals("extensor"),
+        *_muscle_signals("flexor"),
+    )
+}

@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Judge the tracking of a run from its bag alone.
+
+Error = reference - measured angle, joined by header stamp. Angles come out in degrees.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pam_orthosis.bag.read import Bag, Series, aligned, read_bag
+from pam_orthosis.bag.topics import SECOND_NS
+from pam_orthosis.errors import OrthosisError
+
+REST_FRACTION = 0.02
+REST_SECONDS = 0.1
+_NEEDED = ("angle", "reference_angle", "reference_velocity")
+_USEFUL = ("estimate_velocity", "extensor_voltage", "flexor_voltage")
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """Tracking within one gait cycle, or within the rest before it; `start_s` of the run."""
+
+    start_s: float
+    max_abs_error_deg: float
+    rms_error_deg: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What `check` reports; None where the bag does not tell.
+
+    `steady_state_error_deg` is the mean |error| while the reference rests (|velocity| below 2 % of
+    its peak for at least 0.1 s). `observer_velocity_lag_ms` is the delay of the estimated velocity
+    behind the measured motion. `voltage_variation_per_s` is the total variation of each valve
+    voltage per second: chatter.
+    """
+
+    max_abs_error_deg: float
+    rms_error_deg: float
+    steady_state_error_deg: float | None
+    max_abs_error_after_first_cycle_deg: float | None
+    bound_deg: float
+    passed: bool
+    samples: int
+    duration_s: float
+    observer_velocity_lag_ms: float | None
+    voltage_variation_per_s: dict[str, float]
+    cycles: list[Cycle]
+    scenario: str | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the verdict as plain data for JSON."""
+        return asdict(self)
+
+
+def judge(path: Path, bound_deg: float = 3.0, skip_s: float = 0.0, namespace: str = "") -> Verdict:
+    """Judge a bag.
+
+    Args:
+        path: bag folder or file.
+        bound_deg: passed if the largest |error| is at most this.
+        skip_s: seconds at the start that are not judged.
+        namespace: of the leg.
+
+    Raises:
+        OrthosisError: the bag is unusable or holds no sample after `skip_s`.
+    """
+    bag = read_bag(path, _NEEDED, _USEFUL, namespace)
+    stamps, (angle, reference, velocity) = _judged(bag, skip_s)
+    error = np.degrees(reference - angle)
+    since_start = (stamps - bag["angle"].stamp_ns[0]) / SECOND_NS
+    hold_s, cycle_s = (bag.parameters.get(f"scenario.{name}") for name in ("start_hold", "cycle_time"))
+    largest = float(np.abs(error).max())
+    return Verdict(
+        max_abs_error_deg=largest,
+        rms_error_deg=_rms(error),
+        steady_state_error_deg=steady_state_error(stamps, error, velocity),
+        max_abs_error_after_first_cycle_deg=_largest_after(since_start, error, hold_s, cycle_s),
+        bound_deg=bound_deg,
+        passed=largest <= bound_deg,
+        samples=len(stamps),
+        duration_s=float(stamps[-1] - stamps[0]) / SECOND_NS,
+        observer_velocity_lag_ms=_observer_lag(bag),
+        voltage_variation_per_s=_voltage_variation(bag),
+        cycles=cycle_table(since_start, error, hold_s, cycle_s) if cycle_s else [],
+        scenario=bag.run.get("scenario"),
+    )
+
+
+def steady_state_error(stamp_ns: np.ndarray, error: np.ndarray, velocity: np.ndarray) -> float | None:
+    """Return the mean |error| (its unit) while the reference rests, None if it never does.
+
+    Args:
+        stamp_ns: (n,) stamps.
+        error: (n,) tracking error.
+        velocity: (n,) velocity of the reference.
+    """
+    still = np.abs(velocity) <= REST_FRACTION * np.abs(velocity).max()
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], still, [False]))))
+    rests = [
+        slice(start, end)
+        for start, end in edges.reshape(-1, 2)
+        if stamp_ns[end - 1] - stamp_ns[start] >= REST_SECONDS * SECOND_NS
+    ]
+    if not rests:
+        return None
+    return float(np.abs(np.concatenate([error[rest] for rest in rests])).mean())
+
+
+def velocity_lag(angle: Series, velocity: Series) -> float | None:
+    """Return the delay (s) of a velocity estimate behind the motion of a measured angle.
+
+    The integral of a velocity that lags by d is q(t - d) = q(t) - d q-dot(t) to first order, so d
+    is the least-squares slope of q minus that integral over the velocity; offset and drift are
+    fitted beside it. No noisy differentiation is needed. None if nothing moves.
+    """
+    stamps, (q, rate) = aligned(angle, velocity)
+    if len(stamps) < 4 or np.ptp(rate) == 0.0:
+        return None
+    time = (stamps - stamps[0]) / SECOND_NS
+    integral = np.concatenate(([0.0], np.cumsum(np.diff(time) * (rate[1:] + rate[:-1]) / 2)))
+    regressors = np.column_stack([rate, np.ones_like(time), time])
+    return float(np.linalg.lstsq(regressors, q - integral, rcond=None)[0][0])
+
+
+def total_variation_rate(series: Series) -> float:
+    """Return the sum of |steps| of a signal per second."""
+    span_s = (series.stamp_ns[-1] - series.stamp_ns[0]) / SECOND_NS
+    return float(np.abs(np.diff(series.value)).sum() / span_s) if span_s else 0.0
+
+
+def cycle_table(since_start: np.ndarray, error: np.ndarray, hold_s: float, cycle_s: float) -> list[Cycle]:
+    """Return the tracking of the rest at the start and of each cycle, where there are samples.
+
+    Args:
+        since_start: (n,) s.
+        error: (n,) degrees.
+        hold_s: duration of the rest.
+        cycle_s: duration of a cycle.
+    """
+    number = np.floor((since_start - hold_s) / cycle_s)
+    return [
+        Cycle(max(0.0, hold_s + k * cycle_s), float(np.abs(part).max()), _rms(part))
+        for k in np.unique(number)
+        for part in [error[number == k]]
+    ]
+
+
+def _judged(bag: Bag, skip_s: float) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return stamps and values of what is judged, on the stamps that all have."""
+    stamps, values = aligned(*(bag[name] for name in _NEEDED))
+    if not len(stamps):
+        raise OrthosisError(f"{bag.path}: angle and reference share no stamp")
+    kept = stamps >= stamps[0] + round(skip_s * SECOND_NS)
+    if not kept.any():
+        raise OrthosisError(f"{bag.path} holds no sample after the first {skip_s:g} s")
+    return stamps[kept], [value[kept] for value in values]
+
+
+def _largest_after(
+    since_start: np.ndarray, error: np.ndarray, hold_s: float | None, cycle_s: float | None
+) -> float | None:
+    """Return the largest |error| later than one cycle time after the motion has begun."""
+    if hold_s is None or cycle_s is None:
+        return None
+    later = error[since_start >= hold_s + cycle_s]
+    return float(np.abs(later).max()) if len(later) else None
+
+
+def _observer_lag(bag: Bag) -> float | None:
+    if "estimate_velocity" not in bag.series:
+        return None
+    lag = velocity_lag(bag["angle"], bag["estimate_velocity"])
+    return None if lag is None else 1e3 * lag
+
+
+def _voltage_variation(bag: Bag) -> dict[str, float]:
+    return {
+        muscle: total_variation_rate(bag[f"{muscle}_voltage"])
+        for muscle in ("extensor", "flexor")
+        if f"{muscle}_voltage" in bag.series
+    }
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Judge the tracking of a bag, from the bag alone, against a bound on the largest error."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from pathlib import Path
+
+from pam_orthosis.bag.verdict import Verdict, judge
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the verb."""
+    parser.add_argument("bag", type=Path, metavar="BAG", help="bag folder or .mcap file")
+    parser.add_argument(
+        "--skip-s", type=not_negative, default=0.0, help="seconds at the start not to judge (0)"
+    )
+    add_verdict_arguments(parser)
+
+
+def add_verdict_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what `check` and `run` have in common."""
+    parser.add_argument("--bound-deg", type=not_negative, default=3.0, help="bound on the largest error (3)")
+    parser.add_argument("--json", action="store_true", help="print the verdict as JSON")
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Print the verdict; return 0 if the bound holds, 1 if not."""
+    return show(judge(arguments.bag, arguments.bound_deg, arguments.skip_s), arguments.json)
+
+
+def show(verdict: Verdict, as_json: bool) -> int:
+    """Print a verdict; return the exit status."""
+    print(json.dumps(verdict.as_dict(), indent=2) if as_json else describe(verdict))
+    return 0 if verdict.passed else 1
+
+
+def describe(verdict: Verdict) -> str:
+    """Return a verdict as a few lines of text."""
+    variation = verdict.voltage_variation_per_s
+    rows = [
+        ("maximum error", verdict.max_abs_error_deg, "deg"),
+        ("  after the first cycle", verdict.max_abs_error_after_first_cycle_deg, "deg"),
+        ("RMS error", verdict.rms_error_deg, "deg"),
+        ("steady-state error", verdict.steady_state_error_deg, "deg"),
+        ("observer's velocity lag", verdict.observer_velocity_lag_ms, "ms"),
+        *((f"{muscle} voltage variation", value, "V/s") for muscle, value in variation.items()),
+    ]
+    told = [f"{name:26s} {value:8.3f} {unit}" for name, value, unit in rows if value is not None]
+    answer = "PASSED" if verdict.passed else "FAILED"
+    told.append(
+        f"{answer}: maximum {verdict.max_abs_error_deg:.3f} deg, bound {verdict.bound_deg:g} deg,"
+        f" {verdict.samples} samples in {verdict.duration_s:.3f} s"
+    )
+    return "\n".join(told)
+
+
+def not_negative(text: str) -> float:
+    """Return a finite number that is not negative, for argparse."""
+    value = float(text)
+    if not (math.isfinite(value) and value >= 0):
+        raise ValueError(text)
+    return value

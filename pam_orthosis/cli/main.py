@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The entry script `pam-orthosis VERB`: one module a verb, loaded when it is called.
+
+Exit status: 0 good, 1 the answer is no, 2 unusable input or usage, 3 a node or the run failed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import NoReturn
+
+from pam_orthosis import __version__
+from pam_orthosis.errors import OrthosisError
+
+VERBS = {
+    "run": "start the node graph, record a bag, judge it",
+    "check": "judge the tracking of a recorded bag",
+    "recover": "make a readable bag of one whose recorder was killed",
+}
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that reports a wrong usage as the one-line error of this program."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise OrthosisError."""
+        raise OrthosisError(f"{message}; see `{self.prog} --help`")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a verb; return the exit status."""
+    try:
+        return _dispatch(sys.argv[1:] if arguments is None else list(arguments))
+    except OrthosisError as error:
+        print(f"pam-orthosis: error: {error}", file=sys.stderr)
+        return error.exit_status
+    except KeyboardInterrupt:
+        print("pam-orthosis: error: interrupted", file=sys.stderr)
+        return 3
+
+
+def run_main() -> int:
+    """Run the verb `run`: the executable `ros2 run pam_orthosis run`."""
+    return main(["run", *sys.argv[1:]])
+
+
+def _dispatch(arguments: list[str]) -> int:
+    verb = arguments[0] if arguments else "--help"
+    if verb not in VERBS:
+        _top_parser().parse_args([verb])
+    module = import_module(f"pam_orthosis.cli.{verb}")
+    parser = Parser(prog=f"pam-orthosis {verb}", description=module.__doc__)
+    module.add_arguments(parser)
+    return module.execute(parser.parse_args(arguments[1:]))
+
+
+def _top_parser() -> Parser:
+    verbs = "\n".join(f"  {verb:10s} {meaning}" for verb, meaning in VERBS.items())
+    parser = Parser(
+        prog="pam-orthosis",
+        description="Emulated knee orthosis with two antagonistic fluidic muscles.",
+        epilog=f"verbs:\n{verbs}\n\n`pam-orthosis VERB --help` tells more."
+        " Exit status: 0 good, 1 no, 2 unusable input or usage, 3 run failed.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("verb", choices=VERBS, metavar="VERB", help="what to do")
+    parser.add_argument("--version", action="version", version=f"pam-orthosis {__version__}")
+    return parser

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Start the node graph in lockstep, record an MCAP bag and judge it."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from importlib.util import find_spec
+from itertools import count
+from pathlib import Path
+from typing import Any, NoReturn
+
+import yaml
+
+from pam_orthosis.bag.read import METADATA_FILE
+from pam_orthosis.bag.recover import recover_in_place
+from pam_orthosis.bag.verdict import judge
+from pam_orthosis.cli.check import add_verdict_arguments, show
+from pam_orthosis.errors import OrthosisError, RunFailed
+from pam_orthosis.model.parameters import Parameters, load, scenario_names, scenario_overrides
+from pam_orthosis.nodes import launch
+from pam_orthosis.nodes.supervisor import supervise
+
+PROGRESS_SECONDS = 2.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the verb."""
+    names = "; ".join(f"{name}: {meaning}" for name, meaning in scenario_names().items())
+    parser.add_argument("--scenario", default="default", metavar="NAME", help=names)
+    parser.add_argument("--duration", type=float, metavar="S", help="simulated seconds")
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of the sensor noise")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="new bag (runs/SCENARIO-N)")
+    parser.add_argument("--composed", action="store_true", help="all nodes in one process")
+    parser.add_argument(
+        "--param",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="set a parameter of config/, e.g. control.position.c1=30 (repeatable)",
+    )
+    add_verdict_arguments(parser)
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Run and judge; return 0 if the bound holds, 1 if not."""
+    if find_spec("rclpy") is None:
+        raise OrthosisError("rclpy is not installed: pip install 'pam_orthosis[ros]'")
+    parameters = load(_overrides(arguments))
+    bag = arguments.out or _unused(arguments.scenario)
+    if bag.exists() and (not bag.is_dir() or any(bag.iterdir())):
+        raise OrthosisError(f"{bag} exists and is not an empty folder; choose another --out")
+    _run(parameters, bag.resolve(), arguments.scenario, arguments.composed)
+    print(f"recorded {bag}", file=sys.stderr)
+    return show(judge(bag, arguments.bound_deg), arguments.json)
+
+
+def _overrides(arguments: argparse.Namespace) -> dict[str, Any]:
+    overrides = scenario_overrides(arguments.scenario)
+    if arguments.duration is not None:
+        overrides["scenario.duration"] = arguments.duration
+    if arguments.seed is not None:
+        overrides["scenario.seed"] = arguments.seed
+    return overrides | dict(_assignment(text) for text in arguments.param)
+
+
+def _assignment(text: str) -> tuple[str, Any]:
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise OrthosisError(f"--param {text}: give KEY=VALUE")
+    try:
+        return key, float(value) if "e" in value.lower() else yaml.safe_load(value)
+    except (ValueError, yaml.YAMLError):
+        return key, value
+
+
+def _unused(scenario: str) -> Path:
+    folders = (Path("runs") / f"{scenario}-{number}" for number in count(1))
+    return next(folder for folder in folders if not folder.exists())
+
+
+def _run(parameters: Parameters, bag: Path, scenario: str, composed: bool) -> None:
+    signal.signal(signal.SIGTERM, _interrupt)
+    with (
+        tempfile.TemporaryDirectory(prefix="pam-orthosis-") as folder,
+        launch.free_domain() as domain,
+    ):
+        work = Path(folder)
+        try:
+            supervise(
+                launch.commands(work, parameters, bag, scenario, composed),
+                launch.environment(work, domain),
+                work,
+                Progress(parameters.scenario.duration, domain),
+            )
+        except RunFailed as error:
+            raise RunFailed(f"{error}; {_rescue(bag, work)}") from None
+
+
+def _rescue(bag: Path, work: Path) -> str:
+    """Make what there is of a bag readable, keep the nodes' output beside it, say so."""
+    if not any(bag.glob("*.mcap")):
+        return "nothing was recorded"
+    shutil.copytree(work, bag / "log", ignore=shutil.ignore_patterns("ros"))
+    try:
+        if not (bag / METADATA_FILE).exists():
+            recover_in_place(bag)
+    except OrthosisError as error:
+        return str(error)
+    return f"the bag {bag} holds the run up to there"
+
+
+def _interrupt(*_: object) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+class Progress:
+    """Prints how far the run is, every two seconds, on stderr."""
+
+    def __init__(self, duration_s: float, domain: int):
+        self._duration_s = duration_s
+        self._domain = domain
+        self._next = time.monotonic() + PROGRESS_SECONDS
+
+    def __call__(self, time_ns: int) -> None:
+        """Take the simulated time."""
+        if time.monotonic() >= self._next:
+            self._next += PROGRESS_SECONDS
+            done = f"{time_ns * 1e-9:.1f} of {self._duration_s:g} s"
+            print(f"ROS domain {self._domain}: {done}", file=sys.stderr, flush=True)

@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What all nodes share: topics of the table, start barrier, health, end of the run, spinning."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+from importlib import import_module
+from typing import Any
+
+import rclpy
+from builtin_interfaces.msg import Time
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
+from rclpy.task import Future
+from std_msgs.msg import String
+
+from pam_orthosis.bag.topics import BY_NAME, is_health_instant
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.nodes import messages
+from pam_orthosis.nodes.join import Join
+from pam_orthosis.nodes.layout import LAYOUT
+from pam_orthosis.nodes.parameters import Setting, declare_rows, declare_settings
+from pam_orthosis.nodes.supervisor import HEARTBEAT_VARIABLE
+
+HEARTBEAT_SECONDS = 0.1
+PEER_POLL_SECONDS = 0.02
+PEER_REPORT_SECONDS = 5.0
+
+
+def qos(depth: int = 10, latched: bool = False) -> QoSProfile:
+    """Return the quality of service of every topic: reliable, keep last."""
+    return QoSProfile(
+        history=QoSHistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=QoSReliabilityPolicy.RELIABLE,
+        durability=QoSDurabilityPolicy.TRANSIENT_LOCAL if latched else QoSDurabilityPolicy.VOLATILE,
+    )
+
+
+@lru_cache
+def message_class(type_name: str) -> type:
+    """Return the class of `package/msg/Type`."""
+    package, _, name = type_name.split("/")
+    return getattr(import_module(f"{package}.msg"), name)
+
+
+class GraphNode(Node):
+    """A node of the table: declares its parameters, waits for its peers, reports its health.
+
+    A subclass makes its publishers and subscriptions with `publish_to`, `listen_to` and
+    `join_inputs`, calls `step_done` at the end of each step, and overrides what it has to of
+    `started`, `health`, `on_end` and `close`.
+
+    Args:
+        name: in the graph.
+        settings: parameters beside those of `config/`.
+        role: name in the table of topics if not `name`, with settings in braces.
+
+    Raises:
+        OrthosisError: unusable parameters.
+    """
+
+    def __init__(self, name: str, settings: Mapping[str, Setting] | None = None, role: str | None = None):
+        super().__init__(name)
+        self.settings = declare_settings(self, settings or {})
+        self.role = (role or name).format(**self.settings)
+        self.parameters = declare_rows(self, LAYOUT[self.role].branches)
+        self.period_ns = round(self.parameters.scenario.control_period * 1e9)
+        self.time_ns = 0
+        self.ready = False
+        self.ended = False
+        self._peers: dict[str, Callable[[], bool]] = {}
+        self._diagnostics = self.publish_to("diagnostics")
+        self._ready = self.publish_to("ready", latched=True)
+        if self.role in BY_NAME["end"].consumers:
+            self.listen_to("end", self.on_end)
+        self._reported = time.monotonic()
+        self._barrier = self.create_timer(PEER_POLL_SECONDS, self._wait_for_peers)
+
+    def publish_to(self, topic: str, latched: bool = False) -> Publisher:
+        """Create a publisher of the table, and wait for its subscribers before the start."""
+        entry = BY_NAME[topic]
+        publisher = self.create_publisher(message_class(entry.type), topic, qos(latched=latched))
+        count = len(entry.subscribers)
+        self._peers[f"a listener on {topic}"] = lambda: publisher.get_subscription_count() >= count
+        return publisher
+
+    def listen_to(self, topic: str, callback: Callable, **options: Any) -> Subscription:
+        """Subscribe to a topic of the table, and wait for its publishers before the start.
+
+        Options are `depth`, `latched` (quality of service) and `raw` (serialised messages).
+        """
+        entry, raw = BY_NAME[topic], options.pop("raw", False)
+        subscription = self.create_subscription(
+            message_class(entry.type), topic, callback, qos(**options), raw=raw
+        )
+        count = len(entry.producers)
+        self._peers[f"{topic} of {' and '.join(entry.producers)}"] = lambda: (
+            subscription.get_publisher_count() >= count
+        )
+        return subscription
+
+    def join_inputs(self, inputs: Sequence[str], step: Callable[..., None]) -> Join:
+        """Listen to topics; call `step(stamp_ns, *messages)` once all of an instant are there."""
+        join = Join(inputs, step)
+        for topic in inputs:
+            self.listen_to(topic, _adder(join, topic))
+        return join
+
+    def step_done(self, stamp_ns: int) -> None:
+        """Note that the step of an instant is computed; report health once a second."""
+        self.time_ns = stamp_ns
+        if is_health_instant(stamp_ns, self.period_ns):
+            self._diagnostics.publish(messages.diagnostics(stamp_ns, self.role, self.health()))
+
+    def started(self) -> None:
+        """Do what is due when all peers are there."""
+
+    def health(self) -> dict[str, Any]:
+        """Return counters that are zero while all is well; they depend on the run alone."""
+        return {}
+
+    def on_end(self, _stamp: Time) -> None:
+        """Stop spinning: the plant says that the run is over."""
+        self.ended = True
+
+    def close(self) -> None:
+        """Release what the node holds; called once, however the run ended."""
+
+    def _wait_for_peers(self) -> None:
+        missing = [peer for peer, there in self._peers.items() if not there()]
+        if missing:
+            if time.monotonic() - self._reported > PEER_REPORT_SECONDS:
+                self._reported = time.monotonic()
+                self.get_logger().info(f"waiting for {', '.join(missing)}")
+            return
+        self._barrier.cancel()
+        self.ready = True
+        self._ready.publish(String(data=self.role))
+        self.started()
+
+
+def _adder(join: Join, topic: str) -> Callable[[Any], None]:
+    return lambda message: join.add(topic, messages.nanoseconds(message.header.stamp), message)
+
+
+class Heartbeat:
+    """Tells the supervisor through an inherited pipe that this process answers, and how far it is.
+
+    Each line is `starting`, `running <stamp in ns>` or `ended`. Without a supervisor it is silent.
+    """
+
+    def __init__(self) -> None:
+        descriptor = os.environ.get(HEARTBEAT_VARIABLE)
+        self._pipe = int(descriptor) if descriptor else None
+        self._last = 0.0
+        if self._pipe is not None:
+            os.set_blocking(self._pipe, False)
+
+    def beat(self, nodes: Sequence[GraphNode]) -> bool:
+        """Write a line if one is due; return whether the supervisor still lives."""
+        ended = all(node.ended for node in nodes)
+        now = time.monotonic()
+        if self._pipe is None or (now - self._last < HEARTBEAT_SECONDS and not ended):
+            return True
+        self._last = now
+        try:
+            os.write(self._pipe, f"{_status(nodes, ended)}\n".encode())
+        except BlockingIOError:  # the supervisor sleeps: nothing is lost
+            pass
+        except BrokenPipeError:
+            return False
+        return True
+
+
+def _status(nodes: Sequence[GraphNode], ended: bool) -> str:
+    if ended:
+        return "ended"
+    if not all(node.ready for node in nodes):
+        return "starting"
+    return f"running {min(node.time_ns for node in nodes)}"
+
+
+def spin(nodes: Sequence[GraphNode]) -> None:
+    """Run nodes until the run ends, SIGINT or SIGTERM comes or the supervisor is gone; close them.
+
+    Signals are looked at between callbacks, so that a step is never cut in two. The events executor
+    is the fast one; it needs a finite time-out to dispatch at all.
+    """
+    over, signals, heartbeat = Future(), _caught_signals(), Heartbeat()
+
+    def watch() -> None:
+        if signals or not heartbeat.beat(nodes) or all(node.ended for node in nodes):
+            over.set_result(None)
+
+    nodes[0].create_timer(HEARTBEAT_SECONDS, watch)
+    executor = EventsExecutor()
+    for node in nodes:
+        executor.add_node(node)
+    try:
+        while not over.done():
+            executor.spin_until_future_complete(over, timeout_sec=3600.0)
+    finally:
+        for node in nodes:
+            node.close()
+            node.destroy_node()
+
+
+def run(make_nodes: Callable[[], Sequence[GraphNode]]) -> int:
+    """Run the nodes of one process; return its exit status."""
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        spin(make_nodes())
+    except OrthosisError as error:
+        print(f"pam-orthosis: error: {error}", file=sys.stderr)
+        return error.exit_status
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+def _caught_signals() -> list[int]:
+    """Return the list to which SIGINT and SIGTERM are appended from now on."""
+    caught: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _frame: caught.append(number))
+    return caught

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The nodes of one leg: executable, the parameters that each may know, its own settings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pam_orthosis.bag import topics
+from pam_orthosis.model.parameters import BELIEF
+
+EVERYTHING = (*BELIEF, "plant")
+
+
+@dataclass(frozen=True)
+class NodeSpec:
+    """A node: name in the graph, module of its class, branches of the parameter tree, muscle."""
+
+    name: str
+    executable: str
+    branches: tuple[str, ...] = BELIEF
+    muscle: str = ""
+
+
+LAYOUT = {
+    spec.name: spec
+    for spec in (
+        NodeSpec(topics.RECORDER, "bag_recorder", EVERYTHING),
+        NodeSpec(topics.TRAJECTORY, "trajectory_publisher"),
+        NodeSpec(topics.POSITION, "position_controller"),
+        NodeSpec(topics.EXTENSOR, "pressure_controller", muscle="extensor"),
+        NodeSpec(topics.FLEXOR, "pressure_controller", muscle="flexor"),
+        NodeSpec(topics.VALVE, "inverse_valve_model"),
+        NodeSpec(topics.PLANT, "plant_simulator", EVERYTHING),
+    )
+}

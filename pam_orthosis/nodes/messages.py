@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of the graph from plain numbers and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import WrenchStamped
+from sensor_msgs.msg import FluidPressure, JointState
+from std_msgs.msg import Header
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from pam_orthosis.bag.topics import SECOND_NS
+
+KNEE = "knee"
+
+
+def time(stamp_ns: int) -> Time:
+    """Return a ROS time."""
+    return Time(sec=stamp_ns // SECOND_NS, nanosec=stamp_ns % SECOND_NS)
+
+
+def nanoseconds(stamp: Time) -> int:
+    """Return a ROS time in nanoseconds."""
+    return stamp.sec * SECOND_NS + stamp.nanosec
+
+
+def header(stamp_ns: int, frame: str = "") -> Header:
+    """Return a header."""
+    return Header(stamp=time(stamp_ns), frame_id=frame)
+
+
+def joint_state(
+    stamp_ns: int,
+    names: Sequence[str],
+    position: Sequence[float] = (),
+    velocity: Sequence[float] = (),
+    effort: Sequence[float] = (),
+) -> JointState:
+    """Return named, stamped scalars; what is not known stays empty."""
+    return JointState(
+        header=header(stamp_ns),
+        name=list(names),
+        position=list(position),
+        velocity=list(velocity),
+        effort=list(effort),
+    )
+
+
+def fluid_pressure(stamp_ns: int, muscle: str, pressure: float, variance: float = 0.0) -> FluidPressure:
+    """Return an absolute muscle pressure (Pa) and its variance (Pa^2, 0 = unknown)."""
+    return FluidPressure(
+        header=header(stamp_ns, f"{muscle}_muscle"), fluid_pressure=pressure, variance=variance
+    )
+
+
+def torque(stamp_ns: int, value: float) -> WrenchStamped:
+    """Return a torque (N m) about the knee's +y axis."""
+    message = WrenchStamped(header=header(stamp_ns, KNEE))
+    message.wrench.torque.y = value
+    return message
+
+
+def trajectory(stamp_ns: int, angle: float, velocity: float, acceleration: float) -> JointTrajectory:
+    """Return the reference (rad, rad/s, rad/s^2) for one instant."""
+    point = JointTrajectoryPoint(positions=[angle], velocities=[velocity], accelerations=[acceleration])
+    return JointTrajectory(header=header(stamp_ns), joint_names=[KNEE], points=[point])
+
+
+def diagnostics(stamp_ns: int, node: str, health: Mapping[str, Any]) -> DiagnosticArray:
+    """Return a node's health: a warning if any of its counters is not zero."""
+    warned = any(health.values())
+    status = DiagnosticStatus(
+        level=DiagnosticStatus.WARN if warned else DiagnosticStatus.OK,
+        name=node,
+        message="see values" if warned else "ok",
+        hardware_id="pam_orthosis",
+        values=[KeyValue(key=key, value=str(value)) for key, value in health.items()],
+    )
+    return DiagnosticArray(header=header(stamp_ns), status=[status])

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rows of `config/` as ROS parameters with description, unit and range, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import Parameters, Row, load
+
+_OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+
+
+class Setting(NamedTuple):
+    """A node's own parameter: default, meaning and, for texts, the choice that there is."""
+
+    default: float | str
+    meaning: str
+    options: tuple[str, ...] = ()
+
+
+def declare_settings(node: Node, settings: Mapping[str, Setting]) -> dict[str, Any]:
+    """Declare a node's own parameters, and return what they are set to.
+
+    Raises:
+        OrthosisError: wrong type, or not one of the options.
+    """
+    values = {}
+    for name, (default, meaning, options) in settings.items():
+        choice = f"one of {', '.join(options)}" if options else ""
+        descriptor = ParameterDescriptor(description=meaning, additional_constraints=choice, read_only=True)
+        values[name] = _declare(node, name, default, descriptor)
+        if options and values[name] not in options:
+            raise OrthosisError(f"{node.get_name()}: parameter {name} must be {choice}")
+    return values
+
+
+def declare_rows(node: Node, branches: Sequence[str]) -> Parameters:
+    """Declare the rows of the branches that a node may know, and return what they are set to.
+
+    To be called last: a parameter that is then set but not declared is an error.
+
+    Raises:
+        OrthosisError: unknown parameter, wrong type, out of range or inconsistent values.
+    """
+    values = {
+        row.key: _plain(_declare(node, row.key, row.value, _descriptor(row)))
+        for row in load().only(*branches).rows()
+    }
+    _refuse_unknown(node)
+    return load(values).only(*branches)
+
+
+def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> Any:
+    try:
+        return node.declare_parameter(name, default, descriptor).value
+    except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+        raise OrthosisError(f"{node.get_name()}: {error}") from error
+
+
+def _refuse_unknown(node: Node) -> None:
+    for name in node._parameter_overrides:  # rclpy keeps unknown names silently, and only here
+        if not node.has_parameter(name) and not name.startswith(_OF_ROS):
+            raise OrthosisError(f"{node.get_name()} has no parameter {name}: check its name in config/")
+
+
+def _descriptor(row: Row) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(
+        description=f"{row.meaning} [{row.unit}]",
+        additional_constraints=f"one of {', '.join(row.options)}" if row.options else "",
+        read_only=True,
+    )
+    if row.minimum is None or row.maximum is None or isinstance(row.value, list):
+        return descriptor
+    if isinstance(row.value, int):
+        descriptor.integer_range = [IntegerRange(from_value=row.minimum, to_value=row.maximum)]
+    else:
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=float(row.minimum), to_value=float(row.maximum))
+        ]
+    return descriptor
+
+
+def _plain(value: Any) -> Any:
+    """Return a Python value: lists come back from ROS as arrays."""
+    return value if isinstance(value, bool | int | float | str) else list(value)

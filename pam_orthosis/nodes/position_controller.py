@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node: observer and position controller, from angle, pressures and reference to pressures."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from sensor_msgs.msg import FluidPressure, JointState
+from trajectory_msgs.msg import JointTrajectory
+
+from pam_orthosis.bag.topics import POSITION
+from pam_orthosis.control.position import PositionController
+from pam_orthosis.control.trajectory import Reference
+from pam_orthosis.nodes import graph, messages
+
+
+class PositionControllerNode(graph.GraphNode):
+    """Publishes both pressure references, the estimate and the disturbance of each step."""
+
+    def __init__(self) -> None:
+        super().__init__(POSITION)
+        self._controller = PositionController(self.parameters)
+        self._saturated = self._clamped = 0
+        self._estimate = self.publish_to("estimate")
+        self._disturbance = self.publish_to("disturbance")
+        self._extensor = self.publish_to("extensor/pressure_reference")
+        self._flexor = self.publish_to("flexor/pressure_reference")
+        self._join = self.join_inputs(
+            ("joint_states", "extensor/pressure", "flexor/pressure", "reference"), self._step
+        )
+
+    def health(self) -> dict[str, Any]:
+        """Count steps with a torque out of reach, steps outside the muscle model, lost inputs."""
+        return {
+            "saturated": self._saturated,
+            "clamped": self._clamped,
+            "dropped_inputs": self._join.dropped,
+        }
+
+    def _step(
+        self,
+        stamp_ns: int,
+        joint: JointState,
+        extensor: FluidPressure,
+        flexor: FluidPressure,
+        reference: JointTrajectory,
+    ) -> None:
+        point = reference.points[0]
+        command = self._controller.step(
+            joint.position[0],
+            extensor.fluid_pressure,
+            flexor.fluid_pressure,
+            Reference(point.positions[0], point.velocities[0], point.accelerations[0]),
+        )
+        self._estimate.publish(
+            messages.joint_state(
+                stamp_ns, [messages.KNEE], position=[command.angle], velocity=[command.velocity]
+            )
+        )
+        self._extensor.publish(messages.fluid_pressure(stamp_ns, "extensor", command.extensor_pressure))
+        self._flexor.publish(messages.fluid_pressure(stamp_ns, "flexor", command.flexor_pressure))
+        self._disturbance.publish(messages.torque(stamp_ns, command.disturbance))
+        self._saturated += command.saturated
+        self._clamped += command.clamped
+        self.step_done(stamp_ns)
+
+
+def main() -> int:
+    """Run the node."""
+    return graph.run(lambda: [PositionControllerNode()])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node: pressure controller of one muscle, from pressures and estimate to a mass flow."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from sensor_msgs.msg import FluidPressure, JointState
+
+from pam_orthosis.control.pressure import PressureController
+from pam_orthosis.nodes import graph, messages
+from pam_orthosis.nodes.parameters import Setting
+
+
+class PressureControllerNode(graph.GraphNode):
+    """Publishes the mass flow of each step into the `extensor` or the `flexor`."""
+
+    def __init__(self, name: str = "pressure_controller") -> None:
+        muscle = Setting("", "muscle whose pressure is controlled", ("extensor", "flexor"))
+        super().__init__(name, {"muscle": muscle}, "{muscle}_pressure_controller")
+        self._muscle = self.settings["muscle"]
+        self._controller = PressureController(self.parameters, self._muscle)
+        self._flow = self.publish_to(f"{self._muscle}/mass_flow")
+        inputs = (f"{self._muscle}/pressure", f"{self._muscle}/pressure_reference", "estimate")
+        self._join = self.join_inputs(inputs, self._step)
+
+    def health(self) -> dict[str, Any]:
+        """Count lost inputs."""
+        return {"dropped_inputs": self._join.dropped}
+
+    def _step(
+        self, stamp_ns: int, pressure: FluidPressure, wanted: FluidPressure, estimate: JointState
+    ) -> None:
+        flow = self._controller.step(
+            pressure.fluid_pressure,
+            wanted.fluid_pressure,
+            estimate.position[0],
+            estimate.velocity[0],
+        )
+        self._flow.publish(messages.joint_state(stamp_ns, [f"{self._muscle}_valve"], velocity=[flow]))
+        self.step_done(stamp_ns)
+
+
+def main() -> int:
+    """Run the node; the parameter `muscle` says for which muscle."""
+    return graph.run(lambda: [PressureControllerNode()])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Watch the processes of a run: all of them end well, or the run stops and names the culprit."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from pam_orthosis.errors import RunFailed
+
+HEARTBEAT_VARIABLE = "PAM_ORTHOSIS_HEARTBEAT"
+POLL_SECONDS = 0.02
+SILENCE_SECONDS = 1.2
+START_SECONDS = 60.0
+STOP_SECONDS = 0.6
+
+
+class Child:
+    """A process of the run and what its heartbeat says: `starting`, `running <ns>`, `ended`."""
+
+    def __init__(self, name: str, command: Sequence[str], environment: Mapping[str, str], log: Path):
+        self.name = name
+        self.status = ""
+        self.log = log
+        self._pipe, inherited = os.pipe()
+        os.set_blocking(self._pipe, False)
+        self._heard = time.monotonic()
+        with open(log, "wb") as output:
+            self.process = subprocess.Popen(
+                command,
+                env={**environment, HEARTBEAT_VARIABLE: str(inherited)},
+                pass_fds=[inherited],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                start_new_session=True,
+            )
+        os.close(inherited)
+
+    @property
+    def time_ns(self) -> int:
+        """How far the run is, as the process sees it."""
+        return int(self.status.split()[1]) if self.status.startswith("running") else 0
+
+    def listen(self) -> None:
+        """Take in the heartbeats that have come."""
+        try:
+            lines = os.read(self._pipe, 65536).decode().splitlines()
+        except BlockingIOError:
+            return
+        if lines:
+            self.status = lines[-1]
+            self._heard = time.monotonic()
+
+    def silent(self) -> bool:
+        """Whether the process has begun to beat and stopped."""
+        return bool(self.status) and time.monotonic() - self._heard > SILENCE_SECONDS
+
+    def last_words(self) -> str:
+        """Return the error that the process reported, or else the last line that it printed."""
+        lines = [line for line in self.log.read_text(errors="replace").splitlines() if line.strip()]
+        own = [line for line in lines if line.startswith("pam-orthosis: ")]
+        return (own or lines or [""])[-1].removeprefix("pam-orthosis: ").removeprefix("error: ")
+
+    def release(self) -> None:
+        """Close the pipe."""
+        os.close(self._pipe)
+
+
+def supervise(
+    commands: Mapping[str, Sequence[str]],
+    environment: Mapping[str, str],
+    logs: Path,
+    progress: Callable[[int], None],
+) -> None:
+    """Run processes until all have ended well.
+
+    Args:
+        commands: name -> command line.
+        environment: of all processes.
+        logs: folder for what they print.
+        progress: called now and then with the simulated time in ns.
+
+    Raises:
+        RunFailed: a process died, does not answer or never came up; all are stopped by then.
+    """
+    children: list[Child] = []
+    try:
+        for name, command in commands.items():
+            children.append(Child(name, command, environment, logs / f"{name}.log"))
+        _watch(children, progress)
+    except KeyboardInterrupt:
+        raise RunFailed("interrupted; the bag holds what was recorded until then") from None
+    finally:
+        _stop(children)
+
+
+def _watch(children: Sequence[Child], progress: Callable[[int], None]) -> None:
+    began = time.monotonic()
+    while any(child.process.poll() is None for child in children):
+        time.sleep(POLL_SECONDS)
+        for child in children:
+            child.listen()
+            _judge(child, children)
+        late = [child.name for child in children if child.status in ("", "starting")]
+        if late and time.monotonic() - began > START_SECONDS:
+            raise RunFailed(f"not ready after {START_SECONDS:g} s: {', '.join(late)}")
+        progress(max(child.time_ns for child in children))
+
+
+def _judge(child: Child, children: Sequence[Child]) -> None:
+    code = child.process.poll()
+    if code is not None and (code != 0 or child.status != "ended"):
+        how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with {code}"
+        raise RunFailed(f"node {child.name} {how}{_quoted(child.last_words())}")
+    if code is None and child.silent():
+        raise RunFailed(f"node {child.name} did not answer for {SILENCE_SECONDS:g} s")
+
+
+def _quoted(words: str) -> str:
+    return f": {words}" if words else ""
+
+
+def _stop(children: Sequence[Child]) -> None:
+    """End what still runs: politely, so that the recorder closes its bag; in the end by force."""
+    for child in children:
+        if child.process.poll() is None:
+            child.process.send_signal(signal.SIGKILL if child.silent() else signal.SIGTERM)
+    deadline = time.monotonic() + STOP_SECONDS
+    for child in children:
+        try:
+            child.process.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            child.process.kill()
+            child.process.wait()
+        child.release()

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node: the reference angle, published one period before the instant that it is valid for."""
+
+from __future__ import annotations
+
+import sys
+
+from rosgraph_msgs.msg import Clock
+
+from pam_orthosis.bag.topics import TRAJECTORY
+from pam_orthosis.control.trajectory import make_trajectory
+from pam_orthosis.nodes import graph, messages
+
+
+class TrajectoryPublisher(graph.GraphNode):
+    """On the clock of step k, publishes the reference of step k + 1 (at first that of k too)."""
+
+    def __init__(self) -> None:
+        super().__init__(TRAJECTORY)
+        self._trajectory = make_trajectory(self.parameters)
+        self._next_ns: int | None = None
+        self._reference = self.publish_to("reference")
+        self.listen_to("/clock", self._on_clock)
+
+    def _on_clock(self, message: Clock) -> None:
+        now_ns = messages.nanoseconds(message.clock)
+        if self._next_ns is None:
+            self._next_ns = now_ns
+        while self._next_ns <= now_ns + self.period_ns:
+            self._publish(self._next_ns)
+            self._next_ns += self.period_ns
+        self.step_done(now_ns)
+
+    def _publish(self, stamp_ns: int) -> None:
+        sample = self._trajectory.sample(stamp_ns)
+        self._reference.publish(
+            messages.trajectory(stamp_ns, sample.angle, sample.velocity, sample.acceleration)
+        )
+
+
+def main() -> int:
+    """Run the node."""
+    return graph.run(lambda: [TrajectoryPublisher()])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
