@@ -20,7 +20,8 @@ from pam_orthosis.model.effects.base import apply_stage, enabled
 
 MUSCLES = ("extensor", "flexor")
 BASE_STATES = ("angle", "velocity", "extensor_pressure", "flexor_pressure")
-INPUTS = ("extensor_voltage", "flexor_voltage", "external_torque")
+# `time` is that since the start of the run, s
+INPUTS = ("extensor_voltage", "flexor_voltage", "external_torque", "time")
 # what a model reports beside its states, in this order
 OUTPUTS = (
     "torque",
@@ -68,6 +69,12 @@ class Assembly:
     outputs: ca.SX
     signals: SimpleNamespace = field(repr=False)
 
+    @property
+    def measured(self) -> ca.SX:
+        """What noise-free sensors would show: angle, both pressures."""
+        s = self.signals
+        return ca.vertcat(s.measured_angle, s.measured_extensor_pressure, s.measured_flexor_pressure)
+
     def function(self, name: str) -> ca.Function:
         """Return the CasADi function (x, u) -> (rates, outputs)."""
         return ca.Function(name, [self.x, self.u], [self.rates, self.outputs])
@@ -109,8 +116,10 @@ def assemble(hardware: Hardware) -> Assembly:
     _openings(signals)
     stages("opening")
     _flows(signals)
-    stages("flow", "gas")
-    _gas(signals, hardware)
+    stages("flow")
+    _volumes(signals, hardware)
+    stages("gas")
+    _gas(signals)
     _static_forces(signals, hardware)
     stages("force")
     _tensions(signals, hardware)
@@ -146,14 +155,18 @@ def _signals(x, u, hardware: Hardware) -> SimpleNamespace:
         extensor_voltage=u[0],
         flexor_voltage=u[1],
         external_torque=u[2],
+        time=u[3],
         supply_pressure=hardware.valve.supply_pressure,
         extra_foot_mass=0.0,
         extensor_dead_volume=hardware.valve.hose.volume,
         flexor_dead_volume=hardware.valve.hose.volume,
         polytropic_exponent=hardware.valve.polytropic_exponent,
         temperature=hardware.valve.temperature,
+        extensor_line_drop=0.0,
+        flexor_line_drop=0.0,
         valve=hardware.valve,
         leg=hardware.leg,
+        muscle=hardware.muscle,
     )
 
 
@@ -170,19 +183,24 @@ def _flows(s) -> None:
         setattr(s, f"{name}_flow", flow)
 
 
-def _gas(s, hardware: Hardware) -> None:
+def _volumes(s, hardware: Hardware) -> None:
+    for name in MUSCLES:
+        contraction, gauge = getattr(s, f"{name}_contraction"), getattr(s, f"{name}_gauge")
+        terms = volume_terms(hardware.laws[name].volume, contraction, gauge)
+        for kind, term in zip(("volume", "volume_by_pressure", "volume_by_contraction"), terms, strict=True):
+            setattr(s, f"{name}_{kind}", term)
+
+
+def _gas(s) -> None:
     gas = SimpleNamespace(polytropic_exponent=s.polytropic_exponent, temperature=s.temperature)
     for name in MUSCLES:
-        contraction = getattr(s, f"{name}_contraction")
-        gauge = getattr(s, f"{name}_gauge")
-        volume, by_pressure, by_contraction = volume_terms(hardware.laws[name].volume, contraction, gauge)
         rate = pneumatics.pressure_rate(
             getattr(s, f"{name}_pressure"),
             getattr(s, f"{name}_flow"),
             getattr(s, f"{name}_rate"),
-            volume + getattr(s, f"{name}_dead_volume"),
-            by_pressure,
-            by_contraction,
+            getattr(s, f"{name}_volume") + getattr(s, f"{name}_dead_volume"),
+            getattr(s, f"{name}_volume_by_pressure"),
+            getattr(s, f"{name}_volume_by_contraction"),
             gas,
         )
         setattr(s, f"{name}_pressure_rate", rate)
@@ -214,8 +232,8 @@ def _motion(s, hardware: Hardware) -> None:
 
 def _sensors(s) -> None:
     s.measured_angle = s.angle
-    s.measured_extensor_pressure = s.extensor_pressure
-    s.measured_flexor_pressure = s.flexor_pressure
+    s.measured_extensor_pressure = s.extensor_pressure + s.extensor_line_drop
+    s.measured_flexor_pressure = s.flexor_pressure + s.flexor_line_drop
 
 
 def acceleration(torque, terms):

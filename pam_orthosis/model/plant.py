@@ -97,7 +97,7 @@ class Plant:
         self._advance = compiled(integrate.period_map("plant_period", right_hand_side, step, substeps))
         self._outputs = compiled(ca.Function("plant_outputs", [assembly.x, assembly.u], [assembly.outputs]))
         self._noise = np.random.default_rng(seed)
-        self._held = np.array([parameters.valve.closed_voltage] * 2 + [0.0])
+        self._held = np.array([parameters.valve.closed_voltage] * 2 + [0.0, 0.0])
         self._index = 0
         self._reported: dict[str, float] | None = None
         self.state = self._resting_state(assembly)
@@ -128,6 +128,7 @@ class Plant:
             quantised(extensor_voltage, resolution),
             quantised(flexor_voltage, resolution),
             self._external_torque(),
+            self._time(),
         )
         self.state[:] = self._advance(self.state, self._held)[0]
         self._index += 1
@@ -152,8 +153,11 @@ class Plant:
 
     def _external_torque(self) -> float:
         plant = self._p.plant
-        time = self._index * self.period_ns * 1e-9
-        return plant.external_torque * math.sin(2 * math.pi * plant.external_frequency * time)
+        return plant.external_torque * math.sin(2 * math.pi * plant.external_frequency * self._time())
+
+    def _time(self) -> float:
+        """Return the start of the present period, s."""
+        return self._index * self.period_ns * 1e-9
 
     def _resting_state(self, assembly) -> np.ndarray:
         """Return the state at rest at the starting angle, valves closed, muscles near the mean pressure."""

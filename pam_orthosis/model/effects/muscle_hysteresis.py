@@ -39,8 +39,16 @@ EFFECTS = [
         name="muscle_hysteresis",
         stage="force",
         parameters=(
-            Quantity("half_width", 12.0, "N", 0.0, 200.0, "half width of the force loop at 6 bar gauge"),
-            Quantity("offset_share", 0.4, "-", 0.0, 1.0, "share of the half width left without pressure"),
+            Quantity("half_width", 12.0, "N", 0.0, 200.0, "half width of the force loop at 6 bar gauge", 0.0),
+            Quantity(
+                "offset_share",
+                0.4,
+                "-",
+                0.0,
+                1.0,
+                "share of the half width left without pressure",
+                fitted=False,
+            ),
             Quantity("sliding_distance", 1.0e-3, "m", 5.0e-5, 0.02, "contraction until the fibres slide"),
         ),
         expression=_expression,
@@ -48,6 +56,11 @@ EFFECTS = [
         "distance, then slide; the friction grows with the pressure that presses them together.",
         source="Bouc-Wen operator; half width 8 to 15 N for a 20 mm muscle, extrapolated from a measured "
         "loop of a DMSP-10-250",
+        minimum_effect=2.0,
+        starts=({"sliding_distance": 3.0e-4}, {"sliding_distance": 4.0e-3}),
+        coordinate="extensor_rate",
+        confounded_with=("joint_friction", "creep"),
+        separated_by=("diagnostic-decay", "diagnostic-cocontraction"),
         states=("extensor_hysteresis", "flexor_hysteresis"),
         scales=(1.0, 1.0),
     )

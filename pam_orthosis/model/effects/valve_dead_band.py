@@ -30,10 +30,15 @@ EFFECTS = [
     Effect(
         name="valve_dead_band",
         stage="spool",
-        parameters=(Quantity("half_width", 0.15, "V", 0.0, 2.0, "half width of the dead band"),),
+        parameters=(Quantity("half_width", 0.15, "V", 0.0, 2.0, "half width of the dead band", 0.0),),
         expression=_expression,
         physics="The lands of the spool overlap the ports: about the closed position a change of the "
         "voltage opens nothing.",
         source="published identified values 0.1 to 0.3 V",
+        minimum_effect=0.005,
+        starts=({"half_width": 0.03},),
+        coordinate="extensor_voltage",
+        confounded_with=("valve_curve_misfit", "supply_sag"),
+        separated_by=("diagnostic-cocontraction",),
     )
 ]

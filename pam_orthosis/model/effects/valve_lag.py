@@ -34,12 +34,18 @@ EFFECTS = [
         stage="command",
         parameters=(
             Quantity("natural_frequency", 100.0, "Hz", 5.0, 1000.0, "natural frequency of the spool"),
-            Quantity("damping_ratio", 0.8, "-", 0.3, 2.0, "damping ratio of the spool"),
+            Quantity("damping_ratio", 0.8, "-", 0.3, 2.0, "damping ratio of the spool", fitted=False),
         ),
         expression=_expression,
         physics="The spool is moved by a position loop on the valve; it follows the voltage like a damped "
         "second-order system, with a step time of about 5 ms.",
         source="valve class data: critical frequency 70 to 120 Hz",
+        minimum_effect=1.0,
+        starts=({"natural_frequency": 30.0}, {"natural_frequency": 12.0}),
+        coordinate="extensor_voltage",
+        confounded_with=("valve_delay", "hose_resistance"),
+        separated_by=("diagnostic-locked",),
+        fastest=lambda p: 0.16 / p.natural_frequency,
         states=("extensor_spool", "extensor_spool_speed", "flexor_spool", "flexor_spool_speed"),
         scales=(1.0, 600.0, 1.0, 600.0),
     )

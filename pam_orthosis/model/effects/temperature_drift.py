@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Gas that warms up while the muscles work."""
+
+import casadi as ca
+
+from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
+
+EFFECTS = [
+    Effect(
+        name="temperature_drift",
+        stage="gas",
+        parameters=(
+            Quantity("rise", 15.0, "K", -60.0, 80.0, "final rise of the gas temperature", 0.0),
+            Quantity("time_constant", 20.0, "s", 0.5, 3600.0, "time constant of the warming"),
+        ),
+        expression=lambda s, p, _states: Contribution(
+            {"temperature": p.rise * (1 - ca.exp(-s.time / p.time_constant))}
+        ),
+        physics="Cyclic work and friction warm muscle and gas from the first stroke on: the same mass of air "
+        "then makes a larger pressure, Eq. (5).",
+        source="a muscle warms by 10 to 20 K in cyclic work (assumption)",
+        minimum_effect=2.0,
+        starts=({"rise": -15.0}, {"time_constant": 100.0}),
+        coordinate="time",
+        confounded_with=("extensor_valve_gain", "flexor_valve_gain"),
+        separated_by=("diagnostic-locked",),
+    )
+]

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Misfit of the valves' curves: a smooth, bounded correction of the opening over the spool's stroke."""
+
+import math
+
+import casadi as ca
+
+from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
+
+SMALL_OPENING = 0.04  # below it the knots lie evenly, above it in equal ratios
+SPACING = 0.8  # of the knots on the scale asinh(opening / SMALL_OPENING)
+SIDE = 4  # knots on each side of the closed position
+
+
+def knot_name(index: int) -> str:
+    """Return the name of a knot, -SIDE .. SIDE."""
+    return "closed" if index == 0 else f"{'fill' if index > 0 else 'vent'}_{abs(index)}"
+
+
+def relative_error(opening, coefficients):
+    """Return the sum of bumps about the knots; `coefficients` from the widest vent on."""
+    place = ca.asinh(opening / SMALL_OPENING)
+    indices = range(-SIDE, SIDE + 1)
+    bumps = [ca.exp(-((place / SPACING - index) ** 2)) for index in indices]
+    return sum(c * bump for c, bump in zip(coefficients, bumps, strict=True))
+
+
+def _expression(s, p, _states):
+    added = {}
+    for muscle in ("extensor", "flexor"):
+        opening = getattr(s, f"{muscle}_opening")
+        coefficients = [getattr(p, f"{muscle}_{knot_name(k)}") for k in range(-SIDE, SIDE + 1)]
+        added[f"{muscle}_opening"] = opening * relative_error(opening, coefficients)
+    return Contribution(added)
+
+
+def _coefficient(muscle: str, index: int) -> Quantity:
+    place = SMALL_OPENING * math.sinh(index * SPACING)
+    meaning = f"{muscle}: relative error of the opening about {place:+.2f}"
+    return Quantity(f"{muscle}_{knot_name(index)}", 0.03, "-", -0.5, 0.5, meaning, 0.0, prior=0.03)
+
+
+EFFECTS = [
+    Effect(
+        name="valve_curve_misfit",
+        stage="opening",
+        parameters=tuple(
+            _coefficient(m, index) for m in ("extensor", "flexor") for index in range(-SIDE, SIDE + 1)
+        ),
+        expression=_expression,
+        physics="The opening of a valve is not proportional to the spool's stroke: edges, notches and flow "
+        "forces bend the curve by some per cent, differently for filling and venting. A closed valve stays "
+        "closed.",
+        source="valve class data: opening about linear, smoothed at small strokes; magnitude: assumption",
+        minimum_effect=0.01,
+        coordinate="extensor_voltage",
+        confounded_with=("valve_dead_band", "extensor_valve_gain", "flexor_valve_gain"),
+        separated_by=("diagnostic-cocontraction", "diagnostic-locked"),
+        shape=True,
+    )
+]
