@@ -116,7 +116,7 @@ class BagWriter:
         self._writer.finish()
         self._stream.close()
         partial = self.folder / f"{METADATA_FILE}.part"
-        partial.write_text(yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False))
+        partial.write_text(_as_yaml({"rosbag2_bagfile_information": information}))
         partial.replace(self.folder / METADATA_FILE)
 
     def __enter__(self) -> BagWriter:

@@ -69,3 +69,7 @@ def _top_parser() -> Parser:
     parser.add_argument("verb", choices=VERBS, metavar="VERB", help="what to do")
     parser.add_argument("--version", action="version", version=f"pam-orthosis {__version__}")
     return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

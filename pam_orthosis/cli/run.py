@@ -72,10 +72,15 @@ def _assignment(text: str) -> tuple[str, Any]:
     key, equals, value = text.partition("=")
     if not equals:
         raise OrthosisError(f"--param {text}: give KEY=VALUE")
+    return key, _value(value)
+
+
+def _value(text: str) -> Any:
+    """Return a value as YAML reads it, and 1e-4 as the number that YAML 1.1 takes for a text."""
     try:
-        return key, float(value) if "e" in value.lower() else yaml.safe_load(value)
+        return float(text) if isinstance(yaml.safe_load(text), str) else yaml.safe_load(text)
     except (ValueError, yaml.YAMLError):
-        return key, value
+        return text
 
 
 def _unused(scenario: str) -> Path:

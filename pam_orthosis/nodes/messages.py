@@ -64,9 +64,17 @@ def torque(stamp_ns: int, value: float) -> WrenchStamped:
     return message
 
 
-def trajectory(stamp_ns: int, angle: float, velocity: float, acceleration: float) -> JointTrajectory:
-    """Return the reference (rad, rad/s, rad/s^2) for one instant."""
+def trajectory(
+    stamp_ns: int, angle: float, velocity: float, acceleration: float, mean_pressure: float | None = None
+) -> JointTrajectory:
+    """Return the reference (rad, rad/s, rad/s^2) for one instant.
+
+    The mean pressure of the muscles (absolute Pa), if one is asked for, travels as the effort: the
+    effort that both muscles hold against each other, as pressure is the effort of a bond graph.
+    """
     point = JointTrajectoryPoint(positions=[angle], velocities=[velocity], accelerations=[acceleration])
+    if mean_pressure is not None:
+        point.effort = [mean_pressure]
     return JointTrajectory(header=header(stamp_ns), joint_names=[KNEE], points=[point])
 
 

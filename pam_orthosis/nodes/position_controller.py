@@ -51,7 +51,12 @@ class PositionControllerNode(graph.GraphNode):
             joint.position[0],
             extensor.fluid_pressure,
             flexor.fluid_pressure,
-            Reference(point.positions[0], point.velocities[0], point.accelerations[0]),
+            Reference(
+                point.positions[0],
+                point.velocities[0],
+                point.accelerations[0],
+                point.effort[0] if point.effort else None,
+            ),
         )
         self._estimate.publish(
             messages.joint_state(

@@ -32,10 +32,7 @@ class TrajectoryPublisher(graph.GraphNode):
         self.step_done(now_ns)
 
     def _publish(self, stamp_ns: int) -> None:
-        sample = self._trajectory.sample(stamp_ns)
-        self._reference.publish(
-            messages.trajectory(stamp_ns, sample.angle, sample.velocity, sample.acceleration)
-        )
+        self._reference.publish(messages.trajectory(stamp_ns, *self._trajectory.sample(stamp_ns)))
 
 
 def main() -> int:

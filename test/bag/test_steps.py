@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The recorder's order is that of instants and table, whatever the arrival was."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pam_orthosis.bag.steps import Message, StepCollector
+from pam_orthosis.bag.topics import NODES, ORDER, RECORDED, is_health_instant
+
+PERIOD_NS = 250_000_000
+
+
+def _run(steps):
+    """Return all messages of a run, topic by topic."""
+    return [
+        Message(topic.name, k * PERIOD_NS, name.encode())
+        for topic in RECORDED
+        for k in range(steps)
+        if topic.rate == "step" or is_health_instant(k * PERIOD_NS, PERIOD_NS)
+        for name in topic.producers
+    ]
+
+
+def _place(message):
+    return message.stamp_ns, ORDER[message.topic], message.data
+
+
+@given(st.permutations(_run(5)), st.lists(st.integers(0, 60), max_size=10))
+def test_any_arrival_gives_one_order_once(arrival, repeated):
+    steps = StepCollector(PERIOD_NS)
+    out = []
+    for message in [*arrival, *(arrival[index] for index in repeated)]:
+        steps.add(message)
+        out += steps.complete()
+    assert out == sorted(_run(5), key=_place)
+    assert steps.duplicates == len(repeated)
+    assert steps.done_ns == 4 * PERIOD_NS
+
+
+def test_health_is_due_once_a_second_from_every_node():
+    instants = [k for k in range(9) if is_health_instant(k * PERIOD_NS, PERIOD_NS)]
+    assert instants == [0, 4, 8]
+    steps = StepCollector(PERIOD_NS)
+    messages = _run(1)
+    for message in messages[:-1]:
+        steps.add(message)
+    assert list(steps.complete()) == []
+    steps.add(messages[-1])
+    assert len(list(steps.complete())) == 14 + len(NODES)
+
+
+def test_the_first_missing_topic_is_the_cause():
+    steps = StepCollector(PERIOD_NS)
+    for message in _run(1):
+        if ORDER[message.topic] < ORDER["extensor/mass_flow"]:
+            steps.add(message)
+    assert steps.missing()[0].producers == ("extensor_pressure_controller",)
+    assert next(steps.rest()).topic == "/clock"
+
+
+def test_an_instant_that_stays_incomplete_does_not_hold_up_the_rest():
+    steps = StepCollector(PERIOD_NS, horizon=3)
+    for message in [m for m in _run(8) if (m.topic, m.stamp_ns) != ("truth", 0)]:
+        steps.add(message)
+    assert [m.stamp_ns for m in steps.complete()][-1] == 7 * PERIOD_NS

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Real runs of the graph for tests, and a look at their processes."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+RUN = [sys.executable, "-m", "pam_orthosis.cli.main", "run"]
+QUICK = ["--param", "scenario.start_hold=0.1", "--param", "scenario.start_ramp=0.2"]
+LIMIT_S = 60.0
+
+
+@pytest.fixture(scope="session")
+def run_graph(tmp_path_factory):
+    """Return a function that runs the graph to its end: options -> (finished process, bag)."""
+    pytest.importorskip("rclpy")
+
+    def run(*options):
+        bag = tmp_path_factory.mktemp("run") / "walk"
+        command = [*RUN, "--out", str(bag), *QUICK, *options]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+        return done, bag
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def in_processes(run_graph):
+    """One second of gait, each node in a process of its own."""
+    return run_graph("--duration", "1")
+
+
+class LiveRun:
+    """A run without end, to be disturbed."""
+
+    def __init__(self, bag, *options):
+        self.bag = bag
+        command = [*RUN, "--out", str(bag), "--duration", "3600", *options]
+        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+
+    def children(self):
+        """Return process id by name of the node."""
+        path = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children")
+        return {_node_name(pid): pid for pid in map(int, path.read_text().split())}
+
+    def wait_until_it_records(self):
+        """Wait until a chunk of the bag is on disk."""
+        file = self.bag / f"{self.bag.name}_0.mcap"
+        wait_for(lambda: file.exists() and file.stat().st_size > 40_000)
+
+    def ended(self):
+        """Wait for the end; return exit status, what it said, and how long that took."""
+        began = time.monotonic()
+        _, said = self.process.communicate(timeout=LIMIT_S)
+        return self.process.returncode, said.strip().splitlines()[-1], time.monotonic() - began
+
+
+def wait_for(condition):
+    """Wait for a condition, at most for a minute."""
+    deadline = time.monotonic() + LIMIT_S
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.02)
+
+
+def alive(pid):
+    """Whether a process runs."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
+
+
+def _node_name(pid):
+    words = Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
+    names = [word.removeprefix("__node:=") for word in words if word.startswith("__node:=")]
+    return names[0] if names else "composed"
+
+
+@pytest.fixture
+def live_run(tmp_path):
+    """Return a function that starts an endless run."""
+    pytest.importorskip("rclpy")
+    runs = []
+
+    def start(*options):
+        runs.append(LiveRun(tmp_path / "walk", *options))
+        return runs[-1]
+
+    yield start
+    for run in runs:
+        if run.process.poll() is None:
+            os.kill(run.process.pid, 15)
+            run.process.communicate(timeout=LIMIT_S)

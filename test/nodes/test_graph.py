@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The real graph: it walks, records and judges; layouts agree to the bit; topics are the table's."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+from conftest import QUICK, wait_for
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+from pam_orthosis.bag.read import read_bag
+from pam_orthosis.bag.topics import NODES, RECORDED, RECORDER, TOPICS, resolve
+from pam_orthosis.cli.main import main
+from pam_orthosis.control.loop import ClosedLoop
+from pam_orthosis.model.parameters import load
+
+# signal of the bag -> signal of the closed loop without ROS
+SAME = {
+    "angle": "angle",
+    "extensor_pressure": "extensor_pressure",
+    "reference_angle": "reference_angle",
+    "reference_acceleration": "reference_acceleration",
+    "estimate_angle": "estimated_angle",
+    "estimate_velocity": "estimated_velocity",
+    "disturbance": "disturbance",
+    "flexor_pressure_reference": "flexor_pressure_reference",
+    "extensor_mass_flow": "extensor_mass_flow",
+    "extensor_voltage": "extensor_voltage",
+    "flexor_voltage": "flexor_voltage",
+    "truth_angle": "true_angle",
+    "truth_velocity": "true_velocity",
+}
+
+
+def _content(bag):
+    with open(next(bag.glob("*.mcap")), "rb") as stream:
+        return [
+            (channel.topic, message.log_time, message.data)
+            for _, channel, message in make_reader(stream).iter_messages()
+        ]
+
+
+def _overrides():
+    return {key: float(value) for key, value in (text.split("=") for text in QUICK[1::2])}
+
+
+def test_nodes_in_processes_record_a_bag_that_passes(in_processes, capsys):
+    done, bag = in_processes
+    assert done.returncode == 0, done.stderr
+    assert "PASSED" in done.stdout
+    assert main(["check", str(bag), "--json"]) == 0
+    verdict = json.loads(capsys.readouterr().out)
+    assert verdict["passed"]
+    assert verdict["samples"] == round(1.0 / load().scenario.control_period)
+
+
+def test_the_bag_holds_every_topic_of_the_table_completely(in_processes):
+    _, bag = in_processes
+    steps = round(1.0 / load().scenario.control_period)
+    with AnyReader([bag]) as reader:
+        counts = {c.topic: (c.msgtype, c.msgcount) for c in reader.connections}
+    expected = {
+        resolve(topic.name): (topic.type, steps if topic.rate == "step" else len(NODES)) for topic in RECORDED
+    }
+    assert counts == expected
+
+
+def test_composed_nodes_record_the_same_bytes(in_processes, run_graph):
+    done, bag = run_graph("--duration", "1", "--composed")
+    assert done.returncode == 0, done.stderr
+    assert _content(bag) == _content(in_processes[1])
+
+
+def test_the_graph_gives_the_numbers_of_the_closed_loop_without_ros(in_processes):
+    _, bag = in_processes
+    recorded = read_bag(bag, SAME)
+    parameters = load(_overrides())
+    steps = len(recorded["angle"].value)
+    expected = ClosedLoop(parameters, parameters.scenario.seed).run(steps)
+    for name, other in SAME.items():
+        np.testing.assert_array_equal(recorded[name].value[:steps], expected[other], err_msg=name)
+
+
+def test_another_seed_gives_another_bag(in_processes, run_graph):
+    _, bag = run_graph("--duration", "1", "--composed", "--seed", "2")
+    assert _content(bag) != _content(in_processes[1])
+
+
+def test_a_bad_gain_fails_the_same_check(run_graph):
+    weak = ["--param", "control.position.c1=1", "--param", "control.position.c2=1"]
+    done, bag = run_graph("--duration", "2", *weak)
+    assert done.returncode == 1, done.stderr
+    assert "FAILED" in done.stdout
+    assert main(["check", str(bag)]) == 1
+
+
+def test_the_live_graph_is_the_table(live_run, monkeypatch):
+    """Who is on every topic, as DDS sees it: truth goes to the recorder only."""
+    rclpy = pytest.importorskip("rclpy")
+    run = live_run()
+    run.wait_until_it_records()
+    environment = _environment(run.children()[RECORDER])
+    for name in ("FASTRTPS_DEFAULT_PROFILES_FILE", "ROS_AUTOMATIC_DISCOVERY_RANGE"):
+        monkeypatch.setenv(name, environment[name])
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=int(environment["ROS_DOMAIN_ID"]))
+    node = rclpy.create_node("observer_of_the_test", context=context)
+    expected = {t.name: (sorted(t.producers), sorted(t.subscribers)) for t in TOPICS}
+    try:
+        wait_for(lambda: _all_discovered(_seen(node), expected))
+        assert _seen(node) == expected
+        assert _seen(node)["truth"][1] == [RECORDER]
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+
+
+def _seen(node):
+    """Return topic -> names of the publishing nodes and of the subscribed nodes."""
+    return {
+        topic.name: tuple(
+            sorted(end.node_name for end in ends(resolve(topic.name)))
+            for ends in (node.get_publishers_info_by_topic, node.get_subscriptions_info_by_topic)
+        )
+        for topic in TOPICS
+    }
+
+
+def _all_discovered(seen, expected):
+    named = all("_NODE_NAME_UNKNOWN_" not in names for ends in seen.values() for names in ends)
+    return named and all(
+        len(there) >= len(due)
+        for name, ends in expected.items()
+        for there, due in zip(seen[name], ends, strict=True)
+    )
+
+
+def _environment(pid):
+    with open(f"/proc/{pid}/environ", "rb") as stream:
+        pairs = stream.read().decode(errors="replace").split("\0")
+    return dict(pair.split("=", 1) for pair in pairs if "=" in pair)
+
+
+def test_a_parameter_that_a_node_does_not_have_is_refused(tmp_path, monkeypatch):
+    rclpy = pytest.importorskip("rclpy")
+    from pam_orthosis.errors import OrthosisError
+    from pam_orthosis.nodes.trajectory_publisher import TrajectoryPublisher
+
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
+    for key, match in (("plant.external_torque", "no parameter plant"), ("leg.lenght", "leg.lenght")):
+        rclpy.init(args=["--ros-args", "-p", f"{key}:=1.0"], domain_id=os.getpid() % 100)
+        try:
+            with pytest.raises(OrthosisError, match=match):
+                TrajectoryPublisher()
+        finally:
+            rclpy.shutdown()
