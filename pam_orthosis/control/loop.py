@@ -57,7 +57,7 @@ class ClosedLoop:
         ]
         self.plant.advance(*voltages)
         return (
-            time_ns * 1e-9, *reference, *measured, command.angle, command.velocity,
+            time_ns * 1e-9, *reference[:3], *measured, command.angle, command.velocity,
             command.disturbance, *wanted, *flows, *voltages,
             truth.angle, truth.velocity, truth.torque, command.saturated, command.clamped,
         )  # fmt: skip

@@ -9,7 +9,7 @@ import casadi as ca
 
 from pam_orthosis.control.knee import Pair, kinematics
 from pam_orthosis.control.observer import Observer
-from pam_orthosis.control.trajectory import Reference
+from pam_orthosis.control.trajectory import VALVES_CLOSED, Reference
 from pam_orthosis.model import leg as leg_model
 from pam_orthosis.model import muscle as muscle_model
 from pam_orthosis.model.compiled import compiled
@@ -18,6 +18,7 @@ from pam_orthosis.model.compiled import compiled
 class PositionCommand(NamedTuple):
     """Reference pressures (absolute Pa), the estimate behind them, and what limited them.
 
+    A reference pressure of `VALVES_CLOSED` (0) keeps the valve closed.
     `saturated`: the pressures' limits do not allow the torque that is needed.
     `clamped`: the estimate lies outside the box in which the muscle model was identified.
     """
@@ -53,11 +54,11 @@ def required_torque(estimate, reference, belief):
     return terms.inertia * wanted + terms.coriolis + terms.gravity + estimate[2]
 
 
-def pressures_for_torque(torque, q, velocity, belief):
+def pressures_for_torque(torque, q, velocity, mean_pressure, belief):
     """Return gauge pressures of extensor and flexor, Pa, and whether the torque is out of reach.
 
     With both muscles taut, Eqs. (14) and (27) make the torque linear in both pressures: the pairs
-    that give it lie on a line. On it the pair with the mean p_im is taken; where that leaves the
+    that give it lie on a line. On it the pair with the mean p_im (absolute) is taken; where that leaves the
     limits, the nearest pair inside them: stiffness gives way before torque. Only where the line
     misses the limits altogether is the torque cut.
     """
@@ -69,7 +70,7 @@ def pressures_for_torque(torque, q, velocity, belief):
     damping = _both(lambda v: muscle_model.damping_force(v, m), rate)
     low = _both(lambda a, f: _lowest_pressure(a, f, settings, ambient), area, counter)
     high = settings.maximum_pressure - ambient
-    mean = settings.mean_pressure - ambient
+    mean = mean_pressure - ambient
     # area_f p_f - area_e p_e = level
     level = 2 * torque / belief.leg.cogwheel_diameter
     level += counter.flexor - counter.extensor + damping.flexor - damping.extensor
@@ -83,10 +84,13 @@ def pressures_for_torque(torque, q, velocity, belief):
 
 
 def command_function(belief) -> ca.Function:
-    """Return (estimate, reference) -> (absolute reference pressures, saturated, clamped)."""
-    estimate, reference = ca.SX.sym("estimate", 3), ca.SX.sym("reference", 3)
-    torque = required_torque(estimate, reference, belief)
-    extensor, flexor, saturated = pressures_for_torque(torque, estimate[0], estimate[1], belief)
+    """Return (estimate, reference, mean pressure) -> (reference pressures, saturated, clamped).
+
+    Pressures absolute. A locked joint is asked for no torque: its motion cannot be fed back.
+    """
+    estimate, reference, mean = ca.SX.sym("estimate", 3), ca.SX.sym("reference", 3), ca.SX.sym("mean")
+    torque = 0.0 if belief.leg.joint.locked else required_torque(estimate, reference, belief)
+    extensor, flexor, saturated = pressures_for_torque(torque, estimate[0], estimate[1], mean, belief)
     contraction, _ = kinematics(estimate[0], estimate[1], belief)
     m = belief.muscle.dmsp_20
     clamped = ca.logic_or(
@@ -95,7 +99,8 @@ def command_function(belief) -> ca.Function:
     )
     ambient = belief.valve.ambient_pressure
     pressures = ca.vertcat(extensor + ambient, flexor + ambient)
-    return ca.Function("position_command", [estimate, reference], [pressures, saturated, clamped])
+    inputs = [estimate, reference, mean]
+    return ca.Function("position_command", inputs, [pressures, saturated, clamped])
 
 
 class PositionController:
@@ -105,13 +110,17 @@ class PositionController:
         belief = parameters.belief()
         self._observer = Observer(belief)
         self._command = compiled(command_function(belief))
+        self._mean = belief.control.position.mean_pressure
 
     def step(
         self, angle: float, extensor_pressure: float, flexor_pressure: float, reference: Reference
     ) -> PositionCommand:
         """Return the reference pressures for one sample (rad, absolute Pa; finite numbers)."""
         estimate = self._observer.step(angle, extensor_pressure, flexor_pressure)
-        pressures, saturated, clamped = self._command(estimate[:3], reference)
+        mean = self._mean if reference.mean_pressure is None else reference.mean_pressure
+        if mean == VALVES_CLOSED:
+            return PositionCommand(VALVES_CLOSED, VALVES_CLOSED, *estimate, False, False)
+        pressures, saturated, clamped = self._command(estimate[:3], reference[:3], mean)
         extensor, flexor = pressures.tolist()
         return PositionCommand(extensor, flexor, *estimate, bool(saturated[0]), bool(clamped[0]))
 

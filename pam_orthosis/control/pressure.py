@@ -8,6 +8,7 @@ import math
 import casadi as ca
 
 from pam_orthosis.control.knee import kinematics
+from pam_orthosis.control.trajectory import VALVES_CLOSED
 from pam_orthosis.model import muscle as muscle_model
 from pam_orthosis.model import pneumatics
 from pam_orthosis.model.compiled import compiled
@@ -47,7 +48,13 @@ class PressureController:
         self._filtered: float | None = None
 
     def step(self, pressure: float, reference: float, angle: float, velocity: float) -> float:
-        """Return the mass flow into the muscle, kg/s (absolute Pa, estimated rad and rad/s)."""
+        """Return the mass flow into the muscle, kg/s (absolute Pa, estimated rad and rad/s).
+
+        A reference of `VALVES_CLOSED` asks for no flow at all.
+        """
+        if reference == VALVES_CLOSED:
+            self._filtered = None
+            return 0.0
         rate = self._reference_rate(reference) + self._gain * (reference - pressure)
         return float(self._flow(pressure, rate, angle, velocity)[0][0])
 

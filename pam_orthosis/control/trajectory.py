@@ -9,13 +9,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+VALVES_CLOSED = 0.0  # Pa absolute, as a reference pressure: none is wanted, the valve stays closed
+
 
 class Reference(NamedTuple):
-    """Desired knee angle rad, velocity rad/s, acceleration rad/s^2."""
+    """Desired knee angle rad, velocity rad/s, acceleration rad/s^2, mean pressure absolute Pa.
+
+    Without a mean pressure the controller takes its own; `VALVES_CLOSED` asks for closed valves.
+    """
 
     angle: float
     velocity: float
     acceleration: float
+    mean_pressure: float | None = None
 
 
 class Trajectory:
@@ -65,9 +71,13 @@ def fourier_shape(cosine, sine) -> Callable:
     return shape
 
 
-def make_trajectory(parameters) -> Trajectory:
-    """Return the trajectory that `scenario` asks for."""
+def make_trajectory(parameters):
+    """Return what `scenario` asks for: a `Trajectory` or the programme of a diagnostic experiment."""
+    from pam_orthosis.control import diagnostic  # its programmes are made of this module's references
+
     s = parameters.scenario
+    if s.trajectory in diagnostic.EXPERIMENTS:
+        return diagnostic.make_programme(s.trajectory, parameters)
     return Trajectory(_shape(s), s.cycle_time, s.start_hold, s.start_ramp, s.start_phase)
 
 

@@ -7,6 +7,7 @@ differ in parameters, in the muscle law and in the effects that are on.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 
@@ -56,6 +57,8 @@ class Hardware:
     valve: object
     laws: dict[str, MuscleLaw]
     effects: object
+    # (angle, velocity, leg, extra foot mass) -> Mechanics; the gap workflow gives tabulated terms
+    mechanics: Callable = leg_model.mechanics
 
 
 @dataclass(frozen=True)
@@ -226,7 +229,10 @@ def _torque(s, hardware: Hardware) -> None:
 
 
 def _motion(s, hardware: Hardware) -> None:
-    terms = leg_model.mechanics(s.angle, s.velocity, hardware.leg, s.extra_foot_mass)
+    if hardware.leg.joint.locked:
+        s.acceleration = ca.SX(0)
+        return
+    terms = hardware.mechanics(s.angle, s.velocity, hardware.leg, s.extra_foot_mass)
     s.acceleration = acceleration(s.torque, terms)
 
 

@@ -165,6 +165,8 @@ class Plant:
         mean = self._p.control.position.mean_pressure
         x = np.zeros(len(assembly.states))
         x[:4] = start, 0.0, mean, mean
+        if self._p.leg.joint.locked:
+            return x
         accelerate = ca.Function("a", [assembly.x, assembly.u], [assembly.rates[1]])
         ambient, supply = self._p.valve.ambient_pressure, self._p.valve.supply_pressure
         low, high = ambient - mean, supply - mean  # shift of the flexor up, of the extensor down

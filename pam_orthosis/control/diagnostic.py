@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Diagnostic experiments: reference programmes that tell look-alike effects apart.
+
+A programme is a sequence of phases, each with a path of the knee angle, a path of the mean pressure
+of the muscles (co-contraction) and a switch that keeps the valves closed.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from itertools import accumulate
+from typing import NamedTuple
+
+from pam_orthosis.control.trajectory import VALVES_CLOSED, Reference
+
+# time since the start of a phase -> value and its first two derivatives
+Path = Callable[[float], tuple[float, float, float]]
+
+MULTISINE_HZ = (0.2, 0.5, 0.9, 1.6, 2.9)
+FADE = 1.0  # s, in which a multisine comes and goes
+
+
+class Phase(NamedTuple):
+    """A part of a programme: duration s, angle rad, mean pressure absolute Pa, valves closed."""
+
+    duration: float
+    angle: Path
+    mean: Path
+    closed: bool = False
+
+
+class Programme:
+    """Phases run through one after the other after a rest; the end of the last one is held."""
+
+    def __init__(self, phases: Sequence[Phase], rest: float):
+        self._phases = list(phases)
+        self._starts = list(accumulate((phase.duration for phase in phases), initial=rest))[:-1]
+        self.duration = rest + sum(phase.duration for phase in phases)
+
+    def sample(self, time_ns: int) -> Reference:
+        """Return the reference at an instant, nanoseconds since the start."""
+        time = time_ns * 1e-9
+        index = max(bisect_right(self._starts, time) - 1, 0)
+        phase = self._phases[index]
+        since = min(max(time - self._starts[index], 0.0), phase.duration)
+        mean = VALVES_CLOSED if phase.closed and time >= self._starts[index] else phase.mean(since)[0]
+        return Reference(*phase.angle(since), mean)
+
+
+def hold(value: float) -> Path:
+    """Return a path that stays."""
+    return lambda time: (value, 0.0, 0.0)
+
+
+def move(start: float, end: float, duration: float, blend: float) -> Path:
+    """Return a path of constant speed that starts and stops smoothly within `blend`, at rest outside."""
+    speed = (end - start) / (duration - blend)
+
+    def rise(time: float) -> tuple[float, float, float]:
+        s = time / blend
+        return speed * blend * (s**3 - s**4 / 2), speed * s**2 * (3 - 2 * s), 6 * speed * s * (1 - s) / blend
+
+    def path(time: float) -> tuple[float, float, float]:
+        if time <= 0 or time >= duration:
+            return (start if time <= 0 else end), 0.0, 0.0
+        if time < blend:
+            way, rate, acceleration = rise(time)
+            return start + way, rate, acceleration
+        if time > duration - blend:
+            way, rate, acceleration = rise(duration - time)
+            return end - way, rate, -acceleration
+        return start + speed * (time - blend / 2), speed, 0.0
+
+    return path
+
+
+def multisine(centre: float, amplitude: float, duration: float) -> Path:
+    """Return a sum of sines of `MULTISINE_HZ`, each of this amplitude, that fades in and out."""
+
+    def path(time: float) -> tuple[float, float, float]:
+        w, w1, w2 = _window(time, duration)
+        f = f1 = f2 = 0.0
+        for number, frequency in enumerate(MULTISINE_HZ):
+            omega = 2 * math.pi * frequency
+            phase = omega * time + math.pi * number**2 / len(MULTISINE_HZ)  # Schroeder: a low crest
+            f += amplitude * math.sin(phase)
+            f1 += amplitude * omega * math.cos(phase)
+            f2 -= amplitude * omega**2 * math.sin(phase)
+        return centre + w * f, w1 * f + w * f1, w2 * f + 2 * w1 * f1 + w * f2
+
+    return path
+
+
+def _window(time: float, duration: float) -> tuple[float, float, float]:
+    """Return a quintic fade in and out with its two derivatives."""
+    rising = time < duration / 2
+    s = min(max((time if rising else duration - time) / FADE, 0.0), 1.0)
+    value = s**3 * (10 - 15 * s + 6 * s**2)
+    slope = 30 * s**2 * (1 - s) ** 2 / FADE
+    return value, slope if rising else -slope, 60 * s * (1 - s) * (1 - 2 * s) / FADE**2
+
+
+class Script:
+    """Writes a programme from where the knee is: each call appends a phase."""
+
+    def __init__(self, angle: float, mean: float):
+        self.angle, self.mean = angle, mean
+        self.phases: list[Phase] = []
+
+    def rest(self, duration: float) -> None:
+        """Stay."""
+        self.phases.append(Phase(duration, hold(self.angle), hold(self.mean)))
+
+    def go(self, duration: float, angle: float | None = None, mean: float | None = None) -> None:
+        """Move angle and mean pressure, at constant speed but for the ends."""
+        angle, mean = self.angle if angle is None else angle, self.mean if mean is None else mean
+        blend = min(0.25, 0.4 * duration)
+        paths = (move(a, b, duration, blend) for a, b in ((self.angle, angle), (self.mean, mean)))
+        self.phases.append(Phase(duration, *paths))
+        self.angle, self.mean = angle, mean
+
+    def throw(self, duration: float, angle: float, closed: float) -> None:
+        """Start a move and close the valves in its middle: the knee swings freely about its end."""
+        path = move(self.angle, angle, duration, 0.4 * duration)
+        rest = lambda time: path(0.5 * duration + time)  # noqa: E731
+        self.phases.append(Phase(0.5 * duration, path, hold(self.mean)))
+        self.phases.append(Phase(closed, rest, hold(self.mean), closed=True))
+        self.angle = angle
+
+    def close(self, duration: float) -> None:
+        """Keep the valves closed; the reference stays."""
+        self.phases.append(Phase(duration, hold(self.angle), hold(self.mean), closed=True))
+
+    def shake(self, duration: float, amplitude: float, mean: float) -> None:
+        """A multisine about the present angle while the mean pressure moves."""
+        paths = multisine(self.angle, amplitude, duration), move(self.mean, mean, duration, 0.25)
+        self.phases.append(Phase(duration, *paths))
+        self.mean = mean
+
+
+def triangle(script: Script, d) -> None:
+    """Slow triangle at two mean pressures, 10 s: friction and hysteresis against elasticity."""
+    for mean in (d.low_mean, d.high_mean):
+        script.go(1.0, d.low_angle, mean)
+        script.go(2.0, d.high_angle)
+        script.go(2.0, d.low_angle)
+
+
+def amplitudes(script: Script, d) -> None:
+    """Triangles of three amplitudes, 15 s: pre-sliding, backlash, dead band."""
+    script.go(1.0, 0.5 * (d.low_angle + d.high_angle), 0.5 * (d.low_mean + d.high_mean))
+    centre, whole = script.angle, d.high_angle - d.low_angle
+    for share, period in ((0.06, 2.0), (0.2, 2.0), (0.5, 3.0)):
+        for _ in range(2):
+            script.go(period / 4, centre + share * whole)
+            script.go(period / 2, centre - share * whole)
+            script.go(period / 4, centre)
+
+
+def cocontraction(script: Script, d) -> None:
+    """Sweep of the mean pressure at two held angles, 10 s: scales and offsets of force and pressure."""
+    for angle in (d.low_angle, d.high_angle):
+        script.go(1.0, angle)
+        script.go(1.4, mean=d.high_mean)
+        script.go(1.6, mean=d.low_mean)
+        script.go(1.0, mean=0.5 * (d.low_mean + d.high_mean))
+
+
+def closed_hold(script: Script, d) -> None:
+    """Closed valves at four levels of pressure and angle, 10 s: leaks and creep."""
+    for angle, mean in (
+        (d.low_angle, d.low_mean), (d.high_angle, d.low_mean),
+        (d.high_angle, d.high_mean), (d.low_angle, d.high_mean),
+    ):  # fmt: skip
+        script.go(0.7, angle, mean)
+        script.rest(0.2)
+        script.close(1.6)
+
+
+def shaking(script: Script, d) -> None:
+    """Multisine with a slowly varying mean pressure, 10 s: inertia, lags, delays."""
+    script.go(1.0, 0.5 * (d.low_angle + d.high_angle), d.low_mean)
+    script.shake(9.0, 0.05, d.high_mean)
+
+
+def decay(script: Script, d) -> None:
+    """Fast steps, then closed valves: free decay at two mean pressures, 10 s: damping, mass, volume."""
+    for mean in (d.low_mean, d.high_mean):
+        script.go(1.0, d.low_angle, mean)
+        for angle in (d.high_angle, d.low_angle):
+            script.throw(0.4, angle, closed=1.3)
+            script.rest(0.5)
+
+
+def locked(script: Script, d) -> None:
+    """Steps of both pressures, 10 s, for a locked joint: volume, exponent, valve, hose, delays."""
+    for mean in (d.high_mean, d.low_mean, 0.5 * (d.low_mean + d.high_mean)) * 2:
+        script.go(0.1, mean=mean)
+        script.rest(0.9)
+    script.go(2.0, mean=d.high_mean)
+    script.go(2.0, mean=d.low_mean)
+
+
+EXPERIMENTS: dict[str, tuple[Callable[[Script, object], None], ...]] = {
+    "triangle": (triangle, amplitudes),
+    "cocontraction": (cocontraction,) * 2,
+    "locked": (locked,) * 2,
+    "decay": (decay,) * 2,
+    "closed": (closed_hold,) * 2,
+    "protocol": (triangle, amplitudes, cocontraction, closed_hold, shaking, decay),
+}
+
+
+def make_programme(name: str, parameters) -> Programme:
+    """Return the programme of an experiment of `EXPERIMENTS` with the levels of `scenario.diagnostic`."""
+    scenario = parameters.scenario
+    script = Script(scenario.start_angle, parameters.control.position.mean_pressure)
+    for part in EXPERIMENTS[name]:
+        part(script, scenario.diagnostic)
+    return Programme(script.phases, scenario.start_hold)
