@@ -42,23 +42,23 @@ class Compiled:
 
 def compiled(function: ca.Function, use_compiler: bool = True) -> Compiled:
     """Return the function as machine code if gcc or cc is there, else on CasADi's virtual machine."""
-    library = _shared_library(function) if use_compiler else None
+    library = shared_library(function.name(), _dense_source(function)) if use_compiler else None
     if library is None:
         return Compiled(function)
     return Compiled(ca.external(function.name(), str(library)))
 
 
-def _shared_library(function: ca.Function) -> Path | None:
+def shared_library(name: str, source: str, flags: tuple[str, ...] = COMPILER_FLAGS) -> Path | None:
+    """Return a library compiled from C source, cached by its content; None where that is not possible."""
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None or os.environ.get("PAM_ORTHOSIS_NO_COMPILER"):
         return None
-    source = _dense_source(function)
-    digest = hashlib.sha256(" ".join((source, compiler, *COMPILER_FLAGS)).encode()).hexdigest()[:20]
+    digest = hashlib.sha256(" ".join((source, compiler, *flags)).encode()).hexdigest()[:20]
     folder = _cache_folder()
     if folder is None:
         return None
-    library = folder / f"{function.name()}_{digest}.so"
-    if not library.exists() and not _compile(compiler, source, library):
+    library = folder / f"{name}_{digest}.so"
+    if not library.exists() and not _compile([compiler, *flags], source, library):
         return None
     return library
 
@@ -79,12 +79,12 @@ def _cache_folder() -> Path | None:
     return folder if os.access(folder, os.W_OK) else None
 
 
-def _compile(compiler: str, source: str, library: Path) -> bool:
+def _compile(command: list[str], source: str, library: Path) -> bool:
     with tempfile.TemporaryDirectory(dir=library.parent) as folder:
         code, built = Path(folder, "f.c"), Path(folder, "f.so")
         code.write_text(source, encoding="utf-8")
-        command = [compiler, *COMPILER_FLAGS, str(code), "-o", str(built), "-lm"]
-        if subprocess.run(command, capture_output=True, check=False).returncode != 0:
+        whole = [*command, str(code), "-o", str(built), "-lm"]
+        if subprocess.run(whole, capture_output=True, check=False).returncode != 0:
             return False
         os.replace(built, library)  # several processes may build the same library at once
     return True

@@ -23,9 +23,9 @@ from pam_orthosis.model.rules import broken_rules
 
 Value = float | int | bool | str | list
 
-SUBJECTS = ("muscle", "valve", "leg", "control", "rig", "plant", "scenario")
+SUBJECTS = ("muscle", "valve", "leg", "control", "rig", "plant", "scenario", "gap")
 # the knee's nodes know no rig; the rig's controllers know these and their rig
-BELIEF = ("muscle", "valve", "leg", "control", "effects", "scenario", "gap")
+BELIEF = ("muscle", "valve", "leg", "control", "effects", "scenario")
 _YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The orthosis as a system of the gap workflow: what is believed of it, and how far that may be off."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import casadi as ca
+import numpy as np
+
+from pam_orthosis.discrepancy.system import Assembled, Calibration, Channel, Equation, System
+from pam_orthosis.model import leg as leg_model
+from pam_orthosis.model import orthosis
+from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.effects.base import enabled
+from pam_orthosis.model.muscle import polynomial
+from pam_orthosis.model.parameters import BELIEF, Section
+
+# tolerance -> believed parameters that it multiplies
+MULTIPLIES = {
+    "moving_mass": ("leg.thigh.mass", "leg.shank.mass", "leg.knee_mass", "leg.shoe_mass"),
+    "person_mass": ("leg.person.mass",),
+    "muscle_damping": ("muscle.dmsp_20.force.damping",),
+    "conductance": ("valve.conductance",),
+    "critical_ratio": ("valve.critical_ratio",),
+    "polytropic_exponent": ("valve.polytropic_exponent",),
+    "supply_pressure": ("valve.supply_pressure",),
+    "hose_volume": ("valve.hose.volume",),
+}
+TABLE_ORDER = 16
+TABLE_MARGIN = 0.2  # rad beyond the joint's stops
+CHANNELS = (
+    Channel("angle", "angle", "rad", "deg", 57.29577951308232),
+    Channel("extensor_pressure", "extensor_pressure", "Pa", "mbar", 0.01),
+    Channel("flexor_pressure", "flexor_pressure", "Pa", "mbar", 0.01),
+)
+
+
+def knee(parameters, catalogue: Mapping | None = None) -> System:
+    """Return the orthosis as the belief describes it; `plant` is not read.
+
+    Args:
+        parameters: the tree; effects that `effects.*` switches on belong to the nominal model.
+        catalogue: effects that may be missing (all of the catalogue).
+    """
+    belief = parameters.only(*BELIEF, "gap")
+    present = enabled(belief.effects)
+    known = CATALOGUE if catalogue is None else catalogue
+    settings = belief.gap.replay
+    return System(
+        name="knee orthosis",
+        channels=CHANNELS,
+        inputs=("extensor_voltage", "flexor_voltage"),
+        derived={"velocity": "angle"},
+        equations=_equations(settings),
+        calibrations=_calibrations(belief),
+        catalogue={name: effect for name, effect in known.items() if name not in present},
+        assemble=lambda effects: _assemble(belief, effects),
+    )
+
+
+def _equations(settings) -> tuple[Equation, ...]:
+    motion = {"angle": {"angle": settings.angle_gain, "velocity": settings.velocity_gain}}
+    pressures = ("extensor_pressure", "flexor_pressure")
+    gas = {name: {name: settings.pressure_gain} for name in pressures}
+    return (
+        Equation("torque", ("angle", "velocity"), ("angle",), motion),
+        Equation("gas", pressures, pressures, gas),
+    )
+
+
+def _calibrations(belief) -> tuple[Calibration, ...]:
+    person = belief.leg.person.present
+    rows = [belief.row(f"gap.tolerance.{name}") for name, _ in belief.gap.tolerance.items()]
+    return tuple(
+        Calibration(row.key.rsplit(".", 1)[1], row.value, row.unit, row.meaning)
+        for row in rows
+        if person or not row.key.endswith("person_mass")
+    )
+
+
+def _assemble(belief, effects: tuple[str, ...]) -> Assembled:
+    names = [one.name for one in _calibrations(belief)]
+    own = [f"{name}.{q.name}" for name in effects for q in CATALOGUE[name].parameters]
+    theta = ca.SX.sym("theta", len(names) + len(own))
+    symbols = dict(zip([*names, *own], ca.vertsplit(theta), strict=True))
+    assembly = orthosis.assemble(_hardware(belief, effects, symbols))
+    x, u, time = assembly.x, ca.SX.sym("u", 2), ca.SX.sym("time")
+    voltages = u + ca.vertcat(symbols["extensor_closed_voltage"], symbols["flexor_closed_voltage"])
+    given = {
+        "external_torque": 0,
+        "time": time,
+        "extensor_voltage": voltages[0],
+        "flexor_voltage": voltages[1],
+    }
+    inputs = ca.vertcat(*(given[name] for name in orthosis.INPUTS))
+    offsets = {name: symbols[f"{name}_offset"] for name in (channel.name for channel in CHANNELS)}
+    measured = [getattr(assembly.signals, f"measured_{name}") + offsets[name] for name in offsets]
+    rates, *measured = ca.substitute([assembly.rates, *measured], [assembly.u], [inputs])
+    return Assembled(
+        assembly.states, x, u, time, theta, (*names, *own), rates, dict(zip(offsets, measured, strict=True))
+    )
+
+
+def _hardware(belief, effects, symbols) -> orthosis.Hardware:
+    values = belief.flat()
+    deviating = {
+        key: values[key] * (1 + symbols[name])
+        for name, keys in MULTIPLIES.items()
+        if name in symbols
+        for key in keys
+    }
+    true = belief.substituted(deviating)
+    mechanics = tabulated(belief, symbols["moving_mass"], symbols.get("person_mass", 0.0))
+    settings = dict(belief.effects.items())
+    for name in effects:
+        own = {q.name: symbols[f"{name}.{q.name}"] for q in CATALOGUE[name].parameters}
+        settings[name] = Section(f"effects.{name}", {"enabled": True, **own})
+    laws = {name: _law(true.muscle.dmsp_20, symbols[f"{name}_force"]) for name in orthosis.MUSCLES}
+    effects_on = Section("effects", settings)
+    return orthosis.Hardware(true.leg, true.muscle.dmsp_20, true.valve, laws, effects_on, mechanics)
+
+
+def tabulated(belief, moving_mass, person_mass):
+    """Return the leg's mechanics with inertia and gravity as Chebyshev fits over the joint's range.
+
+    Both are linear in the masses and depend on the angle alone, so that a polynomial of order
+    `TABLE_ORDER` gives Eq. (25) to 1e-9 of its size at a fraction of the cost; k is m'(q) q-dot^2 / 2.
+    `moving_mass` and `person_mass` are relative deviations of the masses.
+    """
+    apparatus, person, foot = _mass_tables(belief)
+
+    def mechanics(q, velocity, _leg, extra_foot_mass=0.0):
+        inertia, gravity = (
+            (1 + moving_mass) * polynomial(a, _scaled(q, belief.leg.joint))
+            + (1 + person_mass) * polynomial(b, _scaled(q, belief.leg.joint))
+            + extra_foot_mass * polynomial(c, _scaled(q, belief.leg.joint))
+            for a, b, c in zip(apparatus, person, foot, strict=True)
+        )
+        slope = ca.jtimes(inertia, q, 1) if isinstance(q, ca.SX) else 0.0
+        return leg_model.Mechanics(inertia, 0.5 * slope * velocity**2, gravity)
+
+    return mechanics
+
+
+def _mass_tables(belief):
+    """Return coefficients of inertia and gravity by the angle for apparatus, person, 1 kg at the ankle."""
+    masses = [key for key in belief.flat() if key in MULTIPLIES["moving_mass"]]
+    none = dict.fromkeys((*masses, "leg.person.mass"), 0.0)
+    values = belief.flat()
+    apparatus = {**none, **{key: values[key] for key in masses}}
+    person = {**none, "leg.person.mass": values["leg.person.mass"]}
+    return (
+        _table(belief.substituted(apparatus), 0.0),
+        _table(belief.substituted(person), 0.0),
+        _table(belief.substituted(none), 1.0),
+    )
+
+
+def _table(belief, extra_foot_mass):
+    q, velocity = ca.SX.sym("q"), ca.SX.sym("velocity")
+    terms = leg_model.mechanics(q, velocity, belief.leg, extra_foot_mass)
+    function = ca.Function("terms", [q], [terms.inertia, terms.gravity])
+    joint = belief.leg.joint
+    nodes = np.cos(np.pi * (np.arange(200) + 0.5) / 200)
+    angles = 0.5 * (joint.maximum + joint.minimum) + nodes * (
+        0.5 * (joint.maximum - joint.minimum) + TABLE_MARGIN
+    )
+    sampled = np.array(function.map(200)(angles[None, :])).reshape(2, 200)
+    fits = [np.polynomial.chebyshev.chebfit(nodes, values, TABLE_ORDER) for values in sampled]
+    return [np.polynomial.chebyshev.cheb2poly(fit).tolist() for fit in fits]
+
+
+def _scaled(q, joint):
+    return (q - 0.5 * (joint.maximum + joint.minimum)) / (
+        0.5 * (joint.maximum - joint.minimum) + TABLE_MARGIN
+    )
+
+
+def _law(m, deviation) -> orthosis.MuscleLaw:
+    law = orthosis.polynomial_law(m)
+    return orthosis.MuscleLaw(lambda dl, p: (1 + deviation) * law.force(dl, p), law.volume)

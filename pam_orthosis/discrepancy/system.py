@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the gap workflow needs to know of a system: equations, signals, tolerances, catalogue.
+
+The engine knows nothing of knees. A system gives its equations as one assembly of expressions, with
+the parameters as symbols; the engine cuts it into equations that are driven by recorded neighbours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+
+from pam_orthosis.model.effects.base import Effect
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A measured signal: the state that it measures, unit, factor to the unit of reports."""
+
+    name: str
+    state: str
+    unit: str
+    report_unit: str
+    report_factor: float
+
+
+@dataclass(frozen=True)
+class Equation:
+    """One part of the model that is replayed alone.
+
+    Attributes:
+        name: in reports.
+        states: base states that it integrates.
+        channels: measured channels that it predicts.
+        gains: channel -> {state: observer gain, 1/s times the ratio of their units}.
+    """
+
+    name: str
+    states: tuple[str, ...]
+    channels: tuple[str, ...]
+    gains: Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """An ordinary parameter that may be off: deviation from the belief with mean 0 and this sd."""
+
+    name: str
+    sd: float
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """Expressions of a system with some effects on.
+
+    `x` holds the states named `states` (base states first), `u` the inputs, `time` the instant in s,
+    `theta` the parameters named `parameters`; `measured` maps a channel to its expression.
+    """
+
+    states: tuple[str, ...]
+    x: ca.SX
+    u: ca.SX
+    time: ca.SX
+    theta: ca.SX
+    parameters: tuple[str, ...]
+    rates: ca.SX
+    measured: Mapping[str, ca.SX]
+
+
+@dataclass(frozen=True)
+class System:
+    """A system whose model can be replayed.
+
+    Attributes:
+        name: in reports.
+        channels: what is measured.
+        inputs: recorded inputs, in the order of `Assembled.u`.
+        derived: base state -> base state whose difference quotient it is when it is a neighbour
+            (velocity of angle).
+        equations: how the model is cut.
+        calibrations: ordinary parameters with tolerances.
+        catalogue: effects that may be missing.
+        present: effects that the nominal model has already, name -> values.
+        assemble: names of effects -> Assembled; parameters are the calibrations' deviations, then
+            `EFFECT.PARAMETER` of each effect in the order given.
+    """
+
+    name: str
+    channels: tuple[Channel, ...]
+    inputs: tuple[str, ...]
+    derived: Mapping[str, str]
+    equations: tuple[Equation, ...]
+    calibrations: tuple[Calibration, ...]
+    catalogue: Mapping[str, Effect]
+    assemble: Callable[[tuple[str, ...]], Assembled]
+
+    @cached_property
+    def shapes(self) -> tuple[str, ...]:
+        """The shape corrections: always there, held by their priors."""
+        return tuple(name for name, effect in self.catalogue.items() if effect.shape)
+
+    @cached_property
+    def candidates(self) -> tuple[str, ...]:
+        """The effects that can be named."""
+        return tuple(name for name, effect in self.catalogue.items() if not effect.shape)
+
+    def channel(self, name: str) -> Channel:
+        """Return a channel by name."""
+        return next(channel for channel in self.channels if channel.name == name)
