@@ -13,6 +13,7 @@ from pam_orthosis.bag.steps import Message, StepCollector
 from pam_orthosis.bag.topics import RECORDED, RECORDER, SECOND_NS, Topic
 from pam_orthosis.nodes import graph, messages
 from pam_orthosis.nodes.parameters import Setting
+from pam_orthosis.nodes.supervisor import NOTE_PREFIX
 
 QUEUE_DEPTH = 5000
 ACKNOWLEDGE_SECONDS = 0.05
@@ -81,7 +82,7 @@ class BagRecorder(graph.GraphNode):
         """Say which message broke the chain: the first that the last step lacks, causes first."""
         if missing := self._steps.missing():
             print(
-                f"pam-orthosis: note: the last step lacks {missing[0].name} of {missing[0].producers[0]}",
+                f"{NOTE_PREFIX}the last step lacks {missing[0].name} of {missing[0].producers[0]}",
                 file=sys.stderr,
             )
 

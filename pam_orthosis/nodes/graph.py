@@ -29,7 +29,7 @@ from pam_orthosis.nodes import messages
 from pam_orthosis.nodes.join import Join
 from pam_orthosis.nodes.layout import LAYOUT
 from pam_orthosis.nodes.parameters import Setting, declare_rows, declare_settings
-from pam_orthosis.nodes.supervisor import HEARTBEAT_VARIABLE
+from pam_orthosis.nodes.supervisor import ERROR_PREFIX, HEARTBEAT_VARIABLE
 
 HEARTBEAT_SECONDS = 0.1
 PEER_POLL_SECONDS = 0.02
@@ -221,7 +221,7 @@ def run(make_nodes: Callable[[], Sequence[GraphNode]]) -> int:
     try:
         spin(make_nodes())
     except OrthosisError as error:
-        print(f"pam-orthosis: error: {error}", file=sys.stderr)
+        print(f"{ERROR_PREFIX}{error}", file=sys.stderr)
         return error.exit_status
     finally:
         rclpy.try_shutdown()

@@ -18,7 +18,7 @@ from pam_orthosis.model.plant import Measurement, Plant, Truth
 from pam_orthosis.nodes import graph, messages
 from pam_orthosis.nodes.parameters import Setting
 
-MAX_UNRECORDED_STEPS = 500
+MAX_UNRECORDED_STEPS = 100
 WATCH_SECONDS = 0.25
 INPUTS = ("extensor/valve_voltage", "flexor/valve_voltage")
 

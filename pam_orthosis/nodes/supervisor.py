@@ -13,6 +13,8 @@ from pathlib import Path
 from pam_orthosis.errors import RunFailed
 
 HEARTBEAT_VARIABLE = "PAM_ORTHOSIS_HEARTBEAT"
+ERROR_PREFIX = "pam-orthosis: error: "
+NOTE_PREFIX = "pam-orthosis: note: "
 POLL_SECONDS = 0.02
 SILENCE_SECONDS = 1.2
 START_SECONDS = 60.0
@@ -63,8 +65,9 @@ class Child:
     def last_words(self) -> str:
         """Return the error that the process reported, or else the last line that it printed."""
         lines = [line for line in self.log.read_text(errors="replace").splitlines() if line.strip()]
-        own = [line for line in lines if line.startswith("pam-orthosis: ")]
-        return (own or lines or [""])[-1].removeprefix("pam-orthosis: ").removeprefix("error: ")
+        reported = [line for line in lines if line.startswith(ERROR_PREFIX)]
+        others = [line for line in lines if not line.startswith(NOTE_PREFIX)]
+        return (reported or others or [""])[-1].removeprefix(ERROR_PREFIX)
 
     def release(self) -> None:
         """Close the pipe."""
