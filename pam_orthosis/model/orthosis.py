@@ -17,7 +17,7 @@ from pam_orthosis.model import leg as leg_model
 from pam_orthosis.model import muscle as muscle_model
 from pam_orthosis.model import pneumatics
 from pam_orthosis.model.effects import CATALOGUE
-from pam_orthosis.model.effects.base import apply_stage, enabled
+from pam_orthosis.model.effects.base import ActiveEffects
 
 MUSCLES = ("extensor", "flexor")
 BASE_STATES = ("angle", "velocity", "extensor_pressure", "flexor_pressure")
@@ -101,43 +101,36 @@ def geometric_law(m, scale=1.0) -> MuscleLaw:
 
 def assemble(hardware: Hardware) -> Assembly:
     """Return the equations of motion and gas with all effects that are on."""
-    active = [CATALOGUE[name] for name in enabled(hardware.effects)]
-    names = [*BASE_STATES, *(state for effect in active for state in effect.states)]
+    effects = ActiveEffects(CATALOGUE, hardware.effects)
+    names = (*BASE_STATES, *effects.states)
     x, u = ca.SX.sym("x", len(names)), ca.SX.sym("u", len(INPUTS))
-    own_states, start = {}, len(BASE_STATES)
-    for effect in active:
-        own_states[effect.name] = tuple(ca.vertsplit(x[start : start + len(effect.states)]))
-        start += len(effect.states)
+    effects.bind(ca.vertsplit(x)[len(BASE_STATES) :])
     signals = _signals(x, u, hardware)
-    own_rates: dict[str, tuple] = {}
-
-    def stages(*names):
-        for name in names:
-            apply_stage(name, signals, active, hardware.effects, own_states, own_rates)
-
-    stages("body", "supply", "command", "spool")
-    _openings(signals)
-    stages("opening")
-    _flows(signals)
-    stages("flow")
-    _volumes(signals, hardware)
-    stages("gas")
-    _gas(signals)
-    _static_forces(signals, hardware)
-    stages("force")
+    valves_to_forces(signals, hardware.laws, effects)
     _tensions(signals, hardware)
     _torque(signals, hardware)
-    stages("torque")
+    effects.stages(signals, "torque")
     _motion(signals, hardware)
     _sensors(signals)
-    stages("sensor")
+    effects.stages(signals, "sensor")
     rates = [signals.velocity, signals.acceleration]
-    rates += [signals.extensor_pressure_rate, signals.flexor_pressure_rate]
-    for effect in active:
-        own = own_rates[effect.name]
-        rates += own(signals) if callable(own) else own
+    rates += [signals.extensor_pressure_rate, signals.flexor_pressure_rate, *effects.rates(signals)]
     outputs = ca.vertcat(*(getattr(signals, name) for name in OUTPUTS))
-    return Assembly(tuple(names), x, u, ca.vertcat(*rates), outputs, signals)
+    return Assembly(names, x, u, ca.vertcat(*rates), outputs, signals)
+
+
+def valves_to_forces(signals: SimpleNamespace, laws: dict[str, MuscleLaw], effects: ActiveEffects) -> None:
+    """Evaluate a pair of muscles with valves and gas, from the voltages to the static forces."""
+    effects.stages(signals, "body", "supply", "command", "spool")
+    _openings(signals)
+    effects.stages(signals, "opening")
+    _flows(signals)
+    effects.stages(signals, "flow")
+    _volumes(signals, laws)
+    effects.stages(signals, "gas")
+    _gas(signals)
+    _static_forces(signals, laws)
+    effects.stages(signals, "force")
 
 
 def _signals(x, u, hardware: Hardware) -> SimpleNamespace:
@@ -186,10 +179,10 @@ def _flows(s) -> None:
         setattr(s, f"{name}_flow", flow)
 
 
-def _volumes(s, hardware: Hardware) -> None:
+def _volumes(s, laws: dict[str, MuscleLaw]) -> None:
     for name in MUSCLES:
         contraction, gauge = getattr(s, f"{name}_contraction"), getattr(s, f"{name}_gauge")
-        terms = volume_terms(hardware.laws[name].volume, contraction, gauge)
+        terms = volume_terms(laws[name].volume, contraction, gauge)
         for kind, term in zip(("volume", "volume_by_pressure", "volume_by_contraction"), terms, strict=True):
             setattr(s, f"{name}_{kind}", term)
 
@@ -209,9 +202,9 @@ def _gas(s) -> None:
         setattr(s, f"{name}_pressure_rate", rate)
 
 
-def _static_forces(s, hardware: Hardware) -> None:
+def _static_forces(s, laws: dict[str, MuscleLaw]) -> None:
     for name in MUSCLES:
-        law = hardware.laws[name]
+        law = laws[name]
         contraction, gauge = getattr(s, f"{name}_contraction"), getattr(s, f"{name}_gauge")
         setattr(s, f"{name}_force", law.force(contraction, gauge))
 

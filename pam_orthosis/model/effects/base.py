@@ -130,16 +130,49 @@ def enabled(settings) -> list[str]:
     return [name for name, values in settings.items() if values.enabled]
 
 
-def apply_stage(stage: str, signals: SimpleNamespace, active, settings, states, rates) -> None:
-    """Let the active effects of a stage add to the signals; collect the rates of their states.
+class ActiveEffects:
+    """The effects that are on in one set of equations, with their states.
 
-    `states` and `rates` map an effect's name to its tuple of states and of their derivatives.
+    Args:
+        catalogue: effects by name.
+        settings: section with the settings of each effect.
     """
-    for effect in active:
-        if effect.stage != stage:
-            continue
-        values = getattr(settings, effect.name)
-        contribution = effect.expression(signals, values, states.get(effect.name, ()))
+
+    def __init__(self, catalogue: Mapping[str, Effect], settings):
+        self._effects = [catalogue[name] for name in enabled(settings)]
+        self._settings = settings
+        self._own: dict[str, tuple] = {}
+        self._rates: dict[str, Any] = {}
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of all states, effect by effect."""
+        return tuple(state for effect in self._effects for state in effect.states)
+
+    def bind(self, symbols: list) -> None:
+        """Give the states their symbols, in the order of `states`."""
+        rest = iter(symbols)
+        for effect in self._effects:
+            self._own[effect.name] = tuple(next(rest) for _ in effect.states)
+
+    def stages(self, signals: SimpleNamespace, *names: str) -> None:
+        """Let the effects of these stages, one after the other, add to the signals."""
+        for name in names:
+            for effect in self._effects:
+                if effect.stage == name:
+                    self._apply(effect, signals)
+
+    def rates(self, signals: SimpleNamespace) -> list:
+        """Return the derivatives of all states; call it when all stages are done."""
+        result: list = []
+        for effect in self._effects:
+            own = self._rates[effect.name]
+            result += own(signals) if callable(own) else own
+        return result
+
+    def _apply(self, effect: Effect, signals: SimpleNamespace) -> None:
+        values = getattr(self._settings, effect.name)
+        contribution = effect.expression(signals, values, self._own[effect.name])
         for name, amount in contribution.add.items():
             setattr(signals, name, getattr(signals, name) + amount)
-        rates[effect.name] = contribution.rates
+        self._rates[effect.name] = contribution.rates
