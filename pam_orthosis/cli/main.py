@@ -18,6 +18,7 @@ from pam_orthosis.errors import OrthosisError
 VERBS = {
     "run": "start the node graph, record a bag, judge it",
     "check": "judge the tracking of a recorded bag",
+    "rig": "record the identification procedure on the emulated test rig",
     "recover": "make a readable bag of one whose recorder was killed",
 }
 

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Run the identification procedure of the paper's section 2 on the emulated test rig; record bags."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from pam_orthosis.bag.rig_record import record_rig
+from pam_orthosis.control.rig_loop import DecayRig, Rig, RigSample, force_procedure, volume_procedure
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import Parameters, load
+from pam_orthosis.model.rig import SPECIMENS
+
+TESTS = ("force", "volume", "decay")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the verb."""
+    parser.add_argument(
+        "--muscle", choices=SPECIMENS, default="dmsp_20", help="investigated muscle (dmsp_20)"
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the bags (runs/rig-MUSCLE)")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of the sensor noise (1)")
+    parser.add_argument("--tests", nargs="+", choices=TESTS, default=TESTS, help="which tests (all)")
+    parser.add_argument("--load-cell", type=float, metavar="N", help="class of the load cell, N (50)")
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Record one bag a pressure and test."""
+    overrides = {"scenario.seed": arguments.seed}
+    if arguments.load_cell is not None:
+        overrides["plant.rig.load_cell.accuracy"] = arguments.load_cell
+    parameters = load(overrides)
+    out = arguments.out or Path("runs") / f"rig-{arguments.muscle}"
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise OrthosisError(f"{out} exists and is not an empty folder; choose another --out")
+    for test in arguments.tests:
+        _run_test(parameters, arguments.muscle, test, out)
+    print(out)
+    return 0
+
+
+def _run_test(parameters: Parameters, specimen: str, test: str, out: Path) -> None:
+    rig = parameters.rig
+    every = 1 if test == "decay" else round(rig.record_period / rig.control_period)
+    for number, pressure in enumerate(_pressures(rig, test)):
+        name = f"{test}-{pressure / 1e5:.1f}bar"
+        samples = _samples(parameters, specimen, test, pressure, parameters.scenario.seed + number)
+        count = record_rig(out / name, parameters, specimen, test, samples, every)
+        print(f"{out / name}: {count} samples", file=sys.stderr, flush=True)
+
+
+def _pressures(rig, test: str) -> list[float]:
+    if test == "decay":
+        return rig.decay.pressures
+    if test == "volume":
+        return rig.procedure.pressures
+    return sorted([*rig.procedure.pressures, *rig.procedure.held_out_pressures])
+
+
+def _samples(
+    parameters: Parameters, specimen: str, test: str, pressure: float, seed: int
+) -> Iterator[RigSample]:
+    if test == "decay":
+        return DecayRig(parameters, specimen, seed).run(pressure)
+    procedure = force_procedure if test == "force" else volume_procedure
+    return procedure(Rig(parameters, specimen, seed), pressure)

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Position control of the rig's carriage by exact input-output linearisation, Eqs. (9)-(12).
+
+The output y = x_S has to be differentiated three times until the mass flow u shows, Eq. (10):
+relative degree 3. With the mass flow of Eq. (11) the third derivative is the new input v.
+
+Eq. (12) prints x_S-double-dot as its feed-forward, and derivatives of too low an order at alpha_3 and
+alpha_2. Relative degree 3 asks for the third derivative of the reference, alpha_3 on the error of
+the acceleration, alpha_2 on that of the velocity, alpha_1 on that of the position and alpha_0 on the
+integral, so that e = x_d - x obeys
+
+    e'''' + alpha_3 e''' + alpha_2 e'' + alpha_1 e' + alpha_0 e = 0.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from scipy import signal
+
+from pam_orthosis.model import muscle as muscle_model
+from pam_orthosis.model import pneumatics
+from pam_orthosis.model.compiled import compiled
+from pam_orthosis.model.orthosis import volume_terms
+from pam_orthosis.model.rig import carriage_acceleration, positioner_contraction
+
+# relative distance of the observer's poles: scipy places only distinct poles on one output
+POLE_SPREAD = (0.9, 1.0, 1.1)
+# m s; a slack MAS-40 cannot push: beyond this the integral would only wind up
+INTEGRAL_LIMIT = 2.0e-3
+
+
+class CarriageReference(NamedTuple):
+    """Desired position m and its first three derivatives, m/s, m/s^2, m/s^3."""
+
+    position: float
+    velocity: float
+    acceleration: float
+    jerk: float
+
+
+class CarriageEstimate(NamedTuple):
+    """Estimated position m, velocity m/s, acceleration m/s^2."""
+
+    position: float
+    velocity: float
+    acceleration: float
+
+
+def error_coefficients(poles) -> np.ndarray:
+    """Return alpha_0 .. alpha_3 of Eq. (12) for four poles of the error, 1/s^(4-k)."""
+    return np.poly(poles)[:0:-1].copy()
+
+
+def demanded_jerk(reference, estimate, integral, alpha):
+    """Return v of Eq. (12) with the derivative orders of relative degree 3, m/s^3.
+
+    Args:
+        reference: (4,) position and three derivatives.
+        estimate: (3,) position, velocity, acceleration.
+        integral: of the position error, m s.
+        alpha: (4,) alpha_0 .. alpha_3.
+    """
+    errors = [reference[i] - estimate[i] for i in range(3)]
+    v = reference[3] + alpha[0] * integral
+    for k, error in enumerate(errors, start=1):
+        v += alpha[k] * error
+    return v
+
+
+def positioner_force(position, pressure, belief):
+    """Return F_M,r of Eq. (8), N; not clamped at slack, so that its derivatives stay defined."""
+    gauge = pressure - belief.valve.ambient_pressure
+    return muscle_model.towing_force(positioner_contraction(position, belief), gauge, belief.muscle.mas_40)
+
+
+def slack_pressure(position, belief):
+    """Return the absolute pressure at which the MAS-40 begins to pull, Pa."""
+    contraction, m = positioner_contraction(position, belief), belief.muscle.mas_40
+    gauge = muscle_model.counterforce(contraction, m) / muscle_model.area(contraction, m)
+    return gauge + belief.valve.ambient_pressure
+
+
+def linearising_flow(jerk, position, velocity, pressure, belief):
+    """Return the mass flow of Eq. (11) that makes the third derivative of x_S equal to `jerk`, kg/s.
+
+    Eq. (9) is solved for the pressure's rate, Eq. (6) for the flow; the partial derivatives come by
+    differentiation of the model. dF_M,d/dt is neglected as in Eq. (10).
+    """
+    x, p = ca.SX.sym("x"), ca.SX.sym("p")
+    contraction = positioner_contraction(x, belief)
+    force = positioner_force(x, p, belief)
+    by_pressure, by_position = ca.gradient(force, p), ca.gradient(force, x)
+    rate = (-belief.rig.carriage_mass * jerk - by_position * velocity) / by_pressure
+    volume, volume_by_pressure, volume_by_contraction = volume_terms(
+        lambda dl, gauge: muscle_model.volume(dl, gauge, belief.muscle.mas_40),
+        contraction,
+        p - belief.valve.ambient_pressure,
+    )
+    contraction_rate = ca.jtimes(contraction, x, velocity)
+    flow = pneumatics.required_mass_flow(
+        p, rate, contraction_rate, volume + belief.valve.hose.volume,
+        volume_by_pressure, volume_by_contraction, belief.valve,
+    )  # fmt: skip
+    return ca.substitute(flow, ca.vertcat(x, p), ca.vertcat(position, pressure))
+
+
+def control_function(belief) -> ca.Function:
+    """Return (reference, estimate, integral, pressure) -> mass flow, Eqs. (11)-(12)."""
+    reference, estimate = ca.SX.sym("reference", 4), ca.SX.sym("estimate", 3)
+    integral, pressure = ca.SX.sym("integral"), ca.SX.sym("pressure")
+    alpha = error_coefficients([-belief.rig.position.pole] * 4)
+    jerk = demanded_jerk(ca.vertsplit(reference), ca.vertsplit(estimate), integral, alpha)
+    flow = linearising_flow(jerk, estimate[0], estimate[1], pressure, belief)
+    return ca.Function("carriage_control", [reference, estimate, integral, pressure], [flow])
+
+
+class CarriageObserver:
+    """Observer of the carriage's velocity and acceleration from position, load cell and pressure.
+
+    Eq. (1) with both forces gives the acceleration up to an error of the force model, which is
+    estimated as a third state held constant: the paper measures the position only and does not say
+    where the velocity comes from.
+    """
+
+    def __init__(self, belief):
+        position, pressure, force = ca.SX.sym("x"), ca.SX.sym("p"), ca.SX.sym("force")
+        known = carriage_acceleration(
+            force, positioner_force(position, pressure, belief), belief.rig.carriage_mass
+        )
+        self._known = compiled(ca.Function("carriage_known", [position, pressure, force], [known]))
+        self._transition, self._input, self._gain = _observer_matrices(belief.rig)
+        self._state: np.ndarray | None = None
+
+    def step(self, position: float, pressure: float, force: float) -> CarriageEstimate:
+        """Return the estimate at the instant of this measurement (m, absolute Pa, N)."""
+        known = float(self._known(position, pressure, force)[0][0])
+        if self._state is None:  # at rest: whatever the forces say is their model's error
+            self._state, self._before = np.array([position, 0.0, -known]), known
+        predicted = self._transition @ self._state + self._input * (0.5 * (self._before + known))
+        self._state = predicted + self._gain * (position - predicted[0])
+        self._before = known
+        x, velocity, error = self._state.tolist()
+        return CarriageEstimate(x, velocity, known + error)
+
+
+def _observer_matrices(rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return transition (3, 3), input (3,) and gain (3,) of the sampled observer."""
+    t = rig.control_period
+    transition = np.array([[1, t, t**2 / 2], [0, 1, t], [0, 0, 1.0]])
+    poles = np.exp(-rig.position.observer_pole * t * np.array(POLE_SPREAD))
+    # the measurement of now corrects the prediction of now: the error's matrix is (1 - k c) A
+    placed = signal.place_poles(transition.T, transition[:1].T, poles)
+    return transition, np.array([t**2 / 2, t, 0.0]), placed.gain_matrix[0]
+
+
+class CarriageController:
+    """Observer and linearising law with its integral; knows the belief only."""
+
+    def __init__(self, parameters):
+        belief = parameters.rig_belief()
+        self._observer = CarriageObserver(belief)
+        self._control = compiled(control_function(belief))
+        self._period = belief.rig.control_period
+        self._integral = 0.0
+
+    def step(
+        self, position: float, pressure: float, force: float, reference: CarriageReference
+    ) -> tuple[float, CarriageEstimate]:
+        """Return the mass flow into the MAS-40, kg/s, and the estimate (m, absolute Pa, N)."""
+        estimate = self._observer.step(position, pressure, force)
+        integral = self._integral + (reference.position - position) * self._period
+        self._integral = min(max(integral, -INTEGRAL_LIMIT), INTEGRAL_LIMIT)
+        flow = float(self._control(reference, estimate, self._integral, pressure)[0][0])
+        return flow, estimate

@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The procedures of sections 2.4 and 2.5 on the emulated rig, without ROS.
+
+The controllers and the procedures get measurements only; truth is passed on for the recorder.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from scipy import linalg
+
+from pam_orthosis.control.inverse_valve import InverseValveModel
+from pam_orthosis.control.linearisation import (
+    CarriageController,
+    CarriageEstimate,
+    CarriageReference,
+    slack_pressure,
+)
+from pam_orthosis.errors import RunFailed
+from pam_orthosis.model import pneumatics
+from pam_orthosis.model.rig import Cylinder, RigMeasurement, RigPlant, RigTruth, at_rig
+
+PRESSURE_TOLERANCE = 3.0e3  # Pa within which a pressure counts as set
+FORCE_FILTER_TIME = 0.02  # s, of the load cell where the release watches for 'no force'
+PRESSURE_SLEW = 2.0e5  # Pa/s
+CAUTIOUS_FORCE = 100.0  # N above 'no force' at which a release slows down
+CREEP = 0.05  # share of the procedure's speed that remains
+REST_TIME = 4.0  # s in which the weight comes to rest
+PULL_TIME = 0.5  # s in which the hand pulls
+PATIENCE = 20.0  # s until a pressure has to be set and a ramp has to end
+
+
+class RigSample(NamedTuple):
+    """All that one step of the rig yields; `cylinder` only where a calliper was put on."""
+
+    time_ns: int
+    measured: RigMeasurement
+    reference: CarriageReference
+    pressure_reference: float
+    estimate: CarriageEstimate
+    flows: tuple[float, float]
+    voltages: tuple[float, float]
+    truth: RigTruth
+    cylinder: Cylinder | None = None
+
+
+class Ramp:
+    """A ramp with round corners: a stepwise speed behind three equal low-pass filters.
+
+    Three times differentiable, and it can be stopped at any time: `stopping_distance` tells how far
+    it will still go.
+    """
+
+    def __init__(self, corner: float, period: float, position: float):
+        c = corner
+        a = np.array([[0, 1, 0], [0, 0, 1], [-(c**3), -3 * c**2, -3 * c]])
+        whole = np.zeros((5, 5))  # position; speed and its two derivatives; commanded speed
+        whole[0, 1], whole[1:4, 1:4], whole[3, 4] = 1, a, c**3
+        self._transition = linalg.expm(whole * period)
+        self._remaining = -linalg.inv(a)[0]
+        self._state = np.array([position, 0.0, 0.0, 0.0, 0.0])
+
+    def step(self, speed: float) -> CarriageReference:
+        """Advance one period towards a speed, m/s; returns the reference of the new instant."""
+        self._state[4] = speed
+        self._state = self._transition @ self._state
+        return self.reference
+
+    @property
+    def reference(self) -> CarriageReference:
+        """The reference of this instant."""
+        return CarriageReference(*self._state[:4].tolist())
+
+    @property
+    def stopping_distance(self) -> float:
+        """Distance until rest if the speed is set to zero now, m."""
+        return float(self._remaining @ self._state[1:4])
+
+
+class PressureHolder:
+    """PI control of the investigated muscle's pressure; its output is a mass flow."""
+
+    def __init__(self, parameters, specimen: str):
+        belief = parameters.rig_belief()
+        settings, m = belief.rig.pressure, getattr(belief.muscle, specimen)
+        # Eq. (6) at the nominal length: one gain for all pressures and contractions
+        volume = m.volume.v[0] * m.length / m.map_length + belief.valve.hose.volume
+        per_pressure = volume / (
+            belief.valve.polytropic_exponent * pneumatics.GAS_CONSTANT * belief.valve.temperature
+        )
+        self._gain = settings.gain * per_pressure
+        self._integral_gain = self._gain * settings.integral * belief.rig.control_period
+        self._limit = 0.2 * self._gain * belief.valve.ambient_pressure
+        self._integral = 0.0
+
+    def step(self, pressure: float, reference: float) -> float:
+        """Return the mass flow into the muscle, kg/s (absolute Pa)."""
+        error = reference - pressure
+        wanted = self._integral + self._integral_gain * error
+        self._integral = min(max(wanted, -self._limit), self._limit)
+        return self._gain * error + self._integral
+
+
+class Rig:
+    """The emulated rig with its controllers in closed loop.
+
+    Args:
+        parameters: the whole tree.
+        specimen: `dmsp_20` or `dmsp_10`.
+        seed: of the sensor noise.
+        position: of the carriage at the start, m.
+    """
+
+    def __init__(self, parameters, specimen: str, seed: int = 0, position: float = 0.0):
+        parameters = at_rig(parameters)
+        self.rig = parameters.rig
+        taut = float(slack_pressure(position, parameters.rig_belief()))
+        self.plant = RigPlant(parameters, specimen, seed, position, taut)
+        self._carriage = CarriageController(parameters)
+        self._holder = PressureHolder(parameters, specimen)
+        self._valves = [InverseValveModel(parameters) for _ in range(2)]
+        self._ramp = Ramp(self.rig.reference.corner, self.rig.control_period, position)
+        self._index = 0
+        self._force = 0.0
+        self._pressure = parameters.valve.ambient_pressure
+
+    def step(self, pressure_reference: float, speed: float, calliper: bool = False) -> RigSample:
+        """Advance one period with a pressure for the specimen (absolute Pa) and a ramp speed (m/s)."""
+        measured, truth, reference = self.plant.measure(), self.plant.truth(), self._ramp.reference
+        cylinder = self.plant.calliper() if calliper else None
+        specimen_flow = self._holder.step(measured.specimen_pressure, pressure_reference)
+        flow, estimate = self._carriage.step(
+            measured.position, measured.positioner_pressure, measured.force, reference
+        )
+        flows = specimen_flow, flow
+        pressures = measured[1:3]
+        voltages = tuple(v.step(f, p) for v, f, p in zip(self._valves, flows, pressures, strict=True))
+        self.plant.advance(*voltages)
+        self._ramp.step(speed)
+        share = self.rig.control_period / FORCE_FILTER_TIME
+        self._force += share * (measured.force - self._force)
+        time_ns = self._index * self.plant.period_ns
+        self._index += 1
+        return RigSample(
+            time_ns, measured, reference, pressure_reference, estimate, flows, voltages, truth, cylinder
+        )
+
+    def rest(self, pressure: float, duration: float) -> Iterator[RigSample]:
+        """Hold pressure and position."""
+        for _ in range(round(duration / self.rig.control_period)):
+            yield self.step(pressure, 0.0)
+
+    def set_pressure(self, pressure: float) -> Iterator[RigSample]:
+        """Bring the specimen to a pressure at the present position, gently, then rest."""
+        slew = PRESSURE_SLEW * self.rig.control_period
+        for _ in range(self._patience):
+            self._pressure += min(max(pressure - self._pressure, -slew), slew)
+            sample = self.step(self._pressure, 0.0)
+            yield sample
+            if abs(sample.measured.specimen_pressure - pressure) < PRESSURE_TOLERANCE:
+                break
+        else:
+            raise RunFailed(f"the rig's investigated muscle did not reach {pressure:g} Pa in {PATIENCE:g} s")
+        yield from self.rest(pressure, self.rig.procedure.rest)
+
+    def ramp_to(self, pressure: float, position: float) -> Iterator[RigSample]:
+        """Move the carriage to a position at the procedure's speed, then rest."""
+        sign = math.copysign(1.0, position - self._ramp.reference.position)
+        while sign * (position - self._ramp.reference.position) > sign * self._ramp.stopping_distance:
+            yield self.step(pressure, sign * self.rig.procedure.speed)
+        yield from self.rest(pressure, self.rig.procedure.rest)
+
+    def release(self, pressure: float) -> Iterator[RigSample]:
+        """Let the specimen contract, slowly at last, until the load cell measures no force; then rest."""
+        settings = self.rig.procedure
+        for _ in range(self._patience):
+            share = (self._force - settings.free_force) / CAUTIOUS_FORCE
+            yield self.step(pressure, settings.speed * min(max(share, CREEP), 1.0))
+            if share < 0:
+                break
+        else:
+            raise RunFailed(f"the force at {pressure:g} Pa did not vanish in {PATIENCE:g} s of release")
+        yield from self.rest(pressure, self.rig.procedure.rest)
+
+    @property
+    def reference_position(self) -> float:
+        """Where the carriage is asked to be, m."""
+        return self._ramp.reference.position
+
+    @property
+    def _patience(self) -> int:
+        return round(PATIENCE / self.rig.control_period)
+
+
+def force_procedure(rig: Rig, pressure: float) -> Iterator[RigSample]:
+    """Run the procedure of section 2.5 at one pressure (absolute Pa).
+
+    Starting at zero contraction: set the pressure, release to the force-free contraction, pull to
+    zero contraction, and go back to the force-free contraction.
+    """
+    yield from rig.set_pressure(pressure)
+    yield from rig.release(pressure)
+    free = rig.reference_position
+    yield from rig.ramp_to(pressure, 0.0)
+    yield from rig.ramp_to(pressure, free)
+
+
+def volume_procedure(rig: Rig, pressure: float) -> Iterator[RigSample]:
+    """Measure the cylinder of section 2.3 at stations between the force-free and zero contraction."""
+    yield from rig.set_pressure(pressure)
+    yield from rig.release(pressure)
+    stations = np.linspace(rig.reference_position, 0.0, rig.rig.procedure.volume_stations)
+    for station in stations.tolist():
+        yield from rig.ramp_to(pressure, station)
+        yield rig.step(pressure, 0.0, calliper=True)
+
+
+class DecayRig:
+    """The rig prepared for the free decay of section 2.4: a weight in place of the MAS-40."""
+
+    def __init__(self, parameters, specimen: str, seed: int = 0):
+        parameters = at_rig(parameters)
+        self._settings, self._period = parameters.rig.decay, parameters.rig.control_period
+        self.plant = RigPlant(parameters, specimen, seed, weight=self._settings.weight)
+        self._holder = PressureHolder(parameters, specimen)
+        self._valve = InverseValveModel(parameters)
+        self._closed = parameters.valve.closed_voltage
+        self._ambient = parameters.valve.ambient_pressure
+        self._index = 0
+
+    def run(self, pressure: float) -> Iterator[RigSample]:
+        """Set the pressure, close the valve, pull the carriage from its rest and let it go.
+
+        Yields the time from the release on. The valve is closed because a pressure control that
+        lags behind the oscillation feeds or damps it: the enclosed gas is a spring without loss.
+        """
+        for _ in self._hold(pressure, REST_TIME, hand=0.0):
+            pass
+        for sample in self._hold(pressure, REST_TIME):
+            rest = sample.measured.position
+        pulled = rest - self._settings.pull
+        for share in np.linspace(0.0, 1.0, self._steps(PULL_TIME)).tolist():
+            self._step(pressure, None, rest + share * (pulled - rest))
+        self._index = 0
+        yield from (self._step(pressure, None) for _ in range(self._steps(self._settings.duration)))
+
+    def _steps(self, duration: float) -> int:
+        return round(duration / self._period)
+
+    def _hold(self, pressure: float, duration: float, hand: float | None = None) -> Iterator[RigSample]:
+        goal, steps = pressure - self._ambient, self._steps(duration)
+        for index in range(steps):
+            rising = self._ambient + goal * min(1.0, 2.0 * index / steps) if hand is not None else pressure
+            yield self._step(pressure, rising, hand)
+
+    def _step(self, pressure: float, wanted: float | None, hand: float | None = None) -> RigSample:
+        """Advance one period; `wanted` None: the valve is closed."""
+        measured, truth = self.plant.measure(), self.plant.truth()
+        flow, voltage = 0.0, self._closed
+        if wanted is not None:
+            flow = self._holder.step(measured.specimen_pressure, wanted)
+            voltage = self._valve.step(flow, measured.specimen_pressure)
+        self.plant.advance(voltage, self._closed, hand)
+        time_ns = self._index * self.plant.period_ns
+        self._index += 1
+        still = CarriageReference(measured.position, 0.0, 0.0, 0.0)
+        estimate = CarriageEstimate(measured.position, 0.0, 0.0)
+        voltages = (voltage, self._closed)
+        return RigSample(time_ns, measured, still, pressure, estimate, (flow, 0.0), voltages, truth)
