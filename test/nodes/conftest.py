@@ -8,6 +8,9 @@ import time
 from pathlib import Path
 
 import pytest
+from mcap.exceptions import McapError
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
 
 RUN = [sys.executable, "-m", "pam_orthosis.cli.main", "run"]
 QUICK = ["--param", "scenario.start_hold=0.1", "--param", "scenario.start_ramp=0.2"]
@@ -40,7 +43,8 @@ class LiveRun:
     def __init__(self, bag, *options):
         self.bag = bag
         command = [*RUN, "--out", str(bag), "--duration", "3600", *options]
-        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        environment = {**os.environ, "TMPDIR": str(bag.parent)}
+        self.process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
 
     def children(self):
         """Return process id by name of the node."""
@@ -48,9 +52,8 @@ class LiveRun:
         return {_node_name(pid): pid for pid in map(int, path.read_text().split())}
 
     def wait_until_it_records(self):
-        """Wait until a chunk of the bag is on disk."""
-        file = self.bag / f"{self.bag.name}_0.mcap"
-        wait_for(lambda: file.exists() and file.stat().st_size > 40_000)
+        """Wait until messages of the bag are on disk."""
+        wait_for(lambda: _holds_messages(self.bag / f"{self.bag.name}_0.mcap"))
 
     def ended(self):
         """Wait for the end; return exit status, what it said, and how long that took."""
@@ -65,6 +68,14 @@ def wait_for(condition):
     while not condition():
         assert time.monotonic() < deadline, "waited in vain"
         time.sleep(0.02)
+
+
+def _holds_messages(file):
+    try:
+        with open(file, "rb") as stream:
+            return any(isinstance(record, Message) for record in StreamReader(stream).records)
+    except (OSError, McapError):
+        return False
 
 
 def alive(pid):
