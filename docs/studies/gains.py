@@ -5,6 +5,7 @@ Run `python docs/studies/gains.py`; it prints Markdown.
 """
 
 import numpy as np
+from scipy.signal import butter, filtfilt
 
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model import parameters
@@ -22,8 +23,9 @@ ROWS = {
         (0.004, 100, 45, 80, 60),
         (0.005, 80, 35, 80, 60),
         (0.005, 100, 45, 80, 60),
+        (0.005, 110, 42, 50, 100),
     ],
-    "person": [(0.002, 50, 20, 40, 60), (0.002, 70, 30, 60, 60), (0.002, 100, 45, 80, 60)],
+    "person": [(0.005, 60, 25, 50, 100), (0.005, 70, 30, 50, 100), (0.005, 110, 42, 50, 100)],
 }
 KEYS = (
     "scenario.control_period",
@@ -36,23 +38,36 @@ KEYS = (
 
 
 def measure(scenario, period, pole, gain, pressure_gain, bandwidth):
-    """Return maximum error deg, RMS deg, voltage variation V/s of extensor and flexor."""
+    """Return maximum error deg, RMS deg, pressure ripple bar, voltage variation V/s of both valves."""
     values = map(float, (period, pole, gain, gain, pressure_gain, bandwidth))
     overrides = {**parameters.scenario_overrides(scenario), **dict(zip(KEYS, values, strict=True))}
     run = ClosedLoop(parameters.load(overrides), seed=1).run(round(SECONDS / period))
     error = np.degrees(run["reference_angle"] - run["angle"])
     variation = [np.abs(np.diff(run[f"{m}_voltage"])).sum() / SECONDS for m in ("extensor", "flexor")]
-    return np.abs(error).max(), np.sqrt(np.mean(error**2)), *variation
+    return np.abs(error).max(), np.sqrt(np.mean(error**2)), ripple(run, period), *variation
+
+
+def ripple(run, period):
+    """Return the largest measured pressure swing above 8 Hz, bar."""
+    high = butter(2, 8 * 2 * period, "high")
+    return max(np.abs(filtfilt(*high, run[f"{m}_pressure"])).max() for m in ("extensor", "flexor")) / 1e5
 
 
 def main():
     """Print the table."""
-    print("| scenario | period | pole | c1 = c2 | pressure gain | reference filter | max | RMS | voltage variation |")
-    print("|---|---|---|---|---|---|---|---|---|")
+    print("| scenario | period | pole | c1 = c2 | pressure gain | reference filter |", end="")
+    print(" max | RMS | ripple | voltage variation |")
+    print("|---|---|---|---|---|---|---|---|---|---|")
     for scenario, rows in ROWS.items():
         for period, *gains in rows:
-            largest, rms, extensor, flexor = measure(scenario, period, *gains)
-            columns = [f"{period * 1e3:g} ms", *map(str, gains), f"{largest:.2f} deg", f"{rms:.2f} deg"]
+            largest, rms, swing, extensor, flexor = measure(scenario, period, *gains)
+            columns = [
+                f"{period * 1e3:g} ms",
+                *map(str, gains),
+                f"{largest:.2f} deg",
+                f"{rms:.2f} deg",
+                f"{swing:.2f} bar",
+            ]
             print(f"| {scenario} | {' | '.join(columns)} | {extensor:.0f}, {flexor:.0f} V/s |", flush=True)
 
 

@@ -78,7 +78,7 @@ TOPICS = (
         "geometry_msgs/msg/WrenchStamped",
         POSITION,
         [],
-        "observer: torque about +y on the knee",
+        "observer: disturbance torque tau of Eq. (26), positive against flexion",
         "N m",
     ),
     _topic("extensor/pressure_reference", PRESSURE, POSITION, [EXTENSOR], "pressure to reach", "Pa"),

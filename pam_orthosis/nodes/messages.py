@@ -58,7 +58,7 @@ def fluid_pressure(stamp_ns: int, muscle: str, pressure: float, variance: float 
 
 
 def torque(stamp_ns: int, value: float) -> WrenchStamped:
-    """Return a torque (N m) about the knee's +y axis."""
+    """Return a torque (N m) in the axis of the knee."""
     message = WrenchStamped(header=header(stamp_ns, KNEE))
     message.wrench.torque.y = value
     return message
