@@ -67,7 +67,8 @@ def test_lyapunov_function_of_the_position_loop_decreases(belief):
 
 def allocate(belief):
     torque, q, w = (ca.SX.sym(n) for n in ("torque", "q", "w"))
-    return ca.Function("allocate", [torque, q, w], position.pressures_for_torque(torque, q, w, belief))
+    mean = belief.control.position.mean_pressure
+    return ca.Function("allocate", [torque, q, w], position.pressures_for_torque(torque, q, w, mean, belief))
 
 
 def torque_of(belief):
