@@ -76,6 +76,7 @@ class Part:
         relevant: those that the equation depends on.
         observe: (state, z, theta, period) -> (corrected state, residuals).
         rates: (state, z, theta, period, fraction of the period) -> rates.
+        slopes: the same -> derivatives of the rates by the state.
     """
 
     own: tuple[str, ...]
@@ -83,6 +84,12 @@ class Part:
     relevant: tuple[str, ...]
     observe: ca.Function
     rates: ca.Function
+    slopes: ca.Function
+
+    def fastest(self, rows: np.ndarray, theta: np.ndarray, state: np.ndarray, period: float) -> float:
+        """Return the largest eigenvalue (1/s, magnitude) of the rates at some rows of `z`."""
+        matrices = np.array([np.array(self.slopes(state, row, theta, period, 0.0)) for row in rows])
+        return float(np.abs(np.linalg.eigvals(matrices)).max()) if np.isfinite(matrices).all() else np.inf
 
 
 def data_width(system: System) -> int:
@@ -116,8 +123,9 @@ def cut(system: System, assembled: Assembled, static: Assembled, equation: Equat
     used = ca.jacobian_sparsity(ca.vertcat(rates, residual), theta).get_col()
     relevant = tuple(assembled.parameters[i] for i in sorted(set(used)))
     observe = ca.Function("observe", [x, z, theta, period], [corrected, residual])
-    rate = ca.Function("rates", [x, z, theta, period, fraction], [rates])
-    return Part(own, assembled.parameters, relevant, observe, rate)
+    given = [x, z, theta, period, fraction]
+    slopes = ca.Function("slopes", given, [ca.densify(ca.jacobian(rates, x))])
+    return Part(own, assembled.parameters, relevant, observe, ca.Function("rates", given, [rates]), slopes)
 
 
 class _Seen:
@@ -233,7 +241,7 @@ class Kernel:
         self.states, self.channels = len(part.own), part.observe.size1_out(1)
         self._size, self._results = self._observe.size1_in(0), self._observe.size1_out(1)
         self._width = part.observe.size1_in(1)
-        self._library = self._compile()
+        self._library, self._source = None, self._write_source()
 
     def __call__(self, z, theta, start, period: float, substeps: int) -> np.ndarray:
         """Return residuals (n, channels) or, with sensitivities, (n, channels, 1 + len(wrt))."""
@@ -251,7 +259,12 @@ class Kernel:
             return flat
         return flat.reshape(len(z), 1 + len(self.wrt), self.channels).transpose(0, 2, 1)
 
-    def _compile(self):
+    def build(self) -> None:
+        """Compile; without a compiler the virtual machine does the work."""
+        path = shared_library("replay", self._source, FLAGS)
+        self._library = None if path is None else ctypes.CDLL(str(path))
+
+    def _write_source(self) -> str:
         generator = ca.CodeGenerator("replay.c")
         for function in (self._observe, self._rates, self._held, self._fixed):
             generator.add(function)
@@ -259,8 +272,7 @@ class Kernel:
             states=self._size, data=self._width, results=self._results,
             fixed=max(1, self._fixed.size1_out(0)), held=max(1, self._held.size1_out(0)),
         )  # fmt: skip
-        path = shared_library("replay", generator.dump() + loop, FLAGS)
-        return None if path is None else ctypes.CDLL(str(path))
+        return generator.dump() + loop
 
     def _run_virtual(self, z, theta, state, period, substeps):
         x, row = ca.MX.sym("x", self._size), ca.MX.sym("z", self._width)

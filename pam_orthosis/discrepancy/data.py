@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings as uniform arrays: from arrays, CSV tables or bags."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from pam_orthosis.discrepancy.system import System
+from pam_orthosis.errors import OrthosisError
+
+HIGHEST_CUTOFF = 0.4  # of the sampling rate
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Measured channels and inputs at uniform instants.
+
+    Attributes:
+        name: in reports.
+        period: sampling period, s.
+        signals: name -> (n,) array, SI. A missing input is absent.
+    """
+
+    name: str
+    period: float
+    signals: Mapping[str, np.ndarray]
+
+    @property
+    def samples(self) -> int:
+        """The number of samples."""
+        return len(next(iter(self.signals.values())))
+
+    @property
+    def duration(self) -> float:
+        """Duration, s."""
+        return self.samples * self.period
+
+    def part(self, start: int, stop: int, name: str) -> Recording:
+        """Return the samples from start to stop as a recording of its own."""
+        return Recording(name, self.period, {key: value[start:stop] for key, value in self.signals.items()})
+
+
+def from_arrays(name: str, system: System, arrays: Mapping[str, np.ndarray]) -> Recording:
+    """Return a recording from arrays by signal name, with `time` in s.
+
+    Raises:
+        OrthosisError: signals missing, not finite or not uniform in time.
+    """
+    wanted = [*(channel.name for channel in system.channels), *system.inputs]
+    missing = [key for key in ("time", *(c.name for c in system.channels)) if key not in arrays]
+    if missing:
+        raise OrthosisError(f"{name}: no signal {', '.join(missing)}; there are: {', '.join(arrays)}")
+    time = np.asarray(arrays["time"], dtype=float)
+    signals = {key: np.asarray(arrays[key], dtype=float) for key in wanted if key in arrays}
+    for key, values in signals.items():
+        if len(values) != len(time):
+            raise OrthosisError(f"{name}: {key} has {len(values)} samples, time has {len(time)}")
+        if not np.isfinite(values).all():
+            raise OrthosisError(
+                f"{name}: {key} is not finite at sample {int(np.argmin(np.isfinite(values)))}"
+            )
+    return Recording(name, _period(name, time), signals)
+
+
+def from_csv(path: Path, system: System) -> Recording:
+    """Return the recording of a CSV table whose first row names the columns (`time`, signal names; SI).
+
+    Raises:
+        OrthosisError: unreadable, without header, not numeric, signals missing, or not uniform in time.
+    """
+    try:
+        with open(path, encoding="utf-8", newline="") as stream:
+            rows = list(csv.reader(stream))
+        values = np.array(rows[1:], dtype=float)
+    except OSError as error:
+        raise OrthosisError(f"cannot read {path}: {error.strerror or error}") from error
+    except (ValueError, UnicodeDecodeError, csv.Error) as error:
+        raise OrthosisError(f"{path} is not a table of numbers with one row of names: {error}") from error
+    if not len(values) or values.shape[1] != len(rows[0]):
+        raise OrthosisError(f"{path} holds no rows of numbers below its row of names")
+    header = [column.strip() for column in rows[0]]
+    return from_arrays(str(path), system, dict(zip(header, values.T, strict=True)))
+
+
+def _period(name: str, time: np.ndarray) -> float:
+    if len(time) < 2:
+        raise OrthosisError(f"{name}: a recording needs more than {len(time)} samples")
+    steps = np.diff(time)
+    period = float(np.median(steps))
+    if period <= 0:
+        raise OrthosisError(f"{name}: time does not increase")
+    uneven = np.abs(steps - period) > 0.01 * period
+    if uneven.any():
+        at = time[int(np.argmax(uneven))]
+        raise OrthosisError(
+            f"{name}: samples are not uniform in time, first at {at:.4f} s ({uneven.sum()} of {len(steps)}"
+            " steps); replay needs a recording without gaps"
+        )
+    return float((time[-1] - time[0]) / (len(time) - 1))
+
+
+def smoothed(values: np.ndarray, period: float, cutoff: float) -> np.ndarray:
+    """Return a signal without what is above a cutoff, Hz, and without delay (zero phase)."""
+    share = min(2 * cutoff * period, 2 * HIGHEST_CUTOFF)
+    return sosfiltfilt(butter(2, share, output="sos"), values)

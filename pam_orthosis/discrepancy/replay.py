@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Replay of recordings by a system's model with chosen effects on; residuals and their derivatives."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Mapping
+from threading import Lock
+
+import casadi as ca
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from pam_orthosis.discrepancy.data import Recording, smoothed
+from pam_orthosis.discrepancy.kernel import Kernel, Part, cut
+from pam_orthosis.discrepancy.system import Equation, System
+
+STEP_TIMES_RATE = 1.4  # longest Runge-Kutta step times the fastest eigenvalue (stable up to 2.78)
+MOST_SUBSTEPS = 64
+REMEMBERED = 96
+_CASADI = Lock()  # expression graphs are built by one thread at a time
+
+
+class Run:
+    """A recording prepared for replay.
+
+    Args:
+        noise: channel or input -> samples added to the recorded ones (to see what noise does).
+    """
+
+    def __init__(self, system: System, recording: Recording, cutoff: float, noise: Mapping | None = None):
+        self.recording, self.period = recording, recording.period
+        noise = noise or {}
+        self._system = system
+        self._raw = {key: value + noise.get(key, 0.0) for key, value in recording.signals.items()}
+        self._smooth = {
+            channel.name: smoothed(self._raw[channel.name], self.period, cutoff)
+            for channel in system.channels
+        }
+        self._inputs = {name: self._raw.get(name, np.zeros(recording.samples)) for name in system.inputs}
+
+    def data(self, equation: Equation, advance: Mapping[str, float]) -> np.ndarray:
+        """Return the rows `z` of a kernel; neighbours' smoothed signals are advanced by seconds."""
+        own = equation.channels
+        neighbours = np.column_stack(
+            [
+                self._advanced(c.name, 0.0 if c.name in own else advance.get(c.name, 0.0))
+                for c in self._system.channels
+            ]
+        )
+        later = np.vstack([neighbours[1:], neighbours[-1:]])
+        inputs = np.column_stack([self._inputs[name] for name in self._system.inputs])
+        before = np.vstack([inputs[:1], inputs[:-1]])
+        time = np.arange(len(inputs)) * self.period
+        measured = np.column_stack([self._raw[c.name] for c in self._system.channels])
+        return np.ascontiguousarray(np.column_stack([neighbours, later, before, inputs, time, measured]))
+
+    def start(self, part: Part) -> np.ndarray:
+        """Return the first state: as measured, effect states at rest."""
+        first = {c.state: self._smooth[c.name][0] for c in self._system.channels}
+        for derived, parent in self._system.derived.items():
+            name = next(c.name for c in self._system.channels if c.state == parent)
+            first[derived] = (self._smooth[name][1] - self._smooth[name][0]) / self.period
+        return np.array([first.get(name, 0.0) for name in part.own])
+
+    def smooth(self, channel: str) -> np.ndarray:
+        """Return the smoothed recording of a channel."""
+        return self._smooth[channel]
+
+    def _advanced(self, name: str, seconds: float) -> np.ndarray:
+        values = self._smooth[name]
+        if seconds == 0.0:
+            return values
+        time = np.arange(len(values)) * self.period
+        return CubicSpline(time, values)(np.clip(time + seconds, 0.0, time[-1]))
+
+
+class Replay:
+    """Replays runs of one system; kernels are built when they are first needed, and kept."""
+
+    def __init__(self, system: System):
+        self.system = system
+        self._parts: dict = {}
+        self._kernels: dict = {}
+        self._touched: dict[str, frozenset[str]] = {}
+        self._memory: OrderedDict = OrderedDict()
+        self._data: dict = {}
+
+    def defaults(self, effects: tuple[str, ...]) -> dict[str, float]:
+        """Return all parameters at their neutral or typical values: calibrations, shapes, effects."""
+        values = {one.name: 0.0 for one in self.system.calibrations}
+        values.update(
+            (f"{name}.{q.name}", 0.0)
+            for name in self.system.shapes
+            for q in self.system.catalogue[name].parameters
+        )
+        for name in effects:
+            values.update((f"{name}.{q.name}", q.typical) for q in self.system.catalogue[name].parameters)
+        return values
+
+    def touched(self, effect: str) -> frozenset[str]:
+        """Return the equations that an effect changes."""
+        if effect not in self._touched:
+            prefix = f"{effect}."
+            self._touched[effect] = frozenset(
+                equation.name
+                for equation in self.system.equations
+                if any(name.startswith(prefix) for name in self._cut(equation, (effect,)).relevant)
+            )
+        return self._touched[effect]
+
+    def residuals(
+        self, run: Run, equation: Equation, effects: tuple[str, ...], values: Mapping
+    ) -> np.ndarray:
+        """Return recorded minus predicted, (n, channels of the equation)."""
+        return self._evaluate(run, equation, effects, values, ())
+
+    def sensitivities(
+        self, run: Run, equation: Equation, effects: tuple[str, ...], values: Mapping, wrt: tuple[str, ...]
+    ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+        """Return residuals (n, c), their derivatives (n, c, k), and the k parameters of `wrt` that matter.
+
+        A parameter by which neighbouring signals are advanced is not differentiated through that.
+        """
+        part = self._part(equation, effects)
+        names = tuple(name for name in wrt if name in part.relevant)
+        if not names:
+            residuals = self._evaluate(run, equation, effects, values, ())
+            return residuals, np.zeros((*residuals.shape, 0)), ()
+        both = self._evaluate(run, equation, effects, values, names)
+        return both[:, :, 0], both[:, :, 1:], names
+
+    def relevant(self, equation: Equation, effects: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the parameters that an equation depends on."""
+        return self._part(equation, effects).relevant
+
+    def forget(self) -> None:
+        """Drop remembered replays."""
+        self._memory.clear()
+        self._data.clear()
+
+    def _evaluate(self, run, equation, effects, values, wrt):
+        part = self._part(equation, effects)
+        theta = np.array([values[name] for name in part.parameters])
+        advance = self._advance(effects, values)
+        key = (id(run), equation.name, part.parameters, wrt, theta.tobytes(), tuple(sorted(advance.items())))
+        if key in self._memory:
+            return self._memory[key]
+        kernel = self._kernel(part, equation, wrt)
+        data = run.data(equation, advance) if advance else self._rows(run, equation)
+        # the base states of a sensible model are slow; states of an effect need not be
+        substeps = self._substeps(run, part, data, theta) if len(part.own) > len(equation.states) else 1
+        result = kernel(data, theta, run.start(part), run.period, substeps)
+        if not wrt:
+            self._memory[key] = result
+            while len(self._memory) > REMEMBERED:
+                self._memory.popitem(last=False)
+        return result
+
+    def _rows(self, run: Run, equation: Equation) -> np.ndarray:
+        key = (id(run), equation.name)
+        if key not in self._data:
+            self._data[key] = (run, run.data(equation, {}))  # keeps the run alive: ids are not reused
+        return self._data[key][1]
+
+    def _advance(self, effects, values) -> dict[str, float]:
+        advance: dict[str, float] = {}
+        for name in effects:
+            effect = self.system.catalogue[name]
+            if effect.advance is not None:
+                own = _Values({q.name: values[f"{name}.{q.name}"] for q in effect.parameters})
+                for channel, seconds in effect.advance(own).items():
+                    advance[channel] = advance.get(channel, 0.0) + seconds
+        return advance
+
+    def _part(self, equation: Equation, effects: tuple[str, ...]) -> Part:
+        names = (*self.system.shapes, *sorted(effects))
+        return self._cut(equation, tuple(name for name in names if equation.name in self.touched(name)))
+
+    def _cut(self, equation: Equation, effects: tuple[str, ...]) -> Part:
+        key = (equation.name, effects)
+        if key not in self._parts:
+            with _CASADI:
+                whole = self.system.assemble(effects)
+                lagging = [name for name in effects if self.system.catalogue[name].advance is not None]
+                static = whole
+                if lagging:
+                    rest = tuple(name for name in effects if name not in lagging)
+                    static = _with_theta_of(whole, self.system.assemble(rest))
+                self._parts[key] = cut(self.system, whole, static, equation)
+        return self._parts[key]
+
+    def _kernel(self, part: Part, equation: Equation, wrt: tuple[str, ...]) -> Kernel:
+        key = (equation.name, part.parameters, wrt)
+        if key not in self._kernels:
+            with _CASADI:
+                kernel = Kernel(part, wrt)
+            kernel.build()
+            self._kernels[key] = kernel
+        return self._kernels[key]
+
+    def _substeps(self, run: Run, part: Part, data: np.ndarray, theta: np.ndarray) -> int:
+        fastest = part.fastest(data[:: max(1, len(data) // 8)], theta, run.start(part), run.period)
+        needed = run.period * fastest / STEP_TIMES_RATE
+        return min(max(1, math.ceil(needed)), MOST_SUBSTEPS) if math.isfinite(needed) else 1
+
+
+class _Values:
+    """Values by attribute, as an effect's functions want them."""
+
+    def __init__(self, values: Mapping[str, float]):
+        self.__dict__.update(values)
+
+
+def _with_theta_of(whole, rest):
+    """Return the assembly `rest` in terms of the parameters of `whole`."""
+    from dataclasses import replace
+
+    chosen = ca.vertcat(*(whole.theta[whole.parameters.index(name)] for name in rest.parameters))
+    names = list(rest.measured)
+    expressions = ca.substitute(
+        [rest.rates, *(rest.measured[name] for name in names)], [rest.theta], [chosen]
+    )
+    return replace(
+        rest,
+        theta=whole.theta,
+        parameters=whole.parameters,
+        rates=expressions[0],
+        measured=dict(zip(names, expressions[1:], strict=True)),
+    )
