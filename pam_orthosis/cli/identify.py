@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Identify a muscle from bags of the test rig or from measured tables; write rows for config/."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from pam_orthosis.cli.check import not_negative
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.identification import rows
+from pam_orthosis.identification.data import read_data
+from pam_orthosis.identification.identify import Identified, identify
+from pam_orthosis.model.parameters import load
+from pam_orthosis.model.rig import SPECIMENS
+
+MOST_LEVELS = 12  # a table with more pressures is summed up
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the verb."""
+    data = "rig bags, .csv tables (columns such as p_Pa_gauge,L_m,F_N,slack), or folders of them"
+    parser.add_argument("data", type=Path, nargs="+", metavar="DATA", help=data)
+    parser.add_argument("--muscle", choices=SPECIMENS, help="which muscle (told by bags and file names)")
+    parser.add_argument("--nominal-length-m", type=not_negative, metavar="M", help="of a table's muscle")
+    parser.add_argument(
+        "--held-out-bar", type=not_negative, nargs="*", metavar="P",
+        help="absolute pressures that judge and never enter the fit (rig.procedure.held_out_pressures)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--degrees", type=int, nargs=2, default=(3, 4), metavar=("A", "B"), help="of Eq. (14) (3 4)"
+    )
+    parser.add_argument("--damping", type=not_negative, metavar="D", help="N s/m, in place of the decays'")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the rows for config/muscle.yaml")
+    parser.add_argument("--update", type=Path, metavar="FILE", help="put the rows into such a file")
+    parser.add_argument("--figures", type=Path, metavar="DIR", help="draw force, residuals and volume")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Identify, write what was asked for, print the result."""
+    if min(arguments.degrees) < 0 or arguments.degrees[0] > 3 or arguments.degrees[1] > 4:
+        raise OrthosisError("--degrees: Eq. (14) has at most degrees 3 and 4")
+    data = read_data(arguments.data, arguments.muscle, arguments.nominal_length_m)
+    found = identify(data, _held_out(arguments), tuple(arguments.degrees), arguments.damping)
+    source = f"identified on {_origin(found)} by `pam-orthosis identify`"
+    if arguments.out:
+        _write(arguments.out, rows.as_yaml(found, source))
+    if arguments.update:
+        rows.update(arguments.update, found, source)
+    if arguments.figures:
+        from pam_orthosis.report.identification import draw  # matplotlib takes its time to load
+
+        draw(found, arguments.figures)
+    print(json.dumps(found.as_dict(), indent=2) if arguments.json else describe(found))
+    return 0
+
+
+def describe(found: Identified) -> str:
+    """Return the result as text."""
+    fit, box = found.force, found.box
+    half = iter(fit.half_width.tolist())
+    lines = [f"{found.data.specimen}, nominal length {found.data.length:g} m"]
+    for name, values in (("a", fit.model.a), ("b", fit.model.b)):
+        lines += [
+            f"  {name}_{i} = {value: .8e} +- {next(half):.1e}" for i, value in enumerate(values.tolist())
+        ]
+    if found.damping:
+        d = found.damping
+        lines.append(
+            f"  D = {d.value:.1f} +- {d.half_width:.1f} N s/m, dry friction apart"
+            f" (Eq. 18 counts all losses: {d.decrement:.1f}; T_d = {d.period:.3f} s)"
+        )
+    if found.volume:
+        v = found.volume
+        lines.append(f"  v = {_numbers(v.v)}, w = {_numbers(v.w)}")
+        lines.append(f"  volume error {v.rms * 1e6:.2f} cm^3 RMS, {v.largest * 1e6:.2f} cm^3 maximum")
+    lines.append(
+        f"rank {fit.rank} of {len(fit.half_width)}, condition {fit.condition:.3g} (unscaled"
+        f" {fit.condition_raw:.3g}), {len(found.training)} samples, {fit.effective:.0f} independent"
+    )
+    lines += _errors("fit", found.errors(held_out=False)) + _errors("held out", found.errors(held_out=True))
+    lines += _lengths(found)
+    lines.append(
+        f"box of validity: contraction {box.minimum_contraction * 1e3:.1f} .."
+        f" {box.maximum_contraction * 1e3:.1f} mm, up to {box.maximum_pressure_gauge / 1e5:.2f} bar"
+        " gauge; do not extrapolate beyond its ends"
+    )
+    if not found.stiff:
+        lines.append("caution: in the box the modelled force does not fall everywhere with the contraction")
+    return "\n".join(lines)
+
+
+def _errors(name: str, errors: dict) -> list[str]:
+    if not errors:
+        return []
+    lines = [f"{name}: {errors['rms']:.2f} N RMS, {errors['max']:.2f} N maximum, {errors['samples']} samples"]
+    for kind, unit in (("by_pressure_bar_gauge", " bar gauge"), ("by_direction", "")):
+        if len(errors[kind]) > MOST_LEVELS:
+            continue
+        lines += [
+            f"  {key + unit:18s} {e['rms']:6.2f} RMS {e['max']:6.2f} max {e['mean']:+6.2f} mean"
+            for key, e in errors[kind].items()
+        ]
+    return lines
+
+
+def _lengths(found: Identified) -> list[str]:
+    if not found.by_length:
+        return []
+    count = len(found.force.half_width)
+    lines = [
+        f"left out, length by length ({count} coefficients on {len(found.by_length)} lengths interpolate):"
+    ]
+    for contraction, e in found.by_length.items():
+        told = "not determined by the others" if e is None else f"{e[0]:6.1f} N RMS {e[1]:6.1f} N max"
+        lines.append(f"  contraction {contraction * 1e3:5.1f} mm  {told}")
+    return lines
+
+
+def _held_out(arguments: argparse.Namespace) -> list[float]:
+    """Return gauge pressures, Pa."""
+    parameters = load()
+    absolute = parameters.rig.procedure.held_out_pressures
+    if arguments.held_out_bar is not None:
+        absolute = [bar * 1e5 for bar in arguments.held_out_bar]
+    return [p - parameters.valve.ambient_pressure for p in absolute]
+
+
+def _origin(found: Identified) -> str:
+    return "a measured table" if found.data.static else "the emulated test rig"
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OrthosisError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _numbers(values) -> str:
+    return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Damping factor D from free decays: the logarithmic decrement, Eq. (18), and what friction adds to it.
+
+For a linearised oscillator m y'' + D y' + c y = 0 the envelope is exp(-D t / (2 m)), hence
+y_k / y_(k+1) = exp(D T_d / (2 m)) as Eq. (18) prints: the formula is right. It counts every loss as
+viscous. The braid's dry friction dissipates too, and more of the energy the smaller the swing; D by
+Eq. (18) then is too large and grows from swing to swing. The load cell tells the two apart: over the
+decay the force is fitted by a smooth function of contraction and pressure, D v, and a sum of elastic
+sliding elements (Maxwell-slip, rate-independent) with slip distances from 0.25 to 8 mm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize, signal, stats
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.identification.data import Decay, differentiated
+
+SLIP_DISTANCES = (2.5e-4, 5.0e-4, 1.0e-3, 2.0e-3, 4.0e-3, 8.0e-3)  # m
+LEAST_SWING = 0.1  # of the first: smaller swings are friction rather than oscillation
+CONTRACTION_POWERS, PRESSURE_POWERS = range(5), range(4)
+FILTER_SAMPLES = 11
+LEAST_SWINGS = 4
+
+
+@dataclass(frozen=True)
+class Damping:
+    """D of Eq. (13), N s/m, with half its 95 % interval; `decrement` is D by Eq. (18), all losses."""
+
+    value: float
+    half_width: float
+    decrement: float
+    period: float
+    residual: float
+
+
+def fit_damping(decays: list[Decay]) -> Damping:
+    """Return the damping of one muscle from its free decays.
+
+    Raises:
+        OrthosisError: a record without an oscillation.
+    """
+    decrements, periods = zip(*(decrement(d) for d in decays), strict=True)
+    values, errors = zip(*(viscous_part(d) for d in decays), strict=True)
+    spread = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
+    # between the decays, or, for a single one, what is usual between them
+    half = stats.t.ppf(0.975, len(values) - 1) * spread / len(values) ** 0.5 if spread else 0.1 * values[0]
+    return Damping(
+        float(np.mean(values)), float(half), float(np.mean(decrements)), float(np.mean(periods)),
+        float(np.mean(errors)),
+    )  # fmt: skip
+
+
+def decrement(decay: Decay) -> tuple[float, float]:
+    """Return D by Eq. (18), N s/m, and the period T_d, s.
+
+    The amplitudes are the swings between successive turning points, which no offset of the rest
+    position touches; a swing lasts half a period.
+    """
+    turns = turning_points(decay)
+    swings = np.abs(np.diff(decay.position[turns]))
+    used = swings > LEAST_SWING * swings[0]
+    count = int(np.argmin(used)) if not used.all() else len(swings)
+    if count < LEAST_SWINGS:
+        raise OrthosisError(f"a decay record holds {count} swings; at least {LEAST_SWINGS} are needed")
+    period = 2 * float(np.mean(np.diff(decay.time[turns[: count + 1]])))
+    half_swings = np.arange(count)
+    slope = np.polyfit(half_swings, np.log(swings[:count]), 1)[0]
+    return -2 * slope * 2 * decay.mass / period, period
+
+
+def turning_points(decay: Decay) -> np.ndarray:
+    """Return the indices of the release and of all turning points after it."""
+    smooth = signal.savgol_filter(decay.position, FILTER_SAMPLES, 2)
+    least = 0.01 * np.ptp(smooth)
+    peaks = [signal.find_peaks(side, prominence=least)[0] for side in (smooth, -smooth)]
+    return np.concatenate([[0], np.sort(np.concatenate(peaks))])
+
+
+def viscous_part(decay: Decay) -> tuple[float, float]:
+    """Return D, N s/m, freed from rate-independent friction, and the RMS residual of the force, N."""
+    stamps = np.round(decay.time * 1e9)
+    position = signal.savgol_filter(decay.position, FILTER_SAMPLES, 3)
+    rate = differentiated(decay.position, stamps)
+    x = (position - position.mean()) / np.ptp(position)
+    p = (decay.pressure - decay.pressure.mean()) / np.ptp(decay.pressure)
+    smooth = [x**k for k in CONTRACTION_POWERS] + [p * x**k for k in PRESSURE_POWERS]
+    friction = [-slip_element(position, distance) for distance in SLIP_DISTANCES]
+    matrix = np.column_stack([*smooth, -rate, *friction])
+    scale = np.linalg.norm(matrix, axis=0)
+    free = np.concatenate([np.full(len(smooth), -np.inf), np.zeros(1 + len(friction))])
+    inner = slice(FILTER_SAMPLES, -FILTER_SAMPLES)
+    fit = optimize.lsq_linear((matrix / scale)[inner], decay.force[inner], (free, np.inf))
+    residual = matrix[inner] @ (fit.x / scale) - decay.force[inner]
+    return float(fit.x[len(smooth)] / scale[len(smooth)]), float(np.std(residual))
+
+
+def slip_element(position: np.ndarray, distance: float) -> np.ndarray:
+    """Return the state, -1 .. 1, of an elastic element that slides beyond a distance (m)."""
+    state, states = 0.0, np.zeros_like(position)
+    for index, step in enumerate(np.diff(position) / distance, start=1):
+        state = min(max(state + step, -1.0), 1.0)
+        states[index] = state
+    return states

@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What identification works on: samples of force, of volume and of free decays, from bags and tables.
+
+Only measured channels are read; the truth topic of an emulated rig is never opened.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from scipy import signal
+
+from pam_orthosis.bag import rig_topics  # noqa: F401  makes the rig's signals known to the reader
+from pam_orthosis.bag.read import METADATA_FILE, Bag, aligned, read_bag, run_record
+from pam_orthosis.bag.topics import SECOND_NS
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.identification.table import read_table
+from pam_orthosis.model.muscle import composed_volume
+from pam_orthosis.model.parameters import Parameters, load
+
+MOVING = 2.0e-3  # m/s above which a sample belongs to a direction
+SETTLED = 1.0e4  # Pa between a pressure and its reference
+TAUT = 10.0  # N below which a muscle at the rig may hang slack
+DERIVATIVE_SAMPLES = 9  # of the straight-line filter that differentiates the position
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Force samples of one muscle; arrays of equal length (n,).
+
+    Attributes:
+        pressure: gauge, Pa.
+        contraction: m.
+        rate: of the contraction, m/s.
+        force: measured, N.
+        sigma: standard deviation of the measured force, N (relative weights if unknown).
+        level: nominal gauge pressure of the run or table row, Pa.
+        serial: number of the run; samples of a run follow each other in time, -1 for a table.
+    """
+
+    pressure: np.ndarray
+    contraction: np.ndarray
+    rate: np.ndarray
+    force: np.ndarray
+    sigma: np.ndarray
+    level: np.ndarray
+    serial: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.force)
+
+    def where(self, mask: np.ndarray) -> Samples:
+        """Return the samples of a mask."""
+        return replace(self, **{name: values[mask] for name, values in vars(self).items()})
+
+    @property
+    def direction(self) -> np.ndarray:
+        """1 where the muscle shortens, -1 where it is stretched, 0 at rest."""
+        return np.sign(self.rate) * (np.abs(self.rate) > MOVING)
+
+
+@dataclass(frozen=True)
+class Decay:
+    """A free oscillation after release: time s, position m, gauge pressure Pa, force N, moved mass kg."""
+
+    time: np.ndarray
+    position: np.ndarray
+    pressure: np.ndarray
+    force: np.ndarray
+    mass: float
+
+
+@dataclass(frozen=True)
+class Volumes:
+    """Measuring points of the volume: gauge pressure Pa, contraction m, volume m^3; each (n,)."""
+
+    pressure: np.ndarray
+    contraction: np.ndarray
+    volume: np.ndarray
+
+
+@dataclass(frozen=True)
+class Data:
+    """All data of one muscle; `specimen` is its section in config/, `length` its nominal length, m."""
+
+    specimen: str
+    length: float
+    samples: Samples
+    static: bool
+    decays: list[Decay] = field(default_factory=list)
+    volumes: Volumes | None = None
+
+
+def read_data(paths: Iterable[Path], specimen: str | None = None, length: float | None = None) -> Data:
+    """Read rig bags and tables, or folders of them, of one muscle.
+
+    Args:
+        paths: bags, `.csv` tables, or folders that hold some.
+        specimen: section of `config/muscle.yaml`; None: as bags or file names say.
+        length: nominal length of a table's muscle, m; None: that of the specimen's measured map.
+
+    Raises:
+        OrthosisError: nothing usable there, data of several muscles, or unusable numbers.
+    """
+    bags, tables = _sources(paths)
+    runs = {path: run_record(path) for path in bags}
+    specimen = specimen or _one_specimen(runs, tables)
+    parameters = load()
+    if not hasattr(parameters.muscle, specimen):
+        raise OrthosisError(f"no muscle {specimen}; config/muscle.yaml has dmsp_20, dmsp_10")
+    lengths = {_bag_length(run, specimen, parameters) for run in runs.values()}
+    lengths |= {length or getattr(parameters.muscle, specimen).geometry.map_length} if tables else set()
+    if len(lengths) > 1:
+        raise OrthosisError(f"muscles of different nominal lengths ({_texts(lengths)} m): one at a time")
+    nominal = lengths.pop()
+    samples, decays, volumes = [], [], []
+    for serial, path in enumerate(bags):
+        test = runs[path].get("test", "force")
+        if test == "decay":
+            decays.append(_decay(path, parameters))
+        elif test == "volume":
+            volumes.append(_volumes(path, specimen, parameters))
+        else:
+            samples.append(_bag_samples(path, serial, parameters))
+    samples += [_table_samples(path, nominal) for path in tables]
+    if not samples:
+        raise OrthosisError("no force measurement among the data: give bags of `rig` or a table")
+    return Data(specimen, nominal, _joined(Samples, samples), not bags, decays, _joined(Volumes, volumes))
+
+
+def _sources(paths: Iterable[Path]) -> tuple[list[Path], list[Path]]:
+    bags, tables = [], []
+    for path in map(Path, paths):
+        if not path.exists():
+            raise OrthosisError(f"no data at {path}")
+        inside = [path] if path.is_file() or (path / METADATA_FILE).exists() else sorted(path.iterdir())
+        found = [p for p in inside if p.suffix == ".csv" or _is_bag(p)]
+        if not found:
+            raise OrthosisError(f"{path} holds neither a bag nor a .csv table")
+        tables += [p for p in found if p.suffix == ".csv"]
+        bags += [p for p in found if p.suffix != ".csv"]
+    return bags, tables
+
+
+def _is_bag(path: Path) -> bool:
+    return path.suffix in (".mcap", ".db3") or (path / METADATA_FILE).exists()
+
+
+def _one_specimen(runs, tables: Sequence[Path]) -> str:
+    names = {run["specimen"] for run in runs.values() if "specimen" in run}
+    for path in tables:
+        plain = path.stem.lower().replace("_", "").replace("-", "")
+        names |= {name for name in ("dmsp_20", "dmsp_10") if name.replace("_", "") in plain}
+    if len(names) != 1:
+        told = f"data of {', '.join(sorted(names))}" if names else "the data do not name their muscle"
+        raise OrthosisError(f"{told}: give the data of one muscle, or --muscle")
+    return names.pop()
+
+
+def _bag_length(run, specimen: str, parameters: Parameters) -> float:
+    return _recorded(run, f"muscle.{specimen}.length", parameters)
+
+
+def _recorded(run, key: str, parameters: Parameters) -> float:
+    """Return a parameter as the bag tells it, else as config/ has it."""
+    return json.loads(run.get("parameters", "{}")).get(key, parameters.flat()[key])
+
+
+def _value(bag: Bag, key: str, parameters: Parameters) -> float:
+    return bag.parameters.get(key, parameters.flat()[key])
+
+
+def _measured(path: Path, names: Sequence[str], parameters: Parameters):
+    bag = read_bag(path, [f"rig_{name}" for name in names])
+    stamps, values = aligned(*(bag[f"rig_{name}"] for name in names))
+    if len(stamps) < DERIVATIVE_SAMPLES:
+        raise OrthosisError(f"{path} is too short: {len(stamps)} samples")
+    return bag, stamps, values, _value(bag, "valve.ambient_pressure", parameters)
+
+
+def _bag_samples(path: Path, serial: int, parameters: Parameters) -> Samples:
+    names = ("position", "pressure", "force", "pressure_reference")
+    _, stamps, (position, pressure, force, reference), ambient = _measured(path, names, parameters)
+    level = reference[-1]
+    rate = differentiated(position, stamps)
+    kept = (reference == level) & (np.abs(pressure - level) < SETTLED) & (force > TAUT)
+    if not kept.any():
+        raise OrthosisError(f"{path}: the muscle hangs slack or its pressure never settles")
+    noise = np.std(np.diff(force, 2)) / np.sqrt(6)  # second differences see neither level nor slope
+    whole = Samples(
+        pressure - ambient, position, rate, force, np.full_like(force, max(noise, 1e-3)),
+        np.full_like(force, level - ambient), np.full(len(force), serial),
+    )  # fmt: skip
+    return whole.where(kept)
+
+
+def _table_samples(path: Path, length: float) -> Samples:
+    table = read_table(path)
+    contraction = table.contraction if table.contraction is not None else length - table.length
+    zero = np.zeros(len(table.force))
+    if (
+        contraction.min() < -0.05 * length
+        or contraction.min() > 0.1 * length
+        or contraction.max() > 0.4 * length
+    ):
+        raise OrthosisError(
+            f"{path}: lengths do not fit a nominal length of {length:g} m;"
+            " give --nominal-length-m or --muscle, and check the unit"
+        )
+    sigma = table.sigma if table.sigma is not None else zero + 1.0
+    rate = table.rate if table.rate is not None else zero
+    return Samples(table.pressure, contraction, rate, table.force, sigma, table.pressure, zero - 1)
+
+
+def _decay(path: Path, parameters: Parameters) -> Decay:
+    bag, stamps, values, ambient = _measured(path, ("position", "pressure", "force"), parameters)
+    position, pressure, force = values
+    mass = _value(bag, "rig.carriage_mass", parameters) + _value(bag, "rig.decay.weight", parameters)
+    return Decay((stamps - stamps[0]) / SECOND_NS, position, pressure - ambient, force, mass)
+
+
+def _volumes(path: Path, specimen: str, parameters: Parameters) -> Volumes:
+    names = ("position", "pressure", "diameter", "cylinder_length")
+    bag = read_bag(path, [f"rig_{name}" for name in names])
+    _, (position, pressure, diameter, length) = aligned(*(bag[f"rig_{name}"] for name in names))
+    nominal = _value(bag, f"muscle.{specimen}.length", parameters)
+    frustum = (nominal - position - length) / 2  # what is left of the length on both sides
+    end = _value(bag, f"muscle.{specimen}.geometry.diameter", parameters)
+    volume = composed_volume(diameter, length, frustum, end)
+    return Volumes(pressure - _value(bag, "valve.ambient_pressure", parameters), position, volume)
+
+
+def differentiated(position: np.ndarray, stamps: np.ndarray, order: int = 1) -> np.ndarray:
+    """Return the velocity of evenly stamped positions by local least squares, per second."""
+    period = float(np.median(np.diff(stamps))) / SECOND_NS
+    return signal.savgol_filter(position, DERIVATIVE_SAMPLES, order + 1, deriv=order, delta=period)
+
+
+def _joined(kind, parts: list):
+    if not parts:
+        return None
+    return kind(
+        *(np.concatenate(columns) for columns in zip(*(vars(p).values() for p in parts), strict=True))
+    )
+
+
+def _texts(values) -> str:
+    return ", ".join(f"{value:g}" for value in sorted(values))

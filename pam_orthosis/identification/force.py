@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Coefficients of the force polynomial, Eqs. (14) and (19)-(23), by a well-conditioned solver.
+
+Eq. (23) inverts B^T B, whose condition number is the square of B's. The same minimum of Eq. (21) is
+found here by a singular value decomposition of B with its columns scaled to equal norm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.identification.data import Samples
+from pam_orthosis.model.muscle import polynomial
+
+RANK_TOLERANCE = 1.0e-9  # of a singular value, relative to the largest (columns of equal norm)
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class ForceModel:
+    """Eqs. (13)-(14): a (area function), b (counterforce), damping D, N s/m."""
+
+    a: np.ndarray
+    b: np.ndarray
+    damping: float
+
+    def towing(self, contraction: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+        """Return F_tow of Eq. (14), N (m, gauge Pa); negative where the muscle hangs slack."""
+        return polynomial(self.a, contraction) * pressure - polynomial(self.b, contraction)
+
+    def force(self, s: Samples) -> np.ndarray:
+        """Return F_M of Eq. (19), N."""
+        return self.towing(s.contraction, s.pressure) - self.damping * s.rate
+
+    def residual(self, s: Samples) -> np.ndarray:
+        """Return e_M of Eq. (20), measured - modelled force, N."""
+        return s.force - self.force(s)
+
+
+@dataclass(frozen=True)
+class ForceFit:
+    """A fitted model and how well the data determine it.
+
+    `half_width` holds half the 95 % interval of each coefficient, a then b. `condition` is that of
+    the scaled matrix, `condition_raw` that of B as Eq. (23) would square it. `effective` is the
+    number of independent samples, after the autocorrelation of the residuals.
+    """
+
+    model: ForceModel
+    half_width: np.ndarray
+    rank: int
+    condition: float
+    condition_raw: float
+    effective: float
+
+
+def design(s: Samples, degrees: tuple[int, int]) -> np.ndarray:
+    """Return the measurement matrix B of Eq. (19), (n, degree_a + degree_b + 2)."""
+    x = s.contraction
+    area = [x**j * s.pressure for j in range(degrees[0] + 1)]
+    counter = [-(x**k) for k in range(degrees[1] + 1)]
+    return np.column_stack(area + counter)
+
+
+def balanced_weights(s: Samples) -> np.ndarray:
+    """Return the weights 1 / sigma, evened so that each direction of a level counts the same.
+
+    The hysteresis has opposite signs in both directions: more samples of one would pull the model
+    to its side.
+    """
+    weights = 1 / s.sigma
+    group = np.stack([s.level, s.direction])
+    _, member, count = np.unique(group, axis=1, return_inverse=True, return_counts=True)
+    return weights / np.sqrt(count[member.reshape(-1)])
+
+
+def fit_force(s: Samples, damping: float = 0.0, degrees: tuple[int, int] = (3, 4)) -> ForceFit:
+    """Fit the coefficients of Eq. (14) to samples, the damping part being known, Eq. (23).
+
+    Args:
+        s: samples of a taut muscle.
+        damping: D, N s/m.
+        degrees: of area function and counterforce; (3, 4) in Eq. (14).
+
+    Raises:
+        OrthosisError: fewer samples than coefficients, or samples that cannot tell them apart.
+    """
+    b, count = design(s, degrees), sum(degrees) + 2
+    if len(s) <= count:
+        raise OrthosisError(f"{len(s)} taut samples are too few for {count} coefficients")
+    weights = balanced_weights(s)
+    weighted = b * weights[:, None]
+    scale = np.linalg.norm(weighted, axis=0)
+    if not scale.all():
+        raise OrthosisError("the contraction does not vary: the coefficients of Eq. (14) stay unknown")
+    u, singular, vt = np.linalg.svd(weighted / scale, full_matrices=False)
+    rank = int((singular > RANK_TOLERANCE * singular[0]).sum())
+    if rank < count:
+        raise OrthosisError(_deficient(s, rank, count, degrees))
+    target = weights * (s.force + damping * s.rate)
+    theta = vt.T @ (u.T @ target / singular) / scale
+    model = ForceModel(theta[: degrees[0] + 1], theta[degrees[0] + 1 :], damping)
+    residual = weights * model.residual(s)
+    effective = len(s) / autocorrelation_time(residual, s.serial)
+    freedom = max(effective - count, 1.0)
+    variance = residual @ residual / freedom
+    spread = np.sqrt(np.sum((vt.T / singular) ** 2, axis=1) * variance) / scale
+    half_width = float(stats.t.ppf(0.5 + CONFIDENCE / 2, freedom)) * spread
+    raw = np.linalg.cond(weighted)
+    return ForceFit(model, half_width, rank, float(singular[0] / singular[-1]), float(raw), effective)
+
+
+def autocorrelation_time(residual: np.ndarray, serial: np.ndarray) -> float:
+    """Return how many neighbouring residuals of a run say the same; 1 for a table."""
+    times = [1.0]
+    for run in np.unique(serial[serial >= 0]):
+        e = residual[serial == run]
+        power = np.abs(np.fft.rfft(e, 2 * len(e))) ** 2
+        correlation = np.fft.irfft(power)[: len(e)] / max(float(e @ e), 1e-300)
+        negative = np.flatnonzero(correlation <= 0)
+        last = negative[0] if len(negative) else len(e)
+        times.append(1 + 2 * float(correlation[1:last].sum()))
+    return float(np.mean(times[1:])) if len(times) > 1 else 1.0
+
+
+def leave_one_out(
+    s: Samples, group: np.ndarray, fit: Callable[[Samples], ForceFit]
+) -> dict[float, tuple[float, float] | None]:
+    """Return for each value of `group` RMS and maximum error, N, of a fit without it.
+
+    None where the rest cannot determine the coefficients.
+    """
+    errors: dict[float, tuple[float, float] | None] = {}
+    for value in np.unique(group).tolist():
+        try:
+            model = fit(s.where(group != value)).model
+        except OrthosisError:
+            errors[value] = None
+            continue
+        errors[value] = rms_and_max(model.residual(s.where(group == value)))
+    return errors
+
+
+def rms_and_max(residual: np.ndarray) -> tuple[float, float]:
+    """Return RMS and largest absolute value."""
+    return float(np.sqrt(np.mean(residual**2))), float(np.abs(residual).max())
+
+
+def _deficient(s: Samples, rank: int, count: int, degrees: tuple[int, int]) -> str:
+    lengths, levels = len(np.unique(np.round(s.contraction, 4))), len(np.unique(np.round(s.level, -3)))
+    return (
+        f"the data determine only {rank} of {count} coefficients of Eq. (14): {lengths} contractions at"
+        f" {levels} pressures; a degree of {degrees[1]} needs {degrees[1] + 1} contractions, each at two"
+        " pressures: measure more, or ask for less with --degrees"
+    )

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From the data of one muscle to its parameters, and how far they can be trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.identification.damping import Damping, fit_damping
+from pam_orthosis.identification.data import Data, Samples
+from pam_orthosis.identification.force import ForceFit, fit_force, leave_one_out, rms_and_max
+from pam_orthosis.identification.volume import VolumeFit, fit_volume
+
+LEVEL_TOLERANCE = 2.0e3  # Pa between a pressure that is asked for and the one of a run
+ZERO = 1.0e-3  # m: data from here on reach the nominal length
+DIRECTIONS = {1.0: "shortening", -1.0: "stretching", 0.0: "rest"}
+
+
+class Box(NamedTuple):
+    """Where the polynomials hold: contraction m, gauge pressure Pa."""
+
+    minimum_contraction: float
+    maximum_contraction: float
+    minimum_pressure_gauge: float
+    maximum_pressure_gauge: float
+
+
+@dataclass(frozen=True)
+class Identified:
+    """What identification found.
+
+    Attributes:
+        data: what it was found from; `training` and `held_out` are its force samples.
+        force: Eq. (14) with D.
+        damping, volume: None where the data hold no decay, no cylinder.
+        by_length: held-out error of each length of a table (RMS, max N; None: not determined).
+        box: recommended box of validity.
+        stiff: whether the modelled force falls with the contraction all over the taut box.
+    """
+
+    data: Data
+    training: Samples
+    held_out: Samples
+    force: ForceFit
+    damping: Damping | None
+    volume: VolumeFit | None
+    by_length: dict[float, tuple[float, float] | None]
+    box: Box
+    stiff: bool
+
+    def errors(self, held_out: bool) -> dict[str, Any]:
+        """Return RMS and maximum error, N: overall, by level (bar gauge) and by direction."""
+        s = self.held_out if held_out else self.training
+        if not len(s):
+            return {}
+        residual = self.force.model.residual(s)
+        by_level = {f"{level / 1e5:.3g}": residual[s.level == level] for level in np.unique(s.level)}
+        by_direction = {
+            name: residual[s.direction == sign]
+            for sign, name in DIRECTIONS.items()
+            if (s.direction == sign).any()
+        }
+        return {
+            "samples": len(s),
+            **_told(residual),
+            "by_pressure_bar_gauge": {name: _told(part) for name, part in by_level.items()},
+            "by_direction": {name: _told(part) for name, part in by_direction.items()},
+        }
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all as plain data for JSON; SI units."""
+        fit, model = self.force, self.force.model
+        return {
+            "muscle": self.data.specimen,
+            "nominal_length": self.data.length,
+            "a": model.a.tolist(),
+            "b": model.b.tolist(),
+            "half_interval_95": fit.half_width.tolist(),
+            "damping": _plain(self.damping),
+            "damping_used": model.damping,
+            "volume": _plain(self.volume),
+            "rank": fit.rank,
+            "condition_scaled": fit.condition,
+            "condition_unscaled": fit.condition_raw,
+            "effective_samples": fit.effective,
+            "training": self.errors(held_out=False),
+            "held_out": self.errors(held_out=True),
+            "leave_one_length_out": {
+                f"{length:g}": None if e is None else {"rms": e[0], "max": e[1]}
+                for length, e in self.by_length.items()
+            },
+            "box": self.box._asdict(),
+            "force_falls_with_contraction": self.stiff,
+        }
+
+
+def identify(
+    data: Data,
+    held_out: Sequence[float] = (),
+    degrees: tuple[int, int] = (3, 4),
+    damping: float | None = None,
+) -> Identified:
+    """Identify a muscle.
+
+    Args:
+        data: of one muscle.
+        held_out: gauge pressures, Pa, of runs that judge and do not enter the fit.
+        degrees: of area function and counterforce, Eq. (14).
+        damping: D, N s/m, where no decay tells; None: zero then.
+
+    Raises:
+        OrthosisError: the data do not determine the parameters, or all of them are held out.
+    """
+    told = fit_damping(data.decays) if data.decays else None
+    d = damping if damping is not None else (told.value if told else 0.0)
+    judged = np.zeros(len(data.samples), dtype=bool)
+    for level in held_out:
+        judged |= np.abs(data.samples.level - level) < LEVEL_TOLERANCE
+    training = data.samples.where(~judged)
+    if not len(training):
+        raise OrthosisError("all data are held out: nothing is left to fit")
+    force = fit_force(training, d, degrees)
+    by_length = {}
+    if data.static:
+        lengths = np.round(training.contraction, 6)
+        by_length = leave_one_out(training, lengths, lambda s: fit_force(s, d, degrees))
+    box = _box(training)
+    return Identified(
+        data, training, data.samples.where(judged), force, told,
+        fit_volume(data.volumes, data.specimen) if data.volumes else None,
+        by_length, box, _stiff(force, box),
+    )  # fmt: skip
+
+
+def _box(s: Samples) -> Box:
+    """Return the measured range: beyond its ends a polynomial of this degree is a guess.
+
+    Only towards low pressure the force may be continued, being linear in the pressure, Eq. (14).
+    """
+    low, high = float(s.contraction.min()), float(s.contraction.max())
+    return Box(0.0 if low < ZERO else low, high, 0.0, float(s.level.max()))
+
+
+def _stiff(fit: ForceFit, box: Box) -> bool:
+    x = np.linspace(box.minimum_contraction, box.maximum_contraction, 200)
+    for pressure in np.linspace(box.minimum_pressure_gauge, box.maximum_pressure_gauge, 15)[1:]:
+        force = fit.model.towing(x, pressure)
+        if (np.diff(force)[force[1:] > 0] > 0).any():
+            return False
+    return True
+
+
+def _told(residual: np.ndarray) -> dict[str, float]:
+    rms, largest = rms_and_max(residual)
+    return {"rms": rms, "max": largest, "mean": float(residual.mean())}
+
+
+def _plain(result: object) -> dict[str, Any] | None:
+    if result is None:
+        return None
+    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(result).items()}

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Identified parameters as rows of `config/muscle.yaml`, on their own or put into such a file."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.identification.identify import Identified
+from pam_orthosis.model.parameters import Row, load
+
+POLYNOMIAL_A, POLYNOMIAL_B = 4, 5  # coefficients of Eq. (14)
+
+
+def values(found: Identified) -> dict[str, Any]:
+    """Return key below the muscle's section -> value, for all that was identified."""
+    model, box = found.force.model, found.box
+    result: dict[str, Any] = {
+        "map_length": found.data.length,
+        "force.a": _padded(model.a, POLYNOMIAL_A),
+        "force.b": _padded(model.b, POLYNOMIAL_B),
+        **{f"box.{name}": _rounded(value) for name, value in box._asdict().items()},
+    }
+    if found.damping:
+        result["force.damping"] = _rounded(found.damping.value, 4)
+    if found.volume:
+        result["volume.v"] = _padded(found.volume.v, len(found.volume.v))
+        result["volume.w"] = _padded(found.volume.w, len(found.volume.w))
+    return result
+
+
+def as_yaml(found: Identified, source: str) -> str:
+    """Return the rows as YAML in the layout of `config/muscle.yaml`, checked against its bounds."""
+    parameters = load()
+    tree: dict[str, Any] = {}
+    for key, value in values(found).items():
+        row = parameters.row(f"muscle.{found.data.specimen}.{key}").with_value(value)
+        *path, leaf = key.split(".")
+        node = tree
+        for step in path:
+            node = node.setdefault(step, {})
+        node[leaf] = _fields(row, source)
+    return yaml.safe_dump({found.data.specimen: tree}, sort_keys=False, width=1000)
+
+
+def update(file: Path, found: Identified, source: str) -> list[str]:
+    """Put values and source into the rows of a file laid out as `config/muscle.yaml`.
+
+    Returns the keys that were changed; comments and other rows stay as they are.
+
+    Raises:
+        OrthosisError: the file cannot be read or lacks a row.
+    """
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines(keepends=True)
+    except OSError as error:
+        raise OrthosisError(f"cannot read {file}: {error.strerror}") from error
+    parameters, places = load(), _places(lines)
+    changed = []
+    for key, value in values(found).items():
+        full = f"{found.data.specimen}.{key}"
+        if full not in places:
+            raise OrthosisError(f"{file} has no row {full}")
+        parameters.row(f"muscle.{full}").with_value(value)
+        line = lines[places[full]]
+        line = re.sub(r"value: (\[[^\]]*\]|[^,}]+)", f"value: {_text(value)}", line, count=1)
+        lines[places[full]] = re.sub(r"source: .*\}", f'source: "{source}"}}', line, count=1)
+        changed.append(full)
+    file.write_text("".join(lines), encoding="utf-8")
+    return changed
+
+
+def _places(lines: list[str]) -> dict[str, int]:
+    """Return dotted key -> line of each row; sections are indented by two spaces."""
+    path: list[str] = []
+    places = {}
+    for number, line in enumerate(lines):
+        match = re.match(r"( *)(\w+):(.*)", line)
+        if match:
+            path = [*path[: len(match[1]) // 2], match[2]]
+            if match[3].strip():
+                places[".".join(path)] = number
+    return places
+
+
+def _fields(row: Row, source: str) -> dict[str, Any]:
+    bounds = {"min": row.minimum, "max": row.maximum}
+    told = {name: bound for name, bound in bounds.items() if bound is not None}
+    return {"value": row.value, "unit": row.unit, **told, "meaning": row.meaning, "source": source}
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(_text(item) for item in value)}]"
+    text = repr(float(value))
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+
+
+def _rounded(value: float, digits: int = 9) -> float:
+    return float(f"{value:.{digits}g}")
+
+
+def _padded(coefficients, count: int) -> list[float]:
+    """Return coefficients with nine digits; a lower degree than Eq. (14)'s leaves zeros."""
+    found = [_rounded(c) for c in coefficients]
+    return found + [0.0] * (count - len(found))

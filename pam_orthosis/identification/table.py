@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measured tables: CSV files whose columns name their unit.
+
+`p_Pa_gauge,L_m,F_N,slack` for example. Quantity, unit and (for a pressure) reference stand in the
+name; other columns are refused, so that no unit is ever guessed.
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pam_orthosis.errors import OrthosisError
+
+AMBIENT = 1.013e5  # Pa, what an absolute pressure is reduced by
+# column -> quantity, factor to SI, offset in SI
+COLUMNS = {
+    **{f"p_{u}_gauge": ("pressure", f, 0.0) for u, f in (("Pa", 1.0), ("kPa", 1e3), ("bar", 1e5))},
+    **{f"p_{u}_abs": ("pressure", f, -AMBIENT) for u, f in (("Pa", 1.0), ("kPa", 1e3), ("bar", 1e5))},
+    **{f"L_{u}": ("length", f, 0.0) for u, f in (("m", 1.0), ("mm", 1e-3))},
+    **{f"dL_{u}": ("contraction", f, 0.0) for u, f in (("m", 1.0), ("mm", 1e-3))},
+    **{f"F_{u}": ("force", f, 0.0) for u, f in (("N", 1.0), ("kN", 1e3))},
+    **{f"sigma_F_{u}": ("sigma", f, 0.0) for u, f in (("N", 1.0), ("kN", 1e3))},
+    **{f"v_{u}": ("rate", f, 0.0) for u, f in (("m_s", 1.0), ("mm_s", 1e-3))},
+    "slack": ("slack", 1.0, 0.0),
+}
+# what a column in the right unit cannot exceed
+PLAUSIBLE = {
+    "pressure": (-1.0e3, 1.5e6, "Pa gauge"),
+    "length": (0.03, 10.0, "m"),
+    "contraction": (-0.5, 3.0, "m"),
+    "force": (-100.0, 2.0e4, "N"),
+    "rate": (-5.0, 5.0, "m/s"),
+}
+# largest / smallest typical value beyond which a column must hold two units
+MIXED = {"pressure": 100.0, "length": 3.0}
+
+
+class Table(NamedTuple):
+    """Rows of a taut muscle in SI, (n,) each; None where the file has no such column."""
+
+    pressure: np.ndarray
+    length: np.ndarray | None
+    contraction: np.ndarray | None
+    force: np.ndarray
+    sigma: np.ndarray | None
+    rate: np.ndarray | None
+
+
+def read_table(path: Path) -> Table:
+    """Read a table; rows marked slack are left out, but a force-free end (F = 0) is kept.
+
+    At the highest pressure that still hangs slack a muscle has its force-free length: that row
+    carries information, those below do not.
+
+    Raises:
+        OrthosisError: unreadable, unknown or doubled column, not a number, implausible values.
+    """
+    columns = _columns(path)
+    for needed in ("pressure", "force"):
+        if needed not in columns:
+            raise OrthosisError(f"{path}: no column for the {needed}; name it e.g. {_example(needed)}")
+    if ("length" in columns) == ("contraction" in columns):
+        raise OrthosisError(f"{path}: give either the length (L_m) or the contraction (dL_m)")
+    for name, values in columns.items():
+        _check(path, name, values)
+    slack = columns.pop("slack", np.zeros(len(columns["force"]))) != 0
+    if slack.all():
+        raise OrthosisError(f"{path}: the muscle hangs slack in every row; measure at more pressure")
+    kept = ~slack | _force_free_end(slack, columns)
+    return Table(**{name: columns[name][kept] if name in columns else None for name in Table._fields})
+
+
+def _force_free_end(slack: np.ndarray, columns) -> np.ndarray:
+    """Mark the slack row of highest pressure where the longest-travelled length never carries."""
+    place = columns["contraction"] if "contraction" in columns else -columns["length"]
+    end = place == place.max()
+    mark = np.zeros(len(slack), dtype=bool)
+    if (slack | ~end).all():
+        rows = np.flatnonzero(end)
+        mark[rows[np.argmax(columns["pressure"][rows])]] = True
+    return mark
+
+
+def _columns(path: Path) -> dict[str, np.ndarray]:
+    rows = _rows(path)
+    if not rows:
+        raise OrthosisError(f"{path} is empty")
+    header, body = [name.strip() for name in rows[0]], rows[1:]
+    if not body:
+        raise OrthosisError(f"{path} has a header but no rows")
+    result: dict[str, np.ndarray] = {}
+    for index, name in enumerate(header):
+        if name not in COLUMNS:
+            raise OrthosisError(f"{path}: column {name!r} is unknown; there are {', '.join(COLUMNS)}")
+        quantity, factor, offset = COLUMNS[name]
+        if quantity in result:
+            raise OrthosisError(f"{path}: two columns give the {quantity}; leave one, in one unit")
+        result[quantity] = factor * _numbers(path, name, [row[index] for row in body]) + offset
+    return result
+
+
+def _rows(path: Path) -> list[list[str]]:
+    try:
+        with open(path, encoding="utf-8", newline="") as stream:
+            rows = [row for row in csv.reader(stream) if row and not row[0].startswith("#")]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise OrthosisError(f"cannot read {path} as a table: {error}") from error
+    for number, row in enumerate(rows, start=1):
+        if len(row) != len(rows[0]):
+            raise OrthosisError(f"{path}: row {number} has {len(row)} fields, the header {len(rows[0])}")
+    return rows
+
+
+def _numbers(path: Path, name: str, texts: list[str]) -> np.ndarray:
+    try:
+        values = np.array([float(text) for text in texts])
+    except ValueError as error:
+        raise OrthosisError(f"{path}: column {name}: {error}") from error
+    if not np.isfinite(values).all():
+        raise OrthosisError(f"{path}: column {name} holds values that are not finite")
+    return values
+
+
+def _check(path: Path, name: str, values: np.ndarray) -> None:
+    if name == "sigma" and (values <= 0).any():
+        raise OrthosisError(f"{path}: standard deviations of the force must be positive")
+    if name in PLAUSIBLE:
+        low, high, unit = PLAUSIBLE[name]
+        if values.min() < low or values.max() > high:
+            raise OrthosisError(
+                f"{path}: {name} from {values.min():g} to {values.max():g} {unit} is implausible;"
+                " check the unit in the column's name"
+            )
+    positive = values[values > 0]
+    if name in MIXED and len(positive) and positive.max() > MIXED[name] * positive.min():
+        raise OrthosisError(
+            f"{path}: {name} from {positive.min():g} to {positive.max():g} {PLAUSIBLE[name][2]}:"
+            " rows in different units?"
+        )
+    if name == "pressure" and values.max() < 1.0e3:
+        raise OrthosisError(f"{path}: the highest pressure is {values.max():g} Pa; is the unit bar?")
+
+
+def _example(quantity: str) -> str:
+    return next(column for column, (name, *_) in COLUMNS.items() if name == quantity)

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of an identification, like the paper's fig. 4 (force) and fig. 5 (volume), and residuals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+mpl.use("Agg")  # no display
+from matplotlib import pyplot as plt
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.identification.data import Samples
+from pam_orthosis.identification.identify import DIRECTIONS, Identified
+
+FORCE, RESIDUAL, VOLUME = "force.png", "residual.png", "volume.png"
+COLOURS = {1.0: "tab:red", -1.0: "tab:blue", 0.0: "0.6"}
+DPI = 130
+MOST_CURVES = 12
+
+
+def draw(found: Identified, folder: Path) -> list[Path]:
+    """Draw what the data allow into a folder; returns the files.
+
+    Raises:
+        OrthosisError: the folder cannot be written.
+    """
+    figures = {FORCE: _force(found), RESIDUAL: _residual(found)}
+    if found.volume:
+        figures[VOLUME] = _volume(found)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, figure in figures.items():
+            figure.savefig(folder / name, dpi=DPI)
+            plt.close(figure)
+    except OSError as error:
+        raise OrthosisError(f"cannot write figures to {folder}: {error.strerror}") from error
+    return [folder / name for name in figures]
+
+
+def _force(found: Identified):
+    """Force against contraction: measured and calculated at each pressure; and the surface."""
+    figure = plt.figure(figsize=(12, 5), layout="constrained")
+    curves, surface = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2, projection="3d")
+    s, model = found.data.samples, found.force.model
+    levels = np.unique(s.level)[:: -(-len(np.unique(s.level)) // MOST_CURVES)]
+    held = set(np.unique(found.held_out.level).tolist()) if len(found.held_out) else set()
+    for colour, level in zip(plt.get_cmap("viridis")(np.linspace(0, 0.9, len(levels))), levels, strict=True):
+        part = s.where(s.level == level)
+        curves.plot(
+            part.contraction * 1e3, part.force, ".", ms=2 if not found.data.static else 6, color=colour
+        )
+        x = np.linspace(found.box.minimum_contraction, found.box.maximum_contraction, 200)
+        force = model.towing(x, level)
+        label = f"{level / 1e5:.1f} bar" + (" (held out)" if level in held else "")
+        taut = force > 0
+        curves.plot(
+            x[taut] * 1e3, force[taut], "--" if level in held else "-", color=colour, lw=1, label=label
+        )
+    curves.set(xlabel="contraction / mm", ylabel="force / N", ylim=(0, None))
+    curves.set_title(f"{found.data.specimen}: measured (dots) and calculated (lines)")
+    curves.legend(title="gauge pressure", fontsize=7)
+    _force_surface(surface, found)
+    return figure
+
+
+def _force_surface(axes, found: Identified) -> None:
+    box, s = found.box, found.data.samples
+    x, p = np.meshgrid(
+        np.linspace(box.minimum_contraction, box.maximum_contraction, 40),
+        np.linspace(s.level.min(), box.maximum_pressure_gauge, 30),
+    )
+    force = found.force.model.towing(x, p)
+    axes.plot_surface(x * 1e3, p / 1e5, np.where(force > 0, force, np.nan), alpha=0.5, cmap="viridis")
+    axes.scatter(s.contraction * 1e3, s.pressure / 1e5, s.force, s=1, color="k")
+    axes.set(xlabel="contraction / mm", ylabel="gauge pressure / bar", zlabel="force / N")
+    axes.view_init(elev=22, azim=35)
+
+
+def _residual(found: Identified):
+    """Residuals by direction: the two branches of the hysteresis, and what holds on held-out data."""
+    parts = [("data of the fit", found.training)]
+    if len(found.held_out):
+        parts.append(("held-out pressures", found.held_out))
+    figure, axes = plt.subplots(
+        1, len(parts), figsize=(6 * len(parts), 4.5), sharey=True, squeeze=False, layout="constrained"
+    )
+    for ax, (title, s) in zip(axes[0], parts, strict=True):
+        _branches(ax, s, found.force.model.residual(s))
+        ax.set(title=f"{found.data.specimen}, {title}", xlabel="contraction / mm")
+        ax.axhline(0, color="k", lw=0.5)
+    axes[0, 0].set_ylabel("measured - calculated force / N")
+    axes[0, 0].legend()
+    return figure
+
+
+def _branches(ax, s: Samples, residual: np.ndarray) -> None:
+    for sign, name in DIRECTIONS.items():
+        side = s.direction == sign
+        if side.any():
+            size = 2 if len(s) > 500 else 6
+            ax.plot(s.contraction[side] * 1e3, residual[side], ".", ms=size, color=COLOURS[sign], label=name)
+
+
+def _volume(found: Identified):
+    figure, ax = plt.subplots(figsize=(7, 5), layout="constrained")
+    data, fit = found.data.volumes, found.volume
+    levels = np.unique(np.round(data.pressure, -5))
+    x = np.linspace(0, data.contraction.max(), 100)
+    for colour, level in zip(plt.get_cmap("viridis")(np.linspace(0, 0.9, len(levels))), levels, strict=True):
+        near = np.abs(data.pressure - level) < 0.5e5
+        ax.plot(data.contraction[near] * 1e3, data.volume[near] * 1e6, "o", ms=4, color=colour)
+        reach = x <= data.contraction[near].max()
+        ax.plot(
+            x[reach] * 1e3, fit.volume(x[reach], level) * 1e6, color=colour, label=f"{level / 1e5:.0f} bar"
+        )
+    ax.set(xlabel="contraction / mm", ylabel="volume / cm$^3$")
+    ax.set_title(f"{found.data.specimen}: volume, measuring points and model")
+    ax.legend(title="gauge pressure", fontsize=8)
+    return figure
