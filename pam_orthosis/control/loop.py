@@ -26,11 +26,18 @@ SIGNALS = (
 
 
 class ClosedLoop:
-    """Plant, trajectory and cascade of controllers in one process."""
+    """Plant, trajectory and cascade of controllers in one process.
 
-    def __init__(self, parameters, seed: int = 0):
-        self.plant = Plant(parameters, seed)
-        self._trajectory = make_trajectory(parameters)
+    Args:
+        parameters: the whole tree.
+        seed: of the sensor noise.
+        plant: another plant with the methods of `Plant`.
+        trajectory: another trajectory with the method `sample`.
+    """
+
+    def __init__(self, parameters, seed: int = 0, plant=None, trajectory=None):
+        self.plant = Plant(parameters, seed) if plant is None else plant
+        self._trajectory = make_trajectory(parameters) if trajectory is None else trajectory
         self._position = PositionController(parameters)
         self._pressure = [PressureController(parameters, muscle) for muscle in MUSCLES]
         self._valves = [InverseValveModel(parameters) for _ in MUSCLES]

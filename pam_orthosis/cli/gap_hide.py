@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Make a blind test case of the gap workflow: bags of a plant with hidden effects, the answer apart."""
+
+from __future__ import annotations
+
+import argparse
+from importlib.util import find_spec
+from pathlib import Path
+
+from pam_orthosis.errors import OrthosisError
+
+CLASSES, SIZES = ("clean", "realistic"), ("small", "medium", "large")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the verb."""
+    parser.add_argument(
+        "--class", dest="class_", choices=CLASSES, default="clean", help="clean: only effect and tolerances"
+        " differ; realistic: force map, valve curve and volume are off in shape too (clean)",
+    )  # fmt: skip
+    parser.add_argument("--size", choices=SIZES, default="medium", help="size of the effects (medium)")
+    parser.add_argument(
+        "--effect", action="append", metavar="NAME", help="effect to hide, `random` or `none`; repeatable"
+        " (random)",
+    )  # fmt: skip
+    parser.add_argument("--outside", action="store_true", help="effects that the catalogue does not know")
+    parser.add_argument(
+        "--seed", type=int, default=1, metavar="N", help="all that is drawn follows from it (1)"
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder of the case")
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Record and write the case; print where it is; return 0."""
+    if find_spec("numba") is None:
+        raise OrthosisError("numba is not installed: pip install 'pam_orthosis[test]'")
+    from pam_orthosis.discrepancy.hidden.case import make_case
+    from pam_orthosis.discrepancy.hidden.write import write_case
+
+    if arguments.out.exists() and any(arguments.out.iterdir()):
+        raise OrthosisError(f"{arguments.out} is not empty; choose another --out")
+    if arguments.seed < 0:
+        raise OrthosisError("--seed: give a whole number from 0 on")
+    effects = _effects(arguments.effect or ["random"])
+    case = make_case(arguments.seed, arguments.class_, arguments.size, effects, arguments.outside)
+    training, held_out, truth = write_case(case, arguments.out)
+    print("training: ", *training)
+    print("held out: ", *held_out)
+    print("answer:   ", truth)
+    return 0
+
+
+def _effects(names: list[str]) -> int | list[str]:
+    """Return the number of effects to draw, or their names."""
+    if names == ["none"]:
+        return 0
+    if "none" in names or 0 < names.count("random") < len(names):
+        raise OrthosisError("--effect: give names, or `random` once or more, or `none` alone")
+    return len(names) if names[0] == "random" else names

@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Blind cases: recordings of a plant with hidden effects, and the answer, all drawn from a seed.
+
+A case has two training and two held-out recordings in closed loop, of a gait and of diagnostic
+experiments, with trajectories of their own. Every case, also one that hides nothing, has ordinary
+parameters that are off by 0.7 of their stated tolerance. In the class `realistic` static force map,
+valve curve and volume differ from the model's in shape as well.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pam_orthosis.control import diagnostic
+from pam_orthosis.control.loop import ClosedLoop
+from pam_orthosis.control.trajectory import Trajectory, fourier_shape
+from pam_orthosis.discrepancy.hidden.effects import EFFECTS, OUTSIDE, SIZES, HiddenEffect
+from pam_orthosis.discrepancy.hidden.physics import Hidden
+from pam_orthosis.discrepancy.hidden.plant import HiddenPlant
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import Parameters, Section, load
+
+CLASSES = ("clean", "realistic")
+TOLERANCE_SHARE = 0.7  # of the stated standard deviation, by which ordinary parameters are off
+# the belief of all cases: slower loops than the default, so that a hidden delay of 8 ms stays stable
+BELIEF = {
+    "scenario.control_period": 0.002,
+    "scenario.start_angle": 0.6,
+    "scenario.start_hold": 0.5,
+    "valve.dead_band": 0.0,
+    "control.observer.pole": 70.0,
+    "control.position.c1": 22.0,
+    "control.position.c2": 22.0,
+    "control.pressure.gain": 40.0,
+    "control.pressure.reference_filter": 50.0,
+}
+# realistic class: sizes of the misfits in shape (about 5 N rms, 2 %, 1 %)
+MAP_SD, VALVE_SD, VOLUME_SD = 3.5, 0.02, 0.01
+GAIT_SECONDS, HELD_OUT_GAIT_SECONDS, PUSH_SECONDS = 20.0, 14.0, 120.0
+PARTS = (diagnostic.triangle, diagnostic.cocontraction, diagnostic.closed_hold, diagnostic.decay)
+
+Recording = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Case:
+    """Recordings (arrays by the names of `control.loop.SIGNALS`), belief, and the sealed answer."""
+
+    training: dict[str, Recording]
+    held_out: dict[str, Recording]
+    parameters: Parameters
+    answer: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Secret:
+    """What the plant of a case is."""
+
+    hidden: Hidden
+    deviations: dict[str, float]
+    misfits: dict[str, np.ndarray]
+    answer: dict[str, Any]
+
+
+def belief() -> Parameters:
+    """Return what is known of the apparatus of all cases: the nominal model, without any effect."""
+    return load(BELIEF)
+
+
+def make_case(
+    seed: int,
+    class_: str = "clean",
+    size: str = "medium",
+    effects: int | str | Sequence[str] = 1,
+    outside: bool = False,
+) -> Case:
+    """Draw a case and record it.
+
+    Args:
+        seed: everything that is drawn follows from it.
+        class_: one of `CLASSES`.
+        size: one of `SIZES`.
+        effects: how many effects are drawn, or their names.
+        outside: draw from the effects outside the catalogue.
+
+    Raises:
+        OrthosisError: unknown class, size or effect.
+    """
+    rng = np.random.default_rng([seed, 4])
+    parameters = belief()
+    secret = draw(rng, parameters, class_, size, effects, outside)
+    training, held_out = trajectories(rng, parameters), trajectories(rng, parameters, held_out=True)
+    seeds = iter(rng.integers(2**31, size=len(training) + len(held_out)).tolist())
+
+    def recorded(runs):
+        return {name: record(parameters, secret, run, next(seeds)) for name, run in runs.items()}
+
+    return Case(recorded(training), recorded(held_out), parameters, {"seed": seed, **secret.answer})
+
+
+def draw(rng, parameters, class_: str, size: str, effects, outside: bool = False) -> Secret:
+    """Draw the plant of a case; arguments as in `make_case`."""
+    _check(class_, CLASSES, "class")
+    _check(size, SIZES, "size")
+    table = OUTSIDE if outside else EFFECTS
+    chosen = _chosen(rng, table, effects)
+    fields: dict[str, float] = {}
+    misfits = realistic_misfits(rng) if class_ == "realistic" else {}
+    parts = {effect.name: _hide(rng, effect, SIZES.index(size), fields, misfits) for effect in chosen}
+    deviations = {
+        name: TOLERANCE_SHARE * sd * rng.standard_normal() for name, sd in parameters.gap.tolerance.items()
+    }
+    answer = {
+        "class": class_,
+        "size": size,
+        "outside": outside,
+        "effects": parts,
+        "forms": {effect.name: effect.form for effect in chosen},
+        "same_form": {effect.name: effect.same_form for effect in chosen},
+        "deviations": deviations,
+    }
+    return Secret(Hidden(**fields), deviations, misfits, answer)
+
+
+def record(parameters, secret: Secret, run: tuple[Any, float], seed: int) -> Recording:
+    """Return one recording in closed loop of a trajectory over its duration."""
+    trajectory, duration = run
+    parameters = started(parameters, trajectory)
+    plant = HiddenPlant(parameters, secret.hidden, secret.deviations, secret.misfits, seed)
+    loop = ClosedLoop(parameters, plant=plant, trajectory=trajectory)
+    recording = loop.run(round(duration / parameters.scenario.control_period))
+    return {name: values for name, values in recording.items() if not name.startswith("true_")}
+
+
+def started(parameters, trajectory) -> Parameters:
+    """Return the parameters with the angle at which a trajectory starts."""
+    return parameters.changed({"scenario.start_angle": trajectory.sample(0).angle})
+
+
+def trajectories(rng, parameters, held_out: bool = False) -> dict[str, tuple[Any, float]]:
+    """Return name -> (trajectory, duration s): a gait and diagnostic experiments, drawn anew."""
+    seconds = HELD_OUT_GAIT_SECONDS if held_out else GAIT_SECONDS
+    programme = _experiments(rng, parameters)
+    return {"gait": (_gait(rng, parameters), seconds), "diagnostic": (programme, programme.duration)}
+
+
+def _gait(rng, parameters) -> Trajectory:
+    """Return a gait whose harmonics, cadence and start are drawn about the default's."""
+    gait = parameters.scenario.gait
+    spread = 1 + 0.1 * rng.standard_normal((2, len(gait.cosine)))
+    shape = fourier_shape(np.array(gait.cosine) * spread[0] + _centre(), np.array(gait.sine) * spread[1])
+    return Trajectory(shape, rng.uniform(1.6, 3.0), parameters.scenario.start_hold, 1.0, rng.uniform())
+
+
+def _centre() -> np.ndarray:
+    return np.array([0.08] + [0.0] * 6)  # rad: keeps drawn gaits off the stops
+
+
+def _experiments(rng, parameters) -> diagnostic.Programme:
+    """Return all diagnostic experiments in random order with drawn angles and pressures."""
+    levels = Section("levels", {
+        "low_angle": rng.uniform(0.25, 0.45), "high_angle": rng.uniform(0.85, 1.1),
+        "low_mean": rng.uniform(2.5e5, 2.9e5), "high_mean": rng.uniform(4.1e5, 4.7e5),
+    })  # fmt: skip
+    script = diagnostic.Script(parameters.scenario.start_angle, parameters.control.position.mean_pressure)
+    for index in rng.permutation(len(PARTS)):
+        PARTS[index](script, levels)
+    return diagnostic.Programme(script.phases, parameters.scenario.start_hold)
+
+
+def realistic_misfits(rng) -> dict[str, np.ndarray]:
+    """Return the misfits of the class `realistic`."""
+    return {
+        "force_waves": force_waves(rng, MAP_SD * rng.standard_normal((2, 4))),
+        "valve_waves": _waves(rng, VALVE_SD * rng.standard_normal(2), 5.0),
+        "volume_waves": _waves(rng, VOLUME_SD * rng.standard_normal(2), 2.0),
+    }
+
+
+def force_waves(rng, amplitudes) -> np.ndarray:
+    """Return (2, k, 4) waves of a smooth map error with these amplitudes (2, k), N."""
+    numbers = rng.uniform(-3.5, 3.5, (2, amplitudes.shape[1], 2))
+    phases = rng.uniform(0, 2 * np.pi, amplitudes.shape)
+    return np.concatenate([amplitudes[..., None], numbers, phases[..., None]], axis=2)
+
+
+def _waves(rng, amplitudes, number: float) -> np.ndarray:
+    return np.column_stack([amplitudes, [number] * 2, rng.uniform(0, 2 * np.pi, 2)])
+
+
+def _hide(rng, effect: HiddenEffect, level: int, fields: dict, misfits: dict) -> dict[str, float]:
+    """Enter an effect into fields or misfits; return its true parameters in the catalogue's terms."""
+    size = effect.sizes[level] * rng.uniform(0.85, 1.2)
+    if effect.signed and rng.uniform() < 0.5:
+        size = -size
+    if effect.field in MISFITS:
+        name, waves = MISFITS[effect.field](rng, size)
+        misfits[name] = waves
+        return {effect.parameter: size}
+    value = 1 + size if effect.around_one else size
+    fields[effect.field] = 1.6 / (2 * math.pi * value) / 2 if effect.name == "valve_lag" else value
+    extra = dict(effect.others)
+    if effect.name == "periodic_torque":
+        extra = {"frequency": rng.uniform(0.6, 2.5), "phase": rng.uniform(-math.pi, math.pi)}
+        fields.update({f"periodic_{name}": number for name, number in extra.items()})
+    return {effect.parameter: value, **extra}
+
+
+def _pushes(rng, size: float) -> tuple[str, np.ndarray]:
+    torque = np.zeros(round(PUSH_SECONDS * 1e3))
+    at = rng.uniform(1.0, 4.0)
+    while at < PUSH_SECONDS - 1.0:
+        width = round(1e3 * rng.uniform(0.15, 0.5))
+        push = size * rng.choice([-1, 1]) * rng.uniform(0.6, 1.0) * np.sin(np.linspace(0, np.pi, width))
+        torque[round(1e3 * at) :][:width] += push
+        at += rng.uniform(1.0, 4.0)
+    return "torque", torque
+
+
+def _force_misfit(rng, size: float) -> tuple[str, np.ndarray]:
+    return "force_waves", force_waves(rng, size / math.sqrt(2) * rng.choice([-1.0, 1.0], (2, 4)))
+
+
+def _valve_misfit(rng, size: float) -> tuple[str, np.ndarray]:
+    return "valve_waves", _waves(rng, size * rng.choice([-1.0, 1.0], 2), 6.0)
+
+
+def _volume_misfit(rng, size: float) -> tuple[str, np.ndarray]:
+    return "volume_waves", _waves(rng, size * rng.choice([-1.0, 1.0], 2), 3.0)
+
+
+MISFITS = {
+    "pushes": _pushes,
+    "force_waves": _force_misfit,
+    "valve_waves": _valve_misfit,
+    "volume_waves": _volume_misfit,
+}
+
+
+def _chosen(rng, table, effects) -> list[HiddenEffect]:
+    if isinstance(effects, int):
+        names = rng.choice(sorted(table), size=effects, replace=False).tolist()
+    else:
+        names = [effects] if isinstance(effects, str) else list(effects)
+    for name in names:
+        _check(name, tuple(table), "effect")
+    return [table[name] for name in names]
+
+
+def _check(value: str, allowed: Sequence[str], kind: str) -> None:
+    if value not in allowed:
+        raise OrthosisError(f"no {kind} {value!r} to hide; there are: {', '.join(allowed)}")

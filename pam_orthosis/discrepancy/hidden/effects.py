@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What can be hidden: the catalogue's effects in another form, and effects outside the catalogue."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+SIZES = ("small", "medium", "large")
+
+
+@dataclass(frozen=True)
+class HiddenEffect:
+    """One effect of the hidden plant.
+
+    Attributes:
+        name: the catalogue's name, which a workflow has to find.
+        parameter: the catalogue's parameter that tells its size.
+        field: the field of `physics.Hidden` (or the misfit) that holds the size.
+        sizes: small, medium, large, in the parameter's unit (for `around_one`: its distance from 1).
+        form: the form in which the hidden plant has it.
+        signed: the sign is drawn.
+        around_one: the parameter is a factor; the size is its distance from 1.
+        same_form: the catalogue's equation is exactly this one, so that intervals can be judged.
+        others: further parameters of the catalogue's effect that are true of it, name -> value.
+    """
+
+    name: str
+    parameter: str
+    field: str
+    sizes: tuple[float, float, float]
+    form: str
+    signed: bool = False
+    around_one: bool = False
+    same_form: bool = False
+    others: Mapping[str, float] = field(default_factory=dict)
+
+
+def _both(name: str, parameter: str, stem: str, sizes, form: str, **more) -> list[HiddenEffect]:
+    return [
+        HiddenEffect(f"{muscle}_{name}", parameter, f"{stem}_{muscle[0]}", sizes, form, **more)
+        for muscle in ("extensor", "flexor")
+    ]
+
+
+_ALL = [
+    HiddenEffect("joint_friction", "coulomb", "coulomb", (0.1, 0.4, 1.5), "LuGre bristles",
+                 others={"stribeck": 0.2}),
+    HiddenEffect("viscous_friction", "viscosity", "viscosity", (0.05, 0.2, 0.8), "linear", same_form=True),
+    HiddenEffect("muscle_hysteresis", "half_width", "hysteresis", (3.0, 10.0, 40.0), "Maxwell-slip elements"),
+    HiddenEffect("pressure_dependent_damping", "damping", "pressure_damping", (150.0, 400.0, 900.0),
+                 "linear", same_form=True),
+    HiddenEffect("direction_dependent_damping", "asymmetry", "direction_damping", (100.0, 300.0, 800.0),
+                 "kink at standstill instead of a rounding", signed=True),
+    HiddenEffect("creep", "stiffness", "creep", (150.0, 600.0, 2500.0), "two time constants, 0.6 and 1.8 s"),
+    HiddenEffect("parallel_elasticity", "stiffness", "elasticity", (0.5, 2.0, 8.0), "hardening spring"),
+    HiddenEffect("extra_foot_mass", "mass", "foot_mass", (0.15, 0.5, 2.0), "point mass", same_form=True),
+    HiddenEffect("backlash", "half_width", "play", (1.5e-3, 5.0e-3, 1.5e-2), "hard play operator"),
+    HiddenEffect("stretch_reflex", "gain", "reflex_gain", (0.15, 0.5, 2.0), "dead time of 40 ms, no lag",
+                 others={"threshold": 1.0}),
+    HiddenEffect("constant_torque", "torque", "constant_torque", (0.15, 0.5, 2.0), "constant",
+                 signed=True, same_form=True),
+    HiddenEffect("periodic_torque", "amplitude", "periodic_torque", (0.1, 0.4, 1.5), "with a third harmonic"),
+    *_both("force_scale", "scale", "force_scale", (0.05, 0.1, 0.25), "factor",
+           signed=True, around_one=True, same_form=True),
+    HiddenEffect("valve_dead_band", "half_width", "dead_band", (0.01, 0.05, 0.2), "edges at 1.25 and 0.75"),
+    *_both("valve_gain", "gain", "valve_gain", (0.08, 0.15, 0.35), "factor",
+           signed=True, around_one=True, same_form=True),
+    HiddenEffect("valve_lag", "natural_frequency", "valve_lag", (90.0, 45.0, 25.0), "two first-order lags"),
+    HiddenEffect("valve_delay", "delay", "valve_delay", (1.0e-3, 3.0e-3, 8.0e-3), "dead time"),
+    *_both("leak", "coefficient", "leak", (1.0e-11, 5.0e-11, 3.0e-10), "orifice"),
+    HiddenEffect("hose_resistance", "resistance", "hose", (4.0e5, 1.5e6, 4.0e6), "with a turbulent share"),
+    *_both("dead_volume", "volume", "dead_volume", (2.0e-5, 4.0e-5, 9.0e-5), "volume", same_form=True),
+    HiddenEffect("polytropic_exponent", "shift", "exponent_shift", (0.06, 0.1, 0.15), "shift",
+                 signed=True, same_form=True),
+    HiddenEffect("supply_sag", "resistance", "sag", (5.0e6, 2.0e7, 8.0e7), "falls faster than it recovers"),
+    HiddenEffect("temperature_drift", "rise", "warming", (10.0, 25.0, 50.0), "two time constants"),
+    HiddenEffect("angle_offset", "offset", "angle_offset", (9.0e-3, 1.7e-2, 5.2e-2), "offset",
+                 signed=True, same_form=True),
+    HiddenEffect("angle_gain", "gain", "angle_gain", (0.01, 0.03, 0.08), "factor",
+                 signed=True, around_one=True, same_form=True),
+    HiddenEffect("angle_delay", "delay", "angle_delay", (1.0e-3, 3.0e-3, 8.0e-3), "dead time"),
+    *_both("pressure_offset", "offset", "pressure_offset", (3.0e3, 8.0e3, 2.5e4), "offset",
+           signed=True, same_form=True),
+    *_both("pressure_gain", "gain", "pressure_gain", (0.01, 0.03, 0.1), "factor",
+           signed=True, around_one=True, same_form=True),
+    *_both("pressure_delay", "delay", "pressure_delay", (1.0e-3, 3.0e-3, 8.0e-3), "dead time"),
+    HiddenEffect("force_map_misfit", "-", "force_waves", (15.0, 30.0, 60.0), "sines over both coordinates"),
+    HiddenEffect("valve_curve_misfit", "-", "valve_waves", (0.06, 0.12, 0.25), "sine over the opening"),
+    HiddenEffect("volume_misfit", "-", "volume_waves", (0.04, 0.08, 0.15), "sine over the contraction"),
+]  # fmt: skip
+EFFECTS = {effect.name: effect for effect in _ALL}
+
+_OUTSIDE = [
+    HiddenEffect("cogging_torque", "amplitude", "cogging", (0.2, 0.4, 0.8), "sin 14 q"),
+    HiddenEffect("valve_cross_talk", "share", "cross_talk", (0.03, 0.06, 0.12), "opening of the other valve"),
+    HiddenEffect("random_pushes", "amplitude", "pushes", (0.5, 1.2, 2.5), "half sines at random instants"),
+    HiddenEffect("drifting_valve_gain", "rise", "gain_drift", (0.06, 0.12, 0.25), "linear in time, extensor"),
+    HiddenEffect(
+        "asymmetric_exhaust", "loss", "exhaust", (0.06, 0.12, 0.2), "venting passes less than filling"
+    ),
+]
+OUTSIDE = {effect.name: effect for effect in _OUTSIDE}

@@ -1,0 +1,442 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The hidden plant's physics: a second realisation, independent of `model`, compiled by numba.
+
+It shares no code and, for the hidden effects, no form with the model that is fitted to its
+recordings: Maxwell-slip elements for the muscles' hysteresis, LuGre for joint friction, a hard play,
+ring buffers for dead times, an orifice as leak, two creep constants, edges of the dead band that
+differ, a hose with a turbulent share. Integration: Heun, one step `STEP`; operators with memory are
+updated exactly between steps. SI units; pressures absolute unless named gauge.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+# inlining matters: the sets of parameters are passed by value
+_compiled = njit(cache=True, error_model="numpy", forceinline=True)
+
+STEP = 5.0e-5  # s
+RING = 2048  # steps that the ring buffers remember: 0.1 s
+ELEMENTS = 5  # Maxwell-slip elements a muscle
+GAS_CONSTANT, DENSITY, REFERENCE_TEMPERATURE = 287.06, 1.185, 293.15
+LAMINAR_RATIO = 0.995
+HYSTERESIS_FLOOR = 0.4  # share of the hysteresis left without pressure
+MAP_STROKE, MAP_PRESSURE = 0.125, 6.0e5  # whole contraction m and gauge pressure Pa of the maps
+
+# continuous states
+Q, W, PE, PF, SE1, SE2, SF1, SF2, SAG, CE1, CE2, CF1, CF2, BRISTLE = range(14)
+STATES = 14
+# ring buffers
+RING_UE, RING_UF, RING_REFLEX, RING_Q, RING_PE, RING_PF = range(6)
+
+
+class Apparatus(NamedTuple):
+    """Ordinary parameters, true values."""
+
+    radius: float
+    symmetric_angle: float
+    symmetric_contraction: float
+    damping: float
+    extensor_force: float
+    flexor_force: float
+    stroke_scale: float  # specimen's length / muscle's length
+    box_contraction: float
+    box_gauge: float
+    ambient: float
+    supply: float
+    temperature: float
+    exponent: float
+    conductance: float
+    critical_ratio: float
+    half_span: float  # V from closed to fully open
+    hose_conductance: float
+    hose_volume: float
+    stop_low: float
+    stop_high: float
+    stop_stiffness: float
+    stop_damping: float
+    table_start: float
+    table_step: float
+    locked: float
+
+
+class Hidden(NamedTuple):
+    """Sizes of what may be hidden; the defaults hide nothing."""
+
+    coulomb: float = 0.0
+    viscosity: float = 0.0
+    pressure_damping: float = 0.0
+    direction_damping: float = 0.0
+    hysteresis: float = 0.0
+    creep: float = 0.0
+    elasticity: float = 0.0
+    foot_mass: float = 0.0
+    play: float = 0.0
+    reflex_gain: float = 0.0
+    reflex_threshold: float = 1.0
+    reflex_delay: float = 0.04
+    constant_torque: float = 0.0
+    periodic_torque: float = 0.0
+    periodic_frequency: float = 1.0
+    periodic_phase: float = 0.0
+    force_scale_e: float = 1.0
+    force_scale_f: float = 1.0
+    dead_band: float = 0.0
+    valve_gain_e: float = 1.0
+    valve_gain_f: float = 1.0
+    valve_lag: float = 0.0
+    valve_delay: float = 0.0
+    leak_e: float = 0.0
+    leak_f: float = 0.0
+    hose: float = 0.0
+    dead_volume_e: float = 0.0
+    dead_volume_f: float = 0.0
+    exponent_shift: float = 0.0
+    sag: float = 0.0
+    warming: float = 0.0
+    warming_time: float = 20.0
+    angle_offset: float = 0.0
+    angle_gain: float = 1.0
+    angle_delay: float = 0.0
+    pressure_offset_e: float = 0.0
+    pressure_offset_f: float = 0.0
+    pressure_gain_e: float = 1.0
+    pressure_gain_f: float = 1.0
+    pressure_delay_e: float = 0.0
+    pressure_delay_f: float = 0.0
+    # outside the catalogue
+    cogging: float = 0.0
+    cross_talk: float = 0.0
+    gain_drift: float = 0.0
+    exhaust: float = 0.0
+
+
+class Maps(NamedTuple):
+    """Arrays: muscle polynomials a, b, v, w; leg table (4, n): inertia, its slope, gravity, ankle
+    inertia...; misfits; torque from outside at every millisecond."""
+
+    a: np.ndarray
+    b: np.ndarray
+    v: np.ndarray
+    w: np.ndarray
+    leg: np.ndarray  # (6, n): m, dm/dq, G of the apparatus; the same of 1 kg at the ankle
+    force_waves: np.ndarray  # (2, k, 4): amplitude N, wave numbers of contraction and pressure, phase
+    valve_waves: np.ndarray  # (2, 3): relative amplitude, wave number of the opening, phase
+    volume_waves: np.ndarray  # (2, 3): relative amplitude, wave number of the contraction, phase
+    torque: np.ndarray  # (n,) N m at whole milliseconds
+
+
+@_compiled
+def polynomial(c, x):
+    """Return the value and the derivative of sum c_i x^i."""
+    value, slope = 0.0, 0.0
+    for k in range(len(c) - 1, -1, -1):
+        slope = slope * x + value
+        value = value * x + c[k]
+    return value, slope
+
+
+@_compiled
+def clip(x, low, high):
+    """Return x within limits."""
+    return min(max(x, low), high)
+
+
+@_compiled
+def leg_terms(q, a, h, leg):
+    """Return inertia, its slope and gravity torque at an angle, by linear interpolation."""
+    place = clip((q - a.table_start) / a.table_step, 0.0, leg.shape[1] - 1.001)
+    k = int(place)
+    f = place - k
+    m = leg[0, k] + f * (leg[0, k + 1] - leg[0, k])
+    s = leg[1, k] + f * (leg[1, k + 1] - leg[1, k])
+    g = leg[2, k] + f * (leg[2, k + 1] - leg[2, k])
+    if h.foot_mass != 0.0:
+        m += h.foot_mass * (leg[3, k] + f * (leg[3, k + 1] - leg[3, k]))
+        s += h.foot_mass * (leg[4, k] + f * (leg[4, k + 1] - leg[4, k]))
+        g += h.foot_mass * (leg[5, k] + f * (leg[5, k + 1] - leg[5, k]))
+    return m, s, g
+
+
+@_compiled
+def orifice(conductance, upstream, downstream, critical, temperature):
+    """Return the mass flow by ISO 6358, laminar near equal pressures; negative if it reverses."""
+    high, low = max(upstream, downstream), min(upstream, downstream)
+    r = low / high
+    depth = max(min(r, LAMINAR_RATIO) - critical, 0.0) / (1 - critical)
+    psi = np.sqrt(1 - depth * depth) * min((1 - r) / (1 - LAMINAR_RATIO), 1.0)
+    flow = conductance * DENSITY * high * np.sqrt(REFERENCE_TEMPERATURE / temperature) * psi
+    return flow if upstream >= downstream else -flow
+
+
+@_compiled
+def spool_opening(deviation, gain, wave, a, h):
+    """Return the relative opening for a voltage above the closed one: edges, gain, curve."""
+    fill, vent = 1.25 * h.dead_band, 0.75 * h.dead_band
+    free = max(deviation - fill, 0.0) + min(deviation + vent, 0.0)
+    opening = clip(free / a.half_span, -1.0, 1.0)
+    error = wave[0] * np.sin(wave[1] * opening + wave[2]) if wave[0] != 0.0 else 0.0
+    return gain * opening * (1 + error)
+
+
+@_compiled
+def valve_flow(opening, pressure, supply, a, h):
+    """Return the mass flow into the muscle through valve and fitting in series."""
+    c = abs(opening) * a.conductance
+    if c == 0.0:
+        return 0.0
+    c = c * a.hose_conductance / np.cbrt(c * c * c + a.hose_conductance**3)
+    if opening > 0:
+        return orifice(c, supply, pressure, a.critical_ratio, a.temperature)
+    return -orifice(c * (1 - h.exhaust), pressure, a.ambient, a.critical_ratio, a.temperature)
+
+
+@_compiled
+def hose_drop(flow, h):
+    """Return the pressure drop of the hose: mostly laminar, with a share that grows with the flow."""
+    return h.hose * flow * (0.85 + 0.15 * abs(flow) / 3e-3)
+
+
+@_compiled
+def hose_flow(opening, pressure, supply, a, h):
+    """Return the flow that valve and hose agree upon, by bisection."""
+    flow = valve_flow(opening, pressure, supply, a, h)
+    if h.hose == 0.0 or flow == 0.0:
+        return flow
+    low, high = min(flow, 0.0), max(flow, 0.0)
+    for _ in range(24):
+        middle = 0.5 * (low + high)
+        if valve_flow(opening, pressure + hose_drop(middle, h), supply, a, h) > middle:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+@_compiled
+def slip_force(x, anchors):
+    """Return the Maxwell-slip force of unit half width at a contraction."""
+    force = 0.0
+    for i in range(ELEMENTS):
+        force += clip((x - anchors[i]) / slip_distance(i), -1.0, 1.0)
+    return force / ELEMENTS
+
+
+@_compiled
+def slip_distance(i):
+    """Return the contraction over which an element sticks, m: 0.2 to 2.2 mm."""
+    return 2.0e-4 * 1.82**i
+
+
+@_compiled
+def map_error(waves, x, gauge):
+    """Return the misfit of a force map, N."""
+    error = 0.0
+    for k in range(waves.shape[0]):
+        if waves[k, 0] == 0.0:
+            continue
+        phase = waves[k, 1] * x / MAP_STROKE + waves[k, 2] * gauge / MAP_PRESSURE + waves[k, 3]
+        error += waves[k, 0] * np.sin(phase)
+    return error
+
+
+@_compiled
+def muscle(x, rate, gauge, creep, scale, anchors, waves, a, h, maps):
+    """Return the tension of a muscle, N."""
+    s = clip(x * a.stroke_scale, 0.0, a.box_contraction)
+    force = polynomial(maps.a, s)[0] * clip(gauge, 0.0, a.box_gauge) - polynomial(maps.b, s)[0]
+    force = scale * force + map_error(waves, x, gauge) - h.creep * creep
+    share = gauge / 6.0e5
+    if h.hysteresis != 0.0:
+        level = HYSTERESIS_FLOOR + (1 - HYSTERESIS_FLOOR) * share
+        force -= h.hysteresis * level * slip_force(x, anchors)
+    force -= share * (h.pressure_damping * rate + h.direction_damping * abs(rate))
+    return max(force - a.damping * rate, 0.0) if force > 0 else 0.0
+
+
+@_compiled
+def volume(x, gauge, dead, wave, a, maps):
+    """Return the volume with its derivatives by pressure and contraction."""
+    s = clip(x * a.stroke_scale, 0.0, a.box_contraction)
+    v, v_slope = polynomial(maps.v, s)
+    w, w_slope = polynomial(maps.w, clip(gauge, 0.0, a.box_gauge))
+    error, error_slope = 1.0, 0.0
+    if wave[0] != 0.0:
+        phase = wave[1] * x / MAP_STROKE + wave[2]
+        error, error_slope = 1 + wave[0] * np.sin(phase), wave[0] * np.cos(phase) * wave[1] / MAP_STROKE
+    plain = v * w / a.stroke_scale
+    by_x = v_slope * w * error + plain * error_slope
+    return plain * error + a.hose_volume + dead, v * w_slope / a.stroke_scale * error, by_x
+
+
+@_compiled
+def friction(bristle, w, h):
+    """Return LuGre's torque and the rate of its bristle (deflection in units of the Coulomb torque)."""
+    if h.coulomb == 0.0:
+        return 0.0, 0.0
+    stiffness = 500.0  # 1/rad: 2 mrad of pre-sliding
+    level = 1 + 0.2 * np.exp(-((w / 0.1) ** 2))
+    rate = stiffness * (w - abs(w) * bristle / level)
+    return h.coulomb * (bristle + 0.0005 * rate), rate
+
+
+@_compiled
+def torque_from_outside(t, w, q, reflex, h, maps):
+    """Return what acts on the knee beside muscles and friction, N m."""
+    torque = h.constant_torque - h.viscosity * w - h.reflex_gain * reflex
+    if h.periodic_torque != 0.0:
+        phase = 2 * np.pi * h.periodic_frequency * t + h.periodic_phase
+        torque += h.periodic_torque * (np.sin(phase) + 0.05 * np.sin(3 * phase))
+    bend = q - 0.6
+    torque -= h.elasticity * bend * (0.97 + 0.3 * bend * bend)
+    if h.cogging != 0.0:
+        torque += h.cogging * np.sin(14 * q)
+    place = min(t * 1e3, len(maps.torque) - 1.001)
+    k = int(place)
+    return torque + maps.torque[k] + (place - k) * (maps.torque[k + 1] - maps.torque[k])
+
+
+@_compiled
+def stops(q, w, a):
+    """Return the torque of the soft ends of the joint."""
+    if q < a.stop_low:
+        return max((a.stop_low - q) * (a.stop_stiffness - a.stop_damping * w), 0.0)
+    if q > a.stop_high:
+        return -max((q - a.stop_high) * (a.stop_stiffness + a.stop_damping * w), 0.0)
+    return 0.0
+
+
+@_compiled
+def cogwheel(q, w, wheel, h):
+    """Return angle and rate of the cogwheel behind the play."""
+    if h.play == 0.0:
+        return q, w
+    lost = q - wheel
+    drags = (lost >= h.play and w > 0) or (lost <= -h.play and w < 0)
+    return clip(wheel, q - h.play, q + h.play), w if drags else 0.0
+
+
+@_compiled
+def rates(x, out, t, ue, uf, reflex, wheel, anchors, a, h, maps):
+    """Write the rates of all continuous states; return the flows behind the hoses, kg/s."""
+    q, w, pe, pf = x[Q], x[W], x[PE], x[PF]
+    turned, turning = cogwheel(q, w, wheel, h)
+    wound = a.radius * (turned - a.symmetric_angle)
+    xe, xf = a.symmetric_contraction - wound, a.symmetric_contraction + wound
+    re, rf = -a.radius * turning, a.radius * turning
+    ge, gf = pe - a.ambient, pf - a.ambient
+    if h.valve_lag > 0.0:
+        out[SE1], out[SE2] = (ue - x[SE1]) / h.valve_lag, (x[SE1] - x[SE2]) / h.valve_lag
+        out[SF1], out[SF2] = (uf - x[SF1]) / h.valve_lag, (x[SF1] - x[SF2]) / h.valve_lag
+        ue, uf = x[SE2], x[SF2]
+    gain_e = h.valve_gain_e * (1 + h.gain_drift * t / 30.0)
+    oe = spool_opening(ue, gain_e, maps.valve_waves[0], a, h)
+    of = spool_opening(uf, h.valve_gain_f, maps.valve_waves[1], a, h)
+    oe, of = oe + h.cross_talk * of, of + h.cross_talk * oe
+    supply = a.supply - x[SAG]
+    fe, ff = hose_flow(oe, pe, supply, a, h), hose_flow(of, pf, supply, a, h)
+    drawn = h.sag * (max(fe, 0.0) + max(ff, 0.0)) - x[SAG]
+    out[SAG] = drawn / (0.04 if drawn > 0 else 0.06)
+    out[PE] = pressure_rate(
+        pe, fe, xe, re, ge, h.leak_e, h.dead_volume_e, maps.volume_waves[0], t, a, h, maps
+    )
+    out[PF] = pressure_rate(
+        pf, ff, xf, rf, gf, h.leak_f, h.dead_volume_f, maps.volume_waves[1], t, a, h, maps
+    )
+    out[CE1], out[CE2] = re - x[CE1] / 0.6, re - x[CE2] / 1.8
+    out[CF1], out[CF2] = rf - x[CF1] / 0.6, rf - x[CF2] / 1.8
+    ce, cf = 0.6 * x[CE1] + 0.4 * x[CE2], 0.6 * x[CF1] + 0.4 * x[CF2]
+    scale_e, scale_f = a.extensor_force * h.force_scale_e, a.flexor_force * h.force_scale_f
+    te = muscle(xe, re, ge, ce, scale_e, anchors[0], maps.force_waves[0], a, h, maps)
+    tf = muscle(xf, rf, gf, cf, scale_f, anchors[1], maps.force_waves[1], a, h, maps)
+    rubbing, out[BRISTLE] = friction(x[BRISTLE], w, h)
+    torque = a.radius * (tf - te) - rubbing + stops(q, w, a)
+    torque += torque_from_outside(t, w, q, reflex, h, maps)
+    inertia, slope, gravity = leg_terms(q, a, h, maps.leg)
+    out[Q] = w
+    out[W] = (torque - gravity - 0.5 * slope * w * w) / inertia
+    if a.locked > 0:
+        out[Q], out[W] = 0.0, 0.0
+    return fe, ff
+
+
+@_compiled
+def pressure_rate(p, flow, x, rate, gauge, leak, dead, wave, t, a, h, maps):
+    """Return dp/dt of a muscle with an orifice as leak and gas that warms with two time constants."""
+    if leak > 0.0:
+        flow -= leak_flow(leak, p, a)
+    temperature = a.temperature
+    if h.warming != 0.0:
+        warm = 1 - 0.5 * np.exp(-2.0 * t / h.warming_time) - 0.5 * np.exp(-t / (1.5 * h.warming_time))
+        temperature += h.warming * warm
+    n = a.exponent + h.exponent_shift
+    v, by_p, by_x = volume(x, gauge, dead, wave, a, maps)
+    return n / (v + n * by_p * p) * (GAS_CONSTANT * temperature * flow - by_x * rate * p)
+
+
+@_compiled
+def leak_flow(leak, p, a):
+    """Return the flow of an orifice that passes `leak` (kg/(s Pa)) times the gauge pressure at 3 bar."""
+    there = a.ambient + 3.0e5
+    reference = orifice(1.0, there, a.ambient, 0.3, a.temperature)
+    return leak * 3.0e5 / reference * orifice(1.0, p, a.ambient, 0.3, a.temperature)
+
+
+@_compiled
+def late(ring, row, index, delay):
+    """Return the value that a ring buffer held a delay ago (linear between steps)."""
+    steps = delay / STEP
+    k = int(steps)
+    f = steps - k
+    now, before = ring[row, (index - k) % RING], ring[row, (index - k - 1) % RING]
+    return now + f * (before - now)
+
+
+@_compiled
+def advance(x, wheel, anchors, ring, index, steps, ue, uf, a, h, maps):
+    """Advance all states by `steps` with the valve voltages (above closed, V) held; return the index."""
+    k1, k2, middle = np.zeros(STATES), np.zeros(STATES), np.zeros(STATES)
+    for _ in range(steps):
+        ring[RING_UE, index % RING], ring[RING_UF, index % RING] = ue, uf
+        ring[RING_REFLEX, index % RING] = max(x[W] - h.reflex_threshold, 0.0) + min(
+            x[W] + h.reflex_threshold, 0.0
+        )
+        t = index * STEP
+        ve = late(ring, RING_UE, index, h.valve_delay)
+        vf = late(ring, RING_UF, index, h.valve_delay)
+        reflex = late(ring, RING_REFLEX, index, h.reflex_delay)
+        fe, ff = rates(x, k1, t, ve, vf, reflex, wheel[0], anchors, a, h, maps)
+        ring[RING_Q, index % RING] = x[Q]
+        ring[RING_PE, index % RING] = x[PE] + hose_drop(fe, h)
+        ring[RING_PF, index % RING] = x[PF] + hose_drop(ff, h)
+        for i in range(STATES):
+            middle[i] = x[i] + STEP * k1[i]
+        rates(middle, k2, t + STEP, ve, vf, reflex, wheel[0], anchors, a, h, maps)
+        for i in range(STATES):
+            x[i] += 0.5 * STEP * (k1[i] + k2[i])
+        wheel[0] = clip(wheel[0], x[Q] - h.play, x[Q] + h.play)
+        wound = a.radius * (wheel[0] - a.symmetric_angle)
+        for i in range(ELEMENTS):
+            d, xe, xf = slip_distance(i), a.symmetric_contraction - wound, a.symmetric_contraction + wound
+            anchors[0, i] = clip(anchors[0, i], xe - d, xe + d)
+            anchors[1, i] = clip(anchors[1, i], xf - d, xf + d)
+        index += 1
+    return index
+
+
+@_compiled
+def sense(x, wheel, anchors, ring, index, ue, uf, a, h, maps):
+    """Return noise-free sensor values at the present instant: angle, both pressures."""
+    scratch = np.zeros(STATES)
+    fe, ff = rates(x, scratch, index * STEP, ue, uf, 0.0, wheel[0], anchors, a, h, maps)
+    ring[RING_Q, index % RING] = x[Q]
+    ring[RING_PE, index % RING] = x[PE] + hose_drop(fe, h)
+    ring[RING_PF, index % RING] = x[PF] + hose_drop(ff, h)
+    angle = h.angle_gain * late(ring, RING_Q, index, h.angle_delay) + h.angle_offset
+    pe = late(ring, RING_PE, index, h.pressure_delay_e) - a.ambient
+    pf = late(ring, RING_PF, index, h.pressure_delay_f) - a.ambient
+    pe = a.ambient + h.pressure_gain_e * pe + h.pressure_offset_e
+    return angle, pe, a.ambient + h.pressure_gain_f * pf + h.pressure_offset_f

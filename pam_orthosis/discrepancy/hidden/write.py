@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Write a blind case: bags for the workflow, the answer apart from them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from pam_orthosis.bag.arrays import write_arrays
+from pam_orthosis.bag.record import run_metadata
+from pam_orthosis.discrepancy.hidden.case import Case, Recording
+from pam_orthosis.errors import OrthosisError
+
+_WRITTEN = (
+    "angle", "reference_angle", "reference_velocity", "reference_acceleration",
+    "extensor_pressure", "flexor_pressure", "extensor_pressure_reference", "flexor_pressure_reference",
+    "extensor_mass_flow", "flexor_mass_flow", "extensor_voltage", "flexor_voltage",
+)  # fmt: skip
+
+
+def write_case(case: Case, folder: Path) -> tuple[list[Path], list[Path], Path]:
+    """Write `training_NAME` and `held_out_NAME` bags below `folder`, and `sealed/truth.json`.
+
+    The bags hold the belief only. Returns the training bags, the held-out bags and the answer's file.
+
+    Raises:
+        OrthosisError: the folder holds a case or cannot be written.
+    """
+    training = [_write(folder / f"training_{n}", r, case) for n, r in case.training.items()]
+    held_out = [_write(folder / f"held_out_{n}", r, case) for n, r in case.held_out.items()]
+    truth = folder / "sealed" / "truth.json"
+    try:
+        truth.parent.mkdir(exist_ok=True)
+        truth.write_text(json.dumps(case.answer, indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise OrthosisError(f"cannot write {truth}: {error.strerror}") from error
+    return training, held_out, truth
+
+
+def _write(folder: Path, recording: Recording, case: Case) -> Path:
+    signals = {name: recording[name] for name in _WRITTEN}
+    stamps = np.round(recording["time"] * 1e9).astype(np.int64)
+    write_arrays(folder, stamps, signals, run_metadata(case.parameters.belief(), "blind"))
+    return folder
