@@ -2,7 +2,7 @@
 """A pure delay as a rational function, for models that need ordinary differential equations.
 
 Pade approximation (2, 3) of exp(-s T): numerator 1 - 2/5 sT + 1/20 (sT)^2, denominator
-1 + 3/5 sT + 3/20 (sT)^2 + 1/60 (sT)^3. Its phase is that of the delay within 1 % up to 2 pi f T = 3,
+1 + 3/5 sT + 3/20 (sT)^2 + 1/60 (sT)^3. Its phase is that of the delay within 1 % up to 2 pi f T = 2.5,
 and a step does not show at the output at once. A replay of recorded samples may shift them instead.
 """
 

@@ -12,7 +12,8 @@ def _effect(muscle: str) -> Effect:
         expression=lambda s, p, _states: Contribution(
             {f"measured_{muscle}_pressure": (p.gain - 1) * getattr(s, f"{muscle}_gauge")}
         ),
-        physics=f"The slope of the {muscle}'s pressure sensor is off by some per cent.",
+        physics=f"The slope of the {muscle}'s pressure sensor is off by some per cent; at gauge "
+        "pressure zero it is right.",
         source="data sheets of 10 bar sensors: 0.5 to 1 %; a wrong range or amplifier: more",
         minimum_effect=5.0e-3,
         starts=({"gain": 0.97},),

@@ -10,7 +10,8 @@ def _effect(muscle: str) -> Effect:
         stage="sensor",
         parameters=(Quantity("offset", 8.0e3, "Pa", -1.0e5, 1.0e5, "measured - true pressure", 0.0),),
         expression=lambda _s, p, _states: Contribution({f"measured_{muscle}_pressure": p.offset}),
-        physics=f"The zero of the {muscle}'s pressure sensor has drifted.",
+        physics=f"The zero of the {muscle}'s pressure sensor has drifted, by temperature or "
+        "because it was set at another barometric pressure.",
         source="data sheets of 10 bar sensors: 0.5 to 1 % of the span",
         minimum_effect=1.0e3,
         starts=({"offset": -8.0e3},),

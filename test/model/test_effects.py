@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every effect of the catalogue: it acts, it can be neutral, it keeps its bounds, it documents itself."""
+
+import casadi as ca
+import numpy as np
+import pytest
+import yaml
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model import integrate, orthosis
+from pam_orthosis.model.effects import CATALOGUE, pade
+from pam_orthosis.model.effects.base import STAGES
+from pam_orthosis.model.parameters import load, scenario_names
+from pam_orthosis.model.plant import Plant, true_hardware
+
+PERIOD, SUBSTEPS, PERIODS = 2.0e-3, 20, 150
+NONE = {f"plant.effects.{name}.enabled": False for name in CATALOGUE}
+UNITS = {
+    "-", "N m", "N m s/rad", "rad/s", "N", "m", "N s/m", "N/m", "s", "N m/rad", "rad", "kg", "Hz", "V",
+    "kg/(s Pa)", "Pa s/kg", "m^3", "K", "Pa",
+}  # fmt: skip
+every = pytest.mark.parametrize("effect", CATALOGUE.values(), ids=CATALOGUE.keys())
+
+
+def simulate(settings):
+    """Swing the knee by opposed valve voltages; returns (periods, 3) noise-free measurements."""
+    parameters = load({**NONE, "scenario.start_angle": 0.6, **settings})
+    assembly = orthosis.assemble(true_hardware(parameters))
+    step = integrate.period_map("swing", assembly.function("rates"), PERIOD / SUBSTEPS, SUBSTEPS)
+    time = np.arange(PERIODS) * PERIOD
+    swing = 0.8 * np.sin(2 * np.pi * 5 * time)
+    torque = np.zeros(PERIODS)
+    u = np.array([5 + swing + 0.25, 5 - swing + 0.2, torque, time])
+    start = np.zeros(len(assembly.states))
+    start[:4] = 0.6, 0.0, 3.9e5, 3.3e5
+    x = np.array(step.mapaccum(PERIODS)(start, u))
+    measured = ca.Function("measured", [assembly.x, assembly.u], [assembly.measured])
+    return np.array(measured.map(PERIODS)(x, u)).T
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return simulate({})
+
+
+def switched_on(effect, **values):
+    keys = {"enabled": True, **values}
+    return {f"plant.effects.{effect.name}.{key}": value for key, value in keys.items()}
+
+
+def difference(measured, plain):
+    """Return the largest difference in units of the sensors' noise."""
+    return float(np.max(np.abs(measured - plain) / [3.5e-4, 500.0, 500.0]))
+
+
+@every
+def test_it_acts_when_on_and_not_when_off(effect, plain):
+    acting = simulate(switched_on(effect))
+    assert np.isfinite(acting).all()
+    assert difference(acting, plain) > 0.2
+    off = simulate({f"plant.effects.{effect.name}.{q.name}": q.typical for q in effect.parameters})
+    assert np.array_equal(off, plain)
+
+
+@every
+def test_it_vanishes_at_its_neutral_value(effect, plain):
+    neutral = {q.name: q.neutral for q in effect.parameters if q.neutral is not None}
+    if neutral:
+        assert difference(simulate(switched_on(effect, **neutral)), plain) < 1e-6
+        return
+    # a delay or a lag has no value at which it is gone: it fades towards a bound
+    size = effect.parameters[0]
+    faint = size.maximum if effect.name == "valve_lag" else size.minimum
+    typical = difference(simulate(switched_on(effect)), plain)
+    assert difference(simulate(switched_on(effect, **{size.name: faint})), plain) < 0.4 * typical
+
+
+@every
+def test_it_keeps_its_bounds(effect):
+    for q in effect.parameters:
+        assert q.minimum <= q.typical <= q.maximum
+        for beyond in (q.minimum - 1e-3 * abs(q.minimum) - 1e-9, q.maximum * 1.001 + 1e-9):
+            with pytest.raises(OrthosisError, match="outside"):
+                load({f"effects.{effect.name}.{q.name}": beyond})
+    quantities = {q.name: q for q in effect.parameters}
+    for start in effect.starts:
+        assert all(quantities[name].minimum <= v <= quantities[name].maximum for name, v in start.items())
+
+
+@every
+def test_it_documents_itself(effect):
+    assert effect.stage in STAGES
+    assert len(effect.physics) > 60
+    assert effect.physics.endswith(".")
+    assert effect.source
+    assert len(effect.states) == len(effect.scales)
+    assert effect.fitted, "nothing to estimate"
+    assert effect.minimum_effect > 0
+    for q in effect.parameters:
+        assert q.meaning
+        assert q.unit in UNITS
+        assert (q.prior is not None) == effect.shape
+    assert set(effect.confounded_with) <= set(CATALOGUE) - {effect.name}
+    assert effect.separated_by
+    assert set(effect.separated_by) <= set(scenario_names())
+
+
+@every
+def test_its_coordinate_is_a_signal(effect):
+    settings = {**NONE, **switched_on(effect)}
+    signals = orthosis.assemble(true_hardware(load(settings))).signals
+    assert hasattr(signals, effect.coordinate)
+
+
+@every
+@pytest.mark.parametrize("prefix", ["effects", "plant.effects"])
+def test_it_survives_a_yaml_file(effect, prefix):
+    overrides = {f"{prefix}.{effect.name}.enabled": True}
+    overrides |= {f"{prefix}.{effect.name}.{q.name}": q.typical for q in effect.parameters}
+    section = load(yaml.safe_load(yaml.safe_dump(overrides)))
+    for part in (*prefix.split("."), effect.name):
+        section = getattr(section, part)
+    assert section.enabled is True
+    assert all(getattr(section, q.name) == q.typical for q in effect.parameters)
+
+
+WANTED = """joint_friction viscous_friction muscle_hysteresis pressure_dependent_damping
+    direction_dependent_damping creep parallel_elasticity extra_foot_mass backlash stretch_reflex
+    constant_torque periodic_torque extensor_force_scale flexor_force_scale force_map_misfit
+    valve_curve_misfit volume_misfit valve_dead_band extensor_valve_gain flexor_valve_gain valve_lag
+    valve_delay extensor_leak flexor_leak hose_resistance extensor_dead_volume flexor_dead_volume
+    polytropic_exponent supply_sag temperature_drift angle_offset angle_gain angle_delay
+    extensor_pressure_offset extensor_pressure_gain extensor_pressure_delay
+    flexor_pressure_offset flexor_pressure_gain flexor_pressure_delay"""
+
+
+def test_the_catalogue_is_the_issues():
+    assert " ".join(sorted(CATALOGUE)) == " ".join(sorted(WANTED.split()))
+
+
+def test_all_effects_at_once_still_simulate():
+    assert np.isfinite(simulate(dict.fromkeys(NONE, True))).all()
+
+
+@pytest.mark.parametrize("effect", ["angle_delay", "extensor_pressure_delay"])
+def test_a_delay_is_late_by_its_value(effect, plain):
+    """Shifting the undelayed measurement by the delay gives the delayed one, once the start is past."""
+    delay, column = 2 * PERIOD, 0 if effect == "angle_delay" else 1
+    late = simulate({f"plant.effects.{effect}.enabled": True, f"plant.effects.{effect}.delay": delay})[
+        :, column
+    ]
+    whole = np.ptp(plain[:, column])
+    assert np.abs(late[12:] - plain[10:-2, column]).max() < 1e-3 * whole
+    assert np.abs(late[12:] - plain[12:, column]).max() > 0.02 * whole
+
+
+@pytest.mark.parametrize("turn", [0.1, 0.5, 1.0, 2.0, 2.5])
+def test_the_delays_approximation_has_its_phase(turn):
+    """Response of the chain at the frequency where the delay is `turn` radians."""
+    states, value, delay = ca.SX.sym("z", 3), ca.SX.sym("v"), 0.004
+    rates = ca.vertcat(*pade.chain(ca.vertsplit(states), value, delay))
+    output = pade.delayed(ca.vertsplit(states))
+    a, b, c = (
+        np.array(ca.DM(ca.jacobian(*pair))) for pair in ((rates, states), (rates, value), (output, states))
+    )
+    response = complex((c @ np.linalg.solve(1j * turn / delay * np.eye(3) - a, b))[0, 0])
+    assert np.angle(response) == pytest.approx(-turn, abs=0.01 * turn)
+    assert abs(response) == pytest.approx(1.0, abs=0.1)
+
+
+def test_sensor_effects_reach_the_plants_measurement():
+    noise = dict.fromkeys(("angle_noise", "angle_resolution", "pressure_noise", "pressure_resolution"), 0.0)
+    settings = {**NONE, **{f"plant.sensor.{name}": value for name, value in noise.items()}}
+    settings |= {"plant.effects.angle_offset.enabled": True, "plant.effects.angle_offset.offset": 0.03}
+    settings |= {"plant.effects.flexor_pressure_gain.enabled": True}
+    plant = Plant(load(settings))
+    measured, truth, ambient = plant.measure(), plant.truth(), load().valve.ambient_pressure
+    assert measured.angle == pytest.approx(truth.angle + 0.03)
+    assert measured.flexor_pressure - ambient == pytest.approx(1.03 * (truth.flexor_pressure - ambient))
+    assert measured.extensor_pressure == pytest.approx(truth.extensor_pressure)
+
+
+def test_shape_corrections_are_bounded():
+    """No term of the force map exceeds its coefficient, however far out the muscle is."""
+    effect = CATALOGUE["force_map_misfit"]
+    section = load({**NONE, **switched_on(effect)})
+    signals = orthosis.assemble(true_hardware(section)).signals
+    values = {q.name: 0.0 for q in effect.parameters} | {"extensor_c21": 5.0}
+    force = effect.expression(signals, type("Values", (), values), ()).add["extensor_force"]
+    inputs = [signals.angle, signals.extensor_pressure]
+    function = ca.Function("f", inputs, [force])
+    extreme = [abs(float(function(q, p))) for q in (-3.0, 0.2, 0.9, 4.0) for p in (0.0, 2e5, 5e5, 9e5)]
+    assert max(extreme) <= 5.0 + 1e-9
+    assert max(extreme) > 2.0
