@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +12,10 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
+from pam_orthosis.bag.read import aligned, read_bag, run_record
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import BELIEF
 
 HIGHEST_CUTOFF = 0.4  # of the sampling rate
 
@@ -66,6 +69,30 @@ def from_arrays(name: str, system: System, arrays: Mapping[str, np.ndarray]) -> 
                 f"{name}: {key} is not finite at sample {int(np.argmin(np.isfinite(values)))}"
             )
     return Recording(name, _period(name, time), signals)
+
+
+def from_bag(path: Path, system: System, namespace: str = "") -> Recording:
+    """Return the recording of a bag; inputs that the bag does not have are absent.
+
+    Raises:
+        OrthosisError: unreadable bag, missing channel, values not finite, or not uniform in time.
+    """
+    channels = [channel.name for channel in system.channels]
+    bag = read_bag(path, channels, optional=system.inputs, namespace=namespace)
+    names = [name for name in (*channels, *system.inputs) if name in bag.series]
+    stamps, values = aligned(*(bag[name] for name in names))
+    if len(stamps) < 2:
+        raise OrthosisError(f"{path}: {', '.join(names)} have no common stamps")
+    arrays = {"time": (stamps - stamps[0]) * 1e-9, **dict(zip(names, values, strict=True))}
+    return from_arrays(str(path), system, arrays)
+
+
+def believed(path: Path) -> dict:
+    """Return the belief that a bag of ours was recorded with, as overrides; empty for another file."""
+    if path.suffix == ".csv":
+        return {}
+    recorded = json.loads(run_record(path).get("parameters", "{}"))
+    return {key: value for key, value in recorded.items() if key.split(".", 1)[0] in BELIEF}
 
 
 def from_csv(path: Path, system: System) -> Recording:

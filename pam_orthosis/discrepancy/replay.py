@@ -6,6 +6,8 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from collections.abc import Mapping
+from dataclasses import replace
+from itertools import count
 from threading import Lock
 
 import casadi as ca
@@ -19,6 +21,7 @@ from pam_orthosis.discrepancy.system import Equation, System
 STEP_TIMES_RATE = 1.4  # longest Runge-Kutta step times the fastest eigenvalue (stable up to 2.78)
 MOST_SUBSTEPS = 64
 REMEMBERED = 96
+_SERIAL = count()
 _CASADI = Lock()  # expression graphs are built by one thread at a time
 
 
@@ -31,6 +34,7 @@ class Run:
 
     def __init__(self, system: System, recording: Recording, cutoff: float, noise: Mapping | None = None):
         self.recording, self.period = recording, recording.period
+        self.serial = next(_SERIAL)
         noise = noise or {}
         self._system = system
         self._raw = {key: value + noise.get(key, 0.0) for key, value in recording.signals.items()}
@@ -68,6 +72,10 @@ class Run:
         """Return the smoothed recording of a channel."""
         return self._smooth[channel]
 
+    def roughness(self, channel: str) -> float:
+        """Return the sd of what smoothing takes from a channel."""
+        return float(np.std(self._raw[channel] - self._smooth[channel]))
+
     def _advanced(self, name: str, seconds: float) -> np.ndarray:
         values = self._smooth[name]
         if seconds == 0.0:
@@ -86,6 +94,7 @@ class Replay:
         self._touched: dict[str, frozenset[str]] = {}
         self._memory: OrderedDict = OrderedDict()
         self._data: dict = {}
+        self._tidying = Lock()
 
     def defaults(self, effects: tuple[str, ...]) -> dict[str, float]:
         """Return all parameters at their neutral or typical values: calibrations, shapes, effects."""
@@ -135,18 +144,27 @@ class Replay:
         """Return the parameters that an equation depends on."""
         return self._part(equation, effects).relevant
 
-    def forget(self) -> None:
-        """Drop remembered replays."""
-        self._memory.clear()
-        self._data.clear()
+    def forget(self, run: Run) -> None:
+        """Drop what is remembered of a run."""
+        for store in (self._memory, self._data):
+            for key in [key for key in list(store) if key[0] == run.serial]:
+                store.pop(key, None)
 
     def _evaluate(self, run, equation, effects, values, wrt):
         part = self._part(equation, effects)
         theta = np.array([values[name] for name in part.parameters])
         advance = self._advance(effects, values)
-        key = (id(run), equation.name, part.parameters, wrt, theta.tobytes(), tuple(sorted(advance.items())))
-        if key in self._memory:
-            return self._memory[key]
+        key = (
+            run.serial,
+            equation.name,
+            part.parameters,
+            wrt,
+            theta.tobytes(),
+            tuple(sorted(advance.items())),
+        )
+        known = self._memory.get(key)
+        if known is not None:
+            return known
         kernel = self._kernel(part, equation, wrt)
         data = run.data(equation, advance) if advance else self._rows(run, equation)
         # the base states of a sensible model are slow; states of an effect need not be
@@ -154,15 +172,16 @@ class Replay:
         result = kernel(data, theta, run.start(part), run.period, substeps)
         if not wrt:
             self._memory[key] = result
-            while len(self._memory) > REMEMBERED:
-                self._memory.popitem(last=False)
+            with self._tidying:
+                while len(self._memory) > REMEMBERED:
+                    self._memory.popitem(last=False)
         return result
 
     def _rows(self, run: Run, equation: Equation) -> np.ndarray:
-        key = (id(run), equation.name)
+        key = (run.serial, equation.name)
         if key not in self._data:
-            self._data[key] = (run, run.data(equation, {}))  # keeps the run alive: ids are not reused
-        return self._data[key][1]
+            self._data[key] = run.data(equation, {})
+        return self._data[key]
 
     def _advance(self, effects, values) -> dict[str, float]:
         advance: dict[str, float] = {}
@@ -215,8 +234,6 @@ class _Values:
 
 def _with_theta_of(whole, rest):
     """Return the assembly `rest` in terms of the parameters of `whole`."""
-    from dataclasses import replace
-
     chosen = ca.vertcat(*(whole.theta[whole.parameters.index(name)] for name in rest.parameters))
     names = list(rest.measured)
     expressions = ca.substitute(

@@ -8,7 +8,7 @@ the parameters as symbols; the engine cuts it into equations that are driven by 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import casadi as ca
@@ -85,9 +85,9 @@ class System:
         equations: how the model is cut.
         calibrations: ordinary parameters with tolerances.
         catalogue: effects that may be missing.
-        present: effects that the nominal model has already, name -> values.
         assemble: names of effects -> Assembled; parameters are the calibrations' deviations, then
             `EFFECT.PARAMETER` of each effect in the order given.
+        needs: equation -> recorded inputs without which it cannot be replayed.
     """
 
     name: str
@@ -98,6 +98,11 @@ class System:
     calibrations: tuple[Calibration, ...]
     catalogue: Mapping[str, Effect]
     assemble: Callable[[tuple[str, ...]], Assembled]
+    needs: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def restricted(self, equations: tuple[Equation, ...]) -> System:
+        """Return the system with some of its equations only."""
+        return replace(self, equations=equations)
 
     @cached_property
     def shapes(self) -> tuple[str, ...]:

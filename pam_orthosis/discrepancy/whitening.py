@@ -65,7 +65,7 @@ def _upper_power(residual: np.ndarray, period: float) -> float:
 def noise_whitener(
     replay: Replay, run: Run, effects, values, noise: Mapping[str, float], cutoff, warm_up, seed=0
 ):
-    """Return the whitener of one run under a model, from replays with noise added.
+    """Return the whitener of one run and each channel's rms of noise alone, from replays with noise added.
 
     Args:
         noise: channel or input -> standard deviation.
@@ -81,8 +81,13 @@ def noise_whitener(
             change = change - replay.residuals(run, equation, effects, values)
             for i, channel in enumerate(equation.channels):
                 spectra.setdefault(channel, []).append(_density(change[warm_up:, i]))
-    replay.forget()
-    return Whitener({channel: minimum_phase(np.mean(many, axis=0)) for channel, many in spectra.items()})
+        replay.forget(noisy)
+    mean = {channel: np.mean(many, axis=0) for channel, many in spectra.items()}
+    floor = {
+        channel: float(np.sqrt(np.sum(density) * 0.5 / (len(density) - 1)))
+        for channel, density in mean.items()
+    }
+    return Whitener({channel: minimum_phase(density) for channel, density in mean.items()}), floor
 
 
 def _density(values: np.ndarray) -> np.ndarray:

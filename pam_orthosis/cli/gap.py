@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Find where recordings and the model disagree, name the missing effect, add it, show the gap shrink."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+from pam_orthosis.errors import OrthosisError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the verb."""
+    parser.add_argument(
+        "measured", type=Path, nargs="+", metavar="MEASURED", help="bags or .csv tables to fit"
+    )
+    parser.add_argument(
+        "--held-out", type=Path, nargs="+", default=[], metavar="BAG",
+        help="recordings that judge and are never fitted (the last quarter of each measured one)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--model", type=Path, metavar="FILE", help="YAML of parameters that differ from the bag's"
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="write gap.json, model.yaml and a page")
+    parser.add_argument("--namespace", default="", metavar="NS", help="of the leg in the bags")
+    parser.add_argument("--json", action="store_true", help="print gap.json instead of words")
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Run the workflow; return 0 if the gap is explained or there is none, 1 if not."""
+    # scipy and CasADi take a second to load
+    from pam_orthosis.discrepancy import patch
+    from pam_orthosis.discrepancy.data import believed
+    from pam_orthosis.discrepancy.knee import knee
+    from pam_orthosis.discrepancy.verdict import as_dict, describe
+    from pam_orthosis.discrepancy.workflow import find_gap
+    from pam_orthosis.model.parameters import load
+
+    _check_out(arguments.out)
+    given = patch.read(arguments.model) if arguments.model else {}
+    parameters = load({**believed(arguments.measured[0]), **given})
+    system = knee(parameters)
+    training, held_out = (
+        [_recording(path, system, arguments.namespace) for path in paths]
+        for paths in (arguments.measured, arguments.held_out)
+    )
+    outcome = find_gap(system, training, held_out, parameters.gap, _progress())
+    told = as_dict(outcome)
+    if arguments.out:
+        _write(arguments.out, outcome, told, given)
+    print(json.dumps(told, indent=2) if arguments.json else describe(outcome))
+    return 1 if outcome.verdict == "unexplained" else 0
+
+
+def _recording(path: Path, system, namespace: str):
+    from pam_orthosis.discrepancy.data import from_bag, from_csv
+
+    return from_csv(path, system) if path.suffix == ".csv" else from_bag(path, system, namespace)
+
+
+def _progress():
+    start = time.monotonic()
+
+    def tell(line: str) -> None:
+        print(f"[{time.monotonic() - start:5.1f} s] {line}", file=sys.stderr, flush=True)
+
+    return tell
+
+
+def _check_out(folder: Path | None) -> None:
+    if folder is not None and folder.exists() and not folder.is_dir():
+        raise OrthosisError(f"--out {folder} is a file; give a folder")
+
+
+def _write(folder: Path, outcome, told, given) -> None:
+    from pam_orthosis.discrepancy import patch
+    from pam_orthosis.report.gap import write_page
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "gap.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+        final = outcome.selection.final
+        added = patch.overrides(outcome.system, final.effects, final.values)
+        patch.write(folder / "model.yaml", {**given, **added})
+        write_page(outcome, folder)
+    except OSError as error:
+        raise OrthosisError(f"cannot write to {folder}: {error.strerror or error}") from error

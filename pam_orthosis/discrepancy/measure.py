@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How large a gap is: in the channels' units and in multiples of the noise, and what of it was closed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pam_orthosis.discrepancy.fit import Fit, Problem
+
+# a gap that exceeds the noise floor by less than this share says nothing about closure
+LEAST_EXCESS = 0.03
+OVERALL = "overall"
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Root-mean-square residuals of some recordings.
+
+    Attributes:
+        units: channel -> in the channel's SI unit.
+        white: channel (and `overall`) -> whitened, 1 for noise alone.
+    """
+
+    units: dict[str, float]
+    white: dict[str, float]
+
+
+def gap(problem: Problem, model: Fit) -> Gap:
+    """Return the gap between recordings and a model."""
+    return gap_at(problem, model.effects, model.values)
+
+
+def gap_at(problem: Problem, effects, values) -> Gap:
+    """Return the gap between recordings and a model with given values."""
+    units, white = {}, {}
+    for equation in problem.system.equations:
+        for i, channel in enumerate(equation.channels):
+            raw, whitened = [], []
+            for one in problem.scored:
+                residual = problem.replay.residuals(one.run, equation, effects, values)[:, i]
+                raw.append(residual[one.warm_up :])
+                whitened.append(one.white(channel, residual))
+            units[channel], white[channel] = _rms(raw), _rms(whitened)
+    white[OVERALL] = float(np.sqrt(np.mean([value**2 for value in white.values()])))
+    return Gap(units, white)
+
+
+def closure(before: float, after: float, floor: float) -> float | None:
+    """Return the closed share of the gap above the floor; None where there is hardly any."""
+    if before < (1 + LEAST_EXCESS) * floor:
+        return None
+    return (before - after) / (before - floor)
+
+
+def _rms(pieces) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(pieces) ** 2)))

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The model file: overrides that switch effects on, read by `--model` and by the simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pam_orthosis.discrepancy.system import System
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import read_yaml
+
+HEADING = "# Model of the gap workflow: overrides by dotted key, for `--model` and `parameters.load`.\n"
+
+
+def overrides(system: System, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
+    """Return the dotted-key overrides that switch effects on with these values; nothing else changes."""
+    changed: dict[str, Any] = {}
+    for name in effects:
+        changed[f"effects.{name}.enabled"] = True
+        for q in system.catalogue[name].parameters:
+            changed[f"effects.{name}.{q.name}"] = float(f"{values[f'{name}.{q.name}']:.6g}")
+    return changed
+
+
+def write(path: Path, changed: Mapping[str, Any]) -> None:
+    """Write overrides, merged over those that were given, as YAML."""
+    text = yaml.safe_dump(dict(changed), sort_keys=False)
+    path.write_text(HEADING + text, encoding="utf-8")
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Return the overrides of a model file: dotted keys, or nested sections.
+
+    Raises:
+        OrthosisError: missing, malformed or not a mapping.
+    """
+    content = read_yaml(path) or {}
+    if not isinstance(content, dict):
+        raise OrthosisError(f"{path} is not a mapping of parameters to values")
+    return dict(_flat("", content))
+
+
+def _flat(prefix: str, node: Mapping):
+    for key, value in node.items():
+        if isinstance(value, dict):
+            yield from _flat(f"{prefix}{key}.", value)
+        else:
+            yield f"{prefix}{key}", value

@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The gap workflow: check, replay, find where, name, add, show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pam_orthosis.discrepancy import check, intervals, measure, select, structure
+from pam_orthosis.discrepancy.data import Recording
+from pam_orthosis.discrepancy.fit import Fit, Problem, Scored
+from pam_orthosis.discrepancy.replay import Replay, Run
+from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.whitening import noise_levels, noise_whitener
+from pam_orthosis.errors import OrthosisError
+
+HELD_SHARE = 0.25  # of each recording, at its end, where no recording is held out
+LEAST_CLOSURE = 0.9  # below it the named effects are no explanation
+TELLING_STRAIN = 4.0  # deviations of an ordinary parameter over its tolerance that are worth a remark
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect that was found: parameters (name -> value, unit, lower, upper), evidence."""
+
+    name: str
+    equation: str
+    parameters: Mapping[str, tuple[float, str, float, float]]
+    evidence: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """All that the workflow found; `report` and `cli` turn it into pages and files."""
+
+    system: System
+    verdict: str
+    effects: tuple[Named, ...]
+    look_alikes: tuple[str, ...]
+    separated_by: tuple[str, ...]
+    runner_up: tuple[str, float] | None
+    configured: measure.Gap
+    before: measure.Gap
+    after: measure.Gap
+    floor: measure.Gap
+    closure: Mapping[str, float | None]
+    where: Sequence[structure.Where]
+    left: Sequence[structure.Where]
+    strained: Mapping[str, float]
+    steps: Sequence[select.Step]
+    remarks: Sequence[str]
+    selection: select.Selection = field(repr=False)
+    held_out: Problem = field(repr=False)
+
+
+def find_gap(
+    system: System,
+    training: Sequence[Recording],
+    held_out: Sequence[Recording],
+    settings,
+    tell: Callable[[str], None] = lambda _: None,
+    replay: Replay | None = None,
+) -> Outcome:
+    """Find where recordings and the model disagree, and which effects explain it.
+
+    Args:
+        training: recordings to fit.
+        held_out: recordings to judge by; if empty, the last quarter of each training recording.
+        settings: the branch `gap` of the parameters.
+        tell: gets a line on each stage.
+        replay: kept kernels of the same system, to save time over many calls.
+
+    Raises:
+        OrthosisError: a recording is unfit.
+    """
+    tell("checking the recordings")
+    remarks = check.check(system, [*training, *held_out], settings.replay.warm_up)
+    lacking = check.missing_inputs(system, [*training, *held_out])
+    if lacking:
+        system = _without(system, lacking)
+        replay = None
+    if not held_out:
+        training, held_out = _split(training)
+        remarks.append("no recording is held out: the last quarter of each one judges")
+    replay = replay or Replay(system)
+    problem, judge, floor = _prepared(replay, training, held_out, settings)
+    found = select.search(problem, judge, settings.evidence, tell)
+    tell("measuring the gap on held-out recordings")
+    return _judged(system, found, judge, floor, settings, remarks)
+
+
+def _without(system: System, lacking: Sequence[str]) -> System:
+    """Return the system without the equations that need inputs which were not recorded."""
+    kept = tuple(e for e in system.equations if not set(lacking) & set(system.needs.get(e.name, ())))
+    if not kept:
+        raise OrthosisError(f"no equation can be replayed without {', '.join(lacking)}")
+    return system.restricted(kept)
+
+
+def _split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
+    cut = [round((1 - HELD_SHARE) * one.samples) for one in recordings]
+    first = [one.part(0, at, one.name) for one, at in zip(recordings, cut, strict=True)]
+    last = [one.part(at, one.samples, f"{one.name} (end)") for one, at in zip(recordings, cut, strict=True)]
+    return first, last
+
+
+def _prepared(replay: Replay, training, held_out, settings) -> tuple[Problem, Problem, measure.Gap]:
+    """Return the training and the held-out problem, whitened, and the noise floor of the latter."""
+    system, cutoff = replay.system, settings.replay.cross_cutoff
+    runs = [[Run(system, one, cutoff) for one in group] for group in (training, held_out)]
+    noise = _noise(replay, runs[0], settings)
+    scored = [
+        [_scored(replay, run, noise, settings, seed) for seed, run in enumerate(group)] for group in runs
+    ]
+    floors = [floor for _, floor in scored[1]]
+    units = {name: float(np.mean([floor[name] for floor in floors])) for name in floors[0]}
+    white = dict.fromkeys([*units, measure.OVERALL], 1.0)
+    problems = [Problem(replay, [one for one, _ in group]) for group in scored]
+    return problems[0], problems[1], measure.Gap(units, white)
+
+
+def _warm_up(run: Run, settings) -> int:
+    return round(settings.replay.warm_up / run.period)
+
+
+def _noise(replay: Replay, runs: Sequence[Run], settings) -> dict[str, float]:
+    """Return the sd of the noise in each channel, estimated, and of the inputs' quantisation."""
+    values = replay.defaults(())
+    residuals: dict[str, list[np.ndarray]] = {}
+    for equation in replay.system.equations:
+        for run in runs:
+            rows = replay.residuals(run, equation, (), values)[_warm_up(run, settings) :]
+            for i, channel in enumerate(equation.channels):
+                residuals.setdefault(channel, []).append(rows[:, i])
+    levels = noise_levels(residuals, [run.period for run in runs])
+    measured = {c.name: levels.get(c.name, runs[0].roughness(c.name)) for c in replay.system.channels}
+    return {**measured, **dict.fromkeys(replay.system.inputs, settings.replay.input_noise)}
+
+
+def _scored(replay: Replay, run: Run, noise, settings, seed: int) -> tuple[Scored, dict[str, float]]:
+    warm_up = _warm_up(run, settings)
+    whiten, floor = noise_whitener(
+        replay, run, (), replay.defaults(()), noise, settings.replay.cross_cutoff, warm_up, seed
+    )
+    return Scored(run, whiten, warm_up), floor
+
+
+def _judged(system, found: select.Selection, judge: Problem, floor, settings, remarks) -> Outcome:
+    null, final = found.null, found.final
+    configured = measure.gap_at(judge, (), judge.replay.defaults(()))
+    before, after = measure.gap(judge, null), measure.gap(judge, final)
+    left = structure.locate(judge, final)
+    closed = _closures(configured, before, after, floor)
+    spread = intervals.covariance(found.final_problem, final)
+    return Outcome(
+        system=system,
+        verdict=_verdict(final, left, closed),
+        effects=tuple(_named(system, found, spread, name) for name in final.effects),
+        look_alikes=_look_alikes(found, settings.evidence.ambiguous),
+        separated_by=_separated_by(system, found, settings.evidence.ambiguous),
+        runner_up=_runner_up(found),
+        configured=configured,
+        before=before,
+        after=after,
+        floor=floor,
+        closure=closed,
+        where=structure.locate(judge, null),
+        left=left,
+        strained=_strained(final),
+        steps=tuple(found.steps),
+        remarks=tuple(remarks),
+        selection=found,
+        held_out=judge,
+    )
+
+
+def _closures(configured, before, after, floor) -> dict[str, float | None]:
+    """Return closure per channel (in units) and overall (whitened), from the recalibrated model.
+
+    Where recalibration alone hides the gap (an effect that resembles an ordinary parameter), closure
+    counts from the configured model.
+    """
+    closed: dict[str, float | None] = {}
+    for name, after_white in after.white.items():
+        closed[name] = measure.closure(before.white[name], after_white, floor.white[name])
+        if closed[name] is None:
+            closed[name] = measure.closure(configured.white[name], after_white, floor.white[name])
+    return closed
+
+
+def _verdict(final: Fit, left, closed) -> str:
+    if structure.clean(left):
+        return "explained" if final.effects else "none"
+    share = closed[measure.OVERALL]
+    if final.effects and share is not None and share >= LEAST_CLOSURE:
+        return "explained"
+    return "unexplained"
+
+
+def _named(system: System, found: select.Selection, spread, name: str) -> Named:
+    effect, final = system.catalogue[name], found.final
+    parameters = {}
+    for q in effect.fitted:
+        key = f"{name}.{q.name}"
+        parameters[q.name] = (final.values[key], q.unit, *intervals.interval(final, spread, key))
+    return Named(name, effect.equation, parameters, found.evidence[name])
+
+
+def _last_ranking(found: select.Selection) -> Sequence[tuple[str, float]]:
+    accepted = [step for step in found.steps if step.accepted in found.final.effects]
+    return accepted[0].ranked if accepted else ()
+
+
+def _runner_up(found: select.Selection) -> tuple[str, float] | None:
+    """Return the best effect that was not chosen in the first round, and how far it was behind."""
+    ranking = _last_ranking(found)
+    others = [(name, ranking[0][1] - evidence) for name, evidence in ranking[1:]]
+    return min(others, key=lambda item: item[1]) if others else None
+
+
+def _look_alikes(found: select.Selection, nearer: float) -> tuple[str, ...]:
+    ranking = _last_ranking(found)
+    return tuple(name for name, evidence in ranking[1:] if ranking[0][1] - evidence < nearer)
+
+
+def _separated_by(system: System, found: select.Selection, nearer: float) -> tuple[str, ...]:
+    names = _look_alikes(found, nearer)
+    tests: list[str] = []
+    for name in (*found.final.effects[:1], *names) if names else ():
+        tests += [test for test in system.catalogue[name].separated_by if test not in tests]
+    return tuple(tests)
+
+
+def _strained(final: Fit) -> dict[str, float]:
+    """Return ordinary parameters that left their tolerance, in multiples of it."""
+    strain = {one.name: final.values[one.name] / one.sd for one in final.free if np.isfinite(one.sd)}
+    return {name: value for name, value in strain.items() if abs(value) > TELLING_STRAIN}
