@@ -46,16 +46,16 @@ def execute(arguments: argparse.Namespace) -> int:
 def _run_test(parameters: Parameters, specimen: str, test: str, out: Path) -> None:
     rig = parameters.rig
     every = 1 if test == "decay" else round(rig.record_period / rig.control_period)
-    for number, pressure in enumerate(_pressures(rig, test)):
+    for number, pressure in enumerate(_pressures(rig, specimen, test)):
         name = f"{test}-{pressure / 1e5:.1f}bar"
         samples = _samples(parameters, specimen, test, pressure, parameters.scenario.seed + number)
         count = record_rig(out / name, parameters, specimen, test, samples, every)
         print(f"{out / name}: {count} samples", file=sys.stderr, flush=True)
 
 
-def _pressures(rig, test: str) -> list[float]:
+def _pressures(rig, specimen: str, test: str) -> list[float]:
     if test == "decay":
-        return rig.decay.pressures
+        return getattr(rig.decay, specimen).pressures
     if test == "volume":
         return rig.procedure.pressures
     return sorted([*rig.procedure.pressures, *rig.procedure.held_out_pressures])

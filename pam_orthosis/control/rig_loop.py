@@ -120,6 +120,7 @@ class Rig:
         self.rig = parameters.rig
         taut = float(slack_pressure(position, parameters.rig_belief()))
         self.plant = RigPlant(parameters, specimen, seed, position, taut)
+        self._speed = self.rig.procedure.speed * getattr(parameters.muscle, specimen).length
         self._carriage = CarriageController(parameters)
         self._holder = PressureHolder(parameters, specimen)
         self._valves = [InverseValveModel(parameters) for _ in range(2)]
@@ -171,7 +172,7 @@ class Rig:
         """Move the carriage to a position at the procedure's speed, then rest."""
         sign = math.copysign(1.0, position - self._ramp.reference.position)
         while sign * (position - self._ramp.reference.position) > sign * self._ramp.stopping_distance:
-            yield self.step(pressure, sign * self.rig.procedure.speed)
+            yield self.step(pressure, sign * self._speed)
         yield from self.rest(pressure, self.rig.procedure.rest)
 
     def release(self, pressure: float) -> Iterator[RigSample]:
@@ -179,7 +180,7 @@ class Rig:
         settings = self.rig.procedure
         for _ in range(self._patience):
             share = (self._force - settings.free_force) / CAUTIOUS_FORCE
-            yield self.step(pressure, settings.speed * min(max(share, CREEP), 1.0))
+            yield self.step(pressure, self._speed * min(max(share, CREEP), 1.0))
             if share < 0:
                 break
         else:
@@ -224,7 +225,8 @@ class DecayRig:
 
     def __init__(self, parameters, specimen: str, seed: int = 0):
         parameters = at_rig(parameters)
-        self._settings, self._period = parameters.rig.decay, parameters.rig.control_period
+        self._period, self._duration = parameters.rig.control_period, parameters.rig.decay.duration
+        self._settings = getattr(parameters.rig.decay, specimen)
         self.plant = RigPlant(parameters, specimen, seed, weight=self._settings.weight)
         self._holder = PressureHolder(parameters, specimen)
         self._valve = InverseValveModel(parameters)
@@ -246,7 +248,7 @@ class DecayRig:
         for share in np.linspace(0.0, 1.0, self._steps(PULL_TIME)).tolist():
             self._step(pressure, None, rest + share * (pulled - rest))
         self._index = 0
-        yield from (self._step(pressure, None) for _ in range(self._steps(self._settings.duration)))
+        yield from (self._step(pressure, None) for _ in range(self._steps(self._duration)))
 
     def _steps(self, duration: float) -> int:
         return round(duration / self._period)

@@ -121,7 +121,7 @@ def read_data(paths: Iterable[Path], specimen: str | None = None, length: float 
     for serial, path in enumerate(bags):
         test = runs[path].get("test", "force")
         if test == "decay":
-            decays.append(_decay(path, parameters))
+            decays.append(_decay(path, specimen, parameters))
         elif test == "volume":
             volumes.append(_volumes(path, specimen, parameters))
         else:
@@ -216,10 +216,11 @@ def _table_samples(path: Path, length: float) -> Samples:
     return Samples(table.pressure, contraction, rate, table.force, sigma, table.pressure, zero - 1)
 
 
-def _decay(path: Path, parameters: Parameters) -> Decay:
+def _decay(path: Path, specimen: str, parameters: Parameters) -> Decay:
     bag, stamps, values, ambient = _measured(path, ("position", "pressure", "force"), parameters)
     position, pressure, force = values
-    mass = _value(bag, "rig.carriage_mass", parameters) + _value(bag, "rig.decay.weight", parameters)
+    weight = _value(bag, f"rig.decay.{specimen}.weight", parameters)
+    mass = _value(bag, "rig.carriage_mass", parameters) + weight
     return Decay((stamps - stamps[0]) / SECOND_NS, position, pressure - ambient, force, mass)
 
 
