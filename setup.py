@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Installation of the package, for pip and for colcon (ament_python)."""
 
+import sys
 from glob import glob
 
 from setuptools import find_packages, setup
@@ -14,6 +15,10 @@ NODES = [
     "inverse_valve_model",
     "bag_recorder",
 ]
+EXECUTABLES = [*NODES, "run"]
+# `ros2 run` looks into lib/PACKAGE. colcon installs the entry points there; a wheel installs them into bin/, and
+# gets a relay to each.
+RELAYS = [f"scripts/{name}" for name in EXECUTABLES] if "bdist_wheel" in sys.argv else []
 ROS = [
     "ros-jazzy-rclpy[fastrtps]==7.1.6; sys_platform == 'linux' and platform_machine == 'x86_64'",
     "ros-jazzy-common-interfaces; sys_platform == 'linux' and platform_machine == 'x86_64'",
@@ -32,6 +37,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
         (f"share/{PACKAGE}/config", glob("config/*")),
+        (f"lib/{PACKAGE}", RELAYS),
     ],
     install_requires=[
         "casadi>=3.6",
@@ -44,7 +50,7 @@ setup(
     ],
     extras_require={
         "ros": ROS,
-        "test": ["hypothesis>=6", "mcap-ros2-support>=0.5", "pytest>=7", "ruff>=0.5"],
+        "test": ["hypothesis>=6", "mcap-ros2-support>=0.5", "numba>=0.59", "pytest>=7", "ruff>=0.5"],
     },
     zip_safe=True,
     entry_points={

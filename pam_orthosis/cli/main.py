@@ -19,6 +19,9 @@ VERBS = {
     "run": "start the node graph, record a bag, judge it",
     "check": "judge the tracking of a recorded bag",
     "rig": "record the identification procedure on the emulated test rig",
+    "identify": "muscle parameters from rig bags or measured tables",
+    "report": "draw a recorded run",
+    "gap-hide": "record a blind test case of the gap workflow",
     "recover": "make a readable bag of one whose recorder was killed",
 }
 
@@ -52,7 +55,7 @@ def _dispatch(arguments: list[str]) -> int:
     verb = arguments[0] if arguments else "--help"
     if verb not in VERBS:
         _top_parser().parse_args([verb])
-    module = import_module(f"pam_orthosis.cli.{verb}")
+    module = import_module(f"pam_orthosis.cli.{verb.replace('-', '_')}")
     parser = Parser(prog=f"pam-orthosis {verb}", description=module.__doc__)
     module.add_arguments(parser)
     return module.execute(parser.parse_args(arguments[1:]))

@@ -164,8 +164,8 @@ def _centre() -> np.ndarray:
 def _experiments(rng, parameters) -> diagnostic.Programme:
     """Return all diagnostic experiments in random order with drawn angles and pressures."""
     levels = Section("levels", {
-        "low_angle": rng.uniform(0.25, 0.45), "high_angle": rng.uniform(0.85, 1.1),
-        "low_mean": rng.uniform(2.5e5, 2.9e5), "high_mean": rng.uniform(4.1e5, 4.7e5),
+        "low_angle": rng.uniform(0.32, 0.48), "high_angle": rng.uniform(0.85, 1.05),
+        "low_mean": rng.uniform(3.0e5, 3.4e5), "high_mean": rng.uniform(4.7e5, 5.3e5),
     })  # fmt: skip
     script = diagnostic.Script(parameters.scenario.start_angle, parameters.control.position.mean_pressure)
     for index in rng.permutation(len(PARTS)):

@@ -315,7 +315,8 @@ def cogwheel(q, w, wheel, h):
     if h.play == 0.0:
         return q, w
     lost = q - wheel
-    drags = (lost >= h.play and w > 0) or (lost <= -h.play and w < 0)
+    edge = h.play - 1e-12  # the wheel was put on the edge with a rounding error
+    drags = (lost >= edge and w > 0) or (lost <= -edge and w < 0)
     return clip(wheel, q - h.play, q + h.play), w if drags else 0.0
 
 
