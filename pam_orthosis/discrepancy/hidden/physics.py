@@ -202,18 +202,23 @@ def hose_drop(flow, h):
 
 @_compiled
 def hose_flow(opening, pressure, supply, a, h):
-    """Return the flow that valve and hose agree upon, by bisection."""
+    """Return the flow that valve and hose agree upon, by regula falsi (Illinois form)."""
     flow = valve_flow(opening, pressure, supply, a, h)
     if h.hose == 0.0 or flow == 0.0:
         return flow
-    low, high = min(flow, 0.0), max(flow, 0.0)
-    for _ in range(24):
-        middle = 0.5 * (low + high)
-        if valve_flow(opening, pressure + hose_drop(middle, h), supply, a, h) > middle:
-            low = middle
+    low, high, wrong_low = 0.0, flow, flow
+    wrong_high = valve_flow(opening, pressure + hose_drop(flow, h), supply, a, h) - flow
+    for _ in range(12):
+        if abs(wrong_high) < 1e-12 or wrong_high == wrong_low:
+            break
+        middle = high - wrong_high * (high - low) / (wrong_high - wrong_low)
+        wrong = valve_flow(opening, pressure + hose_drop(middle, h), supply, a, h) - middle
+        if wrong * wrong_high < 0:
+            low, wrong_low = high, wrong_high
         else:
-            high = middle
-    return 0.5 * (low + high)
+            wrong_low *= 0.5
+        high, wrong_high = middle, wrong
+    return high
 
 
 @_compiled

@@ -18,7 +18,7 @@ from pam_orthosis.discrepancy.hidden import case as cases
 from pam_orthosis.discrepancy.hidden import physics
 from pam_orthosis.discrepancy.hidden.effects import EFFECTS, OUTSIDE, SIZES
 from pam_orthosis.discrepancy.hidden.physics import Hidden
-from pam_orthosis.discrepancy.hidden.plant import HiddenPlant
+from pam_orthosis.discrepancy.hidden.plant import HiddenPlant, apparatus
 from pam_orthosis.discrepancy.hidden.write import write_case
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.effects import CATALOGUE
@@ -133,6 +133,16 @@ def test_play_loses_its_width_when_the_knee_reverses():
     angle, rate = physics.cogwheel(0.52, 1.0, 0.5, h)
     assert angle == pytest.approx(0.51)
     assert rate == 1.0
+
+
+@pytest.mark.parametrize("opening", [0.02, 0.4, -0.05, -0.8])
+def test_valve_and_hose_agree_on_the_flow(opening):
+    p, h = cases.belief(), Hidden(hose=4e6)
+    a = apparatus(p, {})
+    flow = physics.hose_flow(opening, 4e5, a.supply, a, h)
+    there = 4e5 + physics.hose_drop(flow, h)
+    assert flow == pytest.approx(physics.valve_flow(opening, there, a.supply, a, h), abs=1e-10)
+    assert abs(flow) <= abs(physics.valve_flow(opening, 4e5, a.supply, a, h))
 
 
 def test_slip_elements_saturate_at_the_half_width():
