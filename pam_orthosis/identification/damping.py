@@ -62,8 +62,8 @@ def decrement(decay: Decay) -> tuple[float, float]:
     """
     turns = turning_points(decay)
     swings = np.abs(np.diff(decay.position[turns]))
-    used = swings > LEAST_SWING * swings[0]
-    count = int(np.argmin(used)) if not used.all() else len(swings)
+    small = np.flatnonzero(swings < LEAST_SWING * swings[:1])
+    count = int(small[0]) if len(small) else len(swings)
     if count < LEAST_SWINGS:
         raise OrthosisError(f"a decay record holds {count} swings; at least {LEAST_SWINGS} are needed")
     period = 2 * float(np.mean(np.diff(decay.time[turns[: count + 1]])))

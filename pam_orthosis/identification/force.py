@@ -8,7 +8,7 @@ found here by a singular value decomposition of B with its columns scaled to equ
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -67,6 +67,16 @@ def design(s: Samples, degrees: tuple[int, int]) -> np.ndarray:
     return np.column_stack(area + counter)
 
 
+def nominal_rank(s: Samples, degrees: tuple[int, int]) -> int:
+    """Return the rank of B at the nominal pressures.
+
+    The noise of a pressure that was held constant makes B look as if the pressure had varied.
+    """
+    b = design(replace(s, pressure=s.level), degrees)
+    singular = np.linalg.svd(b / np.linalg.norm(b, axis=0), compute_uv=False)
+    return int((singular > RANK_TOLERANCE * singular[0]).sum())
+
+
 def balanced_weights(s: Samples) -> np.ndarray:
     """Return the weights 1 / sigma, evened so that each direction of a level counts the same.
 
@@ -98,10 +108,10 @@ def fit_force(s: Samples, damping: float = 0.0, degrees: tuple[int, int] = (3, 4
     scale = np.linalg.norm(weighted, axis=0)
     if not scale.all():
         raise OrthosisError("the contraction does not vary: the coefficients of Eq. (14) stay unknown")
-    u, singular, vt = np.linalg.svd(weighted / scale, full_matrices=False)
-    rank = int((singular > RANK_TOLERANCE * singular[0]).sum())
+    rank = nominal_rank(s, degrees)
     if rank < count:
         raise OrthosisError(_deficient(s, rank, count, degrees))
+    u, singular, vt = np.linalg.svd(weighted / scale, full_matrices=False)
     target = weights * (s.force + damping * s.rate)
     theta = vt.T @ (u.T @ target / singular) / scale
     model = ForceModel(theta[: degrees[0] + 1], theta[degrees[0] + 1 :], damping)

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Damping from free decays, Eq. (18), with and without dry friction."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from pam_orthosis.control.rig_loop import DecayRig
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.identification import damping
+from pam_orthosis.identification.data import Decay
+from pam_orthosis.model import parameters
+
+MASS, STIFFNESS, D = 70.0, 25e3, 150.0
+
+
+def oscillation(dry=0.0, sliding=1e-3):
+    """Return the decay of a linear oscillator with an elastic sliding element, noise-free."""
+    time = np.arange(0, 3.0, 0.002)
+
+    def rates(_t, y):
+        slide = max(-1.0, min(1.0, y[2]))
+        stuck = not (abs(y[2]) >= 1 and y[2] * y[1] > 0)
+        return [y[1], (-STIFFNESS * y[0] - D * y[1] - dry * slide) / MASS, y[1] / sliding * stuck]
+
+    y = solve_ivp(rates, (0, 3), [-0.02, 0, 0], t_eval=time, max_step=5e-4, rtol=1e-7, atol=1e-9).y
+    force = 500 - STIFFNESS * y[0] - D * y[1] - dry * np.clip(y[2], -1, 1)
+    pressure = 3e5 + 1e6 * y[0] + 1e8 * y[0] ** 2
+    return Decay(time, 0.05 + y[0], pressure, force, MASS)
+
+
+def test_the_decrement_of_a_linear_oscillator_is_its_damping():
+    value, period = damping.decrement(oscillation())
+    assert value == pytest.approx(D, rel=0.03)
+    natural = np.sqrt(STIFFNESS / MASS - (D / (2 * MASS)) ** 2)
+    assert period == pytest.approx(2 * np.pi / natural, rel=0.01)
+
+
+def test_dry_friction_counts_as_damping_in_the_decrement_but_not_in_the_viscous_part():
+    decay = oscillation(dry=12.0)
+    assert damping.decrement(decay)[0] > 1.2 * D
+    value, residual = damping.viscous_part(decay)
+    assert value == pytest.approx(D, rel=0.05)
+    assert residual < 2.0
+
+
+def test_a_slip_element_sticks_then_slides():
+    path = np.concatenate([np.linspace(0, 3e-3, 300), np.linspace(3e-3, 0, 300)])
+    state = damping.slip_element(path, 1e-3)
+    assert state[99] == pytest.approx(1.0, abs=0.02)
+    assert state[299] == pytest.approx(1.0)
+    assert state[-1] == pytest.approx(-1.0)
+    assert state[400] == pytest.approx(1 - (3e-3 - path[400]) / 1e-3, abs=0.02)
+
+
+@pytest.mark.parametrize("specimen", ["dmsp_20", "dmsp_10"])
+def test_the_emulated_muscles_damping_is_found_within_ten_per_cent(specimen):
+    p = parameters.load()
+    settings, decays = getattr(p.rig.decay, specimen), []
+    for seed, pressure in enumerate(settings.pressures):
+        m = [(s.time_ns * 1e-9, *s.measured) for s in DecayRig(p, specimen, seed).run(pressure)]
+        time, position, specimen_pressure, _, force = np.array(m).T
+        gauge = specimen_pressure - p.valve.ambient_pressure
+        decays.append(Decay(time, position, gauge, force, p.rig.carriage_mass + settings.weight))
+    found = damping.fit_damping(decays)
+    true = getattr(p.plant.rig, specimen).damping
+    assert found.value == pytest.approx(true, rel=0.1)
+    assert found.decrement > 1.3 * true, "the braid's friction must be there to be told apart"
+
+
+def test_a_record_without_an_oscillation_is_refused():
+    time = np.arange(0, 1, 0.002)
+    still = Decay(time, 0.05 + 1e-3 * np.exp(-time), np.full(500, 3e5), np.full(500, 400.0), MASS)
+    with pytest.raises(OrthosisError, match="swings"):
+        damping.decrement(still)

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From the rig to config/: bags recorded, read, identified, written, drawn - without the truth."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+import yaml
+
+from pam_orthosis.bag.read import run_record
+from pam_orthosis.bag.rig_record import record_rig
+from pam_orthosis.cli.main import main
+from pam_orthosis.control.rig_loop import DecayRig, Rig, RigTruth, force_procedure, volume_procedure
+from pam_orthosis.identification.data import read_data
+from pam_orthosis.identification.identify import identify
+from pam_orthosis.model import parameters
+
+PRESSURES, HELD_OUT = (2e5, 3.5e5, 5e5, 7e5), (4.5e5, 6.5e5)
+AMBIENT = 1.013e5
+
+
+def record(folder, spoil=lambda sample: sample):
+    p = parameters.load({"rig.procedure.volume_stations": 4})
+    for seed, pressure in enumerate((*PRESSURES, *HELD_OUT)):
+        samples = force_procedure(Rig(p, "dmsp_20", 20 + seed), pressure)
+        record_rig(folder / f"force-{seed}", p, "dmsp_20", "force", map(spoil, samples), 10)
+    for seed, pressure in enumerate((2e5, 4e5, 7e5)):
+        samples = volume_procedure(Rig(p, "dmsp_20", 30 + seed), pressure)
+        record_rig(folder / f"volume-{seed}", p, "dmsp_20", "volume", map(spoil, samples), 50)
+    samples = DecayRig(p, "dmsp_20", 40).run(4e5)
+    record_rig(folder / "decay", p, "dmsp_20", "decay", map(spoil, samples))
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("rig")
+    record(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def found(bags):
+    return identify(read_data([bags]), [p - AMBIENT for p in HELD_OUT])
+
+
+def test_the_model_predicts_held_out_pressures_within_the_papers_error(found):
+    told = found.errors(held_out=True)
+    assert told["samples"] > 500
+    assert set(np.round((np.unique(found.held_out.level) + AMBIENT) / 1e5, 2)) == {4.5, 6.5}
+    assert told["max"] <= 30.0
+    assert told["rms"] <= 10.5
+
+
+def test_the_hysteresis_is_visible_by_direction(found):
+    by_direction = found.errors(held_out=True)["by_direction"]
+    assert by_direction["shortening"]["mean"] < -4.0
+    assert by_direction["stretching"]["mean"] > 4.0
+
+
+def test_damping_and_volume_come_with_it(found):
+    p = parameters.load()
+    assert found.damping.value == pytest.approx(p.plant.rig.dmsp_20.damping, rel=0.1)
+    assert found.volume.rms < 0.02 * found.volume.v[0]
+    assert found.stiff
+    assert found.box.maximum_contraction == pytest.approx(0.125, abs=0.005)
+
+
+def test_truth_is_recorded_apart_and_never_used(bags, found, tmp_path):
+    """The same rig with a truth that lies gives the same identification, bit for bit."""
+    lie = RigTruth(*[123.0] * 8)
+    record(tmp_path, lambda sample: sample._replace(truth=lie))
+    again = identify(read_data([tmp_path]), [p - AMBIENT for p in HELD_OUT])
+    assert again.as_dict() == found.as_dict()
+
+
+def test_a_bag_explains_itself(bags):
+    run = run_record(bags / "force-0")
+    assert (run["specimen"], run["test"]) == ("dmsp_20", "force")
+    assert json.loads(run["parameters"])["rig.carriage_mass"] == 20.0
+
+
+def test_the_command_writes_rows_that_config_takes(bags, found, tmp_path, capsys):
+    out, figures = tmp_path / "rows.yaml", tmp_path / "figures"
+    held = [str(p / 1e5) for p in HELD_OUT]
+    arguments = ["identify", str(bags), "--out", str(out), "--figures", str(figures), "--json"]
+    assert main([*arguments, "--held-out-bar", *held]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["a"] == found.force.model.a.tolist()
+    rows = yaml.safe_load(out.read_text())["dmsp_20"]
+    p = parameters.load(
+        {
+            "muscle.dmsp_20.map_length": rows["map_length"]["value"],
+            "muscle.dmsp_20.force.a": rows["force"]["a"]["value"],
+            "muscle.dmsp_20.volume.w": rows["volume"]["w"]["value"],
+        }
+    )
+    assert p.muscle.dmsp_20.force.a[0] == pytest.approx(told["a"][0], rel=1e-8)
+    for name in ("force.png", "residual.png", "volume.png"):
+        assert (figures / name).stat().st_size > 10_000
+
+
+def test_update_changes_these_rows_only(bags, found, tmp_path):
+    copy = tmp_path / "muscle.yaml"
+    shutil.copy(parameters.config_folder() / "muscle.yaml", copy)
+    before = yaml.safe_load(copy.read_text())
+    assert main(["identify", str(bags), "--update", str(copy)]) == 0
+    after = yaml.safe_load(copy.read_text())
+    section = after["dmsp_20"]
+    assert "identified on the emulated test rig" in section["force"]["a"]["source"]
+    assert section["force"]["damping"]["value"] == pytest.approx(found.damping.value, rel=1e-3)
+    assert section["map_length"]["value"] == 0.5
+    for name in ("dmsp_10", "mas_40"):
+        assert after[name] == before[name]
+    assert section["geometry"] == before["dmsp_20"]["geometry"]
+
+
+@pytest.mark.parametrize(
+    ("chosen", "message"),
+    [
+        (["force-0"], "coefficients"),
+        (["decay"], "no force measurement"),
+        (["nowhere"], "no data at"),
+    ],
+)
+def test_data_that_do_not_suffice_end_with_one_line(bags, capsys, chosen, message):
+    assert main(["identify", *(str(bags / name) for name in chosen)]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tables: units in the columns' names, and what is wrong with a table is said."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.identification.data import read_data
+from pam_orthosis.identification.identify import identify
+from pam_orthosis.identification.table import read_table
+
+MEASURED = Path(__file__).resolve().parents[3] / "shared" / "data" / "muscle"
+GOOD = ["p_Pa_gauge,L_m,F_N,slack", "200000,0.29,300,0", "300000,0.27,250,0", "200000,0.22,0,1"]
+
+
+def table(tmp_path, lines):
+    path = tmp_path / "t.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_the_same_data_in_other_units_are_the_same(tmp_path):
+    si = read_table(table(tmp_path, GOOD))
+    other = ["p_bar_abs,L_mm,F_kN", "3.013,290,0.3", "4.013,270,0.25"]
+    read = read_table(table(tmp_path, other))
+    assert read.pressure == pytest.approx(si.pressure[:2])
+    assert read.length == pytest.approx(si.length[:2])
+    assert read.force == pytest.approx(si.force[:2])
+
+
+def test_slack_rows_are_left_out_but_for_the_force_free_end(tmp_path):
+    lines = [*GOOD, "300000,0.22,0,1", "200000,0.25,0,1"]
+    read = read_table(table(tmp_path, lines))
+    assert read.pressure.tolist() == [200000, 300000, 300000]
+    assert read.force.tolist() == [300, 250, 0]
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        (["p_Pa_gauge,L_m,F_N,slack", "200000,0.29,0,1", "300000,0.28,0,1"], "slack in every row"),
+        (["p,L_m,F_N", "2,0.29,0"], "column 'p' is unknown"),
+        (["p_Pa_gauge,p_bar_gauge,L_m,F_N", "200000,2,0.29,0"], "two columns"),
+        (["p_Pa_gauge,L_m,F_N", "2,0.29,300", "3,0.29,400"], "is the unit bar"),
+        (["p_Pa_gauge,L_m,F_N", "200000,0.29,300", "3,0.29,400"], "different units"),
+        (["p_Pa_gauge,L_m,F_N", "200000,290,300"], "implausible"),
+        (["p_Pa_gauge,L_m,F_N", "200000,0.29,nan"], "not finite"),
+        (["p_Pa_gauge,L_m,F_N", "200000,0.29,many"], "many"),
+        (["p_Pa_gauge,L_m,F_N", "200000,0.29"], "fields"),
+        (["p_Pa_gauge,L_m,F_N"], "no rows"),
+        (["p_Pa_gauge,F_N", "200000,3"], "length"),
+        (["p_Pa_gauge,L_m", "200000,0.29"], "force"),
+        ([""], "empty"),
+    ],
+)
+def test_an_unusable_table_says_why(tmp_path, lines, message):
+    with pytest.raises(OrthosisError, match=message):
+        read_table(table(tmp_path, lines))
+
+
+def test_a_table_of_another_nominal_length_is_refused(tmp_path):
+    path = table(tmp_path, ["p_Pa_gauge,L_m,F_N", "200000,0.20,300", "300000,0.19,200"])
+    with pytest.raises(OrthosisError, match="nominal length"):
+        read_data([path], "dmsp_20")
+
+
+def measured(name):
+    if not MEASURED.is_dir():
+        pytest.skip("the measured tables lie in ../shared, which is not there")
+    return read_data([MEASURED / f"{name}_static_FLP.csv"])
+
+
+def test_the_measured_map_of_a_dmsp_20_gives_the_published_fit():
+    found = identify(measured("dmsp20_300"))
+    assert len(found.training) == 61
+    told = found.errors(held_out=False)
+    assert told["rms"] == pytest.approx(3.5, abs=0.1)
+    assert told["max"] == pytest.approx(9.5, abs=0.2)
+    assert found.force.model.a[0] == pytest.approx(2.763e-3, rel=2e-3)
+
+
+def test_nine_coefficients_on_six_lengths_interpolate_and_that_is_said():
+    found = identify(measured("dmsp20_300"))
+    rms = {round(x * 1e3): e[0] for x, e in found.by_length.items()}
+    inside = [rms[x] for x in (18, 33, 50, 63)]
+    assert 10 < min(inside) <= max(inside) < 30
+    assert min(rms[4], rms[78]) > 60, "the ends are not predicted by the rest"
+    assert found.box.minimum_contraction == pytest.approx(0.004)
+    assert found.box.maximum_contraction == pytest.approx(0.078)
+
+
+def test_both_muscles_at_once_are_refused():
+    measured("dmsp20_300")
+    with pytest.raises(OrthosisError, match="one muscle"):
+        read_data([MEASURED])
+
+
+def test_the_measured_map_of_a_dmsp_10_needs_its_force_free_end_for_nine_coefficients():
+    data = measured("dmsp10_250")
+    assert data.length == 0.25
+    assert identify(data).force.rank == 9
+    with pytest.raises(OrthosisError, match="only 8 of 9"):
+        identify(type(data)(data.specimen, data.length, data.samples.where(data.samples.force > 0), True))
+    assert np.isclose(identify(data, degrees=(3, 3)).force.rank, 8)
