@@ -14,7 +14,7 @@ VOLTAGES = 5 + 1.6 * np.sin(np.arange(250)[:, None] * np.array([0.06, 0.043]) + 
 
 
 def driven(overrides=None):
-    plant = Plant(parameters.load(overrides))
+    plant = Plant(parameters.load({"scenario.control_period": 0.002, **(overrides or {})}))
     for voltages in VOLTAGES:
         plant.advance(*voltages)
     return plant
@@ -49,7 +49,7 @@ def test_the_muscles_do_the_work_that_the_leg_gains():
     assembly = orthosis.assemble(true_hardware(parameters.load(off)))
     n = len(assembly.states)
     x, work = ca.SX.sym("x", n), ca.SX.sym("work")
-    u = ca.DM([5.0, 5.0, 0.0])
+    u = ca.DM([5.0, 5.0, 0.0, 0.0])
     f = assembly.function("f")
 
     def rates(state):
@@ -81,7 +81,7 @@ def test_machine_code_and_virtual_machine_agree():
     x = np.zeros(len(assembly.states))
     x[:4] = 0.6, 1.5, 3.1e5, 3.9e5
     results = [
-        np.concatenate([part.copy() for part in compiled(function, use)(x, [5.4, 4.7, 0.3])])
+        np.concatenate([part.copy() for part in compiled(function, use)(x, [5.4, 4.7, 0.3, 1.0])])
         for use in (True, False)
     ]
     assert np.allclose(results[0], results[1], rtol=1e-12, atol=1e-12)
