@@ -16,12 +16,22 @@ NODES = [
     "bag_recorder",
 ]
 EXECUTABLES = [*NODES, "run"]
-# `ros2 run` looks into lib/PACKAGE. colcon installs the entry points there; a wheel installs them into bin/, and
-# gets a relay to each.
+# `ros2 run` looks into lib/PACKAGE: colcon installs the entry points there, pip installs them into bin/
+# and needs a relay to each
 RELAYS = [f"scripts/{name}" for name in EXECUTABLES] if "bdist_wheel" in sys.argv else []
 ROS = [
     "ros-jazzy-rclpy[fastrtps]==7.1.6; sys_platform == 'linux' and platform_machine == 'x86_64'",
     "ros-jazzy-common-interfaces; sys_platform == 'linux' and platform_machine == 'x86_64'",
+]
+TEST = [
+    "catkin_pkg>=1.0",
+    "colcon-common-extensions>=0.3",
+    "hypothesis>=6",
+    "mcap-ros2-support>=0.5",
+    "numba>=0.59",
+    "pytest>=7",
+    "ruff>=0.5",
+    "wheel>=0.40",
 ]
 
 setup(
@@ -50,7 +60,7 @@ setup(
     ],
     extras_require={
         "ros": ROS,
-        "test": ["hypothesis>=6", "mcap-ros2-support>=0.5", "numba>=0.59", "pytest>=7", "ruff>=0.5"],
+        "test": TEST,
     },
     zip_safe=True,
     entry_points={

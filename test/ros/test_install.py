@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The package installs as ROS packages do, with colcon and with pip, and what it installs starts."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from catkin_pkg.package import parse_package
+
+from pam_orthosis.cli.main import main
+
+ROOT = Path(__file__).resolve().parents[2]
+EXECUTABLES = {
+    "plant_simulator",
+    "trajectory_publisher",
+    "position_controller",
+    "pressure_controller",
+    "inverse_valve_model",
+    "bag_recorder",
+    "run",
+}
+LIMIT_S = 300.0
+
+
+def _done(command, **options):
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False, **options)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done
+
+
+@pytest.fixture(scope="session")
+def install_space(tmp_path_factory):
+    """Return the folder into which colcon has installed the package."""
+    folder = tmp_path_factory.mktemp("workspace")
+    colcon = Path(sys.executable).with_name("colcon")
+    bases = ["--build-base", folder / "build", "--install-base", folder / "install"]
+    _done([colcon, "--log-base", folder / "log", "build", "--base-paths", ROOT, *bases], cwd=folder)
+    return folder / "install"
+
+
+def _sourced(install_space, command, **options):
+    """Start a command as after `source install/setup.bash`, outside the source tree."""
+    script = f'source "{install_space}/setup.bash" && exec "$@"'
+    # the editable installation must not stand in for the one under test
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    environment |= {"ROS_LOG_DIR": str(install_space), "ROS_DOMAIN_ID": str(os.getpid() % 100)}
+    return subprocess.Popen(
+        ["bash", "-c", script, "bash", *map(str, command)],
+        cwd=install_space,
+        env=environment,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        **options,
+    )
+
+
+def test_package_xml_is_one_of_ros():
+    warnings = []
+    package = parse_package(str(ROOT / "package.xml"), warnings=warnings)
+    assert package.package_format == 3
+    assert package.get_build_type() == "ament_python"
+    assert not warnings
+
+
+def test_package_xml_names_every_message_package_that_is_imported():
+    package = parse_package(str(ROOT / "package.xml"))
+    named = {dependency.name for dependency in package.exec_depends}
+    text = "".join(path.read_text() for path in (ROOT / "pam_orthosis" / "nodes").glob("*.py"))
+    imported = {line.split()[1].split(".")[0] for line in text.splitlines() if ".msg import" in line}
+    assert imported | {"rclpy"} <= named
+
+
+def test_colcon_installs_every_executable_and_the_marker_of_the_package(install_space):
+    prefix = install_space / "pam_orthosis"
+    installed = prefix / "lib" / "pam_orthosis"
+    assert {path.name for path in installed.iterdir() if os.access(path, os.X_OK)} >= EXECUTABLES
+    assert (prefix / "share/ament_index/resource_index/packages/pam_orthosis").exists()
+    assert (prefix / "share/pam_orthosis/config/control.yaml").exists()
+
+
+def test_an_installed_node_says_what_it_waits_for_and_ends_on_a_signal(install_space):
+    pytest.importorskip("rclpy")
+    executable = install_space / "pam_orthosis/lib/pam_orthosis/position_controller"
+    node = _sourced(install_space, [executable])
+    line = node.stdout.readline()
+    assert "waiting for" in line
+    assert "joint_states of plant_simulator" in line
+    node.send_signal(signal.SIGTERM)
+    assert node.wait(LIMIT_S) == 0
+
+
+def test_the_installed_run_walks_and_its_bag_passes(install_space, tmp_path):
+    pytest.importorskip("rclpy")
+    executable = install_space / "pam_orthosis/lib/pam_orthosis/run"
+    run = _sourced(install_space, [executable, "--duration", "1", "--out", tmp_path / "bag"])
+    said, _ = run.communicate(timeout=LIMIT_S)
+    assert run.returncode == 0, said
+    assert main(["check", str(tmp_path / "bag")]) == 0
+
+
+def test_what_is_sourced_is_what_colcon_installed(install_space):
+    code = "import pam_orthosis, pam_orthosis.model.parameters as p; print(p.config_folder())"
+    python = _sourced(install_space, [sys.executable, "-c", code])
+    said, _ = python.communicate(timeout=LIMIT_S)
+    assert Path(said.strip()).is_relative_to(install_space)
+
+
+def test_a_wheel_brings_a_relay_to_each_executable_for_ros2_run(tmp_path):
+    """`ros2 run` looks into lib/PACKAGE of the prefix; pip puts entry points into bin."""
+    source, prefix = tmp_path / "source", tmp_path / "prefix"
+    shutil.copytree(ROOT, source, ignore=shutil.ignore_patterns(".*", "build", "runs", "bags", "*.egg-info"))
+    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--prefix", prefix, source]
+    _done([*command, "--no-build-isolation", "--ignore-installed"])
+    installed = prefix / "lib" / "pam_orthosis"
+    assert {path.name for path in installed.iterdir()} == EXECUTABLES
+    for name in EXECUTABLES:
+        target = prefix / "bin" / name
+        target.write_text('#!/bin/sh\necho "$0 $1"\n')
+        assert Path(_done([installed / name, "-h"]).stdout.split()[0]).samefile(target)
