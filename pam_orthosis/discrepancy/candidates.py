@@ -20,6 +20,7 @@ from pam_orthosis.discrepancy.fit import Fit, Problem, bounded_step, normal_equa
 DIFFERENCE = 0.01  # of a parameter's scale
 MOST_STEPS = 8
 ENOUGH = 0.5
+SHAPE_WIDTHS = (2.0, 4.0, 8.0, 16.0)  # multiples of a shape correction's priors
 SMALL_SHARE = 1e-3  # of the gain: what a further step must bring
 
 
@@ -31,7 +32,7 @@ class Candidate:
         name: of the effect.
         gain: by how much the cost falls.
         values: all parameters, ordinary ones as the projection says.
-        evidence: difference of BIC.
+        evidence: gain less what its parameters cost.
     """
 
     name: str
@@ -39,19 +40,24 @@ class Candidate:
     values: Mapping[str, float]
     evidence: float
 
+    @property
+    def price(self) -> float:
+        """What the parameters cost."""
+        return self.gain - self.evidence
+
 
 class Projection:
     """The present fit with its ordinary parameters free to follow, linearly."""
 
     def __init__(self, problem: Problem, base: Fit):
         self.problem, self.base = problem, base
-        self._hessian, self._gradient = normal_equations(base.blocks.values(), base.free, base.values)
-        self._factor = cho_factor(self._hessian + 1e-9 * np.diag(np.diag(self._hessian)))
+        self.hessian, self._gradient = normal_equations(base.blocks, base.free, base.values)
+        self._factor = cho_factor(self.hessian + 1e-9 * np.diag(np.diag(self.hessian)))
         self._index = {one.name: i for i, one in enumerate(base.free)}
         self._scale = np.array([one.scale for one in base.free])
-        self._prior = np.array([one.scale / one.sd for one in base.free])
-        self._prior_gradient = self._prior * np.array([base.values[o.name] / o.sd for o in base.free])
-        self._prior_cost = prior_cost(base.free, base.values)
+        self.prior = np.array([one.scale / one.sd for one in base.free])
+        self._prior_gradient = self.prior * np.array([base.values[o.name] / o.sd for o in base.free])
+        self.prior_cost = prior_cost(base.free, base.values)
         self._matrices = {name: self._scaled(block) for name, block in base.blocks.items()}
         self._squares = {name: float(np.sum(b.residual**2)) for name, b in base.blocks.items()}
         self._unchanged = {name: self.correlated(name, b.residual) for name, b in base.blocks.items()}
@@ -73,7 +79,7 @@ class Projection:
     def cost(self, residuals: Mapping[str, np.ndarray]) -> float:
         """Return the least cost over the ordinary parameters, given residuals of changed equations."""
         right, squares = self.state(residuals)
-        return squares + self._prior_cost - float(right @ self.solve(right))
+        return squares + self.prior_cost - float(right @ self.solve(right))
 
     def state(self, residuals: Mapping[str, np.ndarray]) -> tuple[np.ndarray, float]:
         """Return the gradient by the ordinary parameters and the sum of squares."""
@@ -233,3 +239,31 @@ def candidate(projection: Projection, trial: Trial, positions: list[np.ndarray])
 def penalty(base: Fit, parameters: int) -> float:
     """Return what BIC charges for parameters."""
     return parameters * math.log(base.samples)
+
+
+def widened_shape(projection: Projection, name: str) -> Candidate:
+    """Return a shape correction beyond its priors as a candidate: their standard deviations grow.
+
+    Both models are linear with normal priors, so that the price is the ratio of the determinants in
+    their marginal likelihoods (Occam factor), and one more parameter, the width.
+    """
+    base = projection.base
+    chosen = np.array([one.name.startswith(f"{name}.") for one in base.free])
+    right, squares = projection.state({})
+    before = np.linalg.slogdet(projection.hessian)[1]
+    found = []
+    for width in SHAPE_WIDTHS:
+        weaker = np.where(chosen, projection.prior**2 * (1 / width**2 - 1), 0.0)
+        hessian = projection.hessian + np.diag(weaker)
+        position = np.array([base.values[one.name] / one.scale for one in base.free])
+        step = -np.linalg.solve(hessian, right + weaker * position)
+        cost = squares + projection.prior_cost + float(weaker @ position**2)
+        cost += float((right + weaker * position) @ step)
+        occam = np.linalg.slogdet(hessian)[1] - before + 2 * chosen.sum() * math.log(width)
+        gain = projection.floor - cost
+        moved = {
+            o.name: base.values[o.name] + float(x) * o.scale for o, x in zip(base.free, step, strict=True)
+        }
+        price = occam + penalty(base, 1)
+        found.append(Candidate(name, gain, {**base.values, **moved}, gain - price))
+    return max(found, key=lambda one: one.evidence)

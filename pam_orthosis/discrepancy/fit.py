@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import welch
@@ -13,13 +14,17 @@ from pam_orthosis.discrepancy.replay import Replay, Run
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.whitening import Whitener
 
-MOST_STEPS = 12
-CHORD_STEPS = 4
-MOST_TEMPERS = 5
-MOST_TEMPERED_STEPS = 3
+MOST_STEPS = 8
+CHORD_STEPS = 3
+CHORD_SHARE = 0.02  # of what a set of derivatives has gained: below it a new set is due
+STEP_SHARES = (1.0, 0.3, 0.05)
+WIDE = 10.0  # times its priors: what a shape correction may be once it is named
 SEGMENT = 512  # samples, of the density of residuals
 ORDINARY_PEAK = 1.25  # of that density for white noise
-ENOUGH = 0.05  # a fit ends when a step lowers the cost by less than this
+ENOUGH = 1.0  # a fit ends when a step lowers the cost by less than this
+
+
+_POOL = ThreadPoolExecutor(2)
 
 
 @dataclass(frozen=True)
@@ -31,6 +36,21 @@ class Free:
     lower: float
     upper: float
     sd: float
+
+
+def free_parameters(system: System, effects: Sequence[str]) -> list[Free]:
+    """Return ordinary parameters and those of effects; a named shape correction has wide priors."""
+    wide = {
+        f"{name}.{q.name}"
+        for name in effects
+        if name in system.shapes
+        for q in system.catalogue[name].parameters
+    }
+    free = [replace(one, sd=WIDE * one.sd) if one.name in wide else one for one in ordinary(system)]
+    for name in effects:
+        if name not in system.shapes:
+            free += of_effect(system, name)
+    return free
 
 
 def ordinary(system: System) -> list[Free]:
@@ -124,72 +144,66 @@ class Problem:
             pieces += [one.white(c, raw[:, i]) for i, c in enumerate(equation.channels)]
         return self.weights[equation.name] * np.concatenate(pieces)
 
-    def linearised(self, equation, effects, values, names: tuple[str, ...]) -> Block:
-        """Return residuals and derivatives by those of `names` that the equation depends on."""
-        residuals, slopes, relevant = [], [], ()
-        lagging = self._lagging(effects)
-        for one in self.scored:
-            raw, by, relevant = self.replay.sensitivities(
-                one.run, equation, effects, values, tuple(n for n in names if n not in lagging)
-            )
-            for i, c in enumerate(equation.channels):
-                white = one.white(c, np.column_stack([raw[:, i], by[:, i]]))
-                residuals.append(white[:, 0])
-                slopes.append(white[:, 1:])
-        weight = self.weights[equation.name]
-        block = Block(weight * np.concatenate(residuals), weight * np.concatenate(slopes), relevant)
-        for name in lagging & set(names):
-            block = self._with_difference(block, equation, effects, values, name)
-        return block
+    def residuals(self, effects, values) -> dict[str, np.ndarray]:
+        """Return the whitened residuals of all equations."""
+        tasks = self.system.equations
+        found = _POOL.map(lambda equation: self.residual(equation, effects, values), tasks)
+        return {equation.name: row for equation, row in zip(tasks, found, strict=True)}
 
-    def blocks(self, effects, values, names) -> dict[str, Block]:
-        """Return the linearisation of every equation."""
-        return {e.name: self.linearised(e, effects, values, names) for e in self.system.equations}
+    def blocks(self, effects, values, names: tuple[str, ...]) -> dict[str, Block]:
+        """Return residuals and derivatives by those of `names` that matter, of every equation."""
+        tasks = [(equation, one) for equation in self.system.equations for one in self.scored]
+        pieces = list(_POOL.map(lambda task: self._linearised(*task, effects, values, names), tasks))
+        blocks = {}
+        for equation in self.system.equations:
+            own = [piece for task, piece in zip(tasks, pieces, strict=True) if task[0] is equation]
+            weight = self.weights[equation.name]
+            blocks[equation.name] = Block(
+                weight * np.concatenate([row for piece in own for row in piece[0]]),
+                weight * np.concatenate([matrix for piece in own for matrix in piece[1]]),
+                own[0][2],
+            )
+        return blocks
+
+    def _linearised(self, equation, one: Scored, effects, values, names):
+        """Return whitened residuals and derivatives, one entry a channel, of one run."""
+        lagging = self._lagging(equation, effects) & set(names)
+        smooth = tuple(name for name in names if name not in lagging)
+        raw, by, relevant = self.replay.sensitivities(one.run, equation, effects, values, smooth)
+        columns = [by]
+        for name in sorted(lagging):
+            step = 0.02 * max(abs(values[name]), 1e-12)
+            moved = {**values, name: values[name] + step}
+            change = self.replay.residuals(one.run, equation, effects, moved) - raw
+            columns.append(change[:, :, None] / step)
+        slopes = np.concatenate(columns, axis=2)
+        white = [
+            one.white(c, np.column_stack([raw[:, i], slopes[:, i]])) for i, c in enumerate(equation.channels)
+        ]
+        return [w[:, 0] for w in white], [w[:, 1:] for w in white], (*relevant, *sorted(lagging))
 
     def total(self, effects, values) -> float:
         """Return the squared whitened residuals of all equations."""
-        return sum(float(np.sum(self.residual(e, effects, values) ** 2)) for e in self.system.equations)
+        return _sum(self.residuals(effects, values))
 
-    def _lagging(self, effects) -> set[str]:
-        """Return parameters that shift recorded signals in time: differentiated by differences."""
+    def _lagging(self, equation, effects) -> set[str]:
+        """Return parameters that shift an equation's neighbours in time: differentiated by differences."""
+        if len(equation.channels) == len(self.system.channels):
+            return set()
         return {
             f"{name}.{q.name}"
             for name in effects
             if self.system.catalogue[name].advance is not None
-            for q in self.system.catalogue[name].parameters
+            for q in self.system.catalogue[name].fitted
         }
 
-    def _with_difference(self, block, equation, effects, values, name) -> Block:
-        effect = name.split(".")[0]
-        if equation.name not in self.replay.touched(effect) and not _has_neighbour(equation, self.system):
-            return block
-        step = 0.02 * max(abs(values[name]), 1e-12)
-        moved = self.residual(equation, effects, {**values, name: values[name] + step})
-        column = (moved - block.residual)[:, None] / step
-        return Block(block.residual, np.column_stack([block.slopes, column]), (*block.names, name))
 
-
-def _has_neighbour(equation, system) -> bool:
-    return len(equation.channels) < len(system.channels)
-
-
-def normal_equations(blocks: Iterable[Block], free: Sequence[Free], values) -> tuple[np.ndarray, np.ndarray]:
+def normal_equations(
+    blocks: Mapping[str, Block], free: Sequence[Free], values
+) -> tuple[np.ndarray, np.ndarray]:
     """Return Hessian and gradient (halves) by the scaled parameters, priors included."""
-    index = {one.name: i for i, one in enumerate(free)}
-    scale = np.array([one.scale for one in free])
-    hessian, gradient = np.zeros((len(free), len(free))), np.zeros(len(free))
-    for block in blocks:
-        kept = [i for i, name in enumerate(block.names) if name in index]
-        if not kept:
-            continue
-        place = np.array([index[block.names[i]] for i in kept])
-        slopes = block.slopes[:, kept] * scale[place]
-        hessian[np.ix_(place, place)] += slopes.T @ slopes
-        gradient[place] += slopes.T @ block.residual
-    weight = np.array([one.scale / one.sd for one in free])
-    hessian += np.diag(weight**2)
-    gradient += weight * np.array([values[one.name] / one.sd for one in free])
-    return hessian, gradient
+    normal = _Normal(blocks, free)
+    return normal.hessian, normal.gradient({name: block.residual for name, block in blocks.items()}, values)
 
 
 def prior_cost(free: Sequence[Free], values) -> float:
@@ -220,42 +234,104 @@ def bounded_step(hessian, gradient, position, lower, upper, damping=0.0) -> np.n
 def fit(
     problem: Problem, effects: tuple[str, ...], start: Mapping, free: Sequence[Free], most=MOST_STEPS
 ) -> Fit:
-    """Return the fit of all free parameters from a start, by damped Gauss-Newton steps."""
-    names = tuple(one.name for one in free)
-    scale = np.array([one.scale for one in free])
-    lower = np.array([one.lower for one in free]) / scale
-    upper = np.array([one.upper for one in free]) / scale
+    """Return the fit of all free parameters from a start, with the problem's weights."""
     values = dict(start)
+    names = tuple(one.name for one in free)
     blocks = problem.blocks(effects, values, names)
-    cost = _squares(blocks) + prior_cost(free, values)
-    damping = 0.0
     for _ in range(most):
-        before = cost
-        hessian, gradient = normal_equations(blocks.values(), free, values)
-        for _ in range(CHORD_STEPS):
-            position = np.array([values[name] for name in names]) / scale
-            step = bounded_step(hessian, gradient, position, lower, upper, damping)
-            moved = {**values, **dict(zip(names, ((position + step) * scale).tolist(), strict=True))}
-            fresh = {e.name: problem.residual(e, effects, moved) for e in problem.system.equations}
-            trial = _sum(fresh) + prior_cost(free, moved)
-            if not trial < cost:
-                break
-            gained, cost, values = cost - trial, trial, moved
-            if gained < ENOUGH:
-                break
-            # the derivatives change slowly: the next step reuses them
-            blocks = {name: Block(fresh[name], b.slopes, b.names) for name, b in blocks.items()}
-            _, gradient = normal_equations(blocks.values(), free, values)
-        damping = 0.1 * damping if cost < before else max(10 * damping, 1e-2)
-        if before - cost < ENOUGH and (cost < before or damping > 100 or trial - cost < ENOUGH):
+        moved, gained = _descended(problem, effects, values, free, blocks)
+        if gained <= 0.0:
             break
-        if cost < before:
-            blocks = problem.blocks(effects, values, names)
-    if before != cost:
+        values = moved
         blocks = problem.blocks(effects, values, names)
-    hessian, _ = normal_equations(blocks.values(), free, values)
+        if gained < ENOUGH:
+            break
+    return _finished(problem, effects, values, free, blocks)
+
+
+def fit_tempered(problem: Problem, effects, start, free) -> tuple[Problem, Fit]:
+    """Return a fit whose weights agree with the misfit that it leaves, and the weighted problem."""
+    values, weights = dict(start), None
+    plain = problem.weighted({equation.name: 1.0 for equation in problem.system.equations})
+    names = tuple(one.name for one in free)
+    blocks = plain.blocks(effects, values, names)
+    for _ in range(MOST_STEPS):
+        wanted = {e.name: misfit(plain, e, blocks[e.name].residual) ** -0.5 for e in plain.system.equations}
+        settled = weights is not None and all(0.85 < wanted[n] / weights[n] < 1.18 for n in wanted)
+        weights = weights if settled else wanted
+        problem = plain.weighted(weights)
+        moved, gained = _descended(problem, effects, values, free, _weighted(blocks, weights))
+        if gained > 0.0:
+            values = moved
+            blocks = plain.blocks(effects, values, names)
+        if settled and gained < ENOUGH:
+            break
+    return problem, _finished(problem, effects, values, free, _weighted(blocks, weights))
+
+
+def _weighted(blocks: Mapping[str, Block], weights) -> dict[str, Block]:
+    return {
+        name: Block(weights[name] * b.residual, weights[name] * b.slopes, b.names)
+        for name, b in blocks.items()
+    }
+
+
+def _finished(problem, effects, values, free, blocks) -> Fit:
+    hessian, _ = normal_equations(blocks, free, values)
+    cost = _sum({name: block.residual for name, block in blocks.items()}) + prior_cost(free, values)
     samples = sum(len(block.residual) for block in blocks.values())
     return Fit(effects, values, cost, hessian, tuple(free), samples, blocks)
+
+
+def _descended(problem: Problem, effects, values, free, blocks) -> tuple[dict, float]:
+    """Return values of lower cost and by how much, reusing one set of derivatives for a few steps."""
+    names = [one.name for one in free]
+    scale = np.array([one.scale for one in free])
+    lower, upper = (np.array([getattr(one, side) for one in free]) / scale for side in ("lower", "upper"))
+    matrices = _Normal(blocks, free)
+    hessian = matrices.hessian
+    residuals = {name: block.residual for name, block in blocks.items()}
+    first = cost = _sum(residuals) + prior_cost(free, values)
+    for _ in range(CHORD_STEPS):
+        position = np.array([values[name] for name in names]) / scale
+        step = bounded_step(hessian, matrices.gradient(residuals, values), position, lower, upper)
+        for share in STEP_SHARES:
+            moved = {**values, **dict(zip(names, ((position + share * step) * scale).tolist(), strict=True))}
+            fresh = problem.residuals(effects, moved)
+            trial = _sum(fresh) + prior_cost(free, moved)
+            if trial < cost:
+                break
+        else:
+            break
+        gained, cost, values, residuals = cost - trial, trial, moved, fresh
+        if gained < max(ENOUGH, CHORD_SHARE * (first - cost)):
+            break
+    return values, first - cost
+
+
+class _Normal:
+    """Hessian of a linearisation, and gradients for other residuals with the same derivatives."""
+
+    def __init__(self, blocks: Mapping[str, Block], free: Sequence[Free]):
+        self._free = free
+        index = {one.name: i for i, one in enumerate(free)}
+        scale = np.array([one.scale for one in free])
+        self._weight = np.array([one.scale / one.sd for one in free])
+        self.hessian = np.diag(self._weight**2)
+        self._parts = {}
+        for name, block in blocks.items():
+            kept = [i for i, parameter in enumerate(block.names) if parameter in index]
+            place = np.array([index[block.names[i]] for i in kept], dtype=int)
+            matrix = np.ascontiguousarray((block.slopes[:, kept] * scale[place]).T)
+            self.hessian[np.ix_(place, place)] += matrix @ matrix.T
+            self._parts[name] = matrix, place
+
+    def gradient(self, residuals: Mapping[str, np.ndarray], values) -> np.ndarray:
+        """Return the gradient (half) by the scaled parameters."""
+        gradient = self._weight * np.array([values[one.name] / one.sd for one in self._free])
+        for name, (matrix, place) in self._parts.items():
+            gradient[place] += matrix @ residuals[name]
+        return gradient
 
 
 def _sum(residuals: Mapping[str, np.ndarray]) -> float:
@@ -281,25 +357,3 @@ def misfit(problem: Problem, equation, residual: np.ndarray) -> float:
             start += length
             worst = max(worst, float(np.max(np.convolve(density, np.ones(5) / 5, "valid"))) / ORDINARY_PEAK)
     return worst
-
-
-def fit_tempered(problem: Problem, effects, start, free) -> tuple[Problem, Fit]:
-    """Return a fit whose weights agree with the misfit that it leaves, and the weighted problem."""
-    values = start
-    for _ in range(MOST_TEMPERS):
-        level = {
-            e.name: misfit(problem, e, problem.residual(e, effects, values)) for e in problem.system.equations
-        }
-        weights = {name: worst**-0.5 for name, worst in level.items()}
-        ready = all(0.8 < weights[name] / problem.weights[name] < 1.25 for name in weights)
-        if values is not start and ready:
-            break
-        problem = problem.weighted(weights)
-        found = fit(problem, effects, values, free, most=MOST_TEMPERED_STEPS)
-        values = found.values
-    return problem, found
-
-
-def _squares(blocks: Mapping[str, Block]) -> float:
-    total = sum(float(np.sum(block.residual**2)) for block in blocks.values())
-    return total if np.isfinite(total) else np.inf

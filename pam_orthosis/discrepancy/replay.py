@@ -104,7 +104,7 @@ class Replay:
             for name in self.system.shapes
             for q in self.system.catalogue[name].parameters
         )
-        for name in effects:
+        for name in set(effects) - set(self.system.shapes):
             values.update((f"{name}.{q.name}", q.typical) for q in self.system.catalogue[name].parameters)
         return values
 
@@ -194,7 +194,7 @@ class Replay:
         return advance
 
     def _part(self, equation: Equation, effects: tuple[str, ...]) -> Part:
-        names = (*self.system.shapes, *sorted(effects))
+        names = (*self.system.shapes, *sorted(set(effects) - set(self.system.shapes)))
         return self._cut(equation, tuple(name for name in names if equation.name in self.touched(name)))
 
     def _cut(self, equation: Equation, effects: tuple[str, ...]) -> Part:

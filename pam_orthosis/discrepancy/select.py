@@ -3,14 +3,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from pam_orthosis.discrepancy.candidates import Candidate, Projection, Trial, candidate, penalty, secant_gain
-from pam_orthosis.discrepancy.fit import Fit, Problem, fit, fit_tempered, of_effect, ordinary, prior_cost
+from pam_orthosis.discrepancy.candidates import (
+    Candidate,
+    Projection,
+    Trial,
+    candidate,
+    penalty,
+    secant_gain,
+    widened_shape,
+)
+from pam_orthosis.discrepancy.fit import Fit, Problem, fit, fit_tempered, free_parameters, prior_cost
 
 THREADS = 2
 LEAST_SCREEN = 6.0  # gain of a score test below which a fit is not worth its time
@@ -71,7 +79,7 @@ def search(
         settings: `gap.evidence`.
         present: effects to start from.
     """
-    free = _free(problem, present)
+    free = free_parameters(problem.system, present)
     tell("recalibrating the ordinary parameters within their tolerances")
     problem, base = fit_tempered(problem, present, problem.replay.defaults(present), free)
     found = Selection(problem, base, problem, base)
@@ -87,18 +95,11 @@ def search(
     return found
 
 
-def _free(problem: Problem, effects: Sequence[str]):
-    free = ordinary(problem.system)
-    for name in effects:
-        free += of_effect(problem.system, name)
-    return free
-
-
 def _round(problem: Problem, base: Fit, held_out: Problem, settings, tell) -> Step:
     ranked = fitted_candidates(problem, base, settings.screened, tell)
     if not ranked:
         return Step(None, None, None, 0.0, 0.0, (), "no effect gains anything")
-    models = [_polished(problem, base, one, tell) for one in _worth_polishing(ranked)]
+    models = [(*_polished(problem, base, one, tell), one.price) for one in _worth_polishing(ranked)]
     judged = sorted(_judged(problem, base, models), key=lambda item: -item[0])
     told = _told(judged, ranked)
     for evidence, weighted, model in judged[:2]:
@@ -118,6 +119,7 @@ def fitted_candidates(problem: Problem, base: Fit, most: int, tell) -> list[Cand
     """Return the candidates that a score test lets through, fitted, best evidence first."""
     projection = Projection(problem, base)
     names = [name for name in problem.system.candidates if name not in base.effects]
+    shapes = [name for name in problem.system.shapes if name not in base.effects]
     tell(f"screening {len(names)} effects")
 
     def screen(name):
@@ -139,7 +141,8 @@ def fitted_candidates(problem: Problem, base: Fit, most: int, tell) -> list[Cand
     )
     with ThreadPoolExecutor(THREADS) as pool:
         fitted = pool.map(lambda item: candidate(projection, item[1], item[2]), kept)
-        return sorted(fitted, key=lambda one: -one.evidence)
+        found = [*fitted, *(widened_shape(projection, name) for name in shapes)]
+    return sorted((one for one in found if one.gain > least), key=lambda one: -one.evidence)
 
 
 def _worth_polishing(ranked: list[Candidate]) -> list[Candidate]:
@@ -150,20 +153,19 @@ def _worth_polishing(ranked: list[Candidate]) -> list[Candidate]:
 def _polished(problem: Problem, base: Fit, one: Candidate, tell) -> tuple[Problem, Fit]:
     tell(f"refitting everything with {one.name}")
     effects = (*base.effects, one.name)
-    return fit_tempered(problem, effects, one.values, _free(problem, effects))
+    return fit_tempered(problem, effects, one.values, free_parameters(problem.system, effects))
 
 
 def _judged(problem: Problem, base: Fit, models) -> list[tuple[float, Problem, Fit]]:
     """Return evidence, weighted problem and fit of each model, all with the best model's weights."""
     weights = dict(problem.weights)
-    for weighted, _ in models:
+    for weighted, _, _ in models:
         weights = {name: max(w, weighted.weights[name]) for name, w in weights.items()}
     common = problem.weighted(weights)
     before = _cost(common, _comparable(problem, common, base))
     judged = []
-    for weighted, model in models:
-        gain = before - _cost(common, model)
-        judged.append((gain - penalty(base, len(model.free) - len(base.free)), weighted, model))
+    for weighted, model, price in models:
+        judged.append((before - _cost(common, model) - price, weighted, model))
     return judged
 
 
@@ -222,6 +224,8 @@ def _misfit_share(problem, base, weighted, model) -> bool:
 def _too_small(system, name: str, model: Fit) -> bool:
     effect = system.catalogue[name]
     size = effect.fitted[0]
+    if effect.shape:
+        return False
     if size.neutral is None:
         return False
     return abs(model.values[f"{name}.{size.name}"] - size.neutral) < effect.minimum_effect
@@ -243,8 +247,9 @@ def _eliminate(found: Selection, settings, tell) -> None:
 def _loss(found: Selection, name: str) -> tuple[float, Fit]:
     problem, final = found.final_problem, found.final
     effects = tuple(other for other in final.effects if other != name)
-    free = _free(problem, effects)
-    values = {key: value for key, value in final.values.items() if not key.startswith(f"{name}.")}
+    free = free_parameters(problem.system, effects)
+    kept = [name] if name not in problem.system.shapes else []
+    values = {key: value for key, value in final.values.items() if key.split(".")[0] not in kept}
     # at the weights of the full model, but not to the end: a wrong model has no good fit
     without = fit(problem, effects, values, free, most=3)
     return without.cost - final.cost - penalty(final, len(final.free) - len(free)), without

@@ -135,7 +135,6 @@ def _answer(outcome: Outcome) -> str:
     if outcome.verdict == "explained":
         return f"EXPLAINED by {names}"
     place = outcome.left[0]
-    return (
-        f"UNEXPLAINED: in the {place.equation} equation {place.strength:.1f} times the noise is left"
-        + (f", with {names} added" if names else "; nothing in the catalogue fits")
+    return f"UNEXPLAINED: in the {place.equation} equation {place.strength:.1f} times the noise is left" + (
+        f", with {names} added" if names else "; nothing in the catalogue fits"
     )
