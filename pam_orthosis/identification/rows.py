@@ -13,6 +13,8 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.identify import Identified
 from pam_orthosis.model.parameters import Row, load
 
+# the lowest pressure is no finding: the force is linear in the pressure
+MEASURED_ENDS = ("minimum_contraction", "maximum_contraction", "maximum_pressure_gauge")
 POLYNOMIAL_A, POLYNOMIAL_B = 4, 5  # coefficients of Eq. (14)
 
 
@@ -23,7 +25,7 @@ def values(found: Identified) -> dict[str, Any]:
         "map_length": found.data.length,
         "force.a": _padded(model.a, POLYNOMIAL_A),
         "force.b": _padded(model.b, POLYNOMIAL_B),
-        **{f"box.{name}": _rounded(value) for name, value in box._asdict().items()},
+        **{f"box.{name}": _rounded(getattr(box, name)) for name in MEASURED_ENDS},
     }
     if found.damping:
         result["force.damping"] = _rounded(found.damping.value, 4)
