@@ -72,8 +72,7 @@ class Part:
 
     Attributes:
         own: its states, base states first.
-        parameters: all parameters of the assembly.
-        relevant: those that the equation depends on.
+        parameters: those parameters of the assembly that the equation depends on, `theta`.
         observe: (state, z, theta, period) -> (corrected state, residuals).
         rates: (state, z, theta, period, fraction of the period) -> rates.
         slopes: the same -> derivatives of the rates by the state.
@@ -81,7 +80,6 @@ class Part:
 
     own: tuple[str, ...]
     parameters: tuple[str, ...]
-    relevant: tuple[str, ...]
     observe: ca.Function
     rates: ca.Function
     slopes: ca.Function
@@ -120,12 +118,17 @@ def cut(system: System, assembled: Assembled, static: Assembled, equation: Equat
     predicted = ca.vertcat(*(assembled.measured[name] for name in equation.channels))
     residual = seen.measured(z) - evaluate(predicted, x, 0.0, seen.inputs_before(z))
     corrected = x + period * _gains(equation, own) @ residual
-    used = ca.jacobian_sparsity(ca.vertcat(rates, residual), theta).get_col()
-    relevant = tuple(assembled.parameters[i] for i in sorted(set(used)))
-    observe = ca.Function("observe", [x, z, theta, period], [corrected, residual])
-    given = [x, z, theta, period, fraction]
+    used = sorted(set(ca.jacobian_sparsity(ca.vertcat(rates, residual), theta).get_col()))
+    few = ca.SX.sym("theta", len(used))
+    placed = ca.SX.zeros(theta.shape[0])
+    for place, i in enumerate(used):
+        placed[i] = few[place]
+    rates, corrected, residual = ca.substitute([rates, corrected, residual], [theta], [placed])
+    given = [x, z, few, period, fraction]
     slopes = ca.Function("slopes", given, [ca.densify(ca.jacobian(rates, x))])
-    return Part(own, assembled.parameters, relevant, observe, ca.Function("rates", given, [rates]), slopes)
+    observe = ca.Function("observe", [x, z, few, period], [corrected, residual])
+    names = tuple(assembled.parameters[i] for i in used)
+    return Part(own, names, observe, ca.Function("rates", given, [rates]), slopes)
 
 
 class _Seen:

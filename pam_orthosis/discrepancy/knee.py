@@ -47,6 +47,7 @@ def knee(parameters, catalogue: Mapping | None = None) -> System:
     present = enabled(belief.effects)
     known = CATALOGUE if catalogue is None else catalogue
     settings = belief.gap.replay
+    tables = mass_tables(belief)
     return System(
         name="knee orthosis",
         channels=CHANNELS,
@@ -55,7 +56,7 @@ def knee(parameters, catalogue: Mapping | None = None) -> System:
         equations=_equations(settings),
         calibrations=_calibrations(belief),
         catalogue={name: effect for name, effect in known.items() if name not in present},
-        assemble=lambda effects: _assemble(belief, effects),
+        assemble=lambda effects: _assemble(belief, effects, tables),
         needs={"gas": ("extensor_voltage", "flexor_voltage")},
     )
 
@@ -80,12 +81,12 @@ def _calibrations(belief) -> tuple[Calibration, ...]:
     )
 
 
-def _assemble(belief, effects: tuple[str, ...]) -> Assembled:
+def _assemble(belief, effects: tuple[str, ...], tables) -> Assembled:
     names = [one.name for one in _calibrations(belief)]
     own = [f"{name}.{q.name}" for name in effects for q in CATALOGUE[name].parameters]
     theta = ca.SX.sym("theta", len(names) + len(own))
     symbols = dict(zip([*names, *own], ca.vertsplit(theta), strict=True))
-    assembly = orthosis.assemble(_hardware(belief, effects, symbols))
+    assembly = orthosis.assemble(_hardware(belief, effects, symbols, tables))
     x, u, time = assembly.x, ca.SX.sym("u", 2), ca.SX.sym("time")
     voltages = u + ca.vertcat(symbols["extensor_closed_voltage"], symbols["flexor_closed_voltage"])
     given = {
@@ -103,7 +104,7 @@ def _assemble(belief, effects: tuple[str, ...]) -> Assembled:
     )
 
 
-def _hardware(belief, effects, symbols) -> orthosis.Hardware:
+def _hardware(belief, effects, symbols, tables) -> orthosis.Hardware:
     values = belief.flat()
     deviating = {
         key: values[key] * (1 + symbols[name])
@@ -112,7 +113,7 @@ def _hardware(belief, effects, symbols) -> orthosis.Hardware:
         for key in keys
     }
     true = belief.substituted(deviating)
-    mechanics = tabulated(belief, symbols["moving_mass"], symbols.get("person_mass", 0.0))
+    mechanics = tabulated(belief.leg.joint, tables, symbols["moving_mass"], symbols.get("person_mass", 0.0))
     settings = dict(belief.effects.items())
     for name in effects:
         own = {q.name: symbols[f"{name}.{q.name}"] for q in CATALOGUE[name].parameters}
@@ -122,20 +123,20 @@ def _hardware(belief, effects, symbols) -> orthosis.Hardware:
     return orthosis.Hardware(true.leg, true.muscle.dmsp_20, true.valve, laws, effects_on, mechanics)
 
 
-def tabulated(belief, moving_mass, person_mass):
+def tabulated(joint, tables, moving_mass, person_mass):
     """Return the leg's mechanics with inertia and gravity as Chebyshev fits over the joint's range.
 
     Both are linear in the masses and depend on the angle alone, so that a polynomial of order
     `TABLE_ORDER` gives Eq. (25) to 1e-9 of its size at a fraction of the cost; k is m'(q) q-dot^2 / 2.
     `moving_mass` and `person_mass` are relative deviations of the masses.
     """
-    apparatus, person, foot = _mass_tables(belief)
+    apparatus, person, foot = tables
 
     def mechanics(q, velocity, _leg, extra_foot_mass=0.0):
         inertia, gravity = (
-            (1 + moving_mass) * polynomial(a, _scaled(q, belief.leg.joint))
-            + (1 + person_mass) * polynomial(b, _scaled(q, belief.leg.joint))
-            + extra_foot_mass * polynomial(c, _scaled(q, belief.leg.joint))
+            (1 + moving_mass) * polynomial(a, _scaled(q, joint))
+            + (1 + person_mass) * polynomial(b, _scaled(q, joint))
+            + extra_foot_mass * polynomial(c, _scaled(q, joint))
             for a, b, c in zip(apparatus, person, foot, strict=True)
         )
         slope = ca.jtimes(inertia, q, 1) if isinstance(q, ca.SX) else 0.0
@@ -144,7 +145,7 @@ def tabulated(belief, moving_mass, person_mass):
     return mechanics
 
 
-def _mass_tables(belief):
+def mass_tables(belief):
     """Return coefficients of inertia and gravity by the angle for apparatus, person, 1 kg at the ankle."""
     masses = [key for key in belief.flat() if key in MULTIPLIES["moving_mass"]]
     none = dict.fromkeys((*masses, "leg.person.mass"), 0.0)

@@ -94,6 +94,7 @@ class Replay:
         self._touched: dict[str, frozenset[str]] = {}
         self._memory: OrderedDict = OrderedDict()
         self._data: dict = {}
+        self._latest = None
         self._tidying = Lock()
 
     def defaults(self, effects: tuple[str, ...]) -> dict[str, float]:
@@ -111,11 +112,11 @@ class Replay:
     def touched(self, effect: str) -> frozenset[str]:
         """Return the equations that an effect changes."""
         if effect not in self._touched:
-            prefix = f"{effect}."
+            effects = self.system.shapes if effect in self.system.shapes else (*self.system.shapes, effect)
             self._touched[effect] = frozenset(
                 equation.name
                 for equation in self.system.equations
-                if any(name.startswith(prefix) for name in self._cut(equation, (effect,)).relevant)
+                if any(name.startswith(f"{effect}.") for name in self._cut(equation, effects).parameters)
             )
         return self._touched[effect]
 
@@ -133,7 +134,7 @@ class Replay:
         A parameter by which neighbouring signals are advanced is not differentiated through that.
         """
         part = self._part(equation, effects)
-        names = tuple(name for name in wrt if name in part.relevant)
+        names = tuple(name for name in wrt if name in part.parameters)
         if not names:
             residuals = self._evaluate(run, equation, effects, values, ())
             return residuals, np.zeros((*residuals.shape, 0)), ()
@@ -142,7 +143,7 @@ class Replay:
 
     def relevant(self, equation: Equation, effects: tuple[str, ...]) -> tuple[str, ...]:
         """Return the parameters that an equation depends on."""
-        return self._part(equation, effects).relevant
+        return self._part(equation, effects).parameters
 
     def forget(self, run: Run) -> None:
         """Drop what is remembered of a run."""
@@ -194,21 +195,27 @@ class Replay:
         return advance
 
     def _part(self, equation: Equation, effects: tuple[str, ...]) -> Part:
-        names = (*self.system.shapes, *sorted(set(effects) - set(self.system.shapes)))
-        return self._cut(equation, tuple(name for name in names if equation.name in self.touched(name)))
+        others = sorted(set(effects) - set(self.system.shapes))
+        kept = [name for name in others if equation.name in self.touched(name)]
+        return self._cut(equation, (*self.system.shapes, *kept))
 
     def _cut(self, equation: Equation, effects: tuple[str, ...]) -> Part:
         key = (equation.name, effects)
         if key not in self._parts:
             with _CASADI:
-                whole = self.system.assemble(effects)
-                lagging = [name for name in effects if self.system.catalogue[name].advance is not None]
-                static = whole
-                if lagging:
-                    rest = tuple(name for name in effects if name not in lagging)
-                    static = _with_theta_of(whole, self.system.assemble(rest))
+                whole, static = self._assembled(effects)
                 self._parts[key] = cut(self.system, whole, static, equation)
         return self._parts[key]
+
+    def _assembled(self, effects: tuple[str, ...]):
+        """Return the assembly with effects on, and the same without lagging sensors."""
+        if self._latest is None or self._latest[0] != effects:
+            whole = static = self.system.assemble(effects)
+            rest = tuple(name for name in effects if self.system.catalogue[name].advance is None)
+            if rest != effects:
+                static = _with_theta_of(whole, self.system.assemble(rest))
+            self._latest = (effects, whole, static)
+        return self._latest[1:]
 
     def _kernel(self, part: Part, equation: Equation, wrt: tuple[str, ...]) -> Kernel:
         key = (equation.name, part.parameters, wrt)
