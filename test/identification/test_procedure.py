@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from pam_orthosis.bag.read import run_record
+from pam_orthosis.bag.read import read_bag, run_record
 from pam_orthosis.bag.rig_record import record_rig
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.rig_loop import DecayRig, Rig, RigTruth, force_procedure, volume_procedure
@@ -20,23 +20,34 @@ PRESSURES, HELD_OUT = (2e5, 3.5e5, 5e5, 7e5), (4.5e5, 6.5e5)
 AMBIENT = 1.013e5
 
 
-def record(folder, spoil=lambda sample: sample):
-    p = parameters.load({"rig.procedure.volume_stations": 4})
+LIE = RigTruth(*[123.0] * 8)
+
+
+def runs(p):
+    """Yield name, test, samples and how many of them to keep, of a shortened procedure."""
     for seed, pressure in enumerate((*PRESSURES, *HELD_OUT)):
-        samples = force_procedure(Rig(p, "dmsp_20", 20 + seed), pressure)
-        record_rig(folder / f"force-{seed}", p, "dmsp_20", "force", map(spoil, samples), 10)
+        yield f"force-{seed}", "force", force_procedure(Rig(p, "dmsp_20", 20 + seed), pressure), 10
     for seed, pressure in enumerate((2e5, 4e5, 7e5)):
-        samples = volume_procedure(Rig(p, "dmsp_20", 30 + seed), pressure)
-        record_rig(folder / f"volume-{seed}", p, "dmsp_20", "volume", map(spoil, samples), 50)
-    samples = DecayRig(p, "dmsp_20", 40).run(4e5)
-    record_rig(folder / "decay", p, "dmsp_20", "decay", map(spoil, samples))
+        yield f"volume-{seed}", "volume", volume_procedure(Rig(p, "dmsp_20", 30 + seed), pressure), 50
+    yield "decay", "decay", DecayRig(p, "dmsp_20", 40).run(4e5), 1
 
 
 @pytest.fixture(scope="module")
-def bags(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("rig")
-    record(folder)
-    return folder
+def both(tmp_path_factory):
+    """The same runs recorded twice: as they were, and with a truth that lies."""
+    honest, lying = tmp_path_factory.mktemp("rig"), tmp_path_factory.mktemp("lies")
+    p = parameters.load({"rig.procedure.volume_stations": 4})
+    for name, test, run, every in runs(p):
+        samples = list(run)
+        record_rig(honest / name, p, "dmsp_20", test, samples, every)
+        spoilt = [s._replace(truth=LIE) for s in samples]
+        record_rig(lying / name, p, "dmsp_20", test, spoilt, every)
+    return honest, lying
+
+
+@pytest.fixture(scope="module")
+def bags(both):
+    return both[0]
 
 
 @pytest.fixture(scope="module")
@@ -66,11 +77,12 @@ def test_damping_and_volume_come_with_it(found):
     assert found.box.maximum_contraction == pytest.approx(0.125, abs=0.005)
 
 
-def test_truth_is_recorded_apart_and_never_used(bags, found, tmp_path):
-    """The same rig with a truth that lies gives the same identification, bit for bit."""
-    lie = RigTruth(*[123.0] * 8)
-    record(tmp_path, lambda sample: sample._replace(truth=lie))
-    again = identify(read_data([tmp_path]), [p - AMBIENT for p in HELD_OUT])
+def test_truth_is_recorded_apart_and_never_used(both, found):
+    _, lying = both
+    force = [read_bag(folder / "force-0", ["rig_truth_force"])["rig_truth_force"] for folder in both]
+    assert force[0].value.max() > 200
+    assert set(force[1].value) == {123.0}, "the lie must be in the bags"
+    again = identify(read_data([lying]), [p - AMBIENT for p in HELD_OUT])
     assert again.as_dict() == found.as_dict()
 
 
