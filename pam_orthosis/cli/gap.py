@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import time
 from pathlib import Path
@@ -31,6 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Run the workflow; return 0 if the gap is explained or there is none, 1 if not."""
+    # the search has threads of its own; set before numpy is loaded
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # scipy and CasADi take a second to load
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.discrepancy.data import believed

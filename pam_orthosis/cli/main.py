@@ -20,6 +20,7 @@ VERBS = {
     "check": "judge the tracking of a recorded bag",
     "rig": "record the identification procedure on the emulated test rig",
     "identify": "muscle parameters from rig bags or measured tables",
+    "gap": "find where model and recordings disagree, name the missing effect, add it",
     "report": "draw a recorded run",
     "gap-hide": "record a blind test case of the gap workflow",
     "recover": "make a readable bag of one whose recorder was killed",

@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page of the gap workflow: verdict, gaps, ranking, and two figures, in one HTML file."""
+
+from __future__ import annotations
+
+import base64
+import io
+from html import escape
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+mpl.use("Agg")  # no display
+from matplotlib.figure import Figure
+
+from pam_orthosis.discrepancy.data import smoothed
+from pam_orthosis.discrepancy.verdict import describe
+from pam_orthosis.discrepancy.workflow import Outcome
+
+WINDOW = 4.0  # s, shown of a recording: where the gap is largest
+SLOW = 12.0  # Hz, of what the model misses
+BINS = 24
+BEFORE, AFTER, MEASURED = "#d62728", "#1f77b4", "0.25"
+# signal of an effect -> recorded signal that stands for it
+STANDS_FOR = (("_contraction", "angle"), ("_rate", "velocity"), ("_stretch", "angle"))
+STYLE = """
+body {font: 16px/1.5 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em}
+table {border-collapse: collapse} td, th {padding: .2em .8em; border-bottom: 1px solid #ccc; text-align: left}
+img {max-width: 100%} pre {overflow: auto}
+"""
+
+
+def write_page(outcome: Outcome, folder: Path) -> Path:
+    """Write `gap.html` with everything inside; returns the file."""
+    words = describe(outcome)
+    parts = [f"<h1>{escape(words.splitlines()[-1])}</h1>", f"<pre>{escape(words)}</pre>"]
+    parts.append("<h2>Measured, before, after</h2>" + _image(_traces(outcome)))
+    figure = _coordinate_figure(outcome)
+    if figure is not None:
+        parts.append("<h2>What the model misses</h2>" + _image(figure))
+    parts += [_effect_words(outcome), _ranking(outcome)]
+    page = f"<!doctype html><meta charset=utf-8><title>gap</title><style>{STYLE}</style>{''.join(parts)}\n"
+    file = folder / "gap.html"
+    file.write_text(page, encoding="utf-8")
+    return file
+
+
+def _image(figure: Figure) -> str:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=110)
+    data = base64.b64encode(buffer.getvalue()).decode()
+    return f'<p><img alt="" src="data:image/png;base64,{data}"></p>'
+
+
+def _effect_words(outcome: Outcome) -> str:
+    words = [
+        f"<h2>{escape(one.name.replace('_', ' '))}</h2><p>{escape(effect.physics)}</p>"
+        f"<p>Source: {escape(effect.source)}</p>"
+        for one in outcome.effects
+        for effect in [outcome.system.catalogue[one.name]]
+    ]
+    return "".join(words)
+
+
+def _ranking(outcome: Outcome) -> str:
+    rows = [
+        f"<tr><td>{number + 1}</td><td>{escape(name)}</td><td>{evidence:.0f}</td></tr>"
+        for number, step in enumerate(outcome.steps)
+        for name, evidence in step.ranked
+    ]
+    if not rows:
+        return ""
+    return (
+        "<h2>Evidence of the effects that were fitted</h2><table><tr><th>round<th>effect<th>evidence</tr>"
+        f"{''.join(rows)}</table>"
+    )
+
+
+def residuals_of(outcome: Outcome, run, equation, which) -> np.ndarray:
+    """Return recorded minus predicted of one equation on one held-out run, (n, channels)."""
+    model = outcome.selection.null if which == "before" else outcome.selection.final
+    return outcome.held_out.replay.residuals(run, equation, model.effects, model.values)
+
+
+def _traces(outcome: Outcome) -> Figure:
+    channels = [(e, i, name) for e in outcome.system.equations for i, name in enumerate(e.channels)]
+    figure = Figure(figsize=(10, 3.0 * len(channels)), layout="constrained")
+    axes = figure.subplots(len(channels), 2, squeeze=False)
+    for (equation, i, name), (left, right) in zip(channels, axes, strict=True):
+        _trace(outcome, equation, i, outcome.system.channel(name), left, right)
+    axes[0, 0].legend(loc="upper right", fontsize="small")
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    return figure
+
+
+def _trace(outcome: Outcome, equation, i, channel, left, right) -> None:
+    """Draw one channel where its gap was largest: signals on the left, residuals on the right."""
+    found = []
+    for one in outcome.held_out.scored:
+        pair = [residuals_of(outcome, one.run, equation, which)[:, i] for which in ("before", "after")]
+        found.append((one, *pair))
+    one, before, after = max(found, key=lambda item: _worst(item[0], item[1])[1])
+    start, _ = _worst(one, before)
+    part = slice(start, start + round(WINDOW / one.run.period))
+    time = np.arange(len(before))[part] * one.run.period
+    measured = one.run.recording.signals[channel.name][part]
+    factor = channel.report_factor
+    left.plot(time, measured * factor, color=MEASURED, lw=2.5, label="measured")
+    left.plot(time, (measured - before[part]) * factor, color=BEFORE, lw=1, label="before")
+    left.plot(time, (measured - after[part]) * factor, color=AFTER, lw=1, label="after")
+    left.set_ylabel(f"{channel.name.replace('_', ' ')} [{channel.report_unit}]")
+    right.plot(time, before[part] * factor, color=BEFORE, lw=1)
+    right.plot(time, after[part] * factor, color=AFTER, lw=1)
+    right.set_ylabel(f"measured - model [{channel.report_unit}]")
+
+
+def _worst(one, residual: np.ndarray) -> tuple[int, float]:
+    """Return where the window with the largest residuals starts, and their mean square."""
+    length = min(round(WINDOW / one.run.period), len(residual) - one.warm_up)
+    sums = np.concatenate([[0.0], np.cumsum(residual[one.warm_up :] ** 2)])
+    power = (sums[length:] - sums[:-length]) / length
+    return one.warm_up + int(np.argmax(power)), float(power.max())
+
+
+def _coordinate_figure(outcome: Outcome) -> Figure | None:
+    """Draw what the model misses over the signal in which the first effect lives."""
+    place = outcome.where[0]
+    equation = next(e for e in outcome.system.equations if e.name == place.equation)
+    name = _coordinate(outcome, place)
+    if name is None or outcome.verdict == "none":
+        return None
+    figure = Figure(figsize=(10, 4), layout="constrained")
+    axes = figure.subplots(1, len(equation.channels), squeeze=False)[0]
+    for i, (axis, channel) in enumerate(zip(axes, equation.channels, strict=True)):
+        for which, colour in (("before", BEFORE), ("after", AFTER)):
+            _missing(outcome, equation, i, which, name, axis, colour)
+        axis.set_xlabel(name.replace("_", " "))
+        second = "s²" if _second_order(outcome, channel) else "s"
+        axis.set_ylabel(
+            f"missing in {channel.replace('_', ' ')} [{outcome.system.channel(channel).unit}/{second}]"
+        )
+    axes[0].legend(fontsize="small")
+    return figure
+
+
+def _coordinate(outcome: Outcome, place) -> str | None:
+    wanted = outcome.system.catalogue[outcome.effects[0].name].coordinate if outcome.effects else None
+    if wanted in place.coordinates:
+        return wanted
+    for ending, stand_in in STANDS_FOR:
+        if wanted is not None and wanted.endswith(ending):
+            return stand_in
+    return next(iter(place.coordinates), None)
+
+
+def _second_order(outcome: Outcome, channel: str) -> bool:
+    return outcome.system.channel(channel).state in outcome.system.derived.values()
+
+
+def _missing(outcome: Outcome, equation, i, which, name, axis, colour) -> None:
+    """Draw mean and scatter of the missing rate: the residual with the observer undone, slow part."""
+    channel = equation.channels[i]
+    gains = list(equation.gains[channel].values())
+    over, rates = [], []
+    for one in outcome.held_out.scored:
+        residual = smoothed(residuals_of(outcome, one.run, equation, which)[:, i], one.run.period, SLOW)
+        slope = np.gradient(residual, one.run.period)
+        missing = slope + gains[0] * residual
+        if _second_order(outcome, channel):
+            missing = np.gradient(slope, one.run.period) + gains[0] * slope + gains[1] * residual
+        over.append(_signal(outcome, one.run, name)[one.warm_up :])
+        rates.append(missing[one.warm_up :])
+    x, y = np.concatenate(over), np.concatenate(rates)
+    thin = slice(None, None, max(1, len(x) // 3000))
+    axis.plot(x[thin], y[thin], ".", ms=2, alpha=0.25, color=colour)
+    edges = np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)))
+    place = np.clip(np.searchsorted(edges, x) - 1, 0, len(edges) - 2)
+    filled = np.unique(place)
+    middle = [np.mean(x[place == k]) for k in filled]
+    axis.plot(middle, [np.mean(y[place == k]) for k in filled], color=colour, lw=2, label=which)
+
+
+def _signal(outcome: Outcome, run, name: str) -> np.ndarray:
+    recorded = run.recording.signals
+    if name in outcome.system.derived:
+        return np.gradient(run.smooth(outcome.system.derived[name]), run.period)
+    if name == "time":
+        return np.arange(run.recording.samples) * run.period
+    is_channel = any(channel.name == name for channel in outcome.system.channels)
+    return run.smooth(name) if is_channel else recorded[name]
