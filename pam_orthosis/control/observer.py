@@ -8,11 +8,13 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from pam_orthosis.control import live
 from pam_orthosis.control.knee import knee_acceleration
 from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.integrate import runge_kutta_4
 
 STEPS_PER_PERIOD = 2
+LIVE = ("control.observer.pole", "leg.person.mass")
 
 
 class Estimate(NamedTuple):
@@ -50,26 +52,27 @@ def gains(x, pressures, poles, belief):
 
 
 def observer_step(belief) -> ca.Function:
-    """Return (x-hat, [y, p_e, p_f] before, [y, p_e, p_f] now) -> x-hat now.
+    """Return (x-hat, [y, p_e, p_f] before, [y, p_e, p_f] now, values of `LIVE`) -> x-hat now.
 
     Between two samples the measured signals are taken as straight lines, so that the estimate of
     now contains the measurement of now.
     """
+    belief, tuned = live.with_symbols(belief, LIVE)
     x, before, now = ca.SX.sym("x", 3), ca.SX.sym("before", 3), ca.SX.sym("now", 3)
     poles = [-belief.control.observer.pole] * 3
     estimate, y = ca.SX.sym("estimate", 3), ca.SX.sym("y", 3)
     # linearising once a step is enough: the gains change slowly with the estimate
     h = ca.SX.sym("h", 3)
-    rate = ca.Function("rate", [estimate, y, h],
+    rate = ca.Function("rate", [estimate, y, h, tuned],
                        [system(estimate, y[1:], belief) + h * (y[0] - estimate[0])])  # fmt: skip
-    gain = ca.Function("gain", [estimate, y], [gains(estimate, y[1:], poles, belief)])
+    gain = ca.Function("gain", [estimate, y, tuned], [gains(estimate, y[1:], poles, belief)])
     step = belief.scenario.control_period / STEPS_PER_PERIOD
     after = x
     for i in range(STEPS_PER_PERIOD):
         middle = before + (now - before) * ((i + 0.5) / STEPS_PER_PERIOD)
-        placed = gain(after, middle)
-        after = runge_kutta_4(lambda s, m=middle, k=placed: rate(s, m, k), after, step)
-    return ca.Function("observer_step", [x, before, now], [after])
+        placed = gain(after, middle, tuned)
+        after = runge_kutta_4(lambda s, m=middle, k=placed: rate(s, m, k, tuned), after, step)
+    return ca.Function("observer_step", [x, before, now, tuned], [after])
 
 
 class Observer:
@@ -77,15 +80,20 @@ class Observer:
 
     def __init__(self, belief):
         self._step = compiled(observer_step(belief))
+        self._tuned = live.values(belief, LIVE)
         self._state: np.ndarray | None = None
         self._before = np.zeros(3)
+
+    def retune(self, parameters) -> None:
+        """Take the values of `LIVE`; the estimate goes on from where it is."""
+        self._tuned = live.values(parameters, LIVE)
 
     def step(self, angle: float, extensor_pressure: float, flexor_pressure: float) -> Estimate:
         """Return the estimate at the instant of this measurement (rad, absolute Pa)."""
         now = np.array([angle, extensor_pressure, flexor_pressure])
         if self._state is None:
             self._state, self._before = np.array([angle, 0.0, 0.0]), now
-        self._state[:] = self._step(self._state, self._before, now)[0]
+        self._state[:] = self._step(self._state, self._before, now, self._tuned)[0]
         self._before = now
         q, velocity, disturbance = self._state.tolist()
         return Estimate(q, velocity, disturbance, angle - q)

@@ -7,12 +7,16 @@ from typing import NamedTuple
 
 import casadi as ca
 
+from pam_orthosis.control import live, observer
 from pam_orthosis.control.knee import Pair, kinematics
 from pam_orthosis.control.observer import Observer
 from pam_orthosis.control.trajectory import VALVES_CLOSED, Reference
 from pam_orthosis.model import leg as leg_model
 from pam_orthosis.model import muscle as muscle_model
 from pam_orthosis.model.compiled import compiled
+
+_OF_COMMAND = ("control.position.c1", "control.position.c2", "leg.person.mass")
+LIVE = tuple(dict.fromkeys((*_OF_COMMAND, *observer.LIVE)))
 
 
 class PositionCommand(NamedTuple):
@@ -84,10 +88,11 @@ def pressures_for_torque(torque, q, velocity, mean_pressure, belief):
 
 
 def command_function(belief) -> ca.Function:
-    """Return (estimate, reference, mean pressure) -> (reference pressures, saturated, clamped).
+    """Return (estimate, reference, mean pressure, tuned values) -> (pressures, saturated, clamped).
 
     Pressures absolute. A locked joint is asked for no torque: its motion cannot be fed back.
     """
+    belief, tuned = live.with_symbols(belief, _OF_COMMAND)
     estimate, reference, mean = ca.SX.sym("estimate", 3), ca.SX.sym("reference", 3), ca.SX.sym("mean")
     torque = 0.0 if belief.leg.joint.locked else required_torque(estimate, reference, belief)
     extensor, flexor, saturated = pressures_for_torque(torque, estimate[0], estimate[1], mean, belief)
@@ -99,7 +104,7 @@ def command_function(belief) -> ca.Function:
     )
     ambient = belief.valve.ambient_pressure
     pressures = ca.vertcat(extensor + ambient, flexor + ambient)
-    inputs = [estimate, reference, mean]
+    inputs = [estimate, reference, mean, tuned]
     return ca.Function("position_command", inputs, [pressures, saturated, clamped])
 
 
@@ -110,7 +115,13 @@ class PositionController:
         belief = parameters.belief()
         self._observer = Observer(belief)
         self._command = compiled(command_function(belief))
+        self._tuned = live.values(belief, _OF_COMMAND)
         self._mean = belief.control.position.mean_pressure
+
+    def retune(self, parameters) -> None:
+        """Take the values of `LIVE`; estimate and references go on from where they are."""
+        self._tuned = live.values(parameters, _OF_COMMAND)
+        self._observer.retune(parameters)
 
     def step(
         self, angle: float, extensor_pressure: float, flexor_pressure: float, reference: Reference
@@ -120,7 +131,7 @@ class PositionController:
         mean = self._mean if reference.mean_pressure is None else reference.mean_pressure
         if mean == VALVES_CLOSED:
             return PositionCommand(VALVES_CLOSED, VALVES_CLOSED, *estimate, False, False)
-        pressures, saturated, clamped = self._command(estimate[:3], reference[:3], mean)
+        pressures, saturated, clamped = self._command(estimate[:3], reference[:3], mean, self._tuned)
         extensor, flexor = pressures.tolist()
         return PositionCommand(extensor, flexor, *estimate, bool(saturated[0]), bool(clamped[0]))
 

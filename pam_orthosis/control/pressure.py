@@ -14,6 +14,8 @@ from pam_orthosis.model import pneumatics
 from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.orthosis import volume_terms
 
+LIVE = ("control.pressure.gain", "control.pressure.reference_filter")
+
 
 def mass_flow_function(belief, muscle: str) -> ca.Function:
     """Return (pressure, wanted rate, angle, velocity) -> mass flow, kg/s.
@@ -41,11 +43,16 @@ class PressureController:
     def __init__(self, parameters, muscle: str):
         belief = parameters.belief()
         self._flow = compiled(mass_flow_function(belief, muscle))
-        settings, period = belief.control.pressure, belief.scenario.control_period
+        self._period = belief.scenario.control_period
+        self._filtered: float | None = None
+        self.retune(belief)
+
+    def retune(self, parameters) -> None:
+        """Take the values of `LIVE`; the filter goes on from where it is."""
+        settings = parameters.control.pressure
         self._gain = settings.gain
         self._bandwidth = settings.reference_filter
-        self._forget = math.exp(-settings.reference_filter * period)
-        self._filtered: float | None = None
+        self._forget = math.exp(-settings.reference_filter * self._period)
 
     def step(self, pressure: float, reference: float, angle: float, velocity: float) -> float:
         """Return the mass flow into the muscle, kg/s (absolute Pa, estimated rad and rad/s).

@@ -25,18 +25,26 @@ class Reference(NamedTuple):
 
 
 class Trajectory:
-    """A periodic shape run through at a cadence that rises smoothly from zero.
+    """A periodic shape run through at a cadence that rises smoothly from zero, and may change on the way.
 
     Args:
         shape: cycle phase -> angle and its first two derivatives by the phase, rad.
-        cycle_time, hold, ramp: duration of a cycle, of the rest before the motion and of the rise
+        cycle_time, hold, ramp: duration of a cycle, of the rest before the motion and of each change
             of the cadence, s.
         phase: phase of the cycle at rest.
     """
 
     def __init__(self, shape: Callable, cycle_time: float, hold: float, ramp: float, phase: float):
         self._shape = shape
-        self._cycle_time, self._hold, self._ramp, self._start = cycle_time, hold, ramp, phase
+        self._hold, self._ramp, self._start = hold, ramp, phase
+        self._cycle_time, self._target = cycle_time, math.inf
+        self._changes: list[tuple[float, float, float]] = []
+        self._change(0.0, cycle_time)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether it rests, or is on the way to rest, since `stop`."""
+        return math.isinf(self._target)
 
     def sample(self, time_ns: int) -> Reference:
         """Return the reference at an instant, nanoseconds since the start."""
@@ -44,17 +52,46 @@ class Trajectory:
         angle, slope, bend = self._shape(self._start + phase)
         return Reference(angle, slope * rate, bend * rate**2 + slope * curvature)
 
+    def set_cycle_time(self, time_ns: int, cycle_time: float) -> None:
+        """Pass smoothly to another cycle time (s) from an instant on; the phase does not jump."""
+        self._cycle_time = cycle_time
+        if not self.stopped:
+            self._change(time_ns * 1e-9 - self._hold, cycle_time)
+
+    def stop(self, time_ns: int) -> None:
+        """Come smoothly to rest, wherever in the cycle that is."""
+        self._change(time_ns * 1e-9 - self._hold, math.inf)
+
+    def go_on(self, time_ns: int) -> None:
+        """Pass smoothly from rest to the cycle time."""
+        self._change(time_ns * 1e-9 - self._hold, self._cycle_time)
+
+    def _change(self, begin: float, cycle_time: float) -> None:
+        """Note a change of the cadence: its beginning, the cycle times before and after."""
+        self._changes.append((max(0.0, begin), self._target, cycle_time))
+        self._target = cycle_time
+
     def _phase(self, time: float) -> tuple[float, float, float]:
-        """Return phase and its two time derivatives; the cadence follows a quintic smooth step."""
-        if time <= 0:
-            return 0.0, 0.0, 0.0
-        if time >= self._ramp:
-            return (time - 0.5 * self._ramp) / self._cycle_time, 1 / self._cycle_time, 0.0
-        s = time / self._ramp
-        covered = self._ramp * (2.5 * s**4 - 3 * s**5 + s**6)
-        cadence = 10 * s**3 - 15 * s**4 + 6 * s**5
-        growth = (30 * s**2 - 60 * s**3 + 30 * s**4) / self._ramp
-        return covered / self._cycle_time, cadence / self._cycle_time, growth / self._cycle_time
+        """Return phase and its two time derivatives, the sum of all changes of the cadence."""
+        phase = rate = curvature = 0.0
+        for begin, before, after in self._changes:
+            covered, cadence, growth = _smooth_step(time - begin, self._ramp)
+            phase += covered / after - covered / before
+            rate += cadence / after - cadence / before
+            curvature += growth / after - growth / before
+        return phase, rate, curvature
+
+
+def _smooth_step(time: float, ramp: float) -> tuple[float, float, float]:
+    """Return integral, value and derivative of a quintic step from 0 to 1 within `ramp`, s."""
+    if time <= 0:
+        return 0.0, 0.0, 0.0
+    if time >= ramp:
+        return time - 0.5 * ramp, 1.0, 0.0
+    s = time / ramp
+    covered = ramp * (2.5 * s**4 - 3 * s**5 + s**6)
+    cadence = 10 * s**3 - 15 * s**4 + 6 * s**5
+    return covered, cadence, (30 * s**2 - 60 * s**3 + 30 * s**4) / ramp
 
 
 def fourier_shape(cosine, sine) -> Callable:

@@ -25,10 +25,11 @@ from std_msgs.msg import String
 
 from pam_orthosis.bag.topics import BY_NAME, is_health_instant
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import messages
 from pam_orthosis.nodes.join import Join
 from pam_orthosis.nodes.layout import LAYOUT
-from pam_orthosis.nodes.parameters import Setting, declare_rows, declare_settings
+from pam_orthosis.nodes.parameters import Setting, declare_rows, declare_settings, take_changes
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX, HEARTBEAT_VARIABLE
 
 HEARTBEAT_SECONDS = 0.1
@@ -58,7 +59,7 @@ class GraphNode(Node):
 
     A subclass makes its publishers and subscriptions with `publish_to`, `listen_to` and
     `join_inputs`, calls `step_done` at the end of each step, and overrides what it has to of
-    `started`, `health`, `on_end` and `close`.
+    `started`, `retune`, `health`, `figures`, `on_end` and `close`.
 
     Args:
         name: in the graph.
@@ -73,7 +74,10 @@ class GraphNode(Node):
         super().__init__(name)
         self.settings = declare_settings(self, settings or {})
         self.role = (role or name).format(**self.settings)
-        self.parameters = declare_rows(self, LAYOUT[self.role].branches)
+        spec = LAYOUT[self.role]
+        self.parameters = declare_rows(self, spec.branches, spec.live)
+        self._changed: dict[str, Any] = {}
+        take_changes(self, spec.live, self._take_changes)
         self.period_ns = round(self.parameters.scenario.control_period * 1e9)
         self.time_ns = 0
         self.ready = False
@@ -120,7 +124,7 @@ class GraphNode(Node):
         """Note that the step of an instant is computed; report health once a second."""
         self.time_ns = stamp_ns
         if is_health_instant(stamp_ns, self.period_ns):
-            self._diagnostics.publish(messages.diagnostics(stamp_ns, self.role, self.health()))
+            self._report_health(stamp_ns)
 
     def started(self) -> None:
         """Do what is due when all peers are there."""
@@ -129,12 +133,31 @@ class GraphNode(Node):
         """Return counters that are zero while all is well; they depend on the run alone."""
         return {}
 
+    def figures(self) -> dict[str, Any]:
+        """Return what else the health report tells; called once a second of the run's time."""
+        return {}
+
+    def retune(self, parameters: Parameters) -> None:
+        """Take parameters of which the live ones are new; raise OrthosisError to refuse them."""
+
     def on_end(self, _stamp: Time) -> None:
         """Stop spinning: the plant says that the run is over."""
         self.ended = True
 
     def close(self) -> None:
         """Release what the node holds; called once, however the run ended."""
+
+    def _take_changes(self, changes: dict[str, Any]) -> None:
+        changed = self.parameters.changed(changes)
+        self.retune(changed)
+        self.parameters = changed
+        self._changed |= changes
+        self.get_logger().info(f"from now on {_told(changes)}")
+
+    def _report_health(self, stamp_ns: int) -> None:
+        told = {"set_while_running": _told(self._changed)} if self._changed else {}
+        figures = {**self.figures(), **told}
+        self._diagnostics.publish(messages.diagnostics(stamp_ns, self.role, self.health(), figures))
 
     def _wait_for_peers(self) -> None:
         missing = [peer for peer, there in self._peers.items() if not there()]
@@ -147,6 +170,10 @@ class GraphNode(Node):
         self.ready = True
         self._ready.publish(String(data=self.role))
         self.started()
+
+
+def _told(values: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} = {value}" for name, value in values.items())
 
 
 def _adder(join: Join, topic: str) -> Callable[[Any], None]:

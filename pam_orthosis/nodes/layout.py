@@ -8,6 +8,17 @@ from dataclasses import dataclass
 from pam_orthosis.bag import topics
 from pam_orthosis.model.parameters import BELIEF
 
+# the parameters that a change while the nodes run cannot make inconsistent, by executable
+LIVE_KEYS = {
+    "trajectory_publisher": ("scenario.cycle_time",),
+    "position_controller": (
+        "control.position.c1",
+        "control.position.c2",
+        "control.observer.pole",
+        "leg.person.mass",
+    ),
+    "pressure_controller": ("control.pressure.gain", "control.pressure.reference_filter"),
+}
 EVERYTHING = (*BELIEF, "plant")
 
 
@@ -19,6 +30,11 @@ class NodeSpec:
     executable: str
     branches: tuple[str, ...] = BELIEF
     muscle: str = ""
+
+    @property
+    def live(self) -> tuple[str, ...]:
+        """Parameters that may be set while the node runs."""
+        return LIVE_KEYS.get(self.executable, ())
 
 
 LAYOUT = {

@@ -78,14 +78,16 @@ def trajectory(
     return JointTrajectory(header=header(stamp_ns), joint_names=[KNEE], points=[point])
 
 
-def diagnostics(stamp_ns: int, node: str, health: Mapping[str, Any]) -> DiagnosticArray:
-    """Return a node's health: a warning if any of its counters is not zero."""
-    warned = any(health.values())
+def diagnostics(
+    stamp_ns: int, node: str, health: Mapping[str, Any], figures: Mapping[str, Any]
+) -> DiagnosticArray:
+    """Return a node's health, a warning if a counter is not zero, and what else it tells."""
+    warned = [name for name, count in health.items() if count]
     status = DiagnosticStatus(
         level=DiagnosticStatus.WARN if warned else DiagnosticStatus.OK,
         name=node,
-        message="see values" if warned else "ok",
+        message=", ".join(warned) or "ok",
         hardware_id="pam_orthosis",
-        values=[KeyValue(key=key, value=str(value)) for key, value in health.items()],
+        values=[KeyValue(key=key, value=str(value)) for key, value in {**health, **figures}.items()],
     )
     return DiagnosticArray(header=header(stamp_ns), status=[status])

@@ -3,15 +3,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, Row, load
+from pam_orthosis.nodes.layout import LIVE_KEYS
 
 _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
@@ -40,20 +42,39 @@ def declare_settings(node: Node, settings: Mapping[str, Setting]) -> dict[str, A
     return values
 
 
-def declare_rows(node: Node, branches: Sequence[str]) -> Parameters:
+def declare_rows(node: Node, branches: Sequence[str], live: Collection[str] = ()) -> Parameters:
     """Declare the rows of the branches that a node may know, and return what they are set to.
 
-    To be called last: a parameter that is then set but not declared is an error.
+    Rows but those of `live` cannot be set later. To be called last: a parameter that is then set but
+    not declared is an error.
 
     Raises:
         OrthosisError: unknown parameter, wrong type, out of range or inconsistent values.
     """
     values = {
-        row.key: _plain(_declare(node, row.key, row.value, _descriptor(row)))
+        row.key: _plain(_declare(node, row.key, row.value, _descriptor(row, row.key in live)))
         for row in load().only(*branches).rows()
     }
     _refuse_unknown(node)
     return load(values).only(*branches)
+
+
+def take_changes(node: Node, live: Collection[str], take: Callable[[dict[str, Any]], None]) -> None:
+    """Pass later settings of `live` parameters, name -> value, to `take`.
+
+    An OrthosisError that `take` raises refuses the settings, all of them, with its text as the reason.
+    """
+
+    def on_set(parameters: Sequence[Parameter]) -> SetParametersResult:
+        changes = {parameter.name: parameter.value for parameter in parameters if parameter.name in live}
+        try:
+            if changes:
+                take(changes)
+        except OrthosisError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(on_set)
 
 
 def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> Any:
@@ -69,11 +90,11 @@ def _refuse_unknown(node: Node) -> None:
             raise OrthosisError(f"{node.get_name()} has no parameter {name}: check its name in config/")
 
 
-def _descriptor(row: Row) -> ParameterDescriptor:
+def _descriptor(row: Row, live: bool) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         description=f"{row.meaning} [{row.unit}]",
-        additional_constraints=f"one of {', '.join(row.options)}" if row.options else "",
-        read_only=True,
+        additional_constraints=_constraints(row, live),
+        read_only=not live,
     )
     if row.minimum is None or row.maximum is None or isinstance(row.value, list):
         return descriptor
@@ -84,6 +105,18 @@ def _descriptor(row: Row) -> ParameterDescriptor:
             FloatingPointRange(from_value=float(row.minimum), to_value=float(row.maximum))
         ]
     return descriptor
+
+
+def _constraints(row: Row, live: bool) -> str:
+    options = [f"one of {', '.join(row.options)}"] if row.options else []
+    setter = next((node for node, keys in LIVE_KEYS.items() if row.key in keys), None)
+    if live:
+        when = "may be set while the node runs"
+    elif setter:
+        when = f"fixed on this node, which does not use it; set it on {setter}"
+    else:
+        when = "fixed for a run: set it before the start"
+    return "; ".join([*options, when])
 
 
 def _plain(value: Any) -> Any:

@@ -12,6 +12,8 @@ from trajectory_msgs.msg import JointTrajectory
 from pam_orthosis.bag.topics import POSITION
 from pam_orthosis.control.position import PositionController
 from pam_orthosis.control.trajectory import Reference
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages
 
 
@@ -22,6 +24,7 @@ class PositionControllerNode(graph.GraphNode):
         super().__init__(POSITION)
         self._controller = PositionController(self.parameters)
         self._saturated = self._clamped = 0
+        self._residual = 0.0
         self._estimate = self.publish_to("estimate")
         self._disturbance = self.publish_to("disturbance")
         self._extensor = self.publish_to("extensor/pressure_reference")
@@ -37,6 +40,17 @@ class PositionControllerNode(graph.GraphNode):
             "clamped": self._clamped,
             "dropped_inputs": self._join.dropped,
         }
+
+    def figures(self) -> dict[str, Any]:
+        """Return the largest |y - y-hat| of the observer since the last report."""
+        residual, self._residual = self._residual, 0.0
+        return {"observer_residual_rad": residual}
+
+    def retune(self, parameters: Parameters) -> None:
+        """Take new gains, observer poles or the person's mass from the next step on."""
+        if not parameters.leg.person.present and _mass_changed(self.parameters, parameters):
+            raise OrthosisError("leg.person.mass: no person is in the orthosis (leg.person.present)")
+        self._controller.retune(parameters)
 
     def _step(
         self,
@@ -68,7 +82,12 @@ class PositionControllerNode(graph.GraphNode):
         self._disturbance.publish(messages.torque(stamp_ns, command.disturbance))
         self._saturated += command.saturated
         self._clamped += command.clamped
+        self._residual = max(self._residual, abs(command.residual))
         self.step_done(stamp_ns)
+
+
+def _mass_changed(before: Parameters, after: Parameters) -> bool:
+    return before.leg.person.mass != after.leg.person.mass
 
 
 def main() -> int:

@@ -9,6 +9,7 @@ from typing import Any
 from sensor_msgs.msg import FluidPressure, JointState
 
 from pam_orthosis.control.pressure import PressureController
+from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages
 from pam_orthosis.nodes.parameters import Setting
 
@@ -28,6 +29,10 @@ class PressureControllerNode(graph.GraphNode):
     def health(self) -> dict[str, Any]:
         """Count lost inputs."""
         return {"dropped_inputs": self._join.dropped}
+
+    def retune(self, parameters: Parameters) -> None:
+        """Take a new gain or bandwidth from the next step on."""
+        self._controller.retune(parameters)
 
     def _step(
         self, stamp_ns: int, pressure: FluidPressure, wanted: FluidPressure, estimate: JointState

@@ -8,7 +8,9 @@ import sys
 from rosgraph_msgs.msg import Clock
 
 from pam_orthosis.bag.topics import TRAJECTORY
-from pam_orthosis.control.trajectory import make_trajectory
+from pam_orthosis.control.trajectory import Trajectory, make_trajectory
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages
 
 
@@ -18,21 +20,37 @@ class TrajectoryPublisher(graph.GraphNode):
     def __init__(self) -> None:
         super().__init__(TRAJECTORY)
         self._trajectory = make_trajectory(self.parameters)
+        self._first_ns = 0
         self._next_ns: int | None = None
         self._reference = self.publish_to("reference")
         self.listen_to("/clock", self._on_clock)
 
+    def retune(self, parameters: Parameters) -> None:
+        """Pass smoothly to a new cycle time."""
+        self._changeable().set_cycle_time(self._ahead_ns(), parameters.scenario.cycle_time)
+
+    def _changeable(self) -> Trajectory:
+        if not isinstance(self._trajectory, Trajectory):
+            raise OrthosisError(f"{self.parameters.scenario.trajectory} runs by its programme, start to end")
+        return self._trajectory
+
+    def _ahead_ns(self) -> int:
+        """Return the instant, since the start, of the reference that is published next."""
+        return (self._next_ns or 0) - self._first_ns
+
     def _on_clock(self, message: Clock) -> None:
         now_ns = messages.nanoseconds(message.clock)
         if self._next_ns is None:
-            self._next_ns = now_ns
+            self._first_ns = self._next_ns = now_ns
         while self._next_ns <= now_ns + self.period_ns:
             self._publish(self._next_ns)
             self._next_ns += self.period_ns
         self.step_done(now_ns)
 
     def _publish(self, stamp_ns: int) -> None:
-        self._reference.publish(messages.trajectory(stamp_ns, *self._trajectory.sample(stamp_ns)))
+        self._reference.publish(
+            messages.trajectory(stamp_ns, *self._trajectory.sample(stamp_ns - self._first_ns))
+        )
 
 
 def main() -> int:

@@ -34,3 +34,43 @@ def test_the_gait_is_that_of_a_healthy_knee():
     degrees = np.rad2deg([trajectory.sample(t * MS).angle for t in range(4000, 6000, 4)])
     assert 60 < degrees.max() < 70
     assert -2 < degrees.min() < 6
+
+
+def _changed_trajectory():
+    """A gait that changes its cycle time, twice within one ramp, stops and goes on."""
+    trajectory = make_trajectory(parameters.load())
+    trajectory.set_cycle_time(5000 * MS, 1.2)
+    trajectory.set_cycle_time(5700 * MS, 3.0)
+    trajectory.stop(9000 * MS)
+    trajectory.go_on(14000 * MS)
+    return trajectory
+
+
+def test_changes_of_the_cadence_keep_the_derivatives_consistent():
+    trajectory = _changed_trajectory()
+    step = 10_000  # ns
+    for t in np.linspace(4.9e9, 17e9, 500).astype(int).tolist():
+        before, now, after = (trajectory.sample(t + d) for d in (-step, 0, step))
+        assert now.velocity == pytest.approx((after.angle - before.angle) / 2e-5, abs=1e-5)
+        assert now.acceleration == pytest.approx((after.velocity - before.velocity) / 2e-5, abs=1e-3)
+
+
+def test_a_change_begins_when_it_is_asked_for_and_ends_with_the_new_cycle_time():
+    plain, changed = make_trajectory(parameters.load()), _changed_trajectory()
+    for t in range(0, 5000 * MS, 50 * MS):
+        assert changed.sample(t) == plain.sample(t)
+    assert changed.sample(5500 * MS) != plain.sample(5500 * MS)
+    rest = changed.sample(11000 * MS)
+    assert rest.velocity == pytest.approx(0, abs=1e-12)
+    assert rest == pytest.approx(changed.sample(14000 * MS), abs=1e-12)
+    assert changed.sample(16000 * MS) == pytest.approx(changed.sample(19000 * MS), abs=1e-9)
+
+
+def test_a_cycle_time_set_at_rest_is_that_of_the_next_start():
+    trajectory = make_trajectory(parameters.load())
+    trajectory.stop(4000 * MS)
+    assert trajectory.stopped
+    trajectory.set_cycle_time(7000 * MS, 1.0)
+    assert trajectory.sample(9000 * MS) == pytest.approx(trajectory.sample(8000 * MS), abs=1e-12)
+    trajectory.go_on(10000 * MS)
+    assert trajectory.sample(12000 * MS) == pytest.approx(trajectory.sample(13000 * MS), abs=1e-9)

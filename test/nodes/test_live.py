@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of running nodes: described, changed where that is safe, refused with a reason elsewhere."""
+
+import os
+
+import pytest
+
+from pam_orthosis.control.position import LIVE as LIVE_OF_POSITION
+from pam_orthosis.control.pressure import LIVE as LIVE_OF_PRESSURE
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import load
+from pam_orthosis.nodes.layout import LIVE_KEYS
+
+rclpy = pytest.importorskip("rclpy")
+
+
+@pytest.fixture
+def make_node(tmp_path, monkeypatch):
+    """Return a function: node class, its arguments, parameters -> the node, alone in a context."""
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
+    nodes = []
+
+    def make(node_class, *arguments, **parameters):
+        settings = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
+        rclpy.init(args=["--ros-args", *settings], domain_id=os.getpid() % 100)
+        nodes.append(node_class(*arguments))
+        return nodes[-1]
+
+    yield make
+    for node in nodes:
+        node.destroy_node()
+    rclpy.shutdown()
+
+
+def _set(node, key, value):
+    return node.set_parameters([rclpy.parameter.Parameter(key, value=value)])[0]
+
+
+def _position_controller(make_node, **parameters):
+    from pam_orthosis.nodes.position_controller import PositionControllerNode
+
+    return make_node(PositionControllerNode, **parameters)
+
+
+def test_the_layout_lists_what_the_cores_take():
+    assert set(LIVE_KEYS["position_controller"]) == set(LIVE_OF_POSITION)
+    assert set(LIVE_KEYS["pressure_controller"]) == set(LIVE_OF_PRESSURE)
+
+
+def test_every_parameter_has_a_description_a_unit_and_a_range(make_node):
+    node = _position_controller(make_node)
+    for row in load().belief().rows():
+        descriptor = node.describe_parameter(row.key)
+        assert descriptor.description == f"{row.meaning} [{row.unit}]"
+        assert descriptor.read_only == (row.key not in LIVE_OF_POSITION)
+        ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
+        if row.minimum is not None and row.maximum is not None and not isinstance(row.value, list):
+            assert [(r.from_value, r.to_value) for r in ranges] == [(row.minimum, row.maximum)]
+
+
+def test_a_gain_of_a_running_node_changes(make_node):
+    node = _position_controller(make_node)
+    assert _set(node, "control.position.c1", 30.0).successful
+    assert node.parameters.control.position.c1 == 30.0
+    assert node.get_parameter("control.position.c1").value == 30.0
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "reason"),
+    [
+        ("control.position.c1", 1000.0, "out of range"),
+        ("control.position.c1", "fast", "type"),
+        ("leg.shank.length", 0.4, "read-only"),
+        ("scenario.cycle_time", 3.0, "read-only"),
+        ("leg.person.mass", 80.0, "no person"),
+    ],
+)
+def test_what_is_unsafe_is_refused_with_a_reason_and_changes_nothing(make_node, key, value, reason):
+    node = _position_controller(make_node)
+    before = node.get_parameter(key).value
+    result = _set(node, key, value)
+    assert not result.successful
+    assert reason in result.reason
+    assert node.get_parameter(key).value == before
+    assert node.parameters.flat() == load().belief().flat()
+
+
+def test_the_mass_of_a_person_changes(make_node):
+    node = _position_controller(make_node, **{"leg.person.present": "true"})
+    assert _set(node, "leg.person.mass", 80.0).successful
+
+
+def test_a_node_that_does_not_use_a_live_parameter_names_the_one_that_does(make_node):
+    from pam_orthosis.nodes.trajectory_publisher import TrajectoryPublisher
+
+    node = make_node(TrajectoryPublisher)
+    assert "position_controller" in node.describe_parameter("control.position.c1").additional_constraints
+    assert not _set(node, "control.position.c1", 30.0).successful
+    assert _set(node, "scenario.cycle_time", 3.0).successful
+
+
+def test_an_experiment_keeps_its_programme(make_node):
+    from pam_orthosis.nodes.trajectory_publisher import TrajectoryPublisher
+
+    node = make_node(TrajectoryPublisher, **{"scenario.trajectory": "triangle"})
+    result = _set(node, "scenario.cycle_time", 3.0)
+    assert not result.successful
+    assert "programme" in result.reason
+    with pytest.raises(OrthosisError, match="programme"):
+        node.retune(node.parameters)
