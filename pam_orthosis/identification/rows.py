@@ -28,7 +28,8 @@ def values(found: Identified) -> dict[str, Any]:
         **{f"box.{name}": _rounded(getattr(box, name)) for name in MEASURED_ENDS},
     }
     if found.damping:
-        result["force.damping"] = _rounded(found.damping.value, 4)
+        # controllers need all losses, dry friction counted in: D as Eq. (18) of the paper gives it
+        result["force.damping"] = _rounded(found.damping.decrement, 4)
     if found.volume:
         result["volume.v"] = _padded(found.volume.v, len(found.volume.v))
         result["volume.w"] = _padded(found.volume.w, len(found.volume.w))

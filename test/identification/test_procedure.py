@@ -120,7 +120,7 @@ def test_update_changes_these_rows_only(bags, found, tmp_path):
     after = yaml.safe_load(copy.read_text())
     section = after["dmsp_20"]
     assert "identified on the emulated test rig" in section["force"]["a"]["source"]
-    assert section["force"]["damping"]["value"] == pytest.approx(found.damping.value, rel=1e-3)
+    assert section["force"]["damping"]["value"] == pytest.approx(found.damping.decrement, rel=1e-3)
     assert section["map_length"]["value"] == 0.5
     for name in ("dmsp_10", "mas_40"):
         assert after[name] == before[name]
