@@ -58,8 +58,13 @@ class Child:
             self.status = lines[-1]
             self._heard = time.monotonic()
 
+    def expected(self) -> None:
+        """Note that the graph is stepping: from now on this process must beat, even if it never did."""
+        if not self.status:
+            self.status, self._heard = "starting", time.monotonic()
+
     def silent(self) -> bool:
-        """Whether the process has begun to beat and stopped."""
+        """Whether the process has begun to beat, or should have, and does not."""
         return bool(self.status) and time.monotonic() - self._heard > SILENCE_SECONDS
 
     def last_words(self) -> str:
@@ -112,7 +117,11 @@ def _watch(children: Sequence[Child], progress: Callable[[int], None]) -> None:
         late = [child.name for child in children if child.status in ("", "starting")]
         if late and time.monotonic() - began > START_SECONDS:
             raise RunFailed(f"not ready after {START_SECONDS:g} s: {', '.join(late)}")
-        progress(max(child.time_ns for child in children))
+        reached = max(child.time_ns for child in children)
+        if reached > 0:
+            for child in children:
+                child.expected()
+        progress(reached)
 
 
 def _judge(child: Child, children: Sequence[Child]) -> None:
