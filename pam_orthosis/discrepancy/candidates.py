@@ -11,15 +11,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from pam_orthosis.discrepancy.fit import Fit, Problem, bounded_step, normal_equations, of_effect, prior_cost
+from pam_orthosis.discrepancy.fit import WIDE, Fit, Problem, bounded_step, of_effect, with_scales
 
 DIFFERENCE = 0.01  # of a parameter's scale
 MOST_STEPS = 8
+NEAR = 0.01  # of the way from the off value to the typical one
 ENOUGH = 0.5
+SHAPE_SCALES = (0.05, 0.3, 1.0)  # of the shape corrections' priors: how good may the maps be?
 SHAPE_WIDTHS = (2.0, 4.0, 8.0, 16.0)  # multiples of a shape correction's priors
 SMALL_SHARE = 1e-3  # of the gain: what a further step must bring
 
@@ -33,35 +36,88 @@ class Candidate:
         gain: by how much the cost falls.
         values: all parameters, ordinary ones as the projection says.
         evidence: gain less what its parameters cost.
+        scales: of the shape corrections' priors that go with it.
     """
 
     name: str
     gain: float
     values: Mapping[str, float]
     evidence: float
+    scales: Mapping[str, float]
 
-    @property
-    def price(self) -> float:
-        """What the parameters cost."""
-        return self.gain - self.evidence
+
+@dataclass(frozen=True)
+class Level:
+    """One assumption on how far the shape corrections may go: scales of their priors.
+
+    Attributes:
+        scales: shape -> multiple of its priors.
+        weight, centre: inverse standard deviations and means of the scaled parameters.
+        factor: Cholesky factor of the Hessian.
+        occam: what the assumption costs: twice the log of the ratio of prior and posterior volumes.
+    """
+
+    scales: Mapping[str, float]
+    weight: np.ndarray
+    centre: np.ndarray
+    factor: tuple
+    occam: float
+
+    def gradient(self, position: np.ndarray) -> np.ndarray:
+        """Return the priors' gradient at scaled ordinary parameters."""
+        return self.weight**2 * (position - self.centre)
+
+    def cost(self, position: np.ndarray) -> float:
+        """Return what the priors cost there."""
+        return float(np.sum((self.weight * (position - self.centre)) ** 2))
+
+    def solve(self, columns: np.ndarray) -> np.ndarray:
+        """Return the inverse Hessian times columns."""
+        return cho_solve(self.factor, columns)
 
 
 class Projection:
-    """The present fit with its ordinary parameters free to follow, linearly."""
+    """The present fit with its ordinary parameters free to follow, linearly.
+
+    How good the static maps are is not known beforehand: each evaluation takes the level of the shape
+    corrections' priors that has the largest marginal likelihood (empirical Bayes).
+    """
 
     def __init__(self, problem: Problem, base: Fit):
         self.problem, self.base = problem, base
-        self.hessian, self._gradient = normal_equations(base.blocks, base.free, base.values)
-        self._factor = cho_factor(self.hessian + 1e-9 * np.diag(np.diag(self.hessian)))
         self._index = {one.name: i for i, one in enumerate(base.free)}
         self._scale = np.array([one.scale for one in base.free])
-        self.prior = np.array([one.scale / one.sd for one in base.free])
-        self._prior_gradient = self.prior * np.array([base.values[o.name] / o.sd for o in base.free])
-        self.prior_cost = prior_cost(base.free, base.values)
+        self.position = np.array([base.values[one.name] / one.scale for one in base.free])
         self._matrices = {name: self._scaled(block) for name, block in base.blocks.items()}
         self._squares = {name: float(np.sum(b.residual**2)) for name, b in base.blocks.items()}
         self._unchanged = {name: self.correlated(name, b.residual) for name, b in base.blocks.items()}
+        self._data_hessian = np.zeros((len(self._scale), len(self._scale)))
+        for matrix, place in self._matrices.values():
+            self._data_hessian[np.ix_(place, place)] += matrix @ matrix.T
+        self.levels = [self.level(scales) for scales in self._assumptions()]
         self.floor = self.cost({})
+
+    def _assumptions(self) -> list[dict[str, float]]:
+        """Return combinations of scales: shapes of one equation share theirs, named ones are wide."""
+        system, replay = self.problem.system, self.problem.replay
+        groups = {}
+        for name in system.shapes:
+            groups.setdefault(min(replay.touched(name)), []).append(name)
+        fixed = {name: WIDE for name in system.shapes if name in self.base.effects}
+        return [
+            {**{n: s for group, s in zip(groups.values(), chosen, strict=True) for n in group}, **fixed}
+            for chosen in product(SHAPE_SCALES, repeat=len(groups))
+        ]
+
+    def level(self, scales: Mapping[str, float]) -> Level:
+        """Return what the scales of the shape corrections' priors make of the base."""
+        own = with_scales(self.problem.system, self.base.free, scales)
+        weight = np.array([one.scale / one.sd for one in own])
+        centre = np.array([one.centre / one.scale for one in own])
+        hessian = self._data_hessian + np.diag(weight**2)
+        factor = cho_factor(hessian + 1e-9 * np.diag(np.diag(hessian)))
+        occam = 2 * float(np.sum(np.log(np.diag(factor[0])))) - _log_weights(weight)
+        return Level(scales, weight, centre, factor, occam)
 
     def correlated(self, equation: str, columns: np.ndarray) -> np.ndarray:
         """Return J^T columns in the scaled ordinary parameters."""
@@ -77,13 +133,26 @@ class Projection:
         return np.ascontiguousarray((block.slopes[:, kept] * self._scale[place]).T), place
 
     def cost(self, residuals: Mapping[str, np.ndarray]) -> float:
-        """Return the least cost over the ordinary parameters, given residuals of changed equations."""
-        right, squares = self.state(residuals)
-        return squares + self.prior_cost - float(right @ self.solve(right))
+        """Return the least cost over ordinary parameters and levels, given residuals of changed equations."""
+        return self.best(*self.state(residuals))[0]
+
+    def best(self, right: np.ndarray, squares: float, position: np.ndarray | None = None):
+        """Return the least cost (with what its level costs) and the level.
+
+        `position`: the scaled ordinary parameters at which the residuals were got (those of the base).
+        """
+        found = [(self.cost_at(level, right, squares, position), level) for level in self.levels]
+        return min(found, key=lambda pair: pair[0])
+
+    def cost_at(self, level: Level, right: np.ndarray, squares: float, position=None) -> float:
+        """Return the least cost over the ordinary parameters at one level."""
+        position = self.position if position is None else position
+        total = right + level.gradient(position)
+        return squares + level.cost(position) - float(total @ level.solve(total)) + level.occam
 
     def state(self, residuals: Mapping[str, np.ndarray]) -> tuple[np.ndarray, float]:
-        """Return the gradient by the ordinary parameters and the sum of squares."""
-        right, squares = self._prior_gradient.copy(), 0.0
+        """Return the data's gradient by the ordinary parameters and the sum of squares."""
+        right, squares = np.zeros(len(self._scale)), 0.0
         for name in self.base.blocks:
             if name in residuals:
                 squares += float(residuals[name] @ residuals[name])
@@ -93,18 +162,14 @@ class Projection:
                 right += self._unchanged[name]
         return right, squares
 
-    def solve(self, columns: np.ndarray) -> np.ndarray:
-        """Return the inverse Hessian times columns."""
-        return cho_solve(self._factor, columns)
+    def values(self, position: np.ndarray) -> dict[str, float]:
+        """Return the ordinary parameters at a scaled position."""
+        return {one.name: float(x * one.scale) for one, x in zip(self.base.free, position, strict=True)}
 
-    def follow(self, residuals: Mapping[str, np.ndarray]) -> dict[str, float]:
-        """Return the ordinary parameters that go with residuals of changed equations."""
-        right, _ = self.state(residuals)
-        step = -self.solve(right) * self._scale
-        return {
-            one.name: self.base.values[one.name] + float(s)
-            for one, s in zip(self.base.free, step, strict=True)
-        }
+
+def _log_weights(weight: np.ndarray) -> float:
+    """Return the log determinant of the priors that there are."""
+    return 2 * float(np.sum(np.log(weight[weight > 0])))
 
 
 class Trial:
@@ -122,22 +187,29 @@ class Trial:
         typical = problem.replay.defaults((name,))
         self._rest = {key: value for key, value in typical.items() if key.startswith(f"{name}.")}
 
-    def values(self, position: np.ndarray) -> dict[str, float]:
-        """Return all parameters at a scaled position, the ordinary ones as in the base."""
+    def values(self, position: np.ndarray, ordinary: np.ndarray | None = None) -> dict[str, float]:
+        """Return all parameters at scaled positions of its own and of the ordinary ones (of the base)."""
         own = {one.name: float(x * s) for one, x, s in zip(self.free, position, self.scale, strict=True)}
-        return {**self.projection.base.values, **self._rest, **own}
+        rest = {} if ordinary is None else self.projection.values(ordinary)
+        return {**self.projection.base.values, **rest, **self._rest, **own}
 
-    def residuals(self, position: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the whitened residuals of the equations that the effect changes."""
-        values, problem = self.values(position), self.projection.problem
+    def residuals(self, position: np.ndarray, ordinary: np.ndarray | None = None) -> dict[str, np.ndarray]:
+        """Return whitened residuals: of the equations that change."""
+        values, problem = self.values(position, ordinary), self.projection.problem
+        equations = self.equations if ordinary is None else problem.system.equations
         with np.errstate(all="ignore"):
-            return {e.name: problem.residual(e, self.effects, values) for e in self.equations}
+            return {e.name: problem.residual(e, self.effects, values) for e in equations}
 
     def starts(self) -> list[np.ndarray]:
         """Return the scaled start positions: typical values and the effect's other starts."""
         effect = self.projection.problem.system.catalogue[self.name]
         first = {q.name: q.typical for q in effect.fitted}
         positions = [first, *({**first, **other} for other in effect.starts)]
+        size = effect.fitted[0]
+        if size.neutral is not None and not effect.states:
+            # a signature near the off value too: far from it what resembles an ordinary parameter bends
+            near = size.neutral + NEAR * (size.typical - size.neutral)
+            positions.append({**first, size.name: near})
         return [np.array([p[q.name] for q in effect.fitted]) / self.scale for p in positions]
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -159,14 +231,18 @@ def secant_gain(projection: Projection, trial: Trial, position: np.ndarray) -> f
     if not all(np.isfinite(r).all() for r in residuals.values()):
         return 0.0
     signature = {name: row - base[name].residual for name, row in residuals.items()}
-    right, _ = projection.state({})
+    right, squares = projection.state({})
     shared = sum(projection.correlated(name, d) for name, d in signature.items())
     slope = sum(float(d @ base[name].residual) for name, d in signature.items())
-    slope -= float(shared @ projection.solve(right))
-    curvature = sum(float(d @ d) for d in signature.values()) - float(shared @ projection.solve(shared))
-    if curvature <= 0 or (slope >= 0 and not _two_sided(projection, trial)):
-        return 0.0
-    return slope**2 / curvature
+    curvature = sum(float(d @ d) for d in signature.values())
+    two_sided = _two_sided(projection, trial)
+    costs = []
+    for level in projection.levels:
+        along = slope - float(shared @ level.solve(right + level.gradient(projection.position)))
+        bent = curvature - float(shared @ level.solve(shared))
+        gain = along**2 / bent if bent > 0 and (along < 0 or two_sided) else 0.0
+        costs.append(projection.cost_at(level, right, squares) - gain)
+    return projection.floor - min(costs)
 
 
 def _two_sided(projection: Projection, trial: Trial) -> bool:
@@ -174,66 +250,86 @@ def _two_sided(projection: Projection, trial: Trial) -> bool:
     return size.neutral is not None and size.minimum < size.neutral < size.maximum
 
 
-def refine(projection: Projection, trial: Trial, position: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the effect's parameters that lower the projected cost most, and that cost."""
+@dataclass(frozen=True)
+class Point:
+    """A trial at scaled positions of its own and of the ordinary parameters."""
+
+    own: np.ndarray
+    ordinary: np.ndarray
+    residuals: Mapping[str, np.ndarray]
+    right: np.ndarray
+    level: Level
+    cost: float
+
+
+def _point(projection: Projection, trial: Trial, own: np.ndarray, ordinary: np.ndarray) -> Point:
+    residuals = trial.residuals(own, ordinary)
+    if not all(np.isfinite(row).all() for row in residuals.values()):
+        return Point(own, ordinary, residuals, ordinary, projection.levels[0], math.inf)
+    right, squares = projection.state(residuals)
+    cost, level = projection.best(right, squares, ordinary)
+    return Point(own, ordinary, residuals, right, level, cost)
+
+
+def refine(projection: Projection, trial: Trial, start: np.ndarray) -> Point:
+    """Return the trial with the least cost over its own and the ordinary parameters.
+
+    The ordinary parameters move with the effect and the model is evaluated there; their derivatives are
+    those of the base.
+    """
     lower, upper = trial.bounds()
-    position = np.clip(position, lower, upper)
-    residuals = trial.residuals(position)
-    cost, damping = _cost(projection, residuals), 1e-3
+    now = _point(projection, trial, np.clip(start, lower, upper), projection.position)
+    damping = 1e-3
     for _ in range(MOST_STEPS):
-        hessian, gradient = _projected(projection, trial, position, residuals)
-        moved, lowest = None, cost
+        if not math.isfinite(now.cost):
+            break
+        shared, hessian, gradient = _projected(projection, trial, now)
+        best = now
         for _ in range(4):
-            step = bounded_step(hessian, gradient, position, lower, upper, damping)
-            step = np.clip(step, -2.0 - np.abs(position), 2.0 + np.abs(position))
-            candidate = np.clip(position + step, lower, upper)
-            trial_residuals = trial.residuals(candidate)
-            lowest = _cost(projection, trial_residuals)
-            if lowest < cost:
-                moved = candidate
+            step = bounded_step(hessian, gradient, now.own, lower, upper, damping)
+            step = np.clip(step, -2.0 - np.abs(now.own), 2.0 + np.abs(now.own))
+            own = np.clip(now.own + step, lower, upper)
+            pull = now.right + now.level.gradient(now.ordinary) + shared @ (own - now.own)
+            best = _point(projection, trial, own, now.ordinary - now.level.solve(pull))
+            if best.cost < now.cost:
                 break
             damping *= 20
-        if moved is None:
+        if not best.cost < now.cost:
             break
-        gained, position, residuals, cost = cost - lowest, moved, trial_residuals, lowest
+        gained, now = now.cost - best.cost, best
         damping *= 0.1
-        if gained < max(ENOUGH, SMALL_SHARE * (projection.floor - cost)):
+        if gained < max(ENOUGH, SMALL_SHARE * (projection.floor - now.cost)):
             break
-    return position, cost
+    return now
 
 
-def _cost(projection: Projection, residuals) -> float:
-    if not all(np.isfinite(row).all() for row in residuals.values()):
-        return math.inf
-    return projection.cost(residuals)
-
-
-def _projected(projection: Projection, trial: Trial, position, residuals):
-    """Return Hessian and gradient by the effect's parameters with the ordinary ones projected out."""
-    columns: dict[str, list[np.ndarray]] = {name: [] for name in residuals}
+def _projected(projection: Projection, trial: Trial, now: Point):
+    """Return the coupling to the ordinary parameters, Hessian and gradient with these projected out."""
+    columns: dict[str, list[np.ndarray]] = {equation.name: [] for equation in trial.equations}
     _, upper = trial.bounds()
-    for i in range(len(position)):
-        step = DIFFERENCE if position[i] + DIFFERENCE <= upper[i] else -DIFFERENCE
-        moved = position.copy()
+    for i in range(len(now.own)):
+        step = DIFFERENCE if now.own[i] + DIFFERENCE <= upper[i] else -DIFFERENCE
+        moved = now.own.copy()
         moved[i] += step
-        for name, row in trial.residuals(moved).items():
-            columns[name].append((row - residuals[name]) / step)
+        values = trial.values(moved, now.ordinary)
+        for equation in trial.equations:
+            row = projection.problem.residual(equation, trial.effects, values)
+            columns[equation.name].append((row - now.residuals[equation.name]) / step)
     slopes = {name: np.nan_to_num(np.column_stack(many)) for name, many in columns.items()}
-    right, _ = projection.state(residuals)
     shared = sum(projection.correlated(name, d) for name, d in slopes.items())
-    hessian = sum(d.T @ d for d in slopes.values()) - shared.T @ projection.solve(shared)
-    gradient = sum(d.T @ residuals[name] for name, d in slopes.items()) - shared.T @ projection.solve(right)
-    return hessian, gradient
+    hessian = sum(d.T @ d for d in slopes.values()) - shared.T @ now.level.solve(shared)
+    gradient = sum(d.T @ now.residuals[name] for name, d in slopes.items())
+    pull = now.right + now.level.gradient(now.ordinary)
+    return shared, hessian, gradient - shared.T @ now.level.solve(pull)
 
 
 def candidate(projection: Projection, trial: Trial, positions: list[np.ndarray]) -> Candidate:
     """Return the best fit of an effect from some start positions."""
-    best, cost = min((refine(projection, trial, p) for p in positions), key=lambda found: found[1])
-    values = {**trial.values(best)}
-    if math.isfinite(cost):
-        values.update(projection.follow(trial.residuals(best)))
-    gain = projection.floor - cost
-    return Candidate(trial.name, gain, values, gain - penalty(projection.base, len(trial.free)))
+    best = min((refine(projection, trial, p) for p in positions), key=lambda found: found.cost)
+    gain = projection.floor - best.cost
+    evidence = gain - penalty(projection.base, len(trial.free))
+    values = trial.values(best.own, best.ordinary)
+    return Candidate(trial.name, gain, values, evidence, best.level.scales)
 
 
 def penalty(base: Fit, parameters: int) -> float:
@@ -244,26 +340,17 @@ def penalty(base: Fit, parameters: int) -> float:
 def widened_shape(projection: Projection, name: str) -> Candidate:
     """Return a shape correction beyond its priors as a candidate: their standard deviations grow.
 
-    Both models are linear with normal priors, so that the price is the ratio of the determinants in
-    their marginal likelihoods (Occam factor), and one more parameter, the width.
+    Both models are linear with normal priors, so that their marginal likelihoods are known; one more
+    parameter, the width, is paid for.
     """
-    base = projection.base
-    chosen = np.array([one.name.startswith(f"{name}.") for one in base.free])
     right, squares = projection.state({})
-    before = np.linalg.slogdet(projection.hessian)[1]
+    around = projection.best(right, squares)[1].scales
     found = []
     for width in SHAPE_WIDTHS:
-        weaker = np.where(chosen, projection.prior**2 * (1 / width**2 - 1), 0.0)
-        hessian = projection.hessian + np.diag(weaker)
-        position = np.array([base.values[one.name] / one.scale for one in base.free])
-        step = -np.linalg.solve(hessian, right + weaker * position)
-        cost = squares + projection.prior_cost + float(weaker @ position**2)
-        cost += float((right + weaker * position) @ step)
-        occam = np.linalg.slogdet(hessian)[1] - before + 2 * chosen.sum() * math.log(width)
-        gain = projection.floor - cost
-        moved = {
-            o.name: base.values[o.name] + float(x) * o.scale for o, x in zip(base.free, step, strict=True)
-        }
-        price = occam + penalty(base, 1)
-        found.append(Candidate(name, gain, {**base.values, **moved}, gain - price))
+        level = projection.level({**around, name: width})
+        gain = projection.floor - projection.cost_at(level, right, squares)
+        followed = projection.position - level.solve(right + level.gradient(projection.position))
+        values = {**projection.base.values, **projection.values(followed)}
+        price = penalty(projection.base, 1)
+        found.append(Candidate(name, gain, values, gain - price, {**around, name: WIDE}))
     return max(found, key=lambda one: one.evidence)

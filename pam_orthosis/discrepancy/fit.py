@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -18,6 +19,7 @@ MOST_STEPS = 8
 CHORD_STEPS = 3
 CHORD_SHARE = 0.02  # of what a set of derivatives has gained: below it a new set is due
 STEP_SHARES = (1.0, 0.3, 0.05)
+LOOSE = 2.0  # typical values: sd of an effect's details about them
 WIDE = 10.0  # times its priors: what a shape correction may be once it is named
 SEGMENT = 512  # samples, of the density of residuals
 ORDINARY_PEAK = 1.25  # of that density for white noise
@@ -29,28 +31,61 @@ _POOL = ThreadPoolExecutor(2)
 
 @dataclass(frozen=True)
 class Free:
-    """A free parameter: scale of its steps, bounds, and sd of its prior about zero (inf: none)."""
+    """A free parameter: scale of its steps, bounds, sd (inf: none) and centre of its prior."""
 
     name: str
     scale: float
     lower: float
     upper: float
     sd: float
+    centre: float = 0.0
+
+    def deviation(self, values: Mapping[str, float]) -> float:
+        """Return how far the parameter is from the centre of its prior, in standard deviations."""
+        return (values[self.name] - self.centre) / self.sd
 
 
-def free_parameters(system: System, effects: Sequence[str]) -> list[Free]:
-    """Return ordinary parameters and those of effects; a named shape correction has wide priors."""
-    wide = {
-        f"{name}.{q.name}"
-        for name in effects
-        if name in system.shapes
-        for q in system.catalogue[name].parameters
-    }
-    free = [replace(one, sd=WIDE * one.sd) if one.name in wide else one for one in ordinary(system)]
+def free_parameters(
+    system: System,
+    effects: Sequence[str],
+    refined: Sequence[str] = (),
+    scales: Mapping[str, float] | None = None,
+) -> list[Free]:
+    """Return ordinary parameters and those of effects.
+
+    Args:
+        refined: effects whose details are free.
+        scales: shape correction -> multiple of its priors (1).
+    """
+    free = with_scales(system, ordinary(system), scales or {})
     for name in effects:
         if name not in system.shapes:
-            free += of_effect(system, name)
+            free += of_effect(system, name, name in refined)
     return free
+
+
+def with_scales(system: System, free: Sequence[Free], scales: Mapping[str, float]) -> list[Free]:
+    """Return free parameters with the priors of shape corrections scaled."""
+    changed = []
+    for one in free:
+        shape, _, quantity = one.name.partition(".")
+        if shape in scales:
+            prior = next(q.prior for q in system.catalogue[shape].parameters if q.name == quantity)
+            changed.append(replace(one, sd=scales[shape] * prior))
+        else:
+            changed.append(one)
+    return changed
+
+
+def scales_of(system: System, free: Sequence[Free]) -> dict[str, float]:
+    """Return the scales of the shape corrections' priors."""
+    scales = {}
+    for one in free:
+        shape, _, quantity = one.name.partition(".")
+        if shape in system.shapes:
+            prior = next(q.prior for q in system.catalogue[shape].parameters if q.name == quantity)
+            scales[shape] = one.sd / prior
+    return scales
 
 
 def ordinary(system: System) -> list[Free]:
@@ -62,10 +97,18 @@ def ordinary(system: System) -> list[Free]:
     return free
 
 
-def of_effect(system: System, name: str) -> list[Free]:
-    """Return the parameters of an effect that are estimated."""
+def of_effect(system: System, name: str, refined: bool = False) -> list[Free]:
+    """Return the parameters of an effect that are estimated.
+
+    Refined, the details of its shape are free too, loosely held at their typical values.
+    """
     effect = system.catalogue[name]
-    return [Free(f"{name}.{q.name}", _scale(q), q.minimum, q.maximum, np.inf) for q in effect.fitted]
+    details = [q for q in effect.parameters if refined and not q.fitted]
+    free = [
+        Free(f"{name}.{q.name}", 0.3 * _scale(q), q.minimum, q.maximum, LOOSE * _scale(q), q.typical)
+        for q in details
+    ]
+    return free + [Free(f"{name}.{q.name}", _scale(q), q.minimum, q.maximum, np.inf) for q in effect.fitted]
 
 
 def _scale(quantity) -> float:
@@ -89,11 +132,12 @@ class Scored:
 
 @dataclass(frozen=True)
 class Block:
-    """Whitened residuals of one equation over all runs, derivatives by some parameters."""
+    """Whitened residuals of one equation over all runs, derivatives by some parameters, weight of both."""
 
     residual: np.ndarray
     slopes: np.ndarray
     names: tuple[str, ...]
+    weight: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -162,6 +206,7 @@ class Problem:
                 weight * np.concatenate([row for piece in own for row in piece[0]]),
                 weight * np.concatenate([matrix for piece in own for matrix in piece[1]]),
                 own[0][2],
+                weight,
             )
         return blocks
 
@@ -208,7 +253,7 @@ def normal_equations(
 
 def prior_cost(free: Sequence[Free], values) -> float:
     """Return the squared deviations over their tolerance."""
-    return float(sum((values[one.name] / one.sd) ** 2 for one in free))
+    return float(sum(one.deviation(values) ** 2 for one in free))
 
 
 def bounded_step(hessian, gradient, position, lower, upper, damping=0.0) -> np.ndarray:
@@ -328,7 +373,7 @@ class _Normal:
 
     def gradient(self, residuals: Mapping[str, np.ndarray], values) -> np.ndarray:
         """Return the gradient (half) by the scaled parameters."""
-        gradient = self._weight * np.array([values[one.name] / one.sd for one in self._free])
+        gradient = self._weight * np.array([one.deviation(values) for one in self._free])
         for name, (matrix, place) in self._parts.items():
             gradient[place] += matrix @ residuals[name]
         return gradient
@@ -357,3 +402,28 @@ def misfit(problem: Problem, equation, residual: np.ndarray) -> float:
             start += length
             worst = max(worst, float(np.max(np.convolve(density, np.ones(5) / 5, "valid"))) / ORDINARY_PEAK)
     return worst
+
+
+def score(problem: Problem, model: Fit) -> float:
+    """Return minus twice the log evidence of a model up to a constant: cost, Occam factors, BIC.
+
+    Ordinary parameters have priors: for them the ratio of prior and posterior volume is known. An
+    effect's parameters, and a shape correction that left its priors, are charged as BIC does.
+    """
+    scale = {name: problem.weights[name] for name in model.blocks}
+    fresh = problem.residuals(model.effects, model.values)
+    own = [one for one in model.free if one.name.partition(".")[0] not in _named(problem, model)]
+    blocks = {
+        name: Block(fresh[name], b.slopes * (scale[name] / b.weight), b.names)
+        for name, b in model.blocks.items()
+    }
+    normal = _Normal(blocks, own)
+    weight = np.array([one.scale / one.sd for one in own])
+    occam = np.linalg.slogdet(normal.hessian)[1] - 2 * float(np.sum(np.log(weight)))
+    shapes = sum(name in problem.system.shapes for name in model.effects)
+    counted = len(model.free) - len(own) + shapes
+    return _sum(fresh) + prior_cost(model.free, model.values) + occam + counted * math.log(model.samples)
+
+
+def _named(problem: Problem, model: Fit) -> set[str]:
+    return set(model.effects) - set(problem.system.shapes)

@@ -14,20 +14,33 @@ from pam_orthosis.discrepancy.candidates import (
     Projection,
     Trial,
     candidate,
-    penalty,
     secant_gain,
     widened_shape,
 )
-from pam_orthosis.discrepancy.fit import Fit, Problem, fit, fit_tempered, free_parameters, prior_cost
+from pam_orthosis.discrepancy.fit import (
+    Fit,
+    Problem,
+    fit,
+    fit_tempered,
+    free_parameters,
+    prior_cost,
+    scales_of,
+    score,
+    with_scales,
+)
 
 THREADS = 2
+LEFT_OVER = 1.3  # power density over noise that an effect leaves: its details are refined
 LEAST_SCREEN = 6.0  # gain of a score test below which a fit is not worth its time
+LEAST_OF_BAR = 0.15  # the same, of the evidence that is asked for
 LEAST_SHARE = 0.02  # the same, of the best candidate's gain
 POLISHED = 3
 POLISHED_SHARE = 0.4  # of the best projected gain: worth a full fit
 SECOND_START = 0.3  # of the best start's gain: a second start is tried
 BLOCK = 1.0  # s, of paired differences on held-out recordings
 LEAST_T = 3.0  # of these differences
+LEAST_TRANSFER = 0.3  # of the training's fall, where one block holds most of it
+LEAST_FALL = 1.0  # in training, a block: below it there is nothing to compare
 WORST_T = -3.0  # an effect known by its broken tolerance alone must not make held-out data worse
 REFIT_NULL = 10.0  # the smaller model is refitted with the larger one's weights below this ratio
 
@@ -82,41 +95,91 @@ def search(
     free = free_parameters(problem.system, present)
     tell("recalibrating the ordinary parameters within their tolerances")
     problem, base = fit_tempered(problem, present, problem.replay.defaults(present), free)
+    problem, base = _levelled(problem, base)
     found = Selection(problem, base, problem, base)
     while len(found.final.effects) < settings.effects:
-        step = _round(found.final_problem, found.final, held_out, settings, tell)
+        step = _round(found, held_out, settings, tell)
         found.steps.append(step)
         if step.accepted is None:
             break
         tell(f"added {step.accepted} (evidence {step.evidence:.0f}, held-out t {step.held_out_t:.1f})")
-        found.final_problem, found.final = step.problem, step.fit
+        found.final_problem, found.final = _levelled(*_detailed(step.problem, step.fit, tell))
         found.evidence[step.accepted] = step.evidence
     _eliminate(found, settings, tell)
     return found
 
 
-def _round(problem: Problem, base: Fit, held_out: Problem, settings, tell) -> Step:
-    ranked = fitted_candidates(problem, base, settings.screened, tell)
+def _details(system, effects) -> list[str]:
+    """Return the effects that have details to refine."""
+    return [name for name in effects if any(not q.fitted for q in system.catalogue[name].parameters)]
+
+
+def _detailed(problem: Problem, model: Fit, tell) -> tuple[Problem, Fit]:
+    """Return the model with the details of its effects free, if these earn it.
+
+    What an effect's own form leaves over must not be named as another effect.
+    """
+    details = _details(problem.system, model.effects)
+    free = free_parameters(problem.system, model.effects, details, scales_of(problem.system, model.free))
+    if len(free) == len(model.free):
+        return problem, model
+    tell(f"refining {', '.join(details)}")
+    weighted, refined = fit_tempered(problem, model.effects, model.values, free)
+    common = problem.weighted({name: max(w, weighted.weights[name]) for name, w in problem.weights.items()})
+    better = score(common, refined) < score(common, model)
+    return (weighted, refined) if better else (problem, model)
+
+
+def _levelled(problem: Problem, model: Fit) -> tuple[Problem, Fit]:
+    """Return the model refitted with the most likely level of the shape corrections' priors."""
+    projection = Projection(problem, model)
+    level = projection.best(*projection.state({}))[1]
+    if level.scales == scales_of(problem.system, model.free):
+        return problem, model
+    free = with_scales(problem.system, model.free, level.scales)
+    return fit_tempered(problem, model.effects, model.values, free)
+
+
+def _bar(found: Selection, name: str, settings) -> float:
+    """Return the evidence that an effect needs: more where an earlier one in its equation had much.
+
+    Beside a large effect, what its exact form leaves over looks like a small one.
+    """
+    touched = found.problem.replay.touched
+    earlier = [e for other, e in found.evidence.items() if touched(other) & touched(name)]
+    return max(settings.threshold, settings.share * max(earlier, default=0.0))
+
+
+def _round(found: Selection, held_out: Problem, settings, tell) -> Step:
+    problem, base = found.final_problem, found.final
+    bars = {name: _bar(found, name, settings) for name in problem.system.catalogue}
+    ranked = fitted_candidates(problem, base, settings.screened, bars, tell)
     if not ranked:
         return Step(None, None, None, 0.0, 0.0, (), "no effect gains anything")
-    models = [(*_polished(problem, base, one, tell), one.price) for one in _worth_polishing(ranked)]
+    models = [_polished(problem, base, one, tell) for one in _worth_polishing(ranked)]
     judged = sorted(_judged(problem, base, models), key=lambda item: -item[0])
     told = _told(judged, ranked)
     for evidence, weighted, model in judged[:2]:
         name = model.effects[-1]
-        if evidence < settings.threshold:
-            return Step(None, None, None, evidence, 0.0, told, f"{name} has evidence {evidence:.0f} only")
-        t = paired_t(held_out.weighted(weighted.weights), base, model)
-        visible = _misfit_share(problem, base, weighted, model)
+        if evidence < bars[name]:
+            reason = f"{name} has evidence {evidence:.0f}, it would need {bars[name]:.0f}"
+            return Step(None, None, None, evidence, 0.0, told, reason)
+        t, transfer = confirmed(
+            problem.weighted(weighted.weights), held_out.weighted(weighted.weights), base, model
+        )
+        strained = not _visible(problem, base, model)
         if _too_small(problem.system, name, model):
             continue
-        if t > LEAST_T or (t > WORST_T and not visible):
+        if t > LEAST_T or transfer > LEAST_TRANSFER or (strained and t > WORST_T):
             return Step(name, model, weighted, evidence, t, told, "accepted")
     return Step(None, None, None, judged[0][0], t, told, "held-out recordings do not confirm it")
 
 
-def fitted_candidates(problem: Problem, base: Fit, most: int, tell) -> list[Candidate]:
-    """Return the candidates that a score test lets through, fitted, best evidence first."""
+def fitted_candidates(problem: Problem, base: Fit, most: int, bars, tell) -> list[Candidate]:
+    """Return the candidates that a score test lets through, fitted, best evidence first.
+
+    `bars` is the evidence that each effect needs; one whose score is far below is not fitted.
+    """
     projection = Projection(problem, base)
     names = [name for name in problem.system.candidates if name not in base.effects]
     shapes = [name for name in problem.system.shapes if name not in base.effects]
@@ -133,7 +196,7 @@ def fitted_candidates(problem: Problem, base: Fit, most: int, tell) -> list[Cand
     with ThreadPoolExecutor(THREADS) as pool:
         screened = sorted(pool.map(screen, names), key=lambda item: -item[0])
     least = max(LEAST_SCREEN, LEAST_SHARE * screened[0][0])
-    kept = [item for item in screened[:most] if item[0] > least]
+    kept = [item for item in screened[:most] if item[0] > max(least, LEAST_OF_BAR * bars[item[1].name])]
     tell(
         f"fitting {len(kept)}: {', '.join(trial.name for _, trial, _ in kept)}"
         if kept
@@ -153,20 +216,30 @@ def _worth_polishing(ranked: list[Candidate]) -> list[Candidate]:
 def _polished(problem: Problem, base: Fit, one: Candidate, tell) -> tuple[Problem, Fit]:
     tell(f"refitting everything with {one.name}")
     effects = (*base.effects, one.name)
-    return fit_tempered(problem, effects, one.values, free_parameters(problem.system, effects))
+    free = free_parameters(problem.system, effects, _refined_in(problem.system, base), one.scales)
+    weighted, model = fit_tempered(problem, effects, one.values, free)
+    left = max(1 / weighted.weights[name] ** 2 for name in problem.replay.touched(one.name))
+    return _detailed(weighted, model, tell) if left > LEFT_OVER else (weighted, model)
+
+
+def _refined_in(system, model: Fit) -> list[str]:
+    """Return the effects whose details are free in a model."""
+    known = {one.name for one in model.free}
+    return [
+        name
+        for name in _details(system, model.effects)
+        if any(f"{name}.{q.name}" in known for q in system.catalogue[name].parameters if not q.fitted)
+    ]
 
 
 def _judged(problem: Problem, base: Fit, models) -> list[tuple[float, Problem, Fit]]:
     """Return evidence, weighted problem and fit of each model, all with the best model's weights."""
     weights = dict(problem.weights)
-    for weighted, _, _ in models:
+    for weighted, _ in models:
         weights = {name: max(w, weighted.weights[name]) for name, w in weights.items()}
     common = problem.weighted(weights)
-    before = _cost(common, _comparable(problem, common, base))
-    judged = []
-    for weighted, model, price in models:
-        judged.append((before - _cost(common, model) - price, weighted, model))
-    return judged
+    before = score(common, _comparable(problem, common, base))
+    return [(before - score(common, model), weighted, model) for weighted, model in models]
 
 
 def _comparable(problem: Problem, common: Problem, base: Fit) -> Fit:
@@ -177,26 +250,31 @@ def _comparable(problem: Problem, common: Problem, base: Fit) -> Fit:
     return fit(common, base.effects, base.values, base.free, most=2)
 
 
-def _cost(problem: Problem, model: Fit) -> float:
-    return problem.total(model.effects, model.values) + prior_cost(model.free, model.values)
-
-
 def _told(judged, ranked) -> tuple[tuple[str, float], ...]:
     full = [(model.effects[-1], evidence) for evidence, _, model in judged]
     rest = [(one.name, one.evidence) for one in ranked if one.name not in dict(full)]
     return (*full, *rest)
 
 
-def paired_t(problem: Problem, smaller: Fit, larger: Fit) -> float:
-    """Return the t value of the fall of squared residuals in blocks of recordings not fitted."""
-    differences = []
+def confirmed(training: Problem, held_out: Problem, smaller: Fit, larger: Fit) -> tuple[float, float]:
+    """Return how recordings that were not fitted see a larger model.
+
+    Two figures, since blocks of time are few and one may hold most of the gap: the t value of the fall
+    of squared residuals over blocks, and the fall a sample over that in training.
+    """
+    unseen, seen = (_falls(problem, smaller, larger) for problem in (held_out, training))
+    t = float(unseen.mean() / max(unseen.std(ddof=1) / np.sqrt(len(unseen)), 1e-12))
+    return t, float(unseen.mean() / seen.mean()) if seen.mean() > LEAST_FALL else 0.0
+
+
+def _falls(problem: Problem, smaller: Fit, larger: Fit) -> np.ndarray:
+    """Return by how much squared residuals fall, block by block."""
+    falls = []
     for equation in problem.system.equations:
         before = problem.residual(equation, smaller.effects, smaller.values)
         after = problem.residual(equation, larger.effects, larger.values)
-        differences.append(_block_sums(problem, equation, before**2 - after**2))
-    total = np.sum(differences, axis=0)
-    spread = total.std(ddof=1) / np.sqrt(len(total))
-    return float(total.mean() / max(spread, 1e-12))
+        falls.append(_block_sums(problem, equation, before**2 - after**2))
+    return np.sum(falls, axis=0)
 
 
 def _block_sums(problem: Problem, equation, values: np.ndarray) -> np.ndarray:
@@ -213,12 +291,11 @@ def _block_sums(problem: Problem, equation, values: np.ndarray) -> np.ndarray:
     return np.concatenate(sums)
 
 
-def _misfit_share(problem, base, weighted, model) -> bool:
-    """Whether the effect removes a visible misfit (not only a strain on the tolerances)."""
+def _visible(problem: Problem, base: Fit, model: Fit) -> bool:
+    """Whether the effect removes a visible misfit, not only a strain on the tolerances."""
     fall = sum(float(np.sum(b.residual**2)) for b in base.blocks.values())
-    common = problem.total(model.effects, model.values)
-    strain = prior_cost(base.free, base.values) - prior_cost(model.free, model.values)
-    return fall - common > strain
+    fall -= problem.total(model.effects, model.values)
+    return fall > prior_cost(base.free, base.values) - prior_cost(model.free, model.values)
 
 
 def _too_small(system, name: str, model: Fit) -> bool:
@@ -246,10 +323,13 @@ def _eliminate(found: Selection, settings, tell) -> None:
 
 def _loss(found: Selection, name: str) -> tuple[float, Fit]:
     problem, final = found.final_problem, found.final
+    system = problem.system
     effects = tuple(other for other in final.effects if other != name)
-    free = free_parameters(problem.system, effects)
-    kept = [name] if name not in problem.system.shapes else []
-    values = {key: value for key, value in final.values.items() if key.split(".")[0] not in kept}
+    refined = [other for other in _refined_in(system, final) if other != name]
+    scales = {**scales_of(system, final.free), **({name: 1.0} if name in system.shapes else {})}
+    free = free_parameters(system, effects, refined, scales)
+    gone = f"{name}." if name not in system.shapes else "\n"
+    values = {key: value for key, value in final.values.items() if not key.startswith(gone)}
     # at the weights of the full model, but not to the end: a wrong model has no good fit
     without = fit(problem, effects, values, free, most=3)
-    return without.cost - final.cost - penalty(final, len(final.free) - len(free)), without
+    return score(problem, without) - score(problem, final), without

@@ -17,7 +17,8 @@ from scipy.signal import welch
 
 from pam_orthosis.discrepancy.replay import Replay, Run
 
-DRAWS = 3
+DRAWS = 5
+NEIGHBOURS = 5  # frequencies that are averaged above the lowest ones
 TAPS = 1024
 SEGMENT = 2048
 
@@ -87,11 +88,20 @@ def noise_whitener(
         channel: float(np.sqrt(np.sum(density) * 0.5 / (len(density) - 1)))
         for channel, density in mean.items()
     }
-    return Whitener({channel: minimum_phase(density) for channel, density in mean.items()}), floor
+    return Whitener({channel: minimum_phase(_smooth(density)) for channel, density in mean.items()}), floor
 
 
 def _density(values: np.ndarray) -> np.ndarray:
     return welch(values, fs=1.0, nperseg=min(SEGMENT, len(values)), detrend=False)[1]
+
+
+def _smooth(density: np.ndarray) -> np.ndarray:
+    """Return the density averaged over neighbouring frequencies, the lowest ones (colour) left alone."""
+    mean = np.convolve(density, np.ones(NEIGHBOURS) / NEIGHBOURS, "same")
+    kept = slice(2 * NEIGHBOURS, -NEIGHBOURS)
+    out = density.copy()
+    out[kept] = mean[kept]
+    return out
 
 
 def minimum_phase(density: np.ndarray) -> np.ndarray:

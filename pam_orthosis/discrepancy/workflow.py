@@ -153,13 +153,14 @@ def _judged(system, found: select.Selection, judge: Problem, floor, settings, re
     before, after = measure.gap(judge, null), measure.gap(judge, final)
     left = structure.locate(judge, final)
     closed = _closures(configured, before, after, floor)
+    alike = _look_alikes(found, settings.evidence)
     spread = intervals.covariance(found.final_problem, final)
     return Outcome(
         system=system,
         verdict=_verdict(final, left, closed),
         effects=tuple(_named(system, found, spread, name) for name in final.effects),
-        look_alikes=_look_alikes(found, settings.evidence.ambiguous),
-        separated_by=_separated_by(system, found, settings.evidence.ambiguous),
+        look_alikes=alike,
+        separated_by=_separated_by(system, found, alike),
         runner_up=_runner_up(found),
         configured=configured,
         before=before,
@@ -202,8 +203,11 @@ def _verdict(final: Fit, left, closed) -> str:
 def _named(system: System, found: select.Selection, spread, name: str) -> Named:
     effect, final = system.catalogue[name], found.final
     parameters = {}
-    for q in effect.fitted:
+    known = {one.name for one in final.free}
+    for q in effect.parameters:
         key = f"{name}.{q.name}"
+        if key not in known:
+            continue
         parameters[q.name] = (final.values[key], q.unit, *intervals.interval(final, spread, key))
     return Named(name, effect.equation, parameters, found.evidence[name])
 
@@ -220,13 +224,15 @@ def _runner_up(found: select.Selection) -> tuple[str, float] | None:
     return min(others, key=lambda item: item[1]) if others else None
 
 
-def _look_alikes(found: select.Selection, nearer: float) -> tuple[str, ...]:
+def _look_alikes(found: select.Selection, settings) -> tuple[str, ...]:
     ranking = _last_ranking(found)
-    return tuple(name for name, evidence in ranking[1:] if ranking[0][1] - evidence < nearer)
+    if not ranking:
+        return ()
+    near = max(settings.ambiguous, settings.ambiguous_share * ranking[0][1])
+    return tuple(name for name, evidence in ranking[1:] if ranking[0][1] - evidence < near)
 
 
-def _separated_by(system: System, found: select.Selection, nearer: float) -> tuple[str, ...]:
-    names = _look_alikes(found, nearer)
+def _separated_by(system: System, found: select.Selection, names: Sequence[str]) -> tuple[str, ...]:
     tests: list[str] = []
     for name in (*found.final.effects[:1], *names) if names else ():
         tests += [test for test in system.catalogue[name].separated_by if test not in tests]
@@ -235,5 +241,10 @@ def _separated_by(system: System, found: select.Selection, nearer: float) -> tup
 
 def _strained(final: Fit) -> dict[str, float]:
     """Return ordinary parameters that left their tolerance, in multiples of it."""
-    strain = {one.name: final.values[one.name] / one.sd for one in final.free if np.isfinite(one.sd)}
+    named = {q for name in final.effects for q in (f"{name}.{p}" for p in _parameter_names(final, name))}
+    strain = {one.name: one.deviation(final.values) for one in final.free if one.name not in named}
     return {name: value for name, value in strain.items() if abs(value) > TELLING_STRAIN}
+
+
+def _parameter_names(final: Fit, effect: str) -> list[str]:
+    return [key.split(".", 1)[1] for key in final.values if key.startswith(f"{effect}.")]
