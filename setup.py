@@ -14,6 +14,7 @@ NODES = [
     "pressure_controller",
     "inverse_valve_model",
     "bag_recorder",
+    "dummy_driver",
 ]
 EXECUTABLES = [*NODES, "run"]
 # `ros2 run` looks into lib/PACKAGE: colcon installs the entry points there, pip installs them into bin/

@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-from pam_orthosis.bag.topics import BY_NAME, ORDER, RECORDED, Topic, is_health_instant
+from pam_orthosis.bag.topics import ORDER, Topic, is_health_instant, table
 
 
 class Message(NamedTuple):
@@ -17,29 +17,30 @@ class Message(NamedTuple):
     data: bytes
 
 
-def _promised(rate: str) -> int:
-    return sum(len(topic.producers) for topic in RECORDED if topic.rate == rate)
-
-
-_EACH_STEP, _EACH_SECOND = _promised("step"), _promised("1 Hz")
-
-
 class StepCollector:
     """Messages by instant; an instant leaves when all that the table promises for it have come.
 
     An instant that stays incomplete leaves when `horizon` later ones are waiting.
+
+    Args:
+        period_ns: control period.
+        horizon: number of instants.
+        topics: table of the run, of lockstep if not given.
     """
 
-    def __init__(self, period_ns: int, horizon: int = 1000):
+    def __init__(self, period_ns: int, horizon: int = 1000, topics: Mapping[str, Topic] | None = None):
         self._period_ns = period_ns
         self._horizon = horizon
+        self._topics = table() if topics is None else topics
+        self._each_step = self._promised("step", "answer")
+        self._each_second = self._promised("1 Hz")
         self._pending: dict[int, dict[tuple[int, bytes], Message]] = {}
         self.done_ns = -1
         self.duplicates = 0
 
     def add(self, message: Message) -> None:
         """Keep a message; a second one of the same topic and instant is counted and dropped."""
-        key = _key(message)
+        key = self._key(message)
         if message.stamp_ns <= self.done_ns or key in self._pending.get(message.stamp_ns, ()):
             self.duplicates += 1
         else:
@@ -64,7 +65,7 @@ class StepCollector:
         if not self._pending:
             return []
         there = {message.topic for message in self._pending[min(self._pending)].values()}
-        return [topic for topic in RECORDED if topic.rate == "step" and topic.name not in there]
+        return [topic for topic in self._topics.values() if topic.rate == "step" and topic.name not in there]
 
     def _leave(self, stamp_ns: int) -> Iterator[Message]:
         instant = self._pending.pop(stamp_ns)
@@ -73,10 +74,12 @@ class StepCollector:
         self.done_ns = max(self.done_ns, stamp_ns)
 
     def _due(self, stamp_ns: int) -> int:
-        return _EACH_STEP + _EACH_SECOND * is_health_instant(stamp_ns, self._period_ns)
+        return self._each_step + self._each_second * is_health_instant(stamp_ns, self._period_ns)
 
+    def _promised(self, *rates: str) -> int:
+        return sum(len(topic.producers) for topic in self._topics.values() if topic.rate in rates)
 
-def _key(message: Message) -> tuple[int, bytes]:
-    """Return the place of a message in its instant: several nodes report their health in one."""
-    many = len(BY_NAME[message.topic].producers) > 1
-    return ORDER[message.topic], message.data if many else b""
+    def _key(self, message: Message) -> tuple[int, bytes]:
+        """Return the place of a message in its instant: several nodes report their health in one."""
+        many = len(self._topics[message.topic].producers) > 1
+        return ORDER[message.topic], message.data if many else b""

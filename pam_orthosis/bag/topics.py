@@ -9,7 +9,7 @@ message depends only on topics above it, so the first one missing names the node
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 PLANT = "plant_simulator"
@@ -28,8 +28,8 @@ SECOND_NS = 1_000_000_000
 class Topic:
     """One topic: relative name, ROS type, who publishes and who (beside the recorder) listens.
 
-    `rate` is `step` (one message each control period), `1 Hz` (one from each producer) or `event`
-    (management of the graph, not recorded).
+    `rate` is `step` (one message each control period), `answer` (likewise, in real time only), `1 Hz`
+    (one from each producer) or `event` (management of the graph, not recorded).
     """
 
     name: str
@@ -56,7 +56,7 @@ def _topic(name: str, type_: str, producer: str, consumers: Iterable[str], *rest
 
 
 JOINT, PRESSURE = "sensor_msgs/msg/JointState", "sensor_msgs/msg/FluidPressure"
-_OTHERS = tuple(node for node in NODES if node != PLANT)
+_OTHERS = tuple(node for node in NODES if node != RECORDER)
 
 TOPICS = (
     _topic("/clock", "rosgraph_msgs/msg/Clock", PLANT, [TRAJECTORY], "simulated time", "s"),
@@ -87,6 +87,15 @@ TOPICS = (
     _topic("flexor/mass_flow", JOINT, FLEXOR, [VALVE], "mass flow to reach (velocity)", "kg/s"),
     _topic("extensor/valve_voltage", JOINT, VALVE, [PLANT], "valve voltage (effort)", "V"),
     _topic("flexor/valve_voltage", JOINT, VALVE, [PLANT], "valve voltage (effort)", "V"),
+    _topic(
+        "answered",
+        "sensor_msgs/msg/TimeReference",
+        VALVE,
+        [],
+        "when the voltages that answer a sample left, real time only",
+        "s",
+        "answer",
+    ),
     Topic(
         "diagnostics",
         "diagnostic_msgs/msg/DiagnosticArray",
@@ -98,11 +107,38 @@ TOPICS = (
     ),
     Topic("ready", "std_msgs/msg/String", NODES, (PLANT,), "the node's peers are there", "-", "event"),
     _topic("recorded", "builtin_interfaces/msg/Time", RECORDER, [PLANT], "recorded up to", "s", "event"),
-    _topic("end", "builtin_interfaces/msg/Time", PLANT, _OTHERS, "the run is over", "s", "event"),
+    _topic("end", "builtin_interfaces/msg/Time", RECORDER, _OTHERS, "the run is over", "s", "event"),
 )
 BY_NAME = {topic.name: topic for topic in TOPICS}
 ORDER = {topic.name: index for index, topic in enumerate(TOPICS)}
-RECORDED = tuple(topic for topic in TOPICS if topic.recorded)
+RECORDED = tuple(topic for topic in TOPICS if topic.recorded and topic.rate != "answer")
+
+
+def table(realtime: bool = False, with_plant: bool = True) -> dict[str, Topic]:
+    """Return the topics of a run by name.
+
+    In lockstep `/clock` drives the trajectory, in real time the samples themselves do, and nobody waits
+    for the recorder. Without the plant a driver publishes and takes what stands under the plant's name,
+    but for the truth and the management of the graph.
+    """
+    if not realtime:
+        return {topic.name: topic for topic in TOPICS if topic.rate != "answer"}
+    topics = {topic.name: topic for topic in TOPICS if topic.name != "/clock"}
+    joint = topics["joint_states"]
+    topics["joint_states"] = replace(joint, consumers=(*joint.consumers, TRAJECTORY))
+    topics["recorded"] = replace(topics["recorded"], consumers=())
+    if with_plant:
+        return topics
+    del topics["truth"]
+    return {name: topic if topic.rate == "step" else _without_plant(topic) for name, topic in topics.items()}
+
+
+def _without_plant(topic: Topic) -> Topic:
+    return replace(
+        topic,
+        producers=tuple(node for node in topic.producers if node != PLANT),
+        consumers=tuple(node for node in topic.consumers if node != PLANT),
+    )
 
 
 def resolve(name: str, namespace: str = "") -> str:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from pam_orthosis.bag.read import Bag, Series, aligned, read_bag
+from pam_orthosis.bag.timing import Timing, timing
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.errors import OrthosisError
 
@@ -38,7 +39,7 @@ class Verdict:
     `steady_state_error_deg` is the mean |error| while the reference rests (|velocity| below 2 % of
     its peak for at least 0.1 s). `observer_velocity_lag_ms` is the delay of the estimated velocity
     behind the measured motion. `voltage_variation_per_s` is the total variation of each valve
-    voltage per second: chatter.
+    voltage per second: chatter. `timing` is that of a run in real time.
     """
 
     max_abs_error_deg: float
@@ -53,6 +54,7 @@ class Verdict:
     voltage_variation_per_s: dict[str, float]
     cycles: list[Cycle]
     scenario: str | None
+    timing: Timing | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the verdict as plain data for JSON."""
@@ -90,6 +92,7 @@ def judge(path: Path, bound_deg: float = 3.0, skip_s: float = 0.0, namespace: st
         voltage_variation_per_s=_voltage_variation(bag),
         cycles=cycle_table(since_start, error, hold_s, cycle_s) if cycle_s else [],
         scenario=bag.run.get("scenario"),
+        timing=timing(bag.path, namespace),
     )
 
 

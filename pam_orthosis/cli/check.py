@@ -8,6 +8,7 @@ import json
 import math
 from pathlib import Path
 
+from pam_orthosis.bag.timing import Timing
 from pam_orthosis.bag.verdict import Verdict, judge
 
 
@@ -49,12 +50,22 @@ def describe(verdict: Verdict) -> str:
         *((f"{muscle} voltage variation", value, "V/s") for muscle, value in variation.items()),
     ]
     told = [f"{name:26s} {value:8.3f} {unit}" for name, value, unit in rows if value is not None]
+    told += _timing(verdict.timing) if verdict.timing else []
     answer = "PASSED" if verdict.passed else "FAILED"
     told.append(
         f"{answer}: maximum {verdict.max_abs_error_deg:.3f} deg, bound {verdict.bound_deg:g} deg,"
         f" {verdict.samples} samples in {verdict.duration_s:.3f} s"
     )
     return "\n".join(told)
+
+
+def _timing(timing: Timing) -> list[str]:
+    late = f"{timing.missed_deadlines} of {timing.samples} ({timing.missed_deadlines / timing.samples:.2%})"
+    return [
+        f"latency                    median {timing.latency_median_ms:.2f}, 99 % {timing.latency_p99_ms:.2f},"
+        f" maximum {timing.latency_max_ms:.2f} ms",
+        f"missed deadlines           {late}, deadline {timing.deadline_ms:g} ms",
+    ]
 
 
 def not_negative(text: str) -> float:

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
 import signal
 import sys
 import tempfile
 import time
+from contextlib import ExitStack
 from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
@@ -36,6 +38,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the sensor noise")
     parser.add_argument("--out", type=Path, metavar="DIR", help="new bag (runs/SCENARIO-N)")
     parser.add_argument("--composed", action="store_true", help="all nodes in one process")
+    parser.add_argument("--realtime", action="store_true", help="by the wall clock instead of in lockstep")
+    parser.add_argument(
+        "--no-plant", action="store_true", help="with a hardware driver instead of the plant: docs/ros.md"
+    )
+    parser.add_argument(
+        "--open",
+        action="store_true",
+        help="keep ROS_DOMAIN_ID and the transport as they are set, so that other programs see the nodes"
+        " (otherwise a free domain on the loopback device); always so with --no-plant",
+    )
     parser.add_argument(
         "--param",
         action="append",
@@ -54,9 +66,15 @@ def execute(arguments: argparse.Namespace) -> int:
     bag = arguments.out or _unused(arguments.scenario)
     if bag.exists() and (not bag.is_dir() or any(bag.iterdir())):
         raise OrthosisError(f"{bag} exists and is not an empty folder; choose another --out")
-    _run(parameters, bag.resolve(), arguments.scenario, arguments.composed)
+    _run(parameters, bag.resolve(), arguments.scenario, _mode(arguments), arguments.open)
     print(f"recorded {bag}", file=sys.stderr)
     return show(judge(bag, arguments.bound_deg), arguments.json)
+
+
+def _mode(arguments: argparse.Namespace) -> launch.Mode:
+    if arguments.no_plant and not arguments.realtime:
+        raise OrthosisError("--no-plant: hardware does not wait for its controllers; give --realtime too")
+    return launch.Mode(arguments.composed, arguments.realtime, not arguments.no_plant)
 
 
 def _overrides(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -88,20 +106,18 @@ def _unused(scenario: str) -> Path:
     return next(folder for folder in folders if not folder.exists())
 
 
-def _run(parameters: Parameters, bag: Path, scenario: str, composed: bool) -> None:
+def _run(parameters: Parameters, bag: Path, scenario: str, mode: launch.Mode, visible: bool) -> None:
     signal.signal(signal.SIGTERM, _interrupt)
-    with (
-        tempfile.TemporaryDirectory(prefix="pam-orthosis-") as folder,
-        launch.free_domain() as domain,
-    ):
+    with tempfile.TemporaryDirectory(prefix="pam-orthosis-") as folder, ExitStack() as stack:
         work = Path(folder)
+        if visible or not mode.with_plant:
+            domain, environment = os.environ.get("ROS_DOMAIN_ID", "0"), launch.open_environment(work)
+        else:
+            domain = stack.enter_context(launch.free_domain())
+            environment = launch.environment(work, domain)
+        commands = launch.commands(work, parameters, bag, scenario, mode)
         try:
-            supervise(
-                launch.commands(work, parameters, bag, scenario, composed),
-                launch.environment(work, domain),
-                work,
-                Progress(parameters.scenario.duration, domain),
-            )
+            supervise(commands, environment, work, Progress(parameters.scenario.duration, domain))
         except RunFailed as error:
             raise RunFailed(f"{error}; {_rescue(bag, work)}") from None
 
@@ -126,7 +142,7 @@ def _interrupt(*_: object) -> NoReturn:
 class Progress:
     """Prints how far the run is, every two seconds, on stderr."""
 
-    def __init__(self, duration_s: float, domain: int):
+    def __init__(self, duration_s: float, domain: int | str):
         self._duration_s = duration_s
         self._domain = domain
         self._next = time.monotonic() + PROGRESS_SECONDS

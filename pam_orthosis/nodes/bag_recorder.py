@@ -5,18 +5,24 @@ from __future__ import annotations
 
 import struct
 import sys
+import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from rclpy.duration import Duration
+
 from pam_orthosis.bag.record import BagWriter, canonical, run_metadata
 from pam_orthosis.bag.steps import Message, StepCollector
-from pam_orthosis.bag.topics import RECORDED, RECORDER, SECOND_NS, Topic
+from pam_orthosis.bag.topics import RECORDER, SECOND_NS, Topic
+from pam_orthosis.errors import RunFailed
 from pam_orthosis.nodes import graph, messages
 from pam_orthosis.nodes.parameters import Setting
 from pam_orthosis.nodes.supervisor import NOTE_PREFIX
 
 QUEUE_DEPTH = 5000
-ACKNOWLEDGE_SECONDS = 0.05
+LOCKSTEP_HORIZON = 1000
+GRACE_NS = SECOND_NS // 2
+LOOK_SECONDS = 0.05
 _STAMP = struct.Struct("<iI")
 
 
@@ -30,20 +36,27 @@ class BagRecorder(graph.GraphNode):
     def __init__(self) -> None:
         folder = Setting("recording", "folder of the new bag")
         scenario = Setting("default", "name of the scenario, for the bag's metadata")
-        super().__init__(RECORDER, {"directory": folder, "scenario_name": scenario})
-        self._steps = StepCollector(self.period_ns)
+        silence = Setting(5.0, "wall time without a sample after which a run in real time fails [s]")
+        settings = {"directory": folder, "scenario_name": scenario, "sample_timeout": silence}
+        super().__init__(RECORDER, settings)
+        horizon = SECOND_NS // self.period_ns if self.realtime else LOCKSTEP_HORIZON
+        self._steps = StepCollector(self.period_ns, horizon, self.topics)
+        self._run_ns = round(self.parameters.scenario.duration * 1e9 / self.period_ns) * self.period_ns
+        self._end_ns = None if self.realtime else self._run_ns
         self._writer = BagWriter(
             Path(self.settings["directory"]),
             run_metadata(self.parameters, self.settings["scenario_name"]),
         )
         self._names: dict[str, str] = {}
-        for topic in RECORDED:
+        for topic in filter(lambda topic: topic.recorded, self.topics.values()):
             subscription = self.listen_to(topic.name, self._receiver(topic), depth=QUEUE_DEPTH, raw=True)
             self._names[topic.name] = subscription.topic_name
             self._writer.add_topic(subscription.topic_name, topic.type)
         self._acknowledged_ns = -1
         self._recorded = self.publish_to("recorded")
-        self.create_timer(ACKNOWLEDGE_SECONDS, self._acknowledge)
+        self._end = self.publish_to("end")
+        self._sampled = time.monotonic()
+        self.create_timer(LOOK_SECONDS, self._look)
 
     def health(self) -> dict[str, int]:
         """Count messages that came twice."""
@@ -57,26 +70,50 @@ class BagRecorder(graph.GraphNode):
         self._writer.close()
 
     def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
+        tick = topic.name == ("joint_states" if self.realtime else "/clock")
+
         def receive(data: bytes) -> None:
-            if self.ended:  # published ahead, for an instant after the end
-                return
             seconds, nanoseconds = _STAMP.unpack_from(data, 4)
             stamp_ns = seconds * SECOND_NS + nanoseconds
-            self._steps.add(Message(topic.name, stamp_ns, canonical(data, topic.type)))
+            if self.ended or (self._end_ns is not None and stamp_ns >= self._end_ns):
+                return  # a reference is published ahead, and a driver does not end with the run
+            # in real time no two runs are alike, and there is better use for the time
+            data = bytes(data) if self.realtime else canonical(data, topic.type)
+            self._steps.add(Message(topic.name, stamp_ns, data))
             self._write(self._steps.complete())
-            if topic.name == "/clock":
-                self.step_done(stamp_ns)
+            if tick:
+                self._count(stamp_ns)
 
         return receive
+
+    def _count(self, stamp_ns: int) -> None:
+        self._sampled = time.monotonic()
+        self._end_ns = self._end_ns or stamp_ns + self._run_ns
+        self.step_done(stamp_ns)
 
     def _write(self, recorded: Iterable[Message]) -> None:
         for message in recorded:
             self._writer.write(self._names[message.topic], message.stamp_ns, message.data)
 
-    def _acknowledge(self) -> None:
+    def _look(self) -> None:
+        """Acknowledge what is recorded; end the run when all of it is; in real time, wait for nothing."""
         if self._steps.done_ns > self._acknowledged_ns:
             self._acknowledged_ns = self._steps.done_ns
             self._recorded.publish(messages.time(self._acknowledged_ns))
+        if self._end_ns is None or self.ended:
+            return
+        over = self.realtime and self.now_ns() > self._end_ns + GRACE_NS
+        if over or self._steps.done_ns >= self._end_ns - self.period_ns:
+            self._finish()
+        elif self.realtime and time.monotonic() - self._sampled > self.settings["sample_timeout"]:
+            limit = self.settings["sample_timeout"]
+            raise RunFailed(f"no sample on joint_states for {limit:g} s: does the driver run?")
+
+    def _finish(self) -> None:
+        self._write(self._steps.rest())
+        self._end.publish(messages.time(self._steps.done_ns))
+        self._end.wait_for_all_acked(Duration(seconds=1.0))
+        self.ended = True
 
     def _report_missing(self) -> None:
         """Say which message broke the chain: the first that the last step lacks, causes first."""

@@ -16,15 +16,17 @@ from pam_orthosis.nodes.trajectory_publisher import TrajectoryPublisher
 
 
 def make_nodes() -> list[graph.GraphNode]:
-    """Return one of each node."""
+    """Return one of each node, without the plant where a driver stands in for it."""
+    recorder = BagRecorder()
+    plant = [PlantSimulator()] if recorder.settings["with_plant"] else []
     return [
-        BagRecorder(),
+        recorder,
         TrajectoryPublisher(),
         PositionControllerNode(),
         PressureControllerNode(EXTENSOR),
         PressureControllerNode(FLEXOR),
         InverseValveModelNode(),
-        PlantSimulator(),
+        *plant,
     ]
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -22,8 +23,9 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
-from pam_orthosis.bag.topics import BY_NAME, is_health_instant
+from pam_orthosis.bag.topics import PLANT, is_health_instant, table
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import messages
@@ -35,14 +37,19 @@ from pam_orthosis.nodes.supervisor import ERROR_PREFIX, HEARTBEAT_VARIABLE
 HEARTBEAT_SECONDS = 0.1
 PEER_POLL_SECONDS = 0.02
 PEER_REPORT_SECONDS = 5.0
+MODE = {
+    "realtime": Setting(False, "samples come by the wall clock; otherwise in lockstep with the voltages"),
+    "with_plant": Setting(True, "the emulated hardware takes part; otherwise a driver stands in for it"),
+}
 
 
-def qos(depth: int = 10, latched: bool = False) -> QoSProfile:
-    """Return the quality of service of every topic: reliable, keep last."""
+def qos(depth: int = 10, latched: bool = False, reliable: bool = True) -> QoSProfile:
+    """Return the quality of service of a topic: keep last; volatile and reliable if not said otherwise."""
+    reliability = QoSReliabilityPolicy.RELIABLE if reliable else QoSReliabilityPolicy.BEST_EFFORT
     return QoSProfile(
         history=QoSHistoryPolicy.KEEP_LAST,
         depth=depth,
-        reliability=QoSReliabilityPolicy.RELIABLE,
+        reliability=reliability,
         durability=QoSDurabilityPolicy.TRANSIENT_LOCAL if latched else QoSDurabilityPolicy.VOLATILE,
     )
 
@@ -72,27 +79,31 @@ class GraphNode(Node):
 
     def __init__(self, name: str, settings: Mapping[str, Setting] | None = None, role: str | None = None):
         super().__init__(name)
-        self.settings = declare_settings(self, settings or {})
+        self.settings = declare_settings(self, {**(settings or {}), **MODE})
+        self.realtime = self.settings["realtime"]
+        self.topics = table(self.realtime, self.settings["with_plant"])
         self.role = (role or name).format(**self.settings)
         spec = LAYOUT[self.role]
         self.parameters = declare_rows(self, spec.branches, spec.live)
         self._changed: dict[str, Any] = {}
         take_changes(self, spec.live, self._take_changes)
         self.period_ns = round(self.parameters.scenario.control_period * 1e9)
+        self._origin_ns: int | None = None
         self.time_ns = 0
         self.ready = False
         self.ended = False
+        self._ages = Ages(self.period_ns)
         self._peers: dict[str, Callable[[], bool]] = {}
         self._diagnostics = self.publish_to("diagnostics")
         self._ready = self.publish_to("ready", latched=True)
-        if self.role in BY_NAME["end"].consumers:
+        if self.role in self.topics["end"].consumers:
             self.listen_to("end", self.on_end)
         self._reported = time.monotonic()
         self._barrier = self.create_timer(PEER_POLL_SECONDS, self._wait_for_peers)
 
     def publish_to(self, topic: str, latched: bool = False) -> Publisher:
         """Create a publisher of the table, and wait for its subscribers before the start."""
-        entry = BY_NAME[topic]
+        entry = self.topics[topic]
         publisher = self.create_publisher(message_class(entry.type), topic, qos(latched=latched))
         count = len(entry.subscribers)
         self._peers[f"a listener on {topic}"] = lambda: publisher.get_subscription_count() >= count
@@ -101,9 +112,13 @@ class GraphNode(Node):
     def listen_to(self, topic: str, callback: Callable, **options: Any) -> Subscription:
         """Subscribe to a topic of the table, and wait for its publishers before the start.
 
-        Options are `depth`, `latched` (quality of service) and `raw` (serialised messages).
+        Options are `depth`, `latched` (quality of service) and `raw` (serialised messages). In real
+        time the measurements are taken as they come, as from any sensor, once all peers are there.
         """
-        entry, raw = BY_NAME[topic], options.pop("raw", False)
+        entry, raw = self.topics[topic], options.pop("raw", False)
+        if self.realtime and entry.rate == "step":
+            callback = self._once_ready(callback)
+            options["reliable"] = PLANT not in entry.producers
         subscription = self.create_subscription(
             message_class(entry.type), topic, callback, qos(**options), raw=raw
         )
@@ -120,11 +135,31 @@ class GraphNode(Node):
             self.listen_to(topic, _adder(join, topic))
         return join
 
+    def offer(self, service: str, act: Callable[[], str]) -> None:
+        """Offer a std_srvs/Trigger; `act` returns what it did, or raises OrthosisError to refuse."""
+
+        def answer(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            try:
+                response.message, response.success = act(), True
+            except OrthosisError as error:
+                response.message, response.success = str(error), False
+            self.get_logger().info(f"{service}: {response.message}")
+            return response
+
+        self.create_service(Trigger, service, answer)
+
     def step_done(self, stamp_ns: int) -> None:
         """Note that the step of an instant is computed; report health once a second."""
-        self.time_ns = stamp_ns
+        self._origin_ns = stamp_ns if self._origin_ns is None else self._origin_ns
+        self.time_ns = stamp_ns - self._origin_ns
+        if self.realtime:
+            self._ages.add(self.now_ns() - stamp_ns)
         if is_health_instant(stamp_ns, self.period_ns):
             self._report_health(stamp_ns)
+
+    def now_ns(self) -> int:
+        """Return the present time of the node's clock."""
+        return self.get_clock().now().nanoseconds
 
     def started(self) -> None:
         """Do what is due when all peers are there."""
@@ -156,8 +191,14 @@ class GraphNode(Node):
 
     def _report_health(self, stamp_ns: int) -> None:
         told = {"set_while_running": _told(self._changed)} if self._changed else {}
-        figures = {**self.figures(), **told}
-        self._diagnostics.publish(messages.diagnostics(stamp_ns, self.role, self.health(), figures))
+        health, figures = self.health(), {**self.figures(), **told}
+        if self.realtime:
+            health["missed_deadlines"] = self._ages.missed
+            figures |= self._ages.figures()
+        self._diagnostics.publish(messages.diagnostics(stamp_ns, self.role, health, figures))
+
+    def _once_ready(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+        return lambda message: callback(message) if self.ready else None
 
     def _wait_for_peers(self) -> None:
         missing = [peer for peer, there in self._peers.items() if not there()]
@@ -167,6 +208,9 @@ class GraphNode(Node):
                 self.get_logger().info(f"waiting for {', '.join(missing)}")
             return
         self._barrier.cancel()
+        if self.realtime:  # what is there now stays: the collector need not look through it in each pause
+            gc.collect()
+            gc.freeze()
         self.ready = True
         self._ready.publish(String(data=self.role))
         self.started()
@@ -178,6 +222,27 @@ def _told(values: Mapping[str, Any]) -> str:
 
 def _adder(join: Join, topic: str) -> Callable[[Any], None]:
     return lambda message: join.add(topic, messages.nanoseconds(message.header.stamp), message)
+
+
+class Ages:
+    """How old samples are when a node is done with them, since the last report, and how many were too old."""
+
+    def __init__(self, deadline_ns: int):
+        self._deadline_ns = deadline_ns
+        self._ages: list[int] = []
+        self.missed = 0
+
+    def add(self, age_ns: int) -> None:
+        """Count a sample."""
+        self._ages.append(age_ns)
+        self.missed += age_ns > self._deadline_ns
+
+    def figures(self) -> dict[str, float]:
+        """Return mean and largest age, ms, and begin anew."""
+        ages, self._ages = self._ages, []
+        if not ages:
+            return {}
+        return {"latency_mean_ms": sum(ages) / len(ages) / 1e6, "latency_max_ms": max(ages) / 1e6}
 
 
 class Heartbeat:

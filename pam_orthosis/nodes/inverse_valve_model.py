@@ -11,6 +11,7 @@ from sensor_msgs.msg import FluidPressure, JointState
 
 from pam_orthosis.bag.topics import VALVE
 from pam_orthosis.control.inverse_valve import InverseValveModel
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.nodes import graph, messages
 from pam_orthosis.nodes.join import Join
 
@@ -18,26 +19,50 @@ MUSCLES = ("extensor", "flexor")
 
 
 class InverseValveModelNode(graph.GraphNode):
-    """Publishes each step's voltage of each valve as soon as its own inputs are there."""
+    """Publishes each step's voltage of each valve as soon as its own inputs are there.
+
+    The service `emergency_stop` makes it vent both muscles, whatever is asked of it, until `reset`.
+    """
 
     def __init__(self) -> None:
         super().__init__(VALVE)
-        self._both = Join(MUSCLES, lambda stamp_ns, *_: self.step_done(stamp_ns))
+        self._venting = False
+        self.offer("emergency_stop", self._vent)
+        self.offer("reset", self._reset)
+        self._both = Join(MUSCLES, self._answered)
+        self._answer = self.publish_to("answered") if self.realtime else None
         self._joins = [
             self.join_inputs((f"{muscle}/mass_flow", f"{muscle}/pressure"), self._step(muscle))
             for muscle in MUSCLES
         ]
 
     def health(self) -> dict[str, Any]:
-        """Count lost inputs."""
-        return {"dropped_inputs": sum(join.dropped for join in self._joins)}
+        """Count lost inputs; tell of an emergency stop."""
+        dropped = sum(join.dropped for join in self._joins)
+        return {"dropped_inputs": dropped, "emergency_stop": self._venting}
+
+    def _vent(self) -> str:
+        self._venting = True
+        return "both muscles are vented until reset"
+
+    def _reset(self) -> str:
+        if not self._venting:
+            raise OrthosisError("there is no emergency stop to reset")
+        self._venting = False
+        return "the valves follow their controllers again"
+
+    def _answered(self, stamp_ns: int, *_: float) -> None:
+        if self._answer:
+            self._answer.publish(messages.time_reference(stamp_ns, self.now_ns()))
+        self.step_done(stamp_ns)
 
     def _step(self, muscle: str) -> Callable[[int, JointState, FluidPressure], None]:
-        model = InverseValveModel(self.parameters)
+        model, vent = InverseValveModel(self.parameters), self.parameters.valve.minimum_voltage
         publisher = self.publish_to(f"{muscle}/valve_voltage")
 
         def step(stamp_ns: int, flow: JointState, pressure: FluidPressure) -> None:
-            voltage = model.step(flow.velocity[0], pressure.fluid_pressure)
+            asked = model.step(flow.velocity[0], pressure.fluid_pressure)
+            voltage = vent if self._venting else asked
             publisher.publish(messages.joint_state(stamp_ns, [f"{muscle}_valve"], effort=[voltage]))
             self._both.add(muscle, stamp_ns, voltage)
 

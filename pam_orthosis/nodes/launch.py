@@ -10,11 +10,11 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
-from pam_orthosis.bag.topics import RECORDER
+from pam_orthosis.bag.topics import PLANT, RECORDER
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, config_folder
 from pam_orthosis.nodes.layout import LAYOUT, NodeSpec
@@ -24,23 +24,34 @@ DOMAINS = range(102)  # higher ids use ports that the system hands out to anybod
 PROFILE = "loopback.xml"
 
 
+class Mode(NamedTuple):
+    """How a run is made: one process or many, by the wall clock or in lockstep, emulated or real leg."""
+
+    composed: bool = False
+    realtime: bool = False
+    with_plant: bool = True
+
+
 def commands(
-    work: Path, parameters: Parameters, bag: Path, scenario: str, composed: bool
+    work: Path, parameters: Parameters, bag: Path, scenario: str, mode: Mode
 ) -> dict[str, list[str]]:
     """Write a parameter file for each node into `work`; return process name -> command line.
 
     A node's file holds its own section, and in it the branches of the tree that it may know.
     """
     files = {}
-    for spec in LAYOUT.values():
-        extra = {"directory": str(bag), "scenario_name": scenario} if spec.name == RECORDER else {}
+    specs = [spec for spec in LAYOUT.values() if mode.with_plant or spec.name != PLANT]
+    for spec in specs:
+        extra = {"realtime": mode.realtime, "with_plant": mode.with_plant}
+        if spec.name == RECORDER:
+            extra |= {"directory": str(bag), "scenario_name": scenario}
         files[spec.name] = work / f"{spec.name}.yaml"
         files[spec.name].write_text(_section(spec, parameters, extra))
-    if composed:
+    if mode.composed:
         return {COMPOSED: _command(COMPOSED, *files.values())}
     return {
         spec.name: [*_command(spec.executable, files[spec.name]), "-r", f"__node:={spec.name}"]
-        for spec in LAYOUT.values()
+        for spec in specs
     }
 
 
@@ -54,6 +65,11 @@ def environment(work: Path, domain: int) -> dict[str, str]:
         "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
         "ROS_LOG_DIR": str(work / "ros"),
     }
+
+
+def open_environment(work: Path) -> dict[str, str]:
+    """Return the environment of nodes that others shall find: ROS settings as they are, logs in `work`."""
+    return {**os.environ, "ROS_LOG_DIR": str(work / "ros")}
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
-from sensor_msgs.msg import FluidPressure, JointState
+from sensor_msgs.msg import FluidPressure, JointState, TimeReference
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -55,6 +55,11 @@ def fluid_pressure(stamp_ns: int, muscle: str, pressure: float, variance: float 
     return FluidPressure(
         header=header(stamp_ns, f"{muscle}_muscle"), fluid_pressure=pressure, variance=variance
     )
+
+
+def time_reference(stamp_ns: int, at_ns: int) -> TimeReference:
+    """Return the instant at which something happened to the sample of a stamp."""
+    return TimeReference(header=header(stamp_ns), time_ref=time(at_ns), source="system clock")
 
 
 def torque(stamp_ns: int, value: float) -> WrenchStamped:

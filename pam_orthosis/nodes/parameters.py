@@ -21,7 +21,7 @@ _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 class Setting(NamedTuple):
     """A node's own parameter: default, meaning and, for texts, the choice that there is."""
 
-    default: float | str
+    default: float | str | bool
     meaning: str
     options: tuple[str, ...] = ()
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import sys
 
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
 
 from pam_orthosis.bag.topics import TRAJECTORY
 from pam_orthosis.control.trajectory import Trajectory, make_trajectory
@@ -15,7 +16,12 @@ from pam_orthosis.nodes import graph, messages
 
 
 class TrajectoryPublisher(graph.GraphNode):
-    """On the clock of step k, publishes the reference of step k + 1 (at first that of k too)."""
+    """On the clock of step k, publishes the reference of step k + 1 (at first that of k too).
+
+    The clock is `/clock` in lockstep and the sample of the knee angle in real time, so that reference
+    and sample carry the same stamps without two timers that drift apart. The services `start` and
+    `stop` begin the motion anew and bring it to rest.
+    """
 
     def __init__(self) -> None:
         super().__init__(TRAJECTORY)
@@ -23,11 +29,28 @@ class TrajectoryPublisher(graph.GraphNode):
         self._first_ns = 0
         self._next_ns: int | None = None
         self._reference = self.publish_to("reference")
-        self.listen_to("/clock", self._on_clock)
+        self.offer("start", self._start)
+        self.offer("stop", self._stop)
+        if self.realtime:
+            self.listen_to("joint_states", self._on_sample)
+        else:
+            self.listen_to("/clock", self._on_clock)
 
     def retune(self, parameters: Parameters) -> None:
         """Pass smoothly to a new cycle time."""
         self._changeable().set_cycle_time(self._ahead_ns(), parameters.scenario.cycle_time)
+
+    def _start(self) -> str:
+        if not self._changeable().stopped:
+            raise OrthosisError("the knee is moving already")
+        self._changeable().go_on(self._ahead_ns())
+        return f"moving within {self.parameters.scenario.start_ramp:g} s"
+
+    def _stop(self) -> str:
+        if self._changeable().stopped:
+            raise OrthosisError("the knee has been stopped already")
+        self._changeable().stop(self._ahead_ns())
+        return f"at rest within {self.parameters.scenario.start_ramp:g} s"
 
     def _changeable(self) -> Trajectory:
         if not isinstance(self._trajectory, Trajectory):
@@ -39,7 +62,12 @@ class TrajectoryPublisher(graph.GraphNode):
         return (self._next_ns or 0) - self._first_ns
 
     def _on_clock(self, message: Clock) -> None:
-        now_ns = messages.nanoseconds(message.clock)
+        self._tick(messages.nanoseconds(message.clock))
+
+    def _on_sample(self, message: JointState) -> None:
+        self._tick(messages.nanoseconds(message.header.stamp))
+
+    def _tick(self, now_ns: int) -> None:
         if self._next_ns is None:
             self._first_ns = self._next_ns = now_ns
         while self._next_ns <= now_ns + self.period_ns:

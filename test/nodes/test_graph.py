@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from pam_orthosis.bag.read import read_bag
-from pam_orthosis.bag.topics import NODES, RECORDED, RECORDER, TOPICS, resolve
+from pam_orthosis.bag.topics import NODES, RECORDED, RECORDER, resolve, table
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model.parameters import load
@@ -107,7 +107,7 @@ def test_the_live_graph_is_the_table(live_run, monkeypatch):
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=int(environment["ROS_DOMAIN_ID"]))
     node = rclpy.create_node("observer_of_the_test", context=context)
-    expected = {t.name: (sorted(t.producers), sorted(t.subscribers)) for t in TOPICS}
+    expected = {t.name: (sorted(t.producers), sorted(t.subscribers)) for t in table().values()}
     try:
         wait_for(lambda: _all_discovered(_seen(node), expected))
         assert _seen(node) == expected
@@ -124,7 +124,7 @@ def _seen(node):
             sorted(end.node_name for end in ends(resolve(topic.name)))
             for ends in (node.get_publishers_info_by_topic, node.get_subscriptions_info_by_topic)
         )
-        for topic in TOPICS
+        for topic in table().values()
     }
 
 

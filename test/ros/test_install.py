@@ -21,6 +21,7 @@ EXECUTABLES = {
     "pressure_controller",
     "inverse_valve_model",
     "bag_recorder",
+    "dummy_driver",
     "run",
 }
 LIMIT_S = 300.0
@@ -71,7 +72,11 @@ def test_package_xml_names_every_message_package_that_is_imported():
     package = parse_package(str(ROOT / "package.xml"))
     named = {dependency.name for dependency in package.exec_depends}
     text = "".join(path.read_text() for path in (ROOT / "pam_orthosis" / "nodes").glob("*.py"))
-    imported = {line.split()[1].split(".")[0] for line in text.splitlines() if ".msg import" in line}
+    imported = {
+        line.split()[1].split(".")[0]
+        for line in text.splitlines()
+        if ".msg import" in line or ".srv import" in line
+    }
     assert imported | {"rclpy"} <= named
 
 

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How fast a run in real time answered its samples, from its bag alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from pam_orthosis.bag.topics import SECOND_NS, resolve
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Latency: from the instant of a sample until the voltages that answer it leave.
+
+    `missed_deadlines` counts samples answered later than one period, or never.
+    """
+
+    samples: int
+    deadline_ms: float
+    missed_deadlines: int
+    latency_median_ms: float
+    latency_p99_ms: float
+    latency_max_ms: float
+
+
+def timing(path: Path, namespace: str = "") -> Timing | None:
+    """Return the timing of a bag that can be read; None if it is of no run in real time."""
+    samples, _ = _instants(path, resolve("joint_states", namespace))
+    answers, left = _instants(path, resolve("answered", namespace))
+    if len(samples) < 2 or not len(answers):
+        return None
+    return judge_timing(samples, dict(zip(answers.tolist(), left.tolist(), strict=True)))
+
+
+def judge_timing(samples: np.ndarray, answered: dict[int, int]) -> Timing:
+    """Return the timing of samples (n,) ns, n > 1, with stamp -> instant of the answer, ns."""
+    period_ns = int(np.median(np.diff(samples)))
+    latency = np.array([answered[stamp] - stamp for stamp in samples.tolist() if stamp in answered])
+    missed = len(samples) - np.count_nonzero(latency <= period_ns)
+    median, p99 = np.percentile(latency, [50, 99]) if len(latency) else (np.nan, np.nan)
+    return Timing(
+        samples=len(samples),
+        deadline_ms=period_ns / 1e6,
+        missed_deadlines=int(missed),
+        latency_median_ms=float(median) / 1e6,
+        latency_p99_ms=float(p99) / 1e6,
+        latency_max_ms=float(latency.max()) / 1e6 if len(latency) else np.nan,
+    )
+
+
+def _instants(path: Path, topic: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return stamps, ns, and the instants that the messages name, or else their stamps again."""
+    rows = []
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        connections = [connection for connection in reader.connections if connection.topic == topic]
+        # without a connection the reader would give every message there is
+        for connection, _, data in reader.messages(connections) if connections else ():
+            message = reader.deserialize(data, connection.msgtype)
+            stamp = message.header.stamp
+            rows.append([_ns(stamp), _ns(getattr(message, "time_ref", stamp))])
+    table = np.array(sorted(rows), dtype=np.int64).reshape(-1, 2)
+    return table[:, 0], table[:, 1]
+
+
+def _ns(stamp) -> int:
+    return stamp.sec * SECOND_NS + stamp.nanosec

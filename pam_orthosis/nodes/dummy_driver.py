@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node: an example of a hardware driver for `run --realtime --no-plant`; docs/ros.md has the contract.
+
+It stands alone, as a driver outside this package does. Replace `EmulatedHardware` by calls to the
+devices; the rest is what the controllers expect of any driver.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import FluidPressure, JointState
+
+from pam_orthosis.model.parameters import load
+from pam_orthosis.model.plant import Plant
+from pam_orthosis.nodes import messages
+
+MUSCLES = ("extensor", "flexor")
+SILENCE_PERIODS = 20
+SPIN_SECONDS = 0.2  # the events executor dispatches nothing without a time-out
+
+
+class EmulatedHardware:
+    """Stands for the devices: sensors that can be read, valves that take voltages."""
+
+    def __init__(self) -> None:
+        parameters = load()
+        self.period_ns = round(parameters.scenario.control_period * 1e9)
+        self.vent_voltage = parameters.valve.minimum_voltage
+        self.closed_voltage = parameters.valve.closed_voltage
+        self._plant = Plant(parameters)
+
+    def read(self) -> tuple[float, float, float]:
+        """Return knee angle, rad, and absolute pressures of extensor and flexor, Pa."""
+        return tuple(self._plant.measure())
+
+    def write(self, extensor_voltage: float, flexor_voltage: float) -> None:
+        """Set both valves; here one period passes with that."""
+        self._plant.advance(extensor_voltage, flexor_voltage)
+
+
+class DummyDriver(Node):
+    """Publishes a sample each period; sets the valves to the newest voltages, vents if none come."""
+
+    def __init__(self) -> None:
+        super().__init__("dummy_driver")
+        self._hardware = EmulatedHardware()
+        self._joint = self.create_publisher(JointState, "joint_states", qos_profile_sensor_data)
+        self._pressure = {
+            muscle: self.create_publisher(FluidPressure, f"{muscle}/pressure", qos_profile_sensor_data)
+            for muscle in MUSCLES
+        }
+        self._voltage = dict.fromkeys(MUSCLES, self._hardware.closed_voltage)
+        self._silent: int | None = None  # samples since the last voltage; none has come yet
+        for muscle in MUSCLES:
+            self.create_subscription(JointState, f"{muscle}/valve_voltage", self._receiver(muscle), 10)
+        self._first_ns, self._taken = self.get_clock().now().nanoseconds, 0
+        self.create_timer(self._hardware.period_ns * 1e-9, self._tick)
+
+    def _receiver(self, muscle: str):
+        def receive(message: JointState) -> None:
+            self._voltage[muscle] = message.effort[0]
+            self._silent = 0
+
+        return receive
+
+    def _tick(self) -> None:
+        """Take as many samples as are due, so that there is one for every stamp."""
+        elapsed = self.get_clock().now().nanoseconds - self._first_ns
+        while self._taken * self._hardware.period_ns <= elapsed:
+            self._sample(self._first_ns + self._taken * self._hardware.period_ns)
+            self._taken += 1
+
+    def _sample(self, stamp_ns: int) -> None:
+        angle, *pressures = self._hardware.read()
+        self._joint.publish(messages.joint_state(stamp_ns, ["knee"], position=[angle]))
+        for muscle, pressure in zip(MUSCLES, pressures, strict=True):
+            self._pressure[muscle].publish(messages.fluid_pressure(stamp_ns, muscle, pressure))
+        self._hardware.write(*self._wanted())
+
+    def _wanted(self) -> list[float]:
+        """Return the newest voltages, or those of the vent when the controllers have fallen silent."""
+        if self._silent is not None:
+            self._silent += 1
+            if self._silent > SILENCE_PERIODS:
+                return [self._hardware.vent_voltage] * len(MUSCLES)
+        return list(self._voltage.values())
+
+
+def main() -> int:
+    """Run the driver until SIGINT or SIGTERM."""
+    rclpy.init(args=sys.argv)
+    executor = EventsExecutor()
+    executor.add_node(DummyDriver())
+    try:
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=SPIN_SECONDS)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

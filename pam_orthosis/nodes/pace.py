@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When the emulated hardware takes its next step: in lockstep with the answers, or by the wall clock."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+from builtin_interfaces.msg import Time
+from sensor_msgs.msg import JointState
+
+from pam_orthosis.bag.topics import BY_NAME
+from pam_orthosis.errors import RunFailed
+from pam_orthosis.nodes import messages
+
+if TYPE_CHECKING:
+    from pam_orthosis.nodes.plant_simulator import PlantSimulator
+
+INPUTS = ("extensor/valve_voltage", "flexor/valve_voltage")
+MAX_UNRECORDED_STEPS = 100
+WATCH_SECONDS = 0.25
+
+
+class Lockstep:
+    """Step k is over when both its voltages are there: the result does not depend on the machine's load.
+
+    It stays at most `MAX_UNRECORDED_STEPS` ahead of the recorder, which ends the run after the last.
+    """
+
+    def __init__(self, plant: PlantSimulator):
+        self._plant = plant
+        steps = round(plant.parameters.scenario.duration * 1e9 / plant.period_ns)
+        self._last_ns = (steps - 1) * plant.period_ns
+        self._stamp_ns = 0
+        self._recorded_ns = -1
+        self._waits = False
+        self._begun = False
+        self._progress = time.monotonic()
+        self._join = plant.join_inputs(INPUTS, self._answered)
+        plant.listen_to("recorded", self._on_recorded)
+        plant.create_timer(WATCH_SECONDS, self._watch)
+
+    def begin(self) -> None:
+        """Take the first step."""
+        self._begun = True
+        self._publish()
+
+    def health(self) -> dict[str, int]:
+        """Count lost inputs."""
+        return {"dropped_inputs": self._join.dropped}
+
+    def _publish(self) -> None:
+        self._progress = time.monotonic()
+        self._plant.publish_sample(self._stamp_ns)
+
+    def _answered(self, stamp_ns: int, extensor: JointState, flexor: JointState) -> None:
+        self._plant.advance(extensor.effort[0], flexor.effort[0])
+        self._plant.step_done(stamp_ns)
+        self._progress = time.monotonic()
+        self._stamp_ns += self._plant.period_ns
+        self._waits = True
+        self._go_on()
+
+    def _on_recorded(self, message: Time) -> None:
+        self._recorded_ns = messages.nanoseconds(message)
+        self._go_on()
+
+    def _go_on(self) -> None:
+        """Take the next step, if there is one, when the recorder is near enough."""
+        near = self._stamp_ns - self._recorded_ns <= MAX_UNRECORDED_STEPS * self._plant.period_ns
+        if self._waits and self._stamp_ns <= self._last_ns and near:
+            self._waits = False
+            self._publish()
+
+    def _watch(self) -> None:
+        """Fail, naming what is missing, when nothing has moved for too long."""
+        limit = self._plant.settings["answer_timeout"]
+        if not self._begun or self._plant.ended or time.monotonic() - self._progress < limit:
+            return
+        at = f"at {self._stamp_ns / 1e9:.3f} s for {limit:g} s"
+        if self._waits:
+            raise RunFailed(f"plant_simulator waited {at}: bag_recorder does not keep up")
+        topics = self._join.missing(self._stamp_ns)
+        producers = {name for topic in topics for name in BY_NAME[topic].producers}
+        raise RunFailed(
+            f"plant_simulator waited {at}: {' and '.join(topics)} did not come from"
+            f" {' and '.join(sorted(producers))}"
+        )
+
+
+class RealTime:
+    """A sample each period of the wall clock; over each period act the last voltages that have come.
+
+    An answer that comes before the next sample acts over its whole period, as in lockstep: a run
+    without a missed deadline gives the numbers of lockstep. Samples that are overdue, because the
+    machine was busy, are made up for at once, so that there is one for every stamp.
+    """
+
+    def __init__(self, plant: PlantSimulator):
+        self._plant = plant
+        self._first_ns = 0
+        self._taken = 0
+        self._late = 0
+        self._answered_ns = dict.fromkeys(INPUTS, 0)
+        self._voltages = dict.fromkeys(INPUTS, plant.parameters.valve.closed_voltage)
+        for topic in INPUTS:
+            plant.listen_to(topic, self._receiver(topic))
+
+    def begin(self) -> None:
+        """Start the timer."""
+        self._plant.create_timer(self._plant.period_ns * 1e-9, self._tick)
+
+    def health(self) -> dict[str, int]:
+        """Count samples whose answer was not there at the next one."""
+        return {"late_answers": self._late}
+
+    def _receiver(self, topic: str) -> Any:
+        def receive(message: JointState) -> None:
+            self._voltages[topic] = message.effort[0]
+            self._answered_ns[topic] = messages.nanoseconds(message.header.stamp)
+
+        return receive
+
+    def _tick(self) -> None:
+        now_ns, period_ns = self._plant.now_ns(), self._plant.period_ns
+        self._first_ns = self._first_ns or now_ns
+        due = (now_ns - self._first_ns + period_ns // 2) // period_ns + 1  # the nearest: timers jitter
+        while self._taken < due and not self._plant.ended:
+            self._sample(self._first_ns + self._taken * period_ns)
+            self._taken += 1
+
+    def _sample(self, stamp_ns: int) -> None:
+        if self._taken:
+            self._late += min(self._answered_ns.values()) < stamp_ns - self._plant.period_ns
+            self._plant.advance(*self._voltages.values())
+        self._plant.publish_sample(stamp_ns)
+        self._plant.step_done(stamp_ns)

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Latency and missed deadlines from stamps."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pam_orthosis.bag.timing import judge_timing, timing
+from pam_orthosis.bag.topics import PLANT, TRAJECTORY, table
+
+ROOT = Path(__file__).resolve().parents[2]
+MS = 1_000_000
+
+
+def test_late_and_absent_answers_are_missed_deadlines():
+    samples = 5 * MS * np.arange(10)
+    answered = {stamp: stamp + 2 * MS for stamp in samples.tolist()}
+    answered[20 * MS] = 26 * MS
+    del answered[25 * MS]
+    result = judge_timing(samples, answered)
+    assert (result.samples, result.deadline_ms, result.missed_deadlines) == (10, 5.0, 2)
+    assert (result.latency_median_ms, result.latency_max_ms) == (2.0, 6.0)
+
+
+def test_a_run_in_lockstep_has_no_timing():
+    assert timing(ROOT / "bags" / "walk") is None
+
+
+@pytest.mark.parametrize("with_plant", [True, False])
+def test_in_real_time_samples_drive_the_trajectory_and_answers_are_told(with_plant):
+    topics = table(realtime=True, with_plant=with_plant)
+    assert "/clock" not in topics
+    assert TRAJECTORY in topics["joint_states"].consumers
+    assert ("truth" in topics) == with_plant
+    assert topics["joint_states"].producers == (PLANT,)
+    assert (PLANT in topics["diagnostics"].producers) == with_plant
+    assert "answered" in topics
+    assert "answered" not in table()

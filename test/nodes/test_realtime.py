@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Real time: what depends on no machine's speed."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from pam_orthosis.bag.read import read_bag
+from pam_orthosis.bag.topics import resolve, table
+from pam_orthosis.model.parameters import config_folder, load
+
+pytest.importorskip("rclpy")
+# a period that a busy machine keeps too, most of the time
+SLOW = ["--param", "scenario.control_period=0.04", "--param", "scenario.trajectory=hold"]
+PERIOD_NS = 40_000_000
+GENTLE = ["--param", "control.position.c1=5", "--param", "control.position.c2=5"]
+GENTLE += ["--param", "control.observer.pole=15", "--param", "control.pressure.gain=8"]
+
+
+class FakePlant:
+    """What `RealTime` needs of its node, and a clock that the test sets."""
+
+    period_ns = 5_000_000
+
+    def __init__(self):
+        self.parameters = load()
+        self.ended = False
+        self.now = 1_000_000_000
+        self.receivers, self.samples, self.applied = {}, [], []
+
+    def listen_to(self, topic, callback):
+        self.receivers[topic] = callback
+
+    def create_timer(self, period_s, callback):
+        self.tick = callback
+
+    def now_ns(self):
+        return self.now
+
+    def publish_sample(self, stamp_ns):
+        self.samples.append(stamp_ns)
+
+    def step_done(self, stamp_ns):
+        pass
+
+    def advance(self, *voltages):
+        self.applied.append(voltages)
+
+    def answer(self, voltage, stamp_ns):
+        from pam_orthosis.nodes import messages
+
+        for receive in self.receivers.values():
+            receive(messages.joint_state(stamp_ns, ["valve"], effort=[voltage]))
+
+
+@pytest.fixture
+def plant():
+    from pam_orthosis.nodes.pace import RealTime
+
+    plant = FakePlant()
+    plant.pace = RealTime(plant)
+    plant.pace.begin()
+    plant.tick()
+    return plant
+
+
+def test_an_answer_in_time_acts_over_its_own_period(plant):
+    plant.answer(6.0, plant.samples[0])
+    plant.now += plant.period_ns
+    plant.tick()
+    assert plant.applied == [(6.0, 6.0)]
+    assert plant.pace.health() == {"late_answers": 0}
+
+
+def test_without_an_answer_the_valves_stay_and_it_is_counted(plant):
+    plant.now += plant.period_ns
+    plant.tick()
+    closed = load().valve.closed_voltage
+    assert plant.applied == [(closed, closed)]
+    assert plant.pace.health() == {"late_answers": 1}
+
+
+def test_jitter_costs_no_sample_and_a_pause_is_made_up_for(plant):
+    first = plant.samples[0]
+    for jitter in (-2_000_000, 1_500_000, 0):
+        plant.now += plant.period_ns
+        late, plant.now = plant.now, plant.now + jitter
+        plant.tick()
+        plant.now = late
+    assert plant.samples == [first + k * plant.period_ns for k in range(4)]
+    plant.now += 10 * plant.period_ns
+    plant.tick()
+    assert plant.samples == [first + k * plant.period_ns for k in range(14)]
+
+
+def test_a_node_counts_samples_that_it_finished_too_late():
+    from pam_orthosis.nodes.graph import Ages
+
+    ages = Ages(5_000_000)
+    for age in (1_000_000, 2_000_000, 6_000_000):
+        ages.add(age)
+    assert ages.missed == 1
+    assert ages.figures() == {"latency_mean_ms": 3.0, "latency_max_ms": 6.0}
+    assert ages.figures() == {}
+
+
+def _spacing(bag):
+    return np.diff(read_bag(bag, ["angle"])["angle"].stamp_ns)
+
+
+@pytest.mark.parametrize("layout", [[], ["--composed"]])
+def test_a_run_by_the_wall_clock_tells_its_timing(run_graph, layout):
+    done, bag = run_graph("--realtime", "--duration", "2", *SLOW, *GENTLE, *layout, "--json")
+    assert done.returncode in (0, 1), done.stderr  # tracking depends on the machine's load
+    timing = json.loads(done.stdout)["timing"]
+    assert timing["deadline_ms"] == 40.0
+    assert 0.0 < timing["latency_median_ms"] <= timing["latency_max_ms"]
+    assert timing["samples"] == 50
+    assert set(_spacing(bag)) == {PERIOD_NS}
+    with AnyReader([bag]) as reader:
+        there = {connection.topic for connection in reader.connections}
+    assert there == {resolve(topic.name) for topic in table(realtime=True).values() if topic.recorded}
+
+
+def test_a_driver_stands_in_for_the_plant(run_graph, monkeypatch):
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_folder() / "loopback.xml"))
+    monkeypatch.setenv("ROS_DOMAIN_ID", "57")
+    driver = subprocess.Popen([sys.executable, "-m", "pam_orthosis.nodes.dummy_driver"])
+    try:
+        done, bag = run_graph("--realtime", "--no-plant", "--duration", "2", "--json")
+    finally:
+        driver.terminate()
+    assert driver.wait(30) == 0
+    assert done.returncode in (0, 1), done.stderr
+    timing = json.loads(done.stdout)["timing"]
+    assert timing["samples"] > 200
+    with AnyReader([bag]) as reader:
+        there = {connection.topic for connection in reader.connections}
+    assert "/truth" not in there
+    assert "/extensor/valve_voltage" in there
+
+
+def test_hardware_is_not_for_lockstep(run_graph):
+    done, _ = run_graph("--no-plant")
+    assert done.returncode == 2
+    assert "--realtime" in done.stderr

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Start, stop, emergency stop and reset in a running graph, seen in its bag."""
+
+import os
+
+import numpy as np
+import pytest
+from conftest import wait_for
+
+from pam_orthosis.bag.read import read_bag
+from pam_orthosis.model.parameters import load
+
+rclpy = pytest.importorskip("rclpy")
+
+
+class Caller:
+    """A ROS node of somebody else: calls services and sets parameters of a running graph."""
+
+    def __init__(self, domain):
+        from rclpy.experimental import EventsExecutor
+
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self.node = rclpy.create_node("caller", context=self._context)
+        self._executor = EventsExecutor(context=self._context)
+        self._executor.add_node(self.node)
+
+    def call(self, name, kind, request):
+        """Call a service; return its response."""
+        client = self.node.create_client(kind, name)
+        assert client.wait_for_service(timeout_sec=30)
+        future = client.call_async(request)
+        self._executor.spin_until_future_complete(future, timeout_sec=30)
+        assert future.done()
+        return future.result()
+
+    def trigger(self, name):
+        from std_srvs.srv import Trigger
+
+        return self.call(name, Trigger, Trigger.Request())
+
+    def set(self, node, key, value):
+        """Set a parameter of a node; return the result."""
+        from rcl_interfaces.srv import SetParameters
+
+        parameter = rclpy.parameter.Parameter(key, value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[parameter])
+        return self.call(f"{node}/set_parameters", SetParameters, request).results[0]
+
+    def close(self):
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+
+@pytest.fixture
+def caller(monkeypatch):
+    from pam_orthosis.model.parameters import config_folder
+
+    domain = 60 + os.getpid() % 40
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_folder() / "loopback.xml"))
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    caller = Caller(domain)
+    yield caller
+    caller.close()
+
+
+def _more(run, count=200):
+    """Wait until so many more messages of the angle are recorded."""
+    before = os.path.getsize(next(run.bag.glob("*.mcap")))
+    wait_for(lambda: os.path.getsize(next(run.bag.glob("*.mcap"))) > before + 150 * count)
+
+
+def test_services_and_live_parameters_act_in_a_running_graph(caller, live_run):
+    run = live_run("--open", "--composed", "--param", "scenario.start_hold=0.0")
+    run.wait_until_it_records()
+    _more(run)
+    assert not caller.trigger("reset").success
+    assert caller.set("position_controller", "control.position.c1", 30.0).successful
+    assert "read-only" in caller.set("position_controller", "leg.shank.length", 0.4).reason
+    assert caller.trigger("stop").success
+    assert not caller.trigger("stop").success
+    _more(run, 1000)
+    assert caller.trigger("emergency_stop").success
+    _more(run)
+    assert caller.trigger("reset").success
+    assert caller.trigger("start").success
+    _more(run, 1000)
+    run.process.terminate()
+    run.ended()
+    _assert_story(run.bag)
+
+
+def _assert_story(bag):
+    """The reference moves, rests, moves; the muscles are vented once, both, without a gap."""
+    recorded = read_bag(bag, ["reference_velocity", "extensor_voltage", "flexor_voltage"])
+    speed = np.abs(recorded["reference_velocity"].value)
+    resting = np.flatnonzero(speed < 1e-9)
+    middle = resting[resting > np.flatnonzero(speed > 0.1)[0]]
+    assert len(middle)
+    assert speed[middle[-1] + 1 :].max() > 0.01
+    vent = load().valve.minimum_voltage
+    both = [np.flatnonzero(recorded[f"{m}_voltage"].value == vent) for m in ("extensor", "flexor")]
+    vented = np.intersect1d(*both)
+    longest = max(np.split(vented, np.flatnonzero(np.diff(vented) > 1) + 1), key=len)
+    assert len(longest) > 50
+    pressure = read_bag(bag, ["truth_extensor_pressure"])["truth_extensor_pressure"].value
+    assert pressure[longest[-1]] < 1.3 * load().valve.ambient_pressure
