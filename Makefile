@@ -4,7 +4,9 @@ PYTHON ?= python3
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: setup run test picture clean
+# blind cases for the gap workflow; resumable, hours: see benchmarks/bench_gap.py
+BENCH ?= bench_gap.jsonl
+.PHONY: bench-gap setup run test picture clean
 
 setup: $(READY)
 
@@ -23,6 +25,10 @@ test: setup
 
 picture: setup
 	$(BIN)/pam-orthosis report bags/walk --out docs/pictures
+
+bench-gap: setup
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_gap.py run --out $(BENCH)
+	$(BIN)/python benchmarks/bench_gap.py table $(BENCH)
 
 clean:
 	rm -rf $(VENV) build install log

@@ -98,16 +98,11 @@ class Projection:
         self.floor = self.cost({})
 
     def _assumptions(self) -> list[dict[str, float]]:
-        """Return combinations of scales: shapes of one equation share theirs, named ones are wide."""
+        """Return combinations of scales of the shape corrections that matter; named ones are wide."""
         system, replay = self.problem.system, self.problem.replay
-        groups = {}
-        for name in system.shapes:
-            groups.setdefault(min(replay.touched(name)), []).append(name)
-        fixed = {name: WIDE for name in system.shapes if name in self.base.effects}
-        return [
-            {**{n: s for group, s in zip(groups.values(), chosen, strict=True) for n in group}, **fixed}
-            for chosen in product(SHAPE_SCALES, repeat=len(groups))
-        ]
+        shapes = [name for name in system.shapes if replay.touched(name)]
+        options = [(WIDE,) if name in self.base.effects else SHAPE_SCALES for name in shapes]
+        return [dict(zip(shapes, chosen, strict=True)) for chosen in product(*options)]
 
     def level(self, scales: Mapping[str, float]) -> Level:
         """Return what the scales of the shape corrections' priors make of the base."""

@@ -267,12 +267,17 @@ def bounded_step(hessian, gradient, position, lower, upper, damping=0.0) -> np.n
     for _ in range(len(gradient) + 1):
         rest = ~active
         rhs = -(gradient[rest] + damped[np.ix_(rest, active)] @ step[active])
-        step[rest] = np.linalg.solve(damped[np.ix_(rest, rest)], rhs)
-        over = rest & ((position + step > upper + 1e-12) | (position + step < lower - 1e-12))
+        wanted = step.copy()
+        wanted[rest] = np.linalg.solve(damped[np.ix_(rest, rest)], rhs)
+        bound = np.where(wanted > step, upper, lower) - position
+        over = rest & (np.abs(wanted - step) > np.abs(bound - step) + 1e-12)
         if not over.any():
-            break
-        step[over] = np.clip(position + step, lower, upper)[over] - position[over]
-        active |= over
+            return wanted
+        # hold the one that meets its bound first: the others may then stay inside theirs
+        share = np.where(over, (bound - step) / np.where(over, wanted - step, 1.0), np.inf)
+        first = int(np.argmin(share))
+        step = np.where(active, step, step + share[first] * (wanted - step))
+        step[first], active[first] = bound[first], True
     return step
 
 

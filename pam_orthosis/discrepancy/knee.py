@@ -57,7 +57,7 @@ def knee(parameters, catalogue: Mapping | None = None) -> System:
         calibrations=_calibrations(belief),
         catalogue={name: effect for name, effect in known.items() if name not in present},
         assemble=lambda effects: _assemble(belief, effects, tables),
-        needs={"gas": ("extensor_voltage", "flexor_voltage")},
+        needs=dict.fromkeys(("gas", "valve", "supply"), ("extensor_voltage", "flexor_voltage")),
     )
 
 

@@ -181,8 +181,9 @@ def fitted_candidates(problem: Problem, base: Fit, most: int, bars, tell) -> lis
     `bars` is the evidence that each effect needs; one whose score is far below is not fitted.
     """
     projection = Projection(problem, base)
-    names = [name for name in problem.system.candidates if name not in base.effects]
-    shapes = [name for name in problem.system.shapes if name not in base.effects]
+    touched = problem.replay.touched
+    names = [name for name in problem.system.candidates if name not in base.effects and touched(name)]
+    shapes = [name for name in problem.system.shapes if name not in base.effects and touched(name)]
     tell(f"screening {len(names)} effects")
 
     def screen(name):

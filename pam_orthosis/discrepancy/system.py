@@ -7,7 +7,7 @@ the parameters as symbols; the engine cuts it into equations that are driven by 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -87,7 +87,7 @@ class System:
         catalogue: effects that may be missing.
         assemble: names of effects -> Assembled; parameters are the calibrations' deviations, then
             `EFFECT.PARAMETER` of each effect in the order given.
-        needs: equation -> recorded inputs without which it cannot be replayed.
+        needs: equation (also those that effects name) -> recorded inputs without which it cannot be judged.
     """
 
     name: str
@@ -100,9 +100,17 @@ class System:
     assemble: Callable[[tuple[str, ...]], Assembled]
     needs: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
-    def restricted(self, equations: tuple[Equation, ...]) -> System:
-        """Return the system with some of its equations only."""
-        return replace(self, equations=equations)
+    def without(self, lacking: Collection[str]) -> System:
+        """Return the system without equations and effects that need inputs which are lacking."""
+
+        def judged(name: str) -> bool:
+            return not set(lacking) & set(self.needs.get(name, ()))
+
+        return replace(
+            self,
+            equations=tuple(e for e in self.equations if judged(e.name)),
+            catalogue={name: effect for name, effect in self.catalogue.items() if judged(effect.equation)},
+        )
 
     @cached_property
     def shapes(self) -> tuple[str, ...]:

@@ -93,10 +93,10 @@ def find_gap(
 
 def _without(system: System, lacking: Sequence[str]) -> System:
     """Return the system without the equations that need inputs which were not recorded."""
-    kept = tuple(e for e in system.equations if not set(lacking) & set(system.needs.get(e.name, ())))
-    if not kept:
+    known = system.without(lacking)
+    if not known.equations:
         raise OrthosisError(f"no equation can be replayed without {', '.join(lacking)}")
-    return system.restricted(kept)
+    return known
 
 
 def _split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:

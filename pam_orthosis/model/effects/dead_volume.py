@@ -13,7 +13,7 @@ def _effect(muscle: str) -> Effect:
         physics=f"A longer hose, a fitting or a sensor cavity at the {muscle}: the same air changes the "
         "pressure less, and the muscle becomes a softer gas spring.",
         source="1 m of hose of 4 mm bore holds 12.6 cm^3, of 6 mm bore 28 cm^3",
-        minimum_effect=4.0e-6,
+        minimum_effect=1.2e-5,
         starts=({"volume": -1.0e-5},),
         coordinate=f"{muscle}_contraction",
         confounded_with=(f"{muscle}_valve_gain", "polytropic_exponent"),

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The replay engine against the one model, and what made false names before."""
+
+import ast
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import pam_orthosis.discrepancy as package
+from pam_orthosis.discrepancy import knee as knee_module
+from pam_orthosis.discrepancy import workflow
+from pam_orthosis.discrepancy.candidates import Projection, Trial, candidate
+from pam_orthosis.discrepancy.fit import bounded_step, fit_tempered, free_parameters
+from pam_orthosis.discrepancy.kernel import Kernel
+from pam_orthosis.discrepancy.replay import Run
+from pam_orthosis.discrepancy.whitening import SEGMENT, minimum_phase, noise_levels
+from pam_orthosis.model import leg as leg_model
+
+CUTOFF = 40.0
+
+
+@pytest.fixture(scope="module")
+def run(bench):
+    return Run(bench.system, bench.recording(1), CUTOFF)
+
+
+def test_the_fitter_knows_neither_the_plant_nor_what_is_hidden():
+    folder = Path(package.__file__).parent
+    for file in folder.glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            for name in names:
+                assert "hidden" not in name, file
+                assert not name.endswith(("model.plant", "control.loop")), file
+
+
+@pytest.mark.parametrize("person", [False, True])
+def test_tabulated_mechanics_are_those_of_lagrange(bench, person):
+    belief = bench.parameters.changed({"leg.person.present": person})
+    q, velocity = ca.SX.sym("q"), ca.SX.sym("velocity")
+    table = knee_module.tabulated(belief.leg.joint, knee_module.mass_tables(belief), 0.0, 0.0)
+    near, exact = table(q, velocity, None, 0.7), leg_model.mechanics(q, velocity, belief.leg, 0.7)
+    terms = ("inertia", "coriolis", "gravity")
+    difference = ca.Function("d", [q, velocity], [getattr(near, t) - getattr(exact, t) for t in terms])
+    for angle in np.linspace(-0.2, 1.7, 60):
+        assert max(abs(float(value)) for value in difference(angle, 2.0)) < 2e-9
+
+
+def test_compiled_replay_is_that_of_the_virtual_machine(bench, run):
+    for equation in bench.system.equations:
+        part = bench.replay._part(equation, ("muscle_hysteresis", "valve_lag"))
+        values = bench.replay.defaults(("muscle_hysteresis", "valve_lag"))
+        theta = np.array([values[name] for name in part.parameters])
+        rows, start = run.data(equation, {})[:60], run.start(part)
+        fast, slow = Kernel(part, part.parameters[:3]), Kernel(part, part.parameters[:3])
+        fast.build()
+        a, b = (one(rows, theta, start, run.period, 4) for one in (fast, slow))
+        assert np.abs(a - b).max() <= 1e-9 * max(1.0, np.abs(b).max())
+
+
+def test_sensitivities_are_the_derivatives_of_the_residuals(bench, run):
+    values = bench.replay.defaults(())
+    for equation in bench.system.equations:
+        names = ("muscle_damping", "conductance", "angle_offset", "force_map_misfit.extensor_c10")
+        _, slopes, known = bench.replay.sensitivities(run, equation, (), values, names)
+        for i, name in enumerate(known):
+            step = 1e-4
+            ends = [
+                bench.replay.residuals(run, equation, (), {**values, name: sign * step}) for sign in (1, -1)
+            ]
+            difference = (ends[0] - ends[1]) / (2 * step)
+            assert np.abs(difference - slopes[:, :, i]).max() < 1e-3 * np.abs(difference).max()
+
+
+def test_a_believed_plant_leaves_its_sensors_noise(bench, run):
+    values, sensor = bench.replay.defaults(()), bench.parameters.plant.sensor
+    residuals = {
+        channel: [bench.replay.residuals(run, equation, (), values)[1000:, i]]
+        for equation in bench.system.equations
+        for i, channel in enumerate(equation.channels)
+    }
+    found = noise_levels(residuals, [run.period])
+    angle = np.hypot(sensor.angle_noise, sensor.angle_resolution / 12**0.5)
+    pressure = np.hypot(sensor.pressure_noise, sensor.pressure_resolution / 12**0.5)
+    assert found["angle"] == pytest.approx(angle, rel=0.08)
+    assert found["flexor_pressure"] == pytest.approx(pressure, rel=0.08)
+
+
+def test_neighbours_are_smoothed_and_own_samples_are_not(bench, run):
+    """Trap 4: raw cross inputs make delays look good, since interpolation averages noise."""
+    torque = bench.system.equations[0]
+    rows = run.data(torque, {})
+    raw = run.recording.signals["flexor_pressure"]
+    jitter = np.std(np.diff(rows[1000:, 2], 2)) / np.std(np.diff(raw[1000:], 2))
+    assert jitter < 0.2
+    assert np.array_equal(rows[:, -3], run.recording.signals["angle"])  # trap 3: full rate, as recorded
+
+
+def test_whitening_is_causal_and_white():
+    """Trap 3: a two-sided filter would correlate noise with later inputs of the closed loop."""
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal(200_000)
+    coloured = np.convolve(noise, 0.9 ** np.arange(60))[: len(noise)]
+    from scipy.signal import welch
+
+    taps = minimum_phase(welch(coloured, fs=1.0, nperseg=SEGMENT, detrend=False)[1])
+    assert taps[0] == pytest.approx(1.0, abs=0.03)
+    assert taps[1] == pytest.approx(-0.9, abs=0.03)
+    white = np.convolve(coloured, taps)[: len(noise)]
+    assert np.mean(white[2000:] * noise[2000:]) > 0.98
+    assert np.var(white[2000:]) == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_bound_is_kept_in_the_prediction():
+    """Trap 7: what is pinned at a bound may not help the others."""
+    hessian, gradient = np.array([[2.0, 1.9], [1.9, 2.0]]), np.array([3.0, -1.0])
+    step = bounded_step(hessian, gradient, np.zeros(2), np.array([-0.1, -9.0]), np.array([9.0, 9.0]))
+    assert step[0] == pytest.approx(-0.1)
+    assert step[1] == pytest.approx((1.0 + 1.9 * 0.1) / 2.0)
+
+
+def test_nothing_hidden_gives_no_delay_and_no_backlash(bench):
+    """Traps 1, 2, 5, 6: discretisation and noise must not look like a lag of anything."""
+    settings = bench.parameters.gap
+    training, held_out = [bench.recording(1)], [bench.recording(2)]
+    problem, _, _ = workflow._prepared(bench.replay, training, held_out, settings)
+    free = free_parameters(bench.system, ())
+    problem, base = fit_tempered(problem, (), bench.replay.defaults(()), free)
+    projection = Projection(problem, base)
+    for name in ("valve_delay", "valve_lag", "angle_delay", "extensor_pressure_delay", "backlash"):
+        trial = Trial(projection, name)
+        assert candidate(projection, trial, trial.starts()[:1]).evidence < settings.evidence.threshold

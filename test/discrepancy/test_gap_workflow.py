@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The workflow from recordings to verdict, model file and page."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from pam_orthosis.cli import main as cli
+from pam_orthosis.discrepancy import patch
+from pam_orthosis.discrepancy.data import from_arrays, from_csv
+from pam_orthosis.discrepancy.verdict import as_dict
+from pam_orthosis.discrepancy.workflow import find_gap
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import load
+
+FRICTION = {"plant__effects__joint_friction__enabled": True, "plant__effects__joint_friction__coulomb": 0.6}
+COLUMNS = ("time", "angle", "extensor_pressure", "flexor_pressure", "extensor_voltage", "flexor_voltage")
+
+
+def search(bench, **plant):
+    training = [bench.recording(1, **plant), bench.recording(2, cycle_time=1.4, **plant)]
+    held_out = [bench.recording(3, cycle_time=1.7, **plant)]
+    return find_gap(bench.system, training, held_out, bench.parameters.gap, replay=bench.replay)
+
+
+@pytest.fixture(scope="module")
+def friction(bench):
+    return search(bench, **FRICTION)
+
+
+def table(path, arrays, columns=COLUMNS):
+    with open(path, "w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(columns)
+        writer.writerows(zip(*(arrays[name] for name in columns), strict=True))
+    return path
+
+
+def test_nothing_hidden_is_none(bench):
+    outcome = search(bench)
+    assert outcome.verdict == "none"
+    assert outcome.effects == ()
+    assert outcome.after.white["overall"] == pytest.approx(1.0, abs=0.05)
+
+
+def test_friction_is_named_measured_and_closes_the_gap(friction):
+    assert friction.verdict == "explained"
+    assert [one.name for one in friction.effects] == ["joint_friction"]
+    value, unit, low, high = friction.effects[0].parameters["coulomb"]
+    assert unit == "N m"
+    assert value == pytest.approx(0.6, rel=0.1)
+    assert low < value < high
+    assert friction.closure["overall"] > 0.95
+    assert friction.where[0].equation == "torque"
+    assert friction.before.units["angle"] > 3 * friction.after.units["angle"]
+
+
+def test_gap_json_keeps_its_contract(friction):
+    told = json.loads(json.dumps(as_dict(friction)))
+    assert told["verdict"] == "explained"
+    assert set(told["effects"][0]) == {"name", "equation", "parameters", "evidence"}
+    assert set(told["effects"][0]["parameters"]["coulomb"]) == {"value", "unit", "interval"}
+    for key in ("gap_before", "gap_after", "noise_floor", "closure"):
+        assert set(told[key]) == {"angle", "extensor_pressure", "flexor_pressure", "overall"}
+    assert told["runner_up"]["behind"] > 0
+
+
+def test_the_model_file_switches_the_effect_on_and_changes_nothing_else(friction, bench, tmp_path):
+    final = friction.selection.final
+    patch.write(tmp_path / "model.yaml", patch.overrides(friction.system, final.effects, final.values))
+    changed, plain = load(patch.read(tmp_path / "model.yaml")).flat(), load().flat()
+    different = {key for key in plain if plain[key] != changed[key]}
+    assert "effects.joint_friction.enabled" in different
+    assert all(key.startswith("effects.joint_friction.") for key in different)
+
+
+def test_the_effect_added_to_the_model_leaves_nothing_to_find(friction, bench):
+    final = friction.selection.final
+    added = patch.overrides(friction.system, final.effects, final.values)
+    system = type(bench)().system  # the plain model
+    assert "joint_friction" in system.candidates
+    from pam_orthosis.discrepancy.knee import knee
+
+    known = knee(bench.parameters.changed(added))
+    assert "joint_friction" not in known.candidates
+    outcome = find_gap(
+        known, [bench.recording(1, **FRICTION)], [bench.recording(3, 1.7, **FRICTION)], bench.parameters.gap
+    )
+    assert outcome.verdict == "none"
+
+
+def test_without_voltages_the_torque_is_judged_and_the_rest_is_said(bench, tmp_path):
+    files = [table(tmp_path / f"{seed}.csv", bench.arrays(seed, **FRICTION), COLUMNS[:4]) for seed in (1, 2)]
+    recordings = [from_csv(file, bench.system) for file in files]
+    outcome = find_gap(bench.system, recordings[:1], recordings[1:], bench.parameters.gap)
+    assert [one.name for one in outcome.effects] == ["joint_friction"]
+    assert any("extensor_voltage" in remark for remark in outcome.remarks)
+    assert set(outcome.after.units) == {"angle"}
+
+
+def test_the_verb_writes_json_model_and_page(bench, tmp_path, capsys, monkeypatch):
+    files = [str(table(tmp_path / f"{seed}.csv", bench.arrays(seed, **FRICTION))) for seed in (1, 2)]
+    out = tmp_path / "out"
+    status = cli.main(["gap", files[0], "--held-out", files[1], "--out", str(out), "--json"])
+    told = json.loads(capsys.readouterr().out)
+    assert status == 0
+    assert told == json.loads((out / "gap.json").read_text())
+    assert told["effects"][0]["name"] == "joint_friction"
+    page = (out / "gap.html").read_text()
+    assert page.count("data:image/png;base64,") == 2
+    assert "http" not in page.split("</style>")[0]
+    assert load(patch.read(out / "model.yaml")).effects.joint_friction.enabled
+
+
+def broken(name, change):
+    return pytest.param(name, change, id=name)
+
+
+@pytest.mark.parametrize(
+    ("reason", "change"),
+    [
+        broken("not uniform", lambda a: {k: np.delete(v, 3000) for k, v in a.items()}),
+        broken(
+            "not finite", lambda a: {**a, "angle": np.where(a["time"] == a["time"][9], np.nan, a["angle"])}
+        ),
+        broken("hardly changes", lambda a: {**a, "flexor_pressure": np.full_like(a["time"], 3e5)}),
+        broken("lower rate", lambda a: {**a, "angle": np.repeat(a["angle"][::20], 20)[: len(a["time"])]}),
+        broken("no signal", lambda a: {k: v for k, v in a.items() if k != "angle"}),
+        broken("lasts", lambda a: {k: v[:1500] for k, v in a.items()}),
+    ],
+)
+def test_unfit_data_stop_with_the_reason(bench, reason, change):
+    arrays = change({name: bench.arrays(1)[name] for name in COLUMNS})
+    with pytest.raises(OrthosisError, match=reason):
+        find_gap(bench.system, [from_arrays("x", bench.system, arrays)], [], bench.parameters.gap)
