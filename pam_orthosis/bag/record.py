@@ -24,6 +24,7 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from pam_orthosis import __version__
+from pam_orthosis.bag.topics import PUBLISHED_DEPTH
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 
@@ -34,7 +35,7 @@ _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 QOS = [
     {
         "history": "keep_last",
-        "depth": 10,
+        "depth": PUBLISHED_DEPTH,
         "reliability": "reliable",
         "durability": "volatile",
         "deadline": _FOREVER,

@@ -22,6 +22,8 @@ RECORDER = "bag_recorder"
 NODES = (PLANT, TRAJECTORY, POSITION, EXTENSOR, FLEXOR, VALVE, RECORDER)
 
 SECOND_NS = 1_000_000_000
+# a writer forgets what is older, read or not; the plant is never so many steps ahead of the recorder
+PUBLISHED_DEPTH = 200
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from pam_orthosis.bag.topics import PLANT, is_health_instant, table
+from pam_orthosis.bag.topics import PLANT, PUBLISHED_DEPTH, is_health_instant, table
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import messages
@@ -104,7 +104,8 @@ class GraphNode(Node):
     def publish_to(self, topic: str, latched: bool = False) -> Publisher:
         """Create a publisher of the table, and wait for its subscribers before the start."""
         entry = self.topics[topic]
-        publisher = self.create_publisher(message_class(entry.type), topic, qos(latched=latched))
+        quality = qos(PUBLISHED_DEPTH, latched)
+        publisher = self.create_publisher(message_class(entry.type), topic, quality)
         count = len(entry.subscribers)
         self._peers[f"a listener on {topic}"] = lambda: publisher.get_subscription_count() >= count
         return publisher

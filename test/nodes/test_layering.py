@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import pam_orthosis
-from pam_orthosis.bag.topics import NODES, PLANT, RECORDER, TOPICS
+from pam_orthosis.bag.topics import NODES, PLANT, PUBLISHED_DEPTH, RECORDER, TOPICS
 from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes import launch
 from pam_orthosis.nodes.layout import LAYOUT
@@ -67,3 +67,8 @@ def test_every_topic_is_made_and_used_by_nodes_of_the_table():
         assert set(topic.producers) | set(topic.subscribers) <= set(NODES)
         assert topic.meaning
         assert topic.unit
+
+
+def test_no_writer_forgets_what_the_recorder_may_still_lack():
+    pace = pytest.importorskip("pam_orthosis.nodes.pace")
+    assert pace.MAX_UNRECORDED_STEPS < PUBLISHED_DEPTH
