@@ -86,7 +86,8 @@ def _write(folder: Path, outcome, told, given) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "gap.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
         final = outcome.selection.final
-        added = patch.overrides(outcome.system, final.effects, final.values)
+        named = [one.name for one in outcome.effects]
+        added = patch.overrides(outcome.system, named, final.values)
         patch.write(folder / "model.yaml", {**given, **added})
         write_page(outcome, folder)
     except OSError as error:

@@ -15,11 +15,14 @@ from itertools import product
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.signal import find_peaks
 
 from pam_orthosis.discrepancy.fit import WIDE, Fit, Problem, bounded_step, of_effect, with_scales
 
 DIFFERENCE = 0.01  # of a parameter's scale
 MOST_STEPS = 8
+QUARTERS = (0.0, 1.57, 3.14, -1.57)  # rad: phases at which a periodic effect starts
+LOWEST_PEAK, HIGHEST_PEAK, MOST_PEAKS = 0.1, 20.0, 3  # Hz: where its frequency is looked for
 NEAR = 0.01  # of the way from the off value to the typical one
 ENOUGH = 0.5
 SHAPE_SCALES = (0.05, 0.3, 1.0)  # of the shape corrections' priors: how good may the maps be?
@@ -200,12 +203,29 @@ class Trial:
         effect = self.projection.problem.system.catalogue[self.name]
         first = {q.name: q.typical for q in effect.fitted}
         positions = [first, *({**first, **other} for other in effect.starts)]
+        if "frequency" in first and any(q.unit == "Hz" for q in effect.fitted):
+            positions += [{**first, "frequency": f, "phase": phi} for f in self._peaks() for phi in QUARTERS]
         size = effect.fitted[0]
         if size.neutral is not None and not effect.states:
             # a signature near the off value too: far from it what resembles an ordinary parameter bends
             near = size.neutral + NEAR * (size.typical - size.neutral)
             positions.append({**first, size.name: near})
         return [np.array([p[q.name] for q in effect.fitted]) / self.scale for p in positions]
+
+    def _peaks(self) -> list[float]:
+        """Return the frequencies, Hz, at which the residuals of its equations are largest."""
+        problem, found = self.projection.problem, []
+        for equation in self.equations:
+            one = max(problem.scored, key=lambda scored: scored.run.recording.samples)
+            values = self.projection.base.values
+            raw = problem.replay.residuals(one.run, equation, self.projection.base.effects, values)[:, 0]
+            white = one.white(equation.channels[0], raw)
+            power = np.abs(np.fft.rfft(white * np.hanning(len(white)), 4 * len(white))) ** 2
+            frequency = np.fft.rfftfreq(4 * len(white), one.run.period)
+            inside = (frequency > LOWEST_PEAK) & (frequency < HIGHEST_PEAK)
+            peaks = find_peaks(np.where(inside, power, 0.0))[0]
+            found += frequency[peaks[np.argsort(power[peaks])[::-1][:MOST_PEAKS]]].tolist()
+        return found
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the scaled bounds."""

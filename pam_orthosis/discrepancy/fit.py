@@ -103,11 +103,12 @@ def of_effect(system: System, name: str, refined: bool = False) -> list[Free]:
     Refined, the details of its shape are free too, loosely held at their typical values.
     """
     effect = system.catalogue[name]
-    details = [q for q in effect.parameters if refined and not q.fitted]
-    free = [
-        Free(f"{name}.{q.name}", 0.3 * _scale(q), q.minimum, q.maximum, LOOSE * _scale(q), q.typical)
-        for q in details
-    ]
+    free = []
+    for q in effect.parameters:
+        if refined and not q.fitted:
+            size = abs(q.typical) or q.maximum - q.minimum
+            held = (q.minimum, q.maximum, LOOSE * size, q.typical)
+            free.append(Free(f"{name}.{q.name}", 0.3 * size, *held))
     return free + [Free(f"{name}.{q.name}", _scale(q), q.minimum, q.maximum, np.inf) for q in effect.fitted]
 
 

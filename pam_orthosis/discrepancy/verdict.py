@@ -15,6 +15,7 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
         "verdict": outcome.verdict,
         "system": outcome.system.name,
         "effects": [_effect(one) for one in outcome.effects],
+        "surrogates": [_effect(one) for one in outcome.surrogates],
         "look_alikes": list(outcome.look_alikes),
         "separated_by": list(outcome.separated_by),
         "runner_up": None
@@ -89,6 +90,7 @@ def describe(outcome: Outcome) -> str:
         seen = ", ".join(f"{name} {share:.0%}" for name, share in list(worst.coordinates.items())[:3])
         lines.append(f"gap: {worst.equation} equation; residual explained by {seen}")
     lines += [_told(one) for one in outcome.effects]
+    lines += [f"best surrogate, no explanation: {one.name}" for one in outcome.surrogates]
     lines += _others(outcome)
     lines += [f"remark: {remark}" for remark in outcome.remarks]
     lines.append(_answer(outcome))

@@ -18,6 +18,7 @@ from pam_orthosis.errors import OrthosisError
 
 HELD_SHARE = 0.25  # of each recording, at its end, where no recording is held out
 LEAST_CLOSURE = 0.9  # below it the named effects are no explanation
+LEAST_NAMED = 0.5  # closure of a model that leaves something unexplained, below which it names nothing
 TELLING_STRAIN = 4.0  # deviations of an ordinary parameter over its tolerance that are worth a remark
 
 
@@ -38,6 +39,7 @@ class Outcome:
     system: System
     verdict: str
     effects: tuple[Named, ...]
+    surrogates: tuple[Named, ...]
     look_alikes: tuple[str, ...]
     separated_by: tuple[str, ...]
     runner_up: tuple[str, float] | None
@@ -155,10 +157,16 @@ def _judged(system, found: select.Selection, judge: Problem, floor, settings, re
     closed = _closures(configured, before, after, floor)
     alike = _look_alikes(found, settings.evidence)
     spread = intervals.covariance(found.final_problem, final)
+    verdict = _verdict(final, left, closed)
+    named = tuple(_named(system, found, spread, name) for name in final.effects)
+    share = closed[measure.OVERALL]
+    # a name that leaves most of the gap open is no name
+    trusted = verdict != "unexplained" or (share is not None and share >= LEAST_NAMED)
     return Outcome(
         system=system,
-        verdict=_verdict(final, left, closed),
-        effects=tuple(_named(system, found, spread, name) for name in final.effects),
+        verdict=verdict,
+        effects=named if trusted else (),
+        surrogates=() if trusted else named,
         look_alikes=alike,
         separated_by=_separated_by(system, found, alike),
         runner_up=_runner_up(found),

@@ -6,10 +6,15 @@ import casadi as ca
 from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
 
 
-def _expression(s, p, _states):
-    """Friction torque opposed to the motion, smooth through standstill."""
+def _expression(s, p, states):
+    """Friction torque opposed to the motion; through standstill smooth in speed, or elastic (bristles)."""
+    (bristle,) = states
     stribeck = 1 + p.stribeck * ca.exp(-((s.velocity / p.stribeck_velocity) ** 2))
-    return Contribution({"torque": -p.coulomb * stribeck * ca.tanh(s.velocity / p.transition_velocity)})
+    sliding = ca.tanh(s.velocity / p.transition_velocity)
+    speed = ca.sqrt(s.velocity**2 + 1e-12)
+    bent = s.velocity - 0.5 * (speed * bristle * ca.fabs(bristle) + s.velocity * bristle**2)
+    torque = -p.coulomb * stribeck * ((1 - p.bristles) * sliding + p.bristles * bristle)
+    return Contribution({"torque": torque}, (bent / p.presliding,))
 
 
 EFFECTS = [
@@ -31,11 +36,20 @@ EFFECTS = [
             Quantity(
                 "transition_velocity", 0.02, "rad/s", 0.001, 1.0, "width of the change of sign", fitted=False
             ),
+            Quantity(
+                "bristles", 0.0, "-", 0.0, 1.0, "share of the torque that sticks at standstill", fitted=False
+            ),
+            Quantity(
+                "presliding", 5.0e-3, "rad", 2.0e-4, 0.1, "angle until what sticks slides", fitted=False
+            ),
         ),
         expression=_expression,
         physics="Bearings, chain and orthosis shells rub with a torque that hardly depends on the speed, "
-        "is a little larger at the start (Stribeck), and changes its sign with the direction.",
-        source="assumption, 0.3 to 1 N m for an orthosis joint",
+        "is a little larger at the start (Stribeck), and changes its sign with the direction. Surfaces "
+        "that stick yield elastically over a small angle first (bristles, as in the LuGre and Dahl models).",
+        source="assumption, 0.3 to 1 N m for an orthosis joint; Canudas de Wit et al. 1995 (bristles)",
+        states=("friction_bristle",),
+        scales=(1.0,),
         minimum_effect=0.05,
         confounded_with=("muscle_hysteresis",),
         separated_by=("diagnostic-decay", "diagnostic-cocontraction"),
