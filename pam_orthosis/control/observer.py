@@ -32,22 +32,33 @@ def system(x, pressures, belief):
     return ca.vertcat(x[1], rate, 0)
 
 
-def gains(x, pressures, poles, belief):
+def characteristic(pole, damping):
+    """Return c2, c1, c0 of the error's polynomial s^3 + c2 s^2 + c1 s + c0: a real pole and a pair.
+
+    All lie at the distance `pole` from zero, 1/s. The pair's damping 1 gives three equal poles, 0.5 a
+    Butterworth pattern: a slow disturbance is estimated (1 + 2 damping) / pole later.
+    """
+    spread = 1 + 2 * damping
+    return spread * pole, spread * pole**2, pole**3
+
+
+def gains(x, pressures, polynomial, belief):
     """Return h of Eq. (31): the poles of A - h c, Eq. (32), are placed by Ackermann's formula.
 
     Args:
         x: estimate (3,), the point of linearisation.
         pressures: absolute pressures of extensor and flexor (2,), Pa.
-        poles: three real poles, 1/s.
+        polynomial: c2, c1, c0 of the characteristic polynomial of A - h c.
     """
     point, held = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
     jacobian = ca.jacobian(system(point, held, belief), point)
     a = ca.substitute([jacobian], [point, held], [x, pressures])[0]
     c = ca.SX([[1, 0, 0]])  # Eq. (30): the angle is measured
     observability = ca.vertcat(c, c @ a, c @ a @ a)
-    placed = ca.SX.eye(3)
-    for pole in poles:
-        placed = placed @ (a - pole * ca.SX.eye(3))
+    placed = a
+    for coefficient in polynomial[:-1]:
+        placed = (placed + coefficient * ca.SX.eye(3)) @ a
+    placed += polynomial[-1] * ca.SX.eye(3)
     return placed @ ca.solve(observability, ca.SX([0, 0, 1]))
 
 
@@ -59,13 +70,13 @@ def observer_step(belief) -> ca.Function:
     """
     belief, tuned = live.with_symbols(belief, LIVE)
     x, before, now = ca.SX.sym("x", 3), ca.SX.sym("before", 3), ca.SX.sym("now", 3)
-    poles = [-belief.control.observer.pole] * 3
+    polynomial = characteristic(belief.control.observer.pole, belief.control.observer.damping)
     estimate, y = ca.SX.sym("estimate", 3), ca.SX.sym("y", 3)
     # linearising once a step is enough: the gains change slowly with the estimate
     h = ca.SX.sym("h", 3)
     rate = ca.Function("rate", [estimate, y, h, tuned],
                        [system(estimate, y[1:], belief) + h * (y[0] - estimate[0])])  # fmt: skip
-    gain = ca.Function("gain", [estimate, y, tuned], [gains(estimate, y[1:], poles, belief)])
+    gain = ca.Function("gain", [estimate, y, tuned], [gains(estimate, y[1:], polynomial, belief)])
     step = belief.scenario.control_period / STEPS_PER_PERIOD
     after = x
     for i in range(STEPS_PER_PERIOD):

@@ -26,14 +26,24 @@ def test_observer_poles_lie_where_they_were_placed(belief):
     """Eigenvalues of A - h c, the Jacobian of Eq. (32) taken by differences, not by CasADi."""
     x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
     f = ca.Function("f", [x, p], [observer.system(x, p, belief)])
-    h = ca.Function("h", [x, p], [observer.gains(x, p, [-60.0, -80.0, -100.0], belief)])
+    polynomial = observer.characteristic(100.0, 0.5)
+    h = ca.Function("h", [x, p], [observer.gains(x, p, polynomial, belief)])
     for state, held in zip(STATES, PRESSURES, strict=True):
         a = np.column_stack([
             (f(state + d, held).full()[:, 0] - f(state - d, held).full()[:, 0]) / 2e-6
             for d in 1e-6 * np.eye(3)
         ])  # fmt: skip
         error_system = a - h(state, held).full() @ [[1.0, 0.0, 0.0]]
-        assert np.sort(np.linalg.eigvals(error_system).real) == pytest.approx([-100, -80, -60], rel=1e-3)
+        poles = np.sort_complex(np.linalg.eigvals(error_system))
+        pair = 100.0 * np.exp(2j * np.pi / 3)
+        assert poles == pytest.approx([-100.0, pair.conjugate(), pair], rel=1e-3)
+
+
+def test_a_disturbance_is_estimated_late_by_the_sum_of_the_poles_time_constants():
+    for damping in (1.0, 0.5):
+        _, by_rate, constant = observer.characteristic(110.0, damping)
+        assert by_rate / constant == pytest.approx((1 + 2 * damping) / 110.0)
+    assert np.roots([1.0, *observer.characteristic(110.0, 1.0)]) == pytest.approx([-110.0] * 3, rel=1e-4)
 
 
 def test_observer_finds_velocity_and_a_constant_disturbance(belief):
