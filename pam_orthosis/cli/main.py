@@ -22,6 +22,7 @@ VERBS = {
     "identify": "muscle parameters from rig bags or measured tables",
     "gap": "find where model and recordings disagree, name the missing effect, add it",
     "report": "draw a recorded run",
+    "paper": "compute the paper's figures and results again, side by side",
     "gap-hide": "record a blind test case of the gap workflow",
     "recover": "make a readable bag of one whose recorder was killed",
 }

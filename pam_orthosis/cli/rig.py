@@ -38,12 +38,13 @@ def execute(arguments: argparse.Namespace) -> int:
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise OrthosisError(f"{out} exists and is not an empty folder; choose another --out")
     for test in arguments.tests:
-        _run_test(parameters, arguments.muscle, test, out)
+        record_test(parameters, arguments.muscle, test, out)
     print(out)
     return 0
 
 
-def _run_test(parameters: Parameters, specimen: str, test: str, out: Path) -> None:
+def record_test(parameters: Parameters, specimen: str, test: str, out: Path) -> None:
+    """Record one bag for each pressure of one of `TESTS` into a folder."""
     rig = parameters.rig
     every = 1 if test == "decay" else round(rig.record_period / rig.control_period)
     for number, pressure in enumerate(_pressures(rig, specimen, test)):

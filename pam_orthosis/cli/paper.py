@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compute the paper's figures 4, 5, 8 and 9 again and set its results beside ours."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+from pam_orthosis.cli import rig
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.identification.data import read_data
+from pam_orthosis.identification.identify import Identified, identify
+from pam_orthosis.model.parameters import load
+
+MUSCLE = "dmsp_20"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the verb."""
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", default=Path("runs/paper"),
+        help="folder of paper.md and its pictures (runs/paper)",
+    )  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print the numbers as JSON")
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Make the runs, draw, write the page."""
+    from pam_orthosis.report.paper import figures, observer, table, tracking  # matplotlib takes a second
+    from pam_orthosis.report.paper.observer import DAMPING, POLE
+
+    pictures = arguments.out / "pictures"
+    _make(pictures)
+    identified = _identified()
+    _say("fig. 8: observer")
+    observed = observer.observe()
+    tuned = {key: observed.parameters.flat()[key] for key in (POLE, DAMPING)}
+    on_hardware, points = observer.observe(exact=False), observer.trade_off()
+    _say("fig. 9: tracking")
+    found = table.Results(
+        identified, observed, on_hardware, points, tracking.track(), tracking.track(tuned)
+    )  # fmt: skip
+    figures.draw_observer(observed, pictures / "observer.png")
+    figures.draw_trade_off(points, observed, pictures / "trade_off.png")
+    figures.draw_tracking(found.tracking, pictures / "tracking.png")
+    _draw_muscle(identified, pictures)
+    (arguments.out / "paper.md").write_text(table.page(found), encoding="utf-8")
+    print(json.dumps(found.as_dict(), indent=2) if arguments.json else arguments.out / "paper.md")
+    return 0
+
+
+def _identified() -> Identified:
+    """Record the procedure of sections 2.4 and 2.5 on the emulated rig and identify the muscle from it."""
+    parameters = load()
+    held_out = [p - parameters.valve.ambient_pressure for p in parameters.rig.procedure.held_out_pressures]
+    with tempfile.TemporaryDirectory() as folder:
+        for test in rig.TESTS:
+            _say(f"figs. 4 and 5: {test}")
+            rig.record_test(parameters, MUSCLE, test, Path(folder))
+        return identify(read_data([Path(folder)]), held_out)
+
+
+def _draw_muscle(found: Identified, folder: Path) -> None:
+    from pam_orthosis.report.identification import draw
+
+    draw(found, folder)
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OrthosisError(f"cannot write to {folder}: {error.strerror}") from error
+
+
+def _say(words: str) -> None:
+    print(words, file=sys.stderr, flush=True)

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The paper's results again: what is measured is measured right, and docs/paper.md tells it."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pam_orthosis.report.paper import observer, tracking
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "paper.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    return observer.observe()
+
+
+@pytest.fixture(scope="module")
+def on_hardware():
+    return observer.observe(exact=False)
+
+
+@pytest.fixture(scope="module")
+def walked():
+    return tracking.track()
+
+
+def told(result, unit):
+    """Return the first number with a unit in the column `here` of a row of docs/paper.md."""
+    row = next(line for line in PAGE.splitlines() if line.startswith(f"| {result} |"))
+    return float(re.search(rf"([\d.]+) {unit}", row.split("|")[3])[1])
+
+
+def test_lag_and_gain_are_found_beside_noise_and_another_frequency():
+    time = np.arange(0, 10, 0.005)
+    noise = 0.2 * np.random.default_rng(3).standard_normal(len(time))
+    other = 1.5 * np.sin(2 * np.pi * 0.5 * time + 0.3)
+    true = 2 * np.sin(2 * np.pi * 0.8 * time) + other
+    late = 1.8 * np.sin(2 * np.pi * 0.8 * (time - 0.018)) + other + noise
+    lag, gain = observer.lag_and_gain(time, true, time, late, (0.8, 0.5))
+    assert lag == pytest.approx(0.018, abs=0.001)
+    assert gain == pytest.approx(0.9, abs=0.01)
+
+
+def test_the_disturbance_is_estimated_within_20_ms(simulated, on_hardware):
+    settings = simulated.parameters.control.observer
+    for run in (simulated, on_hardware):
+        assert run.lag <= 0.020
+        assert run.lag == pytest.approx((1 + 2 * settings.damping) / settings.pole, abs=0.001)
+        assert run.gain == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_pattern_of_the_poles_saves_lag_at_the_same_noise(simulated):
+    equal = observer.observe({observer.DAMPING: 1.0})
+    assert equal.lag > 1.4 * simulated.lag
+    assert simulated.velocity_noise == pytest.approx(equal.velocity_noise, rel=0.15)
+
+
+def test_what_the_equation_of_motion_lacks_is_the_torque_where_nothing_else_disturbs():
+    """The measure of the emulated hardware's disturbance, tried where the answer is known."""
+    found = observer.observe(observer.without_hardware_effects(), exact=False)
+    middle = found.signals["time"] - found.parameters.scenario.control_period / 2
+    frequencies = found.parameters.plant.external_frequency, 1 / found.parameters.scenario.cycle_time
+    known = -found.signals["true_torque"]
+    settled = middle > observer.SETTLING
+    late = found.disturbance_time[settled], found.disturbance[settled]
+    lag, gain = observer.lag_and_gain(middle[settled], known[settled], *late, frequencies)
+    assert abs(lag) < 0.0005
+    assert gain == pytest.approx(1.0, abs=0.01)
+
+
+def test_the_page_tells_what_is_measured(simulated, on_hardware, walked):
+    near = {"rel": 0.1}
+    assert told("lag of the estimated disturbance", "ms") == pytest.approx(simulated.lag * 1e3, **near)
+    assert told("the same on the emulated hardware", "ms") == pytest.approx(on_hardware.lag * 1e3, **near)
+    noise = np.degrees(simulated.velocity_noise)
+    assert told("noise of the estimated velocity", "deg/s") == pytest.approx(noise, **near)
+    assert told("maximum tracking error", "deg") == pytest.approx(walked.largest, **near)
+    assert told("steady-state error", "deg") == pytest.approx(walked.steady_state, **near)
+    assert told("force model, DMSP-20", "N maximum") <= 30.0
+    assert walked.largest <= 3.0
+    assert walked.steady_state < 1.0
+
+
+def test_every_picture_of_the_page_is_there():
+    shown = re.findall(r"\]\((pictures/\w+\.png)\)", PAGE)
+    assert len(shown) == 5
+    assert all((Path(__file__).resolve().parents[2] / "docs" / one).exists() for one in shown)
