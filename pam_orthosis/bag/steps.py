@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from heapq import heappop, heappush
 from typing import NamedTuple
 
 from pam_orthosis.bag.topics import ORDER, Topic, is_health_instant, table
@@ -26,48 +27,63 @@ class StepCollector:
         period_ns: control period.
         horizon: number of instants.
         topics: table of the run, of lockstep if not given.
+        late_health: a report of health may come when its instant has left, and leaves by itself: in
+            real time a node reports at the first sample of a second that it gets.
     """
 
-    def __init__(self, period_ns: int, horizon: int = 1000, topics: Mapping[str, Topic] | None = None):
+    def __init__(
+        self,
+        period_ns: int,
+        horizon: int = 1000,
+        topics: Mapping[str, Topic] | None = None,
+        late_health: bool = False,
+    ):
         self._period_ns = period_ns
         self._horizon = horizon
         self._topics = table() if topics is None else topics
+        self._late_rate = "1 Hz" if late_health else None
         self._each_step = self._promised("step", "answer")
         self._each_second = self._promised("1 Hz")
         self._pending: dict[int, dict[tuple[int, bytes], Message]] = {}
+        self._stamps: list[int] = []  # of what is pending, a heap
         self.done_ns = -1
         self.duplicates = 0
 
     def add(self, message: Message) -> None:
         """Keep a message; a second one of the same topic and instant is counted and dropped."""
         key = self._key(message)
-        if message.stamp_ns <= self.done_ns or key in self._pending.get(message.stamp_ns, ()):
+        late = message.stamp_ns <= self.done_ns and self._topics[message.topic].rate != self._late_rate
+        if late or key in self._pending.get(message.stamp_ns, ()):
             self.duplicates += 1
         else:
+            if message.stamp_ns not in self._pending:
+                heappush(self._stamps, message.stamp_ns)
             self._pending.setdefault(message.stamp_ns, {})[key] = message
 
     def complete(self) -> Iterator[Message]:
         """Hand out, in order of instant and table, all that is complete."""
-        while self._pending:
-            oldest = min(self._pending)
+        while self._stamps:
+            oldest = self._stamps[0]
             whole = len(self._pending[oldest]) >= self._due(oldest)
-            if not whole and len(self._pending) <= self._horizon:
+            if oldest > self.done_ns and not whole and len(self._pending) <= self._horizon:
                 return
-            yield from self._leave(oldest)
+            yield from self._leave()
 
     def rest(self) -> Iterator[Message]:
         """Hand out what is left, complete or not, in the same order."""
-        for stamp_ns in sorted(self._pending):
-            yield from self._leave(stamp_ns)
+        while self._stamps:
+            yield from self._leave()
 
     def missing(self) -> list[Topic]:
         """Return the topics that the oldest incomplete instant lacks, causes before effects."""
-        if not self._pending:
+        if not self._stamps:
             return []
-        there = {message.topic for message in self._pending[min(self._pending)].values()}
+        there = {message.topic for message in self._pending[self._stamps[0]].values()}
         return [topic for topic in self._topics.values() if topic.rate == "step" and topic.name not in there]
 
-    def _leave(self, stamp_ns: int) -> Iterator[Message]:
+    def _leave(self) -> Iterator[Message]:
+        """Hand out the oldest instant."""
+        stamp_ns = heappop(self._stamps)
         instant = self._pending.pop(stamp_ns)
         for key in sorted(instant):
             yield instant[key]

@@ -17,10 +17,12 @@ from pam_orthosis.bag.topics import SECOND_NS, resolve
 class Timing:
     """Latency: from the instant of a sample until the voltages that answer it leave.
 
-    `missed_deadlines` counts samples answered later than one period, or never.
+    `missed_deadlines` counts, of all `periods`, those whose sample was answered later than one period
+    after it, was never answered, or was skipped because the machine was too busy to take it.
     """
 
-    samples: int
+    periods: int
+    skipped_samples: int
     deadline_ms: float
     missed_deadlines: int
     latency_median_ms: float
@@ -28,25 +30,29 @@ class Timing:
     latency_max_ms: float
 
 
-def timing(path: Path, namespace: str = "") -> Timing | None:
-    """Return the timing of a bag that can be read; None if it is of no run in real time."""
+def timing(path: Path, namespace: str = "", period_s: float | None = None) -> Timing | None:
+    """Return the timing of a bag that can be read; None if it is of no run in real time.
+
+    The period is that of most samples, if it is not given.
+    """
     samples, _ = _instants(path, resolve("joint_states", namespace))
     answers, left = _instants(path, resolve("answered", namespace))
     if len(samples) < 2 or not len(answers):
         return None
-    return judge_timing(samples, dict(zip(answers.tolist(), left.tolist(), strict=True)))
+    period_ns = int(np.median(np.diff(samples))) if period_s is None else round(period_s * SECOND_NS)
+    return judge_timing(samples, dict(zip(answers.tolist(), left.tolist(), strict=True)), period_ns)
 
 
-def judge_timing(samples: np.ndarray, answered: dict[int, int]) -> Timing:
+def judge_timing(samples: np.ndarray, answered: dict[int, int], period_ns: int) -> Timing:
     """Return the timing of samples (n,) ns, n > 1, with stamp -> instant of the answer, ns."""
-    period_ns = int(np.median(np.diff(samples)))
     latency = np.array([answered[stamp] - stamp for stamp in samples.tolist() if stamp in answered])
-    missed = len(samples) - np.count_nonzero(latency <= period_ns)
+    periods = max(len(samples), round((samples[-1] - samples[0]) / period_ns) + 1)
     median, p99 = np.percentile(latency, [50, 99]) if len(latency) else (np.nan, np.nan)
     return Timing(
-        samples=len(samples),
+        periods=periods,
+        skipped_samples=periods - len(samples),
         deadline_ms=period_ns / 1e6,
-        missed_deadlines=int(missed),
+        missed_deadlines=periods - int(np.count_nonzero(latency <= period_ns)),
         latency_median_ms=float(median) / 1e6,
         latency_p99_ms=float(p99) / 1e6,
         latency_max_ms=float(latency.max()) / 1e6 if len(latency) else np.nan,

@@ -92,7 +92,7 @@ def judge(path: Path, bound_deg: float = 3.0, skip_s: float = 0.0, namespace: st
         voltage_variation_per_s=_voltage_variation(bag),
         cycles=cycle_table(since_start, error, hold_s, cycle_s) if cycle_s else [],
         scenario=bag.run.get("scenario"),
-        timing=timing(bag.path, namespace),
+        timing=timing(bag.path, namespace, bag.parameters.get("scenario.control_period")),
     )
 
 

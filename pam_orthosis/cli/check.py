@@ -60,11 +60,12 @@ def describe(verdict: Verdict) -> str:
 
 
 def _timing(timing: Timing) -> list[str]:
-    late = f"{timing.missed_deadlines} of {timing.samples} ({timing.missed_deadlines / timing.samples:.2%})"
+    late = f"{timing.missed_deadlines} of {timing.periods} ({timing.missed_deadlines / timing.periods:.2%})"
+    skipped = f", {timing.skipped_samples} of them not sampled" if timing.skipped_samples else ""
     return [
         f"latency                    median {timing.latency_median_ms:.2f}, 99 % {timing.latency_p99_ms:.2f},"
         f" maximum {timing.latency_max_ms:.2f} ms",
-        f"missed deadlines           {late}, deadline {timing.deadline_ms:g} ms",
+        f"missed deadlines           {late}{skipped}, deadline {timing.deadline_ms:g} ms",
     ]
 
 

@@ -39,9 +39,10 @@ class EmulatedHardware:
         """Return knee angle, rad, and absolute pressures of extensor and flexor, Pa."""
         return tuple(self._plant.measure())
 
-    def write(self, extensor_voltage: float, flexor_voltage: float) -> None:
-        """Set both valves; here one period passes with that."""
-        self._plant.advance(extensor_voltage, flexor_voltage)
+    def write(self, extensor_voltage: float, flexor_voltage: float, periods: int) -> None:
+        """Set both valves; emulated time passes only here, where devices just live on."""
+        for _ in range(periods):
+            self._plant.advance(extensor_voltage, flexor_voltage)
 
 
 class DummyDriver(Node):
@@ -56,10 +57,10 @@ class DummyDriver(Node):
             for muscle in MUSCLES
         }
         self._voltage = dict.fromkeys(MUSCLES, self._hardware.closed_voltage)
-        self._silent: int | None = None  # samples since the last voltage; none has come yet
+        self._silent: int | None = None  # periods since the last voltage; none has come yet
         for muscle in MUSCLES:
             self.create_subscription(JointState, f"{muscle}/valve_voltage", self._receiver(muscle), 10)
-        self._first_ns, self._taken = self.get_clock().now().nanoseconds, 0
+        self._first_ns, self._passed = self.get_clock().now().nanoseconds, 0
         self.create_timer(self._hardware.period_ns * 1e-9, self._tick)
 
     def _receiver(self, muscle: str):
@@ -70,23 +71,24 @@ class DummyDriver(Node):
         return receive
 
     def _tick(self) -> None:
-        """Take as many samples as are due, so that there is one for every stamp."""
+        """Take the sample of the nearest period; skip those that are overdue, whose time has passed."""
         elapsed = self.get_clock().now().nanoseconds - self._first_ns
-        while self._taken * self._hardware.period_ns <= elapsed:
-            self._sample(self._first_ns + self._taken * self._hardware.period_ns)
-            self._taken += 1
+        due = (elapsed + self._hardware.period_ns // 2) // self._hardware.period_ns
+        if due > self._passed:
+            self._hardware.write(*self._wanted(due - self._passed), due - self._passed)
+            self._passed = due
+            self._publish(self._first_ns + due * self._hardware.period_ns)
 
-    def _sample(self, stamp_ns: int) -> None:
+    def _publish(self, stamp_ns: int) -> None:
         angle, *pressures = self._hardware.read()
         self._joint.publish(messages.joint_state(stamp_ns, ["knee"], position=[angle]))
         for muscle, pressure in zip(MUSCLES, pressures, strict=True):
             self._pressure[muscle].publish(messages.fluid_pressure(stamp_ns, muscle, pressure))
-        self._hardware.write(*self._wanted())
 
-    def _wanted(self) -> list[float]:
+    def _wanted(self, periods: int) -> list[float]:
         """Return the newest voltages, or those of the vent when the controllers have fallen silent."""
         if self._silent is not None:
-            self._silent += 1
+            self._silent += periods
             if self._silent > SILENCE_PERIODS:
                 return [self._hardware.vent_voltage] * len(MUSCLES)
         return list(self._voltage.values())

@@ -25,7 +25,7 @@ from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from pam_orthosis.bag.topics import PLANT, PUBLISHED_DEPTH, is_health_instant, table
+from pam_orthosis.bag.topics import PLANT, PUBLISHED_DEPTH, SECOND_NS, table
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import messages
@@ -37,13 +37,14 @@ from pam_orthosis.nodes.supervisor import ERROR_PREFIX, HEARTBEAT_VARIABLE
 HEARTBEAT_SECONDS = 0.1
 PEER_POLL_SECONDS = 0.02
 PEER_REPORT_SECONDS = 5.0
+QUEUE_DEPTH = 10
 MODE = {
     "realtime": Setting(False, "samples come by the wall clock; otherwise in lockstep with the voltages"),
     "with_plant": Setting(True, "the emulated hardware takes part; otherwise a driver stands in for it"),
 }
 
 
-def qos(depth: int = 10, latched: bool = False, reliable: bool = True) -> QoSProfile:
+def qos(depth: int = QUEUE_DEPTH, latched: bool = False, reliable: bool = True) -> QoSProfile:
     """Return the quality of service of a topic: keep last; volatile and reliable if not said otherwise."""
     reliability = QoSReliabilityPolicy.RELIABLE if reliable else QoSReliabilityPolicy.BEST_EFFORT
     return QoSProfile(
@@ -90,8 +91,10 @@ class GraphNode(Node):
         self.period_ns = round(self.parameters.scenario.control_period * 1e9)
         self._origin_ns: int | None = None
         self.time_ns = 0
+        self._reported_second = -1
         self.ready = False
         self.ended = False
+        self.pulse: Callable[[], None] = lambda: None  # called at each step; `spin` looks around in it
         self._ages = Ages(self.period_ns)
         self._peers: dict[str, Callable[[], bool]] = {}
         self._diagnostics = self.publish_to("diagnostics")
@@ -129,11 +132,17 @@ class GraphNode(Node):
         )
         return subscription
 
-    def join_inputs(self, inputs: Sequence[str], step: Callable[..., None]) -> Join:
-        """Listen to topics; call `step(stamp_ns, *messages)` once all of an instant are there."""
+    def join_inputs(self, inputs: Sequence[str], step: Callable[..., None], newest: bool = False) -> Join:
+        """Listen to topics; call `step(stamp_ns, *messages)` once all of an instant are there.
+
+        With `newest`, in real time, a node that is behind skips to the newest measurements: it answers
+        fewer samples, not older ones. What they cause downstream then comes no faster than it can.
+        """
         join = Join(inputs, step)
         for topic in inputs:
-            self.listen_to(topic, _adder(join, topic))
+            measured = PLANT in self.topics[topic].producers
+            depth = 1 if newest and measured and self.realtime else QUEUE_DEPTH
+            self.listen_to(topic, _adder(join, topic), depth=depth)
         return join
 
     def offer(self, service: str, act: Callable[[], str]) -> None:
@@ -155,8 +164,10 @@ class GraphNode(Node):
         self.time_ns = stamp_ns - self._origin_ns
         if self.realtime:
             self._ages.add(self.now_ns() - stamp_ns)
-        if is_health_instant(stamp_ns, self.period_ns):
+        if stamp_ns // SECOND_NS > self._reported_second:
+            self._reported_second = stamp_ns // SECOND_NS
             self._report_health(stamp_ns)
+        self.pulse()
 
     def now_ns(self) -> int:
         """Return the present time of the node's clock."""
@@ -286,8 +297,9 @@ def _status(nodes: Sequence[GraphNode], ended: bool) -> str:
 def spin(nodes: Sequence[GraphNode]) -> None:
     """Run nodes until the run ends, SIGINT or SIGTERM comes or the supervisor is gone; close them.
 
-    Signals are looked at between callbacks, so that a step is never cut in two. The events executor
-    is the fast one; it needs a finite time-out to dispatch at all.
+    Signals are looked at between callbacks, so that a step is never cut in two, by a timer and at each
+    step: a timer alone has to queue behind all that has arrived, which is much on a busy machine. The
+    events executor is the fast one; it needs a finite time-out to dispatch at all.
     """
     over, signals, heartbeat = Future(), _caught_signals(), Heartbeat()
 
@@ -296,6 +308,8 @@ def spin(nodes: Sequence[GraphNode]) -> None:
             over.set_result(None)
 
     nodes[0].create_timer(HEARTBEAT_SECONDS, watch)
+    for node in nodes:
+        node.pulse = watch
     executor = EventsExecutor()
     for node in nodes:
         executor.add_node(node)

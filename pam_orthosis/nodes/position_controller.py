@@ -30,7 +30,7 @@ class PositionControllerNode(graph.GraphNode):
         self._extensor = self.publish_to("extensor/pressure_reference")
         self._flexor = self.publish_to("flexor/pressure_reference")
         self._join = self.join_inputs(
-            ("joint_states", "extensor/pressure", "flexor/pressure", "reference"), self._step
+            ("joint_states", "extensor/pressure", "flexor/pressure", "reference"), self._step, newest=True
         )
 
     def health(self) -> dict[str, Any]:

@@ -32,7 +32,7 @@ class TrajectoryPublisher(graph.GraphNode):
         self.offer("start", self._start)
         self.offer("stop", self._stop)
         if self.realtime:
-            self.listen_to("joint_states", self._on_sample)
+            self.listen_to("joint_states", self._on_sample, depth=1)
         else:
             self.listen_to("/clock", self._on_clock)
 
@@ -70,6 +70,7 @@ class TrajectoryPublisher(graph.GraphNode):
     def _tick(self, now_ns: int) -> None:
         if self._next_ns is None:
             self._first_ns = self._next_ns = now_ns
+        self._next_ns = max(self._next_ns, now_ns)  # skipped samples need no reference
         while self._next_ns <= now_ns + self.period_ns:
             self._publish(self._next_ns)
             self._next_ns += self.period_ns

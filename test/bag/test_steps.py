@@ -63,3 +63,17 @@ def test_an_instant_that_stays_incomplete_does_not_hold_up_the_rest():
     for message in [m for m in _run(8) if (m.topic, m.stamp_ns) != ("truth", 0)]:
         steps.add(message)
     assert [m.stamp_ns for m in steps.complete()][-1] == 7 * PERIOD_NS
+
+
+def test_in_real_time_a_late_report_of_health_is_kept_and_holds_up_nothing():
+    run = _run(8)
+    late = next(m for m in run if m.topic == "diagnostics")
+    for kept in (False, True):
+        steps = StepCollector(PERIOD_NS, horizon=3, late_health=kept)
+        for message in [m for m in run if m is not late]:
+            steps.add(message)
+        assert late not in list(steps.complete())
+        for message in (late, run[0]):
+            steps.add(message)
+        assert list(steps.complete()) == [late] * kept
+        assert steps.duplicates == 2 - kept

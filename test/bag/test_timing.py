@@ -18,9 +18,16 @@ def test_late_and_absent_answers_are_missed_deadlines():
     answered = {stamp: stamp + 2 * MS for stamp in samples.tolist()}
     answered[20 * MS] = 26 * MS
     del answered[25 * MS]
-    result = judge_timing(samples, answered)
-    assert (result.samples, result.deadline_ms, result.missed_deadlines) == (10, 5.0, 2)
+    result = judge_timing(samples, answered, 5 * MS)
+    assert (result.periods, result.deadline_ms, result.missed_deadlines) == (10, 5.0, 2)
     assert (result.latency_median_ms, result.latency_max_ms) == (2.0, 6.0)
+    assert result.skipped_samples == 0
+
+
+def test_a_skipped_sample_is_a_missed_deadline():
+    samples = 5 * MS * np.array([0, 1, 2, 6, 7])
+    result = judge_timing(samples, {stamp: stamp + MS for stamp in samples.tolist()}, 5 * MS)
+    assert (result.periods, result.skipped_samples, result.missed_deadlines) == (8, 3, 3)
 
 
 def test_a_run_in_lockstep_has_no_timing():

@@ -10,10 +10,12 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from pam_orthosis.bag.read import read_bag
-from pam_orthosis.bag.topics import resolve, table
+from pam_orthosis.bag.topics import NODES, resolve, table
 from pam_orthosis.model.parameters import config_folder, load
 
 pytest.importorskip("rclpy")
+from pam_orthosis.nodes.pace import MAX_PERIODS_AT_ONCE
+
 # a period that a busy machine keeps too, most of the time
 SLOW = ["--param", "scenario.control_period=0.04", "--param", "scenario.trajectory=hold"]
 PERIOD_NS = 40_000_000
@@ -30,6 +32,7 @@ class FakePlant:
         self.parameters = load()
         self.ended = False
         self.now = 1_000_000_000
+        self.sample_cost = self.period_cost = 0
         self.receivers, self.samples, self.applied = {}, [], []
 
     def listen_to(self, topic, callback):
@@ -43,12 +46,14 @@ class FakePlant:
 
     def publish_sample(self, stamp_ns):
         self.samples.append(stamp_ns)
+        self.now += self.sample_cost
 
     def step_done(self, stamp_ns):
         pass
 
     def advance(self, *voltages):
         self.applied.append(voltages)
+        self.now += self.period_cost
 
     def answer(self, voltage, stamp_ns):
         from pam_orthosis.nodes import messages
@@ -73,7 +78,7 @@ def test_an_answer_in_time_acts_over_its_own_period(plant):
     plant.now += plant.period_ns
     plant.tick()
     assert plant.applied == [(6.0, 6.0)]
-    assert plant.pace.health() == {"late_answers": 0}
+    assert plant.pace.health() == {"late_answers": 0, "skipped_samples": 0}
 
 
 def test_without_an_answer_the_valves_stay_and_it_is_counted(plant):
@@ -81,10 +86,10 @@ def test_without_an_answer_the_valves_stay_and_it_is_counted(plant):
     plant.tick()
     closed = load().valve.closed_voltage
     assert plant.applied == [(closed, closed)]
-    assert plant.pace.health() == {"late_answers": 1}
+    assert plant.pace.health() == {"late_answers": 1, "skipped_samples": 0}
 
 
-def test_jitter_costs_no_sample_and_a_pause_is_made_up_for(plant):
+def test_jitter_costs_no_sample(plant):
     first = plant.samples[0]
     for jitter in (-2_000_000, 1_500_000, 0):
         plant.now += plant.period_ns
@@ -92,9 +97,44 @@ def test_jitter_costs_no_sample_and_a_pause_is_made_up_for(plant):
         plant.tick()
         plant.now = late
     assert plant.samples == [first + k * plant.period_ns for k in range(4)]
+    assert plant.pace.health()["skipped_samples"] == 0
+
+
+def test_samples_that_were_missed_in_a_pause_are_skipped_but_the_hardware_lives_on(plant):
+    first = plant.samples[0]
     plant.now += 10 * plant.period_ns
     plant.tick()
-    assert plant.samples == [first + k * plant.period_ns for k in range(14)]
+    assert plant.samples == [first, first + 10 * plant.period_ns]
+    assert len(plant.applied) == 10
+    assert plant.pace.health() == {"late_answers": 1, "skipped_samples": 9}
+
+
+@pytest.mark.parametrize("cost_periods", [1.5, 3.0, 40.0])
+def test_on_a_machine_that_is_too_slow_no_callback_grows(plant, cost_periods):
+    """Making up for samples that are overdue took longer each time, until nothing else had its turn."""
+    plant.sample_cost = round(cost_periods * plant.period_ns)
+    costs = []
+    for _ in range(50):
+        begun = plant.now
+        plant.tick()
+        costs.append(plant.now - begun)
+        plant.now = max(plant.now, begun + plant.period_ns)
+    assert max(costs) == plant.sample_cost
+    assert plant.pace.health()["skipped_samples"] > 10
+    assert len(plant.applied) * plant.period_ns == plant.samples[-1] - plant.samples[0]
+
+
+def test_hardware_that_is_slower_than_time_gives_no_sample_but_holds_up_nothing(plant):
+    plant.period_cost = 2 * plant.period_ns
+    plant.now += plant.period_ns
+    costs, samples = [], []
+    for _ in range(20):
+        begun = plant.now
+        plant.tick()
+        costs.append(plant.now - begun)
+        samples.append(len(plant.samples))
+    assert max(costs) == costs[-1] == MAX_PERIODS_AT_ONCE * plant.period_cost
+    assert samples[-1] == samples[-10]
 
 
 def test_a_node_counts_samples_that_it_finished_too_late():
@@ -108,8 +148,8 @@ def test_a_node_counts_samples_that_it_finished_too_late():
     assert ages.figures() == {}
 
 
-def _spacing(bag):
-    return np.diff(read_bag(bag, ["angle"])["angle"].stamp_ns)
+def _stamps(bag):
+    return read_bag(bag, ["angle"])["angle"].stamp_ns
 
 
 @pytest.mark.parametrize("layout", [[], ["--composed"]])
@@ -119,11 +159,24 @@ def test_a_run_by_the_wall_clock_tells_its_timing(run_graph, layout):
     timing = json.loads(done.stdout)["timing"]
     assert timing["deadline_ms"] == 40.0
     assert 0.0 < timing["latency_median_ms"] <= timing["latency_max_ms"]
-    assert timing["samples"] == 50
-    assert set(_spacing(bag)) == {PERIOD_NS}
+    assert timing["periods"] - timing["skipped_samples"] == len(_stamps(bag))
+    assert not np.any(np.diff(_stamps(bag)) % PERIOD_NS)
     with AnyReader([bag]) as reader:
         there = {connection.topic for connection in reader.connections}
     assert there == {resolve(topic.name) for topic in table(realtime=True).values() if topic.recorded}
+
+
+def test_more_than_any_machine_can_do_costs_samples_not_the_run(run_graph):
+    """2 kHz through seven processes: every queue is always full, and still every node answers."""
+    done, bag = run_graph(
+        "--realtime", "--duration", "3", "--param", "scenario.control_period=0.0005", "--json"
+    )
+    assert done.returncode in (0, 1), done.stderr
+    timing = json.loads(done.stdout)["timing"]
+    assert timing["periods"] - timing["skipped_samples"] == len(_stamps(bag))
+    with AnyReader([bag]) as reader:
+        counts = {connection.topic: connection.msgcount for connection in reader.connections}
+    assert counts["/diagnostics"] > len(NODES)
 
 
 def test_a_driver_stands_in_for_the_plant(run_graph, monkeypatch):
@@ -137,7 +190,7 @@ def test_a_driver_stands_in_for_the_plant(run_graph, monkeypatch):
     assert driver.wait(30) == 0
     assert done.returncode in (0, 1), done.stderr
     timing = json.loads(done.stdout)["timing"]
-    assert timing["samples"] > 200
+    assert timing["periods"] > 300
     with AnyReader([bag]) as reader:
         there = {connection.topic for connection in reader.connections}
     assert "/truth" not in there
