@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import reduce
 from operator import attrgetter
@@ -20,6 +21,21 @@ from rosbags.typesys import Stores, get_typestore
 from pam_orthosis.bag.record import METADATA_FILE, RUN_RECORD
 from pam_orthosis.bag.topics import BY_NAME, SECOND_NS, SIGNALS, Signal, resolve
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import load
+
+# what a signal in the right unit cannot leave
+PLAUSIBLE = {
+    "rad": (-10.0, 10.0),
+    "rad/s": (-1e3, 1e3),
+    "rad/s^2": (-1e5, 1e5),
+    "Pa": (-1e4, 1e7),
+    "kg/s": (-10.0, 10.0),
+    "V": (-100.0, 100.0),
+    "N": (-1e6, 1e6),
+    "N m": (-1e5, 1e5),
+    "m": (-10.0, 10.0),
+    "m/s": (-100.0, 100.0),
+}
 
 
 class Series(NamedTuple):
@@ -58,30 +74,57 @@ def read_bag(path: Path, signals: Iterable[str], optional: Iterable[str] = (), n
     """
     path = Path(path)
     _check_path(path)
-    try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            series = _read(reader, path, list(signals), set(optional), namespace)
-        run = run_record(path)
-        parameters = json.loads(run.get("parameters", "{}"))
-    except OrthosisError:
-        raise
-    except Exception as error:  # a damaged file makes the readers raise anything
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise OrthosisError(
-            f"{path} cannot be read as a bag ({reason}); try `pam-orthosis recover {path}`"
-        ) from error
-    return Bag(path, series, run, parameters)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with _damage_told(path), AnyReader([path], default_typestore=store) as reader:
+        series = _read(reader, path, list(signals), set(optional), namespace)
+    run = run_record(path)
+    return Bag(path, series, run, recorded_parameters(path, run))
 
 
 def run_record(path: Path) -> dict[str, str]:
-    """Return the run metadata of a bag of ours, empty for another."""
-    for file in [path] if path.is_file() else sorted(path.glob("*.mcap")):
-        if file.suffix == ".mcap":
-            with open(file, "rb") as stream:
-                for record in make_reader(stream).iter_metadata():
-                    if record.name == RUN_RECORD:
-                        return dict(record.metadata)
+    """Return the run metadata of a bag of ours, empty for another; OrthosisError if it is damaged."""
+    with _damage_told(path):
+        for file in [path] if path.is_file() else sorted(path.glob("*.mcap")):
+            if file.suffix == ".mcap":
+                with open(file, "rb") as stream:
+                    for record in make_reader(stream).iter_metadata():
+                        if record.name == RUN_RECORD:
+                            return dict(record.metadata)
     return {}
+
+
+def recorded_parameters(path: Path, run: Mapping[str, str]) -> dict[str, Any]:
+    """Return the parameters of the run metadata; empty if there are none.
+
+    Raises:
+        OrthosisError: they are no JSON, or a value is one that no run can have had.
+    """
+    text = run.get("parameters", "{}")
+    try:
+        recorded = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise OrthosisError(f"{path}: the parameters in its run metadata are unreadable ({error})") from error
+    if not isinstance(recorded, dict):
+        raise OrthosisError(f"{path}: the parameters in its run metadata are no mapping: {text[:40]}")
+    known = load() if recorded else None
+    try:
+        return {key: known.accepted(key, value) for key, value in recorded.items()}
+    except OrthosisError as error:
+        raise OrthosisError(f"{path}: its run metadata are unusable: {error}") from error
+
+
+@contextmanager
+def _damage_told(path: Path) -> Iterator[None]:
+    """Turn whatever the readers raise over a damaged file into the error of this program."""
+    try:
+        yield
+    except OrthosisError:
+        raise
+    except Exception as error:
+        reason = str(error).splitlines()[0][:200] if str(error).strip() else type(error).__name__
+        raise OrthosisError(
+            f"{path} cannot be read as a bag ({reason}); try `pam-orthosis recover {path}`"
+        ) from error
 
 
 def aligned(*series: Series) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -163,5 +206,11 @@ def _series(path: Path, signal: Signal, stamps: list[int], values: list[float]) 
         where = stamp_ns[np.argmax(bad)] / SECOND_NS
         raise OrthosisError(
             f"{path}: {signal.name} on {signal.topic} is missing or not finite at {where:.3f} s"
+        )
+    low, high = PLAUSIBLE.get(signal.unit, (-np.inf, np.inf))
+    if value.min() < low or value.max() > high:
+        raise OrthosisError(
+            f"{path}: {signal.name} on {signal.topic} from {value.min():g} to {value.max():g} {signal.unit}"
+            " is implausible; check its unit"
         )
     return Series(stamp_ns, value)

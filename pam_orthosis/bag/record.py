@@ -12,6 +12,7 @@ import json
 import subprocess
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
@@ -26,6 +27,7 @@ from rosbags.typesys.store import Typestore
 from pam_orthosis import __version__
 from pam_orthosis.bag.topics import PUBLISHED_DEPTH
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import make_folder, remove_empty, told, write_text
 from pam_orthosis.model.parameters import Parameters
 
 CHUNK_BYTES = 64 * 1024
@@ -50,6 +52,8 @@ QOS = [
 class BagWriter:
     """A new bag in a folder; use it as a context manager or call `close`.
 
+    As a context manager it leaves nothing behind if what it surrounds fails.
+
     Args:
         folder: created if need be; must not hold a bag.
         run: run metadata (texts), kept in the MCAP file and, but for the parameters, in
@@ -68,12 +72,21 @@ class BagWriter:
         self._schemas: dict[str, int] = {}
         self._counts: Counter[str] = Counter()
         self._span = [2**63 - 1, 0]
+        self._made = make_folder(self.folder)
         self._stream = _create(self.folder, self._file)
         self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-        self._writer.start(profile="ros2", library=f"pam_orthosis {__version__}")
-        if self.run:
-            self._writer.add_metadata(RUN_RECORD, self.run)
-            self._stream.flush()
+        try:
+            self._begin()
+        except OrthosisError:
+            self.discard()
+            raise
+
+    def _begin(self) -> None:
+        with told(self._file):
+            self._writer.start(profile="ros2", library=f"pam_orthosis {__version__}")
+            if self.run:
+                self._writer.add_metadata(RUN_RECORD, self.run)
+                self._stream.flush()
 
     def add_topic(self, topic: str, msgtype: str) -> None:
         """Declare a topic (absolute name) of a standard ROS 2 type."""
@@ -104,21 +117,28 @@ class BagWriter:
         }
 
     def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
-        """Append a serialised message of a declared topic."""
-        self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns)
+        """Append a serialised message of a declared topic; OrthosisError if the disk takes no more."""
+        with told(self._file):
+            self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns)
         self._counts[topic] += 1
         self._span[0] = min(self._span[0], stamp_ns)
         self._span[1] = max(self._span[1], stamp_ns)
 
     def close(self) -> None:
-        """Finish the file and write `metadata.yaml`."""
+        """Finish the file and write `metadata.yaml`; OrthosisError if the disk takes no more."""
         information = self._information()
-        self._writer.add_metadata("rosbag2", {"serialized_metadata": _as_yaml(information)})
-        self._writer.finish()
-        self._stream.close()
-        partial = self.folder / f"{METADATA_FILE}.part"
-        partial.write_text(_as_yaml({"rosbag2_bagfile_information": information}))
-        partial.replace(self.folder / METADATA_FILE)
+        with told(self._file):
+            self._writer.add_metadata("rosbag2", {"serialized_metadata": _as_yaml(information)})
+            self._writer.finish()
+            self._stream.close()
+        write_text(self.folder / METADATA_FILE, _as_yaml({"rosbag2_bagfile_information": information}))
+
+    def discard(self) -> None:
+        """Remove what was written."""
+        with suppress(OSError):  # what is still buffered may not fit
+            self._stream.close()
+        self._file.unlink(missing_ok=True)
+        remove_empty(self._made)
 
     def __enter__(self) -> BagWriter:
         return self
@@ -129,7 +149,14 @@ class BagWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self.close()
+        if error is None:
+            try:
+                self.close()
+                return
+            except OrthosisError:
+                self.discard()
+                raise
+        self.discard()
 
     def _information(self) -> dict:
         total = sum(self._counts.values())
@@ -168,8 +195,11 @@ def _as_yaml(data: Any) -> str:
     return yaml.dump(data, Dumper=_PlainDumper, sort_keys=False)
 
 
-def run_metadata(parameters: Parameters, scenario: str) -> dict[str, str]:
-    """Return what a bag tells of its run: version, commit, scenario, seed, effects, parameters."""
+def run_metadata(parameters: Parameters, scenario: str, legs: str = "") -> dict[str, str]:
+    """Return what a bag tells of its run: version, commit, scenario, seed, effects, parameters.
+
+    With several legs it tells in which parameters each differs: JSON, by namespace.
+    """
     flat = parameters.flat()
     switches = {key: value for key, value in flat.items() if key.endswith(".enabled")}
     return {
@@ -179,6 +209,7 @@ def run_metadata(parameters: Parameters, scenario: str) -> dict[str, str]:
         "seed": str(flat["scenario.seed"]),
         "effects": json.dumps([key[: -len(".enabled")] for key, on in switches.items() if on]),
         "parameters": json.dumps(flat),
+        **({"legs": legs} if legs else {}),
     }
 
 
@@ -205,7 +236,6 @@ def _store() -> Typestore:
 
 def _create(folder: Path, file: Path):
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         if (folder / METADATA_FILE).exists() or any(folder.glob("*.mcap")):
             raise OrthosisError(f"{folder} holds a bag already; choose another folder")
         return open(file, "xb")

@@ -14,6 +14,7 @@ from mcap.stream_reader import StreamReader
 
 from pam_orthosis.bag.record import METADATA_FILE, RUN_RECORD, BagWriter
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import write_text
 
 _DAMAGE = (McapError, ValueError, struct.error, zstandard.ZstdError, KeyError, MemoryError)
 
@@ -42,7 +43,7 @@ def recover_in_place(bag: Path) -> int:
     count = recover(source, rescue)
     (rescue / f"{rescue.name}_0.mcap").replace(source)
     text = (rescue / METADATA_FILE).read_text().replace(f"{rescue.name}_0.mcap", source.name)
-    (bag / METADATA_FILE).write_text(text)
+    write_text(bag / METADATA_FILE, text)
     (rescue / METADATA_FILE).unlink()
     rescue.rmdir()
     return count

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pam_orthosis.cli.check import not_negative
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import write_text
 from pam_orthosis.identification import rows
 from pam_orthosis.identification.data import read_data
 from pam_orthosis.identification.identify import Identified, identify
@@ -46,7 +47,7 @@ def execute(arguments: argparse.Namespace) -> int:
     found = identify(data, _held_out(arguments), tuple(arguments.degrees), arguments.damping)
     source = f"identified on {_origin(found)} by `pam-orthosis identify`"
     if arguments.out:
-        _write(arguments.out, rows.as_yaml(found, source))
+        write_text(arguments.out, rows.as_yaml(found, source))
     if arguments.update:
         rows.update(arguments.update, found, source)
     if arguments.figures:
@@ -130,13 +131,6 @@ def _held_out(arguments: argparse.Namespace) -> list[float]:
 
 def _origin(found: Identified) -> str:
     return "a measured table" if found.data.static else "the emulated test rig"
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OrthosisError(f"cannot write {path}: {error.strerror}") from error
 
 
 def _numbers(values) -> str:

@@ -7,6 +7,7 @@ Exit status: 0 good, 1 the answer is no, 2 unusable input or usage, 3 a node or 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -26,6 +27,7 @@ VERBS = {
     "gap-hide": "record a blind test case of the gap workflow",
     "recover": "make a readable bag of one whose recorder was killed",
 }
+LONGEST_ERROR = 900
 
 
 class Parser(argparse.ArgumentParser):
@@ -41,16 +43,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return _dispatch(sys.argv[1:] if arguments is None else list(arguments))
     except OrthosisError as error:
-        print(f"pam-orthosis: error: {error}", file=sys.stderr)
-        return error.exit_status
+        return _failed(str(error), error.exit_status)
     except KeyboardInterrupt:
-        print("pam-orthosis: error: interrupted", file=sys.stderr)
-        return 3
+        return _failed("interrupted", 3)
+    except BrokenPipeError:  # nobody reads the rest
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except OSError as error:
+        about = f"{error.filename!r}: " if error.filename else ""
+        return _failed(about + (error.strerror or str(error) or type(error).__name__), 2)
+    except MemoryError:
+        return _failed("not enough memory for this input", 2)
 
 
 def run_main() -> int:
     """Run the verb `run`: the executable `ros2 run pam_orthosis run`."""
     return main(["run", *sys.argv[1:]])
+
+
+def _failed(message: str, status: int) -> int:
+    """Print an error as one readable line, whatever the input smuggled into it; return the exit status."""
+    line = "".join(c if c.isprintable() else " " for c in message)
+    if len(line) > LONGEST_ERROR:
+        line = f"{line[:LONGEST_ERROR]} ..."
+    print(f"pam-orthosis: error: {line}", file=sys.stderr)
+    return status
 
 
 def _dispatch(arguments: list[str]) -> int:

@@ -23,6 +23,7 @@ from pam_orthosis.bag.recover import recover_in_place
 from pam_orthosis.bag.verdict import judge
 from pam_orthosis.cli.check import add_verdict_arguments, show
 from pam_orthosis.errors import OrthosisError, RunFailed
+from pam_orthosis.files import make_folder, remove_empty
 from pam_orthosis.model.parameters import Parameters, load, scenario_names, scenario_overrides
 from pam_orthosis.nodes import launch
 from pam_orthosis.nodes.supervisor import supervise
@@ -66,7 +67,12 @@ def execute(arguments: argparse.Namespace) -> int:
     bag = arguments.out or _unused(arguments.scenario)
     if bag.exists() and (not bag.is_dir() or any(bag.iterdir())):
         raise OrthosisError(f"{bag} exists and is not an empty folder; choose another --out")
-    _run(parameters, bag.resolve(), arguments.scenario, _mode(arguments), arguments.open)
+    mode = _mode(arguments)
+    made = make_folder(bag)
+    try:
+        _run(parameters, bag.resolve(), arguments.scenario, mode, arguments.open)
+    finally:
+        remove_empty(made)  # if nothing was recorded
     print(f"recorded {bag}", file=sys.stderr)
     return show(judge(bag, arguments.bound_deg), arguments.json)
 

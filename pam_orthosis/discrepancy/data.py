@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from pam_orthosis.bag.read import aligned, read_bag, run_record
+from pam_orthosis.bag.read import aligned, read_bag, recorded_parameters, run_record
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import BELIEF
@@ -91,7 +90,7 @@ def believed(path: Path) -> dict:
     """Return the belief that a bag of ours was recorded with, as overrides; empty for another file."""
     if path.suffix == ".csv":
         return {}
-    recorded = json.loads(run_record(path).get("parameters", "{}"))
+    recorded = recorded_parameters(path, run_record(path))
     return {key: value for key, value in recorded.items() if key.split(".", 1)[0] in BELIEF}
 
 

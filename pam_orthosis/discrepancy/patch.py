@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,11 @@ import yaml
 
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import write_text
 from pam_orthosis.model.parameters import read_yaml
 
 HEADING = "# Model of the gap workflow: overrides by dotted key, for `--model` and `parameters.load`.\n"
+MOST_ROWS = 10_000  # aliases of YAML can stand for any number of rows
 
 
 def overrides(system: System, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
@@ -29,7 +32,7 @@ def overrides(system: System, effects: Sequence[str], values: Mapping[str, float
 def write(path: Path, changed: Mapping[str, Any]) -> None:
     """Write overrides, merged over those that were given, as YAML."""
     text = yaml.safe_dump(dict(changed), sort_keys=False)
-    path.write_text(HEADING + text, encoding="utf-8")
+    write_text(path, HEADING + text)
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -41,7 +44,10 @@ def read(path: Path) -> dict[str, Any]:
     content = read_yaml(path) or {}
     if not isinstance(content, dict):
         raise OrthosisError(f"{path} is not a mapping of parameters to values")
-    return dict(_flat("", content))
+    try:
+        return dict(islice(_flat("", content), MOST_ROWS))
+    except RecursionError:
+        raise OrthosisError(f"{path} refers to itself, or is nested too deeply") from None
 
 
 def _flat(prefix: str, node: Mapping):

@@ -6,7 +6,6 @@ Only measured channels are read; the truth topic of an emulated rig is never ope
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,7 +14,14 @@ import numpy as np
 from scipy import signal
 
 from pam_orthosis.bag import rig_topics  # noqa: F401  makes the rig's signals known to the reader
-from pam_orthosis.bag.read import METADATA_FILE, Bag, aligned, read_bag, run_record
+from pam_orthosis.bag.read import (
+    METADATA_FILE,
+    Bag,
+    aligned,
+    read_bag,
+    recorded_parameters,
+    run_record,
+)
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.table import read_table
@@ -112,7 +118,7 @@ def read_data(paths: Iterable[Path], specimen: str | None = None, length: float 
     parameters = load()
     if not hasattr(parameters.muscle, specimen):
         raise OrthosisError(f"no muscle {specimen}; config/muscle.yaml has dmsp_20, dmsp_10")
-    lengths = {_bag_length(run, specimen, parameters) for run in runs.values()}
+    lengths = {_bag_length(path, run, specimen, parameters) for path, run in runs.items()}
     lengths |= {length or getattr(parameters.muscle, specimen).geometry.map_length} if tables else set()
     if len(lengths) > 1:
         raise OrthosisError(f"muscles of different nominal lengths ({_texts(lengths)} m): one at a time")
@@ -161,13 +167,13 @@ def _one_specimen(runs, tables: Sequence[Path]) -> str:
     return names.pop()
 
 
-def _bag_length(run, specimen: str, parameters: Parameters) -> float:
-    return _recorded(run, f"muscle.{specimen}.length", parameters)
+def _bag_length(path: Path, run, specimen: str, parameters: Parameters) -> float:
+    return _recorded(path, run, f"muscle.{specimen}.length", parameters)
 
 
-def _recorded(run, key: str, parameters: Parameters) -> float:
+def _recorded(path: Path, run, key: str, parameters: Parameters) -> float:
     """Return a parameter as the bag tells it, else as config/ has it."""
-    return json.loads(run.get("parameters", "{}")).get(key, parameters.flat()[key])
+    return recorded_parameters(path, run).get(key, parameters.flat()[key])
 
 
 def _value(bag: Bag, key: str, parameters: Parameters) -> float:

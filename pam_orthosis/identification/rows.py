@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import write_text
 from pam_orthosis.identification.identify import Identified
 from pam_orthosis.model.parameters import Row, load
 
@@ -73,7 +74,7 @@ def update(file: Path, found: Identified, source: str) -> list[str]:
         line = re.sub(r"value: (\[[^\]]*\]|[^,}]+)", f"value: {_text(value)}", line, count=1)
         lines[places[full]] = re.sub(r"source: .*\}", f'source: "{source}"}}', line, count=1)
         changed.append(full)
-    file.write_text("".join(lines), encoding="utf-8")
+    write_text(file, "".join(lines))
     return changed
 
 

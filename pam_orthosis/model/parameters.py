@@ -62,7 +62,7 @@ class Row:
     def _checked_list(self, value: Any) -> list[float]:
         if not isinstance(value, list) or len(value) != len(self.value):
             raise OrthosisError(f"{self.key}: give a list of {len(self.value)} numbers, not {value!r}")
-        return [self._finite(item) for item in value]
+        return [self._within(self._finite(item)) for item in value]
 
     def _checked_choice(self, value: str) -> str:
         if self.options and value not in self.options:
@@ -83,18 +83,25 @@ class Row:
         return float(value)
 
     def _checked_number(self, value: Any) -> float | int:
-        number = self._finite(value)
-        for bound, broken in ((self.minimum, number.__lt__), (self.maximum, number.__gt__)):
-            if bound is not None and broken(bound):
-                raise OrthosisError(
-                    f"{self.key} = {value} {self.unit} is outside {self.minimum} .. {self.maximum}"
-                    f" {self.unit}; check its unit"
-                )
+        number = self._within(self._finite(value))
         if isinstance(self.value, int):
             if number != int(number):
                 raise OrthosisError(f"{self.key}: give a whole number, not {value!r}")
             return int(number)
         return number
+
+    def _within(self, number: float) -> float:
+        for bound, broken in ((self.minimum, number.__lt__), (self.maximum, number.__gt__)):
+            if bound is not None and broken(bound):
+                raise OrthosisError(
+                    f"{self.key} = {number:g} {self.unit} is outside {self.minimum} .. {self.maximum}"
+                    f" {self.unit}; check its unit"
+                )
+        return number
+
+
+class MissingParameter(AttributeError, OrthosisError):
+    """The tree has no such parameter: a name is wrong, or its row has gone from config/."""
 
 
 class Section:
@@ -105,7 +112,7 @@ class Section:
         self._path = path
 
     def __getattr__(self, name: str) -> Any:
-        raise AttributeError(f"no parameter {self._path}.{name}")
+        raise MissingParameter(f"no parameter {self._path}.{name}: does its row stand in config/?")
 
     def items(self) -> Iterable[tuple[str, Any]]:
         """Pairs of name and value or branch."""
@@ -135,6 +142,10 @@ class Parameters(Section):
         """Return dotted key -> value."""
         return dict(self._values)
 
+    def accepted(self, key: str, value: Any) -> Any:
+        """Return a value as the row of its key takes it; another key's as it is (of another version, say)."""
+        return self._rows[key].with_value(value).value if key in self._rows else value
+
     def only(self, *branches: str) -> Parameters:
         """Return the tree with no other branches than these."""
         kept = {k: r for k, r in self._rows.items() if k.split(".", 1)[0] in branches}
@@ -160,7 +171,11 @@ class Parameters(Section):
                 raise _unknown(key, rows)
             rows[key] = rows[key].with_value(value)
         result = Parameters(rows)
-        for message in broken_rules(result.flat()):
+        try:
+            broken = list(broken_rules(result.flat()))
+        except (TypeError, IndexError, KeyError) as error:  # a row in config/ of another kind, or gone
+            raise OrthosisError(f"config/ holds a value of the wrong kind, or lacks one ({error})") from error
+        for message in broken:
             raise OrthosisError(message)
         return result
 
@@ -218,8 +233,9 @@ def _shipped_rows() -> dict[str, Row]:
 
     rows: dict[str, Row] = {}
     for subject in SUBJECTS:
-        tree = read_yaml(config_folder() / f"{subject}.yaml")
-        tree = tree["defaults"] if subject == "scenario" else tree
+        file = f"{subject}.yaml"
+        tree = _mapping(read_yaml(config_folder() / file), file)
+        tree = _mapping(tree.get("defaults"), f"defaults in {file}") if subject == "scenario" else tree
         if subject == "plant":
             rows.update(_true_effect_rows(tree))
         rows.update(_rows_of(tree, subject))
@@ -233,19 +249,34 @@ def _true_effect_rows(plant: dict[str, Any]) -> dict[str, Row]:
     from pam_orthosis.model.effects.carriage_friction import RIG_EFFECTS
 
     rows = _effect_rows("plant.effects", plant.pop("effects", {}), CATALOGUE)
-    return rows | _effect_rows("plant.rig.effects", plant["rig"].pop("effects", {}), RIG_EFFECTS)
+    rig = _mapping(plant.get("rig"), "rig in plant.yaml")
+    return rows | _effect_rows("plant.rig.effects", rig.pop("effects", {}), RIG_EFFECTS)
 
 
 @lru_cache(maxsize=1)
 def _scenarios() -> dict[str, dict]:
-    return read_yaml(config_folder() / "scenario.yaml")["scenarios"]
+    tree = _mapping(read_yaml(config_folder() / "scenario.yaml"), "scenario.yaml")
+    scenarios = _mapping(tree.get("scenarios"), "scenarios in scenario.yaml")
+    for name, entry in scenarios.items():
+        where = f"scenario {name} in scenario.yaml"
+        if not isinstance(_mapping(entry, where).get("meaning"), str):
+            raise OrthosisError(f"{where} lacks its meaning")
+        _mapping(entry.get("set") or {}, f"set of {where}")
+    return scenarios
+
+
+def _mapping(node: Any, where: str) -> dict[str, Any]:
+    """Return a node of a file of config/ if it is a mapping of names."""
+    if not isinstance(node, dict) or not all(isinstance(key, str) for key in node):
+        raise OrthosisError(f"config/: {where} is not a mapping of names")
+    return node
 
 
 def _rows_of(tree: Mapping[str, Any], prefix: str) -> dict[str, Row]:
     rows: dict[str, Row] = {}
     for name, node in tree.items():
         key = f"{prefix}.{name}"
-        if "value" in node and "meaning" in node:
+        if "value" in _mapping(node, key) and "meaning" in node:
             rows[key] = _row(key, node)
         else:
             rows.update(_rows_of(node, key))
@@ -256,6 +287,7 @@ def _row(key: str, node: Mapping[str, Any]) -> Row:
     unknown = set(node) - {"value", "unit", "min", "max", "meaning", "source", "options"}
     if unknown:
         raise OrthosisError(f"{key}: unknown field {', '.join(sorted(unknown))} in config/")
+    _check_kinds(key, node)
     row = Row(
         key,
         node["value"],
@@ -269,6 +301,19 @@ def _row(key: str, node: Mapping[str, Any]) -> Row:
     return row.with_value(row.value)
 
 
+def _check_kinds(key: str, node: Mapping[str, Any]) -> None:
+    """Check the fields of a row; what has bounds is a number or a list of numbers."""
+    bounds = [node[name] for name in ("min", "max") if node.get(name) is not None]
+    numbers = [
+        *bounds,
+        *(node["value"] if isinstance(node["value"], list) else [node["value"]] if bounds else []),
+    ]
+    if not all(isinstance(number, int | float) and not isinstance(number, bool) for number in numbers):
+        raise OrthosisError(f"{key} in config/: value, min and max must be numbers")
+    if not isinstance(node["value"], Value) or not isinstance(node["meaning"], str):
+        raise OrthosisError(f"{key} in config/: value or meaning is of the wrong kind")
+
+
 def _effect_rows(
     prefix: str, values: Mapping[str, Mapping[str, Any]], catalogue: Mapping[str, Any]
 ) -> dict[str, Row]:
@@ -276,8 +321,8 @@ def _effect_rows(
     for effect in catalogue.values():
         for row in effect.rows(prefix):
             rows[row.key] = row
-    for effect_name, settings in values.items():
-        for name, value in settings.items():
+    for effect_name, settings in _mapping(values, prefix).items():
+        for name, value in _mapping(settings, f"{prefix}.{effect_name}").items():
             key = f"{prefix}.{effect_name}.{name}"
             if key not in rows:
                 raise _unknown(key, rows)

@@ -3,17 +3,35 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Any
 
+MUSCLES = ("dmsp_20", "dmsp_10", "mas_40")
 # each chain must be strictly increasing
 ORDERED = (
     ("valve.ambient_pressure", "control.position.minimum_pressure", "control.position.mean_pressure",
      "control.position.maximum_pressure", "valve.supply_pressure"),
     ("valve.minimum_voltage", "valve.closed_voltage", "valve.maximum_voltage"),
     ("leg.joint.minimum", "leg.joint.maximum"),
+    ("scenario.diagnostic.low_angle", "scenario.diagnostic.high_angle"),
+    ("scenario.diagnostic.low_mean", "scenario.diagnostic.high_mean"),
+    *(tuple(f"muscle.{m}.box.{end}_contraction" for end in ("minimum", "maximum")) for m in MUSCLES),
 )  # fmt: skip
+# what any apparatus of this kind has of one size: where one is so many times another, a decimal point slipped
+ALIKE = (
+    ("leg.thigh.length", "leg.shank.length"),
+    ("leg.thigh.mass", "leg.shank.mass"),
+    ("leg.thigh.width", "leg.shank.width"),
+    ("control.position.c1", "control.position.c2"),
+    ("gap.tolerance.extensor_force", "gap.tolerance.flexor_force"),
+    ("gap.tolerance.extensor_closed_voltage", "gap.tolerance.flexor_closed_voltage"),
+    ("gap.tolerance.extensor_pressure_offset", "gap.tolerance.flexor_pressure_offset"),
+)
+SLIP = 8.0
+BRAID_SHARE = (0.3, 5.0)  # what identified coefficients and the braid's geometry differ by at most
+PHASES = 60
 
 
 def broken_rules(values: Mapping[str, Any]) -> Iterator[str]:
@@ -23,7 +41,13 @@ def broken_rules(values: Mapping[str, Any]) -> Iterator[str]:
         for low, high in pairwise(known):
             if not values[low] < values[high]:
                 yield f"{low} = {values[low]} must be below {high} = {values[high]}"
+    for group in ALIKE:
+        yield from _alike(values, group)
+    for name in MUSCLES:
+        yield from _braid_rule(values, f"muscle.{name}")
     yield from _period_rule(values)
+    yield from _duration_rule(values)
+    yield from _reach_rule(values)
 
 
 def _period_rule(values: Mapping[str, Any]) -> Iterator[str]:
@@ -36,3 +60,58 @@ def _period_rule(values: Mapping[str, Any]) -> Iterator[str]:
             f"scenario.control_period = {period} s must be a whole multiple of"
             f" plant.simulation.step = {step} s"
         )
+
+
+def _duration_rule(values: Mapping[str, Any]) -> Iterator[str]:
+    duration, period = values.get("scenario.duration"), values.get("scenario.control_period")
+    if duration is not None and period is not None and duration < 4 * period:
+        yield f"scenario.duration = {duration} s must be four times scenario.control_period = {period} s"
+
+
+def _alike(values: Mapping[str, Any], keys: tuple[str, ...]) -> Iterator[str]:
+    sizes = {key: abs(values[key]) for key in keys if values.get(key)}
+    if len(sizes) > 1 and max(sizes.values()) >= SLIP * min(sizes.values()):
+        told = " and ".join(f"{key} = {values[key]}" for key in sizes)
+        yield f"{told} are of the same kind and differ {SLIP:g}-fold or more; has a decimal point slipped?"
+
+
+def _braid_rule(values: Mapping[str, Any], muscle: str) -> Iterator[str]:
+    """Compare what the coefficients give at no contraction with the ideal braid and its cylinder."""
+    diameter, angle = (values.get(f"{muscle}.geometry.{name}") for name in ("diameter", "fibre_angle"))
+    if diameter is None:
+        return
+    section = math.pi / 4 * diameter**2
+    area = section * (3 * math.cos(angle) ** 2 - 1) / math.sin(angle) ** 2
+    volume = section * values[f"{muscle}.map_length"]
+    for name, ideal, unit in (("force.a", area, "m^2"), ("volume.v", volume, "m^3")):
+        first = values[f"{muscle}.{name}"][0]
+        if not BRAID_SHARE[0] * ideal < first < BRAID_SHARE[1] * ideal:
+            yield (
+                f"{muscle}.{name} gives {first:g} {unit} at no contraction, the geometry in"
+                f" {muscle}.geometry {ideal:.3g} {unit}; has a decimal point slipped?"
+            )
+
+
+def _reach_rule(values: Mapping[str, Any]) -> Iterator[str]:
+    """Check that the knee may go where it is to start and to follow."""
+    low, high = values.get("leg.joint.minimum"), values.get("leg.joint.maximum")
+    if low is None or high is None or "scenario.trajectory" not in values:
+        return
+    for name, angle in _angles(values):
+        if not low <= angle <= high:
+            limits = f"leg.joint.minimum = {low} .. leg.joint.maximum = {high}"
+            yield f"{name} goes to {angle:.3g} rad, outside {limits}"
+            return
+
+
+def _angles(values: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
+    yield "scenario.start_angle", values["scenario.start_angle"]
+    if values["scenario.trajectory"] == "sine":
+        centre, amplitude = values["scenario.sine.centre"], values["scenario.sine.amplitude"]
+        yield from (("scenario.sine.amplitude", centre + sign * amplitude) for sign in (-1, 1))
+    if values["scenario.trajectory"] == "gait":
+        cosine, sine = values["scenario.gait.cosine"], values["scenario.gait.sine"]
+        for phase in (2 * math.pi * k / PHASES for k in range(PHASES)):
+            waves = (a * math.cos(n * phase) + b * math.sin(n * phase)
+                     for n, (a, b) in enumerate(zip(cosine, sine, strict=True)))  # fmt: skip
+            yield "scenario.gait", sum(waves)

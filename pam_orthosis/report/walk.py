@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from pam_orthosis.bag.read import Bag, aligned, read_bag
 from pam_orthosis.bag.topics import SECOND_NS
+from pam_orthosis.files import write_whole
 from pam_orthosis.model import parameters as parameter_tree
 from pam_orthosis.report.leg_drawing import draw_walk
 
@@ -25,7 +26,7 @@ def write_walk(bag_path: Path, file: Path, bound_deg: float = 3.0) -> None:
     """Write the picture of a bag as PNG.
 
     Raises:
-        OrthosisError: the bag is unusable.
+        OrthosisError: the bag is unusable, or the picture cannot be written.
     """
     bag = read_bag(bag_path, _NEEDED, _USEFUL)
     figure = Figure(figsize=(11, 8), layout="constrained")
@@ -37,8 +38,7 @@ def write_walk(bag_path: Path, file: Path, bound_deg: float = 3.0) -> None:
     _draw_error(time_axes[1], time, np.degrees(reference - angle), bound_deg)
     _draw_pressures(time_axes[2], bag, stamps[0])
     time_axes[2].set_xlabel("time / s")
-    file.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(file, dpi=110)
+    write_whole(file, lambda part: figure.savefig(part, dpi=110, format="png"))
 
 
 def _axes(figure):

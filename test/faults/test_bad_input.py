@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A fixed share of the campaign of bad input, and that the campaign finds what it is there to find."""
+
+from contextlib import nullcontext
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fault_campaign import bag_mutations, inputs, text_mutations, trial
+
+from pam_orthosis.bag import read
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import write_text, write_whole
+
+WALK = Path(__file__).resolve().parents[2] / "bags" / "walk"
+SHARE = 60
+
+
+def test_bad_input_is_refused_in_one_line_and_leaves_nothing(tmp_path):
+    pytest.importorskip("rclpy")
+    (tmp_path / "base").mkdir()
+    tried = inputs.campaign(tmp_path, WALK, SHARE, seed=1)
+    assert len(tried) == SHARE
+    assert [(result.trial.what, result.faults) for result in tried if result.faults] == []
+    assert sum(result.status == 2 for result in tried) > SHARE / 2
+
+
+def _attempt(tmp_path, make, prepare=None):
+    one = trial.Trial("bag", "broken on purpose", make, trial.REFUSED, ("bag",), prepare)
+    folder = tmp_path / "trial"
+    folder.mkdir()
+    return trial.attempt(one, folder).faults
+
+
+def test_a_missing_guard_is_found_as_a_traceback(tmp_path, monkeypatch):
+    def unguarded(folder):
+        monkeypatch.setattr(read, "_damage_told", lambda path: nullcontext())
+
+    noise = bag_mutations.BYTES["nothing but noise"]
+
+    def make(folder):
+        (folder / "bag.mcap").write_bytes(noise(bytearray(b"x"), np.random.default_rng(1)))
+        return ["check", folder / "bag.mcap"]
+
+    assert any("traceback" in fault for fault in _attempt(tmp_path, make, unguarded))
+
+
+def test_hanging_is_found(tmp_path, monkeypatch):
+    monkeypatch.setattr(trial, "LIMIT_S", 0.3)
+    monkeypatch.setattr(trial, "_main", lambda arguments: _hang())
+    (fault, *more) = _attempt(tmp_path, lambda folder: ["check", folder / "bag"])
+    assert "hangs" in fault
+    assert more == []
+
+
+def _hang():
+    while True:
+        pass
+
+
+def test_what_is_executed_or_overwritten_is_found(tmp_path, monkeypatch):
+    def bad_main(arguments):
+        Path(trial.CANARY).touch()
+        Path("mine.txt").write_text("yours")
+        return 2
+
+    monkeypatch.setattr(trial, "_main", bad_main)
+
+    def make(folder):
+        (folder / "mine.txt").write_text("mine")
+        return ["check", folder / "bag"]
+
+    faults = " ".join(_attempt(tmp_path, make))
+    for told in ("executed", "an existing file was changed", "not one error line", "left smuggled"):
+        assert told in faults
+
+
+def test_every_slip_and_every_contradiction_is_refused_by_name(tmp_path):
+    pytest.importorskip("rclpy")
+    for number, one in enumerate(islice(text_mutations.slip_trials(), 0, None, 4)):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        assert trial.attempt(one, folder).faults == [], one.what
+
+
+def test_a_file_is_whole_or_as_it_was(tmp_path):
+    file = tmp_path / "rows.yaml"
+    write_text(file, "before")
+
+    def fail_half_way(part):
+        part.write_text("half")
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(OrthosisError, match="No space left"):
+        write_whole(file, fail_half_way)
+    assert file.read_text() == "before"
+    assert list(tmp_path.iterdir()) == [file]
