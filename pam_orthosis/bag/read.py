@@ -78,7 +78,7 @@ def read_bag(path: Path, signals: Iterable[str], optional: Iterable[str] = (), n
     with _damage_told(path), AnyReader([path], default_typestore=store) as reader:
         series = _read(reader, path, list(signals), set(optional), namespace)
     run = run_record(path)
-    return Bag(path, series, run, recorded_parameters(path, run))
+    return Bag(path, series, run, recorded_parameters(path, run, namespace))
 
 
 def run_record(path: Path) -> dict[str, str]:
@@ -93,24 +93,31 @@ def run_record(path: Path) -> dict[str, str]:
     return {}
 
 
-def recorded_parameters(path: Path, run: Mapping[str, str]) -> dict[str, Any]:
-    """Return the parameters of the run metadata; empty if there are none.
+def recorded_parameters(path: Path, run: Mapping[str, str], namespace: str = "") -> dict[str, Any]:
+    """Return the parameters of the run metadata, as they were for a leg; empty if there are none.
 
     Raises:
         OrthosisError: they are no JSON, or a value is one that no run can have had.
     """
-    text = run.get("parameters", "{}")
+    recorded = _mapping(path, run.get("parameters", "{}"))
+    if namespace and recorded:
+        legs = _mapping(path, run.get("legs", "{}"))
+        recorded |= _mapping(path, json.dumps(legs.get(namespace.strip("/"), {})))
+    known = load() if recorded else None
+    try:
+        return {key: known.accepted(key, value) for key, value in recorded.items()}
+    except OrthosisError as error:
+        raise OrthosisError(f"{path}: its run metadata are unusable: {error}") from error
+
+
+def _mapping(path: Path, text: str) -> dict[str, Any]:
     try:
         recorded = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise OrthosisError(f"{path}: the parameters in its run metadata are unreadable ({error})") from error
     if not isinstance(recorded, dict):
         raise OrthosisError(f"{path}: the parameters in its run metadata are no mapping: {text[:40]}")
-    known = load() if recorded else None
-    try:
-        return {key: known.accepted(key, value) for key, value in recorded.items()}
-    except OrthosisError as error:
-        raise OrthosisError(f"{path}: its run metadata are unusable: {error}") from error
+    return recorded
 
 
 @contextmanager

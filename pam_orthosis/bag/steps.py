@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping
 from heapq import heappop, heappush
 from typing import NamedTuple
 
-from pam_orthosis.bag.topics import ORDER, Topic, is_health_instant, table
+from pam_orthosis.bag.topics import Topic, is_health_instant, table
 
 
 class Message(NamedTuple):
-    """A message as it is recorded: topic of the table, its stamp, its serialised bytes."""
+    """A message as it is recorded: topic as the collector's table calls it, stamp, serialised bytes."""
 
     topic: str
     stamp_ns: int
@@ -41,6 +41,7 @@ class StepCollector:
         self._period_ns = period_ns
         self._horizon = horizon
         self._topics = table() if topics is None else topics
+        self._order = {name: index for index, name in enumerate(self._topics)}
         self._late_rate = "1 Hz" if late_health else None
         self._each_step = self._promised("step", "answer")
         self._each_second = self._promised("1 Hz")
@@ -74,12 +75,14 @@ class StepCollector:
         while self._stamps:
             yield from self._leave()
 
-    def missing(self) -> list[Topic]:
+    def missing(self) -> dict[str, Topic]:
         """Return the topics that the oldest incomplete instant lacks, causes before effects."""
         if not self._stamps:
-            return []
+            return {}
         there = {message.topic for message in self._pending[self._stamps[0]].values()}
-        return [topic for topic in self._topics.values() if topic.rate == "step" and topic.name not in there]
+        return {
+            name: topic for name, topic in self._topics.items() if topic.rate == "step" and name not in there
+        }
 
     def _leave(self) -> Iterator[Message]:
         """Hand out the oldest instant."""
@@ -98,4 +101,4 @@ class StepCollector:
     def _key(self, message: Message) -> tuple[int, bytes]:
         """Return the place of a message in its instant: several nodes report their health in one."""
         many = len(self._topics[message.topic].producers) > 1
-        return ORDER[message.topic], message.data if many else b""
+        return self._order[message.topic], message.data if many else b""

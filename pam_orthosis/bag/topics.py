@@ -8,7 +8,7 @@ message depends only on topics above it, so the first one missing names the node
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -141,6 +141,17 @@ def _without_plant(topic: Topic) -> Topic:
         producers=tuple(node for node in topic.producers if node != PLANT),
         consumers=tuple(node for node in topic.consumers if node != PLANT),
     )
+
+
+def in_leg(name: str, leg: str, legs: Sequence[str]) -> str:
+    """Return the name that a leg's topic has for what serves several legs, relative to all of them.
+
+    A leg is the namespace of its nodes, none if there is one leg only. The first leg's clock is that
+    of the run; the others keep theirs to themselves.
+    """
+    if not leg or (name.startswith("/") and leg == legs[0]):
+        return name
+    return f"/{leg}{name}" if name.startswith("/") else f"{leg}/{name}"
 
 
 def resolve(name: str, namespace: str = "") -> str:

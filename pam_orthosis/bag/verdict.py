@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from pam_orthosis.bag.legs import namespaces
 from pam_orthosis.bag.read import Bag, Series, aligned, read_bag
 from pam_orthosis.bag.timing import Timing, timing
 from pam_orthosis.bag.topics import SECOND_NS
@@ -94,6 +95,15 @@ def judge(path: Path, bound_deg: float = 3.0, skip_s: float = 0.0, namespace: st
         scenario=bag.run.get("scenario"),
         timing=timing(bag.path, namespace, bag.parameters.get("scenario.control_period")),
     )
+
+
+def judge_all(path: Path, bound_deg: float = 3.0, skip_s: float = 0.0) -> dict[str, Verdict]:
+    """Judge each leg of a bag; the verdicts by the leg's namespace, none if there is one leg only.
+
+    Raises:
+        OrthosisError: as `judge`.
+    """
+    return {name.strip("/"): judge(path, bound_deg, skip_s, name) for name in namespaces(path)}
 
 
 def steady_state_error(stamp_ns: np.ndarray, error: np.ndarray, velocity: np.ndarray) -> float | None:

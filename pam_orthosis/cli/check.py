@@ -6,10 +6,11 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 from pam_orthosis.bag.timing import Timing
-from pam_orthosis.bag.verdict import Verdict, judge
+from pam_orthosis.bag.verdict import Verdict, judge_all
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,13 +30,22 @@ def add_verdict_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Print the verdict; return 0 if the bound holds, 1 if not."""
-    return show(judge(arguments.bag, arguments.bound_deg, arguments.skip_s), arguments.json)
+    return show(judge_all(arguments.bag, arguments.bound_deg, arguments.skip_s), arguments.json)
 
 
-def show(verdict: Verdict, as_json: bool) -> int:
-    """Print a verdict; return the exit status."""
-    print(json.dumps(verdict.as_dict(), indent=2) if as_json else describe(verdict))
-    return 0 if verdict.passed else 1
+def show(verdicts: Mapping[str, Verdict], as_json: bool) -> int:
+    """Print the verdict of each leg, by its name; return the exit status."""
+    passed = all(verdict.passed for verdict in verdicts.values())
+    if as_json:
+        told = {leg: verdict.as_dict() for leg, verdict in verdicts.items()}
+        print(json.dumps(told.get("", {"passed": passed, "legs": told}), indent=2))
+    else:
+        print("\n\n".join(_titled(leg, describe(verdict)) for leg, verdict in verdicts.items()))
+    return 0 if passed else 1
+
+
+def _titled(leg: str, text: str) -> str:
+    return f"{leg} leg\n{text}" if leg else text
 
 
 def describe(verdict: Verdict) -> str:

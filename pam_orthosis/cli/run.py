@@ -20,8 +20,9 @@ import yaml
 
 from pam_orthosis.bag.read import METADATA_FILE
 from pam_orthosis.bag.recover import recover_in_place
-from pam_orthosis.bag.verdict import judge
+from pam_orthosis.bag.verdict import judge_all
 from pam_orthosis.cli.check import add_verdict_arguments, show
+from pam_orthosis.control.legs import differences
 from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.files import make_folder, remove_empty
 from pam_orthosis.model.parameters import Parameters, load, scenario_names, scenario_overrides
@@ -39,6 +40,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the sensor noise")
     parser.add_argument("--out", type=Path, metavar="DIR", help="new bag (runs/SCENARIO-N)")
     parser.add_argument("--composed", action="store_true", help="all nodes in one process")
+    parser.add_argument(
+        "--legs",
+        type=int,
+        choices=(1, 2),
+        default=1,
+        help="2: left and right, half a cycle apart",
+    )
     parser.add_argument("--realtime", action="store_true", help="by the wall clock instead of in lockstep")
     parser.add_argument(
         "--no-plant", action="store_true", help="with a hardware driver instead of the plant: docs/ros.md"
@@ -67,20 +75,21 @@ def execute(arguments: argparse.Namespace) -> int:
     bag = arguments.out or _unused(arguments.scenario)
     if bag.exists() and (not bag.is_dir() or any(bag.iterdir())):
         raise OrthosisError(f"{bag} exists and is not an empty folder; choose another --out")
-    mode = _mode(arguments)
+    mode = _mode(arguments, parameters)
     made = make_folder(bag)
     try:
         _run(parameters, bag.resolve(), arguments.scenario, mode, arguments.open)
     finally:
         remove_empty(made)  # if nothing was recorded
     print(f"recorded {bag}", file=sys.stderr)
-    return show(judge(bag, arguments.bound_deg), arguments.json)
+    return show(judge_all(bag, arguments.bound_deg), arguments.json)
 
 
-def _mode(arguments: argparse.Namespace) -> launch.Mode:
+def _mode(arguments: argparse.Namespace, parameters: Parameters) -> launch.Mode:
     if arguments.no_plant and not arguments.realtime:
         raise OrthosisError("--no-plant: hardware does not wait for its controllers; give --realtime too")
-    return launch.Mode(arguments.composed, arguments.realtime, not arguments.no_plant)
+    legs = differences(parameters) if arguments.legs > 1 else {}
+    return launch.Mode(arguments.composed, arguments.realtime, not arguments.no_plant, legs)
 
 
 def _overrides(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -151,11 +160,13 @@ class Progress:
     def __init__(self, duration_s: float, domain: int | str):
         self._duration_s = duration_s
         self._domain = domain
+        self._reached_ns = 0
         self._next = time.monotonic() + PROGRESS_SECONDS
 
     def __call__(self, time_ns: int) -> None:
         """Take the simulated time."""
+        self._reached_ns = max(self._reached_ns, time_ns)  # nodes that have ended tell none
         if time.monotonic() >= self._next:
             self._next += PROGRESS_SECONDS
-            done = f"{time_ns * 1e-9:.1f} of {self._duration_s:g} s"
+            done = f"{self._reached_ns * 1e-9:.1f} of {self._duration_s:g} s"
             print(f"ROS domain {self._domain}: {done}", file=sys.stderr, flush=True)

@@ -25,7 +25,7 @@ from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from pam_orthosis.bag.topics import PLANT, PUBLISHED_DEPTH, SECOND_NS, table
+from pam_orthosis.bag.topics import PLANT, PUBLISHED_DEPTH, SECOND_NS, in_leg, table
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import messages
@@ -97,37 +97,42 @@ class GraphNode(Node):
         self.pulse: Callable[[], None] = lambda: None  # called at each step; `spin` looks around in it
         self._ages = Ages(self.period_ns)
         self._peers: dict[str, Callable[[], bool]] = {}
-        self._diagnostics = self.publish_to("diagnostics")
-        self._ready = self.publish_to("ready", latched=True)
+        self.legs = self.served_legs()
+        self._diagnostics = [self.publish_to("diagnostics", leg=leg) for leg in self.legs]
+        self._ready = [self.publish_to("ready", latched=True, leg=leg) for leg in self.legs]
         if self.role in self.topics["end"].consumers:
             self.listen_to("end", self.on_end)
         self._reported = time.monotonic()
         self._barrier = self.create_timer(PEER_POLL_SECONDS, self._wait_for_peers)
 
-    def publish_to(self, topic: str, latched: bool = False) -> Publisher:
+    def served_legs(self) -> tuple[str, ...]:
+        """Return the namespaces, inside the node's own, of the legs that it serves."""
+        return ("",)
+
+    def publish_to(self, topic: str, latched: bool = False, leg: str = "") -> Publisher:
         """Create a publisher of the table, and wait for its subscribers before the start."""
-        entry = self.topics[topic]
+        entry, name = self.topics[topic], in_leg(topic, leg, self.legs)
         quality = qos(PUBLISHED_DEPTH, latched)
-        publisher = self.create_publisher(message_class(entry.type), topic, quality)
+        publisher = self.create_publisher(message_class(entry.type), name, quality)
         count = len(entry.subscribers)
-        self._peers[f"a listener on {topic}"] = lambda: publisher.get_subscription_count() >= count
+        self._peers[f"a listener on {name}"] = lambda: publisher.get_subscription_count() >= count
         return publisher
 
-    def listen_to(self, topic: str, callback: Callable, **options: Any) -> Subscription:
+    def listen_to(self, topic: str, callback: Callable, leg: str = "", **options: Any) -> Subscription:
         """Subscribe to a topic of the table, and wait for its publishers before the start.
 
         Options are `depth`, `latched` (quality of service) and `raw` (serialised messages). In real
         time the measurements are taken as they come, as from any sensor, once all peers are there.
         """
-        entry, raw = self.topics[topic], options.pop("raw", False)
+        entry, name, raw = self.topics[topic], in_leg(topic, leg, self.legs), options.pop("raw", False)
         if self.realtime and entry.rate == "step":
             callback = self._once_ready(callback)
             options["reliable"] = PLANT not in entry.producers
         subscription = self.create_subscription(
-            message_class(entry.type), topic, callback, qos(**options), raw=raw
+            message_class(entry.type), name, callback, qos(**options), raw=raw
         )
         count = len(entry.producers)
-        self._peers[f"{topic} of {' and '.join(entry.producers)}"] = lambda: (
+        self._peers[f"{name} of {' and '.join(entry.producers)}"] = lambda: (
             subscription.get_publisher_count() >= count
         )
         return subscription
@@ -207,7 +212,9 @@ class GraphNode(Node):
         if self.realtime:
             health["missed_deadlines"] = self._ages.missed
             figures |= self._ages.figures()
-        self._diagnostics.publish(messages.diagnostics(stamp_ns, self.role, health, figures))
+        report = messages.diagnostics(stamp_ns, self.role, health, figures)
+        for publisher in self._diagnostics:
+            publisher.publish(report)
 
     def _once_ready(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         return lambda message: callback(message) if self.ready else None
@@ -224,7 +231,8 @@ class GraphNode(Node):
             gc.collect()
             gc.freeze()
         self.ready = True
-        self._ready.publish(String(data=self.role))
+        for publisher in self._ready:
+            publisher.publish(String(data=self.role))
         self.started()
 
 

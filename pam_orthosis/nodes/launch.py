@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import socket
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,16 +22,21 @@ from pam_orthosis.model.parameters import Parameters, config_folder
 from pam_orthosis.nodes.layout import LAYOUT, NodeSpec
 
 COMPOSED = "composed"
+MODE_SETTINGS = ("realtime", "with_plant")
 DOMAINS = range(102)  # higher ids use ports that the system hands out to anybody
 PROFILE = "loopback.xml"
 
 
 class Mode(NamedTuple):
-    """How a run is made: one process or many, by the wall clock or in lockstep, emulated or real leg."""
+    """How a run is made: one process a leg or many, by the wall clock or in lockstep, emulated or real leg.
+
+    `legs`: namespace -> the parameters in which the leg differs; none: one leg without a namespace.
+    """
 
     composed: bool = False
     realtime: bool = False
     with_plant: bool = True
+    legs: Mapping[str, Mapping[str, Any]] = {}
 
 
 def commands(
@@ -37,22 +44,66 @@ def commands(
 ) -> dict[str, list[str]]:
     """Write a parameter file for each node into `work`; return process name -> command line.
 
-    A node's file holds its own section, and in it the branches of the tree that it may know.
+    A node's file holds its own section, and in it the branches of the tree that it may know. Several
+    legs are so many groups of the same nodes, each in its namespace, and one recorder outside them.
     """
-    files = {}
+    told = {"realtime": mode.realtime, "with_plant": mode.with_plant}
+    recorder = {**told, "directory": str(bag), "scenario_name": scenario}
     specs = [spec for spec in LAYOUT.values() if mode.with_plant or spec.name != PLANT]
-    for spec in specs:
-        extra = {"realtime": mode.realtime, "with_plant": mode.with_plant}
-        if spec.name == RECORDER:
-            extra |= {"directory": str(bag), "scenario_name": scenario}
-        files[spec.name] = work / f"{spec.name}.yaml"
-        files[spec.name].write_text(_section(spec, parameters, extra))
-    if mode.composed:
-        return {COMPOSED: _command(COMPOSED, *files.values())}
-    return {
-        spec.name: [*_command(spec.executable, files[spec.name]), "-r", f"__node:={spec.name}"]
-        for spec in specs
-    }
+    if not mode.legs:
+        return _Group(work, parameters, specs, "", recorder).commands(mode.composed)
+    recorder["legs"] = json.dumps(mode.legs)
+    group = _Group(work, parameters, [LAYOUT[RECORDER]], "", recorder).commands(False)
+    for number, (leg, differences) in enumerate(mode.legs.items()):
+        there = [spec for spec in specs if spec.name != RECORDER]
+        own_clock = ["-r", f"/clock:=/{leg}/clock"] if number else []
+        legs_group = _Group(work, parameters.changed(differences), there, leg, told, own_clock)
+        group |= legs_group.commands(mode.composed)
+    return group
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Nodes in one namespace: their parameter files and command lines."""
+
+    work: Path
+    parameters: Parameters
+    specs: Sequence[NodeSpec]
+    leg: str
+    settings: Mapping[str, Any]
+    remaps: Sequence[str] = ()
+
+    def commands(self, composed: bool) -> dict[str, list[str]]:
+        files = {spec.name: self._written(spec) for spec in self.specs}
+        if composed:
+            names = [spec.name for spec in self.specs]
+            return {self._full(COMPOSED): self._command(COMPOSED, names, files.values())}
+        return {
+            self._full(spec.name): [
+                *self._command(spec.executable, [], [files[spec.name]]),
+                *("-r", f"__node:={spec.name}"),
+            ]
+            for spec in self.specs
+        }
+
+    def _full(self, name: str) -> str:
+        return f"{self.leg}/{name}" if self.leg else name
+
+    def _written(self, spec: NodeSpec) -> Path:
+        known = dict.fromkeys(MODE_SETTINGS if spec.name != RECORDER else self.settings)
+        values = self.parameters.only(*spec.branches).flat() | {key: self.settings[key] for key in known}
+        if spec.muscle:
+            values["muscle"] = spec.muscle
+        file = self.work / f"{self._full(spec.name).replace('/', '_')}.yaml"
+        section = {f"/{self._full(spec.name)}": {"ros__parameters": values}}
+        file.write_text(yaml.safe_dump(section, sort_keys=False))
+        return file
+
+    def _command(self, executable: str, names: Iterable[str], files: Iterable[Path]) -> list[str]:
+        command = [sys.executable, "-m", f"pam_orthosis.nodes.{executable}", *names, "--ros-args"]
+        for file in files:
+            command += ["--params-file", str(file)]
+        return [*command, *(("-r", f"__ns:=/{self.leg}") if self.leg else ()), *self.remaps]
 
 
 def environment(work: Path, domain: int) -> dict[str, str]:
@@ -86,20 +137,6 @@ def free_domain() -> Iterator[int]:
                 yield domain
                 return
     raise OrthosisError("no free ROS domain id on this host; end other ROS programs")
-
-
-def _section(spec: NodeSpec, parameters: Parameters, extra: Mapping[str, Any]) -> str:
-    values = {**parameters.only(*spec.branches).flat(), **extra}
-    if spec.muscle:
-        values["muscle"] = spec.muscle
-    return yaml.safe_dump({spec.name: {"ros__parameters": values}}, sort_keys=False)
-
-
-def _command(executable: str, *files: Path) -> list[str]:
-    command = [sys.executable, "-m", f"pam_orthosis.nodes.{executable}", "--ros-args"]
-    for file in files:
-        command += ["--params-file", str(file)]
-    return command
 
 
 def _in_use(domain: int) -> bool:

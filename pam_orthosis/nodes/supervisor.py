@@ -19,6 +19,7 @@ POLL_SECONDS = 0.02
 SILENCE_SECONDS = 1.2
 START_SECONDS = 60.0
 STOP_SECONDS = 0.6
+STOP_GRACE_SECONDS = 10.0
 
 
 class Child:
@@ -64,8 +65,12 @@ class Child:
             self.status, self._heard = "starting", time.monotonic()
 
     def silent(self) -> bool:
-        """Whether the process has begun to beat, or should have, and does not."""
-        return bool(self.status) and time.monotonic() - self._heard > SILENCE_SECONDS
+        """Whether the process has begun to beat, or should have, and does not.
+
+        When it has said that its run ended, it may take longer to take itself apart.
+        """
+        limit = STOP_GRACE_SECONDS if self.status == "ended" else SILENCE_SECONDS
+        return bool(self.status) and time.monotonic() - self._heard > limit
 
     def last_words(self) -> str:
         """Return the error that the process reported, or else the last line that it printed."""
@@ -99,7 +104,7 @@ def supervise(
     children: list[Child] = []
     try:
         for name, command in commands.items():
-            children.append(Child(name, command, environment, logs / f"{name}.log"))
+            children.append(Child(name, command, environment, logs / f"{name.replace('/', '_')}.log"))
         _watch(children, progress)
     except KeyboardInterrupt:
         raise RunFailed("interrupted; the bag holds what was recorded until then") from None

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One leg as the recorder sees it: how far its run is, when it is over, what its plant is told."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from rclpy.duration import Duration
+
+from pam_orthosis.bag.steps import StepCollector
+from pam_orthosis.bag.topics import SECOND_NS, in_leg
+from pam_orthosis.errors import RunFailed
+from pam_orthosis.nodes import messages
+
+if TYPE_CHECKING:
+    from pam_orthosis.nodes.bag_recorder import BagRecorder
+
+GRACE_NS = SECOND_NS // 2
+ACK_SECONDS, ACK_WAITS = 0.2, 5
+
+
+class RecordedLeg:
+    """The state of one leg's recording.
+
+    Args:
+        node: the recorder.
+        name: namespace of the leg, none if there is one only.
+        steps: where its messages are gathered; in lockstep all legs share one.
+    """
+
+    def __init__(self, node: BagRecorder, name: str, steps: StepCollector):
+        self.name = name
+        self.steps = steps
+        self._node = node
+        self.end_ns = None if node.realtime else node.run_ns
+        self._sampled, self._newest_ns = time.monotonic(), 0
+        self._acknowledged_ns = -1
+        self._recorded = node.publish_to("recorded", leg=name)
+        self._end = node.publish_to("end", leg=name)
+
+    def sampled(self, stamp_ns: int) -> None:
+        """Note that the leg has taken a sample; in real time the run begins with its first."""
+        self._sampled, self._newest_ns = time.monotonic(), stamp_ns
+        self.end_ns = self.end_ns or stamp_ns + self._node.run_ns
+
+    def within(self, stamp_ns: int) -> bool:
+        """Whether an instant is of the run: references are published ahead, drivers do not end with it."""
+        return self.end_ns is None or stamp_ns < self.end_ns
+
+    def acknowledge(self) -> None:
+        """Tell the plant how far the bag reaches, if that is news."""
+        if self.steps.done_ns > self._acknowledged_ns:
+            self._acknowledged_ns = self.steps.done_ns
+            self._recorded.publish(messages.time(self._acknowledged_ns))
+
+    def over(self) -> bool:
+        """Whether all of the run is recorded, or in real time all that will ever come."""
+        if self.end_ns is None:
+            return False
+        return self._complete() or (self._node.realtime and self._nothing_more())
+
+    def tell_end(self) -> None:
+        """Tell the leg's nodes that the run is over, and wait until they know."""
+        self._end.publish(messages.time(self.steps.done_ns))
+        for _ in range(ACK_WAITS):
+            if self._end.wait_for_all_acked(Duration(seconds=ACK_SECONDS)):
+                return
+            self._node.pulse()
+
+    def _complete(self) -> bool:
+        return self.steps.done_ns >= self.end_ns - self._node.period_ns
+
+    def _nothing_more(self) -> bool:
+        """Whether something much later has come already.
+
+        The clock does not tell: on a busy machine much may have arrived that nobody has looked at yet.
+        """
+        silence, limit = time.monotonic() - self._sampled, self._node.settings["sample_timeout"]
+        if silence > limit and self._newest_ns < self.end_ns - self._node.period_ns:
+            topic = in_leg("joint_states", self.name, self._node.legs)
+            raise RunFailed(f"no sample on {topic} for {limit:g} s: does the driver run?")
+        return self._newest_ns >= self.end_ns + GRACE_NS or silence > limit
