@@ -24,7 +24,7 @@ test: setup
 	$(BIN)/python -m pytest
 
 picture: setup
-	$(BIN)/pam-orthosis report bags/walk --out docs/pictures
+	$(BIN)/pam-orthosis report bags/walk --only picture --out docs/pictures
 
 bench-gap: setup
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_gap.py run --out $(BENCH)

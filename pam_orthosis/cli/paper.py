@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 
 from pam_orthosis.cli import rig
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import told, write_text
 from pam_orthosis.identification.data import read_data
 from pam_orthosis.identification.identify import Identified, identify
 from pam_orthosis.model.parameters import load
@@ -33,7 +33,8 @@ def execute(arguments: argparse.Namespace) -> int:
     from pam_orthosis.report.paper.observer import DAMPING, POLE
 
     pictures = arguments.out / "pictures"
-    _make(pictures)
+    with told(pictures):
+        pictures.mkdir(parents=True, exist_ok=True)
     identified = _identified()
     _say("fig. 8: observer")
     observed = observer.observe()
@@ -47,7 +48,7 @@ def execute(arguments: argparse.Namespace) -> int:
     figures.draw_trade_off(points, observed, pictures / "trade_off.png")
     figures.draw_tracking(found.tracking, pictures / "tracking.png")
     _draw_muscle(identified, pictures)
-    (arguments.out / "paper.md").write_text(table.page(found), encoding="utf-8")
+    write_text(arguments.out / "paper.md", table.page(found))
     print(json.dumps(found.as_dict(), indent=2) if arguments.json else arguments.out / "paper.md")
     return 0
 
@@ -67,13 +68,6 @@ def _draw_muscle(found: Identified, folder: Path) -> None:
     from pam_orthosis.report.identification import draw
 
     draw(found, folder)
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OrthosisError(f"cannot write to {folder}: {error.strerror}") from error
 
 
 def _say(words: str) -> None:

@@ -1,24 +1,48 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draw a recorded run: the walking leg, angle, error and pressures, as a picture."""
+"""Show a recorded run: one page that opens offline (plots, leg, verdict), and a picture of it."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
+from pam_orthosis.cli.check import describe, not_negative
+from pam_orthosis.files import write_text
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     parser.add_argument("bag", type=Path, metavar="BAG", help="bag folder or .mcap file")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the picture (beside the bag)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of page and picture (beside the bag)")
+    parser.add_argument("--bound-deg", type=not_negative, default=3.0, help="bound on the largest error (3)")
+    parser.add_argument("--only", choices=("page", "picture"), help="make one of the two (both)")
+    parser.add_argument("--namespace", default="", metavar="NS", help="of the leg in the bag")
 
 
 def execute(arguments: argparse.Namespace) -> int:
-    """Write the picture and say where."""
+    """Write page and picture and say where."""
+    bag = arguments.bag.resolve()
+    folder = arguments.out or bag.parent
+    makers = {"page": ("html", _page), "picture": ("png", _picture)}
+    for name, (ending, make) in makers.items():
+        if arguments.only in (None, name):
+            file = folder / f"{bag.stem}.{ending}"
+            make(bag, file, arguments)
+            print(file)
+    return 0
+
+
+def _page(bag: Path, file: Path, arguments: argparse.Namespace) -> None:
+    from pam_orthosis.bag.verdict import judge
+    from pam_orthosis.report.run_data import read_run
+    from pam_orthosis.report.run_page import run_page  # plotly takes a second to load
+
+    verdict = judge(bag, arguments.bound_deg, namespace=arguments.namespace)
+    page = run_page(read_run(bag, arguments.namespace), verdict, describe(verdict))
+    write_text(file, page)
+
+
+def _picture(bag: Path, file: Path, arguments: argparse.Namespace) -> None:
     from pam_orthosis.report.walk import write_walk  # matplotlib takes a second to load
 
-    bag = arguments.bag.resolve()
-    file = (arguments.out or bag.parent) / f"{bag.stem}.png"
-    write_walk(bag, file)
-    print(file)
-    return 0
+    write_walk(bag, file, arguments.bound_deg, arguments.namespace)

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from pam_orthosis.discrepancy.data import smoothed
 from pam_orthosis.discrepancy.verdict import describe
 from pam_orthosis.discrepancy.workflow import Outcome
+from pam_orthosis.report.html import document
 
 WINDOW = 4.0  # s, shown of a recording: where the gap is largest
 SLOW = 12.0  # Hz, of what the model misses
@@ -24,11 +25,6 @@ BINS = 24
 BEFORE, AFTER, MEASURED = "#d62728", "#1f77b4", "0.25"
 # signal of an effect -> recorded signal that stands for it
 STANDS_FOR = (("_contraction", "angle"), ("_rate", "velocity"), ("_stretch", "angle"))
-STYLE = """
-body {font: 16px/1.5 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em}
-table {border-collapse: collapse} td, th {padding: .2em .8em; border-bottom: 1px solid #ccc; text-align: left}
-img {max-width: 100%} pre {overflow: auto}
-"""
 
 
 def write_page(outcome: Outcome, folder: Path) -> Path:
@@ -40,9 +36,8 @@ def write_page(outcome: Outcome, folder: Path) -> Path:
     if figure is not None:
         parts.append("<h2>What the model misses</h2>" + _image(figure))
     parts += [_effect_words(outcome), _ranking(outcome)]
-    page = f"<!doctype html><meta charset=utf-8><title>gap</title><style>{STYLE}</style>{''.join(parts)}\n"
     file = folder / "gap.html"
-    file.write_text(page, encoding="utf-8")
+    file.write_text(document("gap", "".join(parts)), encoding="utf-8")
     return file
 
 

@@ -22,13 +22,13 @@ _USEFUL = tuple(f"{m}_pressure{kind}" for m in ("extensor", "flexor") for kind i
 _COLOURS = {"extensor": "tab:blue", "flexor": "tab:orange"}
 
 
-def write_walk(bag_path: Path, file: Path, bound_deg: float = 3.0) -> None:
+def write_walk(bag_path: Path, file: Path, bound_deg: float = 3.0, namespace: str = "") -> None:
     """Write the picture of a bag as PNG.
 
     Raises:
         OrthosisError: the bag is unusable, or the picture cannot be written.
     """
-    bag = read_bag(bag_path, _NEEDED, _USEFUL)
+    bag = read_bag(bag_path, _NEEDED, _USEFUL, namespace)
     figure = Figure(figsize=(11, 8), layout="constrained")
     leg_axes, *time_axes = _axes(figure)
     stamps, (angle, reference) = aligned(bag["angle"], bag["reference_angle"])

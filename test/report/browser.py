@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A headless Chromium for tests, where the machine has one."""
+
+import shutil
+from contextlib import contextmanager
+
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+# no sandbox for root in containers; nothing of the browser's own asks the network
+FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
+         "--disable-background-networking", "--disable-component-update"]  # fmt: skip
+
+
+@contextmanager
+def opened(file, width=1300, height=1000):
+    """Yield the page of a file in an offline browser, and what it complains about or asks for."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    found = next(filter(None, map(shutil.which, NAMES)), None)
+    if found is None:
+        pytest.skip(f"no browser: none of {', '.join(NAMES)} is installed")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=found, args=FLAGS)
+        page = browser.new_context(offline=True, viewport={"width": width, "height": height}).new_page()
+        heard = []
+        page.on("console", lambda message: heard.append(f"{message.type}: {message.text}"))
+        page.on("pageerror", lambda error: heard.append(f"error: {error}"))
+        page.on("request", lambda request: heard.append(f"request: {request.url}"))
+        page.goto(file.as_uri())
+        yield page, heard
+        browser.close()

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page of a run: self-contained, true to the bag, and no browser complains about it."""
+
+import base64
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import opened
+
+from pam_orthosis.bag.read import aligned, read_bag
+from pam_orthosis.bag.verdict import judge
+from pam_orthosis.cli.main import main
+from pam_orthosis.model import leg as leg_model
+from pam_orthosis.model import parameters
+from pam_orthosis.report.leg_shape import LegShape
+from pam_orthosis.report.run_data import MOST_POINTS, thinned
+
+WALK = Path(__file__).resolve().parents[2] / "bags" / "walk"
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report")
+    assert main(["report", str(WALK), "--only", "page", "--out", str(folder)]) == 0
+    return folder / "walk.html"
+
+
+@pytest.fixture(scope="module")
+def page(file):
+    return file.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def curves(page):
+    """Name -> (x, y) of every curve that the page draws, decoded from the page itself."""
+    place = page.index("Plotly.newPlot(", page.index('"run"'))
+    traces, _ = json.JSONDecoder().raw_decode(page, page.index("[", place))
+    return {t["name"]: (_array(t["x"]), _array(t["y"])) for t in traces if "name" in t}
+
+
+def _array(packed):
+    if isinstance(packed, dict):
+        return np.frombuffer(base64.b64decode(packed["bdata"]), packed["dtype"])
+    return np.array(packed)
+
+
+class References(HTMLParser):
+    """Collects what a page refers to."""
+
+    def __init__(self):
+        super().__init__()
+        self.found = []
+
+    def handle_starttag(self, tag, attrs):
+        self.found += [value for name, value in attrs if name in ("src", "href", "action", "data")]
+
+
+def test_the_page_needs_nothing_but_itself(page):
+    references = References()
+    references.feed(page)
+    assert [one for one in references.found if not one.startswith("data:")] == []
+    assert "@import" not in page.split("<script", 1)[0]
+    assert len(page.encode()) < 6_000_000
+
+
+def test_the_curves_are_the_bags(curves):
+    names = ["angle", "reference_angle", "extensor_pressure", "flexor_pressure_reference", "extensor_voltage"]
+    bag = read_bag(WALK, [*names, "disturbance"])
+    factors = {"angle": 180 / np.pi, "pressure": 1e-5, "voltage": 1.0, "disturbance": 1.0}
+    shown = {"angle": "measured", "reference_angle": "reference"}
+    for name in (*names, "disturbance"):
+        stamps, values = bag[name]
+        time, drawn = curves[shown.get(name, name.replace("_", " "))]
+        factor = next(f for part, f in factors.items() if part in name)
+        assert time == pytest.approx((stamps - bag["angle"].stamp_ns[0]) / 1e9, abs=1e-12)
+        assert drawn == pytest.approx(values * factor, rel=1e-12)
+    _, (reference, angle) = aligned(bag["reference_angle"], bag["angle"])
+    assert curves["error"][1] == pytest.approx(np.degrees(reference - angle), abs=1e-12)
+
+
+def test_verdict_cycles_and_recording_are_told(page):
+    verdict = judge(WALK)
+    assert f"{verdict.max_abs_error_deg:.3f} deg" in page
+    for cycle in verdict.cycles:
+        assert f"<td>{cycle.max_abs_error_deg:.3f}</td><td>{cycle.rms_error_deg:.3f}</td>" in page
+    assert "<td>scenario</td><td>default</td>" in page
+    assert "scenario.duration" in page
+
+
+def test_the_bound_is_that_of_the_verdict(tmp_path):
+    assert main(["report", str(WALK), "--only", "page", "--bound-deg", "0.5", "--out", str(tmp_path)]) == 0
+    page = (tmp_path / "walk.html").read_text()
+    assert "<h1>walk: FAILED</h1>" in page
+
+
+def test_thinning_keeps_every_peak():
+    time = np.arange(40_000) * 0.002
+    value = np.random.default_rng(1).standard_normal(len(time))
+    value[12_345], value[34_567] = 50.0, -50.0
+    short, kept = thinned(time, value)
+    assert len(short) <= MOST_POINTS
+    assert (kept.max(), kept.min()) == (50.0, -50.0)
+    assert np.all(np.diff(short) > 0)
+    assert np.isin(kept, value).all()
+    assert len(thinned(time[:100], value[:100])[0]) == 100
+
+
+def test_the_drawn_leg_is_the_models():
+    p = parameters.load()
+    angles = np.array([0.0, 0.4, 1.1])
+    pose = LegShape(p).pose(angles)
+    for i, q in enumerate(angles):
+        bodies = leg_model.bodies(q, p.leg)
+        assert pose.knee[i] == pytest.approx(bodies[1].position.full().ravel())
+        assert pose.ankle[i] == pytest.approx(bodies[3].position.full().ravel())
+        for name, contraction in zip(("extensor", "flexor"), leg_model.contractions(q, p.leg), strict=True):
+            muscle = pose.muscles[name]
+            length = np.linalg.norm(muscle.lower[i] - muscle.upper[i])
+            assert length == pytest.approx(p.muscle.dmsp_20.length - contraction)
+            assert np.linalg.norm(muscle.chain[i] - pose.knee[i]) == pytest.approx(
+                p.leg.cogwheel_diameter / 2
+            )
+
+
+def test_the_extensor_straightens_the_drawn_leg():
+    """The chain's pull on the cogwheel, times its lever, turns the shank towards the straight leg."""
+    for configuration in (1, -1):
+        p = parameters.load({"leg.configuration": configuration})
+        pose = LegShape(p).pose(np.array([0.8]))
+        for name, flexes in (("extensor", -1), ("flexor", 1)):
+            muscle = pose.muscles[name]
+            lever, pull = (muscle.chain - pose.knee)[0], (muscle.upper - muscle.chain)[0]
+            turns = lever[0] * pull[1] - lever[1] * pull[0]  # > 0: from x to z
+            assert np.sign(-turns * configuration) == flexes
+
+
+def test_a_browser_opens_it_without_complaint_and_zooms_and_plays(file):
+    with opened(file) as (page, heard):
+        page.wait_for_selector("#run .main-svg")
+        ranges = page.evaluate("""async () => {
+            const g = document.getElementById('run')
+            await Plotly.relayout(g, {'xaxis2.range': [2, 3]})
+            return Object.keys(g._fullLayout).filter(k => /^xaxis/.test(k)).map(k => g._fullLayout[k].range)
+        }""")
+        assert ranges.count([2, 3]) == 5
+        page.get_by_text("play").click()
+        page.wait_for_function("document.getElementById('run')._fullData[5].x[0] > 0.2")
+        page.get_by_text("pause").click()
+        complaints = [one for one in heard if not one.startswith("trace: ")]  # traced: the pause
+        assert complaints == [f"request: {file.as_uri()}"]
+        assert page.title() == "walk"
+
+
+def test_a_page_that_complains_is_noticed(tmp_path):
+    bad = tmp_path / "bad.html"
+    bad.write_text("<script src='https://example.org/x.js'></script><script>nothing.here()</script>")
+    with opened(bad) as (_, heard):
+        assert any(re.search("example.org", one) for one in heard)
+        assert any(one.startswith("error: ") for one in heard)
