@@ -33,12 +33,13 @@ class ClosedLoop:
         seed: of the sensor noise.
         plant: another plant with the methods of `Plant`.
         trajectory: another trajectory with the method `sample`.
+        position: another position controller with the method `step` of `PositionController`.
     """
 
-    def __init__(self, parameters, seed: int = 0, plant=None, trajectory=None):
+    def __init__(self, parameters, seed: int = 0, plant=None, trajectory=None, position=None):
         self.plant = Plant(parameters, seed) if plant is None else plant
         self._trajectory = make_trajectory(parameters) if trajectory is None else trajectory
-        self._position = PositionController(parameters)
+        self._position = PositionController(parameters) if position is None else position
         self._pressure = [PressureController(parameters, muscle) for muscle in MUSCLES]
         self._valves = [InverseValveModel(parameters) for _ in MUSCLES]
 
