@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -79,6 +80,26 @@ def read_bag(path: Path, signals: Iterable[str], optional: Iterable[str] = (), n
         series = _read(reader, path, list(signals), set(optional), namespace)
     run = run_record(path)
     return Bag(path, series, run, recorded_parameters(path, run, namespace))
+
+
+def raw_messages(path: Path, topics: Iterable[str], namespace: str = "") -> dict[str, dict[int, bytes]]:
+    """Return the serialised messages of topics of the table, by topic and stamp; absent ones are left out.
+
+    Raises:
+        OrthosisError: missing, unclosed or damaged bag; a topic of another type.
+    """
+    path = Path(path)
+    _check_path(path)
+    names = {resolve(topic, namespace): topic for topic in topics}
+    messages: dict[str, dict[int, bytes]] = {}
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with _damage_told(path), AnyReader([path], default_typestore=store) as reader:
+        connections = [one for one in reader.connections if one.topic in names]
+        for one in connections:
+            _check_type(path, one, BY_NAME[names[one.topic]].type)
+        for connection, _, data in reader.messages(connections) if connections else ():
+            messages.setdefault(names[connection.topic], {}).setdefault(_stamp_ns(data), bytes(data))
+    return messages
 
 
 def run_record(path: Path) -> dict[str, str]:
@@ -181,10 +202,22 @@ def _connections(
         needed = [signal for signal in signals if signal.name not in optional]
         if topic not in there and needed:
             raise OrthosisError(f"{path} has no topic {topic}, needed for {needed[0].name}")
-        expected = BY_NAME[signals[0].topic].type
-        if topic in there and there[topic].msgtype != expected:
-            raise OrthosisError(f"{path}: topic {topic} is of type {there[topic].msgtype}, not {expected}")
+        if topic in there:
+            _check_type(path, there[topic], BY_NAME[signals[0].topic].type)
     return [connection for connection in reader.connections if connection.topic in wanted]
+
+
+def _check_type(path: Path, connection: Any, expected: str) -> None:
+    if connection.msgtype != expected:
+        raise OrthosisError(
+            f"{path}: topic {connection.topic} is of type {connection.msgtype}, not {expected}"
+        )
+
+
+def _stamp_ns(data: bytes) -> int:
+    """Return the stamp with which each type of the table begins, behind the encapsulation's four bytes."""
+    seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
+    return seconds * SECOND_NS + nanoseconds
 
 
 def _value(message: Any, signal: Signal) -> float:

@@ -116,13 +116,16 @@ ORDER = {topic.name: index for index, topic in enumerate(TOPICS)}
 RECORDED = tuple(topic for topic in TOPICS if topic.recorded and topic.rate != "answer")
 
 
-def table(realtime: bool = False, with_plant: bool = True) -> dict[str, Topic]:
+def table(realtime: bool = False, with_plant: bool = True, replay: bool = False) -> dict[str, Topic]:
     """Return the topics of a run by name.
 
     In lockstep `/clock` drives the trajectory, in real time the samples themselves do, and nobody waits
     for the recorder. Without the plant a driver publishes and takes what stands under the plant's name,
-    but for the truth and the management of the graph.
+    but for the truth and the management of the graph. In a replay a player stands in for all peers,
+    under the recorder's name.
     """
+    if replay:
+        return {name: _replayed(topic) for name, topic in table().items()}
     if not realtime:
         return {topic.name: topic for topic in TOPICS if topic.rate != "answer"}
     topics = {topic.name: topic for topic in TOPICS if topic.name != "/clock"}
@@ -133,6 +136,12 @@ def table(realtime: bool = False, with_plant: bool = True) -> dict[str, Topic]:
         return topics
     del topics["truth"]
     return {name: topic if topic.rate == "step" else _without_plant(topic) for name, topic in topics.items()}
+
+
+def _replayed(topic: Topic) -> Topic:
+    if topic.name == "ready":
+        return replace(topic, producers=(RECORDER,), consumers=(RECORDER,))
+    return replace(topic, consumers=()) if topic.recorded else topic
 
 
 def _without_plant(topic: Topic) -> Topic:

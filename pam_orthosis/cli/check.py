@@ -40,11 +40,12 @@ def show(verdicts: Mapping[str, Verdict], as_json: bool) -> int:
         told = {leg: verdict.as_dict() for leg, verdict in verdicts.items()}
         print(json.dumps(told.get("", {"passed": passed, "legs": told}), indent=2))
     else:
-        print("\n\n".join(_titled(leg, describe(verdict)) for leg, verdict in verdicts.items()))
+        print("\n\n".join(titled(leg, describe(verdict)) for leg, verdict in verdicts.items()))
     return 0 if passed else 1
 
 
-def _titled(leg: str, text: str) -> str:
+def titled(leg: str, text: str) -> str:
+    """Return what is told of a leg, under its name if it has one."""
     return f"{leg} leg\n{text}" if leg else text
 
 

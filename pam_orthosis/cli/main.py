@@ -18,6 +18,7 @@ from pam_orthosis.errors import OrthosisError
 
 VERBS = {
     "run": "start the node graph, record a bag, judge it",
+    "replay": "feed a recorded bag to the nodes again, compare their answers",
     "check": "judge the tracking of a recorded bag",
     "rig": "record the identification procedure on the emulated test rig",
     "identify": "muscle parameters from rig bags or measured tables",

@@ -10,6 +10,7 @@ import signal
 import sys
 import tempfile
 import time
+from collections.abc import Iterable
 from contextlib import ExitStack
 from importlib.util import find_spec
 from itertools import count
@@ -69,12 +70,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Run and judge; return 0 if the bound holds, 1 if not."""
-    if find_spec("rclpy") is None:
-        raise OrthosisError("rclpy is not installed: pip install 'pam_orthosis[ros]'")
+    need_ros()
     parameters = load(_overrides(arguments))
     bag = arguments.out or _unused(arguments.scenario)
-    if bag.exists() and (not bag.is_dir() or any(bag.iterdir())):
-        raise OrthosisError(f"{bag} exists and is not an empty folder; choose another --out")
+    refuse_used(bag)
     mode = _mode(arguments, parameters)
     made = make_folder(bag)
     try:
@@ -83,6 +82,18 @@ def execute(arguments: argparse.Namespace) -> int:
         remove_empty(made)  # if nothing was recorded
     print(f"recorded {bag}", file=sys.stderr)
     return show(judge_all(bag, arguments.bound_deg), arguments.json)
+
+
+def refuse_used(folder: Path) -> None:
+    """Raise OrthosisError if there is something already where a bag is to be written."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise OrthosisError(f"{folder} exists and is not an empty folder; choose another --out")
+
+
+def need_ros() -> None:
+    """Raise OrthosisError if there is no ROS."""
+    if find_spec("rclpy") is None:
+        raise OrthosisError("rclpy is not installed: pip install 'pam_orthosis[ros]'")
 
 
 def _mode(arguments: argparse.Namespace, parameters: Parameters) -> launch.Mode:
@@ -98,7 +109,12 @@ def _overrides(arguments: argparse.Namespace) -> dict[str, Any]:
         overrides["scenario.duration"] = arguments.duration
     if arguments.seed is not None:
         overrides["scenario.seed"] = arguments.seed
-    return overrides | dict(_assignment(text) for text in arguments.param)
+    return overrides | assignments(arguments.param)
+
+
+def assignments(texts: Iterable[str]) -> dict[str, Any]:
+    """Return parameters from texts KEY=VALUE; OrthosisError for another text."""
+    return dict(_assignment(text) for text in texts)
 
 
 def _assignment(text: str) -> tuple[str, Any]:

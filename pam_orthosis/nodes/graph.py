@@ -41,6 +41,7 @@ QUEUE_DEPTH = 10
 MODE = {
     "realtime": Setting(False, "samples come by the wall clock; otherwise in lockstep with the voltages"),
     "with_plant": Setting(True, "the emulated hardware takes part; otherwise a driver stands in for it"),
+    "replay": Setting(False, "a player stands in for all peers, and feeds a recorded bag"),
 }
 
 
@@ -82,7 +83,7 @@ class GraphNode(Node):
         super().__init__(name)
         self.settings = declare_settings(self, {**(settings or {}), **MODE})
         self.realtime = self.settings["realtime"]
-        self.topics = table(self.realtime, self.settings["with_plant"])
+        self.topics = table(self.realtime, self.settings["with_plant"], self.settings["replay"])
         self.role = (role or name).format(**self.settings)
         spec = LAYOUT[self.role]
         self.parameters = declare_rows(self, spec.branches, spec.live)

@@ -16,13 +16,14 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from pam_orthosis.bag.topics import PLANT, RECORDER
+from pam_orthosis.bag.topics import PLANT, RECORDER, table
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, config_folder
-from pam_orthosis.nodes.layout import LAYOUT, NodeSpec
+from pam_orthosis.nodes.layout import EVERYTHING, LAYOUT, NodeSpec
 
 COMPOSED = "composed"
-MODE_SETTINGS = ("realtime", "with_plant")
+PLAYER, REPLAYED = "bag_player", "replayed"
+MODE_SETTINGS = ("realtime", "with_plant", "replay")
 DOMAINS = range(102)  # higher ids use ports that the system hands out to anybody
 PROFILE = "loopback.xml"
 
@@ -47,7 +48,7 @@ def commands(
     A node's file holds its own section, and in it the branches of the tree that it may know. Several
     legs are so many groups of the same nodes, each in its namespace, and one recorder outside them.
     """
-    told = {"realtime": mode.realtime, "with_plant": mode.with_plant}
+    told = {"realtime": mode.realtime, "with_plant": mode.with_plant, "replay": False}
     recorder = {**told, "directory": str(bag), "scenario_name": scenario}
     specs = [spec for spec in LAYOUT.values() if mode.with_plant or spec.name != PLANT]
     if not mode.legs:
@@ -60,6 +61,28 @@ def commands(
         legs_group = _Group(work, parameters.changed(differences), there, leg, told, own_clock)
         group |= legs_group.commands(mode.composed)
     return group
+
+
+def replay_commands(
+    work: Path, parameters: Parameters, nodes: Sequence[str], player: Mapping[str, Any]
+) -> dict[str, list[str]]:
+    """Return the command lines of nodes whose answers go to `replayed/`, and of the player with its settings.
+
+    Parameter files are written into `work`.
+    """
+    told = dict.fromkeys(MODE_SETTINGS, False) | {"with_plant": True, "replay": True}
+    spec = NodeSpec(PLAYER, PLAYER, EVERYTHING)
+    group = _Group(work, parameters, [spec], "", told | player | {"nodes": ",".join(nodes)}).commands(False)
+    for node in nodes:
+        group |= _Group(work, parameters, [LAYOUT[node]], "", told, _aside(node)).commands(False)
+    return group
+
+
+def _aside(node: str) -> list[str]:
+    """Return the remappings that put a node's answers beside those of the bag."""
+    answers = [t.name for t in table().values() if t.rate == "step" and node in t.producers]
+    pairs = [f"{name}:={'/' * name.startswith('/')}{REPLAYED}/{name.lstrip('/')}" for name in answers]
+    return [word for pair in pairs for word in ("-r", pair)]
 
 
 @dataclass(frozen=True)
@@ -90,7 +113,7 @@ class _Group:
         return f"{self.leg}/{name}" if self.leg else name
 
     def _written(self, spec: NodeSpec) -> Path:
-        known = dict.fromkeys(MODE_SETTINGS if spec.name != RECORDER else self.settings)
+        known = self.settings if spec.name in (RECORDER, PLAYER) else MODE_SETTINGS
         values = self.parameters.only(*spec.branches).flat() | {key: self.settings[key] for key in known}
         if spec.muscle:
             values["muscle"] = spec.muscle

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compare the messages of two bags by topic and stamp: equal to the bit, or how far apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pam_orthosis.bag.read import aligned, raw_messages, read_bag
+from pam_orthosis.bag.record import canonical
+from pam_orthosis.bag.topics import BY_NAME, SIGNALS
+
+
+@dataclass(frozen=True)
+class TopicComparison:
+    """A topic in two bags.
+
+    `compared` messages have a stamp that both bags hold, `equal` of them are the same to the bit,
+    `alone` are in the first bag only. `differences`: signal -> largest |difference|, in its unit.
+    """
+
+    topic: str
+    compared: int
+    equal: int
+    alone: int
+    differences: Mapping[str, float]
+
+    @property
+    def identical(self) -> bool:
+        """Whether there is something to compare, and it is equal."""
+        return 0 < self.compared == self.equal
+
+
+def compare(first: Path, second: Path, topics: Iterable[str], namespace: str = "") -> list[TopicComparison]:
+    """Compare topics of the table in two bags.
+
+    Args:
+        first: bag with the leg in `namespace`.
+        second: bag with the leg in no namespace.
+        topics: names.
+        namespace: of the leg in the first bag.
+
+    Raises:
+        OrthosisError: a bag is unusable.
+    """
+    topics = list(topics)
+    recorded, other = raw_messages(first, topics, namespace), raw_messages(second, topics)
+    return [
+        _comparison(topic, recorded.get(topic, {}), other.get(topic, {}), (first, second, namespace))
+        for topic in topics
+    ]
+
+
+def _comparison(
+    topic: str, recorded: Mapping[int, bytes], other: Mapping[int, bytes], bags: tuple[Path, Path, str]
+) -> TopicComparison:
+    shared = recorded.keys() & other.keys()
+    kind = BY_NAME[topic].type
+    equal = sum(canonical(recorded[stamp], kind) == canonical(other[stamp], kind) for stamp in shared)
+    differences = _differences(topic, *bags) if equal < len(shared) else {}
+    return TopicComparison(topic, len(shared), equal, len(recorded) - len(shared), differences)
+
+
+def _differences(topic: str, first: Path, second: Path, namespace: str) -> dict[str, float]:
+    names = [name for name, signal in SIGNALS.items() if signal.topic == topic]
+    one, two = read_bag(first, names, namespace=namespace), read_bag(second, names)
+    pairs = {name: aligned(one[name], two[name])[1] for name in names}
+    return {name: float(np.abs(a - b).max()) for name, (a, b) in pairs.items()}

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a bag has in store for the nodes that it is fed to again, instant by instant.
+
+A node is given the inputs of an instant if the bag holds its answer to them: in real time nodes skip
+samples, and a node that took others than it did then would answer otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from functools import reduce
+from pathlib import Path
+from typing import NamedTuple
+
+from pam_orthosis.bag.read import raw_messages
+from pam_orthosis.bag.topics import NODES, PLANT, RECORDER, TRAJECTORY, Topic, table
+from pam_orthosis.errors import OrthosisError
+
+CLOCK = "/clock"
+TIMES = "joint_states"  # whose stamps are the instants
+Messages = Mapping[str, Mapping[int, bytes]]
+
+
+class Instant(NamedTuple):
+    """What is fed at an instant (topic, serialised message), and on which topics an answer is due."""
+
+    stamp_ns: int
+    fed: list[tuple[str, bytes]]
+    due: list[str]
+
+
+class Script:
+    """Nodes that a bag can be fed to, and what they are fed.
+
+    Args:
+        path: bag.
+        namespace: of the leg.
+        nodes: names of nodes to feed; all that the bag has what it takes for, if none.
+
+    Raises:
+        OrthosisError: unusable bag; a named node is unknown or the bag does not serve it.
+    """
+
+    def __init__(self, path: Path, namespace: str = "", nodes: Collection[str] = ()):
+        self._topics = {name: topic for name, topic in table().items() if topic.rate == "step"}
+        self.messages: Messages = raw_messages(path, [*self._topics, "answered"], namespace)
+        self.missing = {node: self._missing(node) for node in NODES if node != RECORDER}
+        self.nodes = tuple(node for node in self.missing if _chosen(node, nodes) and not self.missing[node])
+        self._check(path, nodes)
+        self._answered = {node: self._answered_stamps(node) for node in self.nodes}
+
+    def inputs(self, node: str) -> list[str]:
+        """Return the topics that a node hears at each step."""
+        return [name for name, topic in self._topics.items() if node in topic.consumers]
+
+    def outputs(self, node: str) -> list[str]:
+        """Return the topics on which a node answers, as far as the bag holds them."""
+        return [
+            name
+            for name, topic in self._topics.items()
+            if node in topic.producers and self.messages.get(name)
+        ]
+
+    def fed_topics(self) -> dict[str, int]:
+        """Return the topics that are fed, and to how many nodes each."""
+        counts = {name: _count(topic, self.nodes) for name, topic in self._topics.items()}
+        return {name: count for name, count in counts.items() if count}
+
+    def instants(self) -> Iterator[Instant]:
+        """Hand out the instants in order; the message of the clock is for the player to make (b"")."""
+        for stamp_ns in sorted(self.messages[TIMES]):
+            answering = [node for node in self.nodes if stamp_ns in self._answered[node]]
+            hearing = [name for name, topic in self._topics.items() if _count(topic, answering)]
+            fed = [(name, self._message(name, stamp_ns)) for name in hearing]
+            due = [name for node in answering for name in self.outputs(node)]
+            yield Instant(stamp_ns, fed, [name for name in due if stamp_ns in self.messages[name]])
+
+    def _message(self, topic: str, stamp_ns: int) -> bytes:
+        return b"" if topic == CLOCK else self.messages[topic][stamp_ns]
+
+    def _missing(self, node: str) -> str:
+        """Return the topic that the bag lacks for a node, none if it has all."""
+        if node == PLANT and (self.messages.get("answered") or 0 not in self.messages.get(TIMES, ())):
+            return "a start in lockstep"  # elsewhere the plant's state is not known, nor when it was driven
+        needed = [TIMES, *(topic for topic in self.inputs(node) if topic != CLOCK)]
+        absent = [topic for topic in needed if not self.messages.get(topic)]
+        return absent[0] if absent else "" if self.outputs(node) else "any answer of the node"
+
+    def _answered_stamps(self, node: str) -> set[int]:
+        if node == TRAJECTORY:  # it publishes ahead: it hears of each sample from its first message on
+            first = min(self.messages["reference"])
+            return {stamp for stamp in self.messages[TIMES] if stamp >= first}
+        there = [*self.inputs(node), *(t for t in self.outputs(node) if t != CLOCK)]
+        return set(reduce(lambda a, b: a & b, (self.messages[topic].keys() for topic in there)))
+
+    def _check(self, path: Path, nodes: Collection[str]) -> None:
+        for node in nodes:
+            if node not in self.missing:
+                raise OrthosisError(f"no node {node}: choose of {', '.join(self.missing)}")
+            if self.missing[node]:
+                raise OrthosisError(f"{path} cannot be fed to {node}: it lacks {self.missing[node]}")
+        if not self.nodes:
+            lacking = "; ".join(f"{topic} for {node}" for node, topic in self.missing.items())
+            raise OrthosisError(f"{path} cannot be fed to any node: it lacks {lacking}")
+
+
+def _chosen(node: str, nodes: Collection[str]) -> bool:
+    return not nodes or node in nodes
+
+
+def _count(topic: Topic, nodes: Collection[str]) -> int:
+    return sum(node in topic.consumers for node in nodes)

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Feed a recorded bag to real nodes again, each with the inputs that it had, and compare their answers."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from pam_orthosis.bag.compare import TopicComparison, compare
+from pam_orthosis.bag.legs import namespaces
+from pam_orthosis.bag.read import recorded_parameters, run_record
+from pam_orthosis.bag.script import Script
+from pam_orthosis.bag.topics import SECOND_NS, SIGNALS
+from pam_orthosis.cli.check import titled
+from pam_orthosis.cli.run import Progress, assignments, need_ros, refuse_used
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import Parameters, load
+from pam_orthosis.nodes import launch
+from pam_orthosis.nodes.supervisor import supervise
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the verb."""
+    parser.add_argument("bag", type=Path, metavar="BAG", help="bag folder or file")
+    parser.add_argument(
+        "--node",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="node to feed (repeatable; all)",
+    )
+    parser.add_argument("--namespace", metavar="NS", help="of the leg in the bag (all legs)")
+    parser.add_argument(
+        "--param",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="what the nodes shall have otherwise than in the recorded run (repeatable)",
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="keep the answers, as a new bag")
+    parser.add_argument("--json", action="store_true", help="print the comparison as JSON")
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Print the comparison; return 0 if all answers are equal to the bit, 1 if not."""
+    need_ros()
+    legs = namespaces(arguments.bag) if arguments.namespace is None else [arguments.namespace]
+    if arguments.out and len(legs) > 1:
+        raise OrthosisError(f"--out holds one leg: give --namespace, one of {', '.join(legs)}")
+    if arguments.out:
+        refuse_used(arguments.out)
+    replayed = {leg.strip("/"): _replay(arguments, leg) for leg in legs}
+    told = {leg: [_as_dict(one) for one in topics] for leg, topics in replayed.items()}
+    identical = all(one.identical for topics in replayed.values() for one in topics)
+    if arguments.json:
+        print(json.dumps({"identical": identical, "legs": told}, indent=2))
+    else:
+        print("\n\n".join(titled(leg, _table(topics)) for leg, topics in replayed.items()))
+        print("IDENTICAL" if identical else "DIFFERENT")
+    return 0 if identical else 1
+
+
+def _replay(arguments: argparse.Namespace, namespace: str) -> list[TopicComparison]:
+    bag = arguments.bag.resolve()
+    script = Script(bag, namespace, arguments.node)
+    for node, topic in script.missing.items():
+        if topic:
+            print(f"{node} is not fed: the bag lacks {topic}", file=sys.stderr)
+    parameters = _parameters(bag, namespace, arguments.param)
+    with tempfile.TemporaryDirectory(prefix="pam-orthosis-") as folder, ExitStack() as stack:
+        work = Path(folder)
+        answers = arguments.out.resolve() if arguments.out else work / "answers"
+        player = {"bag": str(bag), "namespace": namespace, "directory": str(answers)}
+        domain = stack.enter_context(launch.free_domain())
+        stamps = script.messages["joint_states"]
+        progress = Progress((max(stamps) - min(stamps)) / SECOND_NS, domain)
+        commands = launch.replay_commands(work, parameters, script.nodes, player)
+        supervise(commands, launch.environment(work, domain), work, progress)
+        topics = [topic for node in script.nodes for topic in script.outputs(node)]
+        return compare(bag, answers, topics, namespace)
+
+
+def _parameters(bag: Path, namespace: str, changes: Sequence[str]) -> Parameters:
+    """Return the parameters of the recorded run, as far as this version knows them, with changes."""
+    recorded = recorded_parameters(bag, run_record(bag), namespace)
+    known = load().flat()
+    if unknown := sorted(recorded.keys() - known.keys()):
+        print(f"recorded by another version: it has no {', '.join(unknown)}", file=sys.stderr)
+    if not recorded:
+        print("the bag tells no parameters: the nodes have those of config/", file=sys.stderr)
+    kept = {key: value for key, value in recorded.items() if key in known}
+    return load(kept | assignments(changes))
+
+
+def _as_dict(one: TopicComparison) -> dict[str, Any]:
+    return asdict(one) | {"identical": one.identical}
+
+
+def _table(topics: Sequence[TopicComparison]) -> str:
+    rows = [f"{'topic':28s} {'compared':>8s} {'equal':>8s} {'alone':>6s}  largest difference"]
+    for one in topics:
+        line = f"{one.topic:28s} {one.compared:8d} {one.equal:8d} {one.alone:6d}  {_differences(one)}"
+        rows.append(line.rstrip())
+    return "\n".join(rows)
+
+
+def _differences(one: TopicComparison) -> str:
+    told = [f"{name} {value:.3g} {SIGNALS[name].unit}" for name, value in one.differences.items() if value]
+    if told or one.identical:
+        return ", ".join(told) or "none"
+    return "in what is no signal" if one.compared else "nothing to compare"

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node: feeds a recorded bag to other nodes, instant by instant, and records what they answer.
+
+It takes the place of all peers of these nodes: what they hear comes from the bag, what they say goes
+to topics under `replayed/`. The next instant is fed when all that is due for this one has come, so
+that the answers depend on the bag and on the nodes alone.
+"""
+
+from __future__ import annotations
+
+import struct
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from rclpy.duration import Duration
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
+
+from pam_orthosis.bag.record import BagWriter
+from pam_orthosis.bag.script import CLOCK, Instant, Script
+from pam_orthosis.bag.topics import NODES, RECORDER, SECOND_NS
+from pam_orthosis.errors import RunFailed
+from pam_orthosis.nodes import graph, messages
+from pam_orthosis.nodes.launch import PLAYER, REPLAYED
+from pam_orthosis.nodes.parameters import Setting
+
+WATCH_SECONDS = 0.25
+END_SECONDS = 1.0
+ACKNOWLEDGED_INSTANTS = 20
+_STAMP = struct.Struct("<iI")
+
+
+class BagPlayer(graph.GraphNode):
+    """Feeds, listens, compares nothing: that is left to who reads both bags."""
+
+    def __init__(self) -> None:
+        settings = {
+            "bag": Setting("", "bag to feed"),
+            "namespace": Setting("", "of the leg in the bag"),
+            "nodes": Setting("", "names of the nodes that are fed, separated by commas"),
+            "directory": Setting("answers", "folder of the new bag with the answers"),
+            "answer_timeout": Setting(5.0, "wall time without an answer after which the replay fails [s]"),
+        }
+        super().__init__(PLAYER, settings, role=RECORDER)
+        chosen = self.settings["nodes"].split(",")
+        self._script = Script(Path(self.settings["bag"]), self.settings["namespace"], chosen)
+        self._instants = self._script.instants()
+        self._now: Instant | None = None
+        self._count = 0
+        self._answers: dict[tuple[str, int], bytes] = {}
+        self._writer = BagWriter(Path(self.settings["directory"]))
+        self._feeds = {topic: self._feed_to(topic, n) for topic, n in self._script.fed_topics().items()}
+        for node in self._script.nodes:
+            for topic in self._script.outputs(node):
+                self._hear(topic)
+        self._recorded, self._end = self._tell("recorded"), self._tell("end")
+        self._absent = set(self._script.nodes)
+        self.listen_to("ready", self._on_ready, latched=True)
+        self.listen_to("diagnostics", lambda _report: None)  # the nodes wait for a listener
+        self._progress = time.monotonic()
+        self.create_timer(WATCH_SECONDS, self._watch)
+
+    def started(self) -> None:
+        """Speak for all the nodes that are not there: the plant waits for them."""
+        for name in set(NODES) - set(self._script.nodes):
+            self._ready[0].publish(String(data=name))
+
+    def close(self) -> None:
+        """Close the bag of answers."""
+        self._writer.close()
+
+    def _feed_to(self, topic: str, listeners: int):
+        kind = graph.message_class(self.topics[topic].type)
+        publisher = self.create_publisher(kind, topic, graph.qos())
+        there = lambda: publisher.get_subscription_count() >= listeners  # noqa: E731
+        self._peers[f"a listener on {topic}"] = there
+        return publisher
+
+    def _tell(self, topic: str):
+        return self.create_publisher(graph.message_class(self.topics[topic].type), topic, graph.qos())
+
+    def _hear(self, topic: str) -> None:
+        entry = self.topics[topic]
+        name = f"{REPLAYED}/{topic.lstrip('/')}"
+        kind = graph.message_class(entry.type)
+        self.create_subscription(kind, name, self._receiver(topic), graph.qos(), raw=True)
+        self._writer.add_topic(f"/{topic.lstrip('/')}", entry.type)
+
+    def _receiver(self, topic: str) -> Callable[[bytes], None]:
+        def receive(data: bytes) -> None:
+            seconds, nanoseconds = _STAMP.unpack_from(data, 4)
+            self._answers[topic, seconds * SECOND_NS + nanoseconds] = bytes(data)
+            if self._now:
+                self._go_on()
+
+        return receive
+
+    def _on_ready(self, message: String) -> None:
+        self._absent.discard(message.data)
+        if not self._absent and self._now is None:
+            self._feed()
+            self._go_on()
+
+    def _go_on(self) -> None:
+        """Feed on for as long as nothing is missing."""
+        while not self.ended and not self._missing():
+            for topic in self._now.due:
+                data = self._answers.pop((topic, self._now.stamp_ns))
+                self._writer.write(f"/{topic.lstrip('/')}", self._now.stamp_ns, data)
+            self.step_done(self._now.stamp_ns)
+            self._feed()
+
+    def _missing(self) -> list[str]:
+        return [topic for topic in self._now.due if (topic, self._now.stamp_ns) not in self._answers]
+
+    def _feed(self) -> None:
+        self._progress = time.monotonic()
+        self._now = next(self._instants, None) or self._over()
+        if self._count % ACKNOWLEDGED_INSTANTS == 0:
+            self._recorded.publish(messages.time(self._now.stamp_ns))
+        self._count += 1
+        for topic, data in self._now.fed:
+            own = topic == CLOCK
+            self._feeds[topic].publish(Clock(clock=messages.time(self._now.stamp_ns)) if own else data)
+
+    def _over(self) -> Instant:
+        """Keep answers that were not waited for, references of samples that were skipped; say the end."""
+        for (topic, stamp_ns), data in sorted(self._answers.items()):
+            if stamp_ns in self._script.messages[topic]:
+                self._writer.write(f"/{topic.lstrip('/')}", stamp_ns, data)
+        self._end.publish(messages.time(self._now.stamp_ns))
+        self._end.wait_for_all_acked(Duration(seconds=END_SECONDS))
+        self.ended = True
+        return Instant(self._now.stamp_ns, [], [])
+
+    def _watch(self) -> None:
+        limit = self.settings["answer_timeout"]
+        if self._now and not self.ended and time.monotonic() - self._progress > limit:
+            topics = self._missing()
+            producers = sorted({self.topics[topic].producers[0] for topic in topics})
+            raise RunFailed(
+                f"{' and '.join(producers)} did not answer on {' and '.join(topics)}"
+                f" at {self._now.stamp_ns / SECOND_NS:.3f} s for {limit:g} s"
+            )
+
+
+def main() -> int:
+    """Run the node."""
+    return graph.run(lambda: [BagPlayer()])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recorded bag is fed to real nodes again: the same answers to the bit, or which topic differs."""
+
+import json
+
+import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from pam_orthosis.bag.record import BagWriter
+from pam_orthosis.bag.script import Script
+from pam_orthosis.cli.main import main
+
+pytest.importorskip("rclpy")
+STEPS = 200
+ANSWERED = 14  # topics on which nodes answer at each step, the plant's included
+OF_POSITION = ["estimate", "disturbance", "extensor/pressure_reference", "flexor/pressure_reference"]
+
+
+def _replayed(capsys, *arguments):
+    """Return exit status and the comparison by topic."""
+    status = main(["replay", *map(str, arguments), "--json"])
+    said = capsys.readouterr()
+    assert said.out, said.err
+    told = json.loads(said.out)
+    return status, told, {one["topic"]: one for one in told["legs"][""]}
+
+
+def _changed(bag, out, change):
+    """Copy a bag; `change(topic, message)` alters messages or returns False to leave one out."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with AnyReader([bag], default_typestore=store) as reader, BagWriter(out) as writer:
+        for connection in reader.connections:
+            writer.add_topic(connection.topic, connection.msgtype)
+        for connection, stamp_ns, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            if change(connection.topic, message) is not False:
+                again = store.serialize_cdr(message, connection.msgtype)
+                writer.write(connection.topic, stamp_ns, bytes(again))
+    return out
+
+
+def test_every_node_answers_as_in_the_record_to_the_bit(in_processes, capsys):
+    status, told, topics = _replayed(capsys, in_processes[1])
+    assert status == 0
+    assert told["identical"]
+    assert len(topics) == ANSWERED
+    assert all(one["equal"] == one["compared"] == STEPS for one in topics.values())
+
+
+def test_one_wrong_answer_in_the_record_is_named_with_its_size(in_processes, tmp_path, capsys):
+    def change(topic, message):
+        if topic == "/extensor/mass_flow" and message.header.stamp.nanosec == 500_000_000:
+            message.velocity = message.velocity + 1e-4
+
+    bag = _changed(in_processes[1], tmp_path / "wrong", change)
+    options = ["--node", "extensor_pressure_controller", "--out", tmp_path / "new"]
+    status, _, topics = _replayed(capsys, bag, *options)
+    assert status == 1
+    (one,) = topics.values()
+    assert (one["compared"], one["equal"]) == (STEPS, STEPS - 1)
+    assert one["differences"] == {"extensor_mass_flow": pytest.approx(1e-4)}
+    assert main(["replay", str(bag), "--out", str(tmp_path / "new")]) == 2
+
+
+def test_another_gain_shows_in_what_it_acts_on_and_nowhere_else(in_processes, capsys):
+    options = ["--node", "position_controller", "--param", "control.position.c1=30"]
+    status, _, topics = _replayed(capsys, in_processes[1], *options)
+    assert status == 1
+    assert list(topics) == OF_POSITION
+    assert [name for name, one in topics.items() if one["identical"]] == ["estimate", "disturbance"]
+    assert topics["extensor/pressure_reference"]["differences"]["extensor_pressure_reference"] > 1.0
+
+
+def test_a_node_is_given_only_what_it_answered(in_processes, tmp_path):
+    """As in real time, where a node that is behind skips samples."""
+
+    def change(topic, message):
+        late = message.header.stamp.nanosec == 500_000_000 if hasattr(message, "header") else False
+        return not (late and topic.lstrip("/") in OF_POSITION)
+
+    script = Script(_changed(in_processes[1], tmp_path / "gap", change), nodes=["position_controller"])
+    fed = {instant.stamp_ns: [name for name, _ in instant.fed] for instant in script.instants()}
+    assert fed[500_000_000] == []
+    assert fed[505_000_000] == ["joint_states", "extensor/pressure", "flexor/pressure", "reference"]
+
+
+def test_what_a_bag_has_not_is_said(in_processes, tmp_path, capsys):
+    bag = _changed(in_processes[1], tmp_path / "less", lambda topic, _: "mass_flow" not in topic)
+    assert main(["replay", str(bag), "--node", "inverse_valve_model"]) == 2
+    assert "it lacks extensor/mass_flow" in capsys.readouterr().err
+    assert main(["replay", str(bag), "--node", "nobody"]) == 2
+    assert "plant_simulator" in capsys.readouterr().err
