@@ -88,19 +88,27 @@ class Plant:
 
     def __init__(self, parameters, seed: int = 0):
         self._p = parameters
-        assembly = orthosis.assemble(true_hardware(parameters))
+        mass = ca.SX.sym("person_mass")  # an input: the person may change on the way
+        assembly = orthosis.assemble(true_hardware(parameters.substituted({"leg.person.mass": mass})))
         self.states = assembly.states
-        right_hand_side = assembly.function("plant_rates")
+        inputs = [assembly.x, ca.vertcat(assembly.u, mass)]
+        right_hand_side = ca.Function("plant_rates", inputs, [assembly.rates, assembly.outputs])
         step = parameters.plant.simulation.step
         self.period_ns = round(parameters.scenario.control_period * 1e9)
         substeps = round(parameters.scenario.control_period / step)
         self._advance = compiled(integrate.period_map("plant_period", right_hand_side, step, substeps))
-        self._outputs = compiled(ca.Function("plant_outputs", [assembly.x, assembly.u], [assembly.outputs]))
+        self._outputs = compiled(ca.Function("plant_outputs", inputs, [assembly.outputs]))
         self._noise = np.random.default_rng(seed)
-        self._held = np.array([parameters.valve.closed_voltage] * 2 + [0.0, 0.0])
+        self._held = np.array([parameters.valve.closed_voltage] * 2 + [0.0, 0.0, parameters.leg.person.mass])
         self._index = 0
         self._reported: dict[str, float] | None = None
-        self.state = self._resting_state(assembly)
+        self.state = self._resting_state(ca.Function("acceleration", inputs, [assembly.rates[1]]))
+
+    def retune(self, parameters) -> None:
+        """Put a person of another mass into the orthosis, from the next period on."""
+        self._p = parameters
+        self._held[4] = parameters.leg.person.mass
+        self._reported = None
 
     def measure(self) -> Measurement:
         """Return noisy, quantised sensor readings of the present state; draws noise once a call."""
@@ -124,7 +132,7 @@ class Plant:
         if not (math.isfinite(extensor_voltage) and math.isfinite(flexor_voltage)):
             raise OrthosisError("the plant was given a valve voltage that is not finite")
         resolution = self._p.plant.voltage_resolution
-        self._held[:] = (
+        self._held[:4] = (
             quantised(extensor_voltage, resolution),
             quantised(flexor_voltage, resolution),
             self._external_torque(),
@@ -159,15 +167,14 @@ class Plant:
         """Return the start of the present period, s."""
         return self._index * self.period_ns * 1e-9
 
-    def _resting_state(self, assembly) -> np.ndarray:
+    def _resting_state(self, accelerate: ca.Function) -> np.ndarray:
         """Return the state at rest at the starting angle, valves closed, muscles near the mean pressure."""
         start = self._p.scenario.start_angle
         mean = self._p.control.position.mean_pressure
-        x = np.zeros(len(assembly.states))
+        x = np.zeros(len(self.states))
         x[:4] = start, 0.0, mean, mean
         if self._p.leg.joint.locked:
             return x
-        accelerate = ca.Function("a", [assembly.x, assembly.u], [assembly.rates[1]])
         ambient, supply = self._p.valve.ambient_pressure, self._p.valve.supply_pressure
         low, high = ambient - mean, supply - mean  # shift of the flexor up, of the extensor down
         for _ in range(60):

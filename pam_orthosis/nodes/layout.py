@@ -17,6 +17,7 @@ LIVE_KEYS = {
         "control.observer.pole",
         "leg.person.mass",
     ),
+    "plant_simulator": ("leg.person.mass",),
     "pressure_controller": ("control.pressure.gain", "control.pressure.reference_filter"),
 }
 EVERYTHING = (*BELIEF, "plant")

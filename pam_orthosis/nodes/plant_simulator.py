@@ -10,6 +10,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from pam_orthosis.bag.topics import NODES, PLANT
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Measurement, Plant, Truth
 from pam_orthosis.nodes import graph, messages
 from pam_orthosis.nodes.pace import Lockstep, RealTime
@@ -39,6 +41,12 @@ class PlantSimulator(graph.GraphNode):
     def advance(self, extensor_voltage: float, flexor_voltage: float) -> None:
         """Let one period pass under these voltages."""
         self._plant.advance(extensor_voltage, flexor_voltage)
+
+    def retune(self, parameters: Parameters) -> None:
+        """Put a person of another mass into the orthosis, from the next step on."""
+        if not parameters.leg.person.present:
+            raise OrthosisError("leg.person.mass: no person is in the orthosis (leg.person.present)")
+        self._plant.retune(parameters)
 
     def publish_sample(self, stamp_ns: int) -> None:
         """Publish the sensors' values and the truth of the present step."""

@@ -90,6 +90,29 @@ def test_the_mass_of_a_person_changes(make_node):
     assert _set(node, "leg.person.mass", 80.0).successful
 
 
+def test_the_person_in_the_emulated_orthosis_changes(make_node):
+    from pam_orthosis.nodes.plant_simulator import PlantSimulator
+
+    node = make_node(PlantSimulator, **{"leg.person.present": "true"})
+    before = node._plant.state.copy()
+    assert _set(node, "leg.person.mass", 110.0).successful
+    assert (node._plant.state == before).all()
+    node.advance(5.0, 5.0)
+    heavier = node._plant.state.copy()
+    assert _set(node, "leg.person.mass", 50.0).successful
+    node._plant.state[:] = before
+    node.advance(5.0, 5.0)
+    assert abs(node._plant.state[1] - heavier[1]) > 1e-3  # the knee turns otherwise
+
+
+def test_nobody_else_steps_into_the_emulated_orthosis(make_node):
+    from pam_orthosis.nodes.plant_simulator import PlantSimulator
+
+    result = _set(make_node(PlantSimulator), "leg.person.mass", 110.0)
+    assert not result.successful
+    assert "no person" in result.reason
+
+
 def test_a_node_that_does_not_use_a_live_parameter_names_the_one_that_does(make_node):
     from pam_orthosis.nodes.trajectory_publisher import TrajectoryPublisher
 
