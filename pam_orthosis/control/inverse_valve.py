@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import casadi as ca
 
+from pam_orthosis.control import effects
+from pam_orthosis.control.effects import Sensors
 from pam_orthosis.model import pneumatics
 from pam_orthosis.model.compiled import compiled
 
@@ -22,33 +24,58 @@ def opening_for_flow(mass_flow, pressure, valve):
     return _opening(fill, valve) - _opening(vent, valve)
 
 
-def voltage_for_opening(opening, smoothing, valve):
+def voltage_for_opening(opening, smoothing, dead_band, valve):
     """Return the voltage of a relative opening; about zero the dead band is faded in, V."""
     above = valve.maximum_voltage - valve.closed_voltage
     below = valve.closed_voltage - valve.minimum_voltage
     span = ca.if_else(opening >= 0, above, below)
-    lift = valve.dead_band * ca.tanh(opening / smoothing)
+    lift = dead_band * ca.tanh(opening / smoothing)
     voltage = valve.closed_voltage + span * opening + lift
     return ca.fmin(ca.fmax(voltage, valve.minimum_voltage), valve.maximum_voltage)
 
 
-def voltage_function(belief) -> ca.Function:
-    """Return (mass flow kg/s, absolute pressure Pa) -> voltage V."""
+def voltage_function(belief, muscle: str = "extensor") -> ca.Function:
+    """Return (mass flow kg/s, absolute pressure Pa) -> voltage V, with the believed effects inverted.
+
+    Effects on opening and flow (gain, curve, leak, hose) are met by correcting the flow that is asked of
+    the plain valve; the half width of a believed dead band replaces `valve.dead_band`.
+    """
     flow, pressure = ca.SX.sym("flow"), ca.SX.sym("pressure")
-    opening = opening_for_flow(flow, pressure, belief.valve)
+    opening = opening_with_effects(flow, pressure, belief, muscle)
     smoothing = belief.control.inverse_valve.dead_band_smoothing
-    voltage = voltage_for_opening(opening, smoothing, belief.valve)
-    return ca.Function("inverse_valve", [flow, pressure], [voltage])
+    voltage = voltage_for_opening(opening, smoothing, dead_band(belief), belief.valve)
+    return ca.Function(f"{muscle}_inverse_valve", [flow, pressure], [voltage])
+
+
+def opening_with_effects(mass_flow, pressure, belief, muscle: str):
+    """Return the relative opening that gives a mass flow through valve, hose and the believed effects."""
+
+    def plain(flow):
+        return opening_for_flow(flow, pressure, belief.valve)
+
+    if not effects.known(belief, "opening", "flow"):
+        return plain(mass_flow)
+    passed = effects.flow_of_opening(belief, muscle)
+    return effects.corrected(plain, lambda opening: passed(opening, pressure), mass_flow)
+
+
+def dead_band(belief) -> float:
+    """Return the half width of the dead band to compensate, V: learned, or `valve.dead_band`."""
+    learned = belief.effects.valve_dead_band
+    return learned.half_width if learned.enabled else belief.valve.dead_band
 
 
 class InverseValveModel:
-    """Inverse model of one valve; knows the belief only."""
+    """Inverse model of the valve of the `extensor` or the `flexor`; knows the belief only."""
 
-    def __init__(self, parameters):
-        self._voltage = compiled(voltage_function(parameters.belief()))
+    def __init__(self, parameters, muscle: str = "extensor"):
+        belief = parameters.belief()
+        self._voltage = compiled(voltage_function(belief, muscle))
+        self._sensors, self._channel = Sensors(belief), f"{muscle}_pressure"
 
     def step(self, mass_flow: float, pressure: float) -> float:
         """Return the valve voltage, V, for a mass flow, kg/s, at an absolute muscle pressure, Pa."""
+        pressure = self._sensors.true(self._channel, pressure)
         return float(self._voltage(mass_flow, pressure)[0][0])
 
 

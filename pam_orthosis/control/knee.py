@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from pam_orthosis.control import effects
 from pam_orthosis.model import leg as leg_model
 from pam_orthosis.model import muscle as muscle_model
 from pam_orthosis.model.orthosis import acceleration
@@ -36,8 +37,13 @@ def muscle_torque(q, velocity, extensor_pressure, flexor_pressure, belief):
     return leg_model.knee_torque(extensor, flexor, belief.leg)
 
 
+def leg_mechanics(q, velocity, belief):
+    """Return the terms of Eq. (26) with the mass that believed effects add."""
+    return leg_model.mechanics(q, velocity, belief.leg, effects.extra_foot_mass(belief))
+
+
 def knee_acceleration(q, velocity, disturbance, extensor_pressure, flexor_pressure, belief):
     """Return q-double-dot of Eq. (26) with the muscles' torque, rad/s^2."""
     torque = muscle_torque(q, velocity, extensor_pressure, flexor_pressure, belief)
-    terms = leg_model.mechanics(q, velocity, belief.leg)
+    terms = leg_mechanics(q, velocity, belief)
     return acceleration(torque - disturbance, terms)

@@ -41,7 +41,7 @@ class ClosedLoop:
         self._trajectory = make_trajectory(parameters) if trajectory is None else trajectory
         self._position = PositionController(parameters) if position is None else position
         self._pressure = [PressureController(parameters, muscle) for muscle in MUSCLES]
-        self._valves = [InverseValveModel(parameters) for _ in MUSCLES]
+        self._valves = [InverseValveModel(parameters, muscle) for muscle in MUSCLES]
 
     def run(self, steps: int) -> dict[str, np.ndarray]:
         """Advance; returns an array of `steps` samples for each of `SIGNALS`, SI units."""

@@ -8,12 +8,15 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from pam_orthosis.control import live
+from pam_orthosis.control import effects, live
 from pam_orthosis.control.knee import knee_acceleration
 from pam_orthosis.model.compiled import compiled
+from pam_orthosis.model.effects.base import STAGES
 from pam_orthosis.model.integrate import runge_kutta_4
 
 STEPS_PER_PERIOD = 2
+# with effects known, what the integration leaves over is no longer small against what they leave over
+FINE_STEPS_PER_PERIOD = 8
 LIVE = ("control.observer.pole", "leg.person.mass")
 
 
@@ -26,9 +29,12 @@ class Estimate(NamedTuple):
     residual: float
 
 
-def system(x, pressures, belief):
-    """Return f of Eq. (31) for the states of Eq. (29), x = [q, q-dot, tau], tau-dot = 0."""
-    rate = knee_acceleration(x[0], x[1], x[2], pressures[0], pressures[1], belief)
+def system(x, pressures, belief, known_torque=0.0):
+    """Return f of Eq. (31) for the states of Eq. (29), x = [q, q-dot, tau], tau-dot = 0.
+
+    A `known_torque` (N m, in the direction of flexion) is an input: tau is what it leaves over.
+    """
+    rate = knee_acceleration(x[0], x[1], x[2] - known_torque, pressures[0], pressures[1], belief)
     return ca.vertcat(x[1], rate, 0)
 
 
@@ -63,24 +69,25 @@ def gains(x, pressures, polynomial, belief):
 
 
 def observer_step(belief) -> ca.Function:
-    """Return (x-hat, [y, p_e, p_f] before, [y, p_e, p_f] now, values of `LIVE`) -> x-hat now.
+    """Return (x-hat, [y, p_e, p_f, known torque] before, the same now, values of `LIVE`) -> x-hat now.
 
     Between two samples the measured signals are taken as straight lines, so that the estimate of
     now contains the measurement of now.
     """
     belief, tuned = live.with_symbols(belief, LIVE)
-    x, before, now = ca.SX.sym("x", 3), ca.SX.sym("before", 3), ca.SX.sym("now", 3)
+    x, before, now = ca.SX.sym("x", 3), ca.SX.sym("before", 4), ca.SX.sym("now", 4)
     polynomial = characteristic(belief.control.observer.pole, belief.control.observer.damping)
-    estimate, y = ca.SX.sym("estimate", 3), ca.SX.sym("y", 3)
+    estimate, y = ca.SX.sym("estimate", 3), ca.SX.sym("y", 4)
     # linearising once a step is enough: the gains change slowly with the estimate
     h = ca.SX.sym("h", 3)
     rate = ca.Function("rate", [estimate, y, h, tuned],
-                       [system(estimate, y[1:], belief) + h * (y[0] - estimate[0])])  # fmt: skip
-    gain = ca.Function("gain", [estimate, y, tuned], [gains(estimate, y[1:], polynomial, belief)])
-    step = belief.scenario.control_period / STEPS_PER_PERIOD
+                       [system(estimate, y[1:3], belief, y[3]) + h * (y[0] - estimate[0])])  # fmt: skip
+    gain = ca.Function("gain", [estimate, y, tuned], [gains(estimate, y[1:3], polynomial, belief)])
+    steps = FINE_STEPS_PER_PERIOD if effects.known(belief, *STAGES) else STEPS_PER_PERIOD
+    step = belief.scenario.control_period / steps
     after = x
-    for i in range(STEPS_PER_PERIOD):
-        middle = before + (now - before) * ((i + 0.5) / STEPS_PER_PERIOD)
+    for i in range(steps):
+        middle = before + (now - before) * ((i + 0.5) / steps)
         placed = gain(after, middle, tuned)
         after = runge_kutta_4(lambda s, m=middle, k=placed: rate(s, m, k, tuned), after, step)
     return ca.Function("observer_step", [x, before, now, tuned], [after])
@@ -93,15 +100,17 @@ class Observer:
         self._step = compiled(observer_step(belief))
         self._tuned = live.values(belief, LIVE)
         self._state: np.ndarray | None = None
-        self._before = np.zeros(3)
+        self._before = np.zeros(4)
 
     def retune(self, parameters) -> None:
         """Take the values of `LIVE`; the estimate goes on from where it is."""
         self._tuned = live.values(parameters, LIVE)
 
-    def step(self, angle: float, extensor_pressure: float, flexor_pressure: float) -> Estimate:
-        """Return the estimate at the instant of this measurement (rad, absolute Pa)."""
-        now = np.array([angle, extensor_pressure, flexor_pressure])
+    def step(
+        self, angle: float, extensor_pressure: float, flexor_pressure: float, known_torque: float = 0.0
+    ) -> Estimate:
+        """Return the estimate at the instant of this measurement (rad, absolute Pa, N m)."""
+        now = np.array([angle, extensor_pressure, flexor_pressure, known_torque])
         if self._state is None:
             self._state, self._before = np.array([angle, 0.0, 0.0]), now
         self._state[:] = self._step(self._state, self._before, now, self._tuned)[0]

@@ -7,11 +7,12 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from pam_orthosis.control import live, observer
-from pam_orthosis.control.knee import Pair, kinematics
+from pam_orthosis.control import effects, live, observer
+from pam_orthosis.control.anticipation import Anticipation
+from pam_orthosis.control.effects import EffectTorque, Sensors
+from pam_orthosis.control.knee import Pair, kinematics, leg_mechanics
 from pam_orthosis.control.observer import Observer
 from pam_orthosis.control.trajectory import VALVES_CLOSED, Reference
-from pam_orthosis.model import leg as leg_model
 from pam_orthosis.model import muscle as muscle_model
 from pam_orthosis.model.compiled import compiled
 
@@ -53,7 +54,7 @@ def desired_acceleration(estimate, reference, c1, c2):
 def required_torque(estimate, reference, belief):
     """Return the muscles' torque that gives the desired acceleration: Eq. (26) solved for M_k, N m."""
     gains = belief.control.position
-    terms = leg_model.mechanics(estimate[0], estimate[1], belief.leg)
+    terms = leg_mechanics(estimate[0], estimate[1], belief)
     wanted = desired_acceleration(estimate, reference, gains.c1, gains.c2)
     return terms.inertia * wanted + terms.coriolis + terms.gravity + estimate[2]
 
@@ -87,29 +88,55 @@ def pressures_for_torque(torque, q, velocity, mean_pressure, belief):
     return extensor, flexor, least > most
 
 
-def command_function(belief) -> ca.Function:
-    """Return (estimate, reference, mean pressure, tuned values) -> (pressures, saturated, clamped).
+def pressures_with_effects(torque, estimate, reference, mean, effect, belief):
+    """Return what `pressures_for_torque` does, for the muscles and the believed effects together.
 
-    Pressures absolute. A locked joint is asked for no torque: its motion cannot be fed back.
+    `effect` is (extensor, flexor gauge pressure) -> torque of the effects along the reference. It hardly
+    depends on the pressures, so that a few corrections find those at which both add up to the torque.
+    """
+    allocated = pressures_for_torque(torque, estimate[0], estimate[1], mean, belief)
+    for _ in range(0 if effect is None else effects.CORRECTIONS + 1):
+        rest = torque - effect(allocated[0], allocated[1])
+        allocated = pressures_for_torque(rest, estimate[0], estimate[1], mean, belief)
+    return allocated
+
+
+def command_function(belief) -> ca.Function:
+    """Return the position law as a function of numbers.
+
+    (estimate, reference, mean pressure, states of the effects, time, tuned values) -> (absolute pressures,
+    saturated, clamped). A locked joint is asked for no torque: its motion cannot be fed back.
     """
     belief, tuned = live.with_symbols(belief, _OF_COMMAND)
     estimate, reference, mean = ca.SX.sym("estimate", 3), ca.SX.sym("reference", 3), ca.SX.sym("mean")
+    law, ambient = effects.effect_torque(belief), belief.valve.ambient_pressure
+    states, time = ca.SX.sym("states", law.size1_in(3) if law else 0), ca.SX.sym("time")
+
+    def effect(extensor, flexor):
+        pressures = ca.vertcat(extensor + ambient, flexor + ambient)
+        return law(reference[0], reference[1], pressures, states, time)
+
     torque = 0.0 if belief.leg.joint.locked else required_torque(estimate, reference, belief)
-    extensor, flexor, saturated = pressures_for_torque(torque, estimate[0], estimate[1], mean, belief)
+    extensor, flexor, saturated = pressures_with_effects(
+        torque, estimate, reference, mean, effect if law else None, belief
+    )
     contraction, _ = kinematics(estimate[0], estimate[1], belief)
     m = belief.muscle.dmsp_20
     clamped = ca.logic_or(
         muscle_model.outside_box(contraction.extensor, extensor, m),
         muscle_model.outside_box(contraction.flexor, flexor, m),
     )
-    ambient = belief.valve.ambient_pressure
     pressures = ca.vertcat(extensor + ambient, flexor + ambient)
-    inputs = [estimate, reference, mean, tuned]
+    inputs = [estimate, reference, mean, states, time, tuned]
     return ca.Function("position_command", inputs, [pressures, saturated, clamped])
 
 
 class PositionController:
-    """Observer and backstepping law; knows the belief only."""
+    """Observer and backstepping law; knows the belief only.
+
+    With effects in the belief their torque along the reference is a known input of the observer and
+    of the law. With a lag of the valves in the belief the law plans for the instant at which it acts.
+    """
 
     def __init__(self, parameters):
         belief = parameters.belief()
@@ -117,6 +144,10 @@ class PositionController:
         self._command = compiled(command_function(belief))
         self._tuned = live.values(belief, _OF_COMMAND)
         self._mean = belief.control.position.mean_pressure
+        self._sensors = Sensors(belief)
+        self._ahead = Anticipation(belief)
+        self._now = EffectTorque(belief)
+        self._then = EffectTorque(belief, self._ahead.horizon)
 
     def retune(self, parameters) -> None:
         """Take the values of `LIVE`; estimate and references go on from where they are."""
@@ -127,13 +158,31 @@ class PositionController:
         self, angle: float, extensor_pressure: float, flexor_pressure: float, reference: Reference
     ) -> PositionCommand:
         """Return the reference pressures for one sample (rad, absolute Pa; finite numbers)."""
-        estimate = self._observer.step(angle, extensor_pressure, flexor_pressure)
+        angle = self._sensors.true("angle", angle)
+        pressures = (
+            self._sensors.true("extensor_pressure", extensor_pressure),
+            self._sensors.true("flexor_pressure", flexor_pressure),
+        )
+        known = self._now.step(reference, *pressures)
+        estimate = self._observer.step(angle, *pressures, known)
         mean = self._mean if reference.mean_pressure is None else reference.mean_pressure
         if mean == VALVES_CLOSED:
             return PositionCommand(VALVES_CLOSED, VALVES_CLOSED, *estimate, False, False)
-        pressures, saturated, clamped = self._command(estimate[:3], reference[:3], mean, self._tuned)
-        extensor, flexor = pressures.tolist()
-        return PositionCommand(extensor, flexor, *estimate, bool(saturated[0]), bool(clamped[0]))
+        (extensor, flexor), saturated, clamped = self._wanted(estimate, reference, mean, pressures)
+        return PositionCommand(extensor, flexor, *estimate, saturated, clamped)
+
+    def _wanted(self, estimate, reference: Reference, mean: float, pressures):
+        """Return the reference pressures and what limits them, at the instant at which they act."""
+        if not self._ahead.horizon:
+            return self._law(estimate[:3], reference, mean, self._now)
+        then = self._ahead.reference(reference)
+        self._then.step(then, *pressures)
+        return self._law(self._ahead.estimate(estimate, reference, then), then, mean, self._then)
+
+    def _law(self, estimate, reference: Reference, mean: float, effect: EffectTorque):
+        result = self._command(estimate, reference[:3], mean, effect.states, effect.time, self._tuned)
+        pressures, saturated, clamped = result
+        return pressures.tolist(), bool(saturated[0]), bool(clamped[0])
 
 
 def _both(function, *pairs: Pair) -> Pair:

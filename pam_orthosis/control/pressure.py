@@ -7,34 +7,35 @@ import math
 
 import casadi as ca
 
-from pam_orthosis.control.knee import kinematics
+from pam_orthosis.control import effects
+from pam_orthosis.control.effects import Sensors
 from pam_orthosis.control.trajectory import VALVES_CLOSED
-from pam_orthosis.model import muscle as muscle_model
 from pam_orthosis.model import pneumatics
 from pam_orthosis.model.compiled import compiled
-from pam_orthosis.model.orthosis import volume_terms
 
 LIVE = ("control.pressure.gain", "control.pressure.reference_filter")
 
 
 def mass_flow_function(belief, muscle: str) -> ca.Function:
-    """Return (pressure, wanted rate, angle, velocity) -> mass flow, kg/s.
+    """Return (pressure, wanted rate, angle, velocity, time) -> mass flow, kg/s.
 
-    With e = p_ref - p and V = e^2 / 2 the wanted rate p_ref-dot + c e makes V-dot = -c e^2.
+    With e = p_ref - p and V = e^2 / 2 the wanted rate p_ref-dot + c e makes V-dot = -c e^2. Believed
+    effects on volume, exponent and temperature are in Eq. (6) as they are in the model.
     """
-    p, rate, q, velocity = (ca.SX.sym(name) for name in ("p", "rate", "q", "velocity"))
-    contraction, contraction_rate = kinematics(q, velocity, belief)
-    m, valve = belief.muscle.dmsp_20, belief.valve
-    volume, by_pressure, by_contraction = volume_terms(
-        lambda dl, gauge: muscle_model.volume(dl, gauge, m),
-        getattr(contraction, muscle),
-        p - valve.ambient_pressure,
-    )
+    rate, time = ca.SX.sym("rate"), ca.SX.sym("time")
+    model = effects.gas_model(belief)
+    s = model.signals
+
+    def of_muscle(name: str):
+        return getattr(s, f"{muscle}_{name}")
+
     flow = pneumatics.required_mass_flow(
-        p, rate, getattr(contraction_rate, muscle), volume + valve.hose.volume,
-        by_pressure, by_contraction, valve,
+        of_muscle("pressure"), rate, of_muscle("rate"), of_muscle("volume") + of_muscle("dead_volume"),
+        of_muscle("volume_by_pressure"), of_muscle("volume_by_contraction"), s,
     )  # fmt: skip
-    return ca.Function(f"{muscle}_mass_flow", [p, rate, q, velocity], [flow])
+    flow = ca.substitute(flow, model.u, ca.vertcat(0, 0, 0, time))
+    inputs = [of_muscle("pressure"), rate, s.angle, s.velocity, time]
+    return ca.Function(f"{muscle}_mass_flow", inputs, [flow])
 
 
 class PressureController:
@@ -43,6 +44,8 @@ class PressureController:
     def __init__(self, parameters, muscle: str):
         belief = parameters.belief()
         self._flow = compiled(mass_flow_function(belief, muscle))
+        self._sensors, self._channel = Sensors(belief), f"{muscle}_pressure"
+        self._steps = 0
         self._period = belief.scenario.control_period
         self._filtered: float | None = None
         self.retune(belief)
@@ -59,11 +62,14 @@ class PressureController:
 
         A reference of `VALVES_CLOSED` asks for no flow at all.
         """
+        time = self._steps * self._period
+        self._steps += 1
         if reference == VALVES_CLOSED:
             self._filtered = None
             return 0.0
+        pressure = self._sensors.true(self._channel, pressure)
         rate = self._reference_rate(reference) + self._gain * (reference - pressure)
-        return float(self._flow(pressure, rate, angle, velocity)[0][0])
+        return float(self._flow(pressure, rate, angle, velocity, time)[0][0])
 
     def _reference_rate(self, reference: float) -> float:
         """Return the filtered derivative of the reference pressure, Pa/s."""

@@ -124,7 +124,7 @@ def valves_to_forces(signals: SimpleNamespace, laws: dict[str, MuscleLaw], effec
     effects.stages(signals, "body", "supply", "command", "spool")
     _openings(signals)
     effects.stages(signals, "opening")
-    _flows(signals)
+    flows(signals)
     effects.stages(signals, "flow")
     _volumes(signals, laws)
     effects.stages(signals, "gas")
@@ -172,7 +172,8 @@ def _openings(s) -> None:
         setattr(s, f"{name}_opening", opening)
 
 
-def _flows(s) -> None:
+def flows(s) -> None:
+    """Set the mass flows, kg/s, that the openings pass."""
     for name in MUSCLES:
         opening, pressure = getattr(s, f"{name}_opening"), getattr(s, f"{name}_pressure")
         flow = pneumatics.valve_flow(opening, pressure, s.supply_pressure, s.valve)

@@ -57,7 +57,7 @@ class InverseValveModelNode(graph.GraphNode):
         self.step_done(stamp_ns)
 
     def _step(self, muscle: str) -> Callable[[int, JointState, FluidPressure], None]:
-        model, vent = InverseValveModel(self.parameters), self.parameters.valve.minimum_voltage
+        model, vent = InverseValveModel(self.parameters, muscle), self.parameters.valve.minimum_voltage
         publisher = self.publish_to(f"{muscle}/valve_voltage")
 
         def step(stamp_ns: int, flow: JointState, pressure: FluidPressure) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pam_orthosis.control import inverse_valve, observer, position, pressure
-from pam_orthosis.control.knee import knee_acceleration, muscle_torque
+from pam_orthosis.control.knee import kinematics, knee_acceleration, muscle_torque
 from pam_orthosis.model import muscle as muscle_model
 from pam_orthosis.model import orthosis, parameters, pneumatics
 
@@ -122,7 +122,7 @@ def gas_rate(belief, p, flow, q, w):
     """Return dp/dt of the flexor in the belief, by the forward law."""
     section, valve = belief.muscle.dmsp_20, belief.valve
     angle, velocity = ca.SX.sym("q"), ca.SX.sym("w")
-    contraction, rate = pressure.kinematics(angle, velocity, belief)
+    contraction, rate = kinematics(angle, velocity, belief)
     volume, by_p, by_x = orthosis.volume_terms(
         lambda dl, gauge: muscle_model.volume(dl, gauge, section),
         contraction.flexor,
@@ -135,7 +135,7 @@ def gas_rate(belief, p, flow, q, w):
 def test_pressure_law_gives_the_wanted_rate(belief):
     flow = pressure.mass_flow_function(belief, "flexor")
     for (q, w, _), (p, _) in zip(STATES, PRESSURES, strict=True):
-        given = float(flow(p, 4e5, q, w))
+        given = float(flow(p, 4e5, q, w, 0.0))
         assert gas_rate(belief, p, given, q, w) == pytest.approx(4e5, rel=1e-6)
 
 

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The effects that the belief has switched on, in the form in which controllers use them.
+
+Each function is cut out of the same assembly of equations that makes the emulated hardware and the
+models of the gap workflow: an effect's equation stands in its own file and nowhere else.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+
+from pam_orthosis.control.trajectory import Reference
+from pam_orthosis.model import orthosis
+from pam_orthosis.model.compiled import compiled
+from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.effects.base import ActiveEffects, enabled
+from pam_orthosis.model.integrate import runge_kutta_4
+from pam_orthosis.model.parameters import Section
+
+MECHANICAL = ("body", "force", "torque")
+CHANNELS = ("angle", "extensor_pressure", "flexor_pressure")
+PLAIN = len(orthosis.BASE_STATES)
+MEMORY_STEP = 5.0e-4  # s, of the integration of an effect's states
+CORRECTIONS = 2  # of the argument of an inverse function: see `corrected`
+
+
+def known(belief, *stages: str) -> tuple[str, ...]:
+    """Return the names of the believed effects that enter at these stages, see `effects.base.STAGES`."""
+    return tuple(name for name in enabled(belief.effects) if CATALOGUE[name].stage in stages)
+
+
+def assembled(belief, *names: str) -> orthosis.Assembly:
+    """Return the equations that the controllers believe, with these of the believed effects."""
+    m = belief.muscle.dmsp_20
+    laws = dict.fromkeys(orthosis.MUSCLES, orthosis.polynomial_law(m))
+    settings = Section("effects", {name: getattr(belief.effects, name) for name in names})
+    return orthosis.assemble(orthosis.Hardware(belief.leg, m, belief.valve, laws, settings))
+
+
+def extra_foot_mass(belief):
+    """Return the mass at the ankle that the effects add, kg."""
+    return assembled(belief, *known(belief, "body")).signals.extra_foot_mass
+
+
+def effect_torque(belief) -> ca.Function | None:
+    """Return (angle, velocity, absolute pressures (2,), own states, time) -> torque of the effects, N m.
+
+    It is what all of them together add to the muscles' torque. None if the belief has none.
+    """
+    names = known(belief, *MECHANICAL)
+    if not names:
+        return None
+    whole, plain = assembled(belief, *names), assembled(belief)
+    plain_x, plain_u = ca.vertcat(plain.x, plain.u), ca.vertcat(whole.x[:PLAIN], whole.u)
+    without = ca.substitute(plain.signals.torque, plain_x, plain_u)
+    inputs, torque = _of_motion(belief, whole, whole.signals.torque - without)
+    return ca.Function("effect_torque", inputs, [torque])
+
+
+def effect_memory(belief) -> ca.Function:
+    """Return (states, angle and velocity (2,) before, now, absolute pressures (2,), time) -> states now.
+
+    In between, angle and velocity are taken as straight lines.
+    """
+    whole = assembled(belief, *known(belief, *MECHANICAL))
+    inputs, rates = _of_motion(belief, whole, whole.rates[PLAIN:])
+    rate = ca.Function("memory_rate", inputs, [rates])
+    period = belief.scenario.control_period
+    steps = max(1, round(period / MEMORY_STEP))
+    z, before, now = ca.SX.sym("z", rates.shape[0]), ca.SX.sym("before", 2), ca.SX.sym("now", 2)
+    pressures, time = ca.SX.sym("p", 2), ca.SX.sym("time")
+    after = z
+    for index in range(steps):
+        m = before + (now - before) * ((index + 0.5) / steps)
+        after = runge_kutta_4(lambda s, m=m: rate(m[0], m[1], pressures, s, time), after, period / steps)
+    return ca.Function("effect_memory", [z, before, now, pressures, time], [after])
+
+
+class EffectTorque:
+    """Torque of the believed effects along the reference motion.
+
+    It is driven by the reference and by the measured pressures, never by the estimate: a known
+    input for observer and controller, in no loop of its own. It is bounded as the effects are, it
+    cannot chatter, and what reference and motion differ by is left to the observer.
+    """
+
+    def __init__(self, belief, ahead: float = 0.0):
+        torque = effect_torque(belief)
+        self.active = torque is not None
+        self.states = np.zeros(0)
+        self.time = ahead
+        self._period = belief.scenario.control_period
+        self._motion: np.ndarray | None = None
+        if torque is not None:
+            self._torque, self._memory = compiled(torque), compiled(effect_memory(belief))
+            self.states = np.zeros(torque.size1_in(3))
+
+    def step(self, reference: Reference, extensor_pressure: float, flexor_pressure: float) -> float:
+        """Go on to the next reference; return the torque there at these absolute pressures, N m."""
+        if not self.active:
+            return 0.0
+        motion, pressures = np.array(reference[:2]), np.array([extensor_pressure, flexor_pressure])
+        if self._motion is not None:
+            self.time += self._period
+            if len(self.states):
+                self.states[:] = self._memory(self.states, self._motion, motion, pressures, self.time)[0]
+        self._motion = motion
+        return float(self._torque(motion[0], motion[1], pressures, self.states, self.time)[0][0])
+
+
+def flow_of_opening(belief, muscle: str) -> ca.Function:
+    """Return (relative opening, absolute pressure) -> mass flow into a muscle with the effects, kg/s."""
+    names = known(belief, "opening", "flow")
+    whole = assembled(belief, *names)
+    opening, pressure = ca.SX.sym("opening"), ca.SX.sym("pressure")
+    s = SimpleNamespace(**vars(whole.signals))
+    for name in orthosis.MUSCLES:
+        setattr(s, f"{name}_opening", opening if name == muscle else ca.SX(0))
+    active = ActiveEffects(
+        CATALOGUE, Section("effects", {name: getattr(belief.effects, name) for name in names})
+    )
+    active.bind([])  # no effect of these stages has states
+    active.stages(s, "opening")
+    orthosis.flows(s)
+    active.stages(s, "flow")
+    index = orthosis.BASE_STATES.index(f"{muscle}_pressure")
+    flow = ca.substitute(getattr(s, f"{muscle}_flow"), whole.x[index], pressure)
+    return ca.Function(f"{muscle}_flow", [opening, pressure], [flow])
+
+
+def gas_model(belief) -> orthosis.Assembly:
+    """Return the assembly with the effects on volume, exponent and temperature, for Eq. (6)."""
+    return assembled(belief, *known(belief, "gas"))
+
+
+def sensor_readings(belief) -> dict[str, ca.Function]:
+    """Return the functions true value -> reading of the channels with a believed static error."""
+    names = tuple(name for name in known(belief, "sensor") if not CATALOGUE[name].states)
+    whole = assembled(belief, *names)
+    readings = {}
+    for name in CHANNELS:
+        reading = getattr(whole.signals, f"measured_{name}")
+        true = whole.x[orthosis.BASE_STATES.index(name)]
+        if not ca.is_equal(reading, true):
+            readings[name] = ca.Function(f"{name}_reading", [true], [reading])
+    return readings
+
+
+class Sensors:
+    """Takes the believed static errors out of readings; without any it passes them on."""
+
+    def __init__(self, belief):
+        self._inverse = {name: compiled(_unread(name, f)) for name, f in sensor_readings(belief).items()}
+
+    def true(self, channel: str, reading: float) -> float:
+        """Return the value that `angle`, `extensor_pressure` or `flexor_pressure` has at a reading."""
+        inverse = self._inverse.get(channel)
+        return reading if inverse is None else float(inverse(reading)[0][0])
+
+
+def _unread(name: str, reading: ca.Function) -> ca.Function:
+    shown = ca.SX.sym("shown")
+    return ca.Function(f"true_{name}", [shown], [corrected(lambda x: x, reading, shown, 4)])
+
+
+def corrected(inverse, function, wanted, corrections: int = CORRECTIONS):
+    """Return x with function(x) = wanted, from the inverse of a function that is nearly the same.
+
+    Each correction asks the known inverse for what was missed; the rest shrinks by the relative
+    difference of the two functions each time.
+    """
+    asked = wanted
+    x = inverse(asked)
+    for _ in range(corrections):
+        asked = asked + (wanted - function(x))
+        x = inverse(asked)
+    return x
+
+
+def command_lag(belief) -> float:
+    """Return the delay of slow signals between commanded voltage and spool, s: -G'(0) / G(0)."""
+    names = known(belief, "command")
+    if not names:
+        return 0.0
+    whole = assembled(belief, *names)
+    z, rates = whole.x[PLAIN:], whole.rates[PLAIN:]
+    spool, voltage = whole.signals.extensor_voltage, whole.u[0]
+    pairs = (rates, z), (rates, voltage), (spool, z), (spool, voltage)
+    a, b, c, d = (np.array(ca.evalf(ca.jacobian(*pair))) for pair in pairs)
+    once = np.linalg.solve(a, b)
+    return float(((c @ np.linalg.solve(a, once)) / (d - c @ once))[0, 0])
+
+
+def _of_motion(belief, whole, expression):
+    """Return the inputs of a function of the motion, and the expression with the valves closed."""
+    time, closed = ca.SX.sym("time"), belief.valve.closed_voltage
+    inputs = [whole.x[0], whole.x[1], whole.x[2:PLAIN], whole.x[PLAIN:], time]
+    return inputs, ca.substitute(expression, whole.u, ca.vertcat(closed, closed, 0, time))

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Controllers that know effects: what each compensation does to the equation that it belongs to."""
+
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from pam_orthosis.bag.read import aligned, read_bag
+from pam_orthosis.control import effects, inverse_valve, position, pressure
+from pam_orthosis.control.anticipation import Anticipation
+from pam_orthosis.control.inverse_valve import InverseValveModel
+from pam_orthosis.control.knee import muscle_torque
+from pam_orthosis.control.loop import ClosedLoop
+from pam_orthosis.control.position import PositionController
+from pam_orthosis.control.pressure import PressureController
+from pam_orthosis.control.trajectory import Reference
+from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.effects.valve_dead_band import opened
+from pam_orthosis.model.parameters import load
+
+WALK = Path(__file__).parents[2] / "bags" / "walk"
+MECHANICAL = [name for name, effect in CATALOGUE.items() if effect.stage in effects.MECHANICAL]
+GAS = [name for name, effect in CATALOGUE.items() if effect.stage == "gas"]
+PASSED = [name for name, effect in CATALOGUE.items() if effect.stage in ("opening", "flow")]
+HARDWARE = ("joint_friction", "viscous_friction", "muscle_hysteresis", "valve_lag", "valve_dead_band")
+
+
+def believing(*names, **values):
+    """Return parameters whose belief has these effects with the values of the plant's tree."""
+    flat, known = load().flat(), {}
+    for name in names:
+        known |= {
+            key.removeprefix("plant."): value
+            for key, value in flat.items()
+            if key.startswith(f"plant.effects.{name}.")
+        }
+        known[f"effects.{name}.enabled"] = True
+    return load({**known, **values})
+
+
+def tracking(parameters, seconds=8.0, seed=1):
+    run = ClosedLoop(parameters, seed).run(round(seconds / parameters.scenario.control_period))
+    error = np.rad2deg(run["reference_angle"] - run["angle"])
+    variation = np.abs(np.diff(run["extensor_voltage"])).sum() / seconds
+    return run, float(np.abs(error).max()), float(np.sqrt(np.mean(error**2))), variation
+
+
+def test_without_effects_the_controllers_answer_what_they_answered_before():
+    """The reference bag was recorded by controllers that could not know effects."""
+    names = ("angle", "extensor_pressure", "flexor_pressure", "reference_angle", "reference_velocity",
+             "reference_acceleration", "extensor_pressure_reference", "extensor_mass_flow",
+             "extensor_voltage", "estimate_angle", "estimate_velocity")  # fmt: skip
+    bag = read_bag(WALK, names)
+    parameters = load({k: v for k, v in bag.parameters.items() if k in load().flat()})
+    _, columns = aligned(*(bag[name] for name in names))
+    controller, loop = PositionController(parameters), PressureController(parameters, "extensor")
+    valve = InverseValveModel(parameters, "extensor")
+    for row in np.array(columns).T[:400]:
+        angle, pe, pf, *reference, wanted, flow, voltage, estimated, velocity = row
+        command = controller.step(angle, pe, pf, Reference(*reference))
+        assert (command.angle, command.velocity) == pytest.approx((estimated, velocity), rel=1e-9, abs=1e-12)
+        assert command.extensor_pressure == pytest.approx(wanted, rel=1e-9)
+        assert loop.step(pe, wanted, estimated, velocity) == pytest.approx(flow, rel=1e-9, abs=1e-15)
+        assert valve.step(flow, pe) == pytest.approx(voltage, rel=1e-9)
+
+
+def test_effects_that_are_off_change_no_bit():
+    sizes = {f"effects.{name}.{e.fitted[0].name}": 0.9 * e.fitted[0].typical for name, e in CATALOGUE.items()}
+    runs = [ClosedLoop(p, 1).run(300) for p in (load(), load(sizes))]
+    assert all(np.array_equal(runs[0][name], runs[1][name]) for name in runs[0])
+
+
+@pytest.mark.parametrize("name", MECHANICAL)
+def test_the_pressures_give_the_torque_together_with_the_effect(name):
+    belief = believing(name).belief()
+    law, command = effects.effect_torque(belief), position.command_function(belief)
+    estimate, reference = [0.5, 1.2, 0.7], [0.51, 1.3, 4.0]
+    size = law.size1_in(3)
+    states = np.linspace(0.5, 0.2, size) * (CATALOGUE[name].scales or np.zeros(size))
+    gains = [belief.flat()[key] for key in position._OF_COMMAND]
+    pressures = command(estimate, reference, 3.6e5, states, 0.4, gains)[0].full()[:, 0]
+    added = float(law(*reference[:2], pressures, states, 0.4))
+    q, velocity = ca.SX.sym("q"), ca.SX.sym("velocity")
+    point = ca.vertcat(q, velocity, estimate[2])
+    both = muscle_torque(q, velocity, *pressures, belief), position.required_torque(point, reference, belief)
+    muscles, wanted = (float(v) for v in ca.Function("both", [q, velocity], both)(*estimate[:2]))
+    given = added + muscles
+    assert given == pytest.approx(wanted, abs=2e-3)
+    if name != "extra_foot_mass":
+        assert abs(added) > 1e-3
+
+
+@pytest.mark.parametrize("name", ["joint_friction", "muscle_hysteresis", "parallel_elasticity", "creep"])
+def test_what_the_effect_explains_is_no_disturbance_any_more(name):
+    """The plant has one effect; the estimate of the disturbance shrinks once the belief has it too."""
+    others = {f"plant.effects.{n}.enabled": n == name for n in CATALOGUE}
+    same = {f"plant.deviation.{n}": 1.0 for n, _ in load().plant.deviation.items()}
+    plant = {**others, **same, "plant.muscle_law": "polynomial", "valve.dead_band": 0.0,
+             "scenario.start_hold": 0.3, "scenario.start_ramp": 0.5,
+             "scenario.control_period": 0.002}  # fmt: skip
+    before = ClosedLoop(load(plant), 1).run(1500)
+    knowing = load(plant).changed(
+        {k: v for k, v in believing(name).flat().items() if k.startswith(f"effects.{name}.")}
+        | {k.removeprefix("plant."): v for k, v in plant.items() if k.startswith(f"plant.effects.{name}.")}
+    )
+    after = ClosedLoop(knowing, 1).run(1500)
+    settled = slice(300, None)
+    rms = [float(np.sqrt(np.mean(run["disturbance"][settled] ** 2))) for run in (before, after)]
+    assert rms[1] < 0.55 * rms[0] + 0.03
+
+
+@pytest.mark.parametrize("name", GAS)
+def test_the_mass_flow_gives_the_wanted_rate_in_the_believed_gas(name):
+    belief = believing(name).belief()
+    model = effects.assembled(belief, name)
+    s, x = model.signals, [0.6, 1.5, 3.1e5, 3.7e5, *[0.0] * (model.x.shape[0] - 4)]
+    rate = ca.Function("rate", [model.x, model.u], [s.flexor_pressure_rate, s.flexor_flow])
+    flow = pressure.mass_flow_function(belief, "flexor")
+    found, plain = (float(v) for v in rate(x, [5.0, 5.4, 0.0, 7.0])), load().belief()
+    wanted, passed = found
+    assert float(flow(3.7e5, wanted, 0.6, 1.5, 7.0)) == pytest.approx(passed, rel=1e-9)
+    unknowing = float(pressure.mass_flow_function(plain, "flexor")(3.7e5, wanted, 0.6, 1.5, 7.0))
+    assert ("extensor" in name) == (unknowing == pytest.approx(passed, rel=1e-6))
+
+
+@pytest.mark.parametrize("name", PASSED)
+def test_the_opening_gives_the_wanted_flow_through_the_believed_valve(name):
+    muscle = "flexor" if name.startswith("flexor") else "extensor"
+    belief = believing(name).belief()
+    passed = effects.flow_of_opening(belief, muscle)
+    plain = load().belief()
+    for flow in (-4e-3, -1e-3, 1e-3, 4e-3):
+        found, unknowing = (
+            float(passed(inverse_valve.opening_with_effects(flow, 3.4e5, b, muscle), 3.4e5))
+            for b in (belief, plain)
+        )
+        assert abs(found - flow) < 0.02 * abs(flow) + 1e-7
+        assert abs(found - flow) < 0.3 * abs(unknowing - flow) + 1e-9
+
+
+def test_the_voltage_undoes_the_believed_dead_band():
+    parameters = believing("valve_dead_band", **{"effects.valve_dead_band.half_width": 0.21})
+    model, valve = inverse_valve.InverseValveModel(parameters), parameters.valve
+    for flow in (-3e-3, 3e-3):
+        opening = float(inverse_valve.opening_for_flow(flow, 3.4e5, valve))
+        deviation = model.step(flow, 3.4e5) - valve.closed_voltage
+        assert opened(deviation, 0.21) == pytest.approx(
+            opening * (valve.maximum_voltage - valve.closed_voltage), rel=0.01
+        )
+
+
+def test_the_lag_is_that_of_the_effects():
+    lag = believing("valve_lag").belief()
+    p = lag.effects.valve_lag
+    expected = 2 * p.damping_ratio / (2 * np.pi * p.natural_frequency)
+    assert effects.command_lag(lag) == pytest.approx(expected, rel=1e-6)
+    both = believing("valve_lag", "valve_delay").belief()
+    assert effects.command_lag(both) == pytest.approx(expected + both.effects.valve_delay.delay, rel=1e-3)
+    assert Anticipation(load().belief()).horizon == 0.0
+
+
+def test_readings_lose_their_believed_errors():
+    sensors = effects.Sensors(believing("angle_gain", "angle_offset", "flexor_pressure_gain").belief())
+    assert sensors.true("angle", 0.7 * 1.02 + 0.02) == pytest.approx(0.7, abs=1e-6)
+    gauge = 2.5e5
+    assert sensors.true("flexor_pressure", 101300 + 1.03 * gauge) == pytest.approx(101300 + gauge, abs=1.0)
+    assert sensors.true("extensor_pressure", 3.21e5) == 3.21e5
+
+
+def test_known_effects_halve_the_largest_error_without_chatter():
+    _, before, _, nervous = tracking(load())
+    run, after, rms, variation = tracking(believing(*HARDWARE))
+    assert after <= 0.5 * before
+    assert rms <= 0.1
+    assert variation <= 1.5 * nervous
+    assert not run["saturated"].any()
+
+
+def test_compensation_is_in_no_loop():
+    """The known torque follows from reference and pressures alone: another angle changes nothing in it."""
+    belief = believing("joint_friction", "muscle_hysteresis").belief()
+    first, second = effects.EffectTorque(belief), effects.EffectTorque(belief)
+    for index in range(40):
+        reference = Reference(0.4 + 0.01 * index, 2.0, 0.0)
+        assert first.step(reference, 3e5, 4e5) == second.step(reference, 3e5, 4e5)
+    assert first.step(Reference(0.8, 2.0, 0.0), 3e5, 4e5) < -0.8  # friction and hysteresis brake
+    assert abs(effects.EffectTorque(belief).step(Reference(0.8, 0.0, 0.0), 3e5, 4e5)) < 1e-9  # rest: none
