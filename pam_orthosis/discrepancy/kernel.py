@@ -84,9 +84,10 @@ class Part:
     rates: ca.Function
     slopes: ca.Function
 
-    def fastest(self, rows: np.ndarray, theta: np.ndarray, state: np.ndarray, period: float) -> float:
-        """Return the largest eigenvalue (1/s, magnitude) of the rates at some rows of `z`."""
-        matrices = np.array([np.array(self.slopes(state, row, theta, period, 0.0)) for row in rows])
+    def fastest(self, rows: np.ndarray, theta: np.ndarray, states: np.ndarray, period: float) -> float:
+        """Return the largest eigenvalue (1/s, magnitude) of the rates at some rows of `z` and states."""
+        pairs = zip(states, rows, strict=True)
+        matrices = np.array([np.array(self.slopes(x, row, theta, period, 0.0)) for x, row in pairs])
         return float(np.abs(np.linalg.eigvals(matrices)).max()) if np.isfinite(matrices).all() else np.inf
 
 
@@ -208,7 +209,7 @@ def _full_state(system, assembled, own, state, neighbours):
 
 def _closure(system: System, assembled: Assembled, equation: Equation) -> tuple[str, ...]:
     """Return the equation's base states and all effect states that these or its channels depend on."""
-    base = {name for other in system.equations for name in other.states}
+    base = {channel.state for channel in system.channels} | set(system.derived)  # seen, if not integrated
     outputs = ca.vertcat(*(assembled.measured[name] for name in equation.channels))
     own = list(equation.states)
     while True:

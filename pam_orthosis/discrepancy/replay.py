@@ -20,6 +20,7 @@ from pam_orthosis.discrepancy.system import Equation, System
 
 STEP_TIMES_RATE = 1.4  # longest Runge-Kutta step times the fastest eigenvalue (stable up to 2.78)
 MOST_SUBSTEPS = 64
+PROBED = 6  # samples of each kind at which the fastest eigenvalue is looked for
 REMEMBERED = 96
 _SERIAL = count()
 _CASADI = Lock()  # expression graphs are built by one thread at a time
@@ -62,11 +63,27 @@ class Run:
 
     def start(self, part: Part) -> np.ndarray:
         """Return the first state: as measured, effect states at rest."""
-        first = {c.state: self._smooth[c.name][0] for c in self._system.channels}
+        return self.states(part, np.zeros(1, int))[0]
+
+    def states(self, part: Part, places: np.ndarray) -> np.ndarray:
+        """Return the states at some samples, (k, states): as measured, effect states at rest."""
+        signals = self.base_states()
+        rest = np.zeros(len(places))
+        return np.column_stack([signals[name][places] if name in signals else rest for name in part.own])
+
+    def base_states(self) -> dict[str, np.ndarray]:
+        """Return the base states as smoothed recordings and their difference quotients show them."""
+        signals = {c.state: self._smooth[c.name] for c in self._system.channels}
         for derived, parent in self._system.derived.items():
-            name = next(c.name for c in self._system.channels if c.state == parent)
-            first[derived] = (self._smooth[name][1] - self._smooth[name][0]) / self.period
-        return np.array([first.get(name, 0.0) for name in part.own])
+            slope = np.diff(signals[parent]) / self.period
+            signals[derived] = np.append(slope, slope[-1:])
+        return signals
+
+    def telling(self, count: int) -> np.ndarray:
+        """Return samples at which the base states are extreme, and some in between."""
+        extreme = [end for row in self.base_states().values() for end in (np.argmin(row), np.argmax(row))]
+        between = np.linspace(0, self.recording.samples - 1, count).astype(int)
+        return np.unique([*extreme, *between])
 
     def smooth(self, channel: str) -> np.ndarray:
         """Return the smoothed recording of a channel."""
@@ -96,6 +113,8 @@ class Replay:
         self._data: dict = {}
         self._latest = None
         self._tidying = Lock()
+        effects = system.catalogue.values()
+        self._scales = {n: s for one in effects for n, s in zip(one.states, one.scales, strict=True)}
 
     def defaults(self, effects: tuple[str, ...]) -> dict[str, float]:
         """Return all parameters at their neutral or typical values: calibrations, shapes, effects."""
@@ -227,7 +246,12 @@ class Replay:
         return self._kernels[key]
 
     def _substeps(self, run: Run, part: Part, data: np.ndarray, theta: np.ndarray) -> int:
-        fastest = part.fastest(data[:: max(1, len(data) // 8)], theta, run.start(part), run.period)
+        """Return the steps a period that the fastest state needs; effect states at rest and deflected."""
+        places = run.telling(PROBED)
+        rest = run.states(part, places)
+        deflected = np.array([self._scales.get(name, 0.0) for name in part.own])
+        states = np.concatenate([rest, rest + deflected, rest - deflected])
+        fastest = part.fastest(np.tile(data[places], (3, 1)), theta, states, run.period)
         needed = run.period * fastest / STEP_TIMES_RATE
         return min(max(1, math.ceil(needed)), MOST_SUBSTEPS) if math.isfinite(needed) else 1
 

@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pam_orthosis.discrepancy.fit import Fit, Problem, misfit
+from pam_orthosis.discrepancy.fit import Fit, Problem, misfit, normal_equations
 
 # density of whitened residuals over white noise where it is largest; noise alone reaches 1 to 1.7
 CLEAN = 2.5
@@ -30,14 +30,31 @@ class Where:
 
 
 def locate(problem: Problem, model: Fit) -> list[Where]:
-    """Return every equation with its strength and the signals that its residual depends on."""
+    """Return every equation with its strength and the signals that its residual depends on.
+
+    What the fit knows only roughly follows the recordings as far as its uncertainty allows: a map that
+    was fitted in one region is not a missing effect in the next.
+    """
     plain = problem.weighted({e.name: 1.0 for e in problem.system.equations})
     found = []
+    residuals = _followed(plain, model)
     for equation in problem.system.equations:
-        residual = plain.residual(equation, model.effects, model.values)
+        residual = residuals[equation.name]
         strength = misfit(plain, equation, residual)
         found.append(Where(equation.name, strength, _coordinates(plain, equation, residual)))
     return sorted(found, key=lambda one: -one.strength)
+
+
+def _followed(problem: Problem, model: Fit) -> dict[str, np.ndarray]:
+    """Return residuals with the free parameters updated, linearly, from their posterior of the fit."""
+    names = tuple(one.name for one in model.free)
+    blocks = problem.blocks(model.effects, model.values, names)
+    loose = [replace(one, sd=np.inf) for one in model.free]
+    hessian, gradient = normal_equations(blocks, loose, model.values)
+    total = hessian + model.hessian
+    step = np.linalg.solve(total + 1e-9 * np.diag(np.diag(total)), -gradient)
+    moved = {one.name: float(x * one.scale) for one, x in zip(model.free, step, strict=True)}
+    return {name: b.residual + b.slopes @ np.array([moved[n] for n in b.names]) for name, b in blocks.items()}
 
 
 def clean(places: list[Where]) -> bool:

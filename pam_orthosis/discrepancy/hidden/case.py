@@ -170,7 +170,8 @@ def _experiments(rng, parameters) -> diagnostic.Programme:
     script = diagnostic.Script(parameters.scenario.start_angle, parameters.control.position.mean_pressure)
     for index in rng.permutation(len(PARTS)):
         PARTS[index](script, levels)
-    return diagnostic.Programme(script.phases, parameters.scenario.start_hold)
+    rest = parameters.gap.replay.warm_up + parameters.scenario.start_hold  # nothing is lost in the warm-up
+    return diagnostic.Programme(script.phases, rest)
 
 
 def realistic_misfits(rng) -> dict[str, np.ndarray]:

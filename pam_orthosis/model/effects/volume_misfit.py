@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Misfit of the muscles' volumes: a relative error, linear in contraction and pressure."""
+"""Misfit of the muscles' volumes: a relative error, quadratic in contraction, linear in pressure."""
 
 from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
 
@@ -14,11 +14,12 @@ def _expression(s, p, _states):
         by_x = 2 / (WHOLE_STROKE * s.muscle.length)
         by_y = 2 / WHOLE_PRESSURE
         x, y = by_x * getattr(s, f"{m}_contraction") - 1, by_y * getattr(s, f"{m}_gauge") - 1
-        constant, along_x, along_y = (getattr(p, f"{m}_{name}") for name in ("c0", "cx", "cp"))
-        error, volume = constant + along_x * x + along_y * y, getattr(s, f"{m}_volume")
+        constant, along_x, bend, along_y = (getattr(p, f"{m}_{name}") for name in ("c0", "cx", "cxx", "cp"))
+        error = constant + along_x * x + bend * (2 * x**2 - 1) + along_y * y
+        volume, slope = getattr(s, f"{m}_volume"), (along_x + 4 * bend * x) * by_x
         added[f"{m}_volume"] = error * volume
         added[f"{m}_volume_by_contraction"] = (
-            error * getattr(s, f"{m}_volume_by_contraction") + along_x * by_x * volume
+            error * getattr(s, f"{m}_volume_by_contraction") + slope * volume
         )
         added[f"{m}_volume_by_pressure"] = (
             error * getattr(s, f"{m}_volume_by_pressure") + along_y * by_y * volume
@@ -26,7 +27,12 @@ def _expression(s, p, _states):
     return Contribution(added)
 
 
-TERMS = {"c0": "constant part", "cx": "part that grows with the contraction", "cp": "with the pressure"}
+TERMS = {
+    "c0": "constant part",
+    "cx": "part that grows with the contraction",
+    "cxx": "part that bends with the contraction",
+    "cp": "part that grows with the pressure",
+}
 
 EFFECTS = [
     Effect(
