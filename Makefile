@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 
 # blind cases for the gap workflow; resumable, hours: see benchmarks/bench_gap.py
 BENCH ?= bench_gap.jsonl
-.PHONY: bench-gap setup run test picture clean
+.PHONY: bench-gap setup run test picture docs docs-commands clean
 
 setup: $(READY)
 
@@ -30,5 +30,14 @@ bench-gap: setup
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_gap.py run --out $(BENCH)
 	$(BIN)/python benchmarks/bench_gap.py table $(BENCH)
 
+# generated pages, then the site in site/, without a warning
+docs: setup
+	$(BIN)/python docs/generate.py
+	$(BIN)/mkdocs build --strict
+
+# every command of the documentation that can run by itself; takes long
+docs-commands: setup
+	$(BIN)/python docs/commands.py
+
 clean:
-	rm -rf $(VENV) build install log
+	rm -rf $(VENV) site build install log

@@ -29,6 +29,7 @@ TEST = [
     "colcon-common-extensions>=0.3",
     "hypothesis>=6",
     "mcap-ros2-support>=0.5",
+    "mkdocs>=1.6",
     "numba>=0.59",
     "playwright>=1.40",
     "pytest>=7",

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fill the generated blocks of README.md; `--check` only says whether they are up to date."""
+"""Write the generated pages and the blocks of README.md; `--check` only says which are out of date."""
 
 import re
 import sys
 from pathlib import Path
+
+from generators import effects, equations, nodes, parameters
 
 from pam_orthosis.bag.topics import RECORDER, TOPICS
 from pam_orthosis.bag.verdict import judge
@@ -11,7 +13,8 @@ from pam_orthosis.cli.check import describe
 from pam_orthosis.model.parameters import scenario_names
 
 ROOT = Path(__file__).resolve().parent.parent
-README = ROOT / "README.md"
+README, DOCS = ROOT / "README.md", ROOT / "docs"
+FOLDERS = ("effects", "nodes", "parameters")  # generated altogether
 
 
 def graph() -> str:
@@ -65,12 +68,28 @@ def filled(text: str) -> str:
     return text
 
 
+def wanted() -> dict[Path, str]:
+    """Return what each generated file should hold."""
+    files = {README: filled(README.read_text(encoding="utf-8"))}
+    for maker in (equations, effects, nodes, parameters):
+        files |= {DOCS / name: text for name, text in maker.pages().items()}
+    return files
+
+
 def main() -> int:
-    """Write README.md, or compare."""
-    text = README.read_text(encoding="utf-8")
+    """Write what is out of date, and remove generated pages that are no more; or only tell them."""
+    files = wanted()
+    stale = [path for path, text in files.items() if not path.exists() or path.read_text("utf-8") != text]
+    extra = [path for folder in FOLDERS for path in (DOCS / folder).glob("*.md") if path not in files]
+    for path in [*stale, *extra]:
+        print(f"{path.relative_to(ROOT)} is out of date")
     if "--check" in sys.argv:
-        return int(filled(text) != text)
-    README.write_text(filled(text), encoding="utf-8")
+        return int(bool(stale or extra))
+    for path in stale:
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(files[path], encoding="utf-8")
+    for path in extra:
+        path.unlink()
     return 0
 
 

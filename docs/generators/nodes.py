@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A page for each node: what it does, equations, topics, services, and the parameters that it uses."""
+
+import ast
+import inspect
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import pam_orthosis
+from generators import equations
+from generators.markdown import NOTE, first_sentence, parameter_rows, table, value
+from pam_orthosis.bag import topics
+from pam_orthosis.control import inverse_valve, position, pressure, trajectory
+from pam_orthosis.model import plant
+from pam_orthosis.model.parameters import Section, load
+from pam_orthosis.nodes.layout import LIVE_KEYS
+
+NODES = Path(pam_orthosis.__file__).parent / "nodes"
+RATES = {
+    "step": "each control period",
+    "answer": "real time only",
+    "1 Hz": "1 Hz",
+    "event": "when it happens",
+}
+
+
+class Described(NamedTuple):
+    """A node: names in the table of topics, modules with its equations, what makes its core, in words."""
+
+    roles: tuple[str, ...]
+    modules: tuple[str, ...]
+    core: Callable | None
+    words: str
+
+
+EXECUTABLES = {
+    "plant_simulator": Described(
+        (topics.PLANT,),
+        ("model.leg", "model.pneumatics", "model.muscle", "model.orthosis"),
+        plant.Plant,
+        """The emulated hardware: mechanics of the leg, two muscles by the braid's geometry, gas, valves, all
+        effects that are on, sensors with noise and steps. It integrates one control period with the voltages
+        held. In lockstep it publishes step k, waits for both voltages of step k, and advances. Its true state
+        goes to the recorder alone.""",
+    ),
+    "trajectory_publisher": Described(
+        (topics.TRAJECTORY,),
+        ("control.trajectory",),
+        trajectory.make_trajectory,
+        """Publishes the angle to follow, with velocity and acceleration, one period before the instant that
+        it is valid for. It starts at rest; the cadence rises smoothly, and may change while it runs.""",
+    ),
+    "position_controller": Described(
+        (topics.POSITION,),
+        ("control.observer", "control.position", "control.knee"),
+        position.PositionController,
+        """Observer and backstepping controller of the knee angle: from the measured angle and both pressures
+        it estimates velocity and disturbance torque, and from the reference the pressures that both muscles
+        shall have.""",
+    ),
+    "pressure_controller": Described(
+        (topics.EXTENSOR, topics.FLEXOR),
+        ("control.pressure", "model.pneumatics"),
+        lambda p: pressure.PressureController(p, "extensor"),
+        """Backstepping controller of one muscle's pressure: the mass flow that makes the pressure follow,
+        with the change of volume that the motion causes. One process for each muscle.""",
+    ),
+    "inverse_valve_model": Described(
+        (topics.VALVE,),
+        ("control.inverse_valve", "model.pneumatics"),
+        lambda p: inverse_valve.InverseValveModel(p, "extensor"),
+        """From the wanted mass flow and the pressure to the voltage of each valve: the orifice's flow
+        inverted, hose and dead band compensated.""",
+    ),
+    "bag_recorder": Described(
+        (topics.RECORDER,),
+        (),
+        None,
+        """Records all topics but those that manage the graph into an MCAP bag: messages as they came, log
+        time = stamp, with all parameters in the bag's metadata. It says how far it is, and ends the run.""",
+    ),
+}
+
+
+def pages() -> dict[str, str]:
+    """Return the pages."""
+    made = {f"nodes/{name}.md": _page(name, one) for name, one in EXECUTABLES.items()}
+    beside = [name for name in executables() if name not in EXECUTABLES]
+    made |= {f"nodes/{name}.md": f"{NOTE}# {name}\n\n{_module_docstring(name)}\n" for name in beside}
+    lines = [f"- [{name}]({name}.md): {_module_words(name)}" for name in (*EXECUTABLES, *beside)]
+    index = "# Nodes\n\nThe first six make one leg; each runs in a process of its own, or all in one.\n\n"
+    return {"nodes/index.md": NOTE + index + "\n".join(lines) + "\n", **made}
+
+
+def executables() -> list[str]:
+    """Return the nodes that setup.py installs."""
+    setup = ast.parse((NODES.parents[1] / "setup.py").read_text(encoding="utf-8"))
+    for statement in setup.body:
+        if isinstance(statement, ast.Assign) and statement.targets[0].id == "NODES":
+            return ast.literal_eval(statement.value)
+    raise LookupError("setup.py has no NODES")
+
+
+def _page(name: str, one: Described) -> str:
+    published = [t for t in topics.TOPICS if set(one.roles) & set(t.producers)]
+    heard = [t for t in topics.TOPICS if set(one.roles) & set(t.subscribers)]
+    parts = [f"# {name}\n\n{' '.join(one.words.split())}\n"]
+    if len(one.roles) > 1:
+        parts.append(f"\nIn the graph: {', '.join(f'`{role}`' for role in one.roles)}.\n")
+    cited = equations.of_modules(one.modules)
+    if cited:
+        rows = [(f"({number})", f"`{c.place}`", c.words) for number, c in cited]
+        parts.append("\n## Equations\n\n" + table(("equation", "where", "what"), rows))
+    parts += ["\n## It listens to\n\n", _topics(heard), "\n## It publishes\n\n", _topics(published)]
+    parts.append(_services(name))
+    parts.append("\n## Its own parameters\n\n" + _settings(name))
+    if one.core:
+        parts.append(_used(name, one.core))
+    return NOTE + "".join(parts)
+
+
+def _topics(some) -> str:
+    rows = [
+        (f"`{t.name}`", f"`{t.type.replace('/msg/', '/')}`", t.unit, t.meaning, RATES[t.rate]) for t in some
+    ]
+    return table(("topic", "type", "unit", "what", "how often"), rows)
+
+
+def _used(name: str, core: Callable) -> str:
+    tree = load()
+    with accessed() as keys:
+        core(tree)
+    live = LIVE_KEYS.get(name, ())
+    used = [row for row in tree.rows() if row.key in keys or row.key in live]
+    words = "\n## Parameters that it uses\n\nAll are declared as ROS parameters under these names."
+    if live:
+        words += f" While it runs these may be set: {', '.join(f'`{key}`' for key in live)}."
+    return f"{words}\n\n{parameter_rows(used)}"
+
+
+@contextmanager
+def accessed() -> Iterator[set[str]]:
+    """Collect the dotted keys of all parameters that are read inside."""
+    keys: set[str] = set()
+    plain = Section.__getattribute__
+
+    def noting(section, name):
+        found = plain(section, name)
+        if not name.startswith("_") and not isinstance(found, Section) and not inspect.ismethod(found):
+            keys.add(f"{plain(section, '_path')}.{name}")
+        return found
+
+    Section.__getattribute__ = noting
+    try:
+        yield keys
+    finally:
+        Section.__getattribute__ = plain
+
+
+def _settings(name: str) -> str:
+    found = [*_calls(name, "Setting"), *_calls("graph", "Setting")]
+    rows = []
+    for setting, call in found:
+        default, meaning, *options = (ast.literal_eval(argument) for argument in call.args)
+        rows.append((f"`{setting}`", value(default) or "(to be given)", meaning + (
+            f"; one of {', '.join(options[0])}" if options else "")))  # fmt: skip
+    return table(("parameter", "default", "meaning"), rows)
+
+
+def _services(name: str) -> str:
+    found = [
+        call.args[0].value for _, call in _calls(name, "offer") if isinstance(call.args[0], ast.Constant)
+    ]
+    if not found:
+        return ""
+    return "\n## Services\n\n" + table(
+        ("service", "type"), [(f"`{one}`", "`std_srvs/Trigger`") for one in found]
+    )
+
+
+def _calls(module: str, function: str) -> Iterator[tuple[str, ast.Call]]:
+    """Yield (name it is given to, call) of a function's calls in a node's module."""
+    tree = ast.parse((NODES / f"{module}.py").read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        pairs = []
+        if isinstance(node, ast.Assign):
+            pairs = [(getattr(node.targets[0], "id", ""), node.value)]
+        elif isinstance(node, ast.Dict):
+            pairs = [(getattr(k, "value", ""), v) for k, v in zip(node.keys, node.values, strict=True)]
+        elif isinstance(node, ast.Expr):
+            pairs = [("", node.value)]
+        for given, call in pairs:
+            if (
+                isinstance(call, ast.Call)
+                and getattr(call.func, "id", getattr(call.func, "attr", "")) == function
+            ):
+                yield given, call
+
+
+def _module_words(name: str) -> str:
+    return first_sentence(_module_docstring(name))
+
+
+def _module_docstring(name: str) -> str:
+    words = ast.get_docstring(ast.parse((NODES / f"{name}.py").read_text(encoding="utf-8")))
+    words = words.removeprefix("Node: ")
+    return words[0].upper() + words[1:]
