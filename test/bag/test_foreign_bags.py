@@ -74,10 +74,13 @@ def split_mcap(folder, files=3, compression=CompressionType.ZSTD):
     folder.mkdir()
     messages = list(_messages())
     messages[100:140] = messages[100:140][::-1]
-    parts = np.array_split(np.arange(len(messages)), files)
+    arrived = [
+        (topic, kind, OFFSET_NS + n * 70_000, data) for n, (topic, kind, _, data) in enumerate(messages)
+    ]
+    parts = np.array_split(np.arange(len(arrived)), files)
     names = [f"{folder.name}_{number}.mcap" for number in range(files)]
     for name, part in zip(names, parts, strict=True):
-        _write_mcap(folder / name, [messages[index] for index in part], compression)
+        _write_mcap(folder / name, [arrived[index] for index in part], compression)
     _write_metadata(folder, names, messages)
     return folder
 
@@ -105,14 +108,14 @@ def _write_mcap(file, messages, compression):
         writer = McapWriter(stream, chunk_size=100_000, compression=compression)
         writer.start(profile="ros2", library="libmcap 1.3.0")
         schemas, channels = {}, {}
-        for topic, kind, stamp_ns, data in messages:
+        for topic, kind, time_ns, data in messages:
             if kind not in schemas:
                 text = message_definition(kind)[0]
                 schemas[kind] = writer.register_schema(kind, "ros2msg", text.encode())
             if topic not in channels:
                 quality = {"offered_qos_profiles": BEST_EFFORT}
                 channels[topic] = writer.register_channel(topic, "cdr", schemas[kind], quality)
-            writer.add_message(channels[topic], OFFSET_NS + stamp_ns, bytes(data), OFFSET_NS + stamp_ns)
+            writer.add_message(channels[topic], time_ns, bytes(data), time_ns)
         writer.finish()
 
 
