@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pam_orthosis.control.guarded import GuardedPosition, GuardedPressure, GuardedValve
 from pam_orthosis.control.inverse_valve import InverseValveModel
 from pam_orthosis.control.position import PositionController
 from pam_orthosis.control.pressure import PressureController
@@ -39,9 +40,17 @@ class ClosedLoop:
     def __init__(self, parameters, seed: int = 0, plant=None, trajectory=None, position=None):
         self.plant = Plant(parameters, seed) if plant is None else plant
         self._trajectory = make_trajectory(parameters) if trajectory is None else trajectory
-        self._position = PositionController(parameters) if position is None else position
-        self._pressure = [PressureController(parameters, muscle) for muscle in MUSCLES]
-        self._valves = [InverseValveModel(parameters, muscle) for muscle in MUSCLES]
+        position = PositionController(parameters) if position is None else position
+        self._position = GuardedPosition(parameters, position)
+        self._pressure = [GuardedPressure(parameters, PressureController(parameters, m)) for m in MUSCLES]
+        self._valves = [GuardedValve(parameters, InverseValveModel(parameters, m)) for m in MUSCLES]
+
+    def health(self) -> dict[str, dict]:
+        """Return what each controller's guards have counted."""
+        guarded = {"position": self._position}
+        guarded |= {f"{m} pressure": each for m, each in zip(MUSCLES, self._pressure, strict=True)}
+        guarded |= {f"{m} valve": each for m, each in zip(MUSCLES, self._valves, strict=True)}
+        return {name: each.health() for name, each in guarded.items()}
 
     def run(self, steps: int) -> dict[str, np.ndarray]:
         """Advance; returns an array of `steps` samples for each of `SIGNALS`, SI units."""

@@ -78,9 +78,13 @@ class Row:
     def _finite(self, value: Any) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise OrthosisError(f"{self.key}: give a number in {self.unit}, not {value!r}")
-        if not math.isfinite(value):
+        try:
+            number = float(value)
+        except OverflowError:  # a whole number beyond all floating-point ones
+            number = math.inf
+        if not math.isfinite(number):
             raise OrthosisError(f"{self.key}: {value!r} is not a finite number")
-        return float(value)
+        return number
 
     def _checked_number(self, value: Any) -> float | int:
         number = self._within(self._finite(value))

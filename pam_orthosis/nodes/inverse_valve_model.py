@@ -10,6 +10,7 @@ from typing import Any
 from sensor_msgs.msg import FluidPressure, JointState
 
 from pam_orthosis.bag.topics import VALVE
+from pam_orthosis.control.guarded import GuardedValve
 from pam_orthosis.control.inverse_valve import InverseValveModel
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.nodes import graph, messages
@@ -31,15 +32,20 @@ class InverseValveModelNode(graph.GraphNode):
         self.offer("reset", self._reset)
         self._both = Join(MUSCLES, self._answered)
         self._answer = self.publish_to("answered") if self.realtime else None
+        self._models = {
+            muscle: GuardedValve(self.parameters, InverseValveModel(self.parameters, muscle))
+            for muscle in MUSCLES
+        }
         self._joins = [
             self.join_inputs((f"{muscle}/mass_flow", f"{muscle}/pressure"), self._step(muscle))
             for muscle in MUSCLES
         ]
 
     def health(self) -> dict[str, Any]:
-        """Count lost inputs; tell of an emergency stop."""
+        """Count lost inputs; tell of an emergency stop, and what the guards did."""
         dropped = sum(join.dropped for join in self._joins)
-        return {"dropped_inputs": dropped, "emergency_stop": self._venting}
+        guards = {f"{m}_{name}": value for m in MUSCLES for name, value in self._models[m].health().items()}
+        return {"dropped_inputs": dropped, "emergency_stop": self._venting, **guards}
 
     def _vent(self) -> str:
         self._venting = True
@@ -57,11 +63,11 @@ class InverseValveModelNode(graph.GraphNode):
         self.step_done(stamp_ns)
 
     def _step(self, muscle: str) -> Callable[[int, JointState, FluidPressure], None]:
-        model, vent = InverseValveModel(self.parameters, muscle), self.parameters.valve.minimum_voltage
+        model, vent = self._models[muscle], self.parameters.valve.minimum_voltage
         publisher = self.publish_to(f"{muscle}/valve_voltage")
 
         def step(stamp_ns: int, flow: JointState, pressure: FluidPressure) -> None:
-            asked = model.step(flow.velocity[0], pressure.fluid_pressure)
+            asked = model.step(messages.only(flow.velocity), pressure.fluid_pressure)
             voltage = vent if self._venting else asked
             publisher.publish(messages.joint_state(stamp_ns, [f"{muscle}_valve"], effort=[voltage]))
             self._both.add(muscle, stamp_ns, voltage)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,8 +15,11 @@ from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pam_orthosis.bag.topics import SECOND_NS
+from pam_orthosis.control.trajectory import Reference
 
 KNEE = "knee"
+NOTHING = float("nan")  # in place of a number that a message lacks
+_STAMP = struct.Struct("<iI")
 
 
 def time(stamp_ns: int) -> Time:
@@ -26,6 +30,12 @@ def time(stamp_ns: int) -> Time:
 def nanoseconds(stamp: Time) -> int:
     """Return a ROS time in nanoseconds."""
     return stamp.sec * SECOND_NS + stamp.nanosec
+
+
+def serialised_stamp_ns(data: bytes) -> int:
+    """Return the stamp with which a serialised message begins, behind the encapsulation's four bytes."""
+    seconds, nanosec = _STAMP.unpack_from(data, 4)
+    return seconds * SECOND_NS + nanosec
 
 
 def header(stamp_ns: int, frame: str = "") -> Header:
@@ -48,6 +58,18 @@ def joint_state(
         velocity=list(velocity),
         effort=list(effort),
     )
+
+
+def only(values: Sequence[float]) -> float:
+    """Return the one number of a field; NaN, which guards take care of, if there is none."""
+    return values[0] if values else NOTHING
+
+
+def reference(message: JointTrajectory) -> Reference:
+    """Return what a message of `trajectory` asks for; NaN where it says nothing."""
+    point = message.points[0] if message.points else JointTrajectoryPoint()
+    moving = (only(field) for field in (point.positions, point.velocities, point.accelerations))
+    return Reference(*moving, point.effort[0] if point.effort else None)
 
 
 def fluid_pressure(stamp_ns: int, muscle: str, pressure: float, variance: float = 0.0) -> FluidPressure:

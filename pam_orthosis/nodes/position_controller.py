@@ -10,8 +10,8 @@ from sensor_msgs.msg import FluidPressure, JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from pam_orthosis.bag.topics import POSITION
+from pam_orthosis.control.guarded import GuardedPosition
 from pam_orthosis.control.position import PositionController
-from pam_orthosis.control.trajectory import Reference
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages
@@ -22,7 +22,7 @@ class PositionControllerNode(graph.GraphNode):
 
     def __init__(self) -> None:
         super().__init__(POSITION)
-        self._controller = PositionController(self.parameters)
+        self._controller = GuardedPosition(self.parameters, PositionController(self.parameters))
         self._saturated = self._clamped = 0
         self._residual = 0.0
         self._estimate = self.publish_to("estimate")
@@ -34,8 +34,9 @@ class PositionControllerNode(graph.GraphNode):
         )
 
     def health(self) -> dict[str, Any]:
-        """Count steps with a torque out of reach, steps outside the muscle model, lost inputs."""
+        """Count steps out of reach or outside the muscle model, lost inputs; tell what the guards did."""
         return {
+            **self._controller.health(),
             "saturated": self._saturated,
             "clamped": self._clamped,
             "dropped_inputs": self._join.dropped,
@@ -60,17 +61,11 @@ class PositionControllerNode(graph.GraphNode):
         flexor: FluidPressure,
         reference: JointTrajectory,
     ) -> None:
-        point = reference.points[0]
         command = self._controller.step(
-            joint.position[0],
+            messages.only(joint.position),
             extensor.fluid_pressure,
             flexor.fluid_pressure,
-            Reference(
-                point.positions[0],
-                point.velocities[0],
-                point.accelerations[0],
-                point.effort[0] if point.effort else None,
-            ),
+            messages.reference(reference),
         )
         self._estimate.publish(
             messages.joint_state(

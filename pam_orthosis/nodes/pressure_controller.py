@@ -8,6 +8,7 @@ from typing import Any
 
 from sensor_msgs.msg import FluidPressure, JointState
 
+from pam_orthosis.control.guarded import GuardedPressure
 from pam_orthosis.control.pressure import PressureController
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages
@@ -21,14 +22,15 @@ class PressureControllerNode(graph.GraphNode):
         muscle = Setting("", "muscle whose pressure is controlled", ("extensor", "flexor"))
         super().__init__(name, {"muscle": muscle}, "{muscle}_pressure_controller")
         self._muscle = self.settings["muscle"]
-        self._controller = PressureController(self.parameters, self._muscle)
+        controller = PressureController(self.parameters, self._muscle)
+        self._controller = GuardedPressure(self.parameters, controller)
         self._flow = self.publish_to(f"{self._muscle}/mass_flow")
         inputs = (f"{self._muscle}/pressure", f"{self._muscle}/pressure_reference", "estimate")
         self._join = self.join_inputs(inputs, self._step)
 
     def health(self) -> dict[str, Any]:
-        """Count lost inputs."""
-        return {"dropped_inputs": self._join.dropped}
+        """Count lost inputs, and what the guards did."""
+        return {**self._controller.health(), "dropped_inputs": self._join.dropped}
 
     def retune(self, parameters: Parameters) -> None:
         """Take a new gain or bandwidth from the next step on."""
@@ -40,8 +42,8 @@ class PressureControllerNode(graph.GraphNode):
         flow = self._controller.step(
             pressure.fluid_pressure,
             wanted.fluid_pressure,
-            estimate.position[0],
-            estimate.velocity[0],
+            messages.only(estimate.position),
+            messages.only(estimate.velocity),
         )
         self._flow.publish(messages.joint_state(stamp_ns, [f"{self._muscle}_valve"], velocity=[flow]))
         self.step_done(stamp_ns)

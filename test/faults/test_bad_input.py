@@ -5,6 +5,7 @@ from contextlib import nullcontext
 from itertools import islice
 from pathlib import Path
 
+import campaign_path  # noqa: F401
 import numpy as np
 import pytest
 from fault_campaign import bag_mutations, inputs, text_mutations, trial

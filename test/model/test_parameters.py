@@ -68,3 +68,8 @@ def test_broken_yaml_is_one_sentence(tmp_path):
     path.write_text("a: [1, 2\nb: }")
     with pytest.raises(OrthosisError, match="not valid YAML"):
         parameters.read_yaml(path)
+
+
+def test_a_number_beyond_all_floats_is_refused():
+    with pytest.raises(OrthosisError, match="not a finite number"):
+        parameters.load({"valve.minimum_voltage": 10**400})

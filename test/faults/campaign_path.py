@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The campaigns of `benchmarks` for tests: a small fixed share of each."""
+"""Importing this module makes the campaigns of `benchmarks` importable."""
 
 import sys
 from pathlib import Path

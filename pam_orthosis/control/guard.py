@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Guards of single signals: what is unusable is bridged for a moment, then the signal counts as lost.
+
+A guard passes what is usable on unchanged, to the last bit. What it counts is told in `/diagnostics`.
+"""
+
+from __future__ import annotations
+
+import math
+
+
+class SignalGuard:
+    """Guards one measured signal.
+
+    A sample is unusable if it is not finite, outside what the quantity can be, or farther from the last
+    usable one than the quantity can get in that time. Up to `hold` such samples in a row the last usable
+    one stands in (reaction: hold); then the signal is lost, for good. It is lost too when it repeats one
+    value to the last bit for `frozen` samples while what it should follow moves on.
+
+    Args:
+        low, high: limits of the plausible values.
+        step: largest plausible change from one sample to the next.
+        hold: samples that are bridged.
+        frozen: samples of one value, and `moved`: change of what it should follow in that time.
+        start: stands in if the first sample is unusable.
+    """
+
+    def __init__(
+        self, low: float, high: float, step: float, hold: int, frozen: int, moved: float, start: float
+    ):
+        self._low, self._high, self._step = low, high, step
+        self._hold, self._frozen, self._moved = hold, frozen, moved
+        self._last, self._started = start, False
+        self._missed = self._same = 0
+        self._followed: float | None = None
+        self.held = 0
+        self.lost = ""
+
+    @property
+    def last(self) -> float:
+        """The last usable value."""
+        return self._last
+
+    def step(self, value: float, followed: float | None = None) -> float:
+        """Return the value to use; `followed` is what the signal should follow, if it should.
+
+        When the signal is lost, `lost` says why, and the last usable value is returned.
+        """
+        fault = self._fault(value)
+        if fault:
+            self._missed += 1
+            self.held += 1
+            if self._missed > self._hold:
+                self.lost = self.lost or fault
+            return self._last
+        self._watch_motion(value, followed)
+        self._last, self._started, self._missed = value, True, 0
+        return value
+
+    def _fault(self, value: float) -> str:
+        if not math.isfinite(value):
+            return "not finite"
+        if not self._low <= value <= self._high:
+            return "out of range"
+        if self._started and abs(value - self._last) > self._step * (self._missed + 1):
+            return "jumped"
+        return ""
+
+    def _watch_motion(self, value: float, followed: float | None) -> None:
+        if followed is None or value != self._last or self._followed is None:
+            self._same, self._followed = 0, followed
+            return
+        self._same += 1
+        if self._same >= self._frozen and abs(followed - self._followed) > self._moved:
+            self.lost = self.lost or "frozen"
+
+
+class Overdue:
+    """Notices a condition that lasts longer than it may."""
+
+    def __init__(self, limit: int):
+        self._limit = limit
+        self._count = 0
+
+    def step(self, holds: bool) -> bool:
+        """Take a sample of the condition; return whether it has lasted for more than the limit, samples."""
+        self._count = self._count + 1 if holds else 0
+        return self._count > self._limit
+
+
+def angle_guard(parameters) -> SignalGuard:
+    """Return the guard of the measured knee angle."""
+    g, joint, period = parameters.control.guard, parameters.leg.joint, parameters.scenario.control_period
+    frozen = math.inf if joint.locked else _samples(g.frozen_time, period)
+    return SignalGuard(
+        joint.minimum - g.angle_margin, joint.maximum + g.angle_margin, g.angle_rate * period,
+        _samples(g.hold_time, period), frozen, g.angle_motion, parameters.scenario.start_angle,
+    )  # fmt: skip
+
+
+def pressure_guard(parameters) -> SignalGuard:
+    """Return the guard of a measured muscle pressure."""
+    g, period = parameters.control.guard, parameters.scenario.control_period
+    return SignalGuard(
+        g.lowest_pressure, parameters.valve.supply_pressure + g.pressure_margin, g.pressure_rate * period,
+        _samples(g.hold_time, period), _samples(g.frozen_time, period), g.pressure_motion,
+        parameters.valve.ambient_pressure,
+    )  # fmt: skip
+
+
+def overdue(seconds: float, parameters) -> Overdue:
+    """Return what notices a condition that lasts longer than this."""
+    return Overdue(_samples(seconds, parameters.scenario.control_period))
+
+
+def _samples(seconds: float, period: float) -> int:
+    return max(1, round(seconds / period))

@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The controllers behind guards: whatever comes in, finite commands within the limits go out.
+
+Three reactions, the mildest that is safe: *hold* bridges some unusable samples with the last usable one,
+*limited* cuts what is asked for to what is allowed, *vent* lets the air out: for good when a signal is
+lost, for the time being while knee or pressure do not follow. The position controller asks for it by a
+reference pressure of the ambient, which every later controller understands. Without faults each returns
+what its controller returns, to the last bit.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from pam_orthosis.control import guard
+from pam_orthosis.control.inverse_valve import InverseValveModel
+from pam_orthosis.control.position import PositionCommand, PositionController
+from pam_orthosis.control.pressure import PressureController
+from pam_orthosis.control.trajectory import VALVES_CLOSED, Reference
+
+NEAR = 0.2  # of the largest error: what is followed is caught up with
+VENT_FLOW = -1.0  # kg/s: far more than a valve can pass, so that it opens fully
+
+
+class _Guarded:
+    """What the three have in common: guards, counters, and why they vent, for good or for the time being."""
+
+    RELEASED = ""
+
+    def __init__(self, parameters, guards: dict[str, guard.SignalGuard]):
+        self._guards = guards
+        self._unusable = guard.overdue(parameters.control.guard.hold_time, parameters)
+        self._vent = ""
+        self._loose = False
+        self._limited = self._vented = 0
+
+    def health(self) -> dict[str, Any]:
+        """Return the counters of the reactions and why it vents; zero or empty while all is well."""
+        return {
+            "held_samples": sum(each.held for each in self._guards.values()),
+            "limited_samples": self._limited,
+            "vented_samples": self._vented,
+            "vent": self._vent or (self.RELEASED if self._loose else ""),
+        }
+
+    def _command_held(self, numbers) -> bool:
+        """Return whether a command is unusable and to be held; vent if that lasts."""
+        broken = not all(map(math.isfinite, numbers))
+        self._limited += broken
+        if self._unusable.step(broken):
+            self._vent = self._vent or "command not finite"
+        return broken
+
+    def _finite(self, what: str, *numbers: float) -> bool:
+        """Return whether results are finite; vent for good if not."""
+        good = all(map(math.isfinite, numbers))
+        if not good:
+            self._vent = self._vent or f"{what} not finite"
+        return good
+
+    def _watch(self, overdue: bool, caught_up: bool) -> None:
+        """Let go what does not follow; take hold of it again when it is caught up with."""
+        self._loose = overdue or (self._loose and not caught_up)
+
+    def _venting(self) -> bool:
+        """Return whether to vent, and count it."""
+        lost = [f"{name} {each.lost}" for name, each in self._guards.items() if each.lost]
+        self._vent = self._vent or (lost[0] if lost else "")
+        venting = bool(self._vent) or self._loose
+        self._vented += venting
+        return venting
+
+
+class GuardedPosition(_Guarded):
+    """The position controller behind guards of its measurements and its reference.
+
+    A reference beyond the joint's limits is limited to them, an unusable one held. It vents for good when
+    a signal is lost, and while the knee is far from its reference, or much faster or slower, for too long.
+    """
+
+    RELEASED = "knee does not follow"
+
+    def __init__(self, parameters, controller: PositionController):
+        belief = parameters.belief()
+        guards = {"angle": guard.angle_guard(belief)}
+        guards |= {f"{name} pressure": guard.pressure_guard(belief) for name in ("extensor", "flexor")}
+        super().__init__(belief, guards)
+        g, joint = belief.control.guard, belief.leg.joint
+        self._controller = controller
+        self._low, self._high = joint.minimum, joint.maximum
+        self._reference = Reference(belief.scenario.start_angle, 0.0, 0.0)
+        self._distance, self._far = g.tracking_error, guard.overdue(g.tracking_time, belief)
+        self._speed, self._swings = g.velocity_error, guard.overdue(g.hold_time, belief)
+        self._ambient = belief.valve.ambient_pressure
+
+    def retune(self, parameters) -> None:
+        """Pass new values on to the controller."""
+        self._controller.retune(parameters)
+
+    def step(
+        self, angle: float, extensor_pressure: float, flexor_pressure: float, reference: Reference
+    ) -> PositionCommand:
+        """Return the reference pressures for one sample, whatever the arguments are."""
+        reference = self._usable(reference)
+        angle = self._guards["angle"].step(angle, reference.angle)
+        extensor = self._guards["extensor pressure"].step(extensor_pressure)
+        flexor = self._guards["flexor pressure"].step(flexor_pressure)
+        command = self._controller.step(angle, extensor, flexor, reference)
+        if not self._finite("estimate", *command[:6]):
+            command = PositionCommand(self._ambient, self._ambient, angle, 0.0, 0.0, 0.0, False, False)
+        self._watch_motion(reference, angle, command.velocity)
+        if self._venting():
+            return command._replace(extensor_pressure=self._ambient, flexor_pressure=self._ambient)
+        return command
+
+    def _watch_motion(self, reference: Reference, angle: float, velocity: float) -> None:
+        driven = reference.mean_pressure != VALVES_CLOSED
+        away, faster = abs(reference.angle - angle), abs(velocity - reference.velocity)
+        far = self._far.step(driven and away > self._distance)
+        swings = self._swings.step(driven and faster > self._speed)
+        self._watch(far or swings, away < NEAR * self._distance and faster < NEAR * self._speed)
+
+    def _usable(self, reference: Reference) -> Reference:
+        if self._command_held(number for number in reference if number is not None):
+            return self._reference._replace(velocity=0.0, acceleration=0.0)
+        if not self._low <= reference.angle <= self._high:
+            self._limited += 1
+            nearest = min(max(reference.angle, self._low), self._high)
+            reference = reference._replace(angle=nearest, velocity=0.0, acceleration=0.0)
+        self._reference = reference
+        return reference
+
+
+class GuardedPressure(_Guarded):
+    """The pressure controller of one muscle behind guards.
+
+    A reference beyond the limits is limited. It vents for good when its signal is lost, and while the
+    pressure is far from its reference for too long.
+    """
+
+    RELEASED = "pressure does not follow"
+
+    def __init__(self, parameters, controller: PressureController):
+        belief = parameters.belief()
+        super().__init__(belief, {"pressure": guard.pressure_guard(belief)})
+        g = belief.control.guard
+        self._controller = controller
+        self._low, self._high = belief.valve.ambient_pressure, belief.control.position.maximum_pressure
+        self._distance, self._far = g.pressure_error, guard.overdue(g.pressure_time, belief)
+        self._wanted = (VALVES_CLOSED, belief.scenario.start_angle, 0.0)
+
+    def retune(self, parameters) -> None:
+        """Pass new values on to the controller."""
+        self._controller.retune(parameters)
+
+    def step(self, pressure: float, reference: float, angle: float, velocity: float) -> float:
+        """Return the mass flow into the muscle, kg/s, finite whatever the arguments are."""
+        wanted = self._usable(reference, angle, velocity)
+        followed = None if wanted[0] == VALVES_CLOSED else wanted[0]
+        pressure = self._guards["pressure"].step(pressure, followed)
+        away = 0.0 if followed is None else abs(followed - pressure)
+        self._watch(self._far.step(away > self._distance), away < NEAR * self._distance)
+        flow = self._controller.step(pressure, *wanted)
+        good = self._finite("mass flow", flow)
+        return VENT_FLOW if self._venting() or not good else flow
+
+    def _usable(self, *wanted: float) -> tuple[float, ...]:
+        if self._command_held(wanted):
+            return self._wanted
+        reference, *estimate = wanted
+        if reference != VALVES_CLOSED and not self._low <= reference <= self._high:
+            self._limited += 1
+            reference = min(max(reference, self._low), self._high)
+        self._wanted = (reference, *estimate)
+        return self._wanted
+
+
+class GuardedValve(_Guarded):
+    """The inverse valve model behind guards: no voltage leaves it that is not finite and in range."""
+
+    def __init__(self, parameters, model: InverseValveModel):
+        belief = parameters.belief()
+        super().__init__(belief, {"pressure": guard.pressure_guard(belief)})
+        self._model = model
+        self._low, self._high = belief.valve.minimum_voltage, belief.valve.maximum_voltage
+        self._flow = 0.0
+
+    def step(self, mass_flow: float, pressure: float) -> float:
+        """Return the valve voltage, V, finite and in range whatever the arguments are."""
+        flow = self._usable(mass_flow)
+        voltage = self._model.step(flow, self._guards["pressure"].step(pressure))
+        good = self._finite("voltage", voltage)
+        return self._low if self._venting() or not good else min(max(voltage, self._low), self._high)
+
+    def _usable(self, mass_flow: float) -> float:
+        if not self._command_held((mass_flow,)):
+            self._flow = min(max(mass_flow, VENT_FLOW), -VENT_FLOW)
+            self._limited += self._flow != mass_flow
+        return self._flow
