@@ -203,12 +203,19 @@ def locked(script: Script, d) -> None:
     script.go(2.0, mean=d.low_mean)
 
 
+def stiffness(script: Script, d) -> None:
+    """Closed valves, 15 s, for a torque from outside: stiffness at the mean pressure of the controller."""
+    script.rest(1.0)
+    script.close(14.0)
+
+
 EXPERIMENTS: dict[str, tuple[Callable[[Script, object], None], ...]] = {
     "triangle": (triangle, amplitudes),
     "cocontraction": (cocontraction,) * 2,
     "locked": (locked,) * 2,
     "decay": (decay,) * 2,
     "closed": (closed_hold,) * 2,
+    "stiffness": (stiffness,),
     "protocol": (triangle, amplitudes, cocontraction, closed_hold, shaking, decay),
 }
 

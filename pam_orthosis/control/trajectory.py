@@ -108,6 +108,20 @@ def fourier_shape(cosine, sine) -> Callable:
     return shape
 
 
+def step_shape(low: float, high: float, rise: float) -> Callable:
+    """Return the shape of steps up at phase 0 and down at phase 0.5, quintic within the phase `rise`, rad."""
+
+    def shape(phase: float) -> tuple[float, float, float]:
+        half, since = divmod(2 * (phase % 1.0), 1.0)
+        s = min(0.5 * since / rise, 1.0)
+        size = (low - high) if half else (high - low)
+        way = size * s**3 * (10 - 15 * s + 6 * s**2)
+        slope = 30 * size * s**2 * (1 - s) ** 2 / rise
+        return (high if half else low) + way, slope, 60 * size * s * (1 - s) * (1 - 2 * s) / rise**2
+
+    return shape
+
+
 def make_trajectory(parameters):
     """Return what `scenario` asks for: a `Trajectory` or the programme of a diagnostic experiment."""
     from pam_orthosis.control import diagnostic  # its programmes are made of this module's references
@@ -123,4 +137,7 @@ def _shape(scenario) -> Callable:
         return fourier_shape(scenario.gait.cosine, scenario.gait.sine)
     if scenario.trajectory == "sine":
         return fourier_shape([scenario.sine.centre, 0.0], [0.0, scenario.sine.amplitude])
+    if scenario.trajectory == "steps":
+        step = scenario.step
+        return step_shape(step.low, step.high, step.rise / scenario.cycle_time)
     return fourier_shape([scenario.start_angle], [0.0])

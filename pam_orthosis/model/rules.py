@@ -47,6 +47,7 @@ def broken_rules(values: Mapping[str, Any]) -> Iterator[str]:
         yield from _braid_rule(values, f"muscle.{name}")
     yield from _period_rule(values)
     yield from _duration_rule(values)
+    yield from _step_rule(values)
     yield from _reach_rule(values)
 
 
@@ -66,6 +67,14 @@ def _duration_rule(values: Mapping[str, Any]) -> Iterator[str]:
     duration, period = values.get("scenario.duration"), values.get("scenario.control_period")
     if duration is not None and period is not None and duration < 4 * period:
         yield f"scenario.duration = {duration} s must be four times scenario.control_period = {period} s"
+
+
+def _step_rule(values: Mapping[str, Any]) -> Iterator[str]:
+    if values.get("scenario.trajectory") != "steps":
+        return
+    rise, cycle = values["scenario.step.rise"], values["scenario.cycle_time"]
+    if rise > 0.5 * cycle:
+        yield f"scenario.step.rise = {rise} s must be at most half of scenario.cycle_time = {cycle} s"
 
 
 def _alike(values: Mapping[str, Any], keys: tuple[str, ...]) -> Iterator[str]:
@@ -109,6 +118,8 @@ def _angles(values: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
     if values["scenario.trajectory"] == "sine":
         centre, amplitude = values["scenario.sine.centre"], values["scenario.sine.amplitude"]
         yield from (("scenario.sine.amplitude", centre + sign * amplitude) for sign in (-1, 1))
+    if values["scenario.trajectory"] == "steps":
+        yield from ((key, values[key]) for key in ("scenario.step.low", "scenario.step.high"))
     if values["scenario.trajectory"] == "gait":
         cosine, sine = values["scenario.gait.cosine"], values["scenario.gait.sine"]
         for phase in (2 * math.pi * k / PHASES for k in range(PHASES)):

@@ -5,12 +5,18 @@ import numpy as np
 import pytest
 
 from pam_orthosis.control.trajectory import make_trajectory
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import parameters
 
 MS = 1_000_000
 
 
-@pytest.mark.parametrize("overrides", [{}, {"scenario.cycle_time": 1.25}, {"scenario.trajectory": "sine"}])
+STEPS = {"scenario.trajectory": "steps", "scenario.start_angle": 0.3, "scenario.step.rise": 1.0}
+
+
+@pytest.mark.parametrize(
+    "overrides", [{}, {"scenario.cycle_time": 1.25}, {"scenario.trajectory": "sine"}, STEPS]
+)
 def test_velocity_and_acceleration_are_the_derivatives(overrides):
     trajectory = make_trajectory(parameters.load(overrides))
     step = 10_000  # ns
@@ -74,3 +80,23 @@ def test_a_cycle_time_set_at_rest_is_that_of_the_next_start():
     assert trajectory.sample(9000 * MS) == pytest.approx(trajectory.sample(8000 * MS), abs=1e-12)
     trajectory.go_on(10000 * MS)
     assert trajectory.sample(12000 * MS) == pytest.approx(trajectory.sample(13000 * MS), abs=1e-9)
+
+
+def test_steps_go_from_level_to_level_in_the_time_of_a_rise():
+    trajectory = make_trajectory(parameters.load({**STEPS, "scenario.step.rise": 0.25}))
+    angles = np.array([trajectory.sample(t * MS).angle for t in range(8000, 12000, 10)])
+    assert (angles.min(), angles.max()) == pytest.approx((0.3, 0.9))
+    between = (angles > 0.3 + 1e-9) & (angles < 0.9 - 1e-9)
+    assert between.sum() * 0.01 == pytest.approx(4 * 0.25, abs=0.05)  # two cycles
+    with pytest.raises(OrthosisError, match="at most half"):
+        parameters.load({**STEPS, "scenario.cycle_time": 0.5})
+
+
+@pytest.mark.parametrize("name", ["gait-fast", "gait-slow", "gait-adult", "gait-children", "steps"])
+def test_scenarios_start_where_their_motion_does(name):
+    p = parameters.load(parameters.scenario_overrides(name))
+    trajectory = make_trajectory(p)
+    assert trajectory.sample(0).angle == pytest.approx(p.scenario.start_angle, abs=1e-5)
+    degrees = np.rad2deg([trajectory.sample(t * MS).angle for t in range(4000, 9000, 20)])
+    assert 50 < degrees.max() < 70
+    assert -2 < degrees.min() < 20

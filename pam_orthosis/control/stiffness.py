@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stiffness of the joint: what the co-contraction p_im makes of it, by the model and from a recording."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from pam_orthosis.control.knee import kinematics, leg_mechanics, muscle_torque
+from pam_orthosis.control.position import pressures_for_torque
+from pam_orthosis.model import muscle as muscle_model
+
+LEAST_CYCLES = 2  # of the torque that a stiffness is measured with
+
+
+class Stiffness(NamedTuple):
+    """Torque against a deflection of the knee, N m/rad: pressures held, and valves closed."""
+
+    held: float
+    closed: float
+
+
+def modelled(parameters, angle: float, mean_pressure: float) -> Stiffness:
+    """Return the stiffness that the controllers' model has at rest at an angle, rad, with p_im, absolute Pa.
+
+    -dM/dq of Eq. (27) and gravity at constant pressures; with closed valves the gas of Eq. (3) adds to it
+    what its pressure rises by when the muscle's volume shrinks. The pressures are those with which the
+    position controller holds the knee: where p_im would let a muscle hang slack they are higher.
+    """
+    belief = parameters.belief()
+    q, velocity, p = ca.SX.sym("q"), ca.SX.sym("velocity"), ca.SX.sym("p", 2)
+    moving = muscle_torque(q, velocity, p[0], p[1], belief) - leg_mechanics(q, velocity, belief).gravity
+    torque = ca.substitute(moving, velocity, 0)
+    volume, dead = _volumes(q, p, belief), belief.valve.hose.volume
+    # at closed valves p V^n stays: dp/dq = - n p (dV/dq) / (V + n p dV/dp)
+    n = belief.valve.polytropic_exponent
+    rates = [
+        -n * p[i] * ca.jacobian(volume[i], q)
+        / (volume[i] + dead + n * p[i] * ca.jacobian(volume[i], p[i])) for i in range(2)
+    ]  # fmt: skip
+    held = -ca.jacobian(torque, q)
+    closed = held - ca.jacobian(torque, p) @ ca.vertcat(*rates)
+    pressures = _holding(angle, mean_pressure, belief)
+    return Stiffness(*(float(v) for v in ca.Function("k", [q, p], [held, closed])(angle, pressures)))
+
+
+def measured(time, angle, torque, frequency: float, warm_up: float) -> float:
+    """Return the stiffness from a recording of an angle, rad, under a sinusoidal torque, N m/rad.
+
+    The torque's part in phase with the angle over the angle, both at the torque's frequency, Hz, over whole
+    cycles after `warm_up`, s: friction answers a quarter of a cycle off. ValueError if there are fewer than
+    two cycles.
+    """
+    cycles = int((time[-1] - warm_up) * frequency + 1e-6)
+    if cycles < LEAST_CYCLES:
+        raise ValueError(f"{cycles} whole cycles after {warm_up} s are too few")
+    part = (time >= warm_up) & (time < warm_up + cycles / frequency)
+    wave = np.exp(-2j * np.pi * frequency * time[part])
+    pushed, moved = (np.mean((x[part] - x[part].mean()) * wave) for x in (torque, angle))
+    return abs(float(np.real(pushed / moved)))
+
+
+def _volumes(q, p, belief):
+    contraction, _ = kinematics(q, 0, belief)
+    gauge = [p[i] - belief.valve.ambient_pressure for i in range(2)]
+    m = belief.muscle.dmsp_20
+    return [
+        muscle_model.volume(x, g, m)
+        for x, g in zip((contraction.extensor, contraction.flexor), gauge, strict=True)
+    ]
+
+
+def _holding(angle: float, mean: float, belief):
+    """Return the absolute pressures that the position controller holds the knee with, in their limits."""
+    q, velocity = ca.SX.sym("q"), ca.SX.sym("velocity")
+    torque = leg_mechanics(q, velocity, belief).gravity
+    extensor, flexor, _ = pressures_for_torque(torque, q, velocity, mean, belief)
+    gauge = ca.Function("held", [q, velocity], [ca.vertcat(extensor, flexor)])(angle, 0)
+    return gauge + belief.valve.ambient_pressure
