@@ -15,6 +15,7 @@ NODES = [
     "inverse_valve_model",
     "bag_recorder",
     "dummy_driver",
+    "leg_state_publisher",
 ]
 EXECUTABLES = [*NODES, "run"]
 # `ros2 run` looks into lib/PACKAGE: colcon installs the entry points there, pip installs them into bin/
@@ -34,6 +35,7 @@ TEST = [
     "playwright>=1.40",
     "pytest>=7",
     "ruff>=0.5",
+    "urdf-parser-py>=0.0.4",
     "wheel>=0.40",
 ]
 
@@ -45,7 +47,7 @@ setup(
     python_requires=">=3.10",
     packages=[*find_packages(exclude=["test", "test.*"]), "pam_orthosis.config"],
     package_dir={"pam_orthosis.config": "config"},
-    package_data={"pam_orthosis.config": ["*.yaml", "*.xml"]},
+    package_data={"pam_orthosis.config": ["*.json", "*.xml", "*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

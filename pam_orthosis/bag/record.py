@@ -47,6 +47,7 @@ QOS = [
         "avoid_ros_namespace_conventions": False,
     }
 ]
+LATCHED_QOS = [{**QOS[0], "durability": "transient_local"}]
 
 
 class BagWriter:
@@ -88,15 +89,17 @@ class BagWriter:
                 self._writer.add_metadata(RUN_RECORD, self.run)
                 self._stream.flush()
 
-    def add_topic(self, topic: str, msgtype: str) -> None:
-        """Declare a topic (absolute name) of a standard ROS 2 type."""
+    def add_topic(self, topic: str, msgtype: str, latched: bool = False) -> None:
+        """Declare a topic (absolute name) of a standard ROS 2 type, once; `latched`: transient local."""
+        if topic in self._topics:
+            return
         definition, type_hash = message_definition(msgtype)
         self.add_channel(
             topic,
             msgtype,
             definition.encode(),
             {
-                "offered_qos_profiles": _as_yaml(QOS).strip(),
+                "offered_qos_profiles": _as_yaml(LATCHED_QOS if latched else QOS).strip(),
                 "topic_type_hash": type_hash,
             },
         )

@@ -8,7 +8,6 @@ that the answers depend on the bag and on the nodes alone.
 
 from __future__ import annotations
 
-import struct
 import sys
 import time
 from collections.abc import Callable
@@ -29,7 +28,6 @@ from pam_orthosis.nodes.parameters import Setting
 WATCH_SECONDS = 0.25
 END_SECONDS = 1.0
 ACKNOWLEDGED_INSTANTS = 20
-_STAMP = struct.Struct("<iI")
 
 
 class BagPlayer(graph.GraphNode):
@@ -90,8 +88,7 @@ class BagPlayer(graph.GraphNode):
 
     def _receiver(self, topic: str) -> Callable[[bytes], None]:
         def receive(data: bytes) -> None:
-            seconds, nanoseconds = _STAMP.unpack_from(data, 4)
-            self._answers[topic, seconds * SECOND_NS + nanoseconds] = bytes(data)
+            self._answers[topic, messages.serialised_stamp_ns(data)] = bytes(data)
             if self._now:
                 self._go_on()
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import struct
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -13,22 +12,25 @@ from pam_orthosis.bag.record import BagWriter, canonical, run_metadata
 from pam_orthosis.bag.steps import Message, StepCollector
 from pam_orthosis.bag.topics import RECORDER, SECOND_NS, Topic, in_leg
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.nodes import graph
+from pam_orthosis.nodes import graph, messages
 from pam_orthosis.nodes.parameters import Setting
 from pam_orthosis.nodes.recorded_leg import RecordedLeg
+from pam_orthosis.nodes.recorded_scene import RecordedScene
 from pam_orthosis.nodes.supervisor import NOTE_PREFIX
+from pam_orthosis.scene.messages import TYPES, LegScene, in_scene
+from pam_orthosis.scene.sampled import INPUTS, SampledScene
 
 QUEUE_DEPTH = 5000
 LOCKSTEP_HORIZON = 1000
 LOOK_SECONDS = 0.05
-_STAMP = struct.Struct("<iI")
 
 
 class BagRecorder(graph.GraphNode):
     """Writes each step when it is complete, and tells the plants how far the bag reaches.
 
     Serialised messages are written as they arrive. Each recorded type begins with its stamp, right
-    behind the four bytes of encapsulation.
+    behind the four bytes of encapsulation. Beside them stands what viewers need: the leg's
+    description, TF, joints and markers.
     """
 
     def __init__(self) -> None:
@@ -42,10 +44,12 @@ class BagRecorder(graph.GraphNode):
         run = run_metadata(self.parameters, self.settings["scenario_name"], self.settings["legs"])
         self._writer = BagWriter(Path(self.settings["directory"]), run)
         self._names: dict[str, str] = {}
+        self._viewed: dict[str, tuple[RecordedScene, str]] = {}
         self._legs = self._make_legs()
         for leg in self._legs:
             for topic in filter(lambda topic: topic.recorded, self.topics.values()):
                 self._record(topic, leg)
+            self._view(leg)
         self.create_timer(LOOK_SECONDS, self._look)
 
     def served_legs(self) -> tuple[str, ...]:
@@ -88,6 +92,14 @@ class BagRecorder(graph.GraphNode):
         self._names[in_leg(topic.name, leg.name, self.legs)] = subscription.topic_name
         self._writer.add_topic(subscription.topic_name, topic.type)
 
+    def _view(self, leg: RecordedLeg) -> None:
+        """Have what viewers need of a leg written beside its measurements."""
+        names = {topic: self.resolve_topic_name(in_scene(topic, leg.name)) for topic in TYPES}
+        scene = RecordedScene(
+            SampledScene(LegScene(self.parameters, leg.name, self.legs)), self._writer, names
+        )
+        self._viewed |= {in_leg(topic, leg.name, self.legs): (scene, topic) for topic in INPUTS}
+
     def _receiver(self, topic: Topic, leg: RecordedLeg) -> Callable[[bytes], None]:
         name = in_leg(topic.name, leg.name, self.legs)
         tick = topic.name == ("joint_states" if self.realtime else "/clock")
@@ -95,8 +107,7 @@ class BagRecorder(graph.GraphNode):
 
         def receive(data: bytes) -> None:
             self.pulse()
-            seconds, nanoseconds = _STAMP.unpack_from(data, 4)
-            stamp_ns = seconds * SECOND_NS + nanoseconds
+            stamp_ns = messages.serialised_stamp_ns(data)
             if tick:
                 leg.sampled(stamp_ns)
             if self.ended or not leg.within(stamp_ns):
@@ -113,6 +124,9 @@ class BagRecorder(graph.GraphNode):
     def _write(self, recorded: Iterable[Message]) -> None:
         for message in recorded:
             self._writer.write(self._names[message.topic], message.stamp_ns, message.data)
+            if message.topic in self._viewed:
+                scene, topic = self._viewed[message.topic]
+                scene.write(topic, message.stamp_ns, message.data)
 
     def _look(self) -> None:
         """Acknowledge what is recorded; end the run when all of it is."""

@@ -3,18 +3,21 @@
 
 import json
 import os
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from conftest import QUICK, wait_for
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
 
 from pam_orthosis.bag.read import read_bag
-from pam_orthosis.bag.topics import NODES, RECORDED, RECORDER, resolve, table
+from pam_orthosis.bag.topics import NODES, RECORDED, RECORDER, SECOND_NS, resolve, table
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model.parameters import load
+from pam_orthosis.scene.messages import LATCHED, PERIOD_NS, TYPES
 
 # signal of the bag -> signal of the closed loop without ROS
 SAME = {
@@ -64,7 +67,37 @@ def test_the_bag_holds_every_topic_of_the_table_completely(in_processes):
     expected = {
         resolve(topic.name): (topic.type, steps if topic.rate == "step" else len(NODES)) for topic in RECORDED
     }
+    for topic, kind in TYPES.items():
+        expected[resolve(topic)] = (kind, 1 if topic in LATCHED else SECOND_NS // PERIOD_NS)
     assert counts == expected
+
+
+def test_the_bag_shows_the_leg_where_it_was_measured(in_processes):
+    """A viewer puts the shank of the description where TF says; later ones get what was latched."""
+    _, bag = in_processes
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with AnyReader([bag], default_typestore=store) as reader:
+        named = {}
+        for connection, _, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            named.setdefault(connection.topic, []).append(message)
+        durable = {
+            c.topic
+            for c in reader.connections
+            if c.ext.offered_qos_profiles[0].durability.name == "TRANSIENT_LOCAL"
+        }
+    assert durable == set(map(resolve, LATCHED))
+    angles = {(m.header.stamp.sec, m.header.stamp.nanosec): m.position[0] for m in named["/joint_states"]}
+    for message in named["/tf"]:
+        (shank,) = [one for one in message.transforms if one.child_frame_id == "shank"]
+        turned = 2 * np.arctan2(shank.transform.rotation.y, shank.transform.rotation.w)
+        stamp = shank.header.stamp
+        assert turned == pytest.approx(angles[stamp.sec, stamp.nanosec], abs=1e-12)
+    (description,) = named["/robot_description"]
+    links = {link.get("name") for link in ElementTree.fromstring(description.data).iter("link")}
+    assert {
+        one.child_frame_id for topic in ("/tf", "/tf_static") for one in named[topic][0].transforms
+    } < links
 
 
 def test_composed_nodes_record_the_same_bytes(in_processes, run_graph):

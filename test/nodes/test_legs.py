@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from conftest import QUICK
 from mcap.reader import make_reader
+from rosbags.typesys import Stores, get_typestore
 
 from pam_orthosis.bag.legs import namespaces
 from pam_orthosis.bag.read import read_bag, run_record
+from pam_orthosis.bag.topics import RECORDED, resolve
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.legs import differences
 from pam_orthosis.control.loop import ClosedLoop
@@ -81,9 +83,22 @@ def test_both_legs_are_judged(two_legs, capsys):
 
 
 def test_the_left_leg_is_that_of_a_run_with_one_leg_to_the_byte(two_legs, in_processes):
-    left = [one for one in _content(two_legs[1], "/left") if one[0] != "/diagnostics"]
-    alone = [one for one in _content(in_processes[1]) if one[0] not in ("/diagnostics", "/clock")]
+    measured = {resolve(topic.name) for topic in RECORDED} - {"/diagnostics", "/clock"}
+    left = [one for one in _content(two_legs[1], "/left") if one[0] in measured]
+    alone = [one for one in _content(in_processes[1]) if one[0] in measured]
     assert left == alone
+    assert {one[0] for one in alone} == measured
+
+
+def test_both_legs_stand_in_one_tree_of_frames(two_legs):
+    store, parents = get_typestore(Stores.ROS2_JAZZY), {}
+    for topic, _, data in _content(two_legs[1], "/tf"):
+        assert topic in ("", "_static")
+        for one in store.deserialize_cdr(data, "tf2_msgs/msg/TFMessage").transforms:
+            assert parents.setdefault(one.child_frame_id, one.header.frame_id) == one.header.frame_id
+    roots = {parent for parent in parents.values() if parent not in parents}
+    assert roots == {"world"}
+    assert {"left/shank", "right/shank", "left/flexor_chain"} <= set(parents)
 
 
 def test_the_right_leg_gives_the_numbers_of_its_own_closed_loop(two_legs):

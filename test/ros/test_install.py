@@ -22,6 +22,7 @@ EXECUTABLES = {
     "inverse_valve_model",
     "bag_recorder",
     "dummy_driver",
+    "leg_state_publisher",
     "run",
 }
 LIMIT_S = 300.0

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node: shows a leg to rviz, Lichtblick and the like: `robot_description`, TF, joints, muscles as markers.
+
+It listens to a running graph, a driver or a played bag, and nothing waits for it. TF needs `tf2_msgs`, which
+every ROS installation has and PyPI has not; without it, `leg_joints` gives TF by a robot_state_publisher. The
+leg is that of the parameters: give those of the run, e.g. `-p leg.person.present:=true`.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import qos_profile_sensor_data
+from rclpy.signals import SignalHandlerOptions
+
+from pam_orthosis.bag.topics import BY_NAME
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.nodes import graph, messages
+from pam_orthosis.nodes.parameters import Setting, declare_rows, declare_settings
+from pam_orthosis.nodes.supervisor import ERROR_PREFIX
+from pam_orthosis.scene.messages import DESCRIPTION, LATCHED, TYPES, LegScene
+from pam_orthosis.scene.sampled import INPUTS, SampledScene
+
+NAME = "leg_state_publisher"
+SPIN_SECONDS = 0.2  # the events executor dispatches nothing without a time-out
+
+
+class LegStatePublisher(Node):
+    """Publishes where the leg is at each sample that is due, and once what it is like."""
+
+    def __init__(self) -> None:
+        super().__init__(NAME)
+        leg = Setting("", "namespace of the leg if it is one of several: the prefix of its frames")
+        legs = Setting("", "namespaces of all legs, from left to right, comma between; none: one leg")
+        self.settings = declare_settings(self, {"leg": leg, "legs": legs})
+        parameters = declare_rows(self, ("leg", "muscle", "valve"))
+        names = self.settings["legs"].split(",") if self.settings["legs"] else [self.settings["leg"]]
+        if self.settings["leg"] not in names:
+            raise OrthosisError(f"{NAME}: leg {self.settings['leg']} is none of {', '.join(names)}")
+        scene = LegScene(parameters, self.settings["leg"], names)
+        self._scene = SampledScene(scene)
+        self._outputs = {topic: self._publisher(topic) for topic in TYPES}
+        self.declare_parameter(DESCRIPTION, scene.description)
+        for topic in INPUTS:
+            kind = graph.message_class(BY_NAME[topic].type)
+            receive = self._receiver(topic)
+            self.create_subscription(kind, topic, receive, qos_profile_sensor_data, raw=True)
+
+    def _publisher(self, topic: str) -> Publisher | None:
+        try:
+            kind = graph.message_class(TYPES[topic])
+        except ModuleNotFoundError as error:
+            self.get_logger().warning(f"{topic} is not published: {error.name} is not installed")
+            return None
+        return self.create_publisher(kind, topic, graph.qos(latched=topic in LATCHED))
+
+    def _receiver(self, topic: str) -> Callable[[bytes], None]:
+        def receive(data: bytes) -> None:
+            for said in self._scene.add(topic, messages.serialised_stamp_ns(data), data):
+                publisher = self._outputs[said.topic]
+                if publisher:
+                    publisher.publish(said.data)
+
+        return receive
+
+
+def main() -> int:
+    """Run the node until SIGINT or SIGTERM."""
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.ALL)
+    executor: Any = EventsExecutor()
+    try:
+        executor.add_node(LegStatePublisher())
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=SPIN_SECONDS)
+    except OrthosisError as error:
+        print(f"{ERROR_PREFIX}{error}", file=sys.stderr)
+        return error.exit_status
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

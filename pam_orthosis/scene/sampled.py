@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A leg's messages for viewers, made of its measurements as they come."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from pam_orthosis.bag.topics import BY_NAME
+from pam_orthosis.scene import ros
+from pam_orthosis.scene.messages import PERIOD_NS, LegScene, Said
+
+KNEE = "knee"
+INPUTS = ("joint_states", "extensor/pressure", "flexor/pressure")
+
+
+class SampledScene:
+    """Says where a leg is at the first whole sample of each `PERIOD_NS`.
+
+    Samples that no leg can have (nothing measured, not finite, beyond half a turn) are passed over.
+    """
+
+    def __init__(self, scene: LegScene):
+        self._scene = scene
+        self._begun = False
+        self._said_period = -1
+        self._stamp_ns = -1
+        self._there: dict[str, Any] = {}
+
+    def add(self, topic: str, stamp_ns: int, data: bytes) -> list[Said]:
+        """Take a serialised message of one of `INPUTS`; return what is to be said now."""
+        period = stamp_ns // PERIOD_NS
+        if period <= self._said_period:
+            return []
+        if stamp_ns != self._stamp_ns:
+            self._stamp_ns, self._there = stamp_ns, {}
+        self._there[topic] = ros.deserialised(BY_NAME[topic].type, data)
+        if len(self._there) < len(INPUTS):
+            return []
+        self._said_period = period
+        return self._sample(stamp_ns, *(self._there[name] for name in INPUTS))
+
+    def _sample(self, stamp_ns: int, joint: Any, *pressures: Any) -> list[Said]:
+        angle = dict(zip(joint.name, joint.position, strict=False)).get(KNEE, math.nan)
+        values = [float(angle), *(one.fluid_pressure for one in pressures)]
+        if not all(map(math.isfinite, values)) or abs(angle) > math.pi:
+            return []
+        first = [] if self._begun else self._scene.once(stamp_ns)
+        self._begun = True
+        return [*first, *self._scene.sample(stamp_ns, values[0], values[1:])]

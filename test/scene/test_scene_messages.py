@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is said of a leg to viewers: serialised messages of standard types."""
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_typestore
+
+from pam_orthosis.model.parameters import load
+from pam_orthosis.scene.messages import MARKERS, PERIOD_NS, TF, TF_STATIC, TYPES, LegScene
+from pam_orthosis.scene.sampled import INPUTS, SampledScene
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+VENTED, FULL = 1.013e5, 7.0e5
+
+
+def read(said):
+    return {one.topic: STORE.deserialize_cdr(one.data, TYPES[one.topic]) for one in said}
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return LegScene(load())
+
+
+def measured(stamp_ns, angle, *pressures):
+    """Return serialised measurements, by topic."""
+    types = STORE.types
+    header = types["std_msgs/msg/Header"](
+        types["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9), ""
+    )
+    joint = types["sensor_msgs/msg/JointState"](
+        header, ["knee"], np.array([angle]), np.array([]), np.array([])
+    )
+    made = {INPUTS[0]: STORE.serialize_cdr(joint, joint.__msgtype__)}
+    for topic, pressure in zip(INPUTS[1:], pressures, strict=True):
+        message = types["sensor_msgs/msg/FluidPressure"](header, pressure, 0.0)
+        made[topic] = STORE.serialize_cdr(message, message.__msgtype__)
+    return made
+
+
+def add(sampled, stamp_ns, angle=0.3, pressures=(2e5, 3e5)):
+    return [
+        said
+        for topic, data in measured(stamp_ns, angle, *pressures).items()
+        for said in sampled.add(topic, stamp_ns, bytes(data))
+    ]
+
+
+def test_a_muscle_is_drawn_as_long_as_it_is_and_red_when_full(scene):
+    markers = read(scene.sample(0, 0.5, (VENTED, FULL)))[MARKERS].markers
+    tubes = {one.ns: one for one in markers if one.type == 3}
+    contractions = dict(zip(("extensor", "flexor"), scene.frames.pose(0.5).muscles.values(), strict=True))
+    for name, tube in tubes.items():
+        assert tube.header.frame_id == f"{name}_muscle"
+        assert tube.scale.z == pytest.approx(0.5 - contractions[name].contraction[0])
+        assert tube.pose.position.x == pytest.approx(tube.scale.z / 2)
+        assert tube.scale.x == pytest.approx(contractions[name].diameter[0])
+    assert tubes["extensor"].color.b > tubes["extensor"].color.r
+    assert tubes["flexor"].color.r > tubes["flexor"].color.b
+
+
+def test_the_chain_goes_from_the_muscle_to_the_cogwheel(scene):
+    markers = read(scene.sample(0, 0.5, (VENTED, FULL)))[MARKERS].markers
+    tube, chain = (one for one in markers if one.ns == "extensor")
+    start, end = chain.points
+    assert start.x == pytest.approx(tube.scale.z)
+    assert end.x - start.x == pytest.approx(0.06 + scene.frames.pose(0.5).muscles["extensor"].contraction[0])
+
+
+def test_two_legs_stand_side_by_side_in_one_world():
+    p = load()
+    for leg, side in (("left", 1), ("right", -1)):
+        said = read(LegScene(p, leg, ("left", "right")).once(0))[TF_STATIC].transforms
+        assert (said[0].header.frame_id, said[0].child_frame_id) == ("world", f"{leg}/hip")
+        assert said[0].transform.translation.y == pytest.approx(side * p.leg.hip_distance / 2)
+        assert all(one.child_frame_id.startswith(f"{leg}/") for one in said)
+
+
+def test_all_frames_of_the_description_are_in_tf_once(scene):
+    said = read([*scene.once(0), *scene.sample(0, 0.2, (2e5, 2e5))])
+    children = [one.child_frame_id for topic in (TF, TF_STATIC) for one in said[topic].transforms]
+    assert sorted(children) == sorted(scene.frames.links[1:])
+
+
+def test_it_speaks_once_a_period_and_describes_the_leg_once(scene):
+    sampled = SampledScene(scene)
+    step = PERIOD_NS // 8
+    said = [add(sampled, k * step) for k in range(20)]
+    assert [k for k, one in enumerate(said) if one] == [0, 8, 16]
+    assert [len(said[k]) for k in (0, 8, 16)] == [5, 3, 3]
+
+
+@pytest.mark.parametrize("angle", [np.nan, np.inf, 4.0])
+def test_what_no_leg_can_be_at_is_not_shown(scene, angle):
+    assert add(SampledScene(scene), 0, angle) == []
+    assert add(SampledScene(scene), 0, 0.3, (np.nan, 2e5)) == []
+
+
+def test_an_instant_that_lacks_a_measurement_is_passed_over(scene):
+    sampled = SampledScene(scene)
+    first = measured(0, 0.1, 2e5, 2e5)
+    assert sampled.add(INPUTS[0], 0, bytes(first[INPUTS[0]])) == []
+    (joints,) = [read([one]) for one in add(sampled, 5, 0.2) if one.topic == "leg_joints"]
+    assert joints["leg_joints"].position[1] == 0.2
