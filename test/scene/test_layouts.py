@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Each path in the layouts for Lichtblick and PlotJuggler leads to a number in a recorded bag."""
+
+import json
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+ROOT = Path(__file__).resolve().parents[2]
+LICHTBLICK = json.loads((ROOT / "config" / "lichtblick.json").read_text())
+PANELS = LICHTBLICK["configById"]
+PLOTTED = [path["value"] for panel in PANELS.values() for path in panel.get("paths", ())]
+CURVES = [curve.get("name") for curve in ElementTree.parse(ROOT / "config" / "plotjuggler.xml").iter("curve")]
+MODIFIERS = {"rad2deg", "deg2rad", "negative"}
+JOINT_FIELDS = ("position", "velocity", "effort")
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """Return the types by topic of the reference bag, and one message of each topic."""
+    with AnyReader([ROOT / "bags" / "walk"], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        types = {one.topic: one.msgtype for one in reader.connections}
+        messages = {}
+        for connection, _, data in reader.messages():
+            messages.setdefault(connection.topic, reader.deserialize(data, connection.msgtype))
+    return types, messages
+
+
+def at_path(messages, path):
+    """Return what a message path of Lichtblick leads to: /topic.field[index].field.@modifier."""
+    topic, fields, modifier = re.fullmatch(r"((?:/\w+)+)((?:\.\w+|\[\d+\])*)(?:\.@(\w+))?", path).groups()
+    assert modifier is None or modifier in MODIFIERS
+    value = messages[topic]
+    for name, index in re.findall(r"\.(\w+)|\[(\d+)\]", fields):
+        value = getattr(value, name) if name else value[int(index)]
+    return value
+
+
+def series(messages):
+    """Return the names of the series that PlotJuggler makes: joints by name, the rest by field."""
+    names = set()
+    for topic, message in messages.items():
+        if message.__msgtype__.endswith("JointState"):
+            there = [field for field in JOINT_FIELDS if len(getattr(message, field))]
+            names |= {f"{topic}/{joint}/{field}" for joint in message.name for field in there}
+        else:
+            names |= set(leaves(topic, message))
+    return names
+
+
+def leaves(name, value):
+    if isinstance(value, float | int):
+        yield name
+    elif hasattr(value, "__dataclass_fields__"):
+        for field in value.__dataclass_fields__:
+            yield from leaves(f"{name}/{field}", getattr(value, field))
+    elif not isinstance(value, str | bytes):
+        for index, one in enumerate(value):
+            yield from leaves(f"{name}[{index}]", one)
+
+
+@pytest.mark.parametrize("path", PLOTTED)
+def test_a_plotted_path_leads_to_a_number(recorded, path):
+    assert isinstance(float(at_path(recorded[1], path)), float)
+
+
+@pytest.mark.parametrize("curve", CURVES)
+def test_a_curve_is_a_series_of_plotjuggler(recorded, curve):
+    assert curve in series(recorded[1])
+
+
+def test_the_leg_is_shown_by_topics_and_a_frame_that_are_there(recorded):
+    types, messages = recorded
+    panel = PANELS["3D!leg"]
+    assert {topic: types[topic] for topic in panel["topics"]} == {
+        "/robot_description": "std_msgs/msg/String",
+        "/markers": "visualization_msgs/msg/MarkerArray",
+    }
+    frames = {one.header.frame_id for topic in ("/tf", "/tf_static") for one in messages[topic].transforms}
+    assert panel["followTf"] in frames
+    assert {layer["frameId"] for layer in panel["layers"].values()} <= frames
+    assert types[PANELS["DiagnosticSummary!health"]["topicToRender"]] == "diagnostic_msgs/msg/DiagnosticArray"
+
+
+def test_every_panel_has_its_place():
+    def placed(node):
+        return {node} if isinstance(node, str) else placed(node["first"]) | placed(node["second"])
+
+    assert placed(LICHTBLICK["layout"]) == set(PANELS)
