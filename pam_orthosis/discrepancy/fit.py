@@ -233,13 +233,11 @@ class Problem:
         return _sum(self.residuals(effects, values))
 
     def _lagging(self, equation, effects) -> set[str]:
-        """Return parameters that shift an equation's neighbours in time: differentiated by differences."""
-        if len(equation.channels) == len(self.system.channels):
-            return set()
+        """Return parameters that shift what an equation sees in time: differentiated by differences."""
         return {
             f"{name}.{q.name}"
             for name in effects
-            if self.system.catalogue[name].advance is not None
+            if self.replay.shifts(name, equation)
             for q in self.system.catalogue[name].fitted
         }
 
@@ -286,7 +284,7 @@ def fit(
     problem: Problem, effects: tuple[str, ...], start: Mapping, free: Sequence[Free], most=MOST_STEPS
 ) -> Fit:
     """Return the fit of all free parameters from a start, with the problem's weights."""
-    values = dict(start)
+    values = _inside(start, free)
     names = tuple(one.name for one in free)
     blocks = problem.blocks(effects, values, names)
     for _ in range(most):
@@ -302,7 +300,7 @@ def fit(
 
 def fit_tempered(problem: Problem, effects, start, free) -> tuple[Problem, Fit]:
     """Return a fit whose weights agree with the misfit that it leaves, and the weighted problem."""
-    values, weights = dict(start), None
+    values, weights = _inside(start, free), None
     plain = problem.weighted({equation.name: 1.0 for equation in problem.system.equations})
     names = tuple(one.name for one in free)
     blocks = plain.blocks(effects, values, names)
@@ -320,9 +318,14 @@ def fit_tempered(problem: Problem, effects, start, free) -> tuple[Problem, Fit]:
     return problem, _finished(problem, effects, values, free, _weighted(blocks, weights))
 
 
+def _inside(values: Mapping[str, float], free: Sequence[Free]) -> dict[str, float]:
+    """Return values with the free ones inside their bounds: a projection knows none."""
+    return {**values, **{one.name: min(max(values[one.name], one.lower), one.upper) for one in free}}
+
+
 def _weighted(blocks: Mapping[str, Block], weights) -> dict[str, Block]:
     return {
-        name: Block(weights[name] * b.residual, weights[name] * b.slopes, b.names)
+        name: Block(weights[name] * b.residual, weights[name] * b.slopes, b.names, weights[name])
         for name, b in blocks.items()
     }
 
@@ -347,7 +350,8 @@ def _descended(problem: Problem, effects, values, free, blocks) -> tuple[dict, f
         position = np.array([values[name] for name in names]) / scale
         step = bounded_step(hessian, matrices.gradient(residuals, values), position, lower, upper)
         for share in STEP_SHARES:
-            moved = {**values, **dict(zip(names, ((position + share * step) * scale).tolist(), strict=True))}
+            wanted = ((position + share * step) * scale).tolist()
+            moved = _inside({**values, **dict(zip(names, wanted, strict=True))}, free)
             fresh = problem.residuals(effects, moved)
             trial = _sum(fresh) + prior_cost(free, moved)
             if trial < cost:

@@ -76,6 +76,7 @@ class Part:
         observe: (state, z, theta, period) -> (corrected state, residuals).
         rates: (state, z, theta, period, fraction of the period) -> rates.
         slopes: the same -> derivatives of the rates by the state.
+        late: recorded signals may be shifted: inputs change within a period.
     """
 
     own: tuple[str, ...]
@@ -83,6 +84,7 @@ class Part:
     observe: ca.Function
     rates: ca.Function
     slopes: ca.Function
+    late: bool
 
     def fastest(self, rows: np.ndarray, theta: np.ndarray, states: np.ndarray, period: float) -> float:
         """Return the largest eigenvalue (1/s, magnitude) of the rates at some rows of `z` and states."""
@@ -93,15 +95,16 @@ class Part:
 
 def data_width(system: System) -> int:
     """Return the number of columns of the data `z`: neighbours now and next, inputs before and now,
-    time, measured channels."""
-    return 3 * len(system.channels) + 2 * len(system.inputs) + 1
+    time, measured channels, the fraction of the period in which the inputs before still act."""
+    return 3 * len(system.channels) + 2 * len(system.inputs) + 2
 
 
-def cut(system: System, assembled: Assembled, static: Assembled, equation: Equation) -> Part:
+def cut(system: System, assembled: Assembled, static: Assembled, equation: Equation, late: bool) -> Part:
     """Return one equation of an assembly with its neighbours replaced by recorded signals.
 
     `static` is the same assembly without lagging sensors: from it the true neighbours are got from
-    the recorded ones.
+    the recorded ones. `late`: inputs change within a period, at the fraction that a row of `z` tells;
+    the rates before and after are weighted by their times.
     """
     seen = _Seen(system, equation, static)
     own = _closure(system, assembled, equation)
@@ -116,6 +119,9 @@ def cut(system: System, assembled: Assembled, static: Assembled, equation: Equat
 
     own_rates = ca.vertcat(*(assembled.rates[assembled.states.index(name)] for name in own))
     rates = evaluate(own_rates, x, fraction, seen.inputs(z))
+    if late and _depends(rates, seen.inputs(z)):
+        before = evaluate(own_rates, x, fraction, seen.inputs_before(z))
+        rates += seen.share_before(z) * (before - rates)
     predicted = ca.vertcat(*(assembled.measured[name] for name in equation.channels))
     residual = seen.measured(z) - evaluate(predicted, x, 0.0, seen.inputs_before(z))
     corrected = x + period * _gains(equation, own) @ residual
@@ -129,7 +135,7 @@ def cut(system: System, assembled: Assembled, static: Assembled, equation: Equat
     slopes = ca.Function("slopes", given, [ca.densify(ca.jacobian(rates, x))])
     observe = ca.Function("observe", [x, z, few, period], [corrected, residual])
     names = tuple(assembled.parameters[i] for i in used)
-    return Part(own, names, observe, ca.Function("rates", given, [rates]), slopes)
+    return Part(own, names, observe, ca.Function("rates", given, [rates]), slopes, late)
 
 
 class _Seen:
@@ -165,6 +171,9 @@ class _Seen:
 
     def time(self, z):
         return z[2 * self._channels + 2 * self._inputs]
+
+    def share_before(self, z):
+        return z[z.shape[0] - 1]
 
     def measured(self, z):
         start = 2 * self._channels + 2 * self._inputs + 1

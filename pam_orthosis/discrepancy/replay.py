@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import count
 from threading import Lock
 
@@ -24,6 +24,28 @@ PROBED = 6  # samples of each kind at which the fastest eigenvalue is looked for
 REMEMBERED = 96
 _SERIAL = count()
 _CASADI = Lock()  # expression graphs are built by one thread at a time
+
+
+@dataclass(frozen=True)
+class Shift:
+    """How recorded signals are shifted in time for one equation, s.
+
+    Attributes:
+        own: by how much its own channel tells the past: everything else is shifted back as far.
+        inputs: by how much the inputs act late, seen from its own channel.
+        advance: neighbour -> by how much it is advanced to be the true one.
+    """
+
+    own: float = 0.0
+    inputs: float = 0.0
+    advance: Mapping[str, float] = field(default_factory=dict)
+
+    def key(self) -> tuple:
+        """Return what tells shifts apart."""
+        return self.own, self.inputs, *sorted(self.advance.items())
+
+
+UNSHIFTED = Shift()
 
 
 class Run:
@@ -45,21 +67,25 @@ class Run:
         }
         self._inputs = {name: self._raw.get(name, np.zeros(recording.samples)) for name in system.inputs}
 
-    def data(self, equation: Equation, advance: Mapping[str, float]) -> np.ndarray:
-        """Return the rows `z` of a kernel; neighbours' smoothed signals are advanced by seconds."""
+    def data(self, equation: Equation, shift: Shift = UNSHIFTED) -> np.ndarray:
+        """Return the rows `z` of a kernel, by the clock of the equation's own channels."""
         own = equation.channels
         neighbours = np.column_stack(
             [
-                self._advanced(c.name, 0.0 if c.name in own else advance.get(c.name, 0.0))
+                self._advanced(c.name, 0.0 if c.name in own else shift.advance.get(c.name, 0.0) - shift.own)
                 for c in self._system.channels
             ]
         )
         later = np.vstack([neighbours[1:], neighbours[-1:]])
-        inputs = np.column_stack([self._inputs[name] for name in self._system.inputs])
-        before = np.vstack([inputs[:1], inputs[:-1]])
-        time = np.arange(len(inputs)) * self.period
+        recorded = np.column_stack([self._inputs[name] for name in self._system.inputs])
+        count, fraction = divmod(shift.inputs / self.period, 1.0)
+        inputs, before = (_held_back(recorded, int(count) + more) for more in (0, 1))
+        time = np.arange(len(recorded)) * self.period - shift.own
         measured = np.column_stack([self._raw[c.name] for c in self._system.channels])
-        return np.ascontiguousarray(np.column_stack([neighbours, later, before, inputs, time, measured]))
+        fractions = np.full(len(recorded), fraction)
+        return np.ascontiguousarray(
+            np.column_stack([neighbours, later, before, inputs, time, measured, fractions])
+        )
 
     def start(self, part: Part) -> np.ndarray:
         """Return the first state: as measured, effect states at rest."""
@@ -170,23 +196,29 @@ class Replay:
             for key in [key for key in list(store) if key[0] == run.serial]:
                 store.pop(key, None)
 
+    def shifts(self, name: str, equation: Equation) -> bool:
+        """Return whether an effect enters an equation as a shift of recorded signals, and nothing else.
+
+        A delay is exact so. It is not possible for one of several channels of the same equation.
+        """
+        effect = self.system.catalogue[name]
+        if effect.late is not None:
+            return equation.name in self.touched(name)
+        if effect.advance is None:
+            return False
+        typical = _Values({q.name: q.typical for q in effect.parameters})
+        return len(equation.channels) == 1 or not set(equation.channels) & set(effect.advance(typical))
+
     def _evaluate(self, run, equation, effects, values, wrt):
         part = self._part(equation, effects)
         theta = np.array([values[name] for name in part.parameters])
-        advance = self._advance(effects, values)
-        key = (
-            run.serial,
-            equation.name,
-            part.parameters,
-            wrt,
-            theta.tobytes(),
-            tuple(sorted(advance.items())),
-        )
+        shift = self._shift(equation, effects, values)
+        key = (run.serial, equation.name, part.parameters, wrt, theta.tobytes(), shift.key())
         known = self._memory.get(key)
         if known is not None:
             return known
         kernel = self._kernel(part, equation, wrt)
-        data = run.data(equation, advance) if advance else self._rows(run, equation)
+        data = self._rows(run, equation) if shift == UNSHIFTED else run.data(equation, shift)
         # the base states of a sensible model are slow; states of an effect need not be
         substeps = self._substeps(run, part, data, theta) if len(part.own) > len(equation.states) else 1
         result = kernel(data, theta, run.start(part), run.period, substeps)
@@ -200,30 +232,40 @@ class Replay:
     def _rows(self, run: Run, equation: Equation) -> np.ndarray:
         key = (run.serial, equation.name)
         if key not in self._data:
-            self._data[key] = run.data(equation, {})
+            self._data[key] = run.data(equation)
         return self._data[key]
 
-    def _advance(self, effects, values) -> dict[str, float]:
+    def _shift(self, equation: Equation, effects, values) -> Shift:
         advance: dict[str, float] = {}
+        own = late = 0.0
         for name in effects:
-            effect = self.system.catalogue[name]
-            if effect.advance is not None:
-                own = _Values({q.name: values[f"{name}.{q.name}"] for q in effect.parameters})
-                for channel, seconds in effect.advance(own).items():
+            if not self.shifts(name, equation):
+                continue
+            effect, values_of = self.system.catalogue[name], self._own_values(name, values)
+            late += 0.0 if effect.late is None else effect.late(values_of)
+            for channel, seconds in (effect.advance(values_of) if effect.advance else {}).items():
+                if channel in equation.channels:
+                    own += seconds
+                else:
                     advance[channel] = advance.get(channel, 0.0) + seconds
-        return advance
+        return Shift(own, own + late, advance)
+
+    def _own_values(self, name: str, values: Mapping[str, float]) -> _Values:
+        parameters = self.system.catalogue[name].parameters
+        return _Values({q.name: values[f"{name}.{q.name}"] for q in parameters})
 
     def _part(self, equation: Equation, effects: tuple[str, ...]) -> Part:
         others = sorted(set(effects) - set(self.system.shapes))
-        kept = [name for name in others if equation.name in self.touched(name)]
-        return self._cut(equation, (*self.system.shapes, *kept))
+        shifts = any(self.shifts(name, equation) for name in others)
+        kept = [n for n in others if equation.name in self.touched(n) and not self.shifts(n, equation)]
+        return self._cut(equation, (*self.system.shapes, *kept), shifts)
 
-    def _cut(self, equation: Equation, effects: tuple[str, ...]) -> Part:
-        key = (equation.name, effects)
+    def _cut(self, equation: Equation, effects: tuple[str, ...], late: bool = False) -> Part:
+        key = (equation.name, effects, late)
         if key not in self._parts:
             with _CASADI:
                 whole, static = self._assembled(effects)
-                self._parts[key] = cut(self.system, whole, static, equation)
+                self._parts[key] = cut(self.system, whole, static, equation, late)
         return self._parts[key]
 
     def _assembled(self, effects: tuple[str, ...]):
@@ -237,7 +279,7 @@ class Replay:
         return self._latest[1:]
 
     def _kernel(self, part: Part, equation: Equation, wrt: tuple[str, ...]) -> Kernel:
-        key = (equation.name, part.parameters, wrt)
+        key = (equation.name, part.parameters, wrt, part.late)
         if key not in self._kernels:
             with _CASADI:
                 kernel = Kernel(part, wrt)
@@ -254,6 +296,11 @@ class Replay:
         fastest = part.fastest(np.tile(data[places], (3, 1)), theta, states, run.period)
         needed = run.period * fastest / STEP_TIMES_RATE
         return min(max(1, math.ceil(needed)), MOST_SUBSTEPS) if math.isfinite(needed) else 1
+
+
+def _held_back(rows: np.ndarray, count: int) -> np.ndarray:
+    """Return rows shifted to later places; the first one fills what is free."""
+    return rows[np.maximum(np.arange(len(rows)) - count, 0)]
 
 
 class _Values:

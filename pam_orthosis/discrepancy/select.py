@@ -141,13 +141,13 @@ def _levelled(problem: Problem, model: Fit) -> tuple[Problem, Fit]:
 
 
 def _bar(found: Selection, name: str, settings) -> float:
-    """Return the evidence that an effect needs: more where an earlier one in its equation had much.
+    """Return the evidence that an effect needs: more where another one in its equation has much.
 
     Beside a large effect, what its exact form leaves over looks like a small one.
     """
     touched = found.problem.replay.touched
-    earlier = [e for other, e in found.evidence.items() if touched(other) & touched(name)]
-    return max(settings.threshold, settings.share * max(earlier, default=0.0))
+    others = [e for other, e in found.evidence.items() if other != name and touched(other) & touched(name)]
+    return max(settings.threshold, settings.share * max(others, default=0.0))
 
 
 def _round(found: Selection, held_out: Problem, settings, tell) -> Step:
@@ -314,8 +314,8 @@ def _eliminate(found: Selection, settings, tell) -> None:
     while len(found.final.effects) > 1:
         losses = {name: _loss(found, name) for name in found.final.effects}
         found.evidence.update({name: evidence for name, (evidence, _) in losses.items()})
-        weakest = min(losses, key=lambda name: losses[name][0])
-        if losses[weakest][0] >= settings.threshold:
+        weakest = min(losses, key=lambda name: losses[name][0] / _bar(found, name, settings))
+        if losses[weakest][0] >= _bar(found, weakest, settings):
             return
         tell(f"dropped {weakest}: beside the others its evidence is {losses[weakest][0]:.0f}")
         found.final = losses[weakest][1]

@@ -18,7 +18,7 @@ from pam_orthosis.errors import OrthosisError
 
 HELD_SHARE = 0.25  # of each recording, at its end, where no recording is held out
 LEAST_CLOSURE = 0.9  # below it the named effects are no explanation
-LEAST_NAMED = 0.5  # closure of a model that leaves something unexplained, below which it names nothing
+LEAST_NAMED = 0.5  # closure of a model below which it names nothing
 TELLING_STRAIN = 4.0  # deviations of an ordinary parameter over its tolerance that are worth a remark
 
 
@@ -129,16 +129,36 @@ def _warm_up(run: Run, settings) -> int:
 
 def _noise(replay: Replay, runs: Sequence[Run], settings) -> dict[str, float]:
     """Return the sd of the noise in each channel, estimated, and of the inputs' quantisation."""
-    values = replay.defaults(())
+    levels = _levels(replay, runs, settings, (), replay.defaults(()))
+    measured = {c.name: levels.get(c.name, runs[0].roughness(c.name)) for c in replay.system.channels}
+    return {**measured, **dict.fromkeys(replay.system.inputs, settings.replay.input_noise)}
+
+
+def _levels(replay: Replay, runs: Sequence[Run], settings, effects, values) -> dict[str, float]:
+    """Return the noise (sd) of the channels that are predicted, as a model's residuals show it."""
     residuals: dict[str, list[np.ndarray]] = {}
     for equation in replay.system.equations:
         for run in runs:
-            rows = replay.residuals(run, equation, (), values)[_warm_up(run, settings) :]
+            rows = replay.residuals(run, equation, effects, values)[_warm_up(run, settings) :]
             for i, channel in enumerate(equation.channels):
                 residuals.setdefault(channel, []).append(rows[:, i])
-    levels = noise_levels(residuals, [run.period for run in runs])
-    measured = {c.name: levels.get(c.name, runs[0].roughness(c.name)) for c in replay.system.channels}
-    return {**measured, **dict.fromkeys(replay.system.inputs, settings.replay.input_noise)}
+    return noise_levels(residuals, [run.period for run in runs])
+
+
+def _settled(floor: measure.Gap, found: select.Selection, settings) -> measure.Gap:
+    """Return the noise floor as the final model shows it, on the recordings that were fitted.
+
+    In a closed loop the inputs answer to the sensors' noise; a model that lacks a delay takes that for
+    its own doing, and its residuals tell a wrong level.
+    """
+    replay, final = found.problem.replay, found.final
+    runs = [one.run for one in found.problem.scored]
+    first = _levels(replay, runs, settings, (), replay.defaults(()))
+    last = _levels(replay, runs, settings, final.effects, final.values)
+    ratio = {name: last[name] / first[name] for name in first}
+    white = {name: floor.white[name] * ratio[name] for name in ratio}
+    white[measure.OVERALL] = float(np.sqrt(np.mean([value**2 for value in white.values()])))
+    return measure.Gap({name: floor.units[name] * ratio[name] for name in ratio}, white)
 
 
 def _scored(replay: Replay, run: Run, noise, settings, seed: int) -> tuple[Scored, dict[str, float]]:
@@ -151,6 +171,7 @@ def _scored(replay: Replay, run: Run, noise, settings, seed: int) -> tuple[Score
 
 def _judged(system, found: select.Selection, judge: Problem, floor, settings, remarks) -> Outcome:
     null, final = found.null, found.final
+    floor = _settled(floor, found, settings)
     configured = measure.gap_at(judge, (), judge.replay.defaults(()))
     before, after = measure.gap(judge, null), measure.gap(judge, final)
     left = structure.locate(judge, final)
@@ -161,7 +182,7 @@ def _judged(system, found: select.Selection, judge: Problem, floor, settings, re
     named = tuple(_named(system, found, spread, name) for name in final.effects)
     share = closed[measure.OVERALL]
     # a name that leaves most of the gap open is no name
-    trusted = verdict != "unexplained" or (share is not None and share >= LEAST_NAMED)
+    trusted = _trusted(share)
     return Outcome(
         system=system,
         verdict=verdict,
@@ -199,10 +220,17 @@ def _closures(configured, before, after, floor) -> dict[str, float | None]:
     return closed
 
 
+def _trusted(share: float | None) -> bool:
+    """Return whether a model closes enough of the gap to be one; None: there is hardly any gap."""
+    return share is None or share >= LEAST_NAMED
+
+
 def _verdict(final: Fit, left, closed) -> str:
-    if structure.clean(left):
-        return "explained" if final.effects else "none"
     share = closed[measure.OVERALL]
+    if structure.clean(left) and not final.effects:
+        return "none"
+    if structure.clean(left) and _trusted(share):
+        return "explained"
     if final.effects and share is not None and share >= LEAST_CLOSURE:
         return "explained"
     return "unexplained"

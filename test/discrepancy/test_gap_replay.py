@@ -12,6 +12,7 @@ import pam_orthosis.discrepancy as package
 from pam_orthosis.discrepancy import knee as knee_module
 from pam_orthosis.discrepancy import workflow
 from pam_orthosis.discrepancy.candidates import Projection, Trial, candidate
+from pam_orthosis.discrepancy.data import Recording
 from pam_orthosis.discrepancy.fit import bounded_step, fit_tempered, free_parameters
 from pam_orthosis.discrepancy.kernel import Kernel
 from pam_orthosis.discrepancy.replay import Run
@@ -54,7 +55,7 @@ def test_compiled_replay_is_that_of_the_virtual_machine(bench, run):
         part = bench.replay._part(equation, ("muscle_hysteresis", "valve_lag"))
         values = bench.replay.defaults(("muscle_hysteresis", "valve_lag"))
         theta = np.array([values[name] for name in part.parameters])
-        rows, start = run.data(equation, {})[:60], run.start(part)
+        rows, start = run.data(equation)[:60], run.start(part)
         fast, slow = Kernel(part, part.parameters[:3]), Kernel(part, part.parameters[:3])
         fast.build()
         a, b = (one(rows, theta, start, run.period, 4) for one in (fast, slow))
@@ -92,11 +93,45 @@ def test_a_believed_plant_leaves_its_sensors_noise(bench, run):
 def test_neighbours_are_smoothed_and_own_samples_are_not(bench, run):
     """Trap 4: raw cross inputs make delays look good, since interpolation averages noise."""
     torque = bench.system.equations[0]
-    rows = run.data(torque, {})
+    rows = run.data(torque)
     raw = run.recording.signals["flexor_pressure"]
     jitter = np.std(np.diff(rows[1000:, 2], 2)) / np.std(np.diff(raw[1000:], 2))
     assert jitter < 0.2
-    assert np.array_equal(rows[:, -3], run.recording.signals["angle"])  # trap 3: full rate, as recorded
+    assert np.array_equal(rows[:, -4], run.recording.signals["angle"])  # trap 3: full rate, as recorded
+
+
+def _with(recording, **changed):
+    return Recording(recording.name, recording.period, {**recording.signals, **changed})
+
+
+@pytest.mark.parametrize("name", ["valve_delay", "angle_delay"])
+def test_a_delay_of_whole_samples_is_exact(bench, name):
+    """Shifted data with the delay in the model leave what the data themselves leave without it."""
+    recording, samples, settled = bench.recording(1), 2, 4000
+    # voltages are told too early, the angle too late
+    shifted = {"angle": 2} if name == "angle_delay" else {"extensor_voltage": -2, "flexor_voltage": -2}
+    moved = {key: np.roll(recording.signals[key], count) for key, count in shifted.items()}
+    plain, late = (Run(bench.system, one, CUTOFF) for one in (recording, _with(recording, **moved)))
+    values = {**bench.replay.defaults((name,)), f"{name}.delay": samples * recording.period}
+    own = samples if name == "angle_delay" else 0
+    (equation,) = [e for e in bench.system.equations if e.name in bench.replay.touched(name)]
+    known = bench.replay.residuals(plain, equation, (), values)[settled:-10]
+    found = bench.replay.residuals(late, equation, (name,), values)[settled + own : -10 + own]
+    unaware = bench.replay.residuals(late, equation, (), values)[settled + own : -10 + own]
+    assert np.abs(found - known).max() < 1e-3 * np.std(known)
+    assert np.std(unaware - known) > 0.2 * np.std(known)
+
+
+def test_a_delay_between_samples_lies_between_its_neighbours(bench, run):
+    values = bench.replay.defaults(("valve_delay",))
+    gas = next(e for e in bench.system.equations if e.name in bench.replay.touched("valve_delay"))
+
+    def residual(samples):
+        changed = {**values, "valve_delay.delay": samples * run.period}
+        return bench.replay.residuals(run, gas, ("valve_delay",), changed)[4000:]
+
+    one, half, two = residual(1.0), residual(1.5), residual(2.0)
+    assert np.std(half - 0.5 * (one + two)) < 0.05 * np.std(two - one)
 
 
 def test_whitening_is_causal_and_white():

@@ -78,6 +78,7 @@ class Effect:
             priors beside every candidate.
         advance: for a sensor that lags, values -> {"angle" | "extensor_pressure" | ...: seconds by which
             the recorded signal has to be advanced to be the true one}.
+        late: for a delay of the inputs, values -> seconds by which the recorded ones act late.
         fastest: the shortest time constant that its states have at these values, values -> s.
     """
 
@@ -96,6 +97,7 @@ class Effect:
     separated_by: tuple[str, ...] = ()
     shape: bool = False
     advance: Callable[[Any], Mapping[str, float]] | None = None
+    late: Callable[[Any], float] | None = None
     fastest: Callable[[Any], float] | None = None
 
     @property

@@ -34,6 +34,7 @@ EFFECTS = [
         coordinate="extensor_voltage",
         confounded_with=("valve_lag", "hose_resistance", "extensor_pressure_delay", "flexor_pressure_delay"),
         separated_by=("diagnostic-locked", "diagnostic-cocontraction"),
+        late=lambda p: p.delay,
         fastest=lambda p: 0.24 * p.delay,
         states=tuple(f"{muscle}_delay_{k}" for muscle in ("extensor", "flexor") for k in "abc"),
         scales=(0.02,) * 6,
