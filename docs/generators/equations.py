@@ -85,24 +85,20 @@ def sentence(docstring: str, number: int) -> str:
 
 
 def citations() -> dict[int, list[Citation]]:
-    """Return equation number -> citations; those of whole modules only where nothing smaller cites it."""
-    precise, coarse = defaultdict(list), defaultdict(list)
+    """Return equation number -> citations by functions and classes; what a whole module says is no place."""
+    found = defaultdict(list)
     for path in sorted(PACKAGE.rglob("*.py")):
         module = ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
         if module.split(".")[0] in ("cli", "report", "nodes"):
             continue
         for name, docstring in _docstrings(ast.parse(path.read_text(encoding="utf-8"))):
-            place = f"{module}.{name}" if name else module
             for number in cited(docstring):
-                found = precise if name else coarse
-                found[number].append(Citation(place, sentence(docstring, number)))
-    return {n: precise[n] or coarse[n] for n in MEANING}
+                found[number].append(Citation(f"{module}.{name}", sentence(docstring, number)))
+    return {number: found[number] for number in MEANING}
 
 
 def _docstrings(tree: ast.Module, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield name ('' for the module) and docstring of all public or private things in a module."""
-    if isinstance(tree, ast.Module) and (words := ast.get_docstring(tree)):
-        yield "", words
+    """Yield name and docstring of all public or private functions and classes in a module."""
     for node in tree.body:
         if isinstance(node, ast.ClassDef | ast.FunctionDef):
             if words := ast.get_docstring(node):

@@ -43,7 +43,7 @@ def leg_mechanics(q, velocity, belief):
 
 
 def knee_acceleration(q, velocity, disturbance, extensor_pressure, flexor_pressure, belief):
-    """Return q-double-dot of Eq. (26) with the muscles' torque, rad/s^2."""
+    """Return q-double-dot of Eq. (26) with the muscles' torque, rad/s^2: the second row of Eq. (28)."""
     torque = muscle_torque(q, velocity, extensor_pressure, flexor_pressure, belief)
     terms = leg_mechanics(q, velocity, belief)
     return acceleration(torque - disturbance, terms)

@@ -30,7 +30,7 @@ class Estimate(NamedTuple):
 
 
 def system(x, pressures, belief, known_torque=0.0):
-    """Return f of Eq. (31) for the states of Eq. (29), x = [q, q-dot, tau], tau-dot = 0.
+    """Return f of Eq. (31), which is Eq. (28) for the states of Eq. (29), x = [q, q-dot, tau], tau-dot = 0.
 
     A `known_torque` (N m, in the direction of flexion) is an input: tau is what it leaves over.
     """
@@ -51,6 +51,8 @@ def characteristic(pole, damping):
 def gains(x, pressures, polynomial, belief):
     """Return h of Eq. (31): the poles of A - h c, Eq. (32), are placed by Ackermann's formula.
 
+    The measurement c x of Eq. (30) is the angle.
+
     Args:
         x: estimate (3,), the point of linearisation.
         pressures: absolute pressures of extensor and flexor (2,), Pa.
@@ -59,7 +61,7 @@ def gains(x, pressures, polynomial, belief):
     point, held = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
     jacobian = ca.jacobian(system(point, held, belief), point)
     a = ca.substitute([jacobian], [point, held], [x, pressures])[0]
-    c = ca.SX([[1, 0, 0]])  # Eq. (30): the angle is measured
+    c = ca.SX([[1, 0, 0]])
     observability = ca.vertcat(c, c @ a, c @ a @ a)
     placed = a
     for coefficient in polynomial[:-1]:

@@ -92,6 +92,8 @@ def balanced_weights(s: Samples) -> np.ndarray:
 def fit_force(s: Samples, damping: float = 0.0, degrees: tuple[int, int] = (3, 4)) -> ForceFit:
     """Fit the coefficients of Eq. (14) to samples, the damping part being known, Eq. (23).
 
+    The index of Eq. (21) is minimised, its gradient vanishing as Eq. (22) asks, by singular values.
+
     Args:
         s: samples of a taut muscle.
         damping: D, N s/m.

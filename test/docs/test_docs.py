@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+import pam_orthosis
 from pam_orthosis.cli.main import VERBS, Parser
 from pam_orthosis.model import parameters
 from pam_orthosis.model.effects import CATALOGUE
@@ -38,10 +39,23 @@ def examples():
     return re.findall(r"```python\n(.*?)```", (DOCS / "extending.md").read_text(), flags=re.S)
 
 
+def _thing(place):
+    """Return the function or class of a dotted place below the package."""
+    thing, name = pam_orthosis, "pam_orthosis"
+    for part in place.split("."):
+        name = f"{name}.{part}"
+        if not hasattr(thing, part):
+            import_module(name)
+        thing = getattr(thing, part)
+    return thing
+
+
 def test_every_equation_is_cited_where_it_is_used():
     found = equations.citations()
     assert list(found) == list(range(1, 38))
     assert [number for number, places in found.items() if not places] == []
+    things = {place.place for places in found.values() for place in places}
+    assert all(callable(_thing(place)) for place in things)
     page = (DOCS / "equations.md").read_text()
     assert re.findall(r"^\| \((\d+)\) \| [^|]+ \| `", page, flags=re.M) == [str(n) for n in range(1, 38)]
 
