@@ -26,6 +26,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--model", type=Path, metavar="FILE", help="YAML of parameters that differ from the bag's"
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="write gap.json, model.yaml and a page")
+    parser.add_argument(
+        "--until", choices=("check", "replay", "where"),
+        help="stop after this stage: can these data tell; what is the gap; where is it",
+    )  # fmt: skip
     parser.add_argument("--namespace", default="", metavar="NS", help="of the leg in the bags")
     parser.add_argument("--json", action="store_true", help="print gap.json instead of words")
 
@@ -38,11 +42,12 @@ def execute(arguments: argparse.Namespace) -> int:
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.discrepancy.data import believed
     from pam_orthosis.discrepancy.knee import knee
-    from pam_orthosis.discrepancy.verdict import as_dict, describe
-    from pam_orthosis.discrepancy.workflow import find_gap
+    from pam_orthosis.discrepancy.telling import telling
+    from pam_orthosis.discrepancy.verdict import as_dict, describe, describe_data, told_as_dict
+    from pam_orthosis.discrepancy.workflow import begin, search
     from pam_orthosis.model.parameters import load
 
-    _check_out(arguments.out)
+    _check_out(arguments)
     given = patch.read(arguments.model) if arguments.model else {}
     parameters = load({**believed(arguments.measured[0]), **given})
     system = knee(parameters)
@@ -50,12 +55,32 @@ def execute(arguments: argparse.Namespace) -> int:
         [_recording(path, system, arguments.namespace) for path in paths]
         for paths in (arguments.measured, arguments.held_out)
     )
-    outcome = find_gap(system, training, held_out, parameters.gap, _progress())
-    told = as_dict(outcome)
+    progress = _progress()
+    start = begin(system, training, held_out, parameters.gap, progress)
+    progress("looking at what these data can tell")
+    data = telling(start.problem, start.null, parameters.gap.evidence.threshold)
+    if arguments.until:
+        print(_stages(start, data, arguments.until))
+        return 0
+    outcome = search(start, parameters.gap, progress)
+    told = {**as_dict(outcome), "data": told_as_dict(data)}
+    words = f"{describe_data(data)}\n{describe(outcome)}"
     if arguments.out:
-        _write(arguments.out, outcome, told, given)
-    print(json.dumps(told, indent=2) if arguments.json else describe(outcome))
+        _write(arguments.out, outcome, told, given, words)
+    print(json.dumps(told, indent=2) if arguments.json else words)
     return 1 if outcome.verdict == "unexplained" else 0
+
+
+def _stages(start, data, last: str) -> str:
+    """Return in words what the stages before the search found."""
+    from pam_orthosis.discrepancy.verdict import describe_data, describe_replay, describe_where
+
+    parts = [*(f"remark: {remark}" for remark in start.remarks), describe_data(data)]
+    if last != "check":
+        parts.append(describe_replay(start))
+    if last == "where":
+        parts.append(describe_where(start.system, start.where()))
+    return "\n".join(parts)
 
 
 def _recording(path: Path, system, namespace: str):
@@ -73,12 +98,15 @@ def _progress():
     return tell
 
 
-def _check_out(folder: Path | None) -> None:
+def _check_out(arguments: argparse.Namespace) -> None:
+    folder = arguments.out
+    if arguments.until and (folder or arguments.json):
+        raise OrthosisError("--until prints words only; leave --out and --json out")
     if folder is not None and folder.exists() and not folder.is_dir():
         raise OrthosisError(f"--out {folder} is a file; give a folder")
 
 
-def _write(folder: Path, outcome, told, given) -> None:
+def _write(folder: Path, outcome, told, given, words: str) -> None:
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.report.gap import write_page
 
@@ -89,6 +117,6 @@ def _write(folder: Path, outcome, told, given) -> None:
         named = [one.name for one in outcome.effects]
         added = patch.overrides(outcome.system, named, final.values)
         patch.write(folder / "model.yaml", {**given, **added})
-        write_page(outcome, folder)
+        write_page(outcome, folder, words)
     except OSError as error:
         raise OrthosisError(f"cannot write to {folder}: {error.strerror or error}") from error

@@ -92,10 +92,21 @@ def search(
         settings: `gap.evidence`.
         present: effects to start from.
     """
+    return extended(*recalibrated(problem, tell, present), held_out, settings, tell)
+
+
+def recalibrated(
+    problem: Problem, tell: Callable[[str], None] = lambda _: None, present: tuple[str, ...] = ()
+) -> tuple[Problem, Fit]:
+    """Return the weighted problem and the model with its ordinary parameters fitted within tolerances."""
     free = free_parameters(problem.system, present)
     tell("recalibrating the ordinary parameters within their tolerances")
-    problem, base = fit_tempered(problem, present, problem.replay.defaults(present), free)
-    problem, base = _levelled(problem, base)
+    weighted, base = fit_tempered(problem, present, problem.replay.defaults(present), free)
+    return _levelled(weighted, base)
+
+
+def extended(problem: Problem, base: Fit, held_out: Problem, settings, tell=lambda _: None) -> Selection:
+    """Return what the search adds to a recalibrated model; arguments as for `search`."""
     found = Selection(problem, base, problem, base)
     while len(found.final.effects) < settings.effects:
         step = _round(found, held_out, settings, tell)

@@ -12,6 +12,8 @@ from pam_orthosis.discrepancy.fit import Fit, Problem, misfit, normal_equations
 # density of whitened residuals over white noise where it is largest; noise alone reaches 1 to 1.7
 CLEAN = 2.5
 BINS = 12
+SHORTEST_CYCLE = 0.4  # s
+REPEATS = 0.7  # autocorrelation of a signal that repeats itself
 
 
 @dataclass(frozen=True)
@@ -22,11 +24,13 @@ class Where:
         equation: that has it.
         strength: power density over white noise, where it is largest.
         coordinates: signal -> share of the residual's slow part that it explains (correlation ratio).
+        regions: signal -> range of its values in which the squared residuals are largest.
     """
 
     equation: str
     strength: float
     coordinates: dict[str, float]
+    regions: dict[str, tuple[float, float]]
 
 
 def locate(problem: Problem, model: Fit) -> list[Where]:
@@ -41,7 +45,7 @@ def locate(problem: Problem, model: Fit) -> list[Where]:
     for equation in problem.system.equations:
         residual = residuals[equation.name]
         strength = misfit(plain, equation, residual)
-        found.append(Where(equation.name, strength, _coordinates(plain, equation, residual)))
+        found.append(Where(equation.name, strength, *_coordinates(plain, equation, residual)))
     return sorted(found, key=lambda one: -one.strength)
 
 
@@ -62,28 +66,65 @@ def clean(places: list[Where]) -> bool:
     return all(one.strength < CLEAN for one in places)
 
 
-def _coordinates(problem: Problem, equation, residual: np.ndarray) -> dict[str, float]:
-    """Return how much of the residual each recorded signal explains, by conditional means."""
-    start, shares = 0, {}
+def _coordinates(problem: Problem, equation, residual: np.ndarray):
+    """Return how much of the residual each signal explains by conditional means, and where it is largest."""
+    start, shares, regions = 0, {}, {}
     for one in problem.scored:
         length = one.run.recording.samples - one.warm_up
-        signals = {c.name: one.run.smooth(c.name)[one.warm_up :] for c in problem.system.channels}
-        signals.update(
-            (name, one.run.recording.signals[name][one.warm_up :])
-            for name in problem.system.inputs
-            if name in one.run.recording.signals
-        )
-        for derived, parent in problem.system.derived.items():
-            if parent in signals:
-                signals[derived] = np.gradient(signals[parent], one.run.period)
-        signals["time"] = np.arange(length) * one.run.period
+        signals = _signals(problem.system, one)
         for _ in equation.channels:
             piece = residual[start : start + length]
             start += length
             for name, values in signals.items():
                 shares.setdefault(name, []).append(_correlation_ratio(piece, values))
+                regions.setdefault(name, []).append(_region(piece, values))
     ordered = sorted(((name, float(np.mean(many))) for name, many in shares.items()), key=lambda p: -p[1])
-    return dict(ordered)
+    return dict(ordered), {name: max(many)[1:] for name, many in regions.items()}
+
+
+def _signals(system, one) -> dict[str, np.ndarray]:
+    """Return what a residual may depend on: channels, inputs, velocities, phase of the cycle, time."""
+    signals = {c.name: one.run.smooth(c.name)[one.warm_up :] for c in system.channels}
+    recorded = one.run.recording.signals
+    signals.update((name, recorded[name][one.warm_up :]) for name in system.inputs if name in recorded)
+    for derived, parent in system.derived.items():
+        if parent in signals:
+            signals[derived] = np.gradient(signals[parent], one.run.period)
+    phase = _cycle_phase(signals[system.channels[0].name], one.run.period)
+    if phase is not None:
+        signals["phase"] = phase
+    first = signals[system.channels[0].name]
+    signals["time"] = np.arange(len(first)) * one.run.period
+    return signals
+
+
+def _cycle_phase(signal: np.ndarray, period: float) -> np.ndarray | None:
+    """Return the phase (0 to 1 from the recording's start) of a signal that repeats itself, or None."""
+    centred = signal - signal.mean()
+    power = np.abs(np.fft.rfft(centred, 2 * len(centred))) ** 2
+    correlation = np.fft.irfft(power)[: len(centred)]
+    correlation = (
+        correlation / max(correlation[0], 1e-300) * len(centred) / (len(centred) - np.arange(len(centred)))
+    )
+    low, high = round(SHORTEST_CYCLE / period), len(centred) // 3
+    falls = np.flatnonzero(correlation[:high] < 0)
+    if not len(falls) or max(low, falls[0]) >= high:
+        return None
+    low = max(low, falls[0])
+    best = low + int(np.argmax(correlation[low:high]))
+    if correlation[best] < REPEATS:
+        return None
+    return np.arange(len(signal)) % best / best
+
+
+def _region(residual: np.ndarray, signal: np.ndarray) -> tuple[float, float, float]:
+    """Return the largest mean square over equally filled bins of a signal, and that bin's edges."""
+    edges = np.quantile(signal, np.linspace(0, 1, BINS + 1))
+    place = np.searchsorted(edges[1:-1], signal)
+    count = np.maximum(np.bincount(place, minlength=BINS), 1)
+    power = np.bincount(place, residual**2, minlength=BINS) / count
+    worst = int(np.argmax(power))
+    return float(power[worst]), float(edges[worst]), float(edges[worst + 1])
 
 
 def _correlation_ratio(residual: np.ndarray, signal: np.ndarray) -> float:

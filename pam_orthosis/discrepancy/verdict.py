@@ -3,10 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from pam_orthosis.discrepancy.measure import OVERALL
-from pam_orthosis.discrepancy.workflow import Named, Outcome
+from pam_orthosis.discrepancy.structure import CLEAN
+from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.telling import Telling
+from pam_orthosis.discrepancy.workflow import Beginning, Named, Outcome
 
 
 def as_dict(outcome: Outcome) -> dict[str, Any]:
@@ -65,11 +69,70 @@ def _gap(outcome: Outcome, which: str) -> dict[str, Any]:
 
 
 def _place(one) -> dict[str, Any]:
+    told = list(one.coordinates.items())[:4]
     return {
         "equation": one.equation,
         "over_noise": _number(one.strength),
-        "coordinates": {name: _number(share) for name, share in list(one.coordinates.items())[:4]},
+        "coordinates": {name: _number(share) for name, share in told},
+        "largest_where": {name: [_number(end) for end in one.regions[name]] for name, _ in told},
     }
+
+
+def told_as_dict(told: Telling) -> dict[str, Any]:
+    """Return what the recordings can tell as JSON-ready values."""
+    return {
+        "expected_evidence": {name: _number(value) for name, value in told.evidence.items()},
+        "invisible": list(told.invisible),
+        "alike": [[a, b, _number(cosine)] for a, b, cosine in told.alike],
+        "experiments": list(told.experiments),
+    }
+
+
+def describe_data(told: Telling) -> str:
+    """Return in a few lines what the recordings can tell."""
+    lines = []
+    if told.invisible:
+        lines.append(f"these data would not show, at typical size: {', '.join(told.invisible)}")
+    for a, b, cosine in told.alike:
+        lines.append(f"these data hardly tell {a} from {b} (signatures {cosine:.2f} alike)")
+    if told.experiments:
+        lines.append(f"what would help most: pam-orthosis run --scenario {told.experiments[0]}")
+    return "\n".join(lines) or "these data show and separate all effects of the catalogue"
+
+
+def describe_replay(start: Beginning) -> str:
+    """Return the gaps before any effect is added, and the ordinary parameters that had to move far."""
+    lines = [f"{'channel':20s} {'configured':>11s} {'recalibrated':>13s} {'noise':>9s}"]
+    gaps = (start.configured(), start.recalibrated(), start.floor)
+    for name in start.floor.units:
+        channel = start.system.channel(name)
+        values = [gap.units[name] * channel.report_factor for gap in gaps]
+        label = f"{name} [{channel.report_unit}]"
+        lines.append(f"{label:22s} {values[0]:9.3f} {values[1]:13.3f} {values[2]:9.3f}")
+    values = [gap.white[OVERALL] for gap in gaps]
+    lines.append(f"{'times the noise':20s}   {values[0]:9.2f} {values[1]:13.2f} {values[2]:9.2f}")
+    strained = start.strained()
+    if strained:
+        lines.append(_strain(strained))
+    return "\n".join(lines)
+
+
+def describe_where(system: System, places) -> str:
+    """Return each equation with what is left in it, and where that is largest."""
+    lines = []
+    for one in places:
+        kind = "above the noise" if one.strength >= CLEAN else "noise"
+        lines.append(f"{one.equation} equation: {one.strength:.1f} times the noise ({kind})")
+        for name, share in list(one.coordinates.items())[:3]:
+            lines.append(f"  {name} explains {share:.0%} of it; largest {_range(system, name, one.regions)}")
+    return "\n".join(lines)
+
+
+def _range(system: System, name: str, regions) -> str:
+    channel = next((c for c in system.channels if c.name == name), None)
+    factor, unit = (1.0, "SI") if channel is None else (channel.report_factor, channel.report_unit)
+    low, high = (factor * end for end in regions[name])
+    return f"between {low:.4g} and {high:.4g} {unit}"
 
 
 def _number(value: float | None) -> float | None:
@@ -125,9 +188,13 @@ def _others(outcome: Outcome) -> list[str]:
     elif outcome.runner_up is not None:
         lines.append(f"runner-up: {outcome.runner_up[0]}, {outcome.runner_up[1]:.0f} behind in evidence")
     if outcome.strained:
-        told = ", ".join(f"{name} {value:+.1f}" for name, value in outcome.strained.items())
-        lines.append(f"ordinary parameters outside their tolerance (multiples of it): {told}")
+        lines.append(_strain(outcome.strained))
     return lines
+
+
+def _strain(strained: Mapping[str, float]) -> str:
+    told = ", ".join(f"{name} {value:+.1f}" for name, value in strained.items())
+    return f"ordinary parameters outside their tolerance (multiples of it): {told}"
 
 
 def _answer(outcome: Outcome) -> str:

@@ -57,6 +57,67 @@ class Outcome:
     held_out: Problem = field(repr=False)
 
 
+@dataclass(frozen=True)
+class Beginning:
+    """Recordings that were checked, and the recalibrated model's replay of them.
+
+    Attributes:
+        system: without the equations that these recordings cannot judge.
+        problem, null: training recordings, weighted, and the recalibrated model.
+        held_out: recordings that judge.
+        floor: what noise alone leaves in them.
+        remarks: on the recordings.
+    """
+
+    system: System
+    problem: Problem
+    null: Fit
+    held_out: Problem
+    floor: measure.Gap
+    remarks: tuple[str, ...]
+
+    def configured(self) -> measure.Gap:
+        """Return the gap of the model as configured."""
+        return measure.gap_at(self.held_out, (), self.held_out.replay.defaults(()))
+
+    def recalibrated(self) -> measure.Gap:
+        """Return the gap of the recalibrated model."""
+        return measure.gap(self.held_out, self.null)
+
+    def where(self) -> list[structure.Where]:
+        """Return where the recalibrated model disagrees with the held-out recordings."""
+        return structure.locate(self.held_out, self.null)
+
+    def strained(self) -> dict[str, float]:
+        """Return ordinary parameters outside their tolerance, in multiples of it."""
+        return _strained(self.null)
+
+
+def begin(
+    system: System,
+    training: Sequence[Recording],
+    held_out: Sequence[Recording],
+    settings,
+    tell: Callable[[str], None] = lambda _: None,
+    replay: Replay | None = None,
+) -> Beginning:
+    """Check recordings and recalibrate the model's ordinary parameters: the stages before the search.
+
+    Arguments and errors are those of `find_gap`.
+    """
+    tell("checking the recordings")
+    remarks = check.check(system, [*training, *held_out], settings.replay.warm_up)
+    lacking = check.missing_inputs(system, [*training, *held_out])
+    if lacking:
+        system = _without(system, lacking)
+        replay = None
+    if not held_out:
+        training, held_out = _split(training)
+        remarks.append("no recording is held out: the last quarter of each one judges")
+    problem, judge, floor = _prepared(replay or Replay(system), training, held_out, settings)
+    return Beginning(system, *select.recalibrated(problem, tell), judge, floor, tuple(remarks))
+
+
 def find_gap(
     system: System,
     training: Sequence[Recording],
@@ -77,20 +138,14 @@ def find_gap(
     Raises:
         OrthosisError: a recording is unfit.
     """
-    tell("checking the recordings")
-    remarks = check.check(system, [*training, *held_out], settings.replay.warm_up)
-    lacking = check.missing_inputs(system, [*training, *held_out])
-    if lacking:
-        system = _without(system, lacking)
-        replay = None
-    if not held_out:
-        training, held_out = _split(training)
-        remarks.append("no recording is held out: the last quarter of each one judges")
-    replay = replay or Replay(system)
-    problem, judge, floor = _prepared(replay, training, held_out, settings)
-    found = select.search(problem, judge, settings.evidence, tell)
+    return search(begin(system, training, held_out, settings, tell, replay), settings, tell)
+
+
+def search(start: Beginning, settings, tell: Callable[[str], None] = lambda _: None) -> Outcome:
+    """Return which effects explain what a recalibrated model leaves."""
+    found = select.extended(start.problem, start.null, start.held_out, settings.evidence, tell)
     tell("measuring the gap on held-out recordings")
-    return _judged(system, found, judge, floor, settings, remarks)
+    return _judged(start, found, settings)
 
 
 def _without(system: System, lacking: Sequence[str]) -> System:
@@ -169,11 +224,11 @@ def _scored(replay: Replay, run: Run, noise, settings, seed: int) -> tuple[Score
     return Scored(run, whiten, warm_up), floor
 
 
-def _judged(system, found: select.Selection, judge: Problem, floor, settings, remarks) -> Outcome:
-    null, final = found.null, found.final
-    floor = _settled(floor, found, settings)
-    configured = measure.gap_at(judge, (), judge.replay.defaults(()))
-    before, after = measure.gap(judge, null), measure.gap(judge, final)
+def _judged(start: Beginning, found: select.Selection, settings) -> Outcome:
+    system, judge, final = start.system, start.held_out, found.final
+    floor = _settled(start.floor, found, settings)
+    configured = start.configured()
+    before, after = start.recalibrated(), measure.gap(judge, final)
     left = structure.locate(judge, final)
     closed = _closures(configured, before, after, floor)
     alike = _look_alikes(found, settings.evidence)
@@ -196,11 +251,11 @@ def _judged(system, found: select.Selection, judge: Problem, floor, settings, re
         after=after,
         floor=floor,
         closure=closed,
-        where=structure.locate(judge, null),
+        where=start.where(),
         left=left,
         strained=_strained(final),
         steps=tuple(found.steps),
-        remarks=tuple(remarks),
+        remarks=start.remarks,
         selection=found,
         held_out=judge,
     )

@@ -15,7 +15,6 @@ mpl.use("Agg")  # no display
 from matplotlib.figure import Figure
 
 from pam_orthosis.discrepancy.data import smoothed
-from pam_orthosis.discrepancy.verdict import describe
 from pam_orthosis.discrepancy.workflow import Outcome
 from pam_orthosis.report.html import document
 
@@ -27,9 +26,8 @@ BEFORE, AFTER, MEASURED = "#d62728", "#1f77b4", "0.25"
 STANDS_FOR = (("_contraction", "angle"), ("_rate", "velocity"), ("_stretch", "angle"))
 
 
-def write_page(outcome: Outcome, folder: Path) -> Path:
-    """Write `gap.html` with everything inside; returns the file."""
-    words = describe(outcome)
+def write_page(outcome: Outcome, folder: Path, words: str) -> Path:
+    """Write `gap.html` with everything inside, headed by the last line of `words`; returns the file."""
     parts = [f"<h1>{escape(words.splitlines()[-1])}</h1>", f"<pre>{escape(words)}</pre>"]
     parts.append("<h2>Measured, before, after</h2>" + _image(_traces(outcome)))
     figure = _coordinate_figure(outcome)

@@ -168,3 +168,27 @@ def test_nothing_hidden_gives_no_delay_and_no_backlash(bench):
     for name in ("valve_delay", "valve_lag", "angle_delay", "extensor_pressure_delay", "backlash"):
         trial = Trial(projection, name)
         assert candidate(projection, trial, trial.starts()[:1]).evidence < settings.evidence.threshold
+
+
+def test_a_large_effect_is_found_from_derivatives_far_away(bench):
+    """Trap 9: derivatives taken without the effect mislead where it is large; the model is evaluated anew."""
+    plant = {"plant__effects__joint_friction__enabled": True, "plant__effects__joint_friction__coulomb": 2.5}
+    settings = bench.parameters.gap
+    problem, _, _ = workflow._prepared(
+        bench.replay, [bench.recording(1, **plant)], [bench.recording(2, **plant)], settings
+    )
+    free = free_parameters(bench.system, ())
+    problem, base = fit_tempered(problem, (), bench.replay.defaults(()), free)
+    trial = Trial(Projection(problem, base), "joint_friction")
+    found = candidate(trial.projection, trial, trial.starts())
+    assert found.evidence > 100
+    assert found.values["joint_friction.coulomb"] == pytest.approx(2.5, rel=0.15)
+
+
+def test_every_fit_lets_the_maps_be_off(bench):
+    """Trap 9: without these corrections every realistic recording gives a false name."""
+    free = {one.name: one for one in free_parameters(bench.system, ("joint_friction",))}
+    for shape in ("force_map_misfit", "valve_curve_misfit", "volume_misfit"):
+        own = [one for name, one in free.items() if name.startswith(f"{shape}.")]
+        assert len(own) >= 5
+        assert all(0 < one.sd < np.inf for one in own)

@@ -10,8 +10,9 @@ import pytest
 from pam_orthosis.cli import main as cli
 from pam_orthosis.discrepancy import patch
 from pam_orthosis.discrepancy.data import from_arrays, from_csv
+from pam_orthosis.discrepancy.telling import telling
 from pam_orthosis.discrepancy.verdict import as_dict
-from pam_orthosis.discrepancy.workflow import find_gap
+from pam_orthosis.discrepancy.workflow import begin, find_gap
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
 
@@ -112,6 +113,42 @@ def test_the_verb_writes_json_model_and_page(bench, tmp_path, capsys, monkeypatc
     assert page.count("data:image/png;base64,") == 2
     assert "http" not in page.split("</style>")[0]
     assert load(patch.read(out / "model.yaml")).effects.joint_friction.enabled
+
+
+def test_stages_can_be_read_one_by_one(bench, tmp_path, capsys):
+    files = [str(table(tmp_path / f"{seed}.csv", bench.arrays(seed, **FRICTION))) for seed in (1, 2)]
+    assert cli.main(["gap", files[0], "--held-out", files[1], "--until", "where"]) == 0
+    told = capsys.readouterr().out
+    torque, gas = told[told.index("torque equation") :], told[told.index("gas equation") :]
+    assert "above the noise" in torque.splitlines()[0]
+    assert "above the noise" not in gas.splitlines()[0]
+    assert "velocity explains" in torque.splitlines()[1]
+    angle = next(line for line in told.splitlines() if line.startswith("angle [deg]"))
+    configured, recalibrated, noise = (float(word) for word in angle.split()[2:])
+    assert configured > recalibrated > 5 * noise
+    assert cli.main(["gap", files[0], "--until", "check", "--json"]) == 2
+
+
+def test_data_tell_what_they_can_show_and_what_looks_alike(bench):
+    """A walk shows what moves the knee; two dead volumes change it in the same way, a small torque hides."""
+    settings = bench.parameters.gap
+    start = begin(bench.system, [bench.recording(1)], [bench.recording(2)], settings, replay=bench.replay)
+    told = telling(start.problem, start.null, settings.evidence.threshold)
+    assert told.evidence["joint_friction"] > 1000
+    assert told.evidence["valve_dead_band"] > 1000
+    pairs = [{a, b} for a, b, _ in told.alike]
+    assert {"extensor_dead_volume", "flexor_dead_volume"} in pairs
+    assert {"joint_friction", "valve_dead_band"} not in pairs
+    assert not any(pair & set(told.invisible) for pair in pairs)
+    assert all(scenario.startswith("diagnostic-") for scenario in told.experiments)
+
+
+def test_held_out_data_without_excitation_are_refused(bench):
+    """Trap 8: a recording at rest would veto every true effect."""
+    arrays = {name: bench.arrays(1)[name] for name in COLUMNS}
+    still = from_arrays("still", bench.system, {**arrays, "angle": np.full_like(arrays["angle"], 0.6)})
+    with pytest.raises(OrthosisError, match="still: angle hardly changes"):
+        find_gap(bench.system, [bench.recording(1)], [still], bench.parameters.gap)
 
 
 def broken(name, change):

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What these recordings can tell: which effects would show in them, and which would look alike.
+
+Each effect's signature is what its typical size changes in the residuals, less what the ordinary
+parameters would follow of it. Its square is the evidence to expect; the angle between two of them
+says whether they can be told apart.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from pam_orthosis.discrepancy.candidates import Projection, Trial, penalty
+from pam_orthosis.discrepancy.fit import Fit, Problem
+
+ALIKE = 0.95  # cosine of two signatures above which they are one
+
+
+@dataclass(frozen=True)
+class Telling:
+    """What recordings can and cannot tell.
+
+    Attributes:
+        evidence: effect -> evidence to expect if it had its typical size.
+        invisible: effects whose typical size would not be noticed.
+        alike: pairs of visible effects with the cosine of their signatures.
+        experiments: scenarios that show or separate most of these, best first.
+    """
+
+    evidence: dict[str, float]
+    invisible: tuple[str, ...]
+    alike: tuple[tuple[str, str, float], ...]
+    experiments: tuple[str, ...]
+
+
+def telling(problem: Problem, model: Fit, threshold: float) -> Telling:
+    """Return what recordings can tell, seen from a recalibrated model; `threshold` of evidence."""
+    projection = Projection(problem, model)
+    touched = problem.replay.touched
+    names = [name for name in problem.system.candidates if name not in model.effects and touched(name)]
+    trials = [Trial(projection, name) for name in names]
+    gram = _gram(projection, trials)
+    size = np.sqrt(np.maximum(np.diag(gram), 0.0))
+    evidence = {
+        trial.name: float(g**2 - penalty(model, len(trial.free)))
+        for trial, g in zip(trials, size, strict=True)
+    }
+    invisible = tuple(name for name in names if evidence[name] < threshold)
+    cosine = gram / np.maximum(np.outer(size, size), 1e-300)
+    alike = tuple(
+        (a, b, float(abs(cosine[i, j])))
+        for i, a in enumerate(names)
+        for j, b in enumerate(names[:i])
+        if abs(cosine[i, j]) > ALIKE and not {a, b} & set(invisible)
+    )
+    return Telling(evidence, invisible, alike, _experiments(problem.system, invisible, alike))
+
+
+def _gram(projection: Projection, trials: list[Trial]) -> np.ndarray:
+    """Return the inner products of the signatures with the ordinary parameters projected out."""
+    level = projection.best(*projection.state({}))[1]
+    base = projection.base.blocks
+    rows = {name: np.zeros((len(trials), len(block.residual))) for name, block in base.items()}
+    shared = np.zeros((len(projection.position), len(trials)))
+    for i, trial in enumerate(trials):
+        for name, residual in trial.residuals(trial.starts()[0]).items():
+            if np.isfinite(residual).all():
+                rows[name][i] = residual - base[name].residual
+                shared[:, i] += projection.correlated(name, rows[name][i])
+    return sum(row @ row.T for row in rows.values()) - shared.T @ level.solve(shared)
+
+
+def _experiments(system, invisible, alike) -> tuple[str, ...]:
+    wanted = [*invisible, *(name for a, b, _ in alike for name in (a, b))]
+    votes = Counter(test for name in wanted for test in system.catalogue[name].separated_by)
+    return tuple(name for name, _ in votes.most_common())
