@@ -123,6 +123,7 @@ class BagWriter:
         """Append a serialised message of a declared topic; OrthosisError if the disk takes no more."""
         with told(self._file):
             self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns)
+            self._stream.flush()  # a whole chunk is on disk at once: nothing of it dies with this process
         self._counts[topic] += 1
         self._span[0] = min(self._span[0], stamp_ns)
         self._span[1] = max(self._span[1], stamp_ns)

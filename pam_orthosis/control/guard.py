@@ -88,6 +88,13 @@ class Overdue:
         return self._count > self._limit
 
 
+def driven(voltage: float, valve) -> float:
+    """Return what a valve's drive makes of a voltage, V: within its range, the vent's if it is no number."""
+    if not math.isfinite(voltage):
+        return valve.minimum_voltage
+    return min(max(voltage, valve.minimum_voltage), valve.maximum_voltage)
+
+
 def angle_guard(parameters) -> SignalGuard:
     """Return the guard of the measured knee angle."""
     g, joint, period = parameters.control.guard, parameters.leg.joint, parameters.scenario.control_period

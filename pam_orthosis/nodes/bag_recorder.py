@@ -63,6 +63,10 @@ class BagRecorder(graph.GraphNode):
         """Count messages that came twice."""
         return {"duplicates": sum(steps.duplicates for steps in self._collectors())}
 
+    def abandon(self) -> bool:
+        """Stay to record the last words of the others."""
+        return True
+
     def close(self) -> None:
         """Close the bag; a run that was cut short leaves its incomplete last step in it too."""
         if not self.ended:

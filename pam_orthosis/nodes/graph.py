@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import time
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from importlib import import_module
@@ -15,6 +16,7 @@ from typing import Any
 
 import rclpy
 from builtin_interfaces.msg import Time
+from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -26,7 +28,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from pam_orthosis.bag.topics import PLANT, PUBLISHED_DEPTH, SECOND_NS, in_leg, table
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import messages
 from pam_orthosis.nodes.join import Join
@@ -37,6 +39,7 @@ from pam_orthosis.nodes.supervisor import ERROR_PREFIX, HEARTBEAT_VARIABLE
 HEARTBEAT_SECONDS = 0.1
 PEER_POLL_SECONDS = 0.02
 PEER_REPORT_SECONDS = 5.0
+LAST_WORDS_SECONDS = 0.1
 QUEUE_DEPTH = 10
 MODE = {
     "realtime": Setting(False, "samples come by the wall clock; otherwise in lockstep with the voltages"),
@@ -95,6 +98,7 @@ class GraphNode(Node):
         self._reported_second = -1
         self.ready = False
         self.ended = False
+        self.failure: OrthosisError | None = None  # found where none can be raised; ends the run
         self.pulse: Callable[[], None] = lambda: None  # called at each step; `spin` looks around in it
         self._ages = Ages(self.period_ns)
         self._peers: dict[str, Callable[[], bool]] = {}
@@ -129,14 +133,40 @@ class GraphNode(Node):
         if self.realtime and entry.rate == "step":
             callback = self._once_ready(callback)
             options["reliable"] = PLANT not in entry.producers
-        subscription = self.create_subscription(
-            message_class(entry.type), name, callback, qos(**options), raw=raw
-        )
         count = len(entry.producers)
+        callback, events = self._watched(topic, name, callback)
+        subscription = self.create_subscription(
+            message_class(entry.type), name, callback, qos(**options), raw=raw, **events
+        )
         self._peers[f"{name} of {' and '.join(entry.producers)}"] = lambda: (
             subscription.get_publisher_count() >= count
         )
         return subscription
+
+    def _watched(self, topic: str, name: str, callback: Callable) -> tuple[Callable, dict[str, Any]]:
+        """Return a callback and options of a subscription that stops at one publisher too many.
+
+        A publisher is matched before its first message is delivered, so that none of them is acted upon.
+        """
+        entry = self.topics[topic]
+        if entry.rate != "step" or self.role not in entry.consumers:
+            return callback, {}
+
+        def matched(status: QoSSubscriptionMatchedInfo) -> None:
+            if status.total_count > len(entry.producers) and not self.ended:
+                self.failure = RunFailed(self._of_a_stranger(name))
+                self.pulse()
+
+        def receive(message: Any) -> None:
+            if not self.failure:
+                callback(message)
+
+        return receive, {"event_callbacks": SubscriptionEventCallbacks(matched=matched)}
+
+    def _of_a_stranger(self, name: str) -> str:
+        there = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
+        names = sorted({f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in there})
+        return f"a stranger publishes on {name}: of {', '.join(names)} one does not belong here"
 
     def join_inputs(self, inputs: Sequence[str], step: Callable[..., None], newest: bool = False) -> Join:
         """Listen to topics; call `step(stamp_ns, *messages)` once all of an instant are there.
@@ -196,6 +226,13 @@ class GraphNode(Node):
     def on_end(self, _stamp: Time) -> None:
         """Stop spinning: the plant says that the run is over."""
         self.ended = True
+
+    def abandon(self) -> bool:
+        """Leave the hardware safe when the run is cut short; return whether that takes last messages.
+
+        Called before `close`.
+        """
+        return False
 
     def close(self) -> None:
         """Release what the node holds; called once, however the run ended."""
@@ -269,7 +306,8 @@ class Ages:
 class Heartbeat:
     """Tells the supervisor through an inherited pipe that this process answers, and how far it is.
 
-    Each line is `starting`, `running <stamp in ns>` or `ended`. Without a supervisor it is silent.
+    Each line is `starting`, `running <stamp in ns>`, `leaving` (cut short) or `ended`. Without a
+    supervisor it is silent.
     """
 
     def __init__(self) -> None:
@@ -286,8 +324,13 @@ class Heartbeat:
         if self._pipe is None or (now - self._last < HEARTBEAT_SECONDS and not ended):
             return True
         self._last = now
+        return self.tell(_status(nodes, ended))
+
+    def tell(self, status: str) -> bool:
+        """Write a line; return whether the supervisor still lives."""
         try:
-            os.write(self._pipe, f"{_status(nodes, ended)}\n".encode())
+            if self._pipe is not None:
+                os.write(self._pipe, f"{status}\n".encode())
         except BlockingIOError:  # the supervisor sleeps: nothing is lost
             pass
         except BrokenPipeError:
@@ -303,8 +346,10 @@ def _status(nodes: Sequence[GraphNode], ended: bool) -> str:
     return f"running {min(node.time_ns for node in nodes)}"
 
 
-def spin(nodes: Sequence[GraphNode]) -> None:
+def spin(nodes: Sequence[GraphNode]) -> bool:
     """Run nodes until the run ends, SIGINT or SIGTERM comes or the supervisor is gone; close them.
+
+    Returns whether the run came to its end.
 
     Signals are looked at between callbacks, so that a step is never cut in two, by a timer and at each
     step: a timer alone has to queue behind all that has arrived, which is much on a busy machine. The
@@ -313,7 +358,8 @@ def spin(nodes: Sequence[GraphNode]) -> None:
     over, signals, heartbeat = Future(), _caught_signals(), Heartbeat()
 
     def watch() -> None:
-        if signals or not heartbeat.beat(nodes) or all(node.ended for node in nodes):
+        failed = signals or any(node.failure for node in nodes)
+        if failed or not heartbeat.beat(nodes) or all(node.ended for node in nodes):
             over.set_result(None)
 
     nodes[0].create_timer(HEARTBEAT_SECONDS, watch)
@@ -325,23 +371,59 @@ def spin(nodes: Sequence[GraphNode]) -> None:
     try:
         while not over.done():
             executor.spin_until_future_complete(over, timeout_sec=3600.0)
+        for node in nodes:
+            if node.failure:
+                raise node.failure
     finally:
+        if not all(node.ended for node in nodes):
+            heartbeat.tell("leaving")
+            _abandon(nodes, executor)
         for node in nodes:
             node.close()
-            node.destroy_node()
+    for node in nodes:
+        node.destroy_node()
+    return all(node.ended for node in nodes)
+
+
+def _abandon(nodes: Sequence[GraphNode], executor: EventsExecutor) -> None:
+    """Let nodes say and hear last words."""
+    stay = [node.abandon() for node in nodes]
+    if any(stay):
+        executor.spin_until_future_complete(Future(), timeout_sec=LAST_WORDS_SECONDS)
 
 
 def run(make_nodes: Callable[[], Sequence[GraphNode]]) -> int:
-    """Run the nodes of one process; return its exit status."""
+    """Run the nodes of one process; return its exit status.
+
+    A run that was cut short has no time to take the process apart.
+    """
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        spin(make_nodes())
-    except OrthosisError as error:
+        whole, status = spin(make_nodes()), 0
+    except Exception as error:
+        whole, status = False, _reported(error)
+    if not whole:
+        sys.stderr.flush()
+        os._exit(status)
+    rclpy.try_shutdown()
+    return status
+
+
+def _reported(error: Exception) -> int:
+    """Tell an error in one line, after the traceback if nobody foresaw it; return the exit status."""
+    if isinstance(error, OrthosisError):
         print(f"{ERROR_PREFIX}{error}", file=sys.stderr)
         return error.exit_status
-    finally:
-        rclpy.try_shutdown()
-    return 0
+    traceback.print_exception(error)
+    print(f"{ERROR_PREFIX}{_culprit(error)}{type(error).__name__}: {error}", file=sys.stderr)
+    return RunFailed.exit_status
+
+
+def _culprit(error: Exception) -> str:
+    """Return whose callback failed: several nodes may share the process."""
+    frames = [frame.f_locals.get("self") for frame, _ in traceback.walk_tb(error.__traceback__)]
+    roles = [each.role for each in frames if isinstance(each, GraphNode)]
+    return f"in {roles[-1]}: " if roles else ""
 
 
 def _caught_signals() -> list[int]:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from sensor_msgs.msg import FluidPressure, JointState
@@ -27,7 +27,7 @@ class InverseValveModelNode(graph.GraphNode):
 
     def __init__(self) -> None:
         super().__init__(VALVE)
-        self._venting = False
+        self._venting, self._vented = False, self.parameters.valve.minimum_voltage
         self.offer("emergency_stop", self._vent)
         self.offer("reset", self._reset)
         self._both = Join(MUSCLES, self._answered)
@@ -36,8 +36,10 @@ class InverseValveModelNode(graph.GraphNode):
             muscle: GuardedValve(self.parameters, InverseValveModel(self.parameters, muscle))
             for muscle in MUSCLES
         }
+        self._voltages = {muscle: self.publish_to(f"{muscle}/valve_voltage") for muscle in MUSCLES}
+        self._answered_ns: dict[str, int] = {}
         self._joins = [
-            self.join_inputs((f"{muscle}/mass_flow", f"{muscle}/pressure"), self._step(muscle))
+            self.join_inputs((f"{muscle}/mass_flow", f"{muscle}/pressure"), partial(self._step, muscle))
             for muscle in MUSCLES
         ]
 
@@ -46,6 +48,13 @@ class InverseValveModelNode(graph.GraphNode):
         dropped = sum(join.dropped for join in self._joins)
         guards = {f"{m}_{name}": value for m in MUSCLES for name, value in self._models[m].health().items()}
         return {"dropped_inputs": dropped, "emergency_stop": self._venting, **guards}
+
+    def abandon(self) -> bool:
+        """Tell both valves to vent: nobody controls them any more."""
+        self._venting = True
+        for muscle, stamp_ns in self._answered_ns.items():
+            self._publish(muscle, stamp_ns + self.period_ns, self._vented)
+        return True
 
     def _vent(self) -> str:
         self._venting = True
@@ -62,17 +71,15 @@ class InverseValveModelNode(graph.GraphNode):
             self._answer.publish(messages.time_reference(stamp_ns, self.now_ns()))
         self.step_done(stamp_ns)
 
-    def _step(self, muscle: str) -> Callable[[int, JointState, FluidPressure], None]:
-        model, vent = self._models[muscle], self.parameters.valve.minimum_voltage
-        publisher = self.publish_to(f"{muscle}/valve_voltage")
+    def _step(self, muscle: str, stamp_ns: int, flow: JointState, pressure: FluidPressure) -> None:
+        asked = self._models[muscle].step(messages.only(flow.velocity), pressure.fluid_pressure)
+        voltage = self._vented if self._venting else asked
+        self._publish(muscle, stamp_ns, voltage)
+        self._both.add(muscle, stamp_ns, voltage)
 
-        def step(stamp_ns: int, flow: JointState, pressure: FluidPressure) -> None:
-            asked = model.step(messages.only(flow.velocity), pressure.fluid_pressure)
-            voltage = vent if self._venting else asked
-            publisher.publish(messages.joint_state(stamp_ns, [f"{muscle}_valve"], effort=[voltage]))
-            self._both.add(muscle, stamp_ns, voltage)
-
-        return step
+    def _publish(self, muscle: str, stamp_ns: int, voltage: float) -> None:
+        self._answered_ns[muscle] = stamp_ns
+        self._voltages[muscle].publish(messages.joint_state(stamp_ns, [f"{muscle}_valve"], effort=[voltage]))
 
 
 def main() -> int:

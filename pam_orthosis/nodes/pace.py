@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 INPUTS = ("extensor/valve_voltage", "flexor/valve_voltage")
 MAX_UNRECORDED_STEPS = 100
 WATCH_SECONDS = 0.25
+SILENCE_SAMPLES = 20  # without an answer, after which valves vent
 MAX_PERIODS_AT_ONCE = 100  # of the hardware's life in one callback: others must have their turn
 
 
@@ -55,7 +56,9 @@ class Lockstep:
         self._plant.publish_sample(self._stamp_ns)
 
     def _answered(self, stamp_ns: int, extensor: JointState, flexor: JointState) -> None:
-        self._plant.advance(extensor.effort[0], flexor.effort[0])
+        if self._plant.abandoned:
+            return
+        self._plant.advance(messages.only(extensor.effort), messages.only(flexor.effort))
         self._plant.step_done(stamp_ns)
         self._progress = time.monotonic()
         self._stamp_ns += self._plant.period_ns
@@ -69,7 +72,7 @@ class Lockstep:
     def _go_on(self) -> None:
         """Take the next step, if there is one, when the recorder is near enough."""
         near = self._stamp_ns - self._recorded_ns <= MAX_UNRECORDED_STEPS * self._plant.period_ns
-        if self._waits and self._stamp_ns <= self._last_ns and near:
+        if self._waits and self._stamp_ns <= self._last_ns and near and not self._plant.abandoned:
             self._waits = False
             self._publish()
 
@@ -92,6 +95,7 @@ class Lockstep:
 class RealTime:
     """A sample each period of the wall clock; over each period act the last voltages that have come.
 
+    Voltages that do not come any more are replaced by those of the vent after `SILENCE_SAMPLES`.
     An answer that comes before the next sample acts over its whole period, as in lockstep: a run
     without a missed deadline gives the numbers of lockstep. Time passes for the hardware whether
     anybody looks or not: a sample that is overdue by a period is skipped and counted, never made up
@@ -103,8 +107,9 @@ class RealTime:
         self._first_ns: int | None = None
         self._passed = 0  # periods that the hardware has lived through
         self._sampled = 0  # period of the last sample
-        self._skipped = self._late = 0
-        self._answered_ns = dict.fromkeys(INPUTS, 0)
+        self._skipped = self._late = self._silent = 0
+        self._vented = dict.fromkeys(INPUTS, plant.parameters.valve.minimum_voltage)
+        self._answered_ns, self._unanswered = dict.fromkeys(INPUTS, 0), dict.fromkeys(INPUTS, 0)
         self._voltages = dict.fromkeys(INPUTS, plant.parameters.valve.closed_voltage)
         for topic in INPUTS:
             plant.listen_to(topic, self._receiver(topic))
@@ -114,12 +119,17 @@ class RealTime:
         self._plant.create_timer(self._plant.period_ns * 1e-9, self._tick)
 
     def health(self) -> dict[str, int]:
-        """Count samples whose answer was not there at the next one, and samples not taken."""
-        return {"late_answers": self._late, "skipped_samples": self._skipped}
+        """Count samples answered too late, samples not taken, periods without commands."""
+        return {
+            "late_answers": self._late,
+            "skipped_samples": self._skipped,
+            "vented_without_commands": self._silent,
+        }
 
     def _receiver(self, topic: str) -> Any:
         def receive(message: JointState) -> None:
-            self._voltages[topic] = message.effort[0]
+            self._voltages[topic] = messages.only(message.effort)
+            self._unanswered[topic] = 0
             self._answered_ns[topic] = messages.nanoseconds(message.header.stamp)
 
         return receive
@@ -133,15 +143,23 @@ class RealTime:
         period_ns = self._plant.period_ns
         due = (self._plant.now_ns() - self._first_ns + period_ns // 2) // period_ns  # timers jitter
         for _ in range(min(due - self._passed, MAX_PERIODS_AT_ONCE)):
-            self._plant.advance(*self._voltages.values())
+            self._plant.advance(*self._acting().values())
             self._passed += 1
-        if self._passed == due > self._sampled and not self._plant.ended:
+        over = self._plant.ended or self._plant.abandoned
+        if self._passed == due > self._sampled and not over:
             self._late += min(self._answered_ns.values()) < self._stamp_ns(self._sampled)
             self._skipped += due - self._sampled - 1
             self._sample(due)
 
+    def _acting(self) -> dict[str, float]:
+        """Return the voltages of the next period."""
+        silent = max(self._unanswered.values()) > SILENCE_SAMPLES and min(self._answered_ns.values()) > 0
+        self._silent += silent
+        return self._vented if silent else self._voltages
+
     def _sample(self, period: int) -> None:
         self._sampled = period
+        self._unanswered = {topic: count + 1 for topic, count in self._unanswered.items()}
         self._plant.publish_sample(self._stamp_ns(period))
         self._plant.step_done(self._stamp_ns(period))
 

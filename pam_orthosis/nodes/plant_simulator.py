@@ -10,12 +10,15 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from pam_orthosis.bag.topics import NODES, PLANT
+from pam_orthosis.control.guard import driven
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Measurement, Plant, Truth
 from pam_orthosis.nodes import graph, messages
 from pam_orthosis.nodes.pace import Lockstep, RealTime
 from pam_orthosis.nodes.parameters import Setting
+
+VENT_SAMPLES, VENT_SAMPLE_NS = 10, 50_000_000  # after the end of a run that was cut short
 
 
 class PlantSimulator(graph.GraphNode):
@@ -26,6 +29,7 @@ class PlantSimulator(graph.GraphNode):
         super().__init__(PLANT, {"answer_timeout": timeout})
         self._plant = Plant(self.parameters, self.parameters.scenario.seed)
         self._absent = set(NODES)
+        self._newest_ns, self.abandoned = -1, False
         self._time = None if self.realtime else self.publish_to("/clock")
         self._joint = self.publish_to("joint_states")
         self._extensor = self.publish_to("extensor/pressure")
@@ -39,8 +43,19 @@ class PlantSimulator(graph.GraphNode):
         return self._pace.health()
 
     def advance(self, extensor_voltage: float, flexor_voltage: float) -> None:
-        """Let one period pass under these voltages."""
-        self._plant.advance(extensor_voltage, flexor_voltage)
+        """Let one period pass under these voltages; a valve vents under none that it can follow."""
+        valve = self.parameters.valve
+        self._plant.advance(driven(extensor_voltage, valve), driven(flexor_voltage, valve))
+
+    def abandon(self) -> bool:
+        """Let the hardware live on alone: valves without commands vent, as the last samples show."""
+        self.abandoned = True
+        vent, periods = self.parameters.valve.minimum_voltage, max(1, VENT_SAMPLE_NS // self.period_ns)
+        for _ in range(VENT_SAMPLES if self._newest_ns >= 0 else 0):
+            for _ in range(periods):
+                self.advance(vent, vent)
+            self.publish_sample(self._newest_ns + periods * self.period_ns)
+        return True
 
     def retune(self, parameters: Parameters) -> None:
         """Put a person of another mass into the orthosis, from the next step on."""
@@ -50,6 +65,7 @@ class PlantSimulator(graph.GraphNode):
 
     def publish_sample(self, stamp_ns: int) -> None:
         """Publish the sensors' values and the truth of the present step."""
+        self._newest_ns = stamp_ns
         measured, truth = self._plant.measure(), self._plant.truth()
         self._publish_measurement(stamp_ns, measured)
         self._truth.publish(truth_message(stamp_ns, truth))

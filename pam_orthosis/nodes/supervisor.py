@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from pam_orthosis.bag.topics import RECORDER
 from pam_orthosis.errors import RunFailed
 
 HEARTBEAT_VARIABLE = "PAM_ORTHOSIS_HEARTBEAT"
@@ -18,12 +19,12 @@ NOTE_PREFIX = "pam-orthosis: note: "
 POLL_SECONDS = 0.02
 SILENCE_SECONDS = 1.2
 START_SECONDS = 60.0
-STOP_SECONDS = 0.6
+STOP_SECONDS, RECORDER_STOP_SECONDS = 0.6, 5.0  # a recorder that answers is not robbed of its data
 STOP_GRACE_SECONDS = 10.0
 
 
 class Child:
-    """A process of the run and what its heartbeat says: `starting`, `running <ns>`, `ended`."""
+    """A process of the run and what its heartbeat says: `starting`, `running <ns>`, `leaving`, `ended`."""
 
     def __init__(self, name: str, command: Sequence[str], environment: Mapping[str, str], log: Path):
         self.name = name
@@ -64,13 +65,26 @@ class Child:
         if not self.status:
             self.status, self._heard = "starting", time.monotonic()
 
+    def stopped(self) -> bool:
+        """Whether somebody has stopped the process (SIGSTOP), at whatever stage it was."""
+        if self.process.poll() is not None:
+            return False
+        options = os.WSTOPPED | os.WNOHANG | os.WNOWAIT  # look only: it may be continued
+        return os.waitid(os.P_PID, self.process.pid, options) is not None
+
     def silent(self) -> bool:
         """Whether the process has begun to beat, or should have, and does not.
 
-        When it has said that its run ended, it may take longer to take itself apart.
+        When it has said that its run is over, it may take longer to take itself apart.
         """
-        limit = STOP_GRACE_SECONDS if self.status == "ended" else SILENCE_SECONDS
+        limit = STOP_GRACE_SECONDS if self.status in ("ended", "leaving") else SILENCE_SECONDS
         return bool(self.status) and time.monotonic() - self._heard > limit
+
+    def stop(self) -> None:
+        """Ask the process to end; one that cannot hear is killed."""
+        if self.process.poll() is None:
+            deaf = self.silent() or self.stopped()
+            self.process.send_signal(signal.SIGKILL if deaf else signal.SIGTERM)
 
     def last_words(self) -> str:
         """Return the error that the process reported, or else the last line that it printed."""
@@ -134,6 +148,8 @@ def _judge(child: Child, children: Sequence[Child]) -> None:
     if code is not None and (code != 0 or child.status != "ended"):
         how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with {code}"
         raise RunFailed(f"node {child.name} {how}{_quoted(child.last_words())}")
+    if child.stopped():
+        raise RunFailed(f"node {child.name} was stopped (SIGSTOP)")
     if code is None and child.silent():
         raise RunFailed(f"node {child.name} did not answer for {SILENCE_SECONDS:g} s")
 
@@ -143,15 +159,23 @@ def _quoted(words: str) -> str:
 
 
 def _stop(children: Sequence[Child]) -> None:
-    """End what still runs: politely, so that the recorder closes its bag; in the end by force."""
+    """End what still runs, politely and the recorder last, so that its bag holds what the others did."""
+    recorders = [child for child in children if child.name == RECORDER]
+    _end([child for child in children if child not in recorders], STOP_SECONDS)
+    for recorder in recorders:
+        recorder.listen()
+    _end(recorders, RECORDER_STOP_SECONDS)
+
+
+def _end(children: Sequence[Child], seconds: float) -> None:
+    """End processes; in the end by force."""
+    for child in children:
+        child.stop()
+    deadline = time.monotonic() + seconds
+    while any(child.process.poll() is None for child in children) and time.monotonic() < deadline:
+        time.sleep(POLL_SECONDS)
     for child in children:
         if child.process.poll() is None:
-            child.process.send_signal(signal.SIGKILL if child.silent() else signal.SIGTERM)
-    deadline = time.monotonic() + STOP_SECONDS
-    for child in children:
-        try:
-            child.process.wait(max(0.0, deadline - time.monotonic()))
-        except subprocess.TimeoutExpired:
             child.process.kill()
             child.process.wait()
         child.release()

@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from pam_orthosis.errors import RunFailed
+from pam_orthosis.nodes import supervisor
 from pam_orthosis.nodes.supervisor import supervise
 
 STEPPING = """
@@ -16,6 +17,7 @@ while True:
     os.write(pipe, b"running 5000000\\n")
     time.sleep(0.05)
 """
+STOPPED = "import os, signal, time; os.kill(os.getpid(), signal.SIGSTOP); time.sleep(60)"
 MUTE = "import time; time.sleep(60)"
 CRASHING = "import sys; sys.exit('pam-orthosis: error: no air')"
 
@@ -33,3 +35,35 @@ def test_a_process_that_never_beats_is_named_once_the_graph_steps(tmp_path):
 def test_a_crash_is_told_in_the_words_of_the_process(tmp_path):
     with pytest.raises(RunFailed, match="node crashing ended with 1: no air"):
         run(tmp_path, stepping=STEPPING, crashing=CRASHING)
+
+
+def test_a_process_that_is_stopped_before_its_first_beat_is_named_at_once(tmp_path, monkeypatch):
+    monkeypatch.setattr(supervisor, "START_SECONDS", 1e9)
+    with pytest.raises(RunFailed, match=r"node stopped was stopped \(SIGSTOP\)"):
+        run(tmp_path, stopped=STOPPED, mute=MUTE)
+
+
+def test_the_recorder_is_asked_to_end_when_all_others_have_ended(tmp_path):
+    marks = tmp_path / "marks"
+    marking = f"""
+import signal, sys, time
+def end(number, frame):
+    with open({str(marks)!r}, "a") as file: file.write(sys.argv[1])
+    sys.exit(0)
+signal.signal(signal.SIGTERM, end)
+open({str(marks)!r} + sys.argv[1], "w")
+while True: time.sleep(1)
+"""
+    crashing = f"""
+import os, sys, time
+while not all(os.path.exists({str(marks)!r} + name) for name in "rn"): time.sleep(0.01)
+sys.exit("no air")
+"""
+    commands = {
+        "bag_recorder": [sys.executable, "-c", marking, "r"],
+        "node": [sys.executable, "-c", marking, "n"],
+        "crashing": [sys.executable, "-c", crashing],
+    }
+    with pytest.raises(RunFailed, match="node crashing ended"):
+        supervise(commands, dict(os.environ), tmp_path, lambda _: None)
+    assert marks.read_text() == "nr"

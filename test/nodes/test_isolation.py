@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs and strangers on one host: nobody hears whom it should not, and nobody else moves a valve."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+from conftest import QUICK, LiveRun, wait_for
+
+from pam_orthosis.bag.read import read_bag
+from pam_orthosis.control.loop import ClosedLoop
+from pam_orthosis.model.parameters import config_folder, load
+from pam_orthosis.nodes.launch import free_domain
+
+rclpy = pytest.importorskip("rclpy")
+STEPS = 150
+MEASURED = ("angle", "extensor_pressure", "flexor_pressure")
+
+
+def _expected(seed):
+    """Return the numbers of a run that nobody disturbed."""
+    settings = dict(text.split("=") for text in QUICK if "=" in text)
+    return ClosedLoop(load({key: float(value) for key, value in settings.items()}), seed).run(STEPS)
+
+
+def _regular(stamp_ns):
+    """Return how many of the first samples are a period apart: those of the vented leg are not."""
+    early = np.diff(stamp_ns[: STEPS + 1]) == stamp_ns[1] - stamp_ns[0]
+    assert early[:20].all()
+    return len(early) if early.all() else int(np.argmin(early)) + 1
+
+
+@pytest.fixture
+def stranger(monkeypatch):
+    """Return a ROS node of somebody else in a domain that the environment names."""
+    with free_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_folder() / "loopback.xml"))
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=domain)
+    node = rclpy.create_node("stranger", context=context)
+    yield node
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def _fill_ahead(publisher):
+    """Ask for an open valve at all steps of the near future."""
+    from pam_orthosis.nodes import messages
+
+    period_ns = round(load().scenario.control_period * 1e9)
+    for step in range(20 * STEPS):
+        publisher.publish(messages.joint_state(step * period_ns, ["extensor_valve"], effort=[10.0]))
+
+
+def test_a_stranger_on_a_command_topic_is_named_and_moves_no_valve(stranger, live_run):
+    from sensor_msgs.msg import JointState
+
+    run = live_run("--open", *QUICK)
+    run.wait_until_it_records()
+    publisher = stranger.create_publisher(JointState, "extensor/valve_voltage", 10)
+    wait_for(lambda: publisher.get_subscription_count() > 0)
+    _fill_ahead(publisher)
+    status, said, _ = run.ended()
+    assert status == 3
+    assert "a stranger publishes on extensor/valve_voltage" in said
+    assert "/stranger" in said
+    recorded, expected = read_bag(run.bag, MEASURED), _expected(1)
+    count = _regular(recorded["angle"].stamp_ns)
+    assert all(np.array_equal(recorded[name].value[:count], expected[name][:count]) for name in MEASURED)
+    assert recorded["extensor_pressure"].value[-1] < 1.5 * load().valve.ambient_pressure
+
+
+def test_two_runs_at_once_do_not_hear_each_other(tmp_path):
+    runs = [LiveRun(tmp_path / f"seed{seed}", "--composed", "--seed", f"{seed}", *QUICK) for seed in (1, 2)]
+    for run in runs:
+        run.wait_until_it_records()
+    for run in runs:
+        os.kill(run.process.pid, signal.SIGINT)
+    for run, seed in zip(runs, (1, 2), strict=True):
+        assert run.ended()[0] == 3
+        angle = read_bag(run.bag, ["angle"])["angle"]
+        count = _regular(angle.stamp_ns)
+        assert np.array_equal(angle.value[:count], _expected(seed)["angle"][:count])
