@@ -2,7 +2,7 @@
 """Blind cases for the gap workflow: hide effects, search, count; resumable, one JSON line a case.
 
     python benchmarks/bench_gap.py run --out results.jsonl [--seed 1] [--cases SET ...] [--limit N]
-    python benchmarks/bench_gap.py table results.jsonl
+    python benchmarks/bench_gap.py table results.jsonl ... [--keep short.jsonl]
 
 The search gets the recordings and the belief; the answer is compared afterwards.
 """
@@ -12,13 +12,12 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from gap_table import SETS, keep, read, table
 
-SETS = ("clean", "realistic", "clean-none", "realistic-none", "pairs", "outside")
 SHAPES = ("force_map_misfit", "valve_curve_misfit", "volume_misfit")
 NULLS = 50
 PAIRS = 30
@@ -89,7 +88,8 @@ def solve(case: dict, tools: dict) -> dict:
 
 def run(arguments) -> None:
     """Solve the cases that the results file does not hold yet."""
-    done = {(r["set"], r["seed"]) for r in _results(arguments.out)}
+    known = read(arguments.out) if arguments.out.exists() else []
+    done = {(r["set"], r["seed"]) for r in known}
     todo = [case for case in plan(arguments.cases, arguments.seed) if (case["set"], case["seed"]) not in done]
     tools: dict = {}
     for number, case in enumerate(todo[: arguments.limit]):
@@ -114,115 +114,6 @@ def _line(result: dict) -> str:
     )
 
 
-def _results(path: Path) -> list[dict]:
-    if not path.exists():
-        return []
-    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line]
-
-
-def judged(result: dict) -> str:
-    """Return what became of a case with one effect: right, set (look-alikes), wrong, none, failed."""
-    if "failed" in result:
-        return "failed"
-    named = [effect["name"] for effect in result["found"]["effects"]]
-    truth = set(result["effects"])
-    if not named:
-        return "none"
-    if set(named) == truth:
-        return "right"
-    alike = {*named[:1], *result["found"]["look_alikes"]}
-    if len(named) == 1 and len(alike) <= 2 and truth & alike:
-        return "set"
-    return "extra" if truth & set(named) else "wrong"
-
-
-def table(path: Path) -> str:
-    """Return the tables of a results file as Markdown."""
-    results = _results(path)
-    lines = [
-        "| set | size | cases | right | set of 2 | with extras | wrong | not found | failed |",
-        "|" + "---|" * 9,
-    ]
-    for name in SETS:
-        for size in ("small", "medium", "large"):
-            chosen = [r for r in results if r["set"] == name and r["size"] == size and r["effects"]]
-            if chosen and name not in ("outside", "pairs"):
-                count = Counter(judged(r) for r in chosen)
-                cells = [count[k] for k in ("right", "set", "extra", "wrong", "none", "failed")]
-                lines.append(f"| {name} | {size} | {len(chosen)} | " + " | ".join(map(str, cells)) + " |")
-    lines += _others(results)
-    return "\n".join(lines)
-
-
-def _others(results: list[dict]) -> list[str]:
-    lines = [""]
-    solved = [r for r in results if "found" in r]
-    for name in ("clean-none", "realistic-none"):
-        chosen = [r for r in solved if r["set"] == name]
-        if chosen:
-            alarms = sum(r["found"]["verdict"] != "none" for r in chosen)
-            named = sum(bool(r["found"]["effects"]) for r in chosen)
-            lines.append(f"- {name}: {len(chosen)} cases, {named} with a name, {alarms} not `none`")
-    pairs = [r for r in solved if r["set"] == "pairs"]
-    if pairs:
-        exact = sum(judged(r) == "right" for r in pairs)
-        lines.append(f"- pairs: {len(pairs)} cases, both named and nothing else {exact}")
-    outside = [r for r in solved if r["set"] == "outside"]
-    if outside:
-        honest = sum(_honest(r["found"]) for r in outside)
-        lines.append(
-            f"- outside the catalogue: {len(outside)} cases, {honest} unexplained or closure below 50 %"
-        )
-    right = [r for r in solved if r["set"] in ("clean", "realistic") and judged(r) in ("right", "set")]
-    if right:
-        lines += _figures(right)
-    return lines
-
-
-def _honest(found: dict) -> bool:
-    share = found["closure"]["overall"]
-    return found["verdict"] == "unexplained" or share is None or share < 0.5
-
-
-def _figures(right: list[dict]) -> list[str]:
-    closures = [r["found"]["closure"]["overall"] for r in right]
-    closures = [c for c in closures if c is not None]
-    errors, inside = [], []
-    for r in right:
-        error, contained = _parameter(r)
-        if error is not None:
-            errors.append(error)
-            if next(iter(r["answer"]["same_form"].values())):
-                inside.append(contained)
-    flagged = sum(r["found"]["verdict"] == "unexplained" for r in right)
-    return [
-        f"- closure of named cases: median {np.median(closures):.3f}, at least 0.95 in"
-        f" {np.mean(np.array(closures) >= 0.95):.0%} of {len(closures)}",
-        f"- error of the size: median {np.median(errors):.1%}, 90 % below {np.quantile(errors, 0.9):.1%}"
-        f" ({len(errors)} cases)",
-        f"- 95 % intervals that hold the truth (same form): {sum(inside)} of {len(inside)}",
-        f"- named rightly but called unexplained: {flagged} of {len(right)}",
-        f"- time: median {np.median([r['seconds'] for r in right]):.1f} s,"
-        f" longest {max(r['seconds'] for r in right):.1f} s",
-    ]
-
-
-def _parameter(result: dict):
-    """Return the relative error of the size and whether the interval holds it; None for shapes."""
-    (name, truth), *_ = result["answer"]["effects"].items()
-    found = next((e for e in result["found"]["effects"] if e["name"] == name), None)
-    if found is None or not isinstance(truth, dict):
-        return None, None
-    key = next((k for k in truth if k in found["parameters"]), None)
-    if key is None:
-        return None, None
-    from pam_orthosis.discrepancy.hidden.effects import EFFECTS
-
-    neutral = 1.0 if EFFECTS[name].around_one else 0.0
-    value, (low, high) = found["parameters"][key]["value"], found["parameters"][key]["interval"]
-    return abs(value - truth[key]) / abs(truth[key] - neutral), low <= truth[key] <= high
-
-
 def main() -> None:
     """Parse the command line."""
     parser = argparse.ArgumentParser(
@@ -235,12 +126,16 @@ def main() -> None:
     running.add_argument("--cases", nargs="+", choices=SETS, default=list(SETS))
     running.add_argument("--limit", type=int)
     showing = verbs.add_parser("table", help="print the tables of a results file")
-    showing.add_argument("results", type=Path)
+    showing.add_argument("results", type=Path, nargs="+")
+    showing.add_argument("--keep", type=Path, help="write what the table needs of each case")
     arguments = parser.parse_args()
     if arguments.verb == "run":
         run(arguments)
     else:
-        print(table(arguments.results))
+        results = [one for path in arguments.results for one in read(path)]
+        if arguments.keep:
+            keep(results, arguments.keep)
+        print(table(results))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Blind cases of the gap workflow, counted: what was hidden against what was named."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+SETS = ("clean", "realistic", "clean-none", "realistic-none", "pairs", "outside")
+SIZES = ("small", "medium", "large")
+OUTCOMES = ("right", "set", "extra", "wrong", "none", "failed")
+KEPT = ("verdict", "effects", "look_alikes", "closure", "rounds")
+CLOSED = 0.95
+
+
+def read(path: Path) -> list[dict]:
+    """Return the cases of a results file."""
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line]
+
+
+def keep(results: Iterable[dict], path: Path) -> None:
+    """Write what the tables need of each case."""
+    lines = []
+    for result in results:
+        short = dict(result)
+        if "found" in short:
+            found = {key: short["found"][key] for key in KEPT}
+            found["rounds"] = [{**r, "ranking": r["ranking"][:3]} for r in found["rounds"]]
+            short["found"] = found
+        lines.append(json.dumps(short))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def judged(result: dict) -> str:
+    """Return what became of a case with one effect: one of `OUTCOMES`."""
+    if "failed" in result:
+        return "failed"
+    named = names(result)
+    truth = set(result["effects"])
+    if not named:
+        return "none"
+    if set(named) == truth:
+        return "right"
+    alike = {*named[:1], *result["found"]["look_alikes"]}
+    if len(named) == 1 and len(alike) <= 2 and truth & alike:
+        return "set"
+    return "extra" if truth & set(named) else "wrong"
+
+
+def names(result: dict) -> list[str]:
+    """Return the names that were given."""
+    return [effect["name"] for effect in result["found"]["effects"]]
+
+
+def table(results: list[dict]) -> str:
+    """Return the tables of some cases as Markdown."""
+    solved = [r for r in results if "found" in r]
+    parts = [_counts(results), _shares(solved), _confusion(solved), _none(solved), _others(solved)]
+    return "\n\n".join(part for part in parts if part)
+
+
+def _of(results, name: str) -> list[dict]:
+    return [r for r in results if r["set"] == name]
+
+
+def _counts(results) -> str:
+    heads = "right | set of 2 | with extras | wrong | not found | failed"
+    lines = [f"| set | size | cases | {heads} | found |", "|" + "---|" * 10]
+    for name in ("clean", "realistic"):
+        for size in SIZES:
+            chosen = [r for r in _of(results, name) if r["size"] == size]
+            if chosen:
+                count = Counter(judged(r) for r in chosen)
+                cells = " | ".join(str(count[k]) for k in OUTCOMES)
+                share = (count["right"] + count["set"]) / len(chosen)
+                lines.append(f"| {name} | {size} | {len(chosen)} | {cells} | {share:.0%} |")
+    return "\n".join(lines) if len(lines) > 2 else ""
+
+
+def _shares(solved) -> str:
+    lines = ["| | " + " | ".join(("clean", "realistic")) + " |", "|---|---|---|"]
+    columns = [_figures(_of(solved, name)) for name in ("clean", "realistic")]
+    for key in columns[0] | columns[1]:
+        lines.append(f"| {key} | " + " | ".join(column.get(key, "-") for column in columns) + " |")
+    return "\n".join(lines) if len(lines) > 2 else ""
+
+
+def _figures(solved) -> dict[str, str]:
+    """Return the figures of one class by their names."""
+    if not solved:
+        return {}
+    given = [(name, r) for r in solved for name in names(r)]
+    right_names = sum(_right_name(name, r) for name, r in given)
+    right = [r for r in solved if judged(r) in ("right", "set")]
+    told = [r for r in solved if names(r)]
+    closures = [r["found"]["closure"]["overall"] for r in right]
+    closures = np.array([c for c in closures if c is not None])
+    errors, inside = _parameters(right)
+    flagged = sum(r["found"]["verdict"] == "unexplained" for r in right)
+    seconds = [r["seconds"] for r in solved]
+    return {
+        "names given that are right": f"{right_names} of {len(given)}"
+        f" ({right_names / max(len(given), 1):.0%})",
+        "cases with a name, all of them right": f"{len(right)} of {len(told)}",
+        "closure of rightly named cases, median": f"{np.median(closures):.3f}",
+        f"closure at least {CLOSED}": f"{np.sum(closures >= CLOSED)} of {len(closures)}"
+        f" ({np.mean(closures >= CLOSED):.0%})",
+        "error of the size, median": f"{_quantile(errors, 0.5)} ({len(errors)} cases)",
+        "error of the size, 90 % below": _quantile(errors, 0.9),
+        "95 % intervals that hold the truth (same form)": f"{sum(inside)} of {len(inside)}",
+        "named rightly, but called unexplained": f"{flagged} of {len(right)}",
+        "time a case, median and longest": f"{np.median(seconds):.0f} s, {max(seconds):.0f} s",
+    }
+
+
+def _quantile(values: list[float], share: float) -> str:
+    return f"{np.quantile(values, share):.1%}" if values else "-"
+
+
+def _right_name(name: str, result: dict) -> bool:
+    """Whether a name is right: hidden, or one of a set of two of which the other is."""
+    return name in result["effects"] or judged(result) == "set"
+
+
+def _parameters(right) -> tuple[list[float], list[bool]]:
+    errors, inside = [], []
+    for r in right:
+        error, contained = _parameter(r)
+        if error is not None:
+            errors.append(error)
+            if next(iter(r["answer"]["same_form"].values())):
+                inside.append(contained)
+    return errors, inside
+
+
+def _parameter(result: dict):
+    """Return the relative error of the size and whether the interval holds it; None for shapes."""
+    (name, truth), *_ = result["answer"]["effects"].items()
+    found = next((e for e in result["found"]["effects"] if e["name"] == name), None)
+    if found is None or not isinstance(truth, dict):
+        return None, None
+    key = next((k for k in truth if k in found["parameters"]), None)
+    if key is None:
+        return None, None
+    from pam_orthosis.discrepancy.hidden.effects import EFFECTS
+
+    neutral = 1.0 if EFFECTS[name].around_one else 0.0
+    value, (low, high) = found["parameters"][key]["value"], found["parameters"][key]["interval"]
+    return abs(value - truth[key]) / abs(truth[key] - neutral), low <= truth[key] <= high
+
+
+def _confusion(solved) -> str:
+    """Return all that lies off the diagonal of the confusion matrix."""
+    cells = Counter()
+    for r in solved:
+        if r["set"] in ("clean", "realistic") and judged(r) != "right":
+            named = " + ".join(names(r)) or "nothing"
+            alike = "".join(f" or {name}" for name in r["found"]["look_alikes"]) if names(r) else ""
+            cells[(r["set"], r["size"], r["effects"][0], named + alike)] += 1
+    lines = ["| set | size | hidden | named | cases |", "|---|---|---|---|---|"]
+    order = sorted(cells, key=lambda c: (c[0], SIZES.index(c[1]), c[3] == "nothing", c[2]))
+    lines += [f"| {' | '.join(cell)} | {cells[cell]} |" for cell in order]
+    return "\n".join(lines) if cells else ""
+
+
+def _none(solved) -> str:
+    lines = []
+    for name in ("clean-none", "realistic-none"):
+        chosen = _of(solved, name)
+        if chosen:
+            alarms = sum(r["found"]["verdict"] != "none" for r in chosen)
+            named = sum(bool(names(r)) for r in chosen)
+            lines.append(f"- {name}: {len(chosen)} cases, {named} with a name, {alarms} not `none`")
+    return "\n".join(lines)
+
+
+def _others(solved) -> str:
+    lines = []
+    pairs = _of(solved, "pairs")
+    if pairs:
+        both = sum(set(r["effects"]) <= set(names(r)) for r in pairs)
+        exact = sum(judged(r) == "right" for r in pairs)
+        lines.append(f"- pairs: {len(pairs)} cases, both named {both}, and nothing else {exact}")
+    outside = _of(solved, "outside")
+    if outside:
+        honest = sum(_honest(r["found"]) for r in outside)
+        lines.append(
+            f"- outside the catalogue: {len(outside)} cases, {honest} unexplained or closure below 50 %"
+        )
+    return "\n".join(lines)
+
+
+def _honest(found: dict) -> bool:
+    share = found["closure"]["overall"]
+    return found["verdict"] == "unexplained" or share is None or share < 0.5

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A fixed share of the blind benchmark: recordings of the second plant, searched by the workflow."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+
+
+@pytest.fixture(scope="module")
+def benchmark():
+    sys.path.insert(0, str(BENCHMARKS))
+    try:
+        import bench_gap
+        import gap_table
+    finally:
+        sys.path.remove(str(BENCHMARKS))
+    return bench_gap, gap_table
+
+
+@pytest.fixture(scope="module")
+def tools():
+    return {}
+
+
+def solved(benchmark, tools, class_, effects, seed, size="medium"):
+    case = {"set": class_, "class": class_, "size": size, "effects": effects, "seed": seed, "outside": False}
+    return benchmark[0].solve(case, tools)
+
+
+def test_maps_that_are_a_little_off_are_no_missing_effect(benchmark, tools):
+    """Trap 9: force map, valve curve and volume differ in shape, nothing else is hidden."""
+    result = solved(benchmark, tools, "realistic", [], 90530000)
+    assert result["found"]["verdict"] == "none"
+
+
+def test_a_hidden_effect_of_another_form_is_named_and_closed(benchmark, tools):
+    result = solved(benchmark, tools, "realistic", ["muscle_hysteresis"], 90510028)
+    assert benchmark[1].judged(result) == "right"
+    assert result["found"]["closure"]["overall"] > 0.9
+    assert list(result["answer"]["effects"]) == ["muscle_hysteresis"]
+
+
+def test_tables_count_what_was_hidden_against_what_was_named(benchmark):
+    def case(hidden, named, alike=(), closure=1.0, **more):
+        found = {
+            "verdict": "explained" if named else "none",
+            "effects": [{"name": name, "parameters": {}} for name in named],
+            "look_alikes": list(alike),
+            "closure": {"overall": closure},
+        }
+        return {
+            "set": "clean", "size": "medium", "effects": hidden, "found": found, "seconds": 1.0,
+            "answer": {"effects": dict.fromkeys(hidden)}, **more,
+        }  # fmt: skip
+
+    judged = benchmark[1].judged
+    assert judged(case(["creep"], ["creep"])) == "right"
+    assert judged(case(["creep"], ["backlash"], ["creep"])) == "set"
+    assert judged(case(["creep"], ["backlash"], ["creep", "leak"])) == "wrong"
+    assert judged(case(["creep"], ["creep", "backlash"])) == "extra"
+    assert judged(case(["creep"], [])) == "none"
+    assert judged({"failed": "x"}) == "failed"
+    text = benchmark[1].table([case(["creep"], ["creep"]), case(["creep"], ["backlash"])])
+    assert "| clean | medium | 2 | 1 | 0 | 0 | 1 | 0 | 0 | 50% |" in text
+    assert "| clean | medium | creep | backlash | 1 |" in text
+    assert "1 of 2 (50%)" in text
