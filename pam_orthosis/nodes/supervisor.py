@@ -17,7 +17,7 @@ HEARTBEAT_VARIABLE = "PAM_ORTHOSIS_HEARTBEAT"
 ERROR_PREFIX = "pam-orthosis: error: "
 NOTE_PREFIX = "pam-orthosis: note: "
 POLL_SECONDS = 0.02
-SILENCE_SECONDS = 1.2
+SILENCE_SECONDS, STARVED_SECONDS = 1.2, 20.0
 START_SECONDS = 60.0
 STOP_SECONDS, RECORDER_STOP_SECONDS = 0.6, 5.0  # a recorder that answers is not robbed of its data
 STOP_GRACE_SECONDS = 10.0
@@ -32,7 +32,7 @@ class Child:
         self.log = log
         self._pipe, inherited = os.pipe()
         os.set_blocking(self._pipe, False)
-        self._heard = time.monotonic()
+        self._heard, self._used = time.monotonic(), 0.0
         with open(log, "wb") as output:
             self.process = subprocess.Popen(
                 command,
@@ -58,7 +58,7 @@ class Child:
             return
         if lines:
             self.status = lines[-1]
-            self._heard = time.monotonic()
+            self._heard, self._used = time.monotonic(), _turn(self.process.pid)[1]
 
     def expected(self) -> None:
         """Note that the graph is stepping: from now on this process must beat, even if it never did."""
@@ -75,10 +75,19 @@ class Child:
     def silent(self) -> bool:
         """Whether the process has begun to beat, or should have, and does not.
 
-        When it has said that its run is over, it may take longer to take itself apart.
+        On a busy machine it may wait for its turn: it is not silent before it had some. When it has
+        said that its run is over, it may take longer to take itself apart.
         """
         limit = STOP_GRACE_SECONDS if self.status in ("ended", "leaving") else SILENCE_SECONDS
-        return bool(self.status) and time.monotonic() - self._heard > limit
+        silence = time.monotonic() - self._heard
+        if not self.status or silence <= limit:
+            return False
+        return silence > STARVED_SECONDS or not self._starved()
+
+    def _starved(self) -> bool:
+        """Whether the process is ready to run and has hardly been let since it was last heard."""
+        state, used = _turn(self.process.pid)
+        return state == "R" and used - self._used < SILENCE_SECONDS / 2
 
     def stop(self) -> None:
         """Ask the process to end; one that cannot hear is killed."""
@@ -96,6 +105,15 @@ class Child:
     def release(self) -> None:
         """Close the pipe."""
         os.close(self._pipe)
+
+
+def _turn(pid: int) -> tuple[str, float]:
+    """Return the scheduler's letter for the main thread of a process, and the processor time used, s."""
+    try:
+        words = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:  # it has ended
+        return "", 0.0
+    return words[0], (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def supervise(

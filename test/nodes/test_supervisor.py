@@ -3,6 +3,7 @@
 
 import os
 import sys
+import time
 
 import pytest
 
@@ -30,6 +31,20 @@ def run(tmp_path, **programs):
 def test_a_process_that_never_beats_is_named_once_the_graph_steps(tmp_path):
     with pytest.raises(RunFailed, match="node mute did not answer"):
         run(tmp_path, stepping=STEPPING, mute=MUTE)
+
+
+@pytest.mark.parametrize(
+    ("state", "used", "since", "silent"),
+    [("R", 0.1, 2.0, False), ("R", 1.0, 2.0, True), ("S", 0.0, 2.0, True), ("R", 0.1, 99.0, True)],
+    ids=["waits for its turn", "spins", "sleeps", "waits for ever"],
+)
+def test_a_process_that_waits_for_its_turn_is_not_silent(tmp_path, monkeypatch, state, used, since, silent):
+    child = supervisor.Child("node", [sys.executable, "-c", "pass"], dict(os.environ), tmp_path / "log")
+    child.status, child._heard = "running 0", time.monotonic() - since
+    monkeypatch.setattr(supervisor, "_turn", lambda pid: (state, used))
+    assert child.silent() is silent
+    child.process.wait()
+    child.release()
 
 
 def test_a_crash_is_told_in_the_words_of_the_process(tmp_path):
