@@ -6,7 +6,9 @@ READY := $(VENV)/.ready
 
 # blind cases for the gap workflow; resumable, hours: see benchmarks/bench_gap.py
 BENCH ?= bench_gap.jsonl
-.PHONY: bench-gap setup run test picture docs docs-commands clean
+# controllers compared; resumable, an hour or more: see benchmarks/bench_control.py
+BENCH_CONTROL ?= bench_control.jsonl
+.PHONY: bench-gap bench-control setup run test picture docs docs-commands clean
 
 setup: $(READY)
 
@@ -29,6 +31,10 @@ picture: setup
 bench-gap: setup
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_gap.py run --out $(BENCH)
 	$(BIN)/python benchmarks/bench_gap.py table $(BENCH)
+
+bench-control: setup
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_control.py run --out $(BENCH_CONTROL)
+	$(BIN)/python benchmarks/bench_control.py table $(BENCH_CONTROL)
 
 # generated pages, then the site in site/, without a warning
 docs: setup

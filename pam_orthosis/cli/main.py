@@ -25,6 +25,7 @@ VERBS = {
     "gap": "find where model and recordings disagree, name the missing effect, add it",
     "report": "draw a recorded run",
     "paper": "compute the paper's figures and results again, side by side",
+    "improve": "learn what the model lacks, let the controllers use it, show tracking before and after",
     "gap-hide": "record a blind test case of the gap workflow",
     "recover": "make a readable bag of one whose recorder was killed",
 }

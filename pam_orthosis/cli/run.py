@@ -65,13 +65,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         help="set a parameter of config/, e.g. control.position.c1=30 (repeatable)",
     )
+    parser.add_argument(
+        "--model", type=Path, metavar="FILE",
+        help="YAML of what the controllers believe instead (of `gap` or `improve`); the hardware stays",
+    )  # fmt: skip
     add_verdict_arguments(parser)
 
 
 def execute(arguments: argparse.Namespace) -> int:
     """Run and judge; return 0 if the bound holds, 1 if not."""
     need_ros()
-    parameters = load(_overrides(arguments))
+    parameters = _believing(load(_overrides(arguments)), arguments.model)
     bag = arguments.out or _unused(arguments.scenario)
     refuse_used(bag)
     mode = _mode(arguments, parameters)
@@ -101,6 +105,16 @@ def _mode(arguments: argparse.Namespace, parameters: Parameters) -> launch.Mode:
         raise OrthosisError("--no-plant: hardware does not wait for its controllers; give --realtime too")
     legs = differences(parameters) if arguments.legs > 1 else {}
     return launch.Mode(arguments.composed, arguments.realtime, not arguments.no_plant, legs)
+
+
+def _believing(parameters: Parameters, model: Path | None) -> Parameters:
+    """Return the parameters with the belief of a model file, if there is one, about the same hardware."""
+    if model is None:
+        return parameters
+    from pam_orthosis.discrepancy import patch  # casadi takes a second to load
+    from pam_orthosis.model.plant import with_belief
+
+    return with_belief(parameters, patch.read(model))
 
 
 def _overrides(arguments: argparse.Namespace) -> dict[str, Any]:

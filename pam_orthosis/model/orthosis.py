@@ -91,11 +91,14 @@ def polynomial_law(m) -> MuscleLaw:
     )
 
 
-def geometric_law(m, scale=1.0) -> MuscleLaw:
-    """Return the law of the braid's geometry; `scale` is the specimen's force / nominal force."""
+def geometric_law(m, scale=1.0, shortened=0.0) -> MuscleLaw:
+    """Return the law of the braid's geometry; `scale` is the specimen's force / nominal force.
+
+    `shortened` is by how much more than believed it is contracted as it is mounted, m.
+    """
     return MuscleLaw(
-        lambda dl, p: scale * muscle_model.geometric_force(dl, p, m),
-        lambda dl, p: muscle_model.geometric_volume(dl, p, m),
+        lambda dl, p: scale * muscle_model.geometric_force(dl + shortened, p, m),
+        lambda dl, p: muscle_model.geometric_volume(dl + shortened, p, m),
     )
 
 

@@ -22,7 +22,11 @@ DEVIATIONS = {
     "critical_ratio": ("valve.critical_ratio",),
     "polytropic_exponent": ("valve.polytropic_exponent",),
     "supply_pressure": ("valve.supply_pressure",),
+    "hose_volume": ("valve.hose.volume",),
+    "hose_conductance": ("valve.hose.conductance",),
 }
+
+SAME_FACTOR = 1e-4  # relative difference of two factors that are written with six digits
 
 
 class Measurement(NamedTuple):
@@ -61,13 +65,37 @@ def true_parameters(parameters):
     return parameters.substituted(true)
 
 
+def with_belief(parameters, changes):
+    """Return the tree with another belief about the same emulated hardware: deviations make up for it.
+
+    Args:
+        changes: dotted key -> value, of the belief.
+
+    Raises:
+        OrthosisError: unusable values, or a belief so far from the hardware that no deviation reaches it.
+    """
+    before, after = parameters.flat(), parameters.changed(changes).flat()
+    deviations = {}
+    for name, keys in DEVIATIONS.items():
+        ratios = [before[key] / after[key] for key in keys if after[key]]
+        if max(ratios) - min(ratios) > SAME_FACTOR * max(ratios):
+            raise OrthosisError(f"{', '.join(keys)} deviate together: change them by one factor")
+        if max(ratios) != 1.0:
+            deviations[f"plant.deviation.{name}"] = before[f"plant.deviation.{name}"] * max(ratios)
+    return parameters.changed({**changes, **deviations})
+
+
 def true_hardware(parameters) -> orthosis.Hardware:
     """Return what the emulated hardware is built from."""
     true = true_parameters(parameters)
     m, plant = true.muscle.dmsp_20, true.plant
     if plant.muscle_law == "geometric":
         laws = {
-            name: orthosis.geometric_law(m, getattr(plant.deviation, f"{name}_force"))
+            name: orthosis.geometric_law(
+                m,
+                getattr(plant.deviation, f"{name}_force"),
+                getattr(plant.mounting, name),
+            )
             for name in orthosis.MUSCLES
         }
     else:

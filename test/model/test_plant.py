@@ -8,7 +8,7 @@ import pytest
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import integrate, orthosis, parameters
 from pam_orthosis.model.compiled import compiled
-from pam_orthosis.model.plant import Plant, true_hardware
+from pam_orthosis.model.plant import DEVIATIONS, Plant, true_hardware, with_belief
 
 VOLTAGES = 5 + 1.6 * np.sin(np.arange(250)[:, None] * np.array([0.06, 0.043]) + [0.0, 2.0])
 
@@ -107,3 +107,18 @@ def test_joint_limits_hold_under_full_pressure():
     for _ in range(600):
         plant.advance(10.0, 0.0)
     assert plant.truth().angle > joint.minimum - 0.1
+
+
+def test_another_belief_leaves_the_hardware_as_it_is():
+    mass = {key: 1.07 * parameters.load().flat()[key] for key in DEVIATIONS["moving_mass"]}
+    belief = {**mass, "valve.polytropic_exponent": 1.25, "effects.joint_friction.enabled": True}
+    other = with_belief(parameters.load(), belief)
+    assert other.valve.polytropic_exponent == 1.25
+    runs = []
+    for one in (Plant(parameters.load()), Plant(other)):
+        for _ in range(100):
+            one.advance(4.6, 5.4)
+        runs.append(one.state)
+    assert runs[0] == pytest.approx(runs[1], rel=1e-9)
+    with pytest.raises(OrthosisError, match="by one factor"):
+        with_belief(parameters.load(), {"leg.shank.mass": 1.2})

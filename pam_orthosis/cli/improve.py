@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Run, find what the controllers' model lacks, add it, run again with the same gains, and so on.
+
+Recordings are made in one process without ROS; `run --model DIR/model.yaml` lets the real nodes walk with
+what was learned.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import write_text
+from pam_orthosis.model.parameters import load, scenario_overrides
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the verb."""
+    parser.add_argument("--scenario", default="default", metavar="NAME", help="what the knee does (default)")
+    parser.add_argument("--seeds", type=_positive, default=3, metavar="N", help="runs that judge (3)")
+    parser.add_argument("--rounds", type=_positive, default=3, metavar="N", help="rounds at most (3)")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder for all of it")
+    parser.add_argument(
+        "--param", action="append", default=[], metavar="KEY=VALUE", help="set a parameter (repeatable)"
+    )
+    parser.add_argument("--json", action="store_true", help="print the rounds as JSON")
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Improve; return 0 if the knee follows better in the end, 1 if not."""
+    # the search has threads of its own; set before numpy is loaded
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from pam_orthosis.cli.run import assignments, refuse_used
+    from pam_orthosis.improvement.rounds import improve
+
+    refuse_used(arguments.out)
+    parameters = load(scenario_overrides(arguments.scenario) | assignments(arguments.param))
+    seeds = [parameters.scenario.seed + number for number in range(arguments.seeds)]
+    rounds = improve(parameters, arguments.scenario, arguments.out, seeds, arguments.rounds, _progress())
+    _write(arguments.out, rounds, arguments.json)
+    return 0 if any(one.kept for one in rounds[1:]) else 1
+
+
+def _write(folder: Path, rounds, as_json: bool) -> None:
+    from pam_orthosis.discrepancy import patch
+    from pam_orthosis.report import improvement
+
+    told = [_told(one) for one in rounds]
+    table = improvement.table(rounds)
+    patch.write(folder / "model.yaml", rounds[-1].model)
+    write_text(folder / "improve.json", json.dumps(told, indent=2) + "\n")
+    write_text(folder / "improve.md", table)
+    improvement.draw(rounds, folder / "improve.png")
+    print(json.dumps(told, indent=2) if as_json else table)
+
+
+def _told(one) -> dict[str, Any]:
+    return {
+        "round": one.number,
+        "effects": list(one.found.effects) if one.found else [],
+        "kept": one.kept,
+        "reason": one.reason,
+        "tracking": one.tracking.as_dict() if one.tracking else None,
+        "gap": dict(one.found.told) if one.found else None,
+    }
+
+
+def _progress():
+    start = time.monotonic()
+
+    def tell(line: str) -> None:
+        print(f"[{time.monotonic() - start:5.1f} s] {line}", file=sys.stderr, flush=True)
+
+    return tell
+
+
+def _positive(text: str) -> int:
+    value = int(text)
+    if not 1 <= value <= 100:
+        raise OrthosisError(f"{text}: give a whole number from 1 to 100")
+    return value

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is recorded to learn from and to judge by, and the recording of it in one process, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pam_orthosis.bag.arrays import write_arrays
+from pam_orthosis.bag.record import run_metadata
+from pam_orthosis.bag.topics import SIGNALS
+from pam_orthosis.control.loop import ClosedLoop
+from pam_orthosis.model.parameters import Parameters, scenario_overrides
+
+NANOSECONDS = 1e9
+LEVELS = {"scenario.diagnostic.low_angle": 0.45, "scenario.diagnostic.high_angle": 1.0}
+DECAY = "diagnostic-decay"
+
+
+class Experiment(NamedTuple):
+    """A recording to make: what is set beside the run's own parameters, seed, whether it is held out."""
+
+    name: str
+    changes: Mapping[str, Any]
+    seed: int
+    held_out: bool = False
+
+
+def programme(parameters: Parameters) -> list[Experiment]:
+    """Return the experiments of a round: gait at three cadences, free decay after fast steps.
+
+    The decay parts friction from hysteresis and shows damping and masses; one cadence and other levels of
+    the decay are held out. Whoever wears the orthosis wears it in all of them.
+    """
+    cycle, seed = parameters.scenario.cycle_time, 100 * (parameters.scenario.seed + 1)
+    decay = {k: v for k, v in scenario_overrides(DECAY).items() if k != "scenario.control_period"}
+
+    def gait(share: float, duration: float) -> dict[str, Any]:
+        return {"scenario.cycle_time": share * cycle, "scenario.duration": duration}
+
+    return [
+        Experiment("gait", gait(1.0, 20.0), seed),
+        Experiment("gait-faster", gait(0.7, 16.0), seed + 1),
+        Experiment("decay", decay, seed + 2),
+        Experiment("held-out-gait", gait(0.85, 14.0), seed + 3, True),
+        Experiment("held-out-decay", {**decay, **LEVELS}, seed + 4, True),
+    ]
+
+
+def record(parameters: Parameters, seed: int, scenario: str, folder: Path) -> None:
+    """Run the closed loop for `scenario.duration` and write a bag.
+
+    Raises:
+        OrthosisError: the folder holds a bag or cannot be written.
+    """
+    period = parameters.scenario.control_period
+    run = ClosedLoop(parameters, seed).run(round(parameters.scenario.duration / period))
+    signals = {name: values for name, values in run.items() if name in SIGNALS and name != "disturbance"}
+    signals |= {f"estimate_{name}": run[f"estimated_{name}"] for name in ("angle", "velocity")}
+    stamps = np.round(run["time"] * NANOSECONDS).astype(np.int64)
+    told = parameters.changed({"scenario.seed": seed})
+    write_arrays(folder, stamps, signals, run_metadata(told, scenario))

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rounds of run, find the gap, add the effect to the controllers' model, run again with the same gains."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pam_orthosis.bag.verdict import Verdict, judge
+from pam_orthosis.discrepancy.data import from_bag
+from pam_orthosis.discrepancy.knee import knee
+from pam_orthosis.discrepancy.verdict import as_dict
+from pam_orthosis.discrepancy.workflow import find_gap
+from pam_orthosis.improvement import learned
+from pam_orthosis.improvement.experiments import Experiment, programme, record
+from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.plant import with_belief
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search for the gap gave: effects, values of all parameters, verdict, all of it for a file."""
+
+    effects: tuple[str, ...]
+    values: Mapping[str, float]
+    verdict: str
+    told: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """How the knee follows with one belief: the verdict of each bag."""
+
+    bags: tuple[Path, ...]
+    verdicts: tuple[Verdict, ...]
+
+    @property
+    def largest(self) -> float:
+        """Largest error of the worst run, deg."""
+        return max(v.max_abs_error_deg for v in self.verdicts)
+
+    @property
+    def rms(self) -> float:
+        """RMS error of the worst run, deg."""
+        return max(v.rms_error_deg for v in self.verdicts)
+
+    @property
+    def variation(self) -> float:
+        """Variation of the more nervous valve's voltage in the worst run, V/s."""
+        return max(value for v in self.verdicts for value in v.voltage_variation_per_s.values())
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the figures."""
+        return {
+            "max_abs_error_deg": self.largest,
+            "rms_error_deg": self.rms,
+            "voltage_variation_per_s": self.variation,
+        }
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round: what was found, whether it was kept, tracking with it, the model up to here."""
+
+    number: int
+    found: Found | None
+    kept: bool
+    tracking: Tracking | None
+    model: Mapping[str, Any]
+    reason: str
+
+
+Bags = Mapping[str, tuple[Experiment, Path]]
+Find = Callable[[Parameters, Bags, Tell], Found]
+
+
+def improve(
+    parameters: Parameters,
+    scenario: str,
+    folder: Path,
+    seeds: Sequence[int],
+    most: int,
+    tell: Tell = lambda _: None,
+    find: Find | None = None,
+) -> list[Round]:
+    """Return the rounds, the first (0) without anything learned; bags and reports go below `folder`.
+
+    The search gets the recordings and the belief, never the plant's parameters. An effect stays if the
+    search names it and the worst run with it tracks better than without.
+
+    Args:
+        parameters: the whole tree; its belief is where learning starts.
+        seeds: of the sensor noise in the runs that judge; the same in every round.
+        most: rounds at most.
+        find: another search than the gap workflow.
+    """
+    tell("running with what is believed")
+    before = judged(parameters, scenario, folder / "round-0", seeds)
+    rounds = [Round(0, None, True, before, {}, "nothing learned")]
+    known: dict[str, Any] = {}
+    for number in range(1, most + 1):
+        place, last = folder / f"round-{number}", rounds[-1]
+        tell(f"round {number}: recording experiments")
+        bags = recorded(with_belief(parameters, last.model), scenario, place)
+        belief = parameters.changed(known)
+        found = (find or find_effects)(belief, bags, tell)
+        if not found.effects:
+            rounds.append(Round(number, found, False, None, last.model, "no effect earns its place"))
+            break
+        effects = learned.named(belief, found.effects, found.values)
+        model = {**known, **learned.calibrated(belief, found.effects, found.values), **effects}
+        tell(f"round {number}: running with {', '.join(found.effects)}")
+        after = judged(with_belief(parameters, model), scenario, place, seeds)
+        kept = after.largest < last.tracking.largest
+        words = "kept" if kept else "the knee follows no better: not kept"
+        rounds.append(Round(number, found, kept, after, model if kept else last.model, words))
+        if not kept:
+            break
+        known |= effects
+    return rounds
+
+
+def judged(parameters: Parameters, scenario: str, folder: Path, seeds: Sequence[int]) -> Tracking:
+    """Record a run for each seed and judge it from its bag."""
+    bags = tuple(folder / f"run-{seed}" for seed in seeds)
+    for bag, seed in zip(bags, seeds, strict=True):
+        record(parameters, seed, scenario, bag)
+    return Tracking(bags, tuple(judge(bag) for bag in bags))
+
+
+def recorded(parameters: Parameters, scenario: str, folder: Path) -> Bags:
+    """Record the experiments of a round; return name -> experiment and bag."""
+    made = {}
+    for experiment in programme(parameters):
+        bag = folder / experiment.name
+        record(parameters.changed(experiment.changes), experiment.seed, scenario, bag)
+        made[experiment.name] = experiment, bag
+    return made
+
+
+def find_effects(parameters: Parameters, bags: Bags, tell: Tell) -> Found:
+    """Return what the gap workflow finds in the bags, against the belief of `parameters`."""
+    system = knee(parameters, learned.LEARNABLE)
+    training, held_out = (
+        [from_bag(bag, system) for experiment, bag in bags.values() if experiment.held_out == unseen]
+        for unseen in (False, True)
+    )
+    outcome = find_gap(system, training, held_out, parameters.gap, tell)
+    names = tuple(one.name for one in outcome.effects)
+    values = {key: float(value) for key, value in outcome.selection.final.values.items()}
+    return Found(names, values, outcome.verdict, as_dict(outcome))

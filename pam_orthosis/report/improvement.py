@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What learning did to the tracking: one table, one figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+mpl.use("Agg")  # no display
+from matplotlib.figure import Figure
+
+from pam_orthosis.bag.read import aligned, read_bag
+from pam_orthosis.bag.topics import SECOND_NS
+from pam_orthosis.files import write_whole
+from pam_orthosis.improvement.rounds import Round, Tracking
+
+DPI = 110
+BEFORE, AFTER = "0.6", "tab:red"
+HEAD = "| model of the controllers | maximum error | RMS error | voltage variation |\n|---|---|---|---|\n"
+
+
+def table(rounds: Sequence[Round]) -> str:
+    """Return the table in Markdown: the worst run of each round's model, the same gains throughout."""
+    return HEAD + "".join(_row(one) for one in rounds if one.tracking is not None) + _end(rounds[-1])
+
+
+def _row(one: Round) -> str:
+    t = one.tracking
+    dropped = "" if one.kept else " (not kept)"
+    return f"| {_model(one)}{dropped} | {t.largest:.3f} deg | {t.rms:.3f} deg | {t.variation:.0f} V/s |\n"
+
+
+def _model(one: Round) -> str:
+    if one.found is None:
+        return "as believed"
+    return f"round {one.number}: + {', '.join(name.replace('_', ' ') for name in one.found.effects)}"
+
+
+def _end(last: Round) -> str:
+    return "" if last.tracking is not None else f"\nRound {last.number}: {last.reason}.\n"
+
+
+def draw(rounds: Sequence[Round], file: Path) -> None:
+    """Draw reference and error over time, before and after, and the figures of each round."""
+    judged = [one for one in rounds if one.tracking is not None]
+    kept = [one for one in judged if one.kept]
+    figure = Figure(figsize=(12, 6), layout="constrained")
+    left, right = figure.subfigures(1, 2, width_ratios=(3, 1))
+    axes = left.subplots(2, 1, sharex=True)
+    for one, colour in ((kept[0], BEFORE), (kept[-1], AFTER)):
+        time, reference, error = _errors(one.tracking)
+        axes[1].plot(time, error, color=colour, lw=0.8, label=_model(one))
+    axes[0].plot(time, reference, color="k", lw=1)
+    axes[0].set_ylabel("reference / deg")
+    axes[1].set(ylabel="error / deg", xlabel="time / s")
+    axes[1].legend(loc="lower left", fontsize=8)
+    _bars(right.subplots(), judged)
+    write_whole(file, lambda part: figure.savefig(part, dpi=DPI, format="png"))
+
+
+def _bars(axes, judged: Sequence[Round]) -> None:
+    places = np.arange(len(judged))
+    axes.bar(places - 0.2, [one.tracking.largest for one in judged], 0.4, label="maximum", color="tab:blue")
+    axes.bar(places + 0.2, [one.tracking.rms for one in judged], 0.4, label="RMS", color="tab:orange")
+    axes.set_xticks(places, [f"round {one.number}" for one in judged])
+    axes.set(ylabel="error of the worst run / deg")
+    axes.legend()
+
+
+def _errors(tracking: Tracking) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return time, s, reference and error, deg, of the worst run, from its bag."""
+    worst = max(zip(tracking.bags, tracking.verdicts, strict=True), key=lambda p: p[1].max_abs_error_deg)[0]
+    bag = read_bag(worst, ("reference_angle", "angle"))
+    stamps, (reference, angle) = aligned(bag["reference_angle"], bag["angle"])
+    return (stamps - stamps[0]) / SECOND_NS, np.degrees(reference), np.degrees(reference - angle)

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What was found becomes belief: inside its bounds, once, and about the same hardware."""
+
+import pytest
+
+from pam_orthosis.discrepancy import patch
+from pam_orthosis.discrepancy.knee import MULTIPLIES
+from pam_orthosis.improvement import learned
+from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.effects.base import enabled
+from pam_orthosis.model.parameters import load
+from pam_orthosis.model.plant import true_parameters, with_belief
+
+RIGHT = {
+    **dict.fromkeys(MULTIPLIES, 0.0), "extensor_force": 0.02, "flexor_force": -0.01,
+    "angle_offset": 1e-3, "extensor_pressure_offset": 300.0, "flexor_pressure_offset": -200.0,
+    **{f"{n}.{q.name}": 0.0 for n, e in CATALOGUE.items() if e.shape for q in e.parameters},
+}  # fmt: skip
+FRICTION = {f"joint_friction.{q.name}": q.typical for q in CATALOGUE["joint_friction"].parameters}
+
+
+def test_values_beyond_a_bound_stop_at_it():
+    values = {**FRICTION, "joint_friction.coulomb": 1.2345678, "joint_friction.stribeck": -1e-80}
+    changes = learned.named(load(), ["joint_friction"], values)
+    assert changes["effects.joint_friction.enabled"] is True
+    assert changes["effects.joint_friction.coulomb"] == 1.23457
+    assert changes["effects.joint_friction.stribeck"] == 0.0
+    load(changes)
+    wide = {**RIGHT, "polytropic_exponent": 0.9, "force_map_misfit.extensor_c00": 500.0}
+    changes = learned.calibrated(load(), [], wide)
+    assert changes["valve.polytropic_exponent"] == load().row("valve.polytropic_exponent").maximum
+    assert changes["effects.force_map_misfit.extensor_c00"] == 80.0
+    load(changes)
+
+
+def test_calibrated_parameters_are_those_of_the_hardware():
+    """The deviations of the plant, given as calibration, make the belief the truth."""
+    base = load()
+    names = [name for name, _ in base.plant.deviation.items() if name in MULTIPLIES]
+    deviations = {name: getattr(base.plant.deviation, name) - 1 for name in names}
+    model = learned.calibrated(base, [], {**RIGHT, **deviations})
+    after = with_belief(base, model)
+    for name in names:
+        for key in MULTIPLIES[name]:
+            assert after.flat()[key] == pytest.approx(true_parameters(base).flat()[key], rel=1e-5)
+            assert after.flat()[f"plant.deviation.{name}"] == pytest.approx(1.0, abs=1e-5)
+
+
+def test_an_effect_of_an_earlier_round_and_its_calibration_add_up():
+    known = load({"effects.extensor_force_scale.enabled": True, "effects.extensor_force_scale.scale": 0.9,
+                  "effects.angle_offset.enabled": True, "effects.angle_offset.offset": 0.02})  # fmt: skip
+    changes = learned.calibrated(known, [], RIGHT)
+    assert changes["effects.extensor_force_scale.scale"] == pytest.approx(0.9 * 1.02)
+    assert changes["effects.flexor_force_scale.scale"] == pytest.approx(0.99)
+    assert changes["effects.angle_offset.offset"] == pytest.approx(0.021)
+    assert "effects.joint_friction.enabled" not in changes
+
+
+def test_the_model_is_a_file_that_controllers_read(tmp_path):
+    model = learned.calibrated(load(), ["joint_friction"], {**RIGHT, **FRICTION})
+    model |= learned.named(load(), ["joint_friction"], FRICTION)
+    patch.write(tmp_path / "model.yaml", model)
+    read = with_belief(load(), patch.read(tmp_path / "model.yaml"))
+    assert {"joint_friction", "force_map_misfit"} <= set(enabled(read.effects))
+    assert read.flat() == with_belief(load(), model).flat()

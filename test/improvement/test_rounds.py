@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rounds: experiments are recorded, what is found is used, judged on the same runs, kept only if it helps."""
+
+import json
+
+import pytest
+from test_learned import FRICTION, RIGHT
+
+from pam_orthosis.bag.verdict import judge
+from pam_orthosis.cli.main import main
+from pam_orthosis.discrepancy import patch
+from pam_orthosis.improvement import experiments, rounds
+from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.parameters import load
+
+SHORT = {"scenario.duration": 3.5, "scenario.start_hold": 0.2, "scenario.start_ramp": 0.5}
+
+
+def found(*effects, coulomb=0.8):
+    values = {**RIGHT, **FRICTION, "joint_friction.coulomb": coulomb}
+    return rounds.Found(effects, values, "explained" if effects else "none", {})
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Two short experiments in place of the programme."""
+    made = [experiments.Experiment("gait", {"scenario.duration": 1.0}, 7),
+            experiments.Experiment("unseen", {"scenario.duration": 1.0}, 8, True)]  # fmt: skip
+    monkeypatch.setattr(rounds, "programme", lambda _: made)
+    return load(SHORT)
+
+
+def test_rounds_go_on_until_no_effect_earns_its_place(tmp_path, short):
+    answers = [found("joint_friction"), found()]
+    seen = []
+
+    def find(belief, bags, _tell):
+        seen.append(belief.effects.joint_friction.enabled)
+        assert {name: one.held_out for name, (one, _) in bags.items()} == {"gait": False, "unseen": True}
+        assert all(judge(bag).samples == 200 for _, bag in bags.values())
+        return answers.pop(0)
+
+    done = rounds.improve(short, "default", tmp_path, [1, 2], 5, find=find)
+    assert [one.kept for one in done] == [True, True, False]
+    assert seen == [False, True]  # the second search starts from what the first one found
+    first, second, last = done
+    assert second.tracking.largest < first.tracking.largest
+    assert [judge(bag).max_abs_error_deg for bag in second.tracking.bags] == [
+        verdict.max_abs_error_deg for verdict in second.tracking.verdicts
+    ]
+    assert last.model == second.model
+    assert last.tracking is None
+
+
+def test_an_effect_that_does_not_help_is_not_kept(tmp_path, short):
+    done = rounds.improve(
+        short, "default", tmp_path, [1], 3, find=lambda *_: found("joint_friction", coulomb=9.0)
+    )
+    assert len(done) == 2
+    assert not done[1].kept
+    assert done[1].tracking.largest > done[0].tracking.largest
+    assert done[1].model == {}
+
+
+def test_the_search_finds_friction_in_bags_of_its_own(tmp_path, monkeypatch):
+    """With the gap workflow, on a plant that lacks nothing but friction, in a catalogue of two."""
+    exact = {
+        **{f"plant.effects.{name}.enabled": name == "joint_friction" for name in CATALOGUE},
+        **{f"plant.deviation.{name}": 1.0 for name, _ in load().plant.deviation.items()},
+        "plant.muscle_law": "polynomial", "valve.dead_band": 0.0,
+        "scenario.duration": 10.0, "scenario.start_hold": 0.2, "scenario.start_ramp": 0.5,
+    }  # fmt: skip
+    monkeypatch.setattr(
+        rounds.learned, "LEARNABLE", {n: CATALOGUE[n] for n in ("joint_friction", "extensor_leak")}
+    )
+    made = [experiments.Experiment("gait", {}, 7), experiments.Experiment("unseen", {}, 8, True)]
+    monkeypatch.setattr(rounds, "programme", lambda _: made)
+    parameters = load(exact)
+    answer = rounds.find_effects(parameters, rounds.recorded(parameters, "default", tmp_path), lambda _: None)
+    assert answer.effects == ("joint_friction",)
+    assert answer.values["joint_friction.coulomb"] == pytest.approx(0.8, rel=0.05)
+
+
+def test_the_verb_writes_model_table_and_figure(tmp_path, short, monkeypatch, capsys):
+    answers = [found("joint_friction"), found()]
+    monkeypatch.setattr(rounds, "find_effects", lambda *_: answers.pop(0))
+    settings = [word for key, value in SHORT.items() for word in ("--param", f"{key}={value}")]
+    out = tmp_path / "out"
+    assert main(["improve", "--seeds", "1", "--out", str(out), *settings]) == 0
+    assert "round 1: + joint friction" in capsys.readouterr().out
+    told = json.loads((out / "improve.json").read_text())
+    assert [one["kept"] for one in told] == [True, True, False]
+    assert patch.read(out / "model.yaml")["effects.joint_friction.enabled"] is True
+    assert (out / "improve.png").read_bytes().startswith(b"\x89PNG")
+    assert main(["improve", "--out", str(out)]) == 2
