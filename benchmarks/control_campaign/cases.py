@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What each controller is asked: trajectories and people, on specimens of the hardware."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+from pam_orthosis.model.parameters import scenario_overrides
+
+SPECIMENS = 10
+FEW = 3  # specimens of the further trajectories and people
+SEED = 1  # of the sensor noise
+CONTROLLERS = ("pid", "paper", "learned")
+
+
+class Case(NamedTuple):
+    """A task: name, scenario, what is set beside it, duration s, whether all specimens are asked."""
+
+    name: str
+    scenario: str
+    changes: Mapping[str, Any] = {}
+    duration: float = 9.0
+    everywhere: bool = False
+
+    def overrides(self) -> dict[str, Any]:
+        """Return the parameters that make the task."""
+        return scenario_overrides(self.scenario) | self.changes
+
+    @property
+    def wearer(self) -> str:
+        """The scenario whose gains and wearer it has: default or person."""
+        return "person" if self.scenario.startswith("person") else "default"
+
+
+def _sine(hertz: float, amplitude: float, duration: float) -> Case:
+    changes = {"scenario.cycle_time": 1 / hertz, "scenario.sine.amplitude": amplitude}
+    return Case(f"sine {hertz:g} Hz, {57.2958 * amplitude:.0f} deg", "sine", changes, duration)
+
+
+CASES = (
+    Case("gait 2 s", "default", everywhere=True),
+    Case("gait 2 s, 75 kg", "person", everywhere=True),
+    Case("gait 1.25 s", "gait-fast", duration=7.0),
+    Case("gait 4 s", "gait-slow", duration=13.0),
+    Case("gait of an adult", "gait-adult"),
+    Case("gait of children", "gait-children"),
+    Case("steps of 34 deg", "steps", duration=10.0),
+    _sine(0.1, 0.3, 16.0),
+    _sine(0.5, 0.3, 9.0),
+    _sine(1.0, 0.3, 7.0),
+    _sine(2.0, 0.1, 6.0),
+    Case("gait, p_im 4.6 bar", "default", {"control.position.mean_pressure": 4.6e5}),
+    Case("gait 1.25 s, 75 kg", "person", {"scenario.cycle_time": 1.25}, 7.0),
+    Case("gait 4 s, 75 kg", "person", {"scenario.cycle_time": 4.0}, 13.0),
+    Case("gait, 45 kg", "person-light"),
+    Case("gait, 110 kg", "person-heavy"),
+    Case("gait, 75 kg, resisting", "person-resisting"),
+    Case("gait, 75 kg, spastic", "person-spastic"),
+)  # fmt: skip
+
+
+def plan() -> Iterator[tuple[int, Case]]:
+    """Yield specimen and case: what all specimens are asked first, then the rest specimen by specimen.
+
+    Specimen 0 is the hardware of the shipped configuration, 1 to `SPECIMENS` are drawn.
+    """
+    for specimen in range(SPECIMENS + 1):
+        yield from ((specimen, case) for case in CASES if case.everywhere)
+    for specimen in range(FEW + 1):
+        yield from ((specimen, case) for case in CASES if not case.everywhere)

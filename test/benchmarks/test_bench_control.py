@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The comparison of controllers: specimens, tasks, the classical baseline, the table."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+
+import bench_control
+from control_campaign import pid
+from control_campaign.cases import CASES, SPECIMENS, plan
+from control_campaign.hardware import drawn
+
+from pam_orthosis.model.parameters import load
+from pam_orthosis.model.plant import Plant
+
+
+def test_specimens_are_hardware_within_its_bounds_and_no_two_are_alike():
+    assert drawn(0) == {}
+    ones = [drawn(number) for number in range(1, SPECIMENS + 1)]
+    assert all(key.startswith("plant.") for one in ones for key in one)
+    for one in ones:
+        load(one)
+    bands = [one["plant.effects.valve_dead_band.half_width"] for one in ones]
+    assert len(set(bands)) == SPECIMENS
+    assert all(0.05 <= band <= 0.3 for band in bands)
+
+
+def test_tasks_are_known_scenarios_and_the_ones_for_all_come_first():
+    names = [case.name for case in CASES]
+    assert len(set(names)) == len(names)
+    for case in CASES:
+        load(case.overrides())
+    first = [specimen for specimen, case in plan() if case.everywhere]
+    assert set(first) == set(range(SPECIMENS + 1))
+    assert [case.everywhere for _, case in plan()] == sorted((c.everywhere for _, c in plan()), reverse=True)
+
+
+def test_the_integral_stands_still_while_its_output_is_cut():
+    integral = pid.Integral()
+    integral.add(1.0, cut=0.0)
+    integral.add(1.0, cut=2.0)
+    integral.add(-0.25, cut=2.0)
+    assert integral.value == 0.75
+
+
+@pytest.mark.parametrize("wearer", ["default"])
+def test_the_baseline_holds_a_knee_without_offset(wearer):
+    p = load({"scenario.trajectory": "hold", "scenario.start_angle": 0.6, "plant.external_torque": 2.0,
+              "plant.external_frequency": 0.1})  # fmt: skip
+    run = pid.run(p, Plant(p, 1), pid.TUNED[wearer], 800)
+    error = np.degrees(run["reference_angle"] - run["angle"])
+    assert np.abs(error).max() < 3.0
+    assert all(
+        0 <= run[f"{m}_voltage"].min() <= run[f"{m}_voltage"].max() <= 10 for m in ("extensor", "flexor")
+    )
+
+
+def _line(specimen, controller, largest):
+    figures = {"rms_deg": 0.1, "variation_v_per_s": 50.0, "least_pressure": 1.2e5, "most_pressure": 5e5}
+    told = {"specimen": specimen, "case": CASES[0].name, "controller": controller}
+    return {**told, "max_deg": largest, **figures}
+
+
+def test_the_table_tells_the_worst_specimen(tmp_path):
+    lines = [_line(0, "paper", 0.5), _line(1, "paper", 3.5), _line(2, "paper", 1.0)]
+    lines.append({"specimen": 3, "case": CASES[0].name, "controller": "paper", "failed": "no"})
+    file = tmp_path / "results.jsonl"
+    file.write_text("".join(json.dumps(one) + "\n" for one in lines))
+    (row,) = bench_control.table(file).splitlines()[2:]
+    cells = [cell.strip() for cell in row.split("|")[1:-1]]
+    assert cells[1:6] == ["2, 1 failed", "paper", "3.50 deg", "1", "0.50"]
+    assert cells[-1] == "1"
+
+
+def test_what_is_done_is_not_done_again(tmp_path, monkeypatch):
+    asked = []
+
+    class Here:
+        def __init__(self, *_args, **_settings):
+            pass
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def map(self, _work, tasks):
+            for specimen, names, known in tasks:
+                asked.append((specimen, names, known))
+                yield [{**_line(specimen, "learned", 0.2), "case": name} for name in names]
+
+    monkeypatch.setattr(bench_control, "ProcessPoolExecutor", Here)
+    file = tmp_path / "results.jsonl"
+    file.write_text(json.dumps({"specimen": 0, "wearer": "default", "belief": {"a": 1}}) + "\n")
+    bench_control.run(file, 2, 1)
+    bench_control.run(file, 1, 1)
+    assert asked == [
+        (0, [CASES[0].name], {"default": {"a": 1}}),
+        (0, [CASES[1].name], {"default": {"a": 1}}),
+        (1, [CASES[0].name], {}),
+    ]
