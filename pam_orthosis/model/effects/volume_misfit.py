@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Misfit of the muscles' volumes: a relative error, quadratic in contraction, linear in pressure."""
+"""Misfit of the muscles' volumes: a relative error, cubic in contraction, linear in pressure."""
 
 from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
 
@@ -14,9 +14,10 @@ def _expression(s, p, _states):
         by_x = 2 / (WHOLE_STROKE * s.muscle.length)
         by_y = 2 / WHOLE_PRESSURE
         x, y = by_x * getattr(s, f"{m}_contraction") - 1, by_y * getattr(s, f"{m}_gauge") - 1
-        constant, along_x, bend, along_y = (getattr(p, f"{m}_{name}") for name in ("c0", "cx", "cxx", "cp"))
-        error = constant + along_x * x + bend * (2 * x**2 - 1) + along_y * y
-        volume, slope = getattr(s, f"{m}_volume"), (along_x + 4 * bend * x) * by_x
+        constant, along_x, bend, turn, along_y = (getattr(p, f"{m}_{name}") for name in TERMS)
+        error = constant + along_x * x + bend * (2 * x**2 - 1) + turn * (4 * x**3 - 3 * x) + along_y * y
+        slope = (along_x + 4 * bend * x + turn * (12 * x**2 - 3)) * by_x
+        volume = getattr(s, f"{m}_volume")
         added[f"{m}_volume"] = error * volume
         added[f"{m}_volume_by_contraction"] = (
             error * getattr(s, f"{m}_volume_by_contraction") + slope * volume
@@ -31,6 +32,7 @@ TERMS = {
     "c0": "constant part",
     "cx": "part that grows with the contraction",
     "cxx": "part that bends with the contraction",
+    "cxxx": "part that bends twice",
     "cp": "part that grows with the pressure",
 }
 
