@@ -16,6 +16,8 @@ from pam_orthosis.control import inverse_valve, position, pressure, trajectory
 from pam_orthosis.model import plant
 from pam_orthosis.model.parameters import Section, load
 from pam_orthosis.nodes.layout import LIVE_KEYS
+from pam_orthosis.scene import messages as scene
+from pam_orthosis.scene import sampled
 
 NODES = Path(pam_orthosis.__file__).parent / "nodes"
 RATES = {
@@ -23,6 +25,16 @@ RATES = {
     "answer": "real time only",
     "1 Hz": "1 Hz",
     "event": "when it happens",
+}
+
+
+_SHOWN_RATE = f"{10**9 // scene.PERIOD_NS} Hz"
+SHOWN = {
+    scene.TF: ("where thigh, shank and the muscles' ends are", _SHOWN_RATE),
+    scene.TF_STATIC: ("frames that do not move", "once, transient local"),
+    scene.DESCRIPTION: ("the leg as URDF, also a parameter of the node", "once, transient local"),
+    scene.JOINTS: ("hip and knee, rad; contraction of the muscles, m", _SHOWN_RATE),
+    scene.MARKERS: ("the muscles: length, diameter, pressure by colour; their chains", _SHOWN_RATE),
 }
 
 
@@ -88,7 +100,7 @@ def pages() -> dict[str, str]:
     """Return the pages."""
     made = {f"nodes/{name}.md": _page(name, one) for name, one in EXECUTABLES.items()}
     beside = [name for name in executables() if name not in EXECUTABLES]
-    made |= {f"nodes/{name}.md": f"{NOTE}# {name}\n\n{_module_docstring(name)}\n" for name in beside}
+    made |= {f"nodes/{name}.md": _page_beside(name) for name in beside}
     lines = [f"- [{name}]({name}.md): {_module_words(name)}" for name in (*EXECUTABLES, *beside)]
     index = "# Nodes\n\nThe first six make one leg; each runs in a process of its own, or all in one.\n\n"
     return {"nodes/index.md": NOTE + index + "\n".join(lines) + "\n", **made}
@@ -118,6 +130,19 @@ def _page(name: str, one: Described) -> str:
     parts.append("\n## Its own parameters\n\n" + _settings(name))
     if one.core:
         parts.append(_used(name, one.core))
+    return NOTE + "".join(parts)
+
+
+def _page_beside(name: str) -> str:
+    """Return the page of a node that is none of a leg's own: what it says of itself."""
+    parts = [f"# {name}\n\n{_module_docstring(name)}\n"]
+    if name == "leg_state_publisher":
+        parts += ["\n## It listens to\n\n", _topics(topics.BY_NAME[topic] for topic in sampled.INPUTS)]
+        shown = [(f"`{t}`", f"`{scene.TYPES[t].replace('/msg/', '/')}`", *SHOWN[t]) for t in scene.TYPES]
+        parts += ["\n## It publishes\n\n", table(("topic", "type", "what", "how often"), shown)]
+    settings = _setting_rows(_calls(name, "Setting"))
+    if settings:
+        parts.append("\n## Its own parameters\n\n" + table(("parameter", "default", "meaning"), settings))
     return NOTE + "".join(parts)
 
 
@@ -160,13 +185,17 @@ def accessed() -> Iterator[set[str]]:
 
 
 def _settings(name: str) -> str:
-    found = [*_calls(name, "Setting"), *_calls("graph", "Setting")]
+    rows = _setting_rows([*_calls(name, "Setting"), *_calls("graph", "Setting")])
+    return table(("parameter", "default", "meaning"), rows)
+
+
+def _setting_rows(found) -> list[tuple[str, str, str]]:
     rows = []
     for setting, call in found:
         default, meaning, *options = (ast.literal_eval(argument) for argument in call.args)
         rows.append((f"`{setting}`", value(default) or "(to be given)", meaning + (
             f"; one of {', '.join(options[0])}" if options else "")))  # fmt: skip
-    return table(("parameter", "default", "meaning"), rows)
+    return rows
 
 
 def _services(name: str) -> str:
