@@ -7,6 +7,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 from conftest import wait_for
+from rosbags.typesys import Stores, get_typestore
 
 pytest.importorskip("rclpy")
 import rclpy
@@ -99,6 +100,20 @@ def test_tf_is_published_where_its_type_is_installed(stage):
     there = stage()
     names = {name for name, _ in there.node.get_publisher_names_and_types_by_node("leg_state_publisher", "/")}
     assert ("/tf" in names) == (find_spec("tf2_msgs") is not None)
+
+
+def test_tf_goes_out_as_it_is_serialised(stage, monkeypatch):
+    """PyPI has no tf2_msgs: another type stands in for it, and the bytes are looked at."""
+    real = graph.message_class
+    monkeypatch.setattr(graph, "message_class", lambda name: String if "tf2_msgs" in name else real(name))
+    there = stage()
+    there.seen["/tf"] = []
+    there.other.create_subscription(String, "/tf", there.seen["/tf"].append, graph.qos(), raw=True)
+    there.wait_until_seen(0.4)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    transforms = store.deserialize_cdr(there.seen["/tf"][-1], "tf2_msgs/msg/TFMessage").transforms
+    (shank,) = [one.transform.rotation for one in transforms if one.child_frame_id == "shank"]
+    assert 2 * np.arctan2(shank.y, shank.w) == pytest.approx(0.4)
 
 
 def test_a_leg_that_is_none_of_the_legs_is_refused(stage):
