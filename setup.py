@@ -57,7 +57,7 @@ setup(
     install_requires=[
         "casadi>=3.6",
         "matplotlib>=3.7",
-        "mcap>=1.2",
+        "mcap>=1.6",
         "numpy>=1.24",
         "plotly>=6.0",
         "pyyaml>=6.0",

@@ -17,7 +17,6 @@ from pam_orthosis.bag.rig_topics import RIG_TOPICS  # makes the rig's topics kno
 from pam_orthosis.bag.topics import SECOND_NS
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
-CLOCK = "/clock"
 
 
 class Entry(NamedTuple):
@@ -64,8 +63,8 @@ def write(folder: Path, held: Content, raw: Callable[[Entry, bytes], bytes] | No
 
 
 def stamped(entry: Entry, stamp_ns: int) -> Entry:
-    """Return the message with another stamp in its header."""
-    if entry.topic == CLOCK:
+    """Return the message with another stamp, in its header too if it has one."""
+    if not hasattr(entry.message, "header"):
         return entry._replace(stamp_ns=max(0, stamp_ns))
     copy = STORE.deserialize_cdr(STORE.serialize_cdr(entry.message, entry.type), entry.type)
     copy.header.stamp.sec, copy.header.stamp.nanosec = divmod(stamp_ns, SECOND_NS)

@@ -8,12 +8,16 @@ the true muscles: what leaves the inverse valve model, the pressures, the joint,
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from pam_orthosis.control import guard
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.plant import Measurement, Plant
@@ -255,3 +259,63 @@ def complaints(fault: Fault, outcome: dict[str, Any], parameters) -> list[str]:
         f"reaction {reacted}, promised {fault.reaction}": fault.reaction in (reacted, "any"),
     }
     return [words for words, good in checks.items() if not good]
+
+
+def campaign(count: int, seed: int, only: Iterable[str] = ()) -> dict[str, list[dict[str, Any]]]:
+    """Let each fault of each target happen at so many instants at random; return outcomes by fault."""
+    rng, p = np.random.default_rng(seed), load(QUICK)
+    told: dict[str, list[dict[str, Any]]] = {}
+    for fault, target, place in places():
+        for _ in range(0 if only and fault.name not in only else count):
+            start, noise = float(rng.uniform(0.2, 4.0)), int(rng.integers(1, 1000))
+            outcome = suffer(fault, place, start, noise)
+            wrong = [f"{target} at {start:.2f} s: {words}" for words in complaints(fault, outcome, p)]
+            told.setdefault(fault.name, []).append(outcome | {"target": target, "wrong": wrong})
+            for words in wrong:
+                print(f"{fault.name}: {words}", file=sys.stderr, flush=True)
+    return told
+
+
+def summary(outcomes: dict[str, list[dict[str, Any]]]) -> dict:
+    """Return by fault: targets, promised and seen reactions, how often tried, extremes, what was wrong."""
+    promised = {fault.name: fault.reaction for fault in FAULTS}
+    return {
+        name: {
+            "targets": list(dict.fromkeys(each["target"] for each in mine)),
+            "promised": promised[name],
+            "tried": len(mine),
+            "reactions": dict(Counter(reaction(each["health"]).split(":")[0] for each in mine)),
+            "highest_pressure_bar": round(max(each["highest_pressure"] for each in mine) / 1e5, 2),
+            "angle_deg": [
+                round(math.degrees(min(each["angle"][0] for each in mine)), 1),
+                round(math.degrees(max(each["angle"][1] for each in mine)), 1),
+            ],
+            "bad_voltages": sum(not each["voltages_good"] for each in mine),
+            "wrong": [words for each in mine for words in each["wrong"]],
+        }
+        for name, mine in outcomes.items()
+    }
+
+
+# guard that is taken out -> the faults that have to find that it is missing
+REMOVED = {
+    "unusable samples": ("NaN now and then", "spikes"),
+    "frozen signals": ("frozen",),
+    "what does not follow": ("valve stuck at fill", "supply lost"),
+}
+
+
+@contextmanager
+def without(name: str) -> Iterator[None]:
+    """Take a guard out, on purpose."""
+    owner, method, replacement = {
+        "unusable samples": (guard.SignalGuard, "_fault", lambda self, value: ""),
+        "frozen signals": (guard.SignalGuard, "_watch_motion", lambda self, value, followed: None),
+        "what does not follow": (guard.Overdue, "step", lambda self, holds: False),
+    }[name]
+    kept = getattr(owner, method)
+    setattr(owner, method, replacement)
+    try:
+        yield
+    finally:
+        setattr(owner, method, kept)

@@ -31,6 +31,7 @@ from pam_orthosis.files import make_folder, remove_empty, told, write_text
 from pam_orthosis.model.parameters import Parameters
 
 CHUNK_BYTES = 64 * 1024
+FLUSH_NS = 150_000_000  # of the bag's time, after which a chunk ends however small it is
 METADATA_FILE = "metadata.yaml"
 RUN_RECORD = "pam_orthosis"
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
@@ -73,6 +74,7 @@ class BagWriter:
         self._schemas: dict[str, int] = {}
         self._counts: Counter[str] = Counter()
         self._span = [2**63 - 1, 0]
+        self._flushed_ns = 0
         self._made = make_folder(self.folder)
         self._stream = _create(self.folder, self._file)
         self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
@@ -122,8 +124,10 @@ class BagWriter:
     def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
         """Append a serialised message of a declared topic; OrthosisError if the disk takes no more."""
         with told(self._file):
+            if stamp_ns - self._flushed_ns >= FLUSH_NS:
+                self._flushed_ns = stamp_ns
+                self._writer.flush()  # what is older does not die with this process
             self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns)
-            self._stream.flush()  # a whole chunk is on disk at once: nothing of it dies with this process
         self._counts[topic] += 1
         self._span[0] = min(self._span[0], stamp_ns)
         self._span[1] = max(self._span[1], stamp_ns)

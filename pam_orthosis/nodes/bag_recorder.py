@@ -22,7 +22,7 @@ from pam_orthosis.scene.sampled import INPUTS, SampledScene
 
 QUEUE_DEPTH = 5000
 LOCKSTEP_HORIZON = 1000
-LOOK_SECONDS = 0.05
+LOOK_SECONDS, ACKNOWLEDGED_STEPS = 0.05, 10
 
 
 class BagRecorder(graph.GraphNode):
@@ -120,6 +120,8 @@ class BagRecorder(graph.GraphNode):
             data = bytes(data) if self.realtime else canonical(data, topic.type)
             leg.steps.add(Message(name, stamp_ns, data))
             self._write(leg.steps.complete())
+            if tick:
+                leg.acknowledge(ACKNOWLEDGED_STEPS)
             if tick and first:
                 self.step_done(stamp_ns)
 

@@ -40,6 +40,7 @@ HEARTBEAT_SECONDS = 0.1
 PEER_POLL_SECONDS = 0.02
 PEER_REPORT_SECONDS = 5.0
 LAST_WORDS_SECONDS = 0.1
+ORPHAN_SECONDS = 0.6  # nobody sees to it that the recorder ends last
 QUEUE_DEPTH = 10
 MODE = {
     "realtime": Setting(False, "samples come by the wall clock; otherwise in lockstep with the voltages"),
@@ -314,6 +315,7 @@ class Heartbeat:
         descriptor = os.environ.get(HEARTBEAT_VARIABLE)
         self._pipe = int(descriptor) if descriptor else None
         self._last = 0.0
+        self.orphaned = False
         if self._pipe is not None:
             os.set_blocking(self._pipe, False)
 
@@ -334,8 +336,8 @@ class Heartbeat:
         except BlockingIOError:  # the supervisor sleeps: nothing is lost
             pass
         except BrokenPipeError:
-            return False
-        return True
+            self.orphaned = True
+        return not self.orphaned
 
 
 def _status(nodes: Sequence[GraphNode], ended: bool) -> str:
@@ -377,7 +379,7 @@ def spin(nodes: Sequence[GraphNode]) -> bool:
     finally:
         if not all(node.ended for node in nodes):
             heartbeat.tell("leaving")
-            _abandon(nodes, executor)
+            _abandon(nodes, executor, ORPHAN_SECONDS if heartbeat.orphaned else LAST_WORDS_SECONDS)
         for node in nodes:
             node.close()
     for node in nodes:
@@ -385,11 +387,11 @@ def spin(nodes: Sequence[GraphNode]) -> bool:
     return all(node.ended for node in nodes)
 
 
-def _abandon(nodes: Sequence[GraphNode], executor: EventsExecutor) -> None:
+def _abandon(nodes: Sequence[GraphNode], executor: EventsExecutor, seconds: float) -> None:
     """Let nodes say and hear last words."""
     stay = [node.abandon() for node in nodes]
     if any(stay):
-        executor.spin_until_future_complete(Future(), timeout_sec=LAST_WORDS_SECONDS)
+        executor.spin_until_future_complete(Future(), timeout_sec=seconds)
 
 
 def run(make_nodes: Callable[[], Sequence[GraphNode]]) -> int:

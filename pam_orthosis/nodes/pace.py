@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pam_orthosis.nodes.plant_simulator import PlantSimulator
 
 INPUTS = ("extensor/valve_voltage", "flexor/valve_voltage")
-MAX_UNRECORDED_STEPS = 100
+MAX_UNRECORDED_STEPS, MAX_UNRECORDED_NS = 50, 250_000_000  # and the recorder keeps a chunk in memory
 WATCH_SECONDS = 0.25
 SILENCE_SAMPLES = 20  # without an answer, after which valves vent
 MAX_PERIODS_AT_ONCE = 100  # of the hardware's life in one callback: others must have their turn
@@ -26,7 +26,8 @@ MAX_PERIODS_AT_ONCE = 100  # of the hardware's life in one callback: others must
 class Lockstep:
     """Step k is over when both its voltages are there: the result does not depend on the machine's load.
 
-    It stays at most `MAX_UNRECORDED_STEPS` ahead of the recorder, which ends the run after the last.
+    It stays at most `MAX_UNRECORDED_STEPS` and `MAX_UNRECORDED_NS` ahead of the recorder, which ends the run
+    after the last.
     """
 
     def __init__(self, plant: PlantSimulator):
@@ -35,6 +36,7 @@ class Lockstep:
         self._last_ns = (steps - 1) * plant.period_ns
         self._stamp_ns = 0
         self._recorded_ns = -1
+        self._longest_lead_ns = min(MAX_UNRECORDED_STEPS * plant.period_ns, MAX_UNRECORDED_NS)
         self._waits = False
         self._begun = False
         self._progress = time.monotonic()
@@ -71,7 +73,7 @@ class Lockstep:
 
     def _go_on(self) -> None:
         """Take the next step, if there is one, when the recorder is near enough."""
-        near = self._stamp_ns - self._recorded_ns <= MAX_UNRECORDED_STEPS * self._plant.period_ns
+        near = self._stamp_ns - self._recorded_ns <= self._longest_lead_ns
         if self._waits and self._stamp_ns <= self._last_ns and near and not self._plant.abandoned:
             self._waits = False
             self._publish()

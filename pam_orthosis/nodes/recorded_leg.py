@@ -48,9 +48,9 @@ class RecordedLeg:
         """Whether an instant is of the run: references are published ahead, drivers do not end with it."""
         return self.end_ns is None or stamp_ns < self.end_ns
 
-    def acknowledge(self) -> None:
-        """Tell the plant how far the bag reaches, if that is news."""
-        if self.steps.done_ns > self._acknowledged_ns:
+    def acknowledge(self, steps: int = 1) -> None:
+        """Tell the plant how far the bag reaches, if that is so many steps of news."""
+        if self.steps.done_ns >= self._acknowledged_ns + steps * self._node.period_ns:
             self._acknowledged_ns = self.steps.done_ns
             self._recorded.publish(messages.time(self._acknowledged_ns))
 

@@ -48,7 +48,7 @@ def test_a_missing_guard_is_found_as_a_traceback(tmp_path, monkeypatch):
 
 
 def test_hanging_is_found(tmp_path, monkeypatch):
-    monkeypatch.setattr(trial, "LIMIT_S", 0.3)
+    monkeypatch.setattr(trial, "PATIENCE_S", 0.3)
     monkeypatch.setattr(trial, "_main", lambda arguments: _hang())
     (fault, *more) = _attempt(tmp_path, lambda folder: ["check", folder / "bag"])
     assert "hangs" in fault
