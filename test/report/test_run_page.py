@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import opened
+from browser import opened, started
 
 from pam_orthosis.bag.read import aligned, read_bag
 from pam_orthosis.bag.verdict import judge
@@ -23,10 +23,16 @@ WALK = Path(__file__).resolve().parents[2] / "bags" / "walk"
 
 
 @pytest.fixture(scope="module")
-def file(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("report")
-    assert main(["report", str(WALK), "--only", "page", "--out", str(folder)]) == 0
-    return folder / "walk.html"
+def file(documented):
+    status, folder = documented("pam-orthosis report bags/walk --only page --out report")
+    assert status == 0
+    return folder / "report" / "walk.html"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with started() as one:
+        yield one
 
 
 @pytest.fixture(scope="module")
@@ -138,8 +144,8 @@ def test_the_extensor_straightens_the_drawn_leg():
             assert np.sign(-turns * configuration) == flexes
 
 
-def test_a_browser_opens_it_without_complaint_and_zooms_and_plays(file):
-    with opened(file) as (page, heard):
+def test_a_browser_opens_it_without_complaint_and_zooms_and_plays(browser, file):
+    with opened(browser, file) as (page, heard):
         page.wait_for_selector("#run .main-svg")
         ranges = page.evaluate("""async () => {
             const g = document.getElementById('run')
@@ -155,9 +161,9 @@ def test_a_browser_opens_it_without_complaint_and_zooms_and_plays(file):
         assert page.title() == "walk"
 
 
-def test_a_page_that_complains_is_noticed(tmp_path):
+def test_a_page_that_complains_is_noticed(browser, tmp_path):
     bad = tmp_path / "bad.html"
     bad.write_text("<script src='https://example.org/x.js'></script><script>nothing.here()</script>")
-    with opened(bad) as (_, heard):
+    with opened(browser, bad) as (_, heard):
         assert any(re.search("example.org", one) for one in heard)
         assert any(one.startswith("error: ") for one in heard)

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What several rooms of the tests share: commands of the documentation, each run once."""
+
+import shlex
+import shutil
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from pam_orthosis.cli.main import main
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="session")
+def documented(tmp_path_factory):
+    """Return a function: a command line of the documentation -> (exit status, folder it ran in)."""
+    folder = tmp_path_factory.mktemp("documented")
+    for name in ("bags", "config"):
+        shutil.copytree(ROOT / name, folder / name)
+
+    @cache
+    def run(line):
+        program, *arguments = shlex.split(line)
+        assert program == "pam-orthosis"
+        if arguments[0] == "run":  # takes signals for its own process
+            command = [sys.executable, "-m", "pam_orthosis.cli.main", *arguments]
+            return subprocess.run(command, cwd=folder, check=False).returncode, folder
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(folder)
+            return main(arguments), folder
+
+    return run
