@@ -18,7 +18,7 @@ PACKAGE = Path(pam_orthosis.__file__).parent
 BLOCKED = ("rclpy", "rcl_interfaces", "std_msgs", "sensor_msgs", "builtin_interfaces")
 WITHOUT_ROS = [
     f"pam_orthosis.{path.relative_to(PACKAGE).with_suffix('').as_posix().replace('/', '.')}"
-    for room in ("model", "control", "bag", "cli")
+    for room in ("model", "control", "bag", "scene", "cli")
     for path in sorted((PACKAGE / room).rglob("*.py"))
     if path.name != "__init__.py"
 ]
