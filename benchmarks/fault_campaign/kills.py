@@ -136,8 +136,10 @@ def _recover(bag: Path) -> bool:
     """Do what the verb `recover` does."""
     if (bag / METADATA_FILE).exists():
         return False
-    recover_in_place(bag)
-    return True
+    try:
+        return recover_in_place(bag) > 0
+    except OrthosisError:  # nothing is in it
+        return False
 
 
 def _left(kill: Kill, bag: Path, notes: Path) -> tuple[float, bool | None]:

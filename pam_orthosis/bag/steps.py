@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 from pam_orthosis.bag.topics import Topic, is_health_instant, table
 
+REMEMBERED = 1000  # instants, in real time
+
 
 class Message(NamedTuple):
     """A message as it is recorded: topic as the collector's table calls it, stamp, serialised bytes."""
@@ -27,8 +29,8 @@ class StepCollector:
         period_ns: control period.
         horizon: number of instants.
         topics: table of the run, of lockstep if not given.
-        late_health: a report of health may come when its instant has left, and leaves by itself: in
-            real time a node reports at the first sample of a second that it gets.
+        late_ns: in real time an instant leaves at the latest when one so much later is there, complete or
+            not, so that little is held back; what comes for it afterwards leaves by itself.
     """
 
     def __init__(
@@ -36,13 +38,15 @@ class StepCollector:
         period_ns: int,
         horizon: int = 1000,
         topics: Mapping[str, Topic] | None = None,
-        late_health: bool = False,
+        late_ns: int | None = None,
     ):
         self._period_ns = period_ns
         self._horizon = horizon
         self._topics = table() if topics is None else topics
         self._order = {name: index for index, name in enumerate(self._topics)}
-        self._late_rate = "1 Hz" if late_health else None
+        self._late_ns = late_ns
+        self._newest_ns = -1
+        self._left: dict[int, list[tuple[int, bytes]]] = {}  # what came of the last instants in real time
         self._each_step = self._promised("step", "answer")
         self._each_second = self._promised("1 Hz")
         self._pending: dict[int, dict[tuple[int, bytes], Message]] = {}
@@ -53,8 +57,9 @@ class StepCollector:
     def add(self, message: Message) -> None:
         """Keep a message; a second one of the same topic and instant is counted and dropped."""
         key = self._key(message)
-        late = message.stamp_ns <= self.done_ns and self._topics[message.topic].rate != self._late_rate
-        if late or key in self._pending.get(message.stamp_ns, ()):
+        late = message.stamp_ns <= self.done_ns and self._late_ns is None
+        self._newest_ns = max(self._newest_ns, message.stamp_ns)
+        if late or any(key in held.get(message.stamp_ns, ()) for held in (self._pending, self._left)):
             self.duplicates += 1
         else:
             if message.stamp_ns not in self._pending:
@@ -66,7 +71,8 @@ class StepCollector:
         while self._stamps:
             oldest = self._stamps[0]
             whole = len(self._pending[oldest]) >= self._due(oldest)
-            if oldest > self.done_ns and not whole and len(self._pending) <= self._horizon:
+            late = self._late_ns is not None and self._newest_ns - oldest > self._late_ns
+            if oldest > self.done_ns and not (whole or late or len(self._pending) > self._horizon):
                 return
             yield from self._leave()
 
@@ -91,6 +97,10 @@ class StepCollector:
         for key in sorted(instant):
             yield instant[key]
         self.done_ns = max(self.done_ns, stamp_ns)
+        if self._late_ns is not None:
+            self._left.setdefault(stamp_ns, []).extend(instant)
+            if len(self._left) > REMEMBERED:
+                del self._left[next(iter(self._left))]
 
     def _due(self, stamp_ns: int) -> int:
         return self._each_step + self._each_second * is_health_instant(stamp_ns, self._period_ns)

@@ -21,7 +21,7 @@ from pam_orthosis.scene.messages import TYPES, LegScene, in_scene
 from pam_orthosis.scene.sampled import INPUTS, SampledScene
 
 QUEUE_DEPTH = 5000
-LOCKSTEP_HORIZON = 1000
+HORIZON, LATE_NS = 1000, SECOND_NS // 4
 LOOK_SECONDS, ACKNOWLEDGED_STEPS = 0.05, 10
 
 
@@ -84,8 +84,7 @@ class BagRecorder(graph.GraphNode):
 
     def _collector(self, legs: Sequence[str]) -> StepCollector:
         topics = {in_leg(name, leg, self.legs): topic for leg in legs for name, topic in self.topics.items()}
-        horizon = SECOND_NS // self.period_ns if self.realtime else LOCKSTEP_HORIZON
-        return StepCollector(self.period_ns, horizon, topics, self.realtime)
+        return StepCollector(self.period_ns, HORIZON, topics, LATE_NS if self.realtime else None)
 
     def _collectors(self) -> list[StepCollector]:
         return list(dict.fromkeys(leg.steps for leg in self._legs))

@@ -69,7 +69,7 @@ def test_in_real_time_a_late_report_of_health_is_kept_and_holds_up_nothing():
     run = _run(8)
     late = next(m for m in run if m.topic == "diagnostics")
     for kept in (False, True):
-        steps = StepCollector(PERIOD_NS, horizon=3, late_health=kept)
+        steps = StepCollector(PERIOD_NS, horizon=3, late_ns=PERIOD_NS if kept else None)
         for message in [m for m in run if m is not late]:
             steps.add(message)
         assert late not in list(steps.complete())
@@ -77,3 +77,19 @@ def test_in_real_time_a_late_report_of_health_is_kept_and_holds_up_nothing():
             steps.add(message)
         assert list(steps.complete()) == [late] * kept
         assert steps.duplicates == 2 - kept
+
+
+def test_in_real_time_an_incomplete_instant_leaves_when_it_is_old():
+    steps = StepCollector(PERIOD_NS, late_ns=2 * PERIOD_NS)
+    run = sorted(_run(8), key=_place)
+    for message in [m for m in run if m.stamp_ns or m.topic not in ("truth", "estimate")]:
+        steps.add(message)
+        left = list(steps.complete())
+        assert not left or message.stamp_ns >= 3 * PERIOD_NS
+        if left:
+            break
+    assert {m.stamp_ns for m in left} == {0, PERIOD_NS, 2 * PERIOD_NS}
+    afterwards = [m for m in run if not m.stamp_ns and m.topic in ("truth", "estimate")]
+    for message in afterwards:
+        steps.add(message)
+    assert list(steps.complete()) == afterwards

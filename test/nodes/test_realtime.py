@@ -30,7 +30,7 @@ class FakePlant:
 
     def __init__(self):
         self.parameters = load()
-        self.ended = False
+        self.ended = self.abandoned = False
         self.now = 1_000_000_000
         self.sample_cost = self.period_cost = 0
         self.receivers, self.samples, self.applied = {}, [], []
@@ -73,12 +73,33 @@ def plant():
     return plant
 
 
+def _counted(plant):
+    health = plant.pace.health()
+    return health["late_answers"], health["skipped_samples"]
+
+
+def test_valves_without_commands_vent(plant):
+    from pam_orthosis.nodes.pace import SILENCE_SAMPLES
+
+    plant.answer(6.0, plant.samples[0])
+    for _ in range(SILENCE_SAMPLES + 3):
+        plant.now += plant.period_ns
+        plant.tick()
+    vent = plant.parameters.valve.minimum_voltage
+    assert plant.applied[0] != (vent, vent)
+    assert plant.applied[-2:] == [(vent, vent)] * 2
+    plant.answer(6.0, plant.samples[-1])
+    plant.now += plant.period_ns
+    plant.tick()
+    assert plant.applied[-1] != (vent, vent)
+
+
 def test_an_answer_in_time_acts_over_its_own_period(plant):
     plant.answer(6.0, plant.samples[0])
     plant.now += plant.period_ns
     plant.tick()
     assert plant.applied == [(6.0, 6.0)]
-    assert plant.pace.health() == {"late_answers": 0, "skipped_samples": 0}
+    assert _counted(plant) == (0, 0)
 
 
 def test_without_an_answer_the_valves_stay_and_it_is_counted(plant):
@@ -86,7 +107,7 @@ def test_without_an_answer_the_valves_stay_and_it_is_counted(plant):
     plant.tick()
     closed = load().valve.closed_voltage
     assert plant.applied == [(closed, closed)]
-    assert plant.pace.health() == {"late_answers": 1, "skipped_samples": 0}
+    assert _counted(plant) == (1, 0)
 
 
 def test_jitter_costs_no_sample(plant):
@@ -106,7 +127,7 @@ def test_samples_that_were_missed_in_a_pause_are_skipped_but_the_hardware_lives_
     plant.tick()
     assert plant.samples == [first, first + 10 * plant.period_ns]
     assert len(plant.applied) == 10
-    assert plant.pace.health() == {"late_answers": 1, "skipped_samples": 9}
+    assert _counted(plant) == (1, 9)
 
 
 @pytest.mark.parametrize("cost_periods", [1.5, 3.0, 40.0])
@@ -163,7 +184,7 @@ def test_a_run_by_the_wall_clock_tells_its_timing(run_graph, layout):
     assert not np.any(np.diff(_stamps(bag)) % PERIOD_NS)
     with AnyReader([bag]) as reader:
         there = {connection.topic for connection in reader.connections}
-    assert there == {resolve(topic.name) for topic in table(realtime=True).values() if topic.recorded}
+    assert there >= {resolve(topic.name) for topic in table(realtime=True).values() if topic.recorded}
 
 
 def test_more_than_any_machine_can_do_costs_samples_not_the_run(run_graph):
