@@ -56,7 +56,7 @@ def run_kills(work: Path, count: int, seed: int) -> dict:
 def run_soak(work: Path, count: int, seed: int) -> dict:
     """So many seconds of walking."""
     told = soak.soak(work / "soak", float(count), ["--composed", "--seed", str(seed)])
-    return told | {"wrong": int(told["status"] != 0 or told["lost_messages"] != 0)}
+    return told | {"wrong": int(told["status"] != 0 or told.get("lost_messages") != 0)}
 
 
 class Campaign(NamedTuple):

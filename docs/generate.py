@@ -5,7 +5,7 @@ import re
 import sys
 from pathlib import Path
 
-from generators import effects, equations, nodes, parameters
+from generators import effects, equations, faults, nodes, parameters
 
 from pam_orthosis.bag.topics import RECORDER, TOPICS
 from pam_orthosis.bag.verdict import judge
@@ -71,7 +71,7 @@ def filled(text: str) -> str:
 def wanted() -> dict[Path, str]:
     """Return what each generated file should hold."""
     files = {README: filled(README.read_text(encoding="utf-8"))}
-    for maker in (equations, effects, nodes, parameters):
+    for maker in (equations, effects, faults, nodes, parameters):
         files |= {DOCS / name: text for name, text in maker.pages().items()}
     return files
 
