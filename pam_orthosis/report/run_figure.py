@@ -64,7 +64,8 @@ def make_scene(run: RunData) -> Scene:
     seconds = (series.stamp_ns - series.stamp_ns[0]) / SECOND_NS
     count = min(MOST_PICTURES, len(seconds), max(2, round(seconds[-1] * PICTURES_PER_SECOND)))
     picked = np.unique(np.linspace(0, len(seconds) - 1, count).round().astype(int))
-    known = {k: v for k, v in run.bag.parameters.items() if k.startswith(("leg.", "muscle."))}
+    shipped = tree.load().only("leg", "muscle").flat()
+    known = {key: value for key, value in run.bag.parameters.items() if key in shipped}
     return Scene(
         seconds[picked],
         LegShape(tree.load(known)).pose(series.value[picked]),

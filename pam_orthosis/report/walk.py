@@ -49,7 +49,8 @@ def _axes(figure):
 
 
 def _draw_leg(axes, bag: Bag, time, angle) -> None:
-    known = {key: value for key, value in bag.parameters.items() if key.startswith("leg.")}
+    shipped = parameter_tree.load().only("leg").flat()
+    known = {key: value for key, value in bag.parameters.items() if key in shipped}
     cycle = min(bag.parameters.get("scenario.cycle_time", time[-1]), time[-1])
     instants = time[-1] - cycle + cycle * np.arange(PHASES) / PHASES
     angles = angle[np.searchsorted(time, instants)]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A fixed share of the campaign of bad input, and that the campaign finds what it is there to find."""
 
+import json
 from contextlib import nullcontext
 from itertools import islice
 from pathlib import Path
@@ -8,9 +9,10 @@ from pathlib import Path
 import campaign_path  # noqa: F401
 import numpy as np
 import pytest
-from fault_campaign import bag_mutations, inputs, text_mutations, trial
+from fault_campaign import bag_mutations, bags, inputs, text_mutations, trial
 
 from pam_orthosis.bag import read
+from pam_orthosis.cli.main import main
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import write_text, write_whole
 
@@ -97,3 +99,10 @@ def test_a_file_is_whole_or_as_it_was(tmp_path):
         write_whole(file, fail_half_way)
     assert file.read_text() == "before"
     assert list(tmp_path.iterdir()) == [file]
+
+
+def test_a_bag_with_parameters_of_another_version_gets_its_report(tmp_path):
+    held = bags.content(WALK, 1_000_000_000)
+    recorded = json.loads(held.run["parameters"]) | {"muscle.other": 1.0, "leg.other": 2.0}
+    bag = bags.write(tmp_path / "bag", held._replace(run={**held.run, "parameters": json.dumps(recorded)}))
+    assert main(["report", str(bag), "--out", str(tmp_path / "report")]) == 0
