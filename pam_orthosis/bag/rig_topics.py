@@ -47,6 +47,8 @@ RIG_SIGNALS = (
     _signal("force", "specimen/force", "wrench.force.x", "", "N"),
     _signal("diameter", "specimen/cylinder", "position", "diameter", "m"),
     _signal("cylinder_length", "specimen/cylinder", "position", "length", "m"),
+    _signal("voltage", "specimen/valve_voltage", "effort", "specimen_valve", "V"),
+    _signal("positioner_voltage", "positioner/valve_voltage", "effort", "positioner_valve", "V"),
     _signal("reference_position", "reference", "positions", "carriage", "m"),
     _signal("pressure_reference", "specimen/pressure_reference", "fluid_pressure", "", "Pa"),
     _signal("estimate_velocity", "estimate", "velocity", "carriage", "m/s"),

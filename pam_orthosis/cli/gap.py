@@ -16,7 +16,12 @@ from pam_orthosis.errors import OrthosisError
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     parser.add_argument(
-        "measured", type=Path, nargs="+", metavar="MEASURED", help="bags or .csv tables to fit"
+        "measured",
+        type=Path,
+        nargs="+",
+        metavar="MEASURED",
+        help="bags of the knee or of the test rig (told"
+        " by their metadata), or .csv tables of the knee, to fit",
     )
     parser.add_argument(
         "--held-out", type=Path, nargs="+", default=[], metavar="BAG",
@@ -41,7 +46,6 @@ def execute(arguments: argparse.Namespace) -> int:
     # scipy and CasADi take a second to load
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.discrepancy.data import believed
-    from pam_orthosis.discrepancy.knee import knee
     from pam_orthosis.discrepancy.telling import telling
     from pam_orthosis.discrepancy.verdict import as_dict, describe, describe_data, told_as_dict
     from pam_orthosis.discrepancy.workflow import begin, search
@@ -50,9 +54,9 @@ def execute(arguments: argparse.Namespace) -> int:
     _check_out(arguments)
     given = patch.read(arguments.model) if arguments.model else {}
     parameters = load({**believed(arguments.measured[0]), **given})
-    system = knee(parameters)
+    system, read = _system([*arguments.measured, *arguments.held_out], parameters)
     training, held_out = (
-        [_recording(path, system, arguments.namespace) for path in paths]
+        [read(path, system, arguments.namespace) for path in paths]
         for paths in (arguments.measured, arguments.held_out)
     )
     progress = _progress()
@@ -81,6 +85,21 @@ def _stages(start, data, last: str) -> str:
     if last == "where":
         parts.append(describe_where(start.system, start.where()))
     return "\n".join(parts)
+
+
+def _system(paths: list[Path], parameters):
+    """Return the system that the recordings are of, and how they are read."""
+    from pam_orthosis.discrepancy import rig
+    from pam_orthosis.discrepancy.knee import knee
+
+    specimens = {rig.specimen_of(path) for path in paths}
+    if len(specimens) > 1:
+        names = ", ".join(sorted("the knee" if one is None else f"a rig with a {one}" for one in specimens))
+        raise OrthosisError(f"recordings of different systems ({names}): one at a time")
+    specimen = specimens.pop()
+    if specimen is None:
+        return knee(parameters), _recording
+    return rig.test_rig(parameters, specimen), rig.recording
 
 
 def _recording(path: Path, system, namespace: str):

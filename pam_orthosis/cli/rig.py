@@ -9,12 +9,24 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pam_orthosis.bag.rig_record import record_rig
-from pam_orthosis.control.rig_loop import DecayRig, Rig, RigSample, force_procedure, volume_procedure
+from pam_orthosis.control.rig_loop import (
+    DIAGNOSTIC_PLACES,
+    DIAGNOSTIC_PRESSURES,
+    DIAGNOSTIC_STEP,
+    DecayRig,
+    Rig,
+    RigSample,
+    diagnostic_procedure,
+    force_procedure,
+    volume_procedure,
+)
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.model.rig import SPECIMENS
 
-TESTS = ("force", "volume", "decay")
+IDENTIFICATION = ("force", "volume", "decay")
+TESTS = (*IDENTIFICATION, "diagnostic")
+EVERY_SAMPLE = ("decay", "diagnostic")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,7 +36,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the bags (runs/rig-MUSCLE)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of the sensor noise (1)")
-    parser.add_argument("--tests", nargs="+", choices=TESTS, default=TESTS, help="which tests (all)")
+    parser.add_argument(
+        "--tests", nargs="+", choices=TESTS, default=IDENTIFICATION,
+        help="which tests (those that `identify` wants); diagnostic: for `gap`, at the full rate",
+    )  # fmt: skip
     parser.add_argument("--load-cell", type=float, metavar="N", help="class of the load cell, N (50)")
 
 
@@ -46,7 +61,7 @@ def execute(arguments: argparse.Namespace) -> int:
 def record_test(parameters: Parameters, specimen: str, test: str, out: Path) -> None:
     """Record one bag for each pressure of one of `TESTS` into a folder."""
     rig = parameters.rig
-    every = 1 if test == "decay" else round(rig.record_period / rig.control_period)
+    every = 1 if test in EVERY_SAMPLE else round(rig.record_period / rig.control_period)
     for number, pressure in enumerate(_pressures(rig, specimen, test)):
         name = f"{test}-{pressure / 1e5:.1f}bar"
         samples = _samples(parameters, specimen, test, pressure, parameters.scenario.seed + number)
@@ -59,6 +74,8 @@ def _pressures(rig, specimen: str, test: str) -> list[float]:
         return getattr(rig.decay, specimen).pressures
     if test == "volume":
         return rig.procedure.pressures
+    if test == "diagnostic":
+        return list(DIAGNOSTIC_PRESSURES)
     return sorted([*rig.procedure.pressures, *rig.procedure.held_out_pressures])
 
 
@@ -67,5 +84,8 @@ def _samples(
 ) -> Iterator[RigSample]:
     if test == "decay":
         return DecayRig(parameters, specimen, seed).run(pressure)
+    rig = Rig(parameters, specimen, seed)
+    if test == "diagnostic":
+        return diagnostic_procedure(rig, [pressure, pressure + DIAGNOSTIC_STEP], DIAGNOSTIC_PLACES)
     procedure = force_procedure if test == "force" else volume_procedure
-    return procedure(Rig(parameters, specimen, seed), pressure)
+    return procedure(rig, pressure)

@@ -7,7 +7,7 @@ The controllers and the procedures get measurements only; truth is passed on for
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +32,13 @@ CREEP = 0.05  # share of the procedure's speed that remains
 REST_TIME = 4.0  # s in which the weight comes to rest
 PULL_TIME = 0.5  # s in which the hand pulls
 PATIENCE = 20.0  # s until a pressure has to be set and a ramp has to end
+DIAGNOSTIC_STROKE = 0.04  # m, within which all pressures from 3 bar on keep both muscles taut
+DIAGNOSTIC_PRESSURES = (3.0e5, 3.8e5, 4.6e5)  # Pa absolute, one a run
+DIAGNOSTIC_STEP = 1.5e5  # Pa, to the second pressure of a run
+DIAGNOSTIC_PLACES = (0.7, 0.2, 0.9, 0.4)  # of the stroke
+DIAGNOSTIC_SPEEDS = (1.0, 2.5, 0.4, 1.5)  # of the procedure's
+DIAGNOSTIC_REVERSALS = (2.0e-3, -1.0e-3, 5.0e-3, 0.0)  # m
+DIAGNOSTIC_REST = 0.2  # s
 
 
 class RigSample(NamedTuple):
@@ -113,13 +120,14 @@ class Rig:
         specimen: `dmsp_20` or `dmsp_10`.
         seed: of the sensor noise.
         position: of the carriage at the start, m.
+        plant: the hardware; None: a `RigPlant`.
     """
 
-    def __init__(self, parameters, specimen: str, seed: int = 0, position: float = 0.0):
+    def __init__(self, parameters, specimen: str, seed: int = 0, position: float = 0.0, plant=None):
         parameters = at_rig(parameters)
         self.rig = parameters.rig
         taut = float(slack_pressure(position, parameters.rig_belief()))
-        self.plant = RigPlant(parameters, specimen, seed, position, taut)
+        self.plant = plant or RigPlant(parameters, specimen, seed, position, taut)
         self._speed = self.rig.procedure.speed * getattr(parameters.muscle, specimen).length
         self._carriage = CarriageController(parameters)
         self._holder = PressureHolder(parameters, specimen)
@@ -168,12 +176,14 @@ class Rig:
             raise RunFailed(f"the rig's investigated muscle did not reach {pressure:g} Pa in {PATIENCE:g} s")
         yield from self.rest(pressure, self.rig.procedure.rest)
 
-    def ramp_to(self, pressure: float, position: float) -> Iterator[RigSample]:
-        """Move the carriage to a position at the procedure's speed, then rest."""
+    def ramp_to(
+        self, pressure: float, position: float, share: float = 1.0, rest: float | None = None
+    ) -> Iterator[RigSample]:
+        """Move the carriage to a position at a share of the procedure's speed, then rest (s)."""
         sign = math.copysign(1.0, position - self._ramp.reference.position)
         while sign * (position - self._ramp.reference.position) > sign * self._ramp.stopping_distance:
-            yield self.step(pressure, sign * self._speed)
-        yield from self.rest(pressure, self.rig.procedure.rest)
+            yield self.step(pressure, sign * share * self._speed)
+        yield from self.rest(pressure, self.rig.procedure.rest if rest is None else rest)
 
     def release(self, pressure: float) -> Iterator[RigSample]:
         """Let the specimen contract, slowly at last, until the load cell measures no force; then rest."""
@@ -218,6 +228,25 @@ def volume_procedure(rig: Rig, pressure: float) -> Iterator[RigSample]:
     for station in stations.tolist():
         yield from rig.ramp_to(pressure, station)
         yield rig.step(pressure, 0.0, calliper=True)
+
+
+def diagnostic_procedure(
+    rig: Rig, pressures: Sequence[float], places: Sequence[float]
+) -> Iterator[RigSample]:
+    """Move the carriage at several pressures (absolute Pa), slowly, fast, and back and forth by little.
+
+    The runs that tell friction of the carriage, hysteresis and damping of the muscles, and errors of the
+    force maps apart; to be recorded at every control period. `places` are visited at each pressure,
+    as shares of `DIAGNOSTIC_STROKE`.
+    """
+    for pressure in pressures:
+        yield from rig.set_pressure(pressure)
+        for number, place in enumerate(places):
+            share = DIAGNOSTIC_SPEEDS[number % len(DIAGNOSTIC_SPEEDS)]
+            yield from rig.ramp_to(pressure, place * DIAGNOSTIC_STROKE, share, DIAGNOSTIC_REST)
+        here = rig.reference_position
+        for offset in DIAGNOSTIC_REVERSALS:
+            yield from rig.ramp_to(pressure, here + offset, 0.5, DIAGNOSTIC_REST)
 
 
 class DecayRig:

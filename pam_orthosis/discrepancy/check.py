@@ -32,7 +32,7 @@ def check(system: System, recordings: Sequence[Recording], warm_up: float) -> li
             )
         for channel in system.channels:
             _check_channel(one, channel.name)
-        remarks += _remarks_on_inputs(system, one)
+        remarks += [*one.remarks, *_remarks_on_inputs(system, one)]
     return remarks
 
 

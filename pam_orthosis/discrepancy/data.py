@@ -27,11 +27,13 @@ class Recording:
         name: in reports.
         period: sampling period, s.
         signals: name -> (n,) array, SI. A missing input is absent.
+        remarks: on what it cannot show.
     """
 
     name: str
     period: float
     signals: Mapping[str, np.ndarray]
+    remarks: tuple[str, ...] = ()
 
     @property
     def samples(self) -> int:
@@ -45,7 +47,8 @@ class Recording:
 
     def part(self, start: int, stop: int, name: str) -> Recording:
         """Return the samples from start to stop as a recording of its own."""
-        return Recording(name, self.period, {key: value[start:stop] for key, value in self.signals.items()})
+        signals = {key: value[start:stop] for key, value in self.signals.items()}
+        return Recording(name, self.period, signals, self.remarks)
 
 
 def from_arrays(name: str, system: System, arrays: Mapping[str, np.ndarray]) -> Recording:
@@ -91,7 +94,7 @@ def believed(path: Path) -> dict:
     if path.suffix == ".csv":
         return {}
     recorded = recorded_parameters(path, run_record(path))
-    return {key: value for key, value in recorded.items() if key.split(".", 1)[0] in BELIEF}
+    return {key: value for key, value in recorded.items() if key.split(".", 1)[0] in (*BELIEF, "rig")}
 
 
 def from_csv(path: Path, system: System) -> Recording:

@@ -144,7 +144,7 @@ class _Seen:
     def __init__(self, system: System, equation: Equation, static: Assembled):
         self._system, self._equation = system, equation
         self._channels, self._inputs = len(system.channels), len(system.inputs)
-        neighbours = [c for c in system.channels if c.name not in equation.channels]
+        neighbours = [c for c in system.channels if c.name not in equation.channels and c.state is not None]
         self._inverse = {c.state: _inverse(system, static, c) for c in neighbours}
 
     def base(self, z, theta, period, at, held) -> dict:
@@ -199,7 +199,8 @@ def _inverse(system: System, static: Assembled, channel) -> ca.Function:
 def _as_measured(system: System, static: Assembled, recorded):
     states = ca.SX.zeros(len(static.states))
     for i, channel in enumerate(system.channels):
-        states[static.states.index(channel.state)] = recorded[i]
+        if channel.state is not None:
+            states[static.states.index(channel.state)] = recorded[i]
     return states
 
 
@@ -234,7 +235,7 @@ def _closure(system: System, assembled: Assembled, equation: Equation) -> tuple[
 def _gains(equation: Equation, own: tuple[str, ...]) -> ca.DM:
     gains = ca.DM.zeros(len(own), len(equation.channels))
     for column, channel in enumerate(equation.channels):
-        for state, gain in equation.gains[channel].items():
+        for state, gain in equation.gains.get(channel, {}).items():
             gains[own.index(state), column] = gain
     return gains
 

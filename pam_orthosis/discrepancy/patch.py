@@ -23,9 +23,9 @@ def overrides(system: System, effects: Sequence[str], values: Mapping[str, float
     """Return the dotted-key overrides that switch effects on with these values; nothing else changes."""
     changed: dict[str, Any] = {}
     for name in effects:
-        changed[f"effects.{name}.enabled"] = True
+        changed[f"{system.branch}.{name}.enabled"] = True
         for q in system.catalogue[name].parameters:
-            changed[f"effects.{name}.{q.name}"] = float(f"{values[f'{name}.{q.name}']:.6g}")
+            changed[f"{system.branch}.{name}.{q.name}"] = float(f"{values[f'{name}.{q.name}']:.6g}")
     return changed
 
 

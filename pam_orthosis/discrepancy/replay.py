@@ -99,7 +99,7 @@ class Run:
 
     def base_states(self) -> dict[str, np.ndarray]:
         """Return the base states as smoothed recordings and their difference quotients show them."""
-        signals = {c.state: self._smooth[c.name] for c in self._system.channels}
+        signals = {c.state: self._smooth[c.name] for c in self._system.channels if c.state is not None}
         for derived, parent in self._system.derived.items():
             slope = np.diff(signals[parent]) / self.period
             signals[derived] = np.append(slope, slope[-1:])
@@ -219,8 +219,9 @@ class Replay:
             return known
         kernel = self._kernel(part, equation, wrt)
         data = self._rows(run, equation) if shift == UNSHIFTED else run.data(equation, shift)
-        # the base states of a sensible model are slow; states of an effect need not be
-        substeps = self._substeps(run, part, data, theta) if len(part.own) > len(equation.states) else 1
+        # the base states of most models are slow; states of an effect need not be
+        fast = equation.stiff or len(part.own) > len(equation.states)
+        substeps = self._substeps(run, part, data, theta) if fast else 1
         result = kernel(data, theta, run.start(part), run.period, substeps)
         if not wrt:
             self._memory[key] = result

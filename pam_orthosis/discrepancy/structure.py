@@ -87,9 +87,10 @@ def _signals(system, one) -> dict[str, np.ndarray]:
     signals = {c.name: one.run.smooth(c.name)[one.warm_up :] for c in system.channels}
     recorded = one.run.recording.signals
     signals.update((name, recorded[name][one.warm_up :]) for name in system.inputs if name in recorded)
+    measured_by = {c.state: c.name for c in system.channels}
     for derived, parent in system.derived.items():
-        if parent in signals:
-            signals[derived] = np.gradient(signals[parent], one.run.period)
+        if parent in measured_by:
+            signals[derived] = np.gradient(signals[measured_by[parent]], one.run.period)
     phase = _cycle_phase(signals[system.channels[0].name], one.run.period)
     if phase is not None:
         signals["phase"] = phase

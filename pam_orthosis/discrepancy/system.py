@@ -18,10 +18,11 @@ from pam_orthosis.model.effects.base import Effect
 
 @dataclass(frozen=True)
 class Channel:
-    """A measured signal: the state that it measures, unit, factor to the unit of reports."""
+    """A measured signal: the state that it measures (None: a function of states), unit, factor to the
+    unit of reports."""
 
     name: str
-    state: str
+    state: str | None
     unit: str
     report_unit: str
     report_factor: float
@@ -36,12 +37,14 @@ class Equation:
         states: base states that it integrates.
         channels: measured channels that it predicts.
         gains: channel -> {state: observer gain, 1/s times the ratio of their units}.
+        stiff: its base states may be faster than the sampling: steps follow the fastest one.
     """
 
     name: str
     states: tuple[str, ...]
     channels: tuple[str, ...]
     gains: Mapping[str, Mapping[str, float]]
+    stiff: bool = False
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,8 @@ class System:
         assemble: names of effects -> Assembled; parameters are the calibrations' deviations, then
             `EFFECT.PARAMETER` of each effect in the order given.
         needs: equation (also those that effects name) -> recorded inputs without which it cannot be judged.
+        equation_names: what effects call an equation -> its name here, where that differs.
+        branch: of the parameters that switches effects on in the model.
     """
 
     name: str
@@ -99,6 +104,8 @@ class System:
     catalogue: Mapping[str, Effect]
     assemble: Callable[[tuple[str, ...]], Assembled]
     needs: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    equation_names: Mapping[str, str] = field(default_factory=dict)
+    branch: str = "effects"
 
     def without(self, lacking: Collection[str]) -> System:
         """Return the system without equations and effects that need inputs which are lacking."""
@@ -121,6 +128,11 @@ class System:
     def candidates(self) -> tuple[str, ...]:
         """The effects that can be named."""
         return tuple(name for name, effect in self.catalogue.items() if not effect.shape)
+
+    def equation_of(self, effect: str) -> str:
+        """Return the equation in which an effect shows, as reports call it."""
+        equation = self.catalogue[effect].equation
+        return self.equation_names.get(equation, equation)
 
     def channel(self, name: str) -> Channel:
         """Return a channel by name."""

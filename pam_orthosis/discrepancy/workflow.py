@@ -300,7 +300,7 @@ def _named(system: System, found: select.Selection, spread, name: str) -> Named:
         if key not in known:
             continue
         parameters[q.name] = (final.values[key], q.unit, *intervals.interval(final, spread, key))
-    return Named(name, effect.equation, parameters, found.evidence[name])
+    return Named(name, system.equation_of(name), parameters, found.evidence[name])
 
 
 def _last_ranking(found: select.Selection) -> Sequence[tuple[str, float]]:

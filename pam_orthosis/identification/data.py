@@ -126,6 +126,8 @@ def read_data(paths: Iterable[Path], specimen: str | None = None, length: float 
     samples, decays, volumes = [], [], []
     for serial, path in enumerate(bags):
         test = runs[path].get("test", "force")
+        if test == "diagnostic":
+            continue  # for the gap workflow: pressures change, moves are too fast for static force
         if test == "decay":
             decays.append(_decay(path, specimen, parameters))
         elif test == "volume":

@@ -166,6 +166,8 @@ def _signals(x, u, hardware: Hardware) -> SimpleNamespace:
         valve=hardware.valve,
         leg=hardware.leg,
         muscle=hardware.muscle,
+        extensor_length=hardware.muscle.length,
+        flexor_length=hardware.muscle.length,
     )
 
 

@@ -234,6 +234,7 @@ def read_yaml(path: Path) -> Any:
 @lru_cache(maxsize=1)
 def _shipped_rows() -> dict[str, Row]:
     from pam_orthosis.model.effects import CATALOGUE  # the catalogue needs Row's neighbours
+    from pam_orthosis.model.rig_effects import RIG_CATALOGUE
 
     rows: dict[str, Row] = {}
     for subject in SUBJECTS:
@@ -244,6 +245,7 @@ def _shipped_rows() -> dict[str, Row]:
             rows.update(_true_effect_rows(tree))
         rows.update(_rows_of(tree, subject))
     rows.update(_effect_rows("effects", {}, CATALOGUE))
+    rows.update(_effect_rows("rig.effects", {}, RIG_CATALOGUE))
     return rows
 
 

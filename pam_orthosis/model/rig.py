@@ -13,6 +13,8 @@ spring) pulls the carriage.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -24,7 +26,7 @@ from pam_orthosis.model import integrate, orthosis
 from pam_orthosis.model import muscle as muscle_model
 from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.effects import CATALOGUE
-from pam_orthosis.model.effects.base import ActiveEffects
+from pam_orthosis.model.effects.base import ActiveEffects, Effect
 from pam_orthosis.model.effects.carriage_friction import RIG_EFFECTS
 from pam_orthosis.model.parameters import Section
 from pam_orthosis.model.plant import DEVIATIONS, quantised
@@ -87,24 +89,66 @@ def positioner_contraction(position, parameters):
     return parameters.rig.position_offset - position
 
 
+@dataclass(frozen=True)
+class RigHardware:
+    """What the rig's equations are built from.
+
+    Attributes:
+        rig, valve: sections of parameters.
+        muscles: muscle -> its section of `config/muscle.yaml`.
+        damping: muscle -> its damping factor D, N s/m.
+        laws: muscle -> static force and volume.
+        effects: settings of the effects of `catalogue`.
+    """
+
+    rig: object
+    valve: object
+    muscles: Mapping[str, object]
+    damping: Mapping[str, object]
+    laws: Mapping[str, orthosis.MuscleLaw]
+    effects: object
+    catalogue: Mapping[str, Effect]
+
+
 def assemble(parameters, specimen: str) -> orthosis.Assembly:
     """Return the equations of the emulated rig, Eq. (7) with the gas of Eq. (6) and all its effects."""
     true = _true_valve(parameters)
     settings = {name: getattr(true.plant.effects, name) for name in SHARED_EFFECTS}
     settings |= dict(true.plant.rig.effects.items())
-    effects = ActiveEffects(CATALOGUE | RIG_EFFECTS, Section("plant.rig.effects", settings))
+    types = {"extensor": specimen, "flexor": "mas_40"}
+    muscles = {name: getattr(true.muscle, type_) for name, type_ in types.items()}
+    own = {name: getattr(true.plant.rig, type_) for name, type_ in types.items()}
+    hardware = RigHardware(
+        rig=true.rig,
+        valve=true.valve,
+        muscles=muscles,
+        damping={name: one.damping for name, one in own.items()},
+        laws={name: orthosis.geometric_law(muscles[name], one.force) for name, one in own.items()},
+        effects=Section("plant.rig.effects", settings),
+        catalogue=CATALOGUE | RIG_EFFECTS,
+    )
+    return assembled(hardware)
+
+
+def assembled(hardware: RigHardware) -> orthosis.Assembly:
+    """Return the equations of a rig, Eq. (7) with the gas of Eq. (6) and the effects that are on."""
+    effects = ActiveEffects(hardware.catalogue, hardware.effects)
     names = (*BASE_STATES, *effects.states)
     x, u = ca.SX.sym("x", len(names)), ca.SX.sym("u", len(INPUTS))
     effects.bind(ca.vertsplit(x)[len(BASE_STATES) :])
-    s = _signals(x, u, true)
-    orthosis.valves_to_forces(s, _laws(true, specimen), effects)
-    _tensions(s, true, specimen)
+    s = _signals(x, u, hardware)
+    orthosis.valves_to_forces(s, hardware.laws, effects)
+    _tensions(s, hardware)
     _carriage_force(s)
     effects.stages(s, "torque")
-    s.acceleration = carriage_acceleration(s.carriage_force, 0, true.rig.carriage_mass + s.weight)
+    s.acceleration = carriage_acceleration(s.carriage_force, 0, hardware.rig.carriage_mass + s.weight)
     s.diameter, s.length, _ = muscle_model.cylinder(
-        s.extensor_contraction, s.extensor_gauge, getattr(true.muscle, specimen)
+        s.extensor_contraction, s.extensor_gauge, hardware.muscles["extensor"]
     )
+    for name in orthosis.MUSCLES:
+        pressure = getattr(s, f"{name}_pressure") + getattr(s, f"{name}_line_drop")
+        setattr(s, f"measured_{name}_pressure", pressure)
+    effects.stages(s, "sensor")
     rates = [s.velocity, s.acceleration, s.extensor_pressure_rate, s.flexor_pressure_rate]
     outputs = ca.vertcat(*(getattr(s, name) for name in OUTPUTS))
     return orthosis.Assembly(names, x, u, ca.vertcat(*rates, *effects.rates(s)), outputs, s)
@@ -202,7 +246,7 @@ class RigPlant:
         return quantised(force + cell.accuracy * error, cell.accuracy * cell.step_share)
 
 
-def _signals(x, u, p) -> SimpleNamespace:
+def _signals(x, u, p: RigHardware) -> SimpleNamespace:
     position, velocity, ambient = x[0], x[1], p.valve.ambient_pressure
     return SimpleNamespace(
         position=position,
@@ -223,6 +267,10 @@ def _signals(x, u, p) -> SimpleNamespace:
         supply_pressure=p.valve.supply_pressure,
         extensor_dead_volume=p.valve.hose.volume,
         flexor_dead_volume=p.valve.hose.volume,
+        extensor_line_drop=0.0,
+        flexor_line_drop=0.0,
+        extensor_length=p.muscles["extensor"].length,
+        flexor_length=p.muscles["flexor"].length,
         polytropic_exponent=p.valve.polytropic_exponent,
         temperature=p.valve.temperature,
         valve=p.valve,
@@ -242,16 +290,9 @@ def _true_valve(parameters):
     )
 
 
-def _laws(p, specimen: str) -> dict[str, orthosis.MuscleLaw]:
-    return {
-        "extensor": orthosis.geometric_law(getattr(p.muscle, specimen), getattr(p.plant.rig, specimen).force),
-        "flexor": orthosis.geometric_law(p.muscle.mas_40, p.plant.rig.mas_40.force),
-    }
-
-
-def _tensions(s, p, specimen: str) -> None:
-    for name, muscle in (("extensor", specimen), ("flexor", "mas_40")):
-        true = SimpleNamespace(force=SimpleNamespace(damping=getattr(p.plant.rig, muscle).damping))
+def _tensions(s, p: RigHardware) -> None:
+    for name, damping in p.damping.items():
+        true = SimpleNamespace(force=SimpleNamespace(damping=damping))
         elastic, rate = getattr(s, f"{name}_force"), getattr(s, f"{name}_rate")
         setattr(s, f"{name}_tension", muscle_model.tension(elastic, rate, true))
 

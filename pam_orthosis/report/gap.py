@@ -14,16 +14,15 @@ import numpy as np
 mpl.use("Agg")  # no display
 from matplotlib.figure import Figure
 
-from pam_orthosis.discrepancy.data import smoothed
+from pam_orthosis.discrepancy.missing import missing_rate, order
 from pam_orthosis.discrepancy.workflow import Outcome
 from pam_orthosis.report.html import document
 
 WINDOW = 4.0  # s, shown of a recording: where the gap is largest
 SLOW = 12.0  # Hz, of what the model misses
 BINS = 24
+PER_ORDER = ("", "/s", "/s²")
 BEFORE, AFTER, MEASURED = "#d62728", "#1f77b4", "0.25"
-# signal of an effect -> recorded signal that stands for it
-STANDS_FOR = (("_contraction", "angle"), ("_rate", "velocity"), ("_stretch", "angle"))
 
 
 def write_page(outcome: Outcome, folder: Path, words: str) -> Path:
@@ -130,10 +129,9 @@ def _coordinate_figure(outcome: Outcome) -> Figure | None:
         for which, colour in (("before", BEFORE), ("after", AFTER)):
             _missing(outcome, equation, i, which, name, axis, colour)
         axis.set_xlabel(name.replace("_", " "))
-        second = "s²" if _second_order(outcome, channel) else "s"
-        axis.set_ylabel(
-            f"missing in {channel.replace('_', ' ')} [{outcome.system.channel(channel).unit}/{second}]"
-        )
+        per = PER_ORDER[order(outcome.system, channel)]
+        unit = outcome.system.channel(channel).unit
+        axis.set_ylabel(f"missing in {channel.replace('_', ' ')} [{unit}{per}]")
     axes[0].legend(fontsize="small")
     return figure
 
@@ -142,27 +140,26 @@ def _coordinate(outcome: Outcome, place) -> str | None:
     wanted = outcome.system.catalogue[outcome.effects[0].name].coordinate if outcome.effects else None
     if wanted in place.coordinates:
         return wanted
-    for ending, stand_in in STANDS_FOR:
+    for ending, stand_in in _stand_ins(outcome.system):
         if wanted is not None and wanted.endswith(ending):
             return stand_in
     return next(iter(place.coordinates), None)
 
 
-def _second_order(outcome: Outcome, channel: str) -> bool:
-    return outcome.system.channel(channel).state in outcome.system.derived.values()
+def _stand_ins(system) -> list[tuple[str, str]]:
+    """Return endings of signals of an effect with the recorded signals that stand for these."""
+    velocity, position = next(iter(system.derived.items()))
+    channel = next(c.name for c in system.channels if c.state == position)
+    return [("_contraction", channel), ("_rate", velocity), ("_stretch", channel)]
 
 
 def _missing(outcome: Outcome, equation, i, which, name, axis, colour) -> None:
     """Draw mean and scatter of the missing rate: the residual with the observer undone, slow part."""
     channel = equation.channels[i]
-    gains = list(equation.gains[channel].values())
     over, rates = [], []
     for one in outcome.held_out.scored:
-        residual = smoothed(residuals_of(outcome, one.run, equation, which)[:, i], one.run.period, SLOW)
-        slope = np.gradient(residual, one.run.period)
-        missing = slope + gains[0] * residual
-        if _second_order(outcome, channel):
-            missing = np.gradient(slope, one.run.period) + gains[0] * slope + gains[1] * residual
+        residual = residuals_of(outcome, one.run, equation, which)[:, i]
+        missing = missing_rate(outcome.system, equation, channel, residual, one.run.period, SLOW)
         over.append(_signal(outcome, one.run, name)[one.warm_up :])
         rates.append(missing[one.warm_up :])
     x, y = np.concatenate(over), np.concatenate(rates)
@@ -178,7 +175,9 @@ def _missing(outcome: Outcome, equation, i, which, name, axis, colour) -> None:
 def _signal(outcome: Outcome, run, name: str) -> np.ndarray:
     recorded = run.recording.signals
     if name in outcome.system.derived:
-        return np.gradient(run.smooth(outcome.system.derived[name]), run.period)
+        parent = outcome.system.derived[name]
+        channel = next(c.name for c in outcome.system.channels if c.state == parent)
+        return np.gradient(run.smooth(channel), run.period)
     if name == "time":
         return np.arange(run.recording.samples) * run.period
     is_channel = any(channel.name == name for channel in outcome.system.channels)

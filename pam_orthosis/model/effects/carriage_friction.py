@@ -17,12 +17,18 @@ RIG_EFFECTS = {
         name="carriage_friction",
         stage="torque",
         parameters=(
-            Quantity("coulomb", 2.0, "N", 0.0, 200.0, "Coulomb friction of the carriage"),
-            Quantity("viscosity", 5.0, "N s/m", 0.0, 1000.0, "viscous friction of the carriage"),
-            Quantity("transition_velocity", 1.0e-3, "m/s", 1.0e-5, 0.1, "width of the change of sign"),
+            Quantity("coulomb", 2.0, "N", 0.0, 200.0, "Coulomb friction of the carriage", 0.0),
+            Quantity(
+                "viscosity", 5.0, "N s/m", 0.0, 1000.0, "viscous friction of the carriage", fitted=False
+            ),
+            Quantity(
+                "transition_velocity", 1.0e-3, "m/s", 1.0e-5, 0.1, "width of the change of sign", fitted=False
+            ),
         ),
         expression=_expression,
         physics="The carriage rolls on a rail whose seals and balls rub; the paper neglects it.",
         source="assumption, ball rail of 20 kg load",
+        minimum_effect=0.5,
+        confounded_with=("muscle_hysteresis",),
     )
 }

@@ -27,7 +27,7 @@ def _expression(s, p, _states):
     """Sum of products of Chebyshev polynomials up to the third order, for each muscle."""
     added = {}
     for muscle in ("extensor", "flexor"):
-        x = normalised(getattr(s, f"{muscle}_contraction"), WHOLE_STROKE * s.muscle.length)
+        x = normalised(getattr(s, f"{muscle}_contraction"), WHOLE_STROKE * getattr(s, f"{muscle}_length"))
         y = normalised(getattr(s, f"{muscle}_gauge"), WHOLE_PRESSURE)
         terms = [getattr(p, f"{muscle}_c{i}{j}") * chebyshev(i, x) * chebyshev(j, y) for i, j in TERMS]
         added[f"{muscle}_force"] = sum(terms)

@@ -11,7 +11,7 @@ def _expression(s, p, _states):
     """The volume and its two derivatives stay consistent."""
     added = {}
     for m in ("extensor", "flexor"):
-        by_x = 2 / (WHOLE_STROKE * s.muscle.length)
+        by_x = 2 / (WHOLE_STROKE * getattr(s, f"{m}_length"))
         by_y = 2 / WHOLE_PRESSURE
         x, y = by_x * getattr(s, f"{m}_contraction") - 1, by_y * getattr(s, f"{m}_gauge") - 1
         constant, along_x, bend, turn, along_y = (getattr(p, f"{m}_{name}") for name in TERMS)
