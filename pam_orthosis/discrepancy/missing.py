@@ -10,7 +10,7 @@ from pam_orthosis.discrepancy.system import Equation, System
 
 
 def order(system: System, channel: str) -> int:
-    """Return how often a channel's signal is integrated: 2 for a position, 1 for a pressure, 0 for a force."""
+    """Return how often a channel's signal integrates: 2 for a position, 1 for a pressure, 0 for a force."""
     state = system.channel(channel).state
     if state is None:
         return 0
