@@ -9,8 +9,9 @@ its ordinary parameters recalibrated within their tolerances, and the catalogue.
 equations then miss: smoothed accelerations and pressure rates, from training recordings. The library has
 one column for each effect of the catalogue: what the effect at its typical size adds to the same rates
 along the recording, states of its own, lags and dead times simulated (a library of functions of the
-measured signals could not hold these); the periodic torque has a sine and a cosine at the strongest
-frequency. Optimiser and threshold are those that predict the held-out recordings best.
+measured signals could not hold these). The periodic torque has a sine and a cosine at the strongest
+frequency, a shape correction one column a coefficient. Optimiser and threshold are those that predict
+the held-out recordings best; of those within one standard error, the one with the fewest effects.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ SAMPLE_RATE = 50.0  # Hz, to which the smooth rates are thinned
 THRESHOLDS = np.geomspace(0.02, 1.0, 18)  # STLSQ, with target and columns scaled to unit rms
 RIDGES = (1e-6, 1e-2)  # STLSQ, share of the number of samples
 MOST_TERMS = 6  # FROLS
-PARSIMONY = 0.01  # of the variance: a smaller model that predicts as well within this is preferred
+BLOCK = 50  # samples, whose sums of squared errors tell the standard error of a score
 LEAST_SCORE = 0.05  # share of the held-out variance that a model must predict to name anything
 
 
@@ -43,9 +44,11 @@ class Regression:
     library: np.ndarray
     names: tuple[str, ...]
 
-    def score(self, coefficients: np.ndarray) -> float:
-        """Return the share of the target's variance that coefficients predict."""
-        return 1 - float(np.sum((self.target - self.library @ coefficients) ** 2) / np.sum(self.target**2))
+    def scores(self, coefficients: np.ndarray) -> np.ndarray:
+        """Return blocks whose mean is the share of the target's variance that coefficients predict."""
+        size = len(self.target) // BLOCK * BLOCK
+        squares = self.target**2 - (self.target - self.library @ coefficients) ** 2
+        return squares[:size].reshape(-1, BLOCK).mean(axis=1) / np.mean(self.target**2)
 
 
 def solve(case: dict, tools: dict) -> dict:
@@ -87,7 +90,7 @@ def regression(problem, base, noise, columns_of=None) -> Regression:
     projection = Projection(columns_of or problem, base)
     nothing = {one.run.serial: _residuals(problem, one, base.effects, base.values) for one in problem.scored}
     target = _rates(problem, nothing, noise)
-    names, columns = [], []
+    names, columns = _shape_columns(problem, base, noise)
     for name in problem.system.candidates:
         for number, values in enumerate(_settings(projection, Trial(projection, name))):
             column = _signature(problem, base, name, values, nothing, noise)
@@ -95,6 +98,24 @@ def regression(problem, base, noise, columns_of=None) -> Regression:
                 names.append(f"{name}#{number}")
                 columns.append(column)
     return Regression(target, np.column_stack(columns), tuple(names))
+
+
+def _shape_columns(problem, base, noise) -> tuple[list[str], list[np.ndarray]]:
+    """Return a column for each coefficient of the shape corrections: they enter linearly."""
+    keys = [
+        f"{name}.{q.name}" for name in problem.system.shapes for q in problem.system.catalogue[name].fitted
+    ]
+    slopes: dict[str, dict] = {key: {one.run.serial: {} for one in problem.scored} for key in keys}
+    for one in problem.scored:
+        for equation in problem.system.equations:
+            given = (one.run, equation, base.effects, base.values, tuple(keys))
+            _, by, relevant = problem.replay.sensitivities(*given)
+            for i, channel in enumerate(equation.channels):
+                for key in keys:
+                    place = relevant.index(key) if key in relevant else None
+                    row = np.zeros(len(by)) if place is None else -by[:, i, place]
+                    slopes[key][one.run.serial][channel] = row
+    return [key.replace(".", "#") for key in keys], [_rates(problem, slopes[key], noise) for key in keys]
 
 
 def _settings(projection, trial) -> Iterator[dict]:
@@ -159,18 +180,19 @@ def named(training: Regression, held_out: Regression) -> dict:
     train, judge = (_only(one, known) for one in (training, held_out))
     scale = np.sqrt(np.mean(train.library**2, axis=0))
     size = float(np.sqrt(np.mean(train.target**2)))
-    found = [
-        (label, row, judge.score(row * size / scale))
-        for label, row in sparse_models(train.library / scale, train.target / size)
-    ]
-    best = max(score for _, _, score in found)
-    if best < LEAST_SCORE:
-        return _told([], None, best, "none")
-    enough = [one for one in found if one[2] > best - PARSIMONY]
-    label, row, score = min(enough, key=lambda one: (np.count_nonzero(one[1]), -one[2]))
-    order = np.argsort(-np.abs(row))
-    effects = list(dict.fromkeys(known[i].split("#")[0] for i in order if row[i]))
-    return _told(effects, label, score, "explained")
+    found = []
+    for label, row in sparse_models(train.library / scale, train.target / size):
+        order = [i for i in np.argsort(-np.abs(row)) if row[i]]
+        effects = list(dict.fromkeys(known[i].split("#")[0] for i in order))
+        found.append((label, effects, judge.scores(row * size / scale)))
+    best = max((blocks for _, _, blocks in found), key=np.mean)
+    if np.mean(best) < LEAST_SCORE:
+        return _told([], None, float(np.mean(best)), "none")
+    enough = np.mean(best) - np.std(best) / np.sqrt(len(best))
+    label, effects, blocks = min(
+        (one for one in found if np.mean(one[2]) >= enough), key=lambda one: (len(one[1]), -np.mean(one[2]))
+    )
+    return _told(effects, label, float(np.mean(blocks)), "explained" if effects else "none")
 
 
 def _only(one: Regression, names) -> Regression:
