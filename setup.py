@@ -65,6 +65,7 @@ setup(
         "scipy>=1.10",
     ],
     extras_require={
+        "peer": ["pysindy>=2.0"],
         "ros": ROS,
         "test": TEST,
     },

@@ -2,9 +2,10 @@
 """Blind cases for the gap workflow: hide effects, search, count; resumable, one JSON line a case.
 
     python benchmarks/bench_gap.py run --out results.jsonl [--seed 1] [--cases SET ...] [--limit N]
-    python benchmarks/bench_gap.py table results.jsonl ... [--keep short.jsonl]
+    python benchmarks/bench_gap.py table results.jsonl ... [--keep short.jsonl] [--peer peer.jsonl]
 
-The search gets the recordings and the belief; the answer is compared afterwards.
+The search gets the recordings and the belief; the answer is compared afterwards. The peer's file, PySINDy
+on the same cases, is made by `gap_peer.py`.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from gap_table import SETS, keep, read, table
+from gap_table import SETS, beside, keep, read, table
 
 SHAPES = ("force_map_misfit", "valve_curve_misfit", "volume_misfit")
 NULLS = 50
@@ -128,6 +129,7 @@ def main() -> None:
     showing = verbs.add_parser("table", help="print the tables of a results file")
     showing.add_argument("results", type=Path, nargs="+")
     showing.add_argument("--keep", type=Path, help="write what the table needs of each case")
+    showing.add_argument("--peer", type=Path, help="results of gap_peer.py on the same cases")
     arguments = parser.parse_args()
     if arguments.verb == "run":
         run(arguments)
@@ -136,6 +138,8 @@ def main() -> None:
         if arguments.keep:
             keep(results, arguments.keep)
         print(table(results))
+        if arguments.peer:
+            print("\n" + beside(results, read(arguments.peer)))
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from bench_gap import read_results, verdict_on
+from gap_table import names, outcome, read
 
 CUTOFF = 12.0  # Hz, of the zero-phase smoothing before differentiation
 SAMPLE_RATE = 50.0  # Hz, to which the smooth rates are thinned
@@ -53,11 +53,11 @@ class Regression:
 
 def solve(case: dict, tools: dict) -> dict:
     """Make a case again, regress what the model misses, and return the names beside what was hidden."""
-    from pam_orthosis.discrepancy import select, workflow
     from pam_orthosis.discrepancy.data import from_arrays
     from pam_orthosis.discrepancy.hidden.case import belief, make_case
     from pam_orthosis.discrepancy.knee import knee
     from pam_orthosis.discrepancy.replay import Replay
+    from pam_orthosis.discrepancy.workflow import begin
 
     if not tools:
         parameters = belief()
@@ -69,10 +69,10 @@ def solve(case: dict, tools: dict) -> dict:
         for group in (made.training, made.held_out)
     )
     start = time.monotonic()
-    problem, judge, floor = workflow.prepared(tools["replay"], training, held_out, tools["parameters"].gap)
-    problem, base = select.recalibrated(problem)
-    fitted = regression(problem, base, floor.units)
-    found = named(fitted, regression(judge, base, floor.units, problem))
+    begun = begin(tools["system"], training, held_out, tools["parameters"].gap, replay=tools["replay"])
+    noise = begun.floor.units
+    fitted = regression(begun.problem, begun.null, noise)
+    found = named(fitted, regression(begun.held_out, begun.null, noise, begun.problem))
     return {**case, "answer": made.answer, "seconds": round(time.monotonic() - start, 2), "found": found}
 
 
@@ -230,8 +230,9 @@ def sparse_models(library: np.ndarray, target: np.ndarray) -> list[tuple[str, np
 
 def run(arguments) -> None:
     """Solve the cases of a results file of `bench_gap.py` that the peer's file does not hold yet."""
-    done = {(r["set"], r["seed"]) for r in read_results(arguments.out)}
-    cases = [r for r in read_results(arguments.results) if (r["set"], r["seed"]) not in done]
+    known = read(arguments.out) if arguments.out.exists() else []
+    done = {(r["set"], r["seed"]) for r in known}
+    cases = [r for r in read(arguments.results) if (r["set"], r["seed"]) not in done]
     tools: dict = {}
     for number, one in enumerate(cases[: arguments.limit]):
         case = {key: one[key] for key in ("set", "class", "size", "effects", "seed", "outside")}
@@ -249,10 +250,9 @@ def _line(result: dict) -> str:
     if "failed" in result:
         return f"{head} FAILED {result['failed']}"
     found = result["found"]
-    names = [effect["name"] for effect in found["effects"]]
     return (
-        f"{head} {verdict_on(result)} {names} score {found['closure']['overall']} by {found['optimiser']}"
-        f" {result['seconds']} s"
+        f"{head} {outcome(result)} {names(result)} score {found['closure']['overall']}"
+        f" by {found['optimiser']}, {result['seconds']} s"
     )
 
 

@@ -197,3 +197,33 @@ def _others(solved) -> str:
 def _honest(found: dict) -> bool:
     share = found["closure"]["overall"]
     return found["verdict"] == "unexplained" or share is None or share < 0.5
+
+
+def beside(results: list[dict], peer: list[dict]) -> str:
+    """Return the table of this workflow and of PySINDy over the cases that both have solved."""
+    theirs = {(r["set"], r["seed"]): r for r in peer}
+    pairs = [(r, theirs[r["set"], r["seed"]]) for r in results if (r["set"], r["seed"]) in theirs]
+    heads = "right | set of 2 | with extras | wrong | no name | first name right"
+    lines = [f"| set | size | cases | method | {heads} |", "|" + "---|" * 10]
+    for name, size in sorted({(r["set"], r["size"]) for r, _ in pairs}):
+        chosen = [pair for pair in pairs if (pair[0]["set"], pair[0]["size"]) == (name, size)]
+        for method, which in (("gap", 0), ("PySINDy", 1)):
+            count = Counter(outcome(pair[which]) for pair in chosen)
+            first = sum(_first(pair[which]) in pair[0]["effects"] for pair in chosen)
+            cells = [*(count[kind] for kind in OUTCOMES[:-1]), first]
+            lines.append(f"| {name} | {size} | {len(chosen)} | {method} | {' | '.join(map(str, cells))} |")
+    return "\n".join(lines)
+
+
+def outcome(result: dict) -> str:
+    """Return `judged`, but any name is wrong where nothing, or nothing of the catalogue, was hidden."""
+    kind = judged(result)
+    if kind not in ("none", "failed") and (result["outside"] or not result["effects"]):
+        return "wrong"
+    return kind
+
+
+def _first(result: dict) -> str | None:
+    """Return the name with the most evidence, or the largest coefficient."""
+    named = names(result) if "found" in result else []
+    return named[0] if named else None
