@@ -58,7 +58,7 @@ def _identified() -> Identified:
     parameters = load()
     held_out = [p - parameters.valve.ambient_pressure for p in parameters.rig.procedure.held_out_pressures]
     with tempfile.TemporaryDirectory() as folder:
-        for test in rig.TESTS:
+        for test in rig.IDENTIFICATION:
             _say(f"figs. 4 and 5: {test}")
             rig.record_test(parameters, MUSCLE, test, Path(folder))
         return identify(read_data([Path(folder)]), held_out)
