@@ -12,6 +12,7 @@ from pam_orthosis.bag.rig_record import record_rig
 from pam_orthosis.control.rig_loop import (
     DIAGNOSTIC_PLACES,
     DIAGNOSTIC_PRESSURES,
+    DIAGNOSTIC_START,
     DIAGNOSTIC_STEP,
     DecayRig,
     Rig,
@@ -84,8 +85,8 @@ def _samples(
 ) -> Iterator[RigSample]:
     if test == "decay":
         return DecayRig(parameters, specimen, seed).run(pressure)
-    rig = Rig(parameters, specimen, seed)
     if test == "diagnostic":
+        rig = Rig(parameters, specimen, seed, DIAGNOSTIC_START)
         return diagnostic_procedure(rig, [pressure, pressure + DIAGNOSTIC_STEP], DIAGNOSTIC_PLACES)
     procedure = force_procedure if test == "force" else volume_procedure
-    return procedure(rig, pressure)
+    return procedure(Rig(parameters, specimen, seed), pressure)

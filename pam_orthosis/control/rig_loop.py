@@ -33,6 +33,7 @@ REST_TIME = 4.0  # s in which the weight comes to rest
 PULL_TIME = 0.5  # s in which the hand pulls
 PATIENCE = 20.0  # s until a pressure has to be set and a ramp has to end
 DIAGNOSTIC_STROKE = 0.04  # m, within which all pressures from 3 bar on keep both muscles taut
+DIAGNOSTIC_START = 0.01  # m: the polynomials end at no contraction, and the carriage overshoots
 DIAGNOSTIC_PRESSURES = (3.0e5, 3.8e5, 4.6e5)  # Pa absolute, one a run
 DIAGNOSTIC_STEP = 1.5e5  # Pa, to the second pressure of a run
 DIAGNOSTIC_PLACES = (0.7, 0.2, 0.9, 0.4)  # of the stroke

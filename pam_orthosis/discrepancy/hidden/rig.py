@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pam_orthosis.control.linearisation import slack_pressure
-from pam_orthosis.control.rig_loop import Rig, diagnostic_procedure
+from pam_orthosis.control.rig_loop import DIAGNOSTIC_START, Rig, diagnostic_procedure
 from pam_orthosis.discrepancy.hidden import physics
 from pam_orthosis.discrepancy.hidden.case import TOLERANCE_SHARE, Case, force_waves
 from pam_orthosis.discrepancy.hidden.effects import SIZES, HiddenEffect
@@ -133,8 +133,10 @@ class HiddenRig:
         self._closed, self._half_span = parameters.valve.closed_voltage, self._physics[1].half_span
         self._noise, self._index, self._held = np.random.default_rng(seed), 0, (0.0, 0.0)
         self.x = np.zeros(STATES)
-        self.x[PE], self.x[PF] = parameters.valve.ambient_pressure, float(slack_pressure(0.0, parameters))
-        self._anchors = np.outer([0.0, self._physics[0].position_offset], np.ones(physics.ELEMENTS))
+        at = DIAGNOSTIC_START
+        taut = float(slack_pressure(at, parameters))
+        self.x[:4] = at, 0.0, parameters.valve.ambient_pressure, taut
+        self._anchors = np.outer([at, self._physics[0].position_offset - at], np.ones(physics.ELEMENTS))
 
     def measure(self) -> RigMeasurement:
         """Return noisy, quantised sensor readings; draws noise once a call."""
@@ -273,7 +275,7 @@ def record(rng, parameters, secret) -> dict[str, np.ndarray]:
     plant = HiddenRig(parameters, hidden, deviations, misfits, int(rng.integers(2**31)))
     pressures = np.array([3.2e5, 5.5e5]) + rng.uniform(-2e4, 4e4, 2)
     places = rng.permutation([0.15, 0.5, 0.8, 1.0])
-    rig = Rig(parameters, SPECIMEN, plant=plant)
+    rig = Rig(parameters, SPECIMEN, position=DIAGNOSTIC_START, plant=plant)
     rows = [
         (s.time_ns * 1e-9, s.measured.position, s.measured.force, *s.measured[1:3], *s.voltages)
         for s in diagnostic_procedure(rig, pressures[rng.permutation(2)].tolist(), places.tolist())
