@@ -267,7 +267,7 @@ def bounded_step(hessian, gradient, position, lower, upper, damping=0.0) -> np.n
         rest = ~active
         rhs = -(gradient[rest] + damped[np.ix_(rest, active)] @ step[active])
         wanted = step.copy()
-        wanted[rest] = np.linalg.solve(damped[np.ix_(rest, rest)], rhs)
+        wanted[rest] = _solved(damped[np.ix_(rest, rest)], rhs)
         bound = np.where(wanted > step, upper, lower) - position
         over = rest & (np.abs(wanted - step) > np.abs(bound - step) + 1e-12)
         if not over.any():
@@ -278,6 +278,14 @@ def bounded_step(hessian, gradient, position, lower, upper, damping=0.0) -> np.n
         step = np.where(active, step, step + share[first] * (wanted - step))
         step[first], active[first] = bound[first], True
     return step
+
+
+def _solved(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
+    """Return the solution, the shortest one where parameters have no influence of their own."""
+    try:
+        return np.linalg.solve(matrix, rhs)
+    except np.linalg.LinAlgError:
+        return np.linalg.lstsq(matrix, rhs, rcond=None)[0]
 
 
 def fit(

@@ -157,6 +157,13 @@ def test_a_bound_is_kept_in_the_prediction():
     assert step[1] == pytest.approx((1.0 + 1.9 * 0.1) / 2.0)
 
 
+def test_parameters_without_influence_do_not_stop_a_step():
+    """Two that act as one: the step is shared, not refused."""
+    hessian = 1e9 * np.array([[1.0, 1.0], [1.0, 1.0]])
+    step = bounded_step(hessian, np.array([2e9, 2e9]), np.zeros(2), np.full(2, -9.0), np.full(2, 9.0))
+    assert step.sum() == pytest.approx(-2.0)
+
+
 def test_nothing_hidden_gives_no_delay_and_no_backlash(bench):
     """Traps 1, 2, 5, 6: discretisation and noise must not look like a lag of anything."""
     settings = bench.parameters.gap
