@@ -94,8 +94,11 @@ class Part:
 
 
 def data_width(system: System) -> int:
-    """Return the number of columns of the data `z`: neighbours now and next, inputs before and now,
-    time, measured channels, the fraction of the period in which the inputs before still act."""
+    """Return the number of columns of the data `z`.
+
+    These are: neighbours now and next, inputs before and now, time, measured channels, the fraction of the
+    period in which the inputs before still act.
+    """
     return 3 * len(system.channels) + 2 * len(system.inputs) + 2
 
 

@@ -18,8 +18,10 @@ from pam_orthosis.model.effects.base import Effect
 
 @dataclass(frozen=True)
 class Channel:
-    """A measured signal: the state that it measures (None: a function of states), unit, factor to the
-    unit of reports."""
+    """A measured signal: the state that it measures (None: a function of states), units.
+
+    `report_factor` leads from the unit to that of reports.
+    """
 
     name: str
     state: str | None

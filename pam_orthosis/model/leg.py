@@ -18,8 +18,11 @@ GRAVITY = 9.81  # m/s^2
 
 @dataclass(frozen=True)
 class Body:
-    """A rigid body of the side view: mass kg, moment of inertia about its centre kg m^2, position
-    of the centre (x, z) m and orientation rad, the last two as functions of q."""
+    """A rigid body of the side view.
+
+    Mass kg, moment of inertia about its centre kg m^2, position of the centre (x, z) m and orientation
+    rad, the last two as functions of q.
+    """
 
     mass: object
     inertia: object

@@ -22,8 +22,10 @@ def polynomial(coefficients, x):
 
 
 def specimen_contraction(contraction, m):
-    """Return the contraction of the measured specimen at the same relative contraction, clamped
-    to the box in which the polynomials were identified (no silent extrapolation: see `outside_box`).
+    """Return the contraction of the measured specimen at the same relative contraction.
+
+    It is clamped to the box in which the polynomials were identified (no silent extrapolation: see
+    `outside_box`).
     """
     x = contraction * (m.map_length / m.length)
     return ca.fmin(ca.fmax(x, m.box.minimum_contraction), m.box.maximum_contraction)

@@ -115,8 +115,7 @@ class Hidden(NamedTuple):
 
 
 class Maps(NamedTuple):
-    """Arrays: muscle polynomials a, b, v, w; leg table (4, n): inertia, its slope, gravity, ankle
-    inertia...; misfits; torque from outside at every millisecond."""
+    """Arrays: polynomials of the muscles, table of the leg, misfits, torque from outside."""
 
     a: np.ndarray
     b: np.ndarray
