@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import gc
 import os
 import signal
@@ -40,6 +41,8 @@ HEARTBEAT_SECONDS = 0.1
 PEER_POLL_SECONDS = 0.02
 PEER_REPORT_SECONDS = 5.0
 LAST_WORDS_SECONDS = 0.1
+STUCK_SECONDS = 60.0  # without a beat, after which a process of a run ends itself
+LEAVING_SECONDS = 10.0  # the same for one whose supervisor is gone
 ORPHAN_SECONDS = 0.6  # nobody sees to it that the recorder ends last
 QUEUE_DEPTH = 10
 MODE = {
@@ -326,7 +329,21 @@ class Heartbeat:
         if self._pipe is None or (now - self._last < HEARTBEAT_SECONDS and not ended):
             return True
         self._last = now
+        self.ends_within(STUCK_SECONDS)
         return self.tell(_status(nodes, ended))
+
+    def ends_within(self, seconds: float | None) -> None:
+        """Let the process end itself, in whatever call it is stuck, if nothing is heard for so long.
+
+        None takes that back. A peer that was killed can leave the middleware waiting for ever; where the
+        process was stuck is then in its log.
+        """
+        if self._pipe is None:
+            return
+        if seconds is None:
+            faulthandler.cancel_dump_traceback_later()
+        else:
+            faulthandler.dump_traceback_later(seconds, exit=True)
 
     def tell(self, status: str) -> bool:
         """Write a line; return whether the supervisor still lives."""
@@ -377,6 +394,7 @@ def spin(nodes: Sequence[GraphNode]) -> bool:
             if node.failure:
                 raise node.failure
     finally:
+        heartbeat.ends_within(LEAVING_SECONDS if heartbeat.orphaned else None)
         if not all(node.ended for node in nodes):
             heartbeat.tell("leaving")
             _abandon(nodes, executor, ORPHAN_SECONDS if heartbeat.orphaned else LAST_WORDS_SECONDS)

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from pam_orthosis.errors import RunFailed
-from pam_orthosis.nodes import supervisor
+from pam_orthosis.nodes import graph, supervisor
 from pam_orthosis.nodes.supervisor import supervise
 
 STEPPING = """
@@ -19,6 +19,12 @@ while True:
     time.sleep(0.05)
 """
 STOPPED = "import os, signal, time; os.kill(os.getpid(), signal.SIGSTOP); time.sleep(60)"
+STUCK = """
+import os
+from pam_orthosis.nodes.graph import Heartbeat
+Heartbeat().ends_within(0.2)
+os.read(os.pipe()[0], 1)
+"""
 MUTE = "import time; time.sleep(60)"
 CRASHING = "import sys; sys.exit('pam-orthosis: error: no air')"
 
@@ -82,3 +88,19 @@ sys.exit("no air")
     with pytest.raises(RunFailed, match="node crashing ended"):
         supervise(commands, dict(os.environ), tmp_path, lambda _: None)
     assert marks.read_text() == "nr"
+
+
+def test_a_process_that_is_stuck_in_a_call_ends_itself_and_its_log_tells_where(tmp_path):
+    log = tmp_path / "log"
+    child = supervisor.Child("stuck", [sys.executable, "-c", STUCK], dict(os.environ), log)
+    assert child.process.wait() == 1
+    assert "Timeout" in log.read_text()
+    child.release()
+
+
+def test_without_a_supervisor_nothing_ends_a_process(monkeypatch):
+    monkeypatch.delenv(supervisor.HEARTBEAT_VARIABLE, raising=False)
+    armed = []
+    monkeypatch.setattr(graph.faulthandler, "dump_traceback_later", lambda *a, **k: armed.append(a))
+    graph.Heartbeat().ends_within(1.0)
+    assert not armed
