@@ -7,13 +7,14 @@ devices; the rest is what the controllers expect of any driver.
 
 from __future__ import annotations
 
+import signal
 import sys
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import FluidPressure, JointState
 
 from pam_orthosis.model.parameters import load
@@ -96,16 +97,16 @@ class DummyDriver(Node):
 
 def main() -> int:
     """Run the driver until SIGINT or SIGTERM."""
-    rclpy.init(args=sys.argv)
+    # rclpy's own handlers would end the context under a callback that is about to publish
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    caught: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _frame: caught.append(number))
     executor = EventsExecutor()
     executor.add_node(DummyDriver())
-    try:
-        while rclpy.ok():
-            executor.spin_once(timeout_sec=SPIN_SECONDS)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        rclpy.try_shutdown()
+    while not caught:
+        executor.spin_once(timeout_sec=SPIN_SECONDS)
+    rclpy.try_shutdown()
     return 0
 
 

@@ -374,7 +374,7 @@ def spin(nodes: Sequence[GraphNode]) -> bool:
     step: a timer alone has to queue behind all that has arrived, which is much on a busy machine. The
     events executor is the fast one; it needs a finite time-out to dispatch at all.
     """
-    over, signals, heartbeat = Future(), _caught_signals(), Heartbeat()
+    over, signals, heartbeat = Future(), caught_signals(), Heartbeat()
 
     def watch() -> None:
         failed = signals or any(node.failure for node in nodes)
@@ -446,8 +446,11 @@ def _culprit(error: Exception) -> str:
     return f"in {roles[-1]}: " if roles else ""
 
 
-def _caught_signals() -> list[int]:
-    """Return the list to which SIGINT and SIGTERM are appended from now on."""
+def caught_signals() -> list[int]:
+    """Return the list to which SIGINT and SIGTERM are appended from now on.
+
+    rclpy's own handlers would end the context under a callback that is about to publish.
+    """
     caught: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _frame: caught.append(number))

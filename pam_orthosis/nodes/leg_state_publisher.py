@@ -13,7 +13,6 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -73,17 +72,16 @@ class LegStatePublisher(Node):
 
 def main() -> int:
     """Run the node until SIGINT or SIGTERM."""
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.ALL)
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    signals = graph.caught_signals()
     executor: Any = EventsExecutor()
     try:
         executor.add_node(LegStatePublisher())
-        while rclpy.ok():
+        while not signals:
             executor.spin_once(timeout_sec=SPIN_SECONDS)
     except OrthosisError as error:
         print(f"{ERROR_PREFIX}{error}", file=sys.stderr)
         return error.exit_status
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
     finally:
         rclpy.try_shutdown()
     return 0
