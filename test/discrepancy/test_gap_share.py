@@ -67,3 +67,10 @@ def test_tables_count_what_was_hidden_against_what_was_named(benchmark):
     assert "| clean | medium | 2 | 1 | 0 | 0 | 1 | 0 | 0 | 50% |" in text
     assert "| clean | medium | creep | backlash | 1 |" in text
     assert "1 of 2 (50%)" in text
+
+
+def test_the_page_shows_what_the_committed_cases_say(benchmark):
+    root = BENCHMARKS.parent
+    page = (root / "docs" / "gap.md").read_text(encoding="utf-8")
+    shown = page.split("<!-- table -->")[1].split("<!-- end -->")[0].strip()
+    assert shown == benchmark[1].table(benchmark[1].read(root / "docs" / "studies" / "gap_blind.jsonl"))
