@@ -42,6 +42,7 @@ PEER_POLL_SECONDS = 0.02
 PEER_REPORT_SECONDS = 5.0
 LAST_WORDS_SECONDS = 0.1
 STUCK_SECONDS = 60.0  # without a beat, after which a process of a run ends itself
+ARM_SECONDS = 5.0
 LEAVING_SECONDS = 10.0  # the same for one whose supervisor is gone
 ORPHAN_SECONDS = 0.6  # nobody sees to it that the recorder ends last
 QUEUE_DEPTH = 10
@@ -318,6 +319,7 @@ class Heartbeat:
         descriptor = os.environ.get(HEARTBEAT_VARIABLE)
         self._pipe = int(descriptor) if descriptor else None
         self._last = 0.0
+        self._armed = 0.0
         self.orphaned = False
         if self._pipe is not None:
             os.set_blocking(self._pipe, False)
@@ -329,7 +331,9 @@ class Heartbeat:
         if self._pipe is None or (now - self._last < HEARTBEAT_SECONDS and not ended):
             return True
         self._last = now
-        self.ends_within(STUCK_SECONDS)
+        if now - self._armed > ARM_SECONDS:  # each time costs a thread
+            self._armed = now
+            self.ends_within(STUCK_SECONDS)
         return self.tell(_status(nodes, ended))
 
     def ends_within(self, seconds: float | None) -> None:
