@@ -11,13 +11,12 @@ on the same cases, is made by `gap_peer.py`.
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from gap_table import SETS, beside, keep, read, table
+from gap_table import SETS, beside, keep, read, table, work_off
 
 SHAPES = ("force_map_misfit", "valve_curve_misfit", "volume_misfit")
 NULLS = 50
@@ -92,15 +91,7 @@ def run(arguments) -> None:
     known = read(arguments.out) if arguments.out.exists() else []
     done = {(r["set"], r["seed"]) for r in known}
     todo = [case for case in plan(arguments.cases, arguments.seed) if (case["set"], case["seed"]) not in done]
-    tools: dict = {}
-    for number, case in enumerate(todo[: arguments.limit]):
-        try:
-            result = solve(case, tools)
-        except Exception as error:  # one failed case must not end a night's run; the table counts it
-            result = {**case, "failed": f"{type(error).__name__}: {error}"}
-        with open(arguments.out, "a", encoding="utf-8") as stream:
-            stream.write(json.dumps(result) + "\n")
-        print(f"{number + 1}/{len(todo)}", _line(result), flush=True)
+    work_off(todo, arguments.limit, solve, arguments.out, _line)
 
 
 def _line(result: dict) -> str:

@@ -17,7 +17,6 @@ the held-out recordings best; of those within one standard error, the one with t
 from __future__ import annotations
 
 import argparse
-import json
 import time
 import warnings
 from collections.abc import Iterator
@@ -25,8 +24,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from gap_table import names, outcome, read
+from gap_table import names, outcome, read, work_off
 
+CASE = ("set", "class", "size", "effects", "seed", "outside")
 CUTOFF = 12.0  # Hz, of the zero-phase smoothing before differentiation
 SAMPLE_RATE = 50.0  # Hz, to which the smooth rates are thinned
 THRESHOLDS = np.geomspace(0.02, 1.0, 18)  # STLSQ, with target and columns scaled to unit rms
@@ -233,16 +233,8 @@ def run(arguments) -> None:
     known = read(arguments.out) if arguments.out.exists() else []
     done = {(r["set"], r["seed"]) for r in known}
     cases = [r for r in read(arguments.results) if (r["set"], r["seed"]) not in done]
-    tools: dict = {}
-    for number, one in enumerate(cases[: arguments.limit]):
-        case = {key: one[key] for key in ("set", "class", "size", "effects", "seed", "outside")}
-        try:
-            result = solve(case, tools)
-        except Exception as error:  # one failed case must not end the run; the table counts it
-            result = {**case, "failed": f"{type(error).__name__}: {error}"}
-        with open(arguments.out, "a", encoding="utf-8") as stream:
-            stream.write(json.dumps(result) + "\n")
-        print(f"{number + 1}/{len(cases)}", _line(result), flush=True)
+    todo = [{key: one[key] for key in CASE} for one in cases]
+    work_off(todo, arguments.limit, solve, arguments.out, _line)
 
 
 def _line(result: dict) -> str:

@@ -22,6 +22,19 @@ def read(path: Path) -> list[dict]:
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line]
 
 
+def work_off(todo: list[dict], limit: int | None, solve, out: Path, told) -> None:
+    """Solve cases one by one and append each result to a file; `told` puts a result into a line."""
+    tools: dict = {}
+    for number, case in enumerate(todo[:limit]):
+        try:
+            result = solve(case, tools)
+        except Exception as error:  # one failed case must not end a night's run; the table counts it
+            result = {**case, "failed": f"{type(error).__name__}: {error}"}
+        with open(out, "a", encoding="utf-8") as stream:
+            stream.write(json.dumps(result) + "\n")
+        print(f"{number + 1}/{len(todo)}", told(result), flush=True)
+
+
 def keep(results: Iterable[dict], path: Path) -> None:
     """Write what the tables need of each case."""
     lines = []

@@ -44,7 +44,7 @@ def learn(parameters) -> dict[str, Any]:
 def fitted(system, recordings, settings) -> dict[str, float]:
     """Return all parameters of the model with `EFFECTS`, fitted to recordings within their tolerances."""
     replay = Replay(system)
-    problem, _, _ = workflow._prepared(replay, recordings, recordings[:1], settings)
+    problem, _, _ = workflow.prepared(replay, recordings, recordings[:1], settings)
     _, found = fit_tempered(problem, EFFECTS, replay.defaults(EFFECTS), free_parameters(system, EFFECTS))
     return {key: float(value) for key, value in found.values.items()}
 

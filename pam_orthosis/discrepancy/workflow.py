@@ -114,7 +114,7 @@ def begin(
     if not held_out:
         training, held_out = _split(training)
         remarks.append("no recording is held out: the last quarter of each one judges")
-    problem, judge, floor = _prepared(replay or Replay(system), training, held_out, settings)
+    problem, judge, floor = prepared(replay or Replay(system), training, held_out, settings)
     return Beginning(system, *select.recalibrated(problem, tell), judge, floor, tuple(remarks))
 
 
@@ -163,7 +163,7 @@ def _split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recor
     return first, last
 
 
-def _prepared(replay: Replay, training, held_out, settings) -> tuple[Problem, Problem, measure.Gap]:
+def prepared(replay: Replay, training, held_out, settings) -> tuple[Problem, Problem, measure.Gap]:
     """Return the training and the held-out problem, whitened, and the noise floor of the latter."""
     system, cutoff = replay.system, settings.replay.cross_cutoff
     runs = [[Run(system, one, cutoff) for one in group] for group in (training, held_out)]

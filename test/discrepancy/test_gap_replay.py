@@ -168,7 +168,7 @@ def test_nothing_hidden_gives_no_delay_and_no_backlash(bench):
     """Traps 1, 2, 5, 6: discretisation and noise must not look like a lag of anything."""
     settings = bench.parameters.gap
     training, held_out = [bench.recording(1)], [bench.recording(2)]
-    problem, _, _ = workflow._prepared(bench.replay, training, held_out, settings)
+    problem, _, _ = workflow.prepared(bench.replay, training, held_out, settings)
     free = free_parameters(bench.system, ())
     problem, base = fit_tempered(problem, (), bench.replay.defaults(()), free)
     projection = Projection(problem, base)
@@ -181,7 +181,7 @@ def test_a_large_effect_is_found_from_derivatives_far_away(bench):
     """Trap 9: derivatives taken without the effect mislead where it is large; the model is evaluated anew."""
     plant = {"plant__effects__joint_friction__enabled": True, "plant__effects__joint_friction__coulomb": 2.5}
     settings = bench.parameters.gap
-    problem, _, _ = workflow._prepared(
+    problem, _, _ = workflow.prepared(
         bench.replay, [bench.recording(1, **plant)], [bench.recording(2, **plant)], settings
     )
     free = free_parameters(bench.system, ())
