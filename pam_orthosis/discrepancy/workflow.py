@@ -18,7 +18,8 @@ from pam_orthosis.errors import OrthosisError
 
 HELD_SHARE = 0.25  # of each recording, at its end, where no recording is held out
 LEAST_CLOSURE = 0.9  # below it the named effects are no explanation
-LEAST_NAMED = 0.5  # closure of a model below which it names nothing
+LEAST_NAMED = 0.5  # closure of a model below which it names nothing, unless nothing else comes near
+LONE = 20.0  # evidence over that of the runner-up from which an effect has no rival
 TELLING_STRAIN = 4.0  # deviations of an ordinary parameter over its tolerance that are worth a remark
 
 
@@ -236,8 +237,8 @@ def _judged(start: Beginning, found: select.Selection, settings) -> Outcome:
     verdict = _verdict(final, left, closed)
     named = tuple(_named(system, found, spread, name) for name in final.effects)
     share = closed[measure.OVERALL]
-    # a name that leaves most of the gap open is no name
-    trusted = _trusted(share)
+    # a name that leaves most of the gap open is no name; play does, since where the knee rests in it is chance
+    trusted = _trusted(share) or _without_rival(found)
     return Outcome(
         system=system,
         verdict=verdict,
@@ -313,6 +314,14 @@ def _runner_up(found: select.Selection) -> tuple[str, float] | None:
     ranking = _last_ranking(found)
     others = [(name, ranking[0][1] - evidence) for name, evidence in ranking[1:]]
     return min(others, key=lambda item: item[1]) if others else None
+
+
+def _without_rival(found: select.Selection) -> bool:
+    """Return whether a single effect is left, and the evidence of any other is tiny beside its own."""
+    ranking = _last_ranking(found)
+    if len(found.final.effects) != 1 or not ranking:
+        return False
+    return len(ranking) == 1 or ranking[0][1] > LONE * ranking[1][1]
 
 
 def _look_alikes(found: select.Selection, settings) -> tuple[str, ...]:

@@ -44,6 +44,7 @@ LAST_WORDS_SECONDS = 0.1
 STUCK_SECONDS = 60.0  # without a beat, after which a process of a run ends itself
 ARM_SECONDS = 5.0
 LEAVING_SECONDS = 10.0  # the same for one whose supervisor is gone
+STRANGERS_NAME_TIME = 5.0
 ORPHAN_SECONDS = 0.6  # nobody sees to it that the recorder ends last
 QUEUE_DEPTH = 10
 MODE = {
@@ -159,7 +160,7 @@ class GraphNode(Node):
 
         def matched(status: QoSSubscriptionMatchedInfo) -> None:
             if status.total_count > len(entry.producers) and not self.ended:
-                self.failure = RunFailed(self._of_a_stranger(name))
+                self.failure = RunFailed(self._of_a_stranger(name, len(entry.producers)))
                 self.pulse()
 
         def receive(message: Any) -> None:
@@ -168,10 +169,18 @@ class GraphNode(Node):
 
         return receive, {"event_callbacks": SubscriptionEventCallbacks(matched=matched)}
 
-    def _of_a_stranger(self, name: str) -> str:
-        there = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
-        names = sorted({f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in there})
+    def _of_a_stranger(self, name: str, expected: int) -> str:
+        # a publisher is matched before the graph tells which node it belongs to
+        until = time.monotonic() + STRANGERS_NAME_TIME
+        while len(names := self._publishing(name)) <= expected and time.monotonic() < until:
+            time.sleep(0.01)
         return f"a stranger publishes on {name}: of {', '.join(names)} one does not belong here"
+
+    def _publishing(self, name: str) -> list[str]:
+        """Return the full names of the nodes that are known to publish on a topic."""
+        there = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
+        known = [one for one in there if "UNKNOWN" not in one.node_name]
+        return sorted({f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in known})
 
     def join_inputs(self, inputs: Sequence[str], step: Callable[..., None], newest: bool = False) -> Join:
         """Listen to topics; call `step(stamp_ns, *messages)` once all of an instant are there.

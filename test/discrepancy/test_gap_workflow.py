@@ -3,12 +3,13 @@
 
 import csv
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from pam_orthosis.cli import main as cli
-from pam_orthosis.discrepancy import patch
+from pam_orthosis.discrepancy import patch, workflow
 from pam_orthosis.discrepancy.data import from_arrays, from_csv
 from pam_orthosis.discrepancy.telling import telling
 from pam_orthosis.discrepancy.verdict import as_dict
@@ -172,3 +173,14 @@ def test_unfit_data_stop_with_the_reason(bench, reason, change):
     arrays = change({name: bench.arrays(1)[name] for name in COLUMNS})
     with pytest.raises(OrthosisError, match=reason):
         find_gap(bench.system, [from_arrays("x", bench.system, arrays)], [], bench.parameters.gap)
+
+
+@pytest.mark.parametrize(
+    ("effects", "rival", "named"),
+    [(["backlash"], 19.0, True), (["backlash"], 21.0, False), (["backlash", "creep"], 1.0, False)],
+)
+def test_what_closes_little_is_named_only_without_a_rival(effects, rival, named):
+    ranked = (("backlash", 400.0), ("stretch_reflex", rival))
+    step = SimpleNamespace(accepted="backlash", ranked=ranked)
+    found = SimpleNamespace(final=SimpleNamespace(effects=effects), steps=[step])
+    assert workflow._without_rival(found) is named
