@@ -237,7 +237,7 @@ def _judged(start: Beginning, found: select.Selection, settings) -> Outcome:
     verdict = _verdict(final, left, closed)
     named = tuple(_named(system, found, spread, name) for name in final.effects)
     share = closed[measure.OVERALL]
-    # a name that leaves most of the gap open is no name; play does, since where the knee rests in it is chance
+    # a name that leaves most of the gap open is no name; play does: where the knee rests in it is chance
     trusted = _trusted(share) or _without_rival(found)
     return Outcome(
         system=system,
