@@ -36,6 +36,21 @@ def check(system: System, recordings: Sequence[Recording], warm_up: float) -> li
     return remarks
 
 
+def check_divisible(recordings: Sequence[Recording], share: float, warm_up: float) -> None:
+    """Check that a share of each recording is long enough to judge by.
+
+    Raises:
+        OrthosisError: a recording is too short to be divided.
+    """
+    least = (warm_up + 1.0) / share
+    for one in recordings:
+        if one.duration < least:
+            raise OrthosisError(
+                f"{one.name} lasts {one.duration:.1f} s: too short to judge by its last {share:.0%}; record"
+                f" {least:.0f} s or more, or name another recording with --held-out"
+            )
+
+
 def missing_inputs(system: System, recordings: Sequence[Recording]) -> list[str]:
     """Return the inputs that some recording does not have."""
     return [name for name in system.inputs if any(name not in one.signals for one in recordings)]

@@ -113,6 +113,7 @@ def begin(
         system = _without(system, lacking)
         replay = None
     if not held_out:
+        check.check_divisible(training, HELD_SHARE, settings.replay.warm_up)
         training, held_out = _split(training)
         remarks.append("no recording is held out: the last quarter of each one judges")
     problem, judge, floor = prepared(replay or Replay(system), training, held_out, settings)

@@ -184,3 +184,10 @@ def test_what_closes_little_is_named_only_without_a_rival(effects, rival, named)
     step = SimpleNamespace(accepted="backlash", ranked=ranked)
     found = SimpleNamespace(final=SimpleNamespace(effects=effects), steps=[step])
     assert workflow._without_rival(found) is named
+
+
+def test_a_recording_that_is_too_short_to_divide_is_refused(bench):
+    recording = bench.recording(1)
+    short = recording.part(0, round(8.0 / recording.period), "short")
+    with pytest.raises(OrthosisError, match="short lasts 8.0 s: too short .* --held-out"):
+        find_gap(bench.system, [short], [], bench.parameters.gap, replay=bench.replay)
