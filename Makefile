@@ -8,7 +8,9 @@ READY := $(VENV)/.ready
 BENCH ?= bench_gap.jsonl
 # controllers compared; resumable, an hour or more: see benchmarks/bench_control.py
 BENCH_CONTROL ?= bench_control.jsonl
-.PHONY: bench-gap bench-control setup run test picture docs docs-commands clean
+# how fast it is, in ratios; minutes: see benchmarks/bench_speed.py
+BENCH_SPEED ?= bench_speed.json
+.PHONY: bench bench-gap bench-control setup run test picture docs docs-commands clean
 
 setup: $(READY)
 
@@ -27,6 +29,11 @@ test: setup
 
 picture: setup
 	$(BIN)/pam-orthosis report bags/walk --only picture --out docs/pictures
+
+bench: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[ros,bench]'
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_speed.py run --out $(BENCH_SPEED)
+	$(BIN)/python benchmarks/bench_speed.py table $(BENCH_SPEED)
 
 bench-gap: setup
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_gap.py run --out $(BENCH)

@@ -69,6 +69,7 @@ setup(
         "scipy>=1.10",
     ],
     extras_require={
+        "bench": ["dask[distributed]>=2024.1", "mujoco>=3.1"],
         "peer": ["pysindy>=2.0"],
         "ros": ROS,
         "test": TEST,

@@ -1,0 +1,6 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Speed, measured in ratios: one module a group, each with a function `rows(repeats)` that yields `Row`s."""
+
+GROUPS = {
+    "graph": "the node graph against bare relays of the same messages",
+}

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lockstep steps of the node graph, against relays of the same messages."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from pam_orthosis.bag.topics import NODES, RECORDER
+from pam_orthosis.model.parameters import load
+from pam_orthosis.nodes import launch
+from speed.rows import Goal, Row, alternating, row
+from speed.stepping import watched
+
+RATE_HZ = 500
+STEPS = {False: 2000, True: 6000}  # composed?
+ENDLESS = {"scenario.duration": 3600.0, "scenario.control_period": 1 / RATE_HZ}
+FLOOR = Goal("at most 1.5 times the relays", at_most=1.5)
+REAL_TIME = {
+    False: Goal("at least real time", at_least=1.0),
+    True: Goal("at least 4 times real time", at_least=4.0),
+}
+
+
+def rows(repeats: int) -> Iterator[Row]:
+    """Yield the rows: in processes and composed, with and without a recorder."""
+    import rclpy  # noqa: F401  without it there is nothing to measure
+
+    for composed in (False, True):
+        layout = "one process" if composed else "processes"
+        for recorded in (False, True):
+            ours, floor = alternating(
+                repeats,
+                lambda c=composed, r=recorded: microseconds(c, r),
+                lambda c=composed, r=recorded: relayed(c, r),
+            )
+            what = f"a step, {layout}, {'recorder included' if recorded else 'without recorder'}"
+            yield row("graph", what, "us", ours, floor, FLOOR)
+        factors = [1e6 / RATE_HZ / each for each in ours]
+        what = f"simulated time at {RATE_HZ} Hz, {layout}, recorder included"
+        yield row("graph", what, "x real time", factors, goal=REAL_TIME[composed])
+
+
+def microseconds(composed: bool, recorded: bool) -> float:
+    """Return the time of a step of the graph."""
+    parameters = load(ENDLESS)
+
+    def commands(work: Path) -> dict[str, list[str]]:
+        made = launch.commands(work, parameters, work / "bag", "default", launch.Mode(composed=composed))
+        return made if recorded else _without_recorder(made)
+
+    return 1e6 * watched(commands, round(1e9 / RATE_HZ), STEPS[composed]).seconds_per_step
+
+
+def _without_recorder(commands: dict[str, list[str]]) -> dict[str, list[str]]:
+    made = {}
+    for name, (python, _, module, *rest) in commands.items():
+        if name != RECORDER:
+            roles = [] if module.endswith(launch.COMPOSED) else [name]
+            others = [word for word in rest if word != RECORDER]
+            made[name] = [python, "-m", "speed.unrecorded", *roles, *others]
+    return made
+
+
+def relayed(composed: bool, recorded: bool) -> float:
+    """Return the time of a step of the relays."""
+    period_ns = round(1e9 / RATE_HZ)
+    roles = [node for node in (RECORDER, *NODES[1:-1], NODES[0]) if recorded or node != RECORDER]
+
+    def commands(work: Path) -> dict[str, list[str]]:
+        folder = str(work / "bag") if recorded else "-"
+        base = [sys.executable, "-m", "speed.relay", str(period_ns), folder]
+        return {"relays": [*base, *roles]} if composed else {role: [*base, role] for role in roles}
+
+    return 1e6 * watched(commands, period_ns, STEPS[composed]).seconds_per_step

@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The floor of the graph: nodes of bare rclpy that pass the same messages round, without any mathematics.
+
+    python -m speed.relay PERIOD_NS RECORDED_FOLDER|- NODE... --ros-args ...
+
+Topics, types and peers come from the table of topics, the executor is the graph's. A relay answers when all
+inputs of a stamp are there, with messages that it made once. What there is beside that is needed by any
+lockstep: a start barrier, a recorder that the plant does not run away from, a heartbeat.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import rclpy
+from builtin_interfaces.msg import Time
+from mcap.writer import CompressionType, Writer
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+from rclpy.utilities import remove_ros_args
+from std_msgs.msg import String
+
+from pam_orthosis.bag import topics
+from pam_orthosis.bag.record import CHUNK_BYTES, message_definition
+from pam_orthosis.bag.topics import PLANT, RECORDER, TRAJECTORY, VALVE, Topic
+from pam_orthosis.nodes import messages
+from pam_orthosis.nodes.graph import message_class, qos
+from pam_orthosis.nodes.pace import MAX_UNRECORDED_STEPS
+from pam_orthosis.nodes.supervisor import HEARTBEAT_VARIABLE
+
+STEP = [topic for topic in topics.TOPICS if topic.rate == "step"]
+RECORDER_DEPTH, ACKNOWLEDGED_STEPS = 5000, 10
+
+
+def filled(topic: Topic):
+    """Return a message with as many numbers as the graph's own has."""
+    if topic.type == topics.JOINT:
+        if topic.name == "truth":
+            return messages.joint_state(0, ["knee", "e", "f", "e_gas", "f_gas"], *[[1.0] * 5] * 3)
+        return messages.joint_state(0, ["knee"], [1.0], [1.0] if topic.name == "estimate" else [])
+    if topic.type == topics.PRESSURE:
+        return messages.fluid_pressure(0, "extensor", 1.0)
+    if topic.name == "reference":
+        return messages.trajectory(0, 1.0, 1.0, 1.0)
+    return messages.torque(0, 1.0) if topic.name == "disturbance" else message_class(topic.type)()
+
+
+class Relay(Node):
+    """One node of the table."""
+
+    def __init__(self, role: str, period_ns: int, recorded: bool):
+        super().__init__(f"relay_{role}")
+        self.role, self.period_ns, self.recorded = role, period_ns, recorded
+        self.now_ns = 0
+        self.is_ready = False
+        self._peers: list[Callable[[], bool]] = []
+        self._ready = self.create_publisher(String, "ready", qos(latched=True))
+        self._barrier = self.create_timer(0.02, self._wait)
+
+    def publisher(self, topic: Topic):
+        """Create a publisher of the table, to be matched before the start."""
+        made = self.create_publisher(message_class(topic.type), topic.name, qos(topics.PUBLISHED_DEPTH))
+        there = topic.subscribers if self.recorded else topic.consumers
+        self._peers.append(lambda: made.get_subscription_count() >= len(there))
+        return made
+
+    def listen(self, topic: Topic, callback: Callable, depth: int = 10, raw: bool = False) -> None:
+        """Create a subscription of the table, to be matched before the start."""
+        made = self.create_subscription(message_class(topic.type), topic.name, callback, qos(depth), raw=raw)
+        self._peers.append(lambda: made.get_publisher_count() >= 1)
+
+    def outputs(self, under: str = "") -> Callable[[int], None]:
+        """Return what publishes all that the node publishes, with names that begin with `under`."""
+        made = [
+            (self.publisher(t), filled(t))
+            for t in STEP
+            if self.role in t.producers and t.name.startswith(under)
+        ]
+        stamps = [message.clock if hasattr(message, "clock") else message.header.stamp for _, message in made]
+
+        def publish(stamp_ns: int) -> None:
+            sec, nanosec = divmod(stamp_ns, topics.SECOND_NS)
+            for stamp in stamps:
+                stamp.sec, stamp.nanosec = sec, nanosec
+            for publisher, message in made:
+                publisher.publish(message)
+
+        return publish
+
+    def joined(self, under: str, act: Callable[[int], None]) -> None:
+        """Call `act` with each stamp of which all inputs with names that begin with `under` are there."""
+        inputs = [t for t in STEP if self.role in t.consumers and t.name.startswith(under)]
+        counts: dict[int, int] = {}
+
+        def receive(message) -> None:
+            stamp_ns = messages.nanoseconds(message.header.stamp)
+            count = counts.get(stamp_ns, 0) + 1
+            if count < len(inputs):
+                counts[stamp_ns] = count
+            else:
+                counts.pop(stamp_ns, None)
+                act(stamp_ns)
+                self.now_ns = stamp_ns
+
+        for topic in inputs:
+            self.listen(topic, receive)
+
+    def _wait(self) -> None:
+        if all(there() for there in self._peers):
+            self._barrier.cancel()
+            self.is_ready = True
+            self._ready.publish(String(data=self.role))
+
+
+class Controller(Relay):
+    """Position controller, pressure controller or, once for each muscle, inverse valve model."""
+
+    def __init__(self, role: str, period_ns: int, recorded: bool):
+        super().__init__(role, period_ns, recorded)
+        for under in ("extensor", "flexor") if role == VALVE else ("",):
+            self.joined(under, self.outputs(under))
+
+
+class Trajectory(Relay):
+    """Publishes a period ahead."""
+
+    def __init__(self, role: str, period_ns: int, recorded: bool):
+        super().__init__(role, period_ns, recorded)
+        self._publish = self.outputs()
+        self.listen(topics.BY_NAME["/clock"], self._tick)
+
+    def _tick(self, message) -> None:
+        stamp_ns = messages.nanoseconds(message.clock)
+        if stamp_ns == 0:
+            self._publish(0)
+        self._publish(stamp_ns + self.period_ns)
+        self.now_ns = stamp_ns
+
+
+class Plant(Relay):
+    """Takes the next step when both voltages of this one are there and the recorder is near."""
+
+    def __init__(self, role: str, period_ns: int, recorded: bool):
+        super().__init__(role, period_ns, recorded)
+        self._publish = self.outputs()
+        self._absent = set(topics.NODES if recorded else topics.NODES[:-1])
+        self._next_ns = 0
+        self._recorded_ns = -1 if recorded else 1 << 62
+        self._waits = True
+        self.joined("", self._answered)
+        self.create_subscription(String, "ready", self._on_ready, qos(latched=True))
+        if recorded:
+            self.listen(topics.BY_NAME["recorded"], self._on_recorded)
+
+    def _on_ready(self, message: String) -> None:
+        self._absent.discard(message.data)
+        self._go_on()
+
+    def _on_recorded(self, message: Time) -> None:
+        self._recorded_ns = messages.nanoseconds(message)
+        self._go_on()
+
+    def _answered(self, stamp_ns: int) -> None:
+        self._next_ns = stamp_ns + self.period_ns
+        self._waits = True
+        self._go_on()
+
+    def _go_on(self) -> None:
+        near = self._next_ns - self._recorded_ns <= MAX_UNRECORDED_STEPS * self.period_ns
+        if self._waits and near and not self._absent:
+            self._waits = False
+            self._publish(self._next_ns)
+
+
+class Recorder(Relay):
+    """Writes serialised messages as they come."""
+
+    def __init__(self, role: str, period_ns: int, folder: Path):
+        super().__init__(role, period_ns, True)
+        folder.mkdir(parents=True, exist_ok=True)
+        file = str(folder / "relayed.mcap")
+        self._writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._writer.start(profile="ros2")
+        self._acknowledge = self.create_publisher(Time, "recorded", qos())
+        for topic in STEP:
+            self.listen(topic, self._receiver(topic), RECORDER_DEPTH, raw=True)
+
+    def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
+        definition = message_definition(topic.type)[0].encode()
+        schema = self._writer.register_schema(topic.type, "ros2msg", definition)
+        channel = self._writer.register_channel(f"/{topic.name.lstrip('/')}", "cdr", schema)
+
+        def receive(data: bytes) -> None:
+            stamp_ns = messages.serialised_stamp_ns(data)
+            self._writer.add_message(channel, stamp_ns, bytes(data), stamp_ns)
+            if topic.name == "/clock" and stamp_ns % (ACKNOWLEDGED_STEPS * self.period_ns) == 0:
+                self._acknowledge.publish(messages.time(stamp_ns))
+                self.now_ns = stamp_ns
+
+        return receive
+
+
+def make(role: str, period_ns: int, folder: str) -> Relay:
+    """Return the relay that stands for a node of the table; `folder` is `-` without a recorder."""
+    if role == RECORDER:
+        return Recorder(role, period_ns, Path(folder))
+    return {PLANT: Plant, TRAJECTORY: Trajectory}.get(role, Controller)(role, period_ns, folder != "-")
+
+
+def spin(nodes: Sequence[Relay]) -> None:
+    """Run relays until they are killed; tell the supervisor how far they are."""
+    pipe = int(os.environ[HEARTBEAT_VARIABLE])
+
+    def beat() -> None:
+        ready = all(node.is_ready for node in nodes)
+        told = f"running {max(node.now_ns for node in nodes)}" if ready else "starting"
+        os.write(pipe, f"{told}\n".encode())
+
+    nodes[0].create_timer(0.1, beat)
+    executor = EventsExecutor()
+    for node in nodes:
+        executor.add_node(node)
+    executor.spin_until_future_complete(Future(), timeout_sec=3600.0)
+
+
+def main() -> None:
+    """Run the relays that the command line names."""
+    rclpy.init(args=sys.argv)
+    period, folder, *roles = remove_ros_args(sys.argv)[1:]
+    spin([make(role, int(period), folder) for role in roles])
+
+
+if __name__ == "__main__":
+    main()

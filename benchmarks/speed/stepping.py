@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How long a step of a graph takes, by the heartbeats of its processes."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from pam_orthosis.nodes import launch
+from pam_orthosis.nodes.supervisor import supervise
+
+HERE = Path(__file__).resolve().parents[1]
+WARM_STEPS = 200
+
+
+class _Enough(Exception):
+    """The graph has been watched for long enough."""
+
+
+class Pace:
+    """Watches the simulated time of a run; raises when `steps` steps after the warm-up have passed."""
+
+    def __init__(self, period_ns: int, steps: int):
+        self._period_ns = period_ns
+        self._from_ns, self._steps = WARM_STEPS * period_ns, steps
+        self._first: tuple[float, int] | None = None
+        self.began = time.monotonic()
+        self.first_step_seconds: float | None = None
+        self.seconds_per_step = float("nan")
+
+    def __call__(self, time_ns: int) -> None:
+        """Take the simulated time that the graph has reached."""
+        now = time.monotonic()
+        if time_ns > 0 and self.first_step_seconds is None:
+            self.first_step_seconds = now - self.began
+        if time_ns < self._from_ns:
+            return
+        if self._first is None:
+            self._first = now, time_ns
+        passed = (time_ns - self._first[1]) // self._period_ns
+        if passed >= self._steps:
+            self.seconds_per_step = (now - self._first[0]) / passed
+            raise _Enough
+
+
+def watched(make_commands: Callable[[Path], Mapping[str, Sequence[str]]], period_ns: int, steps: int) -> Pace:
+    """Start a graph, whose commands are made for a folder, on a domain of its own; watch it, end it."""
+    with tempfile.TemporaryDirectory(prefix="pam-orthosis-bench-") as folder, launch.free_domain() as domain:
+        work = Path(folder)
+        environment = launch.environment(work, domain)
+        environment["PYTHONPATH"] = os.pathsep.join([str(HERE), os.environ.get("PYTHONPATH", "")])
+        commands = make_commands(work)
+        pace = Pace(period_ns, steps)
+        try:
+            supervise(commands, environment, work, pace)
+        except _Enough:
+            return pace
+        raise RuntimeError("the graph ended before it was watched for long enough")
