@@ -26,6 +26,8 @@ DEVIATIONS = {
     "hose_conductance": ("valve.hose.conductance",),
 }
 
+BISECTIONS = 60  # until the knee rests
+STILL = 0.1  # rad/s^2 that a knee at rest may have left
 SAME_FACTOR = 1e-4  # relative difference of two factors that are written with six digits
 
 
@@ -120,7 +122,7 @@ class Plant:
         assembly = orthosis.assemble(true_hardware(parameters.substituted({"leg.person.mass": mass})))
         self.states = assembly.states
         inputs = [assembly.x, ca.vertcat(assembly.u, mass)]
-        right_hand_side = ca.Function("plant_rates", inputs, [assembly.rates, assembly.outputs])
+        right_hand_side = ca.Function("plant_rates", inputs, ca.cse([assembly.rates, assembly.outputs]))
         step = parameters.plant.simulation.step
         self.period_ns = round(parameters.scenario.control_period * 1e9)
         substeps = round(parameters.scenario.control_period / step)
@@ -180,6 +182,10 @@ class Plant:
             y["extensor_tension"], y["flexor_tension"], pe, pf, y["extensor_flow"], y["flexor_flow"],
         )  # fmt: skip
 
+    def signals(self) -> dict[str, float]:
+        """Return the states and `orthosis.OUTPUTS` by name, free of noise (for studies and tests)."""
+        return dict(zip(self.states, self.state.tolist(), strict=True)) | self._report()
+
     def _report(self) -> dict[str, float]:
         """Return the model's outputs by name at the present step, evaluated once a step."""
         if self._reported is None:
@@ -188,8 +194,7 @@ class Plant:
         return self._reported
 
     def _external_torque(self) -> float:
-        plant = self._p.plant
-        return plant.external_torque * math.sin(2 * math.pi * plant.external_frequency * self._time())
+        return external_torque(self._p, self._time(), math.sin)
 
     def _time(self) -> float:
         """Return the start of the present period, s."""
@@ -205,17 +210,23 @@ class Plant:
             return x
         ambient, supply = self._p.valve.ambient_pressure, self._p.valve.supply_pressure
         low, high = ambient - mean, supply - mean  # shift of the flexor up, of the extensor down
-        for _ in range(60):
+        for _ in range(BISECTIONS):
             shift = 0.5 * (low + high)
             x[2] = min(max(mean - shift, ambient), supply)
             x[3] = min(max(mean + shift, ambient), supply)
             low, high = (shift, high) if float(accelerate(x, self._held)) < 0 else (low, shift)
-        if abs(float(accelerate(x, self._held))) > 0.1:
+        if abs(float(accelerate(x, self._held))) > STILL:
             raise OrthosisError(
                 f"the muscles cannot hold the knee at scenario.start_angle = {start} rad:"
                 " choose another angle, a lighter person or a higher supply pressure"
             )
         return x
+
+
+def external_torque(parameters, time, sine=ca.sin):
+    """Return the torque that shakes the knee at a time, N m."""
+    plant = parameters.plant
+    return plant.external_torque * sine(2 * math.pi * plant.external_frequency * time)
 
 
 def quantised(value: float, resolution: float) -> float:

@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameter studies: the emulated hardware with many sets of parameters, driven by the same voltages.
+
+    study = Study(load({"plant.simulation.step": 1e-3}), ["leg.person.mass", "plant.deviation.conductance"])
+    told = study.simulate(sets, voltages)["angle"]
+
+The equations are those of `Plant`, from the same expressions. Sets are advanced eight at a time, in vector
+registers and whole recordings a call, which is some ten times as fast as one `Plant` after the other.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import casadi as ca
+import numpy as np
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model import lanes, orthosis
+from pam_orthosis.model.plant import BISECTIONS, STILL, Plant, external_torque, quantised, true_hardware
+from pam_orthosis.model.rules import broken_rules
+
+LANES = 8  # sets that are advanced together: one vector of the widest registers there are
+MEASURED = ("measured_angle", "measured_extensor_pressure", "measured_flexor_pressure")
+# what decides over grid and structure of a study: the same for all of its sets
+COMMON = ("scenario.control_period", "scenario.duration", "plant.simulation.step", "plant.voltage_resolution")
+LOOP = """
+static void rk4(lane* x, const lane* u, const lane* theta, const lane* held, double h) {{
+  lane k[{states}], sum[{states}], y[{states}];
+  for (int s = 0; s < 4; s++) {{
+    study_rates(s ? y : x, u, theta, held, k);
+    double ahead = s == 2 ? h : 0.5 * h;
+    for (int i = 0; i < {states}; i++) {{
+      sum[i] = s == 0 ? k[i] : sum[i] + (s == 3 ? k[i] : 2.0 * k[i]);
+      y[i] = x[i] + ahead * k[i];
+    }}
+  }}
+  for (int i = 0; i < {states}; i++) x[i] += h / 6.0 * sum[i];
+}}
+
+static lane within(lane value, lane low, lane high) {{
+  value = chosen(value > low, value, low);
+  return chosen(value < high, value, high);
+}}
+
+/* sets the state at rest; returns the acceleration that is left */
+static lane rest(lane* x, const lane* u, const lane* theta, const lane* fixed) {{
+  lane start[4], held[{held}], k[{states}];
+  study_start(theta, start);
+  study_held(u, theta, fixed, held);
+  lane mean = start[1], ambient = start[2], supply = start[3];
+  lane low = ambient - mean, high = supply - mean;
+  for (int i = 0; i < {states}; i++) x[i] = all(0.0);
+  x[0] = start[0];
+  x[2] = x[3] = mean;
+  k[1] = all(0.0);
+  for (int n = 0; n < {bisections}; n++) {{
+    lane shift = 0.5 * (low + high);
+    x[2] = within(mean - shift, ambient, supply);
+    x[3] = within(mean + shift, ambient, supply);
+    study_rates(x, u, theta, held, k);
+    low = chosen(k[1] < 0.0, shift, low);
+    high = chosen(k[1] < 0.0, high, shift);
+  }}
+  return k[1];
+}}
+
+void study(long periods, long substeps, double period, double step, const double* sets,
+           const double* voltages, double* result, double* unrest) {{
+  lane x[{states}], u[4], theta[{theta}], fixed[{fixed}], held[{held}], told[{told}];
+  for (int i = 0; i < {theta}; i++) theta[i] = *(const loose*)(sets + {lanes} * i);
+  study_fixed(theta, fixed);
+  study_closed(theta, u);
+  *(loose*)unrest = rest(x, u, theta, fixed);
+  for (long n = 0; n < periods; n++) {{
+    study_told(x, u, theta, told);
+    for (int i = 0; i < {told}; i++) *(loose*)(result + {lanes} * (n * {told} + i)) = told[i];
+    u[0] = all(voltages[2 * n]);
+    u[1] = all(voltages[2 * n + 1]);
+    u[3] = all(n * period);
+    study_torque(theta, u + 3, u + 2);
+    study_held(u, theta, fixed, held);
+    for (long s = 0; s < substeps; s++) rk4(x, u, theta, held, step);
+  }}
+}}
+"""
+
+
+class Study:
+    """One structure of the hardware (the effects that are on), with some parameters left open.
+
+    Args:
+        parameters: the whole tree; its values hold where a set says nothing.
+        keys: the parameters that the sets give: numbers, of any branch that the hardware is made of.
+        signals: what is recorded: states of the model and `orthosis.OUTPUTS`, free of noise, SI units.
+
+    Raises:
+        OrthosisError: an unknown signal, or a key that is unknown or not a number that sets can differ in.
+    """
+
+    def __init__(self, parameters, keys: Sequence[str], signals: Sequence[str] = MEASURED):
+        self.parameters, self.keys, self.signals = parameters, tuple(keys), tuple(signals)
+        for key in self.keys:
+            _check_key(parameters, key)
+        symbols = ca.SX.sym("theta", max(1, len(self.keys)))
+        given = {key: symbols[i] for i, key in enumerate(self.keys)}
+        assembly, self._functions = _functions(parameters.substituted(given), symbols, self.signals)
+        self.states = assembly.states
+        self._kernels: dict[int, _Kernel] = {}
+
+    def simulate(self, sets, voltages, workers: int | None = None) -> dict[str, np.ndarray]:
+        """Return signal -> (sets, periods): sample k is of the instant before the voltages k act.
+
+        Sets whose knee cannot be held at its starting angle are NaN.
+
+        Args:
+            sets: (sets, keys).
+            voltages: of extensor and flexor valve, (periods, 2), V, each held for a control period.
+            workers: threads (as many as there are cores).
+
+        Raises:
+            OrthosisError: wrong shapes, a value out of its bounds or against the rules, a voltage not finite.
+        """
+        sets, voltages = self._checked(sets, voltages)
+        width = LANES if len(sets) > 1 else 1
+        kernel = self._kernel(width)
+        if kernel.missing:
+            return self._one_by_one(sets, voltages)
+        groups = [sets[i : i + width] for i in range(0, len(sets), width)]
+        with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
+            parts = list(pool.map(lambda group: kernel(group, voltages), groups))
+        table = np.concatenate(parts) if parts else np.empty((0, len(voltages), len(self.signals)))
+        return {name: np.ascontiguousarray(table[:, :, i]) for i, name in enumerate(self.signals)}
+
+    def _kernel(self, width: int) -> _Kernel:
+        if width not in self._kernels:
+            self._kernels[width] = _Kernel(self, width)
+        return self._kernels[width]
+
+    def _checked(self, sets, voltages) -> tuple[np.ndarray, np.ndarray]:
+        sets, voltages = np.asarray(sets, float), np.asarray(voltages, float)
+        if sets.ndim != 2 or sets.shape[1] != len(self.keys):
+            raise OrthosisError(f"give parameter sets as (sets, {len(self.keys)}), not {sets.shape}")
+        if voltages.ndim != 2 or voltages.shape[1] != 2 or not np.isfinite(voltages).all():
+            raise OrthosisError(f"give finite voltages as (periods, 2), not {voltages.shape}")
+        rows, flat = [self.parameters.row(key) for key in self.keys], self.parameters.flat()
+        for number, values in enumerate(sets.tolist()):
+            try:
+                pairs = zip(rows, values, strict=True)
+                flat.update((row.key, row.with_value(value).value) for row, value in pairs)
+            except OrthosisError as error:
+                raise OrthosisError(f"parameter set {number}: {error}") from None
+            for message in broken_rules(flat):
+                raise OrthosisError(f"parameter set {number}: {message}")
+        resolution = self.parameters.plant.voltage_resolution
+        quantise = np.vectorize(lambda value: quantised(value, resolution), otypes=[float])
+        return sets, np.ascontiguousarray(quantise(voltages)) if voltages.size else voltages
+
+    def _one_by_one(self, sets, voltages) -> dict[str, np.ndarray]:
+        """Without a compiler: one `Plant` after the other."""
+        table = np.full((len(sets), len(voltages), len(self.signals)), np.nan)
+        for values, rows in zip(sets.tolist(), table, strict=True):
+            try:
+                plant = Plant(self.parameters.changed(dict(zip(self.keys, values, strict=True))))
+            except OrthosisError:  # the values are within their bounds: the knee cannot be held
+                continue
+            for row, pair in zip(rows, voltages.tolist(), strict=True):
+                told = plant.signals()
+                row[:] = [told[name] for name in self.signals]
+                plant.advance(*pair)
+        return {name: np.ascontiguousarray(table[:, :, i]) for i, name in enumerate(self.signals)}
+
+
+class _Kernel:
+    """A study's machine code for some sets at once."""
+
+    def __init__(self, study: Study, width: int):
+        scenario, self._step = study.parameters.scenario, study.parameters.plant.simulation.step
+        self._period = round(scenario.control_period * 1e9) * 1e-9
+        self._substeps = round(scenario.control_period / self._step)
+        self._width, self._told = width, len(study.signals)
+        self._keys = max(1, len(study.keys))
+        path = lanes.library("study", _source(study, width))
+        self._library = None if path is None else ctypes.CDLL(str(path))
+
+    @property
+    def missing(self) -> bool:
+        """Whether there is no compiler."""
+        return self._library is None
+
+    def __call__(self, sets: np.ndarray, voltages: np.ndarray) -> np.ndarray:
+        """Return (sets, periods, signals) of at most as many sets as there are lanes."""
+        full = np.zeros((self._keys, self._width))
+        full[: sets.shape[1]] = sets[np.minimum(np.arange(self._width), len(sets) - 1)].T
+        result = np.empty((len(voltages), self._told, self._width))
+        unrest = np.empty(self._width)
+        self._library.study(
+            ctypes.c_long(len(voltages)), ctypes.c_long(self._substeps), ctypes.c_double(self._period),
+            ctypes.c_double(self._step), *map(_pointer, (full, voltages, result, unrest)),
+        )  # fmt: skip
+        result[:, :, ~(np.abs(unrest) <= STILL)] = np.nan
+        return result.transpose(2, 0, 1)[: len(sets)]
+
+
+def _check_key(parameters, key: str) -> None:
+    value = parameters.row(key).value
+    if key in COMMON or not isinstance(value, float):
+        raise OrthosisError(f"{key} cannot differ between the sets of one study: it shapes all of them")
+
+
+def _functions(parameters, theta: ca.SX, signals: Sequence[str]):
+    """Return the assembly and the CasADi functions that the machine code is made of."""
+    assembly = orthosis.assemble(true_hardware(parameters))
+    known = dict(zip(assembly.states, ca.vertsplit(assembly.x), strict=True))
+    known |= dict(zip(orthosis.OUTPUTS, ca.vertsplit(assembly.outputs), strict=True))
+    if unknown := [name for name in signals if name not in known]:
+        raise OrthosisError(f"no signal {unknown[0]}; there are: {', '.join(known)}")
+    x, u, time = assembly.x, assembly.u, ca.SX.sym("time")
+    rates, held, at_period = _taken_out(ca.cse(assembly.rates), ca.vertcat(u, theta))
+    by_period, fixed, at_start = _taken_out(at_period, theta)
+    told = ca.cse(ca.vertcat(*(known[name] for name in signals)))
+    valve, start = parameters.valve, parameters.scenario.start_angle
+    at_rest = (
+        start,
+        parameters.control.position.mean_pressure,
+        valve.ambient_pressure,
+        valve.supply_pressure,
+    )
+    return assembly, (
+        ca.Function("study_rates", [x, u, theta, held], [rates]),
+        ca.Function("study_held", [u, theta, fixed], [by_period]),
+        ca.Function("study_fixed", [theta], [at_start]),
+        ca.Function("study_torque", [theta, time], [external_torque(parameters, time)]),
+        ca.Function("study_start", [theta], [ca.vertcat(*at_rest)]),
+        ca.Function("study_closed", [theta], [ca.vertcat(valve.closed_voltage, valve.closed_voltage, 0, 0)]),
+        ca.Function("study_told", [x, u, theta], [told]),
+    )
+
+
+def _taken_out(expression: ca.SX, symbols: ca.SX):
+    """Return the expression with what depends on `symbols` alone taken out, its names, its values."""
+    inner, names, values = ca.extract_parametric(ca.densify(expression), symbols)
+    return ca.densify(inner), ca.vertcat(*names), ca.densify(ca.vertcat(*values))
+
+
+def _source(study: Study, width: int) -> str:
+    functions = {function.name(): function for function in study._functions}
+    fixed, held = (max(1, functions[name].size1_out(0)) for name in ("study_fixed", "study_held"))
+    loop = LOOP.format(
+        states=len(study.states), theta=max(1, len(study.keys)), told=len(study.signals), lanes=width,
+        fixed=fixed, held=held, bisections=0 if study.parameters.leg.joint.locked else BISECTIONS,
+    )  # fmt: skip
+    return lanes.header(width) + "".join(lanes.source(one) for one in functions.values()) + loop
+
+
+def _pointer(array: np.ndarray):
+    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))

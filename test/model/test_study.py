@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameter studies agree with the single plant, set by set."""
+
+import numpy as np
+import pytest
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.parameters import load
+from pam_orthosis.model.study import LANES, Study
+
+EVERYTHING_ON = {f"plant.effects.{name}.enabled": True for name in CATALOGUE}
+KEYS = ("leg.person.mass", "plant.deviation.conductance", "plant.effects.joint_friction.coulomb")
+SETS = np.array([[75.0, 0.95, 0.8], [60.0, 1.0, 0.0], [90.0, 0.9, 2.0]])
+PERIODS = np.arange(60)
+VOLTAGES = 5 + np.column_stack([np.sin(0.1 * PERIODS), np.sin(0.07 * PERIODS + 2)])
+
+
+def coarse(overrides=None):
+    return load({"plant.simulation.step": 1e-3, **(overrides or {})})
+
+
+def test_each_set_of_a_study_does_what_a_plant_of_its_own_does(monkeypatch):
+    signals = ("angle", "velocity", "measured_extensor_pressure", "flexor_hysteresis", "extensor_flow")
+    study = Study(coarse({**EVERYTHING_ON, "plant.external_torque": 3.0}), KEYS, signals)
+    together = study.simulate(SETS, VOLTAGES)
+    monkeypatch.setenv("PAM_ORTHOSIS_NO_COMPILER", "1")
+    alone = Study(study.parameters, KEYS, signals).simulate(SETS, VOLTAGES)
+    for name in signals:
+        moved = np.ptp(alone[name], axis=1)
+        assert together[name].shape == (len(SETS), len(VOLTAGES))
+        assert (moved > 0).all(), name
+        assert (np.abs(together[name] - alone[name]).max(axis=1) < 1e-9 * moved).all(), name
+    assert np.ptp(together["angle"][:, -1]) > 1e-3, "the sets must differ for the comparison to mean anything"
+
+
+def test_neighbours_in_a_vector_do_not_touch_each_other():
+    study, mass = Study(coarse(), KEYS[:1]), np.linspace(50, 100, LANES + 3)[:, None]
+    all_of_them = study.simulate(mass, VOLTAGES)["measured_angle"]
+    backwards = study.simulate(mass[::-1], VOLTAGES, workers=1)["measured_angle"]
+    assert (all_of_them == backwards[::-1]).all()
+
+
+def test_one_plant_is_a_study_without_keys():
+    signals = Study(coarse(), ()).simulate(np.empty((1, 0)), VOLTAGES)
+    same = Study(coarse(), KEYS[1:2]).simulate(SETS[:1, 1:2], VOLTAGES)
+    assert np.abs(signals["measured_angle"] - same["measured_angle"]).max() < 1e-12
+
+
+def test_a_knee_that_cannot_be_held_is_nan_and_the_others_are_not():
+    study = Study(coarse({"scenario.start_angle": 1.4, "leg.person.present": True}), KEYS[:1])
+    told = study.simulate([[200.0], [46.0]], VOLTAGES[:2])["measured_angle"]
+    assert np.isnan(told).tolist() == [[True, True], [False, False]]
+
+
+@pytest.mark.parametrize(
+    ("keys", "sets", "voltages", "words"),
+    [
+        (("leg.person.weight",), [[1.0]], VOLTAGES, "unknown parameter"),
+        (("plant.effects.creep.enabled",), [[1.0]], VOLTAGES, "cannot differ"),
+        (("plant.simulation.step",), [[1e-3]], VOLTAGES, "cannot differ"),
+        (("leg.person.mass",), [[75.0], [1e6]], VOLTAGES, "parameter set 1: leg.person.mass"),
+        (("valve.closed_voltage",), [[9.9], [12.0]], VOLTAGES, "parameter set 1"),
+        (("leg.person.mass",), [75.0], VOLTAGES, r"\(sets, 1\)"),
+        (("leg.person.mass",), [[75.0]], [[5.0, np.nan]], "finite voltages"),
+        (("leg.person.mass",), [[75.0]], VOLTAGES[:, :1], "finite voltages"),
+    ],
+)
+def test_bad_studies_are_told_in_one_line(keys, sets, voltages, words):
+    with pytest.raises(OrthosisError, match=words) as told:
+        Study(coarse(), keys).simulate(sets, voltages)
+    assert "\n" not in str(told.value)
+
+
+def test_an_unknown_signal_is_told():
+    with pytest.raises(OrthosisError, match="no signal knee_angle; there are: angle"):
+        Study(coarse(), (), ("knee_angle",))
