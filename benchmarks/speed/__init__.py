@@ -3,4 +3,5 @@
 
 GROUPS = {
     "graph": "the node graph against bare relays of the same messages",
+    "simulation": "the plant with every effect on, one and many at once",
 }
