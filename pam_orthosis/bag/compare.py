@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from pam_orthosis.bag.cdr import canonical
 from pam_orthosis.bag.read import aligned, raw_messages, read_bag
-from pam_orthosis.bag.record import canonical
 from pam_orthosis.bag.topics import BY_NAME, SIGNALS
 
 

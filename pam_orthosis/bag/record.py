@@ -20,11 +20,9 @@ from typing import Any
 
 import yaml
 from mcap.writer import CompressionType, Writer
-from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
-from rosbags.typesys.store import Typestore
 
 from pam_orthosis import __version__
+from pam_orthosis.bag import cdr
 from pam_orthosis.bag.topics import PUBLISHED_DEPTH
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import make_folder, remove_empty, told, write_text
@@ -224,22 +222,8 @@ def run_metadata(parameters: Parameters, scenario: str, legs: str = "") -> dict[
 @lru_cache
 def message_definition(msgtype: str) -> tuple[str, str]:
     """Return the full text of a standard type and its type hash (RIHS01)."""
-    store = _store()
+    store = cdr.store()
     return store.generate_msgdef(msgtype, ros_version=2)[0], store.hash_rihs01(msgtype)
-
-
-def canonical(data: bytes, msgtype: str) -> bytes:
-    """Return a serialised message with zeros for padding: DDS leaves there what memory held."""
-    store = _store()
-    try:
-        return bytes(store.serialize_cdr(store.deserialize_cdr(data, msgtype), msgtype))
-    except SerdeError:  # more trailing bytes than rosbags accepts: keep what came
-        return bytes(data)
-
-
-@lru_cache
-def _store() -> Typestore:
-    return get_typestore(Stores.ROS2_JAZZY)
 
 
 def _create(folder: Path, file: Path):

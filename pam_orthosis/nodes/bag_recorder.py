@@ -8,7 +8,8 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from pam_orthosis.bag.record import BagWriter, canonical, run_metadata
+from pam_orthosis.bag.cdr import canonical
+from pam_orthosis.bag.record import BagWriter, run_metadata
 from pam_orthosis.bag.steps import Message, StepCollector
 from pam_orthosis.bag.topics import RECORDER, SECOND_NS, Topic, in_leg
 from pam_orthosis.errors import OrthosisError
@@ -148,6 +149,7 @@ class BagRecorder(graph.GraphNode):
         for leg in self._legs:
             leg.tell_end()
         self.ended = True
+        self.alarm()
 
     def _report_missing(self) -> None:
         """Say which message broke the chain: the first that the last step lacks, causes first."""

@@ -22,12 +22,14 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from pam_orthosis.bag.cdr import Reader, Template, Unreadable
 from pam_orthosis.bag.topics import PLANT, PUBLISHED_DEPTH, SECOND_NS, in_leg, table
 from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.model.parameters import Parameters
@@ -75,9 +77,10 @@ def message_class(type_name: str) -> type:
 class GraphNode(Node):
     """A node of the table: declares its parameters, waits for its peers, reports its health.
 
-    A subclass makes its publishers and subscriptions with `publish_to`, `listen_to` and
-    `join_inputs`, calls `step_done` at the end of each step, and overrides what it has to of
-    `started`, `retune`, `health`, `figures`, `on_end` and `close`.
+    A subclass makes its publishers and subscriptions with `publish_to`, `listen_to` and, for what comes
+    with each step, `publish_numbers`, `listen_to_numbers` and `join_inputs`, calls `step_done` at the end
+    of each step, and overrides what it has to of `started`, `retune`, `health`, `figures`, `on_end` and
+    `close`.
 
     Args:
         name: in the graph.
@@ -105,8 +108,11 @@ class GraphNode(Node):
         self.ready = False
         self.ended = False
         self.failure: OrthosisError | None = None  # found where none can be raised; ends the run
-        self.pulse: Callable[[], None] = lambda: None  # called at each step; `spin` looks around in it
+        # `spin` looks around in both: now and then at each step, at once when something has happened
+        self.pulse: Callable[[], None] = lambda: None
+        self.alarm: Callable[[], None] = lambda: None
         self._ages = Ages(self.period_ns)
+        self._unreadable = 0
         self._peers: dict[str, Callable[[], bool]] = {}
         self.legs = self.served_legs()
         self._diagnostics = [self.publish_to("diagnostics", leg=leg) for leg in self.legs]
@@ -128,6 +134,35 @@ class GraphNode(Node):
         count = len(entry.subscribers)
         self._peers[f"a listener on {name}"] = lambda: publisher.get_subscription_count() >= count
         return publisher
+
+    def publish_numbers(self, topic: str, *examples: Any) -> Callable[..., None]:
+        """Create a publisher of the table for messages like these; return `send(stamp_ns, *numbers)`.
+
+        The numbers are those of type float64 in the order of the message; as many belong to one example.
+        """
+        publisher, kind = self.publish_to(topic), self.topics[topic].type
+        made = [Template(serialize_message(example), kind) for example in examples]
+        templates = {template.count: template for template in made}
+        return lambda stamp_ns, *numbers: publisher.publish(templates[len(numbers)](stamp_ns, *numbers))
+
+    def listen_to_numbers(
+        self, topic: str, fields: Sequence[str], callback: Callable[..., None], **options: Any
+    ) -> None:
+        """Listen to a topic of the table; call `callback(stamp_ns, *numbers)` with these of its fields.
+
+        A number that a message lacks is NaN, which guards take care of.
+        """
+        read = Reader(self.topics[topic].type, fields)
+
+        def receive(data: bytes) -> None:
+            try:
+                stamp_ns, numbers = read(data)
+            except Unreadable:
+                self._unreadable += 1
+            else:
+                callback(stamp_ns, *numbers)
+
+        self.listen_to(topic, receive, raw=True, **options)
 
     def listen_to(self, topic: str, callback: Callable, leg: str = "", **options: Any) -> Subscription:
         """Subscribe to a topic of the table, and wait for its publishers before the start.
@@ -161,7 +196,7 @@ class GraphNode(Node):
         def matched(status: QoSSubscriptionMatchedInfo) -> None:
             if status.total_count > len(entry.producers) and not self.ended:
                 self.failure = RunFailed(self._of_a_stranger(name, len(entry.producers)))
-                self.pulse()
+                self.alarm()
 
         def receive(message: Any) -> None:
             if not self.failure:
@@ -182,17 +217,19 @@ class GraphNode(Node):
         known = [one for one in there if "UNKNOWN" not in one.node_name]
         return sorted({f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in known})
 
-    def join_inputs(self, inputs: Sequence[str], step: Callable[..., None], newest: bool = False) -> Join:
-        """Listen to topics; call `step(stamp_ns, *messages)` once all of an instant are there.
+    def join_inputs(
+        self, inputs: Mapping[str, Sequence[str]], step: Callable[..., None], newest: bool = False
+    ) -> Join:
+        """Listen to topics; call `step(stamp_ns, *fields of each)` once all of an instant are there.
 
         With `newest`, in real time, a node that is behind skips to the newest measurements: it answers
         fewer samples, not older ones. What they cause downstream then comes no faster than it can.
         """
-        join = Join(inputs, step)
-        for topic in inputs:
+        join = Join(list(inputs), step)
+        for topic, fields in inputs.items():
             measured = PLANT in self.topics[topic].producers
             depth = 1 if newest and measured and self.realtime else QUEUE_DEPTH
-            self.listen_to(topic, _adder(join, topic), depth=depth)
+            self.listen_to_numbers(topic, fields, _adder(join, topic), depth=depth)
         return join
 
     def offer(self, service: str, act: Callable[[], str]) -> None:
@@ -240,6 +277,7 @@ class GraphNode(Node):
     def on_end(self, _stamp: Time) -> None:
         """Stop spinning: the plant says that the run is over."""
         self.ended = True
+        self.alarm()
 
     def abandon(self) -> bool:
         """Leave the hardware safe when the run is cut short; return whether that takes last messages.
@@ -261,6 +299,8 @@ class GraphNode(Node):
     def _report_health(self, stamp_ns: int) -> None:
         told = {"set_while_running": _told(self._changed)} if self._changed else {}
         health, figures = self.health(), {**self.figures(), **told}
+        if self._unreadable:
+            health["unreadable_inputs"] = self._unreadable
         if self.realtime:
             health["missed_deadlines"] = self._ages.missed
             figures |= self._ages.figures()
@@ -292,8 +332,8 @@ def _told(values: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} = {value}" for name, value in values.items())
 
 
-def _adder(join: Join, topic: str) -> Callable[[Any], None]:
-    return lambda message: join.add(topic, messages.nanoseconds(message.header.stamp), message)
+def _adder(join: Join, topic: str) -> Callable[..., None]:
+    return lambda stamp_ns, *numbers: join.add(topic, stamp_ns, numbers)
 
 
 class Ages:
@@ -388,15 +428,22 @@ def spin(nodes: Sequence[GraphNode]) -> bool:
     events executor is the fast one; it needs a finite time-out to dispatch at all.
     """
     over, signals, heartbeat = Future(), caught_signals(), Heartbeat()
+    due = 0.0
+
+    def pulse() -> None:
+        if signals or time.monotonic() >= due:
+            watch()
 
     def watch() -> None:
+        nonlocal due
+        due = time.monotonic() + HEARTBEAT_SECONDS
         failed = signals or any(node.failure for node in nodes)
         if failed or not heartbeat.beat(nodes) or all(node.ended for node in nodes):
             over.set_result(None)
 
     nodes[0].create_timer(HEARTBEAT_SECONDS, watch)
     for node in nodes:
-        node.pulse = watch
+        node.pulse, node.alarm = pulse, watch
     executor = EventsExecutor()
     for node in nodes:
         executor.add_node(node)

@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from functools import partial
 from typing import Any
-
-from sensor_msgs.msg import FluidPressure, JointState
 
 from pam_orthosis.bag.topics import VALVE
 from pam_orthosis.control.guarded import GuardedValve
@@ -36,10 +35,13 @@ class InverseValveModelNode(graph.GraphNode):
             muscle: GuardedValve(self.parameters, InverseValveModel(self.parameters, muscle))
             for muscle in MUSCLES
         }
-        self._voltages = {muscle: self.publish_to(f"{muscle}/valve_voltage") for muscle in MUSCLES}
+        self._voltages = {muscle: self._voltage_of(muscle) for muscle in MUSCLES}
         self._answered_ns: dict[str, int] = {}
         self._joins = [
-            self.join_inputs((f"{muscle}/mass_flow", f"{muscle}/pressure"), partial(self._step, muscle))
+            self.join_inputs(
+                {f"{muscle}/mass_flow": ["velocity[0]"], f"{muscle}/pressure": ["fluid_pressure"]},
+                partial(self._step, muscle),
+            )
             for muscle in MUSCLES
         ]
 
@@ -71,15 +73,19 @@ class InverseValveModelNode(graph.GraphNode):
             self._answer.publish(messages.time_reference(stamp_ns, self.now_ns()))
         self.step_done(stamp_ns)
 
-    def _step(self, muscle: str, stamp_ns: int, flow: JointState, pressure: FluidPressure) -> None:
-        asked = self._models[muscle].step(messages.only(flow.velocity), pressure.fluid_pressure)
+    def _voltage_of(self, muscle: str) -> Callable[..., None]:
+        example = messages.joint_state(0, [f"{muscle}_valve"], effort=[0.0])
+        return self.publish_numbers(f"{muscle}/valve_voltage", example)
+
+    def _step(self, muscle: str, stamp_ns: int, flow: tuple, pressure: tuple) -> None:
+        asked = self._models[muscle].step(*flow, *pressure)
         voltage = self._vented if self._venting else asked
         self._publish(muscle, stamp_ns, voltage)
         self._both.add(muscle, stamp_ns, voltage)
 
     def _publish(self, muscle: str, stamp_ns: int, voltage: float) -> None:
         self._answered_ns[muscle] = stamp_ns
-        self._voltages[muscle].publish(messages.joint_state(stamp_ns, [f"{muscle}_valve"], effort=[voltage]))
+        self._voltages[muscle](stamp_ns, voltage)
 
 
 def main() -> int:

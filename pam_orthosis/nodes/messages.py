@@ -15,10 +15,14 @@ from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pam_orthosis.bag.topics import SECOND_NS
-from pam_orthosis.control.trajectory import Reference
 
 KNEE = "knee"
-NOTHING = float("nan")  # in place of a number that a message lacks
+# fields of a message of `trajectory`, as of a `Reference`
+REFERENCE = [
+    *(f"points[0].{field}[0]" for field in ("positions", "velocities", "accelerations")),
+    "points[0].effort[0]?",
+]
+NO_FORCE = (0.0, 0.0, 0.0)  # of the wrench of which `torque` is the other half
 _STAMP = struct.Struct("<iI")
 
 
@@ -58,18 +62,6 @@ def joint_state(
         velocity=list(velocity),
         effort=list(effort),
     )
-
-
-def only(values: Sequence[float]) -> float:
-    """Return the one number of a field; NaN, which guards take care of, if there is none."""
-    return values[0] if values else NOTHING
-
-
-def reference(message: JointTrajectory) -> Reference:
-    """Return what a message of `trajectory` asks for; NaN where it says nothing."""
-    point = message.points[0] if message.points else JointTrajectoryPoint()
-    moving = (only(field) for field in (point.positions, point.velocities, point.accelerations))
-    return Reference(*moving, point.effort[0] if point.effort else None)
 
 
 def fluid_pressure(stamp_ns: int, muscle: str, pressure: float, variance: float = 0.0) -> FluidPressure:

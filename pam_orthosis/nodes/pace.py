@@ -7,7 +7,6 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from builtin_interfaces.msg import Time
-from sensor_msgs.msg import JointState
 
 from pam_orthosis.bag.topics import BY_NAME
 from pam_orthosis.errors import RunFailed
@@ -16,7 +15,7 @@ from pam_orthosis.nodes import messages
 if TYPE_CHECKING:
     from pam_orthosis.nodes.plant_simulator import PlantSimulator
 
-INPUTS = ("extensor/valve_voltage", "flexor/valve_voltage")
+INPUTS, VOLTAGE = ("extensor/valve_voltage", "flexor/valve_voltage"), ("effort[0]",)
 MAX_UNRECORDED_STEPS, MAX_UNRECORDED_NS = 50, 250_000_000  # and the recorder keeps a chunk in memory
 WATCH_SECONDS = 0.25
 SILENCE_SAMPLES = 20  # without an answer, after which valves vent
@@ -40,7 +39,7 @@ class Lockstep:
         self._waits = False
         self._begun = False
         self._progress = time.monotonic()
-        self._join = plant.join_inputs(INPUTS, self._answered)
+        self._join = plant.join_inputs(dict.fromkeys(INPUTS, VOLTAGE), self._answered)
         plant.listen_to("recorded", self._on_recorded)
         plant.create_timer(WATCH_SECONDS, self._watch)
 
@@ -57,10 +56,10 @@ class Lockstep:
         self._progress = time.monotonic()
         self._plant.publish_sample(self._stamp_ns)
 
-    def _answered(self, stamp_ns: int, extensor: JointState, flexor: JointState) -> None:
+    def _answered(self, stamp_ns: int, extensor: tuple, flexor: tuple) -> None:
         if self._plant.abandoned:
             return
-        self._plant.advance(messages.only(extensor.effort), messages.only(flexor.effort))
+        self._plant.advance(*extensor, *flexor)
         self._plant.step_done(stamp_ns)
         self._progress = time.monotonic()
         self._stamp_ns += self._plant.period_ns
@@ -114,7 +113,7 @@ class RealTime:
         self._answered_ns, self._unanswered = dict.fromkeys(INPUTS, 0), dict.fromkeys(INPUTS, 0)
         self._voltages = dict.fromkeys(INPUTS, plant.parameters.valve.closed_voltage)
         for topic in INPUTS:
-            plant.listen_to(topic, self._receiver(topic))
+            plant.listen_to_numbers(topic, VOLTAGE, self._receiver(topic))
 
     def begin(self) -> None:
         """Start the timer."""
@@ -129,10 +128,10 @@ class RealTime:
         }
 
     def _receiver(self, topic: str) -> Any:
-        def receive(message: JointState) -> None:
-            self._voltages[topic] = messages.only(message.effort)
+        def receive(stamp_ns: int, voltage: float) -> None:
+            self._voltages[topic] = voltage
             self._unanswered[topic] = 0
-            self._answered_ns[topic] = messages.nanoseconds(message.header.stamp)
+            self._answered_ns[topic] = stamp_ns
 
         return receive
 

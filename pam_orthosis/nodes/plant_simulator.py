@@ -6,18 +6,18 @@ from __future__ import annotations
 import sys
 
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from pam_orthosis.bag.topics import NODES, PLANT
 from pam_orthosis.control.guard import driven
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
-from pam_orthosis.model.plant import Measurement, Plant, Truth
+from pam_orthosis.model.plant import Plant, Truth
 from pam_orthosis.nodes import graph, messages
 from pam_orthosis.nodes.pace import Lockstep, RealTime
 from pam_orthosis.nodes.parameters import Setting
 
+TRUE = ("knee", "extensor", "flexor", "extensor_gas", "flexor_gas")
 VENT_SAMPLES, VENT_SAMPLE_NS = 10, 50_000_000  # after the end of a run that was cut short
 
 
@@ -30,11 +30,17 @@ class PlantSimulator(graph.GraphNode):
         self._plant = Plant(self.parameters, self.parameters.scenario.seed)
         self._absent = set(NODES)
         self._newest_ns, self.abandoned = -1, False
-        self._time = None if self.realtime else self.publish_to("/clock")
-        self._joint = self.publish_to("joint_states")
-        self._extensor = self.publish_to("extensor/pressure")
-        self._flexor = self.publish_to("flexor/pressure")
-        self._truth = self.publish_to("truth")
+        self._time = None if self.realtime else self.publish_numbers("/clock", Clock())
+        joint = messages.joint_state(0, [messages.KNEE], position=[0.0])
+        self._joint = self.publish_numbers("joint_states", joint)
+        self._pressures = [
+            self.publish_numbers(f"{muscle}/pressure", messages.fluid_pressure(0, muscle, 0.0))
+            for muscle in ("extensor", "flexor")
+        ]
+        sensor = self.parameters.plant.sensor
+        self._variance = sensor.pressure_noise**2 + sensor.pressure_resolution**2 / 12
+        zeros = [0.0] * len(TRUE)
+        self._truth = self.publish_numbers("truth", messages.joint_state(0, TRUE, zeros, zeros, zeros))
         self._pace = RealTime(self) if self.realtime else Lockstep(self)
         self.listen_to("ready", self._on_ready, latched=True)
 
@@ -67,10 +73,12 @@ class PlantSimulator(graph.GraphNode):
         """Publish the sensors' values and the truth of the present step."""
         self._newest_ns = stamp_ns
         measured, truth = self._plant.measure(), self._plant.truth()
-        self._publish_measurement(stamp_ns, measured)
-        self._truth.publish(truth_message(stamp_ns, truth))
+        self._joint(stamp_ns, measured.angle)
+        for send, pressure in zip(self._pressures, measured[1:], strict=True):
+            send(stamp_ns, pressure, self._variance)
+        self._truth(stamp_ns, *true_numbers(truth))
         if self._time:
-            self._time.publish(Clock(clock=messages.time(stamp_ns)))
+            self._time(stamp_ns)
 
     def _on_ready(self, message: String) -> None:
         started = not self._absent
@@ -78,38 +86,15 @@ class PlantSimulator(graph.GraphNode):
         if not self._absent and not started:
             self._pace.begin()
 
-    def _publish_measurement(self, stamp_ns: int, measured: Measurement) -> None:
-        sensor = self.parameters.plant.sensor
-        variance = sensor.pressure_noise**2 + sensor.pressure_resolution**2 / 12
-        self._joint.publish(messages.joint_state(stamp_ns, [messages.KNEE], position=[measured.angle]))
-        for muscle, publisher, pressure in (
-            ("extensor", self._extensor, measured.extensor_pressure),
-            ("flexor", self._flexor, measured.flexor_pressure),
-        ):
-            publisher.publish(messages.fluid_pressure(stamp_ns, muscle, pressure, variance))
 
-
-def truth_message(stamp_ns: int, truth: Truth) -> JointState:
-    """Return the truth as named scalars: motion and torque of the knee, muscles, gas."""
-    return messages.joint_state(
-        stamp_ns,
-        [messages.KNEE, "extensor", "flexor", "extensor_gas", "flexor_gas"],
-        position=[truth.angle, truth.extensor_contraction, truth.flexor_contraction, 0.0, 0.0],
-        velocity=[
-            truth.velocity,
-            truth.extensor_rate,
-            truth.flexor_rate,
-            truth.extensor_flow,
-            truth.flexor_flow,
-        ],
-        effort=[
-            truth.torque,
-            truth.extensor_force,
-            truth.flexor_force,
-            truth.extensor_pressure,
-            truth.flexor_pressure,
-        ],
-    )
+def true_numbers(truth: Truth) -> tuple[float, ...]:
+    """Return the truth of each of `TRUE`: positions, then velocities, then efforts."""
+    return (
+        truth.angle, truth.extensor_contraction, truth.flexor_contraction, 0.0, 0.0,
+        truth.velocity, truth.extensor_rate, truth.flexor_rate, truth.extensor_flow, truth.flexor_flow,
+        truth.torque, truth.extensor_force, truth.flexor_force,
+        truth.extensor_pressure, truth.flexor_pressure,
+    )  # fmt: skip
 
 
 def main() -> int:

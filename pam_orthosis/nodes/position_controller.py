@@ -6,15 +6,21 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from sensor_msgs.msg import FluidPressure, JointState
-from trajectory_msgs.msg import JointTrajectory
-
 from pam_orthosis.bag.topics import POSITION
 from pam_orthosis.control.guarded import GuardedPosition
 from pam_orthosis.control.position import PositionController
+from pam_orthosis.control.trajectory import Reference
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages
+
+INPUTS = {
+    "joint_states": ["position[0]"],
+    "extensor/pressure": ["fluid_pressure"],
+    "flexor/pressure": ["fluid_pressure"],
+    "reference": messages.REFERENCE,
+}
+UNKNOWN_VARIANCE = 0.0
 
 
 class PositionControllerNode(graph.GraphNode):
@@ -25,13 +31,14 @@ class PositionControllerNode(graph.GraphNode):
         self._controller = GuardedPosition(self.parameters, PositionController(self.parameters))
         self._saturated = self._clamped = 0
         self._residual = 0.0
-        self._estimate = self.publish_to("estimate")
-        self._disturbance = self.publish_to("disturbance")
-        self._extensor = self.publish_to("extensor/pressure_reference")
-        self._flexor = self.publish_to("flexor/pressure_reference")
-        self._join = self.join_inputs(
-            ("joint_states", "extensor/pressure", "flexor/pressure", "reference"), self._step, newest=True
-        )
+        motion = messages.joint_state(0, [messages.KNEE], position=[0.0], velocity=[0.0])
+        self._estimate = self.publish_numbers("estimate", motion)
+        self._disturbance = self.publish_numbers("disturbance", messages.torque(0, 0.0))
+        self._pressures = [
+            self.publish_numbers(f"{muscle}/pressure_reference", messages.fluid_pressure(0, muscle, 0.0))
+            for muscle in ("extensor", "flexor")
+        ]
+        self._join = self.join_inputs(INPUTS, self._step, newest=True)
 
     def health(self) -> dict[str, Any]:
         """Count steps out of reach or outside the muscle model, lost inputs; tell what the guards did."""
@@ -53,28 +60,12 @@ class PositionControllerNode(graph.GraphNode):
             raise OrthosisError("leg.person.mass: no person is in the orthosis (leg.person.present)")
         self._controller.retune(parameters)
 
-    def _step(
-        self,
-        stamp_ns: int,
-        joint: JointState,
-        extensor: FluidPressure,
-        flexor: FluidPressure,
-        reference: JointTrajectory,
-    ) -> None:
-        command = self._controller.step(
-            messages.only(joint.position),
-            extensor.fluid_pressure,
-            flexor.fluid_pressure,
-            messages.reference(reference),
-        )
-        self._estimate.publish(
-            messages.joint_state(
-                stamp_ns, [messages.KNEE], position=[command.angle], velocity=[command.velocity]
-            )
-        )
-        self._extensor.publish(messages.fluid_pressure(stamp_ns, "extensor", command.extensor_pressure))
-        self._flexor.publish(messages.fluid_pressure(stamp_ns, "flexor", command.flexor_pressure))
-        self._disturbance.publish(messages.torque(stamp_ns, command.disturbance))
+    def _step(self, stamp_ns: int, joint: tuple, extensor: tuple, flexor: tuple, reference: tuple) -> None:
+        command = self._controller.step(*joint, *extensor, *flexor, Reference(*reference))
+        self._estimate(stamp_ns, command.angle, command.velocity)
+        for send, pressure in zip(self._pressures, command[:2], strict=True):
+            send(stamp_ns, pressure, UNKNOWN_VARIANCE)
+        self._disturbance(stamp_ns, *messages.NO_FORCE, 0.0, command.disturbance, 0.0)
         self._saturated += command.saturated
         self._clamped += command.clamped
         self._residual = max(self._residual, abs(command.residual))

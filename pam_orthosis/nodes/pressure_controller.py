@@ -6,8 +6,6 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from sensor_msgs.msg import FluidPressure, JointState
-
 from pam_orthosis.control.guarded import GuardedPressure
 from pam_orthosis.control.pressure import PressureController
 from pam_orthosis.model.parameters import Parameters
@@ -24,8 +22,13 @@ class PressureControllerNode(graph.GraphNode):
         self._muscle = self.settings["muscle"]
         controller = PressureController(self.parameters, self._muscle)
         self._controller = GuardedPressure(self.parameters, controller)
-        self._flow = self.publish_to(f"{self._muscle}/mass_flow")
-        inputs = (f"{self._muscle}/pressure", f"{self._muscle}/pressure_reference", "estimate")
+        flow = messages.joint_state(0, [f"{self._muscle}_valve"], velocity=[0.0])
+        self._flow = self.publish_numbers(f"{self._muscle}/mass_flow", flow)
+        inputs = {
+            f"{self._muscle}/pressure": ["fluid_pressure"],
+            f"{self._muscle}/pressure_reference": ["fluid_pressure"],
+            "estimate": ["position[0]", "velocity[0]"],
+        }
         self._join = self.join_inputs(inputs, self._step)
 
     def health(self) -> dict[str, Any]:
@@ -36,16 +39,8 @@ class PressureControllerNode(graph.GraphNode):
         """Take a new gain or bandwidth from the next step on."""
         self._controller.retune(parameters)
 
-    def _step(
-        self, stamp_ns: int, pressure: FluidPressure, wanted: FluidPressure, estimate: JointState
-    ) -> None:
-        flow = self._controller.step(
-            pressure.fluid_pressure,
-            wanted.fluid_pressure,
-            messages.only(estimate.position),
-            messages.only(estimate.velocity),
-        )
-        self._flow.publish(messages.joint_state(stamp_ns, [f"{self._muscle}_valve"], velocity=[flow]))
+    def _step(self, stamp_ns: int, pressure: tuple, wanted: tuple, estimate: tuple) -> None:
+        self._flow(stamp_ns, self._controller.step(*pressure, *wanted, *estimate))
         self.step_done(stamp_ns)
 
 

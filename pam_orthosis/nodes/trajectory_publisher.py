@@ -5,9 +5,6 @@ from __future__ import annotations
 
 import sys
 
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
-
 from pam_orthosis.bag.topics import TRAJECTORY
 from pam_orthosis.control.trajectory import Trajectory, make_trajectory
 from pam_orthosis.errors import OrthosisError
@@ -28,13 +25,14 @@ class TrajectoryPublisher(graph.GraphNode):
         self._trajectory = make_trajectory(self.parameters)
         self._first_ns = 0
         self._next_ns: int | None = None
-        self._reference = self.publish_to("reference")
+        plain, stiff = messages.trajectory(0, 0.0, 0.0, 0.0), messages.trajectory(0, 0.0, 0.0, 0.0, 0.0)
+        self._reference = self.publish_numbers("reference", plain, stiff)
         self.offer("start", self._start)
         self.offer("stop", self._stop)
         if self.realtime:
-            self.listen_to("joint_states", self._on_sample, depth=1)
+            self.listen_to_numbers("joint_states", [], self._tick, depth=1)
         else:
-            self.listen_to("/clock", self._on_clock)
+            self.listen_to_numbers("/clock", [], self._tick)
 
     def retune(self, parameters: Parameters) -> None:
         """Pass smoothly to a new cycle time."""
@@ -61,12 +59,6 @@ class TrajectoryPublisher(graph.GraphNode):
         """Return the instant, since the start, of the reference that is published next."""
         return (self._next_ns or 0) - self._first_ns
 
-    def _on_clock(self, message: Clock) -> None:
-        self._tick(messages.nanoseconds(message.clock))
-
-    def _on_sample(self, message: JointState) -> None:
-        self._tick(messages.nanoseconds(message.header.stamp))
-
     def _tick(self, now_ns: int) -> None:
         if self._next_ns is None:
             self._first_ns = self._next_ns = now_ns
@@ -77,9 +69,8 @@ class TrajectoryPublisher(graph.GraphNode):
         self.step_done(now_ns)
 
     def _publish(self, stamp_ns: int) -> None:
-        self._reference.publish(
-            messages.trajectory(stamp_ns, *self._trajectory.sample(stamp_ns - self._first_ns))
-        )
+        reference = self._trajectory.sample(stamp_ns - self._first_ns)
+        self._reference(stamp_ns, *(number for number in reference if number is not None))
 
 
 def main() -> int:

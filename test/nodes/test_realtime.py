@@ -35,7 +35,7 @@ class FakePlant:
         self.sample_cost = self.period_cost = 0
         self.receivers, self.samples, self.applied = {}, [], []
 
-    def listen_to(self, topic, callback):
+    def listen_to_numbers(self, topic, fields, callback):
         self.receivers[topic] = callback
 
     def create_timer(self, period_s, callback):
@@ -56,10 +56,8 @@ class FakePlant:
         self.now += self.period_cost
 
     def answer(self, voltage, stamp_ns):
-        from pam_orthosis.nodes import messages
-
         for receive in self.receivers.values():
-            receive(messages.joint_state(stamp_ns, ["valve"], effort=[voltage]))
+            receive(stamp_ns, voltage)
 
 
 @pytest.fixture

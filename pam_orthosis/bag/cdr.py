@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Serialised messages (CDR) without making objects of them: where their numbers lie, and what is padding.
+
+Messages of one topic mostly have one shape: the same lengths of texts and lists, so that each number has its
+place. A shape is found by walking through a message once; whether it is that of another one is seen by its
+lengths. Layout after the OMG's CDR, version 1: each number lies at a multiple of its size behind the four
+bytes of encapsulation; a text has its length with the zero at its end, a list its number of elements.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from operator import itemgetter
+from typing import Any
+
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
+
+SECOND_NS = 1_000_000_000
+NOTHING = float("nan")  # in place of a number that a message lacks
+LITTLE_ENDIAN = b"\0\1"
+STAMP = struct.Struct("<iI")
+HEAD = 4
+PADDING, SERIALISER_TRAILS = 3, 32  # most bytes behind a message that DDS delivers, that rclpy serialises
+_FORMATS = {
+    "bool": "?", "byte": "B", "octet": "B", "char": "B", "int8": "b", "uint8": "B", "int16": "h",
+    "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q", "float32": "f", "float64": "d",
+}  # fmt: skip
+
+
+class Unreadable(ValueError):
+    """A serialised message that is not one of its type."""
+
+
+@lru_cache
+def store() -> Typestore:
+    """Return the standard types of ROS 2 Jazzy."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+class Shape:
+    """Places of a message's numbers.
+
+    Attributes:
+        size: of the message without what may trail it, bytes.
+        places: path of a number (`header.stamp.sec`, `position[0]`) -> offset in the message, struct format.
+    """
+
+    def __init__(self, data: bytes, msgtype: str, most_trailing: int = PADDING):
+        walk = _Walk(data, msgtype)
+        if not 0 <= len(data) - HEAD - walk.position <= most_trailing:
+            raise Unreadable(f"{msgtype} has another size")
+        self.size = HEAD + walk.position
+        self.places = walk.places
+        self._kept = _mask([(0, 2), *walk.texts, *walk.lengths, *_spans(walk.places)])
+        self._lengths = _mask([(0, 2), *walk.lengths])
+        self._found = int.from_bytes(data, "little") & self._lengths
+
+    def fits(self, number: int) -> bool:
+        """Whether a message of the same size, as one little-endian number, has this shape."""
+        return number & self._lengths == self._found
+
+    def canonical(self, number: int) -> bytes:
+        """Return such a message with zeros for padding."""
+        return (number & self._kept).to_bytes(self.size, "little")
+
+
+class Shapes:
+    """The shapes of one type by size of the message, the last one of each."""
+
+    def __init__(self, msgtype: str):
+        self._msgtype = msgtype
+        self._known: dict[int, Shape] = {}
+
+    def of(self, data: bytes, number: int) -> Shape:
+        """Return the shape of a message, which is also given as one number; Unreadable if it has none."""
+        shape = self._known.get(len(data))
+        if shape is None or not shape.fits(number):
+            shape = self._known[len(data)] = Shape(data, self._msgtype)
+        return shape
+
+
+class Reader:
+    """Takes the stamp with which a message begins, and some of its numbers, out of serialised messages.
+
+    Args:
+        msgtype: a type that begins with a header or a time.
+        fields: paths of the numbers; `?` behind one that may be missing.
+    """
+
+    def __init__(self, msgtype: str, fields: Sequence[str]):
+        self._msgtype = msgtype
+        self._fields = tuple(fields)
+        self._shapes = Shapes(msgtype)
+        self._takers: dict[Shape, Callable[[bytes], tuple]] = {}
+
+    def __call__(self, data: bytes) -> tuple[int, tuple[float, ...]]:
+        """Return the stamp in ns and the numbers: NaN for one that is not there, None if it may be missing.
+
+        Raises:
+            Unreadable: no message of the type.
+        """
+        if data[:2] != LITTLE_ENDIAN:
+            data = _rewritten(data, self._msgtype)
+        shape = self._shapes.of(data, int.from_bytes(data, "little"))
+        take = self._takers.get(shape)
+        if take is None:
+            take = self._takers[shape] = _taker(shape, self._fields)
+        values = take(data)
+        return values[0] * SECOND_NS + values[1], values[2:]
+
+
+class Template:
+    """Makes serialised messages of the shape of an example, with another stamp and other numbers.
+
+    Args:
+        example: a serialised message that begins with a header or a time.
+        msgtype: its type.
+
+    Attributes:
+        count: of its numbers of type float64, which are those that differ.
+    """
+
+    def __init__(self, example: bytes, msgtype: str):
+        shape = Shape(example, msgtype, SERIALISER_TRAILS)
+        data = shape.canonical(int.from_bytes(example, "little"))
+        numbers = sorted(place for place in shape.places.values() if place[1] == "d")
+        self.count = len(numbers)
+        formats, self._gaps, at = "<", [], 0
+        for offset, kind in [(HEAD, "i"), (HEAD + 4, "I"), *numbers, (len(data), "")]:
+            formats += f"{offset - at}s{kind}"
+            self._gaps.append(data[at:offset])
+            at = offset + struct.calcsize(kind)
+        self._pack = struct.Struct(formats).pack
+
+    def __call__(self, stamp_ns: int, *numbers: float) -> bytes:
+        """Return the message: stamp, and its `count` numbers in the order of the message."""
+        values = (*divmod(stamp_ns, SECOND_NS), *numbers)
+        between = [part for pair in zip(self._gaps, values, strict=False) for part in pair]
+        return self._pack(*between, self._gaps[-1])
+
+
+def canonical(data: bytes, msgtype: str) -> bytes:
+    """Return a serialised message with zeros for padding: DDS leaves there what memory held."""
+    try:
+        if data[:2] != LITTLE_ENDIAN:
+            return _rewritten(data, msgtype)
+        number = int.from_bytes(data, "little")
+        return _shapes(msgtype).of(data, number).canonical(number)
+    except Unreadable:  # more than padding trails it, or it is broken: keep what came
+        return bytes(data)
+
+
+@lru_cache
+def _shapes(msgtype: str) -> Shapes:
+    return Shapes(msgtype)
+
+
+def _rewritten(data: bytes, msgtype: str) -> bytes:
+    """Return a message in the byte order in which all others are."""
+    try:
+        return bytes(store().serialize_cdr(store().deserialize_cdr(data, msgtype), msgtype))
+    except SerdeError as error:
+        raise Unreadable(str(error)) from error
+
+
+def _taker(shape: Shape, fields: Sequence[str]) -> Callable[[bytes], tuple]:
+    """Return what takes the stamp and these numbers, and what stands for those that are not there."""
+    names = [field.rstrip("?") for field in fields]
+    there = sorted((*shape.places[name], name) for name in names if name in shape.places)
+    formats, at = f"<{HEAD}xiI", HEAD + STAMP.size
+    for offset, kind, _ in there:
+        formats += f"{offset - at}x{kind}"
+        at = offset + struct.calcsize(kind)
+    order = {name: index for index, (_, _, name) in enumerate(there, start=2)}
+    picked = [order.get(name, -2 if "?" in field else -1) for field, name in zip(fields, names, strict=True)]
+    unpack = struct.Struct(formats).unpack_from
+    if picked == list(range(2, 2 + len(there))):
+        return unpack
+    pick = itemgetter(0, 1, *picked)
+    return lambda data: pick((*unpack(data), None, NOTHING))
+
+
+class _Walk:
+    """A walk through a message: spans of its texts and lengths, places of its numbers."""
+
+    def __init__(self, data: bytes, msgtype: str):
+        self._data = data
+        self.position = 0
+        self.places: dict[str, tuple[int, str]] = {}
+        self.texts: list[tuple[int, int]] = []
+        self.lengths: list[tuple[int, int]] = []
+        try:
+            self._message(msgtype, "")
+        except struct.error as error:
+            raise Unreadable(f"{msgtype} ends too early") from error
+        except KeyError as error:
+            raise Unreadable(f"{msgtype} is not known") from error
+
+    def _message(self, msgtype: str, path: str) -> None:
+        for name, (kind, what) in store().fielddefs[msgtype][1]:
+            self._field(kind.name, what, f"{path}{name}")
+
+    def _field(self, kind: str, what: Any, path: str) -> None:
+        if kind == "NAME":
+            self._message(what, f"{path}.")
+        elif kind == "BASE":
+            self._base(what[0], path)
+        else:
+            (inner, of), count = what
+            for index in range(self._length() if kind == "SEQUENCE" else count):
+                self._field(inner.name, of, f"{path}[{index}]")
+
+    def _base(self, name: str, path: str) -> None:
+        if name == "string":
+            size = self._length()
+            self.texts.append((HEAD + self.position, size))
+            self.position += size
+            if HEAD + self.position > len(self._data):
+                raise Unreadable(f"{path} is longer than its message")
+            return
+        kind = _FORMATS[name]
+        size = struct.calcsize(kind)
+        self.position = (self.position + size - 1) // size * size
+        struct.unpack_from(f"<{kind}", self._data, HEAD + self.position)
+        self.places[path] = HEAD + self.position, kind
+        self.position += size
+
+    def _length(self) -> int:
+        self.position = (self.position + 3) // 4 * 4
+        (length,) = struct.unpack_from("<I", self._data, HEAD + self.position)
+        self.lengths.append((HEAD + self.position, 4))
+        self.position += 4
+        return length
+
+
+def _spans(places: dict[str, tuple[int, str]]) -> list[tuple[int, int]]:
+    return [(offset, struct.calcsize(kind)) for offset, kind in places.values()]
+
+
+def _mask(spans: Sequence[tuple[int, int]]) -> int:
+    """Return the number, little-endian, in which the bits of these (offset, size) are set."""
+    mask = 0
+    for offset, size in spans:
+        mask |= ((1 << 8 * size) - 1) << 8 * offset
+    return mask
