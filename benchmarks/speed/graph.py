@@ -11,10 +11,10 @@ from pam_orthosis.bag.topics import NODES, RECORDER
 from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes import launch
 from speed.rows import Goal, Row, alternating, row
-from speed.stepping import watched
+from speed.stepping import Pace, watched
 
 RATE_HZ = 500
-STEPS = {False: 2000, True: 6000}  # composed?
+STEPS = {False: 1000, True: 3000}  # composed?
 ENDLESS = {"scenario.duration": 3600.0, "scenario.control_period": 1 / RATE_HZ}
 FLOOR = Goal("at most 1.5 times the relays", at_most=1.5)
 REAL_TIME = {
@@ -32,25 +32,32 @@ def rows(repeats: int) -> Iterator[Row]:
         for recorded in (False, True):
             ours, floor = alternating(
                 repeats,
-                lambda c=composed, r=recorded: microseconds(c, r),
+                lambda c=composed, r=recorded: stepped(c, r),
                 lambda c=composed, r=recorded: relayed(c, r),
             )
             what = f"a step, {layout}, {'recorder included' if recorded else 'without recorder'}"
-            yield row("graph", what, "us", ours, floor, FLOOR)
-        factors = [1e6 / RATE_HZ / each for each in ours]
+            elapsed, used = zip(*ours, strict=True)
+            floor_elapsed, floor_used = zip(*floor, strict=True)
+            yield row("graph", what, "us", elapsed, floor_elapsed, FLOOR)
+            yield row("graph", f"processor time of {what}", "us", used, floor_used, FLOOR)
+        factors = [1e6 / RATE_HZ / each for each in elapsed]
         what = f"simulated time at {RATE_HZ} Hz, {layout}, recorder included"
         yield row("graph", what, "x real time", factors, goal=REAL_TIME[composed])
 
 
-def microseconds(composed: bool, recorded: bool) -> float:
-    """Return the time of a step of the graph."""
+def stepped(composed: bool, recorded: bool) -> tuple[float, float]:
+    """Return the time and the processor time of a step of the graph, us."""
     parameters = load(ENDLESS)
 
     def commands(work: Path) -> dict[str, list[str]]:
         made = launch.commands(work, parameters, work / "bag", "default", launch.Mode(composed=composed))
         return made if recorded else _without_recorder(made)
 
-    return 1e6 * watched(commands, round(1e9 / RATE_HZ), STEPS[composed]).seconds_per_step
+    return _microseconds(watched(commands, round(1e9 / RATE_HZ), STEPS[composed]))
+
+
+def _microseconds(pace: Pace) -> tuple[float, float]:
+    return 1e6 * pace.seconds_per_step, 1e6 * pace.processor_seconds_per_step
 
 
 def _without_recorder(commands: dict[str, list[str]]) -> dict[str, list[str]]:
@@ -63,8 +70,8 @@ def _without_recorder(commands: dict[str, list[str]]) -> dict[str, list[str]]:
     return made
 
 
-def relayed(composed: bool, recorded: bool) -> float:
-    """Return the time of a step of the relays."""
+def relayed(composed: bool, recorded: bool) -> tuple[float, float]:
+    """Return the time and the processor time of a step of the relays, us."""
     period_ns = round(1e9 / RATE_HZ)
     roles = [node for node in (RECORDER, *NODES[1:-1], NODES[0]) if recorded or node != RECORDER]
 
@@ -73,4 +80,4 @@ def relayed(composed: bool, recorded: bool) -> float:
         base = [sys.executable, "-m", "speed.relay", str(period_ns), folder]
         return {"relays": [*base, *roles]} if composed else {role: [*base, role] for role in roles}
 
-    return 1e6 * watched(commands, period_ns, STEPS[composed]).seconds_per_step
+    return _microseconds(watched(commands, period_ns, STEPS[composed]))

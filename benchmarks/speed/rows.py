@@ -44,7 +44,7 @@ class Row:
     spread: tuple[float, float]
 
 
-def alternating(repeats: int, *measures: Callable[[], float]) -> list[list[float]]:
+def alternating(repeats: int, *measures: Callable[[], Any]) -> list[list[Any]]:
     """Return the figures of each measure, taken by turns: what disturbs the machine disturbs all of them."""
     taken = [[measure() for measure in measures] for _ in range(repeats)]
     return [list(figures) for figures in zip(*taken, strict=True)]

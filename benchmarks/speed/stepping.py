@@ -11,9 +11,10 @@ from pathlib import Path
 
 from pam_orthosis.nodes import launch
 from pam_orthosis.nodes.supervisor import supervise
+from speed.machine import HERTZ
 
 HERE = Path(__file__).resolve().parents[1]
-WARM_STEPS = 200
+WARM_STEPS = 100
 
 
 class _Enough(Exception):
@@ -26,10 +27,10 @@ class Pace:
     def __init__(self, period_ns: int, steps: int):
         self._period_ns = period_ns
         self._from_ns, self._steps = WARM_STEPS * period_ns, steps
-        self._first: tuple[float, int] | None = None
+        self._first: tuple[float, float, int] | None = None
         self.began = time.monotonic()
         self.first_step_seconds: float | None = None
-        self.seconds_per_step = float("nan")
+        self.seconds_per_step = self.processor_seconds_per_step = float("nan")
 
     def __call__(self, time_ns: int) -> None:
         """Take the simulated time that the graph has reached."""
@@ -39,11 +40,19 @@ class Pace:
         if time_ns < self._from_ns:
             return
         if self._first is None:
-            self._first = now, time_ns
-        passed = (time_ns - self._first[1]) // self._period_ns
+            self._first = now, _processor_seconds(), time_ns
+        passed = (time_ns - self._first[2]) // self._period_ns
         if passed >= self._steps:
             self.seconds_per_step = (now - self._first[0]) / passed
+            self.processor_seconds_per_step = (_processor_seconds() - self._first[1]) / passed
             raise _Enough
+
+
+def _processor_seconds() -> float:
+    """Return what the children of this process, those that run, have used of the processors."""
+    pids = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
+    words = [Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split() for pid in pids]
+    return sum(int(each[11]) + int(each[12]) for each in words) / HERTZ
 
 
 def watched(make_commands: Callable[[Path], Mapping[str, Sequence[str]]], period_ns: int, steps: int) -> Pace:
