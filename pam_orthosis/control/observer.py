@@ -76,23 +76,33 @@ def observer_step(belief) -> ca.Function:
     Between two samples the measured signals are taken as straight lines, so that the estimate of
     now contains the measurement of now.
     """
-    belief, tuned = live.with_symbols(belief, LIVE)
-    x, before, now = ca.SX.sym("x", 3), ca.SX.sym("before", 4), ca.SX.sym("now", 4)
-    polynomial = characteristic(belief.control.observer.pole, belief.control.observer.damping)
-    estimate, y = ca.SX.sym("estimate", 3), ca.SX.sym("y", 4)
-    # linearising once a step is enough: the gains change slowly with the estimate
-    h = ca.SX.sym("h", 3)
-    rate = ca.Function("rate", [estimate, y, h, tuned],
-                       [system(estimate, y[1:3], belief, y[3]) + h * (y[0] - estimate[0])])  # fmt: skip
-    gain = ca.Function("gain", [estimate, y, tuned], [gains(estimate, y[1:3], polynomial, belief)])
-    steps = FINE_STEPS_PER_PERIOD if effects.known(belief, *STAGES) else STEPS_PER_PERIOD
-    step = belief.scenario.control_period / steps
+    one, steps = _fine_step(belief)
+    x, before, now = ca.MX.sym("x", 3), ca.MX.sym("before", 4), ca.MX.sym("now", 4)
+    tuned = ca.MX.sym("tuned", len(LIVE))
     after = x
     for i in range(steps):
         middle = before + (now - before) * ((i + 0.5) / steps)
-        placed = gain(after, middle, tuned)
-        after = runge_kutta_4(lambda s, m=middle, k=placed: rate(s, m, k, tuned), after, step)
+        after = one(after, middle, tuned)
     return ca.Function("observer_step", [x, before, now, tuned], [after])
+
+
+def _fine_step(belief) -> tuple[ca.Function, int]:
+    """Return (x-hat, [y, p_e, p_f, known torque], values of `LIVE`) -> x-hat later, and its steps a period.
+
+    A function that is called, not an expression that is written out for each step: its machine code is
+    compiled in a fraction of the time.
+    """
+    belief, tuned = live.with_symbols(belief, LIVE)
+    steps = FINE_STEPS_PER_PERIOD if effects.known(belief, *STAGES) else STEPS_PER_PERIOD
+    polynomial = characteristic(belief.control.observer.pole, belief.control.observer.damping)
+    x, y = ca.SX.sym("x", 3), ca.SX.sym("y", 4)
+    # linearising once a step is enough: the gains change slowly with the estimate
+    h = gains(x, y[1:3], polynomial, belief)
+    estimate, placed = ca.SX.sym("estimate", 3), ca.SX.sym("h", 3)
+    rate = ca.Function("rate", [estimate, y, placed, tuned],
+                       [system(estimate, y[1:3], belief, y[3]) + placed * (y[0] - estimate[0])])  # fmt: skip
+    after = runge_kutta_4(lambda s: rate(s, y, h, tuned), x, belief.scenario.control_period / steps)
+    return ca.Function("observer_fine_step", [x, y, tuned], [after]), steps
 
 
 class Observer:

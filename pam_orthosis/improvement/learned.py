@@ -14,6 +14,7 @@ from pam_orthosis.model.orthosis import MUSCLES
 # inverse valve model needs
 LEARNABLE = {name: effect for name, effect in CATALOGUE.items() if name != "valve_curve_misfit"}
 DIGITS = 6
+REACH = 0.97  # of a supply pressure: what a controller asks of a muscle at most
 OFFSETS = ("angle", *(f"{muscle}_pressure" for muscle in MUSCLES))
 
 
@@ -50,7 +51,14 @@ def calibrated(belief, effects: Sequence[str], values: Mapping[str, float]) -> d
     for channel in OFFSETS:
         name = f"{channel}_offset"
         changes |= _effect(belief, name, {"offset": values[name] + present(name, "offset", 0.0)})
-    return changes | _shapes(belief, effects, values)
+    return changes | _limits(belief, changes) | _shapes(belief, effects, values)
+
+
+def _limits(belief, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the highest reference pressure where the supply turned out to be too low for the present one."""
+    key, supply = "control.position.maximum_pressure", changes.get("valve.supply_pressure")
+    reach = None if supply is None else REACH * supply
+    return {} if reach is None or reach >= belief.flat()[key] else {key: _within(belief, key, reach)}
 
 
 def _shapes(belief, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:

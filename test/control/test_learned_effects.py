@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pam_orthosis.bag.read import aligned, read_bag
-from pam_orthosis.control import effects, inverse_valve, position, pressure
+from pam_orthosis.control import effects, inverse_valve, observer, position, pressure
 from pam_orthosis.control.anticipation import Anticipation
 from pam_orthosis.control.inverse_valve import InverseValveModel
 from pam_orthosis.control.knee import muscle_torque
@@ -47,6 +47,12 @@ def tracking(parameters, seconds=8.0, seed=1):
     return run, float(np.abs(error).max()), float(np.sqrt(np.mean(error**2))), variation
 
 
+@pytest.fixture
+def interpreted(monkeypatch):
+    """Functions that are built for a few seconds of one run: compiling them takes longer than running."""
+    monkeypatch.setenv("PAM_ORTHOSIS_NO_COMPILER", "1")
+
+
 def test_without_effects_the_controllers_answer_what_they_answered_before():
     """The reference bag was recorded by controllers that could not know effects."""
     names = ("angle", "extensor_pressure", "flexor_pressure", "reference_angle", "reference_velocity",
@@ -64,6 +70,18 @@ def test_without_effects_the_controllers_answer_what_they_answered_before():
         assert command.extensor_pressure == pytest.approx(wanted, rel=1e-9)
         assert loop.step(pe, wanted, estimated, velocity) == pytest.approx(flow, rel=1e-9, abs=1e-15)
         assert valve.step(flow, pe) == pytest.approx(voltage, rel=1e-9)
+
+
+def test_finer_steps_of_the_observer_are_no_longer_program():
+    """What the compiler has to read decides on how soon a graph with a learned model is ready."""
+
+    def length(parameters):
+        code = ca.CodeGenerator("observer.c")
+        code.add(observer.observer_step(parameters.belief()))
+        return len(code.dump())
+
+    assert observer.FINE_STEPS_PER_PERIOD > observer.STEPS_PER_PERIOD
+    assert length(believing(*HARDWARE)) < 1.2 * length(load())
 
 
 def test_effects_that_are_off_change_no_bit():
@@ -92,6 +110,7 @@ def test_the_pressures_give_the_torque_together_with_the_effect(name):
         assert abs(added) > 1e-3
 
 
+@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("name", ["joint_friction", "muscle_hysteresis", "parallel_elasticity", "creep"])
 def test_what_the_effect_explains_is_no_disturbance_any_more(name):
     """The plant has one effect; the estimate of the disturbance shrinks once the belief has it too."""
@@ -169,6 +188,7 @@ def test_readings_lose_their_believed_errors():
     assert sensors.true("extensor_pressure", 3.21e5) == 3.21e5
 
 
+@pytest.mark.usefixtures("interpreted")
 def test_known_effects_halve_the_largest_error_without_chatter():
     _, before, _, nervous = tracking(load())
     run, after, rms, variation = tracking(believing(*HARDWARE))

@@ -33,6 +33,15 @@ def test_values_beyond_a_bound_stop_at_it():
     load(changes)
 
 
+def test_what_a_weak_supply_cannot_give_is_not_asked_for():
+    """Without this the model of a supply below the highest reference pressure would be refused."""
+    weak = learned.calibrated(load(), [], {**RIGHT, "supply_pressure": -0.2})
+    assert weak["control.position.maximum_pressure"] == pytest.approx(0.97 * 0.8 * 7e5)
+    load(weak)
+    strong = learned.calibrated(load(), [], {**RIGHT, "supply_pressure": 0.05})
+    assert "control.position.maximum_pressure" not in strong
+
+
 def test_calibrated_parameters_are_those_of_the_hardware():
     """The deviations of the plant, given as calibration, make the belief the truth."""
     base = load()
