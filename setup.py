@@ -25,7 +25,9 @@ ROS = [
     "ros-jazzy-rclpy[fastrtps]==7.1.6; sys_platform == 'linux' and platform_machine == 'x86_64'",
     "ros-jazzy-common-interfaces; sys_platform == 'linux' and platform_machine == 'x86_64'",
 ]
+CLUSTER = ["distributed>=2024.1"]
 TEST = [
+    *CLUSTER,
     "catkin_pkg>=1.0",
     "colcon-common-extensions>=0.3",
     "hypothesis>=6",
@@ -69,7 +71,8 @@ setup(
         "scipy>=1.10",
     ],
     extras_require={
-        "bench": ["dask[distributed]>=2024.1", "mujoco>=3.1"],
+        "bench": ["mujoco>=3.1"],
+        "cluster": CLUSTER,
         "peer": ["pysindy>=2.0"],
         "ros": ROS,
         "test": TEST,

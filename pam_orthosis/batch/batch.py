@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Works off units: failures are tried again and listed, what is done is kept and not done again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
+from pathlib import Path
+from typing import Any
+
+from pam_orthosis.batch.unit import Answer, Unit, work
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import write_text, write_whole
+
+RESULT, SUMMARY = "result.json", "batch.json"
+LOOK_SECONDS = 1.0  # how often it is looked whether the executor still lives
+
+
+class Batch:
+    """Units and the folder of their results: a folder a unit, and a summary.
+
+    Args:
+        units: of different names.
+        folder: may hold the results of an earlier, unfinished batch of the same units.
+
+    Raises:
+        OrthosisError: the folder holds results of other units by the same names.
+    """
+
+    def __init__(self, units: Sequence[Unit], folder: Path):
+        self.units, self.folder = tuple(units), folder
+        self.results = {unit.name: one for unit in units if (one := self._finished(unit)) is not None}
+        self.failed: dict[str, dict[str, Any]] = {}
+        self.skipped = tuple(self.results)
+
+    def run(
+        self,
+        executor: Executor,
+        lives: Callable[[], bool],
+        retries: int,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        """Work off what is missing; the results are stored one by one, as soon as they are there.
+
+        Args:
+            lives: whether the executor can still be waited for.
+            retries: how often a unit that fails is tried again.
+            tell: gets a line on each unit.
+
+        Raises:
+            OrthosisError: the executor is gone, or the results cannot be written.
+        """
+        tries = {unit.name: 0 for unit in self.units if unit.name not in self.results}
+        waiting = {executor.submit(work, unit): unit for unit in self.units if unit.name in tries}
+        try:
+            for future in _as_done(waiting, lives):
+                unit, answer = waiting.pop(future), _answer(future)
+                tries[unit.name] += 1
+                if not answer.complaint:
+                    self._keep(unit, answer, tries[unit.name])
+                elif tries[unit.name] <= retries:
+                    waiting[executor.submit(work, unit)] = unit
+                else:
+                    self.failed[unit.name] = {"tries": tries[unit.name], "why": answer.complaint}
+                tell(self._line(unit, answer, tries[unit.name]))
+        finally:
+            for future in waiting:
+                future.cancel()
+            write_text(self.folder / SUMMARY, json.dumps(self.summary(), indent=2) + "\n")
+
+    def summary(self) -> dict[str, Any]:
+        """Return what came of all units, as plain data: yes, no, failed (with the reason), missing."""
+        names = [unit.name for unit in self.units]
+        return {
+            "yes": [name for name in names if self.results.get(name, {}).get("status") == 0],
+            "no": [name for name in names if self.results.get(name, {}).get("status") == 1],
+            "failed": self.failed,
+            "missing": [name for name in names if name not in self.results and name not in self.failed],
+        }
+
+    def _finished(self, unit: Unit) -> dict[str, Any] | None:
+        file = self.folder / unit.name / RESULT
+        if not file.exists():
+            return None
+        try:
+            result = json.loads(file.read_text(encoding="utf-8"))
+            same = {key: result.get(key) for key in unit.identity()} == unit.identity()
+        except (OSError, ValueError, AttributeError):
+            return None  # not of ours, or spoilt: it is done again
+        if not same:
+            raise OrthosisError(f"{file} is the result of another command: give another --out, or remove it")
+        return result
+
+    def _keep(self, unit: Unit, answer: Answer, tries: int) -> None:
+        """Store an answer; the result's file, which says that the unit is done, comes last."""
+        result = {
+            "name": unit.name, **unit.identity(), "status": answer.status, "tries": tries,
+            "seconds": round(answer.seconds, 2), "answer": answer.told,
+        }  # fmt: skip
+        home = self.folder / unit.name
+        for name, data in answer.files.items():
+            write_whole(home / name, lambda part, data=data: part.write_bytes(data))
+        write_text(home / RESULT, json.dumps(result, indent=2) + "\n")
+        self.results[unit.name] = result
+
+    def _line(self, unit: Unit, answer: Answer, tries: int) -> str:
+        done = len(self.results) + len(self.failed)
+        outcome = (
+            {0: "yes", 1: "no"}[answer.status] if not answer.complaint else f"failed: {answer.complaint}"
+        )
+        again = ", is tried again" if answer.complaint and unit.name not in self.failed else ""
+        return f"{done}/{len(self.units)} {unit.name}: {outcome} ({answer.seconds:.1f} s, try {tries}{again})"
+
+
+def _as_done(waiting: dict[Future, Unit], lives: Callable[[], bool]) -> Iterator[Future]:
+    """Yield futures as they are done; more may be added to `waiting` meanwhile."""
+    while waiting:
+        done, _ = wait(waiting, timeout=LOOK_SECONDS, return_when=FIRST_COMPLETED)
+        if not lives() or any(future.cancelled() for future in done):
+            raise OrthosisError(
+                "the connection to the cluster is lost; the same command again does what is missing"
+            )
+        yield from done
+
+
+def _answer(future: Future) -> Answer:
+    """Return the answer of a unit that is done; one that took its worker with it has failed."""
+    try:
+        return future.result()
+    except (Exception, CancelledError) as error:
+        return Answer(-1, None, f"{type(error).__name__}: {error}".splitlines()[0], 0.0)

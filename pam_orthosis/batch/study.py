@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A parameter study: which sets of parameters and seeds the closed loop is to walk with.
+
+A file in YAML: `scenario`, `set` (parameters of all), and whose combinations are walked with: `seeds`, `sets`
+(a list of parameter sets), `grid` (parameter -> values), `random` (`count`, `seed`, `between`: parameter ->
+[low, high]).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import load, read_yaml, scenario_overrides
+
+KINDS = {"scenario": str, "set": dict, "seeds": list, "sets": list, "grid": dict, "random": dict}
+DRAWN = {"count", "seed", "between"}
+
+
+def read_study(path: Path) -> list[dict[str, Any]]:
+    """Return the overrides of each walk, `scenario.seed` among them.
+
+    Raises:
+        OrthosisError: unreadable, an unknown or unusable entry, parameters that no walk can have.
+    """
+    told = read_yaml(path)
+    if not isinstance(told, dict) or not told or set(told) - set(KINDS):
+        raise OrthosisError(f"{path}: a study has entries of {', '.join(KINDS)}, and no others")
+    for name, value in told.items():
+        if not isinstance(value, KINDS[name]):
+            raise OrthosisError(f"{path}: {name} is not a {KINDS[name].__name__}")
+    common = {**scenario_overrides(told.get("scenario", "default")), **told.get("set", {})}
+    walks = [{**common, **one} for one in _combined(path, told)]
+    for number, walk in enumerate(walks):
+        try:
+            load(walk)
+        except OrthosisError as error:
+            raise OrthosisError(f"{path}: walk {number}: {error}") from None
+    return walks
+
+
+def _combined(path: Path, told: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    seeds = [{"scenario.seed": seed} for seed in told.get("seeds", [])] or [{}]
+    grid = told.get("grid", {})
+    if not all(isinstance(values, list) and values for values in grid.values()):
+        raise OrthosisError(f"{path}: grid gives each parameter a list of values")
+    if not all(isinstance(one, dict) for one in told.get("sets", [])):
+        raise OrthosisError(f"{path}: sets is a list of parameter sets")
+    crossed = [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
+    drawn = list(_drawn(path, told["random"])) if "random" in told else [{}]
+    for parts in product(told.get("sets", []) or [{}], crossed, drawn, seeds):
+        yield {key: value for part in parts for key, value in part.items()}
+
+
+def _drawn(path: Path, told: Mapping[str, Any]) -> Iterator[dict[str, float]]:
+    """Yield parameter sets, each value uniform between its bounds."""
+    try:
+        count, seed, between = int(told["count"]), int(told.get("seed", 0)), told["between"]
+        low, high = np.array([between[key] for key in between], dtype=float).reshape(-1, 2).T
+        if count < 1 or set(told) - DRAWN or not (low <= high).all():
+            raise ValueError
+    except (KeyError, TypeError, ValueError, AttributeError):
+        words = "count (1 or more), seed and between: parameter -> [low, high]"
+        raise OrthosisError(f"{path}: random has {words}") from None
+    for values in np.random.default_rng(seed).uniform(low, high, (count, len(low))).tolist():
+        yield dict(zip(between, values, strict=True))

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One unit of work: a command of this program in a process of its own, here or on another machine.
+
+A process that crashes, hangs or runs out of memory takes nothing with it but its unit.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+LONGEST_COMPLAINT = 500
+
+
+@dataclass(frozen=True)
+class Unit:
+    """What is to be done.
+
+    Attributes:
+        name: of its folder in the results.
+        module: that is run, `python -m`.
+        arguments: that it gets.
+        writes: it gets `--out FOLDER` too, and the files it leaves there are part of the answer.
+        tells: its answer is a JSON object on standard output; exit status 1 is an answer, too ("no").
+        seconds: after which it is ended; None: it may take as long as it takes.
+    """
+
+    name: str
+    module: str
+    arguments: tuple[str, ...]
+    writes: bool = False
+    tells: bool = True
+    seconds: float | None = None
+
+    def identity(self) -> dict[str, Any]:
+        """Return what tells this unit's results from those of another, as plain data."""
+        return {"module": self.module, "arguments": list(self.arguments)}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came of a unit; `complaint` says why there is no answer, and is empty if there is one."""
+
+    status: int
+    told: Mapping[str, Any] | None
+    complaint: str
+    seconds: float
+    files: Mapping[str, bytes] = field(default_factory=dict, repr=False)
+
+
+def work(unit: Unit) -> Answer:
+    """Do a unit of work and return what came of it; files come back by value, wherever it was done."""
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="pam-orthosis-batch-") as folder:
+        out = Path(folder, "out")
+        command = [sys.executable, "-m", unit.module, *unit.arguments]
+        command += ["--out", str(out)] if unit.writes else []
+        try:
+            done = subprocess.run(
+                command, capture_output=True, text=True, errors="replace", check=False, timeout=unit.seconds,
+                stdin=subprocess.DEVNULL, env=_environment(),
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            return Answer(-1, None, f"not done after {unit.seconds:g} s", time.monotonic() - began)
+        told, complaint = _judged(unit, done)
+        return Answer(done.returncode, told, complaint, time.monotonic() - began, _files(out))
+
+
+def _environment() -> dict[str, str]:
+    """Return the environment of a unit: cores are shared by units, not within one."""
+    return {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", **os.environ}
+
+
+def _judged(unit: Unit, done: subprocess.CompletedProcess) -> tuple[dict | None, str]:
+    """Return the answer, and what is wrong if there is none."""
+    if done.returncode not in ((0, 1) if unit.tells else (0,)):
+        return None, _last_line(done.stderr) or f"ended with status {done.returncode}"
+    if not unit.tells:
+        return {}, ""
+    try:
+        told = json.loads(done.stdout)
+    except ValueError:
+        told = None
+    if not isinstance(told, dict):  # a crash of Python ends with status 1, as "no" does
+        return None, _last_line(done.stderr) or "printed no answer"
+    return told, ""
+
+
+def _last_line(text: str) -> str:
+    lines = text.strip().splitlines()
+    return lines[-1].removeprefix("pam-orthosis: error: ")[:LONGEST_COMPLAINT] if lines else ""
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    return {str(f.relative_to(folder)): f.read_bytes() for f in sorted(folder.rglob("*")) if f.is_file()}

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Do the same to many bags, or walk with many parameter sets: on all cores, or on a cluster."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shlex
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from pam_orthosis.cli.check import not_negative
+from pam_orthosis.errors import OrthosisError
+
+PROGRAM = "pam_orthosis.cli.main"
+TASKS = {
+    "check": "judge the tracking of each bag",
+    "gap": "find what the model lacks, bag by bag",
+    "report": "a page of each bag",
+    "study": "walk with each parameter set and seed of a study (YAML), without ROS; judge each walk",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the verb."""
+    tasks = "; ".join(f"{name}: {meaning}" for name, meaning in TASKS.items())
+    parser.add_argument("task", choices=TASKS, metavar="TASK", help=tasks)
+    parser.add_argument("inputs", type=Path, nargs="+", metavar="INPUT", help="bags, or the file of a study")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR",
+                        help="results, a folder a bag; what they hold already is not done again")  # fmt: skip
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--workers", type=_at_least_1, metavar="N", help="at a time (as many as there are cores)"
+    )
+    where.add_argument("--cluster", metavar="ADDRESS", help="of a Dask scheduler, e.g. tcp://host:8786")
+    parser.add_argument("--retries", type=_whole, default=1, metavar="N", help="of a bag that fails (1)")
+    parser.add_argument(
+        "--timeout", type=not_negative, metavar="S", help="after which a bag counts as failed"
+    )
+    parser.add_argument("--bound-deg", type=not_negative, default=3.0, help="of check and study (3)")
+    parser.add_argument("--with", dest="more", default="", metavar="ARGUMENTS",
+                        help="more arguments for the task, e.g. --with='--skip-s 2'")  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Work off all; return 0 if all say yes, 1 if one says no, 3 if one failed."""
+    from pam_orthosis.batch.batch import Batch
+    from pam_orthosis.batch.executors import cluster, local
+
+    if arguments.out.exists() and not arguments.out.is_dir():
+        raise OrthosisError(f"--out {arguments.out} is a file; give a folder")
+    batch = Batch(_units(arguments), arguments.out)
+    if batch.skipped:
+        print(f"{len(batch.skipped)} done before", file=sys.stderr)
+    where = (
+        cluster(arguments.cluster) if arguments.cluster else local(arguments.workers or os.cpu_count() or 1)
+    )
+    with where as (executor, lives):
+        batch.run(executor, lives, arguments.retries, lambda line: print(line, file=sys.stderr, flush=True))
+    summary = batch.summary()
+    print(json.dumps(summary, indent=2) if arguments.json else describe(summary))
+    return 3 if summary["failed"] else 1 if summary["no"] else 0
+
+
+def describe(summary: dict) -> str:
+    """Return the summary in words."""
+    yes, no, failed = (summary[key] for key in ("yes", "no", "failed"))
+    lines = [f"no: {', '.join(no)}"] if no else []
+    lines += [f"failed: {name} ({one['tries']} tries): {one['why']}" for name, one in failed.items()]
+    return "\n".join([*lines, f"{len(yes)} yes, {len(no)} no, {len(failed)} failed"])
+
+
+def _units(arguments: argparse.Namespace) -> list:
+    from pam_orthosis.batch.unit import Unit
+
+    task, seconds = arguments.task, arguments.timeout
+    try:
+        more = tuple(shlex.split(arguments.more))
+    except ValueError as error:
+        raise OrthosisError(f"--with {arguments.more!r}: {error}") from None
+    if task == "study":
+        return [
+            Unit(name, "pam_orthosis.batch.walk", (text, f"{arguments.bound_deg:g}"), True, True, seconds)
+            for name, text in _walks(arguments.inputs, more)
+        ]
+    given = {"check": ("--json", f"--bound-deg={arguments.bound_deg:g}"), "gap": ("--json",), "report": ()}[
+        task
+    ]
+    return [
+        Unit(name, PROGRAM, (task, str(bag), *given, *more), task != "check", task != "report", seconds)
+        for name, bag in _named([path.resolve() for path in arguments.inputs]).items()
+    ]
+
+
+def _walks(inputs: Sequence[Path], more: Sequence[str]) -> list[tuple[str, str]]:
+    from pam_orthosis.batch.study import read_study
+
+    if len(inputs) > 1 or more:
+        raise OrthosisError("a study is one file, and takes no --with")
+    walks = read_study(inputs[0])
+    digits = len(str(len(walks) - 1))
+    return [(f"walk-{number:0{digits}d}", json.dumps(walk)) for number, walk in enumerate(walks)]
+
+
+def _named(bags: Sequence[Path]) -> dict[str, Path]:
+    """Return bags by name; those of the same name by as much of their paths as tells them apart."""
+    names, depth = {bag: bag.name for bag in dict.fromkeys(bags)}, 1
+    while any(count > 1 for count in Counter(names.values()).values()):
+        depth += 1
+        common = {name for name, count in Counter(names.values()).items() if count > 1}
+        names = {bag: "-".join(bag.parts[-depth:]) if name in common else name for bag, name in names.items()}
+    return {name: bag for bag, name in names.items()}
+
+
+def _whole(text: str) -> int:
+    number = int(text)
+    if number < 0:
+        raise ValueError(text)
+    return number
+
+
+def _at_least_1(text: str) -> int:
+    if _whole(text) < 1:
+        raise ValueError(text)
+    return int(text)
