@@ -25,6 +25,7 @@ LITTLE_ENDIAN = b"\0\1"
 STAMP = struct.Struct("<iI")
 HEAD = 4
 PADDING, SERIALISER_TRAILS = 3, 32  # most bytes behind a message that DDS delivers, that rclpy serialises
+MOST_SHAPES = 8  # of one size
 _FORMATS = {
     "bool": "?", "byte": "B", "octet": "B", "char": "B", "int8": "b", "uint8": "B", "int16": "h",
     "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q", "float32": "f", "float64": "d",
@@ -47,6 +48,7 @@ class Shape:
     Attributes:
         size: of the message without what may trail it, bytes.
         places: path of a number (`header.stamp.sec`, `position[0]`) -> offset in the message, struct format.
+        takers: paths of some numbers -> what takes stamp and these out of such a message.
     """
 
     def __init__(self, data: bytes, msgtype: str, most_trailing: int = PADDING):
@@ -55,6 +57,7 @@ class Shape:
             raise Unreadable(f"{msgtype} has another size")
         self.size = HEAD + walk.position
         self.places = walk.places
+        self.takers: dict[tuple[str, ...], Callable[[bytes], tuple]] = {}
         self._kept = _mask([(0, 2), *walk.texts, *walk.lengths, *_spans(walk.places)])
         self._lengths = _mask([(0, 2), *walk.lengths])
         self._found = int.from_bytes(data, "little") & self._lengths
@@ -69,18 +72,21 @@ class Shape:
 
 
 class Shapes:
-    """The shapes of one type by size of the message, the last one of each."""
+    """The shapes of one type by size of the message, the last few of each."""
 
     def __init__(self, msgtype: str):
         self._msgtype = msgtype
-        self._known: dict[int, Shape] = {}
+        self._known: dict[int, list[Shape]] = {}
 
     def of(self, data: bytes, number: int) -> Shape:
         """Return the shape of a message, which is also given as one number; Unreadable if it has none."""
-        shape = self._known.get(len(data))
-        if shape is None or not shape.fits(number):
-            shape = self._known[len(data)] = Shape(data, self._msgtype)
-        return shape
+        known = self._known.setdefault(len(data), [])
+        for shape in known:
+            if shape.fits(number):
+                return shape
+        known.append(Shape(data, self._msgtype))
+        del known[:-MOST_SHAPES]
+        return known[-1]
 
 
 class Reader:
@@ -95,7 +101,6 @@ class Reader:
         self._msgtype = msgtype
         self._fields = tuple(fields)
         self._shapes = Shapes(msgtype)
-        self._takers: dict[Shape, Callable[[bytes], tuple]] = {}
 
     def __call__(self, data: bytes) -> tuple[int, tuple[float, ...]]:
         """Return the stamp in ns and the numbers: NaN for one that is not there, None if it may be missing.
@@ -106,9 +111,9 @@ class Reader:
         if data[:2] != LITTLE_ENDIAN:
             data = _rewritten(data, self._msgtype)
         shape = self._shapes.of(data, int.from_bytes(data, "little"))
-        take = self._takers.get(shape)
+        take = shape.takers.get(self._fields)
         if take is None:
-            take = self._takers[shape] = _taker(shape, self._fields)
+            take = shape.takers[self._fields] = _taker(shape, self._fields)
         values = take(data)
         return values[0] * SECOND_NS + values[1], values[2:]
 

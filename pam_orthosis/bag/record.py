@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import subprocess
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -121,14 +121,18 @@ class BagWriter:
 
     def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
         """Append a serialised message of a declared topic; OrthosisError if the disk takes no more."""
+        self.write_all([(topic, stamp_ns, data)])
+
+    def write_all(self, messages: Iterable[tuple[str, int, bytes]]) -> None:
+        """Append messages: topic, stamp, data; OrthosisError if the disk takes no more."""
         with told(self._file):
-            if stamp_ns - self._flushed_ns >= FLUSH_NS:
-                self._flushed_ns = stamp_ns
-                self._writer.flush()  # what is older does not die with this process
-            self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns)
-        self._counts[topic] += 1
-        self._span[0] = min(self._span[0], stamp_ns)
-        self._span[1] = max(self._span[1], stamp_ns)
+            for topic, stamp_ns, data in messages:
+                if stamp_ns - self._flushed_ns >= FLUSH_NS:
+                    self._flushed_ns = stamp_ns
+                    self._writer.flush()  # what is older does not die with this process
+                self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns)
+                self._counts[topic] += 1
+                self._span = [min(self._span[0], stamp_ns), max(self._span[1], stamp_ns)]
 
     def close(self) -> None:
         """Finish the file and write `metadata.yaml`; OrthosisError if the disk takes no more."""

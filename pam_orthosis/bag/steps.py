@@ -44,6 +44,7 @@ class StepCollector:
         self._horizon = horizon
         self._topics = table() if topics is None else topics
         self._order = {name: index for index, name in enumerate(self._topics)}
+        self._of_many = {name for name, topic in self._topics.items() if len(topic.producers) > 1}
         self._late_ns = late_ns
         self._newest_ns = -1
         self._left: dict[int, list[tuple[int, bytes]]] = {}  # what came of the last instants in real time
@@ -54,17 +55,26 @@ class StepCollector:
         self.done_ns = -1
         self.duplicates = 0
 
-    def add(self, message: Message) -> None:
-        """Keep a message; a second one of the same topic and instant is counted and dropped."""
-        key = self._key(message)
-        late = message.stamp_ns <= self.done_ns and self._late_ns is None
-        self._newest_ns = max(self._newest_ns, message.stamp_ns)
-        if late or any(key in held.get(message.stamp_ns, ()) for held in (self._pending, self._left)):
+    def add(self, message: Message) -> bool:
+        """Keep a message; return whether it may have made something complete.
+
+        A second one of the same topic and instant is counted and dropped.
+        """
+        topic, stamp_ns, data = message
+        # several nodes report their health in one instant
+        key = self._order[topic], data if topic in self._of_many else b""
+        late = stamp_ns <= self.done_ns and self._late_ns is None
+        self._newest_ns = max(self._newest_ns, stamp_ns)
+        instant = self._pending.get(stamp_ns)
+        if late or (instant and key in instant) or key in self._left.get(stamp_ns, ()):
             self.duplicates += 1
-        else:
-            if message.stamp_ns not in self._pending:
-                heappush(self._stamps, message.stamp_ns)
-            self._pending.setdefault(message.stamp_ns, {})[key] = message
+            return False
+        if instant is None:
+            heappush(self._stamps, stamp_ns)
+            instant = self._pending[stamp_ns] = {}
+        instant[key] = message
+        whole = len(instant) >= self._each_step
+        return whole or self._late_ns is not None or len(self._pending) > self._horizon
 
     def complete(self) -> Iterator[Message]:
         """Hand out, in order of instant and table, all that is complete."""
@@ -90,25 +100,19 @@ class StepCollector:
             name: topic for name, topic in self._topics.items() if topic.rate == "step" and name not in there
         }
 
-    def _leave(self) -> Iterator[Message]:
+    def _leave(self) -> list[Message]:
         """Hand out the oldest instant."""
         stamp_ns = heappop(self._stamps)
         instant = self._pending.pop(stamp_ns)
-        for key in sorted(instant):
-            yield instant[key]
         self.done_ns = max(self.done_ns, stamp_ns)
         if self._late_ns is not None:
             self._left.setdefault(stamp_ns, []).extend(instant)
             if len(self._left) > REMEMBERED:
                 del self._left[next(iter(self._left))]
+        return [instant[key] for key in sorted(instant)]
 
     def _due(self, stamp_ns: int) -> int:
         return self._each_step + self._each_second * is_health_instant(stamp_ns, self._period_ns)
 
     def _promised(self, *rates: str) -> int:
         return sum(len(topic.producers) for topic in self._topics.values() if topic.rate in rates)
-
-    def _key(self, message: Message) -> tuple[int, bytes]:
-        """Return the place of a message in its instant: several nodes report their health in one."""
-        many = len(self._topics[message.topic].producers) > 1
-        return self._order[message.topic], message.data if many else b""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from pam_orthosis.bag.cdr import canonical
@@ -118,8 +118,8 @@ class BagRecorder(graph.GraphNode):
                 return
             # in real time no two runs are alike, and there is better use for the time
             data = bytes(data) if self.realtime else canonical(data, topic.type)
-            leg.steps.add(Message(name, stamp_ns, data))
-            self._write(leg.steps.complete())
+            if leg.steps.add(Message(name, stamp_ns, data)):
+                self._write(leg.steps.complete())
             if tick:
                 leg.acknowledge(ACKNOWLEDGED_STEPS)
             if tick and first:
@@ -128,11 +128,15 @@ class BagRecorder(graph.GraphNode):
         return receive
 
     def _write(self, recorded: Iterable[Message]) -> None:
-        for message in recorded:
-            self._writer.write(self._names[message.topic], message.stamp_ns, message.data)
-            if message.topic in self._viewed:
-                scene, topic = self._viewed[message.topic]
-                scene.write(topic, message.stamp_ns, message.data)
+        self._writer.write_all(self._with_scenes(recorded))
+
+    def _with_scenes(self, recorded: Iterable[Message]) -> Iterator[Message]:
+        """Hand messages on under their absolute names; have written behind each what viewers need."""
+        for topic, stamp_ns, data in recorded:
+            yield Message(self._names[topic], stamp_ns, data)
+            if topic in self._viewed:
+                scene, viewed = self._viewed[topic]
+                scene.write(viewed, stamp_ns, data)
 
     def _look(self) -> None:
         """Acknowledge what is recorded; end the run when all of it is."""
