@@ -4,4 +4,5 @@
 GROUPS = {
     "graph": "the node graph against bare relays of the same messages",
     "simulation": "the plant with every effect on, one and many at once",
+    "scaling": "the gap workflow and identification against the size of what they work on",
 }
