@@ -3,6 +3,7 @@
 
     python benchmarks/bench_speed.py run [--only GROUP ...] [--repeats N] --out FILE.json
     python benchmarks/bench_speed.py table FILE.json
+    python benchmarks/bench_speed.py curves FILE.json --out PICTURE.png
 
 Groups are measured one after the other, and what a results file held of them before is replaced. A group
 that needs a package that is not there says so and is left out: pip install 'pam_orthosis[bench]'.
@@ -19,6 +20,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from speed import GROUPS
+from speed.curves import draw
 from speed.machine import Load, machine
 from speed.rows import as_text
 from speed.table import read, table, write
@@ -57,11 +59,16 @@ def main() -> int:
     running.add_argument("--only", nargs="+", choices=GROUPS, default=list(GROUPS), help="groups (all)")
     running.add_argument("--repeats", type=int, default=5, help="of each measurement (5)")
     running.add_argument("--out", type=Path, required=True, metavar="FILE", help="results, JSON")
+    drawing = verbs.add_parser("curves", help="draw the curves of the group scaling")
+    drawing.add_argument("file", type=Path, metavar="FILE")
+    drawing.add_argument("--out", type=Path, required=True, metavar="PNG")
     showing = verbs.add_parser("table", help="print a results file as Markdown")
     showing.add_argument("file", type=Path, metavar="FILE")
     arguments = parser.parse_args()
     if arguments.verb == "table":
         print(table(read(arguments.file)))
+    elif arguments.verb == "curves":
+        draw(read(arguments.file), arguments.out)
     else:
         run(arguments.only, arguments.repeats, arguments.out)
     return 0
