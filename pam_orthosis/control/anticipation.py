@@ -3,19 +3,45 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
+from collections.abc import Iterator
+
 from pam_orthosis.control import effects
 from pam_orthosis.control.trajectory import Reference
+
+
+class Pending:
+    """Commands on their way: given, each for a period, but not yet acting for the time of a lag."""
+
+    def __init__(self, lag: float, period: float):
+        self._lag, self._period = lag, period
+        self._values: deque[float] = deque(maxlen=math.ceil(lag / period) if lag else 0)
+
+    def note(self, value: float) -> None:
+        """Take the command of this step."""
+        self._values.appendleft(value)
+
+    def __iter__(self) -> Iterator[tuple[float, float, float]]:
+        """Yield commands of earlier steps: value, how long it will act within the lag, middle of that, s."""
+        for index, value in enumerate(self._values, start=1):
+            begin = self._lag - index * self._period
+            first, last = max(0.0, begin), begin + self._period
+            yield value, last - first, 0.5 * (first + last)
 
 
 class Anticipation:
     """Takes references and estimates ahead to the middle of the period in which a command acts.
 
-    A model without a lag between voltage and spool gives no horizon: nothing is taken ahead.
+    A model without a lag between voltage and spool gives no horizon: nothing is taken ahead. With one, the
+    error is what it will be once the commands on their way have acted, so that the law meets the error
+    that it would meet without the lag (predictor of Smith and Artstein), as far as the model is right.
     """
 
     def __init__(self, belief):
         self._period = belief.scenario.control_period
         lag = effects.command_lag(belief)
+        self._pending = Pending(lag, self._period)
         self.horizon = lag + 0.5 * self._period if lag else 0.0
         self._last: float | None = None
         self._jerk = 0.0
@@ -31,7 +57,14 @@ class Anticipation:
         )
 
     def estimate(self, now, reference: Reference, ahead: Reference) -> tuple[float, float, float]:
-        """Return the estimate at the horizon: the error goes on at the rate that it has."""
+        """Return the estimate at the horizon; without a command the error goes on at its rate."""
         rate = reference.velocity - now.velocity
         error = reference.angle - now.angle + self.horizon * rate
+        for correction, duration, middle in self._pending:
+            rate -= correction * duration
+            error -= correction * duration * (self.horizon - middle)
         return ahead.angle - error, ahead.velocity - rate, now.disturbance
+
+    def note(self, correction: float) -> None:
+        """Take by how much the acceleration that was asked for is beyond that of the reference, rad/s^2."""
+        self._pending.note(correction)

@@ -177,7 +177,10 @@ class PositionController:
             return self._law(estimate[:3], reference, mean, self._now)
         then = self._ahead.reference(reference)
         self._then.step(then, *pressures)
-        return self._law(self._ahead.estimate(estimate, reference, then), then, mean, self._then)
+        point = self._ahead.estimate(estimate, reference, then)
+        c1, c2 = self._tuned[:2].tolist()
+        self._ahead.note(desired_acceleration(point, then, c1, c2) - then.acceleration)
+        return self._law(point, then, mean, self._then)
 
     def _law(self, estimate, reference: Reference, mean: float, effect: EffectTorque):
         result = self._command(estimate, reference[:3], mean, effect.states, effect.time, self._tuned)

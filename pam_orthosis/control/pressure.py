@@ -8,11 +8,13 @@ import math
 import casadi as ca
 
 from pam_orthosis.control import effects
+from pam_orthosis.control.anticipation import Pending
 from pam_orthosis.control.effects import Sensors
 from pam_orthosis.control.trajectory import VALVES_CLOSED
 from pam_orthosis.model import pneumatics
 from pam_orthosis.model.compiled import compiled
 
+UNIT_RATE = 1e6  # Pa/s, between two points of a straight line
 LIVE = ("control.pressure.gain", "control.pressure.reference_filter")
 
 
@@ -38,13 +40,27 @@ def mass_flow_function(belief, muscle: str) -> ca.Function:
     return ca.Function(f"{muscle}_mass_flow", inputs, [flow])
 
 
+def flow_limits(belief) -> ca.Function:
+    """Return absolute pressure -> least and most mass flow into a muscle that the valve can give, kg/s."""
+    pressure, valve = ca.SX.sym("pressure"), belief.valve
+    ends = [pneumatics.valve_flow(opening, pressure, valve.supply_pressure, valve) for opening in (-1, 1)]
+    return ca.Function("flow_limits", [pressure], [ca.vertcat(*ends)])
+
+
 class PressureController:
-    """Pressure controller of the `extensor` or the `flexor`; knows the belief only."""
+    """Pressure controller of the `extensor` or the `flexor`; knows the belief only.
+
+    With a lag of the valves in the belief the error is that of the pressure once the flows on their way
+    have arrived.
+    """
 
     def __init__(self, parameters, muscle: str):
         belief = parameters.belief()
         self._flow = compiled(mass_flow_function(belief, muscle))
         self._sensors, self._channel = Sensors(belief), f"{muscle}_pressure"
+        lag = effects.command_lag(belief)
+        self._pending = Pending(lag, belief.scenario.control_period) if lag else None
+        self._limits = compiled(flow_limits(belief)) if lag else None
         self._steps = 0
         self._period = belief.scenario.control_period
         self._filtered: float | None = None
@@ -66,10 +82,30 @@ class PressureController:
         self._steps += 1
         if reference == VALVES_CLOSED:
             self._filtered = None
+            if self._pending is not None:
+                self._pending.note(0.0)
             return 0.0
         pressure = self._sensors.true(self._channel, pressure)
+        pressure = self._ahead(pressure, angle, velocity, time)
         rate = self._reference_rate(reference) + self._gain * (reference - pressure)
-        return float(self._flow(pressure, rate, angle, velocity, time)[0][0])
+        flow = float(self._flow(pressure, rate, angle, velocity, time)[0][0])
+        return flow if self._pending is None else self._noted(flow, pressure)
+
+    def _ahead(self, pressure: float, angle: float, velocity: float, time: float) -> float:
+        """Return the pressure when a command of now begins to act; Eq. (6) is linear in flow and rate."""
+        if self._pending is None:
+            return pressure
+        still, moving = (
+            float(self._flow(pressure, rate, angle, velocity, time)[0][0]) for rate in (0.0, UNIT_RATE)
+        )
+        slope = UNIT_RATE / (moving - still)
+        return pressure + sum(duration * slope * (flow - still) for flow, duration, _ in self._pending)
+
+    def _noted(self, flow: float, pressure: float) -> float:
+        """Remember what the valve can give of a flow; return the flow."""
+        least, most = self._limits(pressure)[0].tolist()
+        self._pending.note(min(max(flow, least), most))
+        return flow
 
     def _reference_rate(self, reference: float) -> float:
         """Return the filtered derivative of the reference pressure, Pa/s."""

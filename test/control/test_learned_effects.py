@@ -188,7 +188,6 @@ def test_readings_lose_their_believed_errors():
     assert sensors.true("extensor_pressure", 3.21e5) == 3.21e5
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_known_effects_halve_the_largest_error_without_chatter():
     _, before, _, nervous = tracking(load())
     run, after, rms, variation = tracking(believing(*HARDWARE))
