@@ -8,9 +8,11 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from pam_orthosis.bag.timing import Timing
-from pam_orthosis.bag.verdict import Verdict, judge_all
+if TYPE_CHECKING:
+    from pam_orthosis.bag.timing import Timing
+    from pam_orthosis.bag.verdict import Verdict
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,6 +32,8 @@ def add_verdict_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Print the verdict; return 0 if the bound holds, 1 if not."""
+    from pam_orthosis.bag.verdict import judge_all  # what reads bags takes its time to load
+
     return show(judge_all(arguments.bag, arguments.bound_deg, arguments.skip_s), arguments.json)
 
 

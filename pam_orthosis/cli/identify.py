@@ -6,15 +6,16 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pam_orthosis.cli.check import not_negative
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import write_text
-from pam_orthosis.identification import rows
-from pam_orthosis.identification.data import read_data
-from pam_orthosis.identification.identify import Identified, identify
 from pam_orthosis.model.parameters import load
-from pam_orthosis.model.rig import SPECIMENS
+from pam_orthosis.model.specimens import SPECIMENS
+
+if TYPE_CHECKING:
+    from pam_orthosis.identification.identify import Identified
 
 MOST_LEVELS = 12  # a table with more pressures is summed up
 
@@ -41,6 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Identify, write what was asked for, print the result."""
+    from pam_orthosis.identification import rows  # scipy takes a second to load
+    from pam_orthosis.identification.data import read_data
+    from pam_orthosis.identification.identify import identify
+
     if min(arguments.degrees) < 0 or arguments.degrees[0] > 3 or arguments.degrees[1] > 4:
         raise OrthosisError("--degrees: Eq. (14) has at most degrees 3 and 4")
     data = read_data(arguments.data, arguments.muscle, arguments.nominal_length_m)

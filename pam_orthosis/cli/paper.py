@@ -8,12 +8,14 @@ import json
 import sys
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pam_orthosis.cli import rig
 from pam_orthosis.files import told, write_text
-from pam_orthosis.identification.data import read_data
-from pam_orthosis.identification.identify import Identified, identify
 from pam_orthosis.model.parameters import load
+
+if TYPE_CHECKING:
+    from pam_orthosis.identification.identify import Identified
 
 MUSCLE = "dmsp_20"
 
@@ -55,6 +57,9 @@ def execute(arguments: argparse.Namespace) -> int:
 
 def _identified() -> Identified:
     """Record the procedure of sections 2.4 and 2.5 on the emulated rig and identify the muscle from it."""
+    from pam_orthosis.identification.data import read_data
+    from pam_orthosis.identification.identify import identify
+
     parameters = load()
     held_out = [p - parameters.valve.ambient_pressure for p in parameters.rig.procedure.held_out_pressures]
     with tempfile.TemporaryDirectory() as folder:

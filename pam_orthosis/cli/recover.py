@@ -6,8 +6,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pam_orthosis.bag.recover import recover
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
@@ -17,6 +15,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Recover the bag."""
+    from pam_orthosis.bag.recover import recover  # what reads bags takes its time to load
+
     bag = arguments.bag.resolve()
     out = arguments.out or bag.with_name(f"{bag.stem}-recovered")
     print(f"{recover(bag, out)} messages recovered into {out}")

@@ -11,12 +11,8 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from pam_orthosis.bag.compare import TopicComparison, compare
-from pam_orthosis.bag.legs import namespaces
-from pam_orthosis.bag.read import recorded_parameters, run_record
-from pam_orthosis.bag.script import Script
 from pam_orthosis.bag.topics import SECOND_NS, SIGNALS
 from pam_orthosis.cli.check import titled
 from pam_orthosis.cli.run import Progress, assignments, need_ros, refuse_used
@@ -24,6 +20,9 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.nodes import launch
 from pam_orthosis.nodes.supervisor import supervise
+
+if TYPE_CHECKING:
+    from pam_orthosis.bag.compare import TopicComparison
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,6 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Print the comparison; return 0 if all answers are equal to the bit, 1 if not."""
+    from pam_orthosis.bag.legs import namespaces  # what reads bags takes its time to load
+
     need_ros()
     legs = namespaces(arguments.bag) if arguments.namespace is None else [arguments.namespace]
     if arguments.out and len(legs) > 1:
@@ -68,6 +69,9 @@ def execute(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace, namespace: str) -> list[TopicComparison]:
+    from pam_orthosis.bag.compare import compare
+    from pam_orthosis.bag.script import Script
+
     bag = arguments.bag.resolve()
     script = Script(bag, namespace, arguments.node)
     for node, topic in script.missing.items():
@@ -89,6 +93,8 @@ def _replay(arguments: argparse.Namespace, namespace: str) -> list[TopicComparis
 
 def _parameters(bag: Path, namespace: str, changes: Sequence[str]) -> Parameters:
     """Return the parameters of the recorded run, as far as this version knows them, with changes."""
+    from pam_orthosis.bag.read import recorded_parameters, run_record
+
     recorded = recorded_parameters(bag, run_record(bag), namespace)
     known = load().flat()
     if unknown := sorted(recorded.keys() - known.keys()):

@@ -7,23 +7,14 @@ import argparse
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from pam_orthosis.bag.rig_record import record_rig
-from pam_orthosis.control.rig_loop import (
-    DIAGNOSTIC_PLACES,
-    DIAGNOSTIC_PRESSURES,
-    DIAGNOSTIC_START,
-    DIAGNOSTIC_STEP,
-    DecayRig,
-    Rig,
-    RigSample,
-    diagnostic_procedure,
-    force_procedure,
-    volume_procedure,
-)
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, load
-from pam_orthosis.model.rig import SPECIMENS
+from pam_orthosis.model.specimens import SPECIMENS
+
+if TYPE_CHECKING:
+    from pam_orthosis.control.rig_loop import RigSample
 
 IDENTIFICATION = ("force", "volume", "decay")
 TESTS = (*IDENTIFICATION, "diagnostic")
@@ -61,6 +52,8 @@ def execute(arguments: argparse.Namespace) -> int:
 
 def record_test(parameters: Parameters, specimen: str, test: str, out: Path) -> None:
     """Record one bag for each pressure of one of `TESTS` into a folder."""
+    from pam_orthosis.bag.rig_record import record_rig
+
     rig = parameters.rig
     every = 1 if test in EVERY_SAMPLE else round(rig.record_period / rig.control_period)
     for number, pressure in enumerate(_pressures(rig, specimen, test)):
@@ -71,22 +64,27 @@ def record_test(parameters: Parameters, specimen: str, test: str, out: Path) -> 
 
 
 def _pressures(rig, specimen: str, test: str) -> list[float]:
+    from pam_orthosis.control import rig_loop  # casadi takes a second to load
+
     if test == "decay":
         return getattr(rig.decay, specimen).pressures
     if test == "volume":
         return rig.procedure.pressures
     if test == "diagnostic":
-        return list(DIAGNOSTIC_PRESSURES)
+        return list(rig_loop.DIAGNOSTIC_PRESSURES)
     return sorted([*rig.procedure.pressures, *rig.procedure.held_out_pressures])
 
 
 def _samples(
     parameters: Parameters, specimen: str, test: str, pressure: float, seed: int
 ) -> Iterator[RigSample]:
+    from pam_orthosis.control import rig_loop
+
     if test == "decay":
-        return DecayRig(parameters, specimen, seed).run(pressure)
+        return rig_loop.DecayRig(parameters, specimen, seed).run(pressure)
     if test == "diagnostic":
-        rig = Rig(parameters, specimen, seed, DIAGNOSTIC_START)
-        return diagnostic_procedure(rig, [pressure, pressure + DIAGNOSTIC_STEP], DIAGNOSTIC_PLACES)
-    procedure = force_procedure if test == "force" else volume_procedure
-    return procedure(Rig(parameters, specimen, seed), pressure)
+        rig = rig_loop.Rig(parameters, specimen, seed, rig_loop.DIAGNOSTIC_START)
+        levels = [pressure, pressure + rig_loop.DIAGNOSTIC_STEP]
+        return rig_loop.diagnostic_procedure(rig, levels, rig_loop.DIAGNOSTIC_PLACES)
+    procedure = rig_loop.force_procedure if test == "force" else rig_loop.volume_procedure
+    return procedure(rig_loop.Rig(parameters, specimen, seed), pressure)

@@ -19,11 +19,7 @@ from typing import Any, NoReturn
 
 import yaml
 
-from pam_orthosis.bag.read import METADATA_FILE
-from pam_orthosis.bag.recover import recover_in_place
-from pam_orthosis.bag.verdict import judge_all
 from pam_orthosis.cli.check import add_verdict_arguments, show
-from pam_orthosis.control.legs import differences
 from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.files import make_folder, remove_empty
 from pam_orthosis.model.parameters import Parameters, load, scenario_names, scenario_overrides
@@ -74,6 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Run and judge; return 0 if the bound holds, 1 if not."""
+    from pam_orthosis.bag.verdict import judge_all  # what reads bags takes its time to load
+
     need_ros()
     parameters = _believing(load(_overrides(arguments)), arguments.model)
     bag = arguments.out or _unused(arguments.scenario)
@@ -103,6 +101,8 @@ def need_ros() -> None:
 def _mode(arguments: argparse.Namespace, parameters: Parameters) -> launch.Mode:
     if arguments.no_plant and not arguments.realtime:
         raise OrthosisError("--no-plant: hardware does not wait for its controllers; give --realtime too")
+    from pam_orthosis.control.legs import differences
+
     legs = differences(parameters) if arguments.legs > 1 else {}
     return launch.Mode(arguments.composed, arguments.realtime, not arguments.no_plant, legs)
 
@@ -169,6 +169,9 @@ def _run(parameters: Parameters, bag: Path, scenario: str, mode: launch.Mode, vi
 
 def _rescue(bag: Path, work: Path) -> str:
     """Make what there is of a bag readable, keep the nodes' output beside it, say so."""
+    from pam_orthosis.bag.read import METADATA_FILE
+    from pam_orthosis.bag.recover import recover_in_place
+
     if not any(bag.glob("*.mcap")):
         return "nothing was recorded"
     shutil.copytree(work, bag / "log", ignore=shutil.ignore_patterns("ros"))

@@ -17,6 +17,7 @@ from pam_orthosis.model import orthosis, rig
 from pam_orthosis.model.effects.base import enabled
 from pam_orthosis.model.parameters import Section
 from pam_orthosis.model.rig_effects import RIG_CATALOGUE, at_rig
+from pam_orthosis.model.specimens import SPECIMENS
 
 # tolerance -> believed parameters that it multiplies, beside those of the muscles
 MULTIPLIES = {
@@ -48,7 +49,7 @@ def test_rig(parameters, specimen: str) -> System:
 
     Args:
         parameters: the tree; effects that `rig.effects.*` switches on belong to the nominal model.
-        specimen: the investigated muscle, one of `model.rig.SPECIMENS`.
+        specimen: the investigated muscle, one of `model.specimens.SPECIMENS`.
     """
     belief = rig.at_rig(parameters).only("muscle", "valve", "rig", "gap")
     present = enabled(belief.rig.effects)
@@ -93,7 +94,7 @@ def specimen_of(path: Path) -> str | None:
     if path.suffix == ".csv":
         return None
     specimen = run_record(path).get("specimen")
-    return specimen if specimen in rig.SPECIMENS else None
+    return specimen if specimen in SPECIMENS else None
 
 
 def _catalogue():

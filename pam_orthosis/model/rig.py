@@ -31,7 +31,6 @@ from pam_orthosis.model.effects.carriage_friction import RIG_EFFECTS
 from pam_orthosis.model.parameters import Section
 from pam_orthosis.model.plant import DEVIATIONS, quantised
 
-SPECIMENS = ("dmsp_20", "dmsp_10")
 BASE_STATES = ("position", "velocity", "extensor_pressure", "flexor_pressure")
 INPUTS = ("extensor_voltage", "flexor_voltage", "weight", "hand_stiffness", "hand_position")
 OUTPUTS = ("extensor_tension", "flexor_tension", "extensor_flow", "flexor_flow", "diameter", "length")
@@ -159,7 +158,7 @@ class RigPlant:
 
     Args:
         parameters: the whole tree, truth included.
-        specimen: the investigated muscle, one of `SPECIMENS`.
+        specimen: the investigated muscle, one of `model.specimens.SPECIMENS`.
         seed: of the sensor noise.
         position: of the carriage at the start, m; the investigated muscle begins at ambient pressure.
         positioner_pressure: of the MAS-40 at the start, absolute Pa; None: ambient.
