@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Controllers compared on the same specimens, tasks, seeds and limits; resumable, one JSON line a run.
 
-    python benchmarks/bench_control.py run --out results.jsonl [--limit N] [--jobs 2]
+    python benchmarks/bench_control.py run --out results.jsonl [--controllers NAME...] [--limit N] [--jobs 2]
     python benchmarks/bench_control.py table results.jsonl
+    python benchmarks/bench_control.py figure results.jsonl figure.png
 
 Three controllers: a cascaded PID tuned by a search, the paper's cascade, the paper's cascade with the same
-gains and with what each specimen's own recordings taught.
+gains and with what each specimen's own recordings, made without a person, taught.
 """
 
 from __future__ import annotations
@@ -13,42 +14,40 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from control_campaign import learn, pid
-from control_campaign.cases import CASES, CONTROLLERS, SEED, Case, plan
+from control_campaign.cases import CASES, CONTROLLERS, SEED, SPECIMENS, Case, plan
 from control_campaign.hardware import drawn
 
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.model.parameters import Parameters, load, scenario_overrides
+from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.model.plant import Plant, with_belief
 
 MUSCLES = ("extensor", "flexor")
 BOUND = 3.0  # deg
+HEAD = (
+    "| task | drawn specimens | controller | maximum | worst of | as shipped | of the paper's"
+    " | RMS | variation | pressures | above 3 deg |"
+)
 NICE = 10
 
 
-def solve(specimen: int, cases: list[Case], known: dict[str, dict]) -> Iterator[dict]:
-    """Yield what each controller does with some tasks of a specimen; `known`: wearer -> learned belief."""
-    for case in cases:
-        parameters = load(drawn(specimen) | case.overrides())
-        if case.wearer not in known:
-            known[case.wearer] = _learned(specimen, case.wearer)
-            yield {"specimen": specimen, "wearer": case.wearer, "belief": known[case.wearer]}
-        for controller in CONTROLLERS:
-            told = {"specimen": specimen, "case": case.name, "controller": controller}
-            try:
-                yield told | _figures(_run(parameters, case, controller, known[case.wearer]), parameters)
-            except Exception as error:  # one failed run must not end all; the table counts it
-                yield told | {"failed": f"{type(error).__name__}: {error}"}
-
-
-def _learned(specimen: int, wearer: str) -> dict[str, Any]:
-    return learn.learn(load(drawn(specimen) | scenario_overrides(wearer)))
+def solve(specimen: int, tasks: list[tuple[Case, str]], known: dict | None) -> Iterator[dict]:
+    """Yield what controllers do with tasks of a specimen, and first what was learned if that is unknown."""
+    for case, controller in tasks:
+        if controller == "learned" and known is None:
+            known = learn.learn(load(drawn(specimen) | learn.tolerances(specimen)))
+            yield {"specimen": specimen, "belief": known}
+        told = {"specimen": specimen, "case": case.name, "controller": controller}
+        try:
+            parameters = load(drawn(specimen) | case.overrides())
+            yield told | _figures(_run(parameters, case, controller, known or {}), parameters)
+        except Exception as error:  # one failed run must not end all; the table counts it
+            yield told | {"failed": f"{type(error).__name__}: {error}"}
 
 
 def _run(parameters: Parameters, case: Case, controller: str, belief: dict) -> dict[str, np.ndarray]:
@@ -73,34 +72,36 @@ def _figures(run: dict[str, np.ndarray], parameters: Parameters) -> dict[str, fl
     }
 
 
-def _work(task: tuple[int, list[str], dict[str, dict]]) -> list[dict]:
-    specimen, names, known = task
-    return list(solve(specimen, [case for case in CASES if case.name in names], known))
+def _work(task: tuple[Path, int, list[tuple[Case, str]], dict | None]) -> None:
+    """Do the tasks of a specimen; each result is a line of the file as soon as it is there."""
+    out, specimen, tasks, known = task
+    for result in solve(specimen, tasks, known):
+        with open(out, "a", encoding="utf-8") as stream:
+            stream.write(json.dumps(result) + "\n")
+        print(_line(result), flush=True)
 
 
-def run(out: Path, limit: int | None, jobs: int) -> None:
+def run(out: Path, controllers: Sequence[str], limit: int | None, jobs: int) -> None:
     """Make the runs that the results file does not hold yet."""
     results = _results(out)
-    done = {(r["specimen"], r["case"]) for r in results if r.get("controller") == CONTROLLERS[-1]}
-    beliefs = {(r["specimen"], r["wearer"]): r["belief"] for r in results if "belief" in r}
-    todo = [(specimen, case) for specimen, case in plan() if (specimen, case.name) not in done][:limit]
-    groups: dict[tuple[int, str], list[str]] = {}
-    for specimen, case in todo:  # tasks of one wearer share what is learned
-        groups.setdefault((specimen, case.wearer), []).append(case.name)
-    tasks = [
-        (specimen, names, {w: b for (s, w), b in beliefs.items() if s == specimen})
-        for (specimen, _), names in groups.items()
-    ]
-    with ProcessPoolExecutor(jobs, initializer=os.nice, initargs=(NICE,)) as pool:
-        for number, lines in enumerate(pool.map(_work, tasks), start=1):
-            with open(out, "a", encoding="utf-8") as stream:
-                stream.writelines(json.dumps(line) + "\n" for line in lines)
-            print(f"{number}/{len(tasks)}", *(_line(line) for line in lines), sep="\n  ", flush=True)
+    done = {(r["specimen"], r["case"], r["controller"]) for r in results if "controller" in r}
+    beliefs = {r["specimen"]: r["belief"] for r in results if "belief" in r}
+    wanted = [(specimen, case, name) for specimen, case in plan() for name in controllers]
+    todo = [one for one in wanted if (one[0], one[1].name, one[2]) not in done][:limit]
+    for everywhere in (True, False):  # what is learned for the first ones is there for the others
+        groups: dict[int, list[tuple[Case, str]]] = {}
+        for specimen, case, name in todo:
+            if case.everywhere == everywhere:
+                groups.setdefault(specimen, []).append((case, name))
+        tasks = [(out, specimen, group, beliefs.get(specimen)) for specimen, group in groups.items()]
+        with ProcessPoolExecutor(jobs, initializer=os.nice, initargs=(NICE,)) as pool:
+            list(pool.map(_work, tasks))
+        beliefs |= {r["specimen"]: r["belief"] for r in _results(out) if "belief" in r}
 
 
 def _line(result: dict) -> str:
     if "belief" in result:
-        return f"specimen {result['specimen']}, {result['wearer']}: learned"
+        return f"specimen {result['specimen']}: learned"
     start = f"specimen {result['specimen']}, {result['case']}, {result['controller']}: "
     if "failed" in result:
         return start + result["failed"]
@@ -116,32 +117,57 @@ def _results(path: Path) -> list[dict]:
 def table(path: Path) -> str:
     """Return the table of a results file as Markdown: of each task the worst specimen."""
     runs = [r for r in _results(path) if "controller" in r]
-    head = (
-        "| task | specimens | controller | maximum | worst of | RMS | variation | pressures | above 3 deg |"
-    )
-    lines = [head, "|" + "---|" * 9]
+    lines = [HEAD, "|" + "---|" * HEAD[1:].count("|")]
     for case in CASES:
+        of_case = [r for r in runs if r["case"] == case.name]
         for controller in CONTROLLERS:
-            chosen = [r for r in runs if r["case"] == case.name and r["controller"] == controller]
-            lines += [_row(case.name, controller, chosen)] if chosen else []
+            chosen = [r for r in of_case if r["controller"] == controller]
+            lines += [_row(case.name, controller, chosen, _share(of_case, controller))] if chosen else []
     return "\n".join(lines)
 
 
-def _row(case: str, controller: str, chosen: list[dict]) -> str:
+def _share(runs: list[dict], controller: str) -> str:
+    """Return the largest quotient, over specimens, of a controller's largest error and the paper's."""
+    of_paper = {r["specimen"]: r["max_deg"] for r in runs if r["controller"] == "paper" and "max_deg" in r}
+    own = [r for r in runs if r["controller"] == controller and "max_deg" in r]
+    shares = [r["max_deg"] / of_paper[r["specimen"]] for r in own if r["specimen"] in of_paper]
+    return f"{max(shares):.2f}" if shares and controller == "learned" else "-"
+
+
+def _row(case: str, controller: str, chosen: list[dict], share: str) -> str:
     good = [r for r in chosen if "failed" not in r]
     failed = f", {len(chosen) - len(good)} failed" if len(good) < len(chosen) else ""
-    drawn_ones = [r for r in good if r["specimen"]]
+    if not good:
+        return f"| {case} | 0{failed} | {controller} |" + " - |" * (HEAD.count("|") - 4)
     shipped = next((f"{r['max_deg']:.2f}" for r in good if not r["specimen"]), "-")
     worst = max(good, key=lambda r: r["max_deg"])
     rms, variation = (max(r[key] for r in good) for key in ("rms_deg", "variation_v_per_s"))
     low, high = min(r["least_pressure"] for r in good), max(r["most_pressure"] for r in good)
     cells = (
-        case, f"{len(drawn_ones)}{failed}", controller,
-        f"{worst['max_deg']:.2f} deg", worst["specimen"], shipped,
+        case, f"{len([r for r in good if r['specimen']])}{failed}", controller,
+        f"{worst['max_deg']:.2f} deg", worst["specimen"], shipped, share,
         f"{rms:.3f} deg", f"{variation:.0f} V/s", f"{low * 1e-5:.2f} .. {high * 1e-5:.2f} bar",
         sum(r["max_deg"] > BOUND for r in good),
     )  # fmt: skip
     return "| " + " | ".join(map(str, cells)) + " |"
+
+
+def figure(path: Path, file: Path) -> None:
+    """Draw the largest error of each specimen in the tasks that all of them were asked."""
+    from matplotlib.figure import Figure
+
+    drawing = Figure(figsize=(11, 3.6), layout="constrained")
+    cases = [case for case in CASES if case.everywhere]
+    runs = [r for r in _results(path) if "max_deg" in r]
+    for axes, case in zip(drawing.subplots(1, len(cases), sharey=True), cases, strict=True):
+        for controller, mark in zip(CONTROLLERS, "^os", strict=True):
+            own = [r for r in runs if (r["case"], r["controller"]) == (case.name, controller)]
+            axes.semilogy([r["specimen"] for r in own], [r["max_deg"] for r in own], mark, label=controller)
+        axes.axhline(BOUND, color="0.5", lw=1)
+        axes.set(title=case.name, xlabel="specimen (0: as shipped)", xticks=range(SPECIMENS + 1))
+    drawing.axes[0].set_ylabel("largest error / deg")
+    drawing.axes[-1].legend()
+    drawing.savefig(file, dpi=110)
 
 
 def main() -> None:
@@ -154,11 +180,17 @@ def main() -> None:
     running.add_argument("--out", type=Path, required=True)
     running.add_argument("--limit", type=int)
     running.add_argument("--jobs", type=int, default=2)
+    running.add_argument("--controllers", nargs="+", choices=CONTROLLERS, default=CONTROLLERS)
     showing = verbs.add_parser("table", help="print the table of a results file")
     showing.add_argument("results", type=Path)
+    drawing = verbs.add_parser("figure", help="draw the largest errors of a results file")
+    drawing.add_argument("results", type=Path)
+    drawing.add_argument("file", type=Path)
     arguments = parser.parse_args()
     if arguments.verb == "run":
-        run(arguments.out, arguments.limit, arguments.jobs)
+        run(arguments.out, arguments.controllers, arguments.limit, arguments.jobs)
+    elif arguments.verb == "figure":
+        figure(arguments.results, arguments.file)
     else:
         print(table(arguments.results))
 

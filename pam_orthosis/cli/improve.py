@@ -13,7 +13,6 @@ import os
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import write_text
@@ -51,24 +50,13 @@ def _write(folder: Path, rounds, as_json: bool) -> None:
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.report import improvement
 
-    told = [_told(one) for one in rounds]
-    table = improvement.table(rounds)
+    told = [one.as_dict() for one in rounds]
+    table = improvement.table(told)
     patch.write(folder / "model.yaml", rounds[-1].model)
     write_text(folder / "improve.json", json.dumps(told, indent=2) + "\n")
     write_text(folder / "improve.md", table)
     improvement.draw(rounds, folder / "improve.png")
     print(json.dumps(told, indent=2) if as_json else table)
-
-
-def _told(one) -> dict[str, Any]:
-    return {
-        "round": one.number,
-        "effects": list(one.found.effects) if one.found else [],
-        "kept": one.kept,
-        "reason": one.reason,
-        "tracking": one.tracking.as_dict() if one.tracking else None,
-        "gap": dict(one.found.told) if one.found else None,
-    }
 
 
 def _progress():

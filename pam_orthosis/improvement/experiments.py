@@ -18,6 +18,8 @@ from pam_orthosis.model.parameters import Parameters, scenario_overrides
 NANOSECONDS = 1e9
 LEVELS = {"scenario.diagnostic.low_angle": 0.45, "scenario.diagnostic.high_angle": 1.0}
 DECAY = "diagnostic-decay"
+ONCE = 11.0  # s, in which the programme of the decay runs through once
+SETTLING = 3.0  # s, until the gait has its cadence
 
 
 class Experiment(NamedTuple):
@@ -37,15 +39,16 @@ def programme(parameters: Parameters) -> list[Experiment]:
     """
     cycle, seed = parameters.scenario.cycle_time, 100 * (parameters.scenario.seed + 1)
     decay = {k: v for k, v in scenario_overrides(DECAY).items() if k != "scenario.control_period"}
+    decay["scenario.duration"] = ONCE
 
     def gait(share: float, duration: float) -> dict[str, Any]:
         return {"scenario.cycle_time": share * cycle, "scenario.duration": duration}
 
     return [
-        Experiment("gait", gait(1.0, 20.0), seed),
-        Experiment("gait-faster", gait(0.7, 16.0), seed + 1),
+        Experiment("gait", gait(1.0, SETTLING + 3.5 * cycle), seed),
+        Experiment("gait-faster", gait(0.7, SETTLING + 3.5 * cycle), seed + 1),
         Experiment("decay", decay, seed + 2),
-        Experiment("held-out-gait", gait(0.85, 14.0), seed + 3, True),
+        Experiment("held-out-gait", gait(0.85, SETTLING + 2.5 * cycle), seed + 3, True),
         Experiment("held-out-decay", {**decay, **LEVELS}, seed + 4, True),
     ]
 

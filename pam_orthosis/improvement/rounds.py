@@ -15,7 +15,7 @@ from pam_orthosis.discrepancy.verdict import as_dict
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.improvement import learned
 from pam_orthosis.improvement.experiments import Experiment, programme, record
-from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.parameters import BELIEF, Parameters
 from pam_orthosis.model.plant import with_belief
 
 Tell = Callable[[str], None]
@@ -73,6 +73,17 @@ class Round:
     model: Mapping[str, Any]
     reason: str
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return the round for a file: `report.improvement.table` reads it."""
+        return {
+            "round": self.number,
+            "effects": list(self.found.effects) if self.found else [],
+            "kept": self.kept,
+            "reason": self.reason,
+            "tracking": self.tracking.as_dict() if self.tracking else None,
+            "gap": dict(self.found.told) if self.found else None,
+        }
+
 
 Bags = Mapping[str, tuple[Experiment, Path]]
 Find = Callable[[Parameters, Bags, Tell], Found]
@@ -106,7 +117,7 @@ def improve(
         place, last = folder / f"round-{number}", rounds[-1]
         tell(f"round {number}: recording experiments")
         bags = recorded(with_belief(parameters, last.model), scenario, place)
-        belief = parameters.changed(known)
+        belief = parameters.changed(known).only(*BELIEF, "gap")  # the search cannot see the plant
         found = (find or find_effects)(belief, bags, tell)
         if not found.effects:
             rounds.append(Round(number, found, False, None, last.model, "no effect earns its place"))
@@ -143,7 +154,7 @@ def recorded(parameters: Parameters, scenario: str, folder: Path) -> Bags:
 
 
 def find_effects(parameters: Parameters, bags: Bags, tell: Tell) -> Found:
-    """Return what the gap workflow finds in the bags, against the belief of `parameters`."""
+    """Return what the gap workflow finds in the bags; `parameters` is the belief and `gap`."""
     system = knee(parameters, learned.LEARNABLE)
     training, held_out = (
         [from_bag(bag, system) for experiment, bag in bags.values() if experiment.held_out == unseen]

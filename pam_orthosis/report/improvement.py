@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -22,25 +23,29 @@ BEFORE, AFTER = "0.6", "tab:red"
 HEAD = "| model of the controllers | maximum error | RMS error | voltage variation |\n|---|---|---|---|\n"
 
 
-def table(rounds: Sequence[Round]) -> str:
-    """Return the table in Markdown: the worst run of each round's model, the same gains throughout."""
-    return HEAD + "".join(_row(one) for one in rounds if one.tracking is not None) + _end(rounds[-1])
+def table(told: Sequence[Mapping[str, Any]]) -> str:
+    """Return the table in Markdown from the rounds of `improve.json` (`Round.as_dict`).
+
+    The worst run of each round's model, the same gains throughout.
+    """
+    return HEAD + "".join(_row(one) for one in told if one["tracking"]) + _end(told[-1])
 
 
-def _row(one: Round) -> str:
-    t = one.tracking
-    dropped = "" if one.kept else " (not kept)"
-    return f"| {_model(one)}{dropped} | {t.largest:.3f} deg | {t.rms:.3f} deg | {t.variation:.0f} V/s |\n"
+def _row(one: Mapping[str, Any]) -> str:
+    dropped = "" if one["kept"] else " (not kept)"
+    largest, rms, variation = one["tracking"].values()
+    name = _model(one["round"], one["effects"])
+    return f"| {name}{dropped} | {largest:.3f} deg | {rms:.3f} deg | {variation:.0f} V/s |\n"
 
 
-def _model(one: Round) -> str:
-    if one.found is None:
+def _model(number: int, effects: Sequence[str]) -> str:
+    if not number:
         return "as believed"
-    return f"round {one.number}: + {', '.join(name.replace('_', ' ') for name in one.found.effects)}"
+    return f"round {number}: + {', '.join(name.replace('_', ' ') for name in effects)}"
 
 
-def _end(last: Round) -> str:
-    return "" if last.tracking is not None else f"\nRound {last.number}: {last.reason}.\n"
+def _end(last: Mapping[str, Any]) -> str:
+    return "" if last["tracking"] else f"\nRound {last['round']}: {last['reason']}.\n"
 
 
 def draw(rounds: Sequence[Round], file: Path) -> None:
@@ -52,13 +57,17 @@ def draw(rounds: Sequence[Round], file: Path) -> None:
     axes = left.subplots(2, 1, sharex=True)
     for one, colour in ((kept[0], BEFORE), (kept[-1], AFTER)):
         time, reference, error = _errors(one.tracking)
-        axes[1].plot(time, error, color=colour, lw=0.8, label=_model(one))
+        axes[1].plot(time, error, color=colour, lw=0.8, label=_label(one))
     axes[0].plot(time, reference, color="k", lw=1)
     axes[0].set_ylabel("reference / deg")
     axes[1].set(ylabel="error / deg", xlabel="time / s")
     axes[1].legend(loc="lower left", fontsize=8)
     _bars(right.subplots(), judged)
     write_whole(file, lambda part: figure.savefig(part, dpi=DPI, format="png"))
+
+
+def _label(one: Round) -> str:
+    return _model(one.number, one.found.effects if one.found else ())
 
 
 def _bars(axes, judged: Sequence[Round]) -> None:

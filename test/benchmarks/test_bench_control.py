@@ -11,10 +11,11 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 import bench_control
-from control_campaign import pid
+from control_campaign import learn, pid
 from control_campaign.cases import CASES, SPECIMENS, plan
 from control_campaign.hardware import drawn
 
+from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.plant import Plant
 
@@ -68,17 +69,19 @@ def _line(specimen, controller, largest):
 
 def test_the_table_tells_the_worst_specimen(tmp_path):
     lines = [_line(0, "paper", 0.5), _line(1, "paper", 3.5), _line(2, "paper", 1.0)]
+    lines += [_line(0, "learned", 0.2), _line(1, "learned", 0.7), _line(2, "learned", 0.6)]
     lines.append({"specimen": 3, "case": CASES[0].name, "controller": "paper", "failed": "no"})
     file = tmp_path / "results.jsonl"
     file.write_text("".join(json.dumps(one) + "\n" for one in lines))
-    (row,) = bench_control.table(file).splitlines()[2:]
-    cells = [cell.strip() for cell in row.split("|")[1:-1]]
-    assert cells[1:6] == ["2, 1 failed", "paper", "3.50 deg", "1", "0.50"]
-    assert cells[-1] == "1"
+    rows = bench_control.table(file).splitlines()[2:]
+    paper, learned = ([cell.strip() for cell in row.split("|")[1:-1]] for row in rows)
+    assert paper[1:7] == ["2, 1 failed", "paper", "3.50 deg", "1", "0.50", "-"]
+    assert paper[-1] == "1"
+    assert learned[1:7] == ["2", "learned", "0.70 deg", "1", "0.20", "0.60"]  # of specimen 2, not the worst
 
 
 def test_what_is_done_is_not_done_again(tmp_path, monkeypatch):
-    asked = []
+    learnt, asked = [], []
 
     class Here:
         def __init__(self, *_args, **_settings):
@@ -90,18 +93,38 @@ def test_what_is_done_is_not_done_again(tmp_path, monkeypatch):
         def __exit__(self, *_):
             pass
 
-        def map(self, _work, tasks):
-            for specimen, names, known in tasks:
-                asked.append((specimen, names, known))
-                yield [{**_line(specimen, "learned", 0.2), "case": name} for name in names]
+        def map(self, work, tasks):
+            return map(work, tasks)
 
+    def run(_parameters, case, controller, belief):
+        asked.append((case.name, controller, belief))
+        return {}
+
+    figures = {
+        key: value
+        for key, value in _line(0, "", 0.3).items()
+        if key not in ("specimen", "case", "controller")
+    }
     monkeypatch.setattr(bench_control, "ProcessPoolExecutor", Here)
-    file = tmp_path / "results.jsonl"
-    file.write_text(json.dumps({"specimen": 0, "wearer": "default", "belief": {"a": 1}}) + "\n")
-    bench_control.run(file, 2, 1)
-    bench_control.run(file, 1, 1)
+    monkeypatch.setattr(bench_control, "_run", run)
+    monkeypatch.setattr(bench_control, "_figures", lambda *_: figures)
+    monkeypatch.setattr(bench_control.learn, "learn", lambda _: learnt.append(1) or {"a": 1})
+    file, first, second = tmp_path / "results.jsonl", CASES[0].name, CASES[1].name
+    bench_control.run(file, ("paper",), 1, 1)
+    assert not learnt
+    bench_control.run(file, ("paper", "learned"), 2, 1)
+    bench_control.run(file, ("learned",), 1, 1)
     assert asked == [
-        (0, [CASES[0].name], {"default": {"a": 1}}),
-        (0, [CASES[1].name], {"default": {"a": 1}}),
-        (1, [CASES[0].name], {}),
-    ]
+        (first, "paper", {}), (first, "learned", {"a": 1}),
+        (second, "paper", {"a": 1}), (second, "learned", {"a": 1}),
+    ]  # fmt: skip
+    assert learnt == [1]  # once a specimen
+    assert len(file.read_text().splitlines()) == 5
+
+
+def test_what_is_learned_names_no_effect_that_controllers_leave_alone():
+    values = {f"{n}.{q.name}": q.typical for n in learn.EFFECTS for q in CATALOGUE[n].parameters}
+    assert all(learn._matters(name, values) for name in learn.EFFECTS)
+    assert set(learn.UNUSED) < set(learn.EFFECTS)
+    assert learn.tolerances(0) == {}
+    load(learn.tolerances(1))
