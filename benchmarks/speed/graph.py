@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from pam_orthosis.bag.topics import NODES, RECORDER
@@ -14,7 +14,8 @@ from speed.rows import Goal, Row, alternating, row
 from speed.stepping import Pace, watched
 
 RATE_HZ = 500
-STEPS = {False: 1000, True: 3000}  # composed?
+PERIOD_NS = round(1e9 / RATE_HZ)
+STEPS = {False: 120, True: 250}  # composed?
 ENDLESS = {"scenario.duration": 3600.0, "scenario.control_period": 1 / RATE_HZ}
 FLOOR = Goal("at most 1.5 times the relays", at_most=1.5)
 REAL_TIME = {
@@ -47,13 +48,18 @@ def rows(repeats: int) -> Iterator[Row]:
 
 def stepped(composed: bool, recorded: bool) -> tuple[float, float]:
     """Return the time and the processor time of a step of the graph, us."""
+    return _microseconds(watched(commands_of(composed, recorded), PERIOD_NS, STEPS[composed]))
+
+
+def commands_of(composed: bool, recorded: bool) -> Callable[[Path], dict[str, list[str]]]:
+    """Return what makes the commands of the graph in a folder."""
     parameters = load(ENDLESS)
 
     def commands(work: Path) -> dict[str, list[str]]:
         made = launch.commands(work, parameters, work / "bag", "default", launch.Mode(composed=composed))
         return made if recorded else _without_recorder(made)
 
-    return _microseconds(watched(commands, round(1e9 / RATE_HZ), STEPS[composed]))
+    return commands
 
 
 def _microseconds(pace: Pace) -> tuple[float, float]:
@@ -72,12 +78,16 @@ def _without_recorder(commands: dict[str, list[str]]) -> dict[str, list[str]]:
 
 def relayed(composed: bool, recorded: bool) -> tuple[float, float]:
     """Return the time and the processor time of a step of the relays, us."""
-    period_ns = round(1e9 / RATE_HZ)
+    return _microseconds(watched(relays(composed, recorded), PERIOD_NS, STEPS[composed]))
+
+
+def relays(composed: bool, recorded: bool) -> Callable[[Path], dict[str, list[str]]]:
+    """Return what makes the commands of the relays in a folder."""
     roles = [node for node in (RECORDER, *NODES[1:-1], NODES[0]) if recorded or node != RECORDER]
 
     def commands(work: Path) -> dict[str, list[str]]:
         folder = str(work / "bag") if recorded else "-"
-        base = [sys.executable, "-m", "speed.relay", str(period_ns), folder]
+        base = [sys.executable, "-m", "speed.relay", str(PERIOD_NS), folder]
         return {"relays": [*base, *roles]} if composed else {role: [*base, role] for role in roles}
 
-    return _microseconds(watched(commands, period_ns, STEPS[composed]))
+    return commands

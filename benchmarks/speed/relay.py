@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """The floor of the graph: nodes of bare rclpy that pass the same messages round, without any mathematics.
 
-    python -m speed.relay PERIOD_NS RECORDED_FOLDER|- NODE... --ros-args ...
+    python -m speed.relay PERIOD_NS RECORDED_FOLDER|- [realtime] NODE... --ros-args ...
 
 Topics, types and peers come from the table of topics, the executor is the graph's. A relay answers when all
 inputs of a stamp are there, with messages that it made once. What there is beside that is needed by any
-lockstep: a start barrier, a recorder that the plant does not run away from, a heartbeat.
+lockstep: a start barrier, a recorder that the plant does not run away from, a heartbeat. In real time a timer
+paces the plant, and what stands for the valves writes how old each sample was when its answer left.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import sys
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -33,6 +36,7 @@ from pam_orthosis.nodes.pace import MAX_UNRECORDED_STEPS
 from pam_orthosis.nodes.supervisor import HEARTBEAT_VARIABLE
 
 STEP = [topic for topic in topics.TOPICS if topic.rate == "step"]
+REALTIME, AGES = "realtime", "ages.json"
 RECORDER_DEPTH, ACKNOWLEDGED_STEPS = 5000, 10
 
 
@@ -55,7 +59,7 @@ class Relay(Node):
     def __init__(self, role: str, period_ns: int, recorded: bool):
         super().__init__(f"relay_{role}")
         self.role, self.period_ns, self.recorded = role, period_ns, recorded
-        self.now_ns = 0
+        self.now_ns, self._first_ns = 0, -1
         self.is_ready = False
         self._peers: list[Callable[[], bool]] = []
         self._ready = self.create_publisher(String, "ready", qos(latched=True))
@@ -104,10 +108,15 @@ class Relay(Node):
             else:
                 counts.pop(stamp_ns, None)
                 act(stamp_ns)
-                self.now_ns = stamp_ns
+                self.passed(stamp_ns)
 
         for topic in inputs:
             self.listen(topic, receive)
+
+    def passed(self, stamp_ns: int) -> None:
+        """Note how far the run is."""
+        self._first_ns = stamp_ns if self._first_ns < 0 else self._first_ns
+        self.now_ns = stamp_ns - self._first_ns
 
     def _wait(self) -> None:
         if all(there() for there in self._peers):
@@ -135,10 +144,10 @@ class Trajectory(Relay):
 
     def _tick(self, message) -> None:
         stamp_ns = messages.nanoseconds(message.clock)
-        if stamp_ns == 0:
-            self._publish(0)
+        if self._first_ns < 0:
+            self._publish(stamp_ns)
         self._publish(stamp_ns + self.period_ns)
-        self.now_ns = stamp_ns
+        self.passed(stamp_ns)
 
 
 class Plant(Relay):
@@ -176,6 +185,46 @@ class Plant(Relay):
             self._publish(self._next_ns)
 
 
+class Clocked(Plant):
+    """Takes a sample each period of the wall clock, on the grid of its first."""
+
+    def _go_on(self) -> None:
+        if self._waits and not self._absent:
+            self._waits, self._began_ns = False, time.time_ns()
+            self.create_timer(self.period_ns * 1e-9, self._sample)
+
+    def _sample(self) -> None:
+        due = (time.time_ns() - self._began_ns + self.period_ns // 2) // self.period_ns
+        stamp_ns = self._began_ns + due * self.period_ns
+        if stamp_ns > self._next_ns:
+            self._next_ns = stamp_ns
+            self._publish(stamp_ns)
+
+    def _answered(self, stamp_ns: int) -> None:
+        pass
+
+
+class Valves(Controller):
+    """Keeps how old samples are when both answers have left."""
+
+    def __init__(self, role: str, period_ns: int, folder: Path):
+        self._file, self._half, self._ages = folder / AGES, -1, []
+        super().__init__(role, period_ns, True)
+        self.create_timer(0.5, self._keep)
+
+    def passed(self, stamp_ns: int) -> None:
+        """Note the age of a sample at its second answer."""
+        super().passed(stamp_ns)
+        if stamp_ns == self._half:
+            self._ages.append(time.time_ns() - stamp_ns)
+        self._half = stamp_ns
+
+    def _keep(self) -> None:
+        part = self._file.with_suffix(".part")
+        part.write_text(json.dumps(self._ages))
+        part.replace(self._file)
+
+
 class Recorder(Relay):
     """Writes serialised messages as they come."""
 
@@ -199,15 +248,19 @@ class Recorder(Relay):
             self._writer.add_message(channel, stamp_ns, bytes(data), stamp_ns)
             if topic.name == "/clock" and stamp_ns % (ACKNOWLEDGED_STEPS * self.period_ns) == 0:
                 self._acknowledge.publish(messages.time(stamp_ns))
-                self.now_ns = stamp_ns
+                self.passed(stamp_ns)
 
         return receive
 
 
-def make(role: str, period_ns: int, folder: str) -> Relay:
+def make(role: str, realtime: bool, period_ns: int, folder: str) -> Relay:
     """Return the relay that stands for a node of the table; `folder` is `-` without a recorder."""
     if role == RECORDER:
         return Recorder(role, period_ns, Path(folder))
+    if realtime and role == VALVE:
+        return Valves(role, period_ns, Path(folder))
+    if realtime and role == PLANT:
+        return Clocked(role, period_ns, True)
     return {PLANT: Plant, TRAJECTORY: Trajectory}.get(role, Controller)(role, period_ns, folder != "-")
 
 
@@ -231,7 +284,8 @@ def main() -> None:
     """Run the relays that the command line names."""
     rclpy.init(args=sys.argv)
     period, folder, *roles = remove_ros_args(sys.argv)[1:]
-    spin([make(role, int(period), folder) for role in roles])
+    realtime = REALTIME in roles
+    spin([make(role, realtime, int(period), folder) for role in roles if role != REALTIME])
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import tempfile
 import time
@@ -15,6 +16,7 @@ from speed.machine import HERTZ
 
 HERE = Path(__file__).resolve().parents[1]
 WARM_STEPS = 100
+LEAST_SECONDS = 2.0  # heartbeats come each tenth of a second
 
 
 class _Enough(Exception):
@@ -22,27 +24,28 @@ class _Enough(Exception):
 
 
 class Pace:
-    """Watches the simulated time of a run; raises when `steps` steps after the warm-up have passed."""
+    """Watches the simulated time of a run; raises when it has seen enough steps after the warm-up."""
 
     def __init__(self, period_ns: int, steps: int):
         self._period_ns = period_ns
         self._from_ns, self._steps = WARM_STEPS * period_ns, steps
         self._first: tuple[float, float, int] | None = None
         self.began = time.monotonic()
-        self.first_step_seconds: float | None = None
+        self.first_step_seconds = self.first_step_processor_seconds = float("nan")
         self.seconds_per_step = self.processor_seconds_per_step = float("nan")
 
     def __call__(self, time_ns: int) -> None:
         """Take the simulated time that the graph has reached."""
         now = time.monotonic()
-        if time_ns > 0 and self.first_step_seconds is None:
+        if time_ns > 0 and math.isnan(self.first_step_seconds):
             self.first_step_seconds = now - self.began
+            self.first_step_processor_seconds = _processor_seconds()
         if time_ns < self._from_ns:
             return
         if self._first is None:
             self._first = now, _processor_seconds(), time_ns
         passed = (time_ns - self._first[2]) // self._period_ns
-        if passed >= self._steps:
+        if passed >= self._steps and now - self._first[0] >= LEAST_SECONDS:
             self.seconds_per_step = (now - self._first[0]) / passed
             self.processor_seconds_per_step = (_processor_seconds() - self._first[1]) / passed
             raise _Enough

@@ -99,7 +99,7 @@ class BagWriter:
             msgtype,
             definition.encode(),
             {
-                "offered_qos_profiles": _as_yaml(LATCHED_QOS if latched else QOS).strip(),
+                "offered_qos_profiles": _qos_text(latched),
                 "topic_type_hash": type_hash,
             },
         )
@@ -115,7 +115,7 @@ class BagWriter:
             "name": topic,
             "type": msgtype,
             "serialization_format": "cdr",
-            "offered_qos_profiles": yaml.safe_load(metadata.get("offered_qos_profiles", "[]")),
+            "offered_qos_profiles": _qos_of(metadata.get("offered_qos_profiles", "[]")),
             "type_description_hash": metadata.get("topic_type_hash", ""),
         }
 
@@ -199,6 +199,16 @@ class _PlainDumper(yaml.SafeDumper):
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
+
+
+@lru_cache
+def _qos_text(latched: bool) -> str:
+    return _as_yaml(LATCHED_QOS if latched else QOS).strip()
+
+
+@lru_cache
+def _qos_of(text: str) -> list[dict]:
+    return yaml.safe_load(text)
 
 
 def _as_yaml(data: Any) -> str:

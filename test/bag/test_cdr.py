@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pam_orthosis.bag.cdr import LITTLE_ENDIAN, Reader, Shape, Template, Unreadable, canonical, store
+from pam_orthosis.bag.cdr import FIELDS, LITTLE_ENDIAN, Reader, Shape, Template, Unreadable, canonical, store
 from pam_orthosis.bag.topics import RECORDED
 
 JOINT = "sensor_msgs/msg/JointState"
@@ -112,3 +112,17 @@ def test_a_template_makes_what_a_serialiser_makes():
 def test_a_template_wants_all_its_numbers_and_no_more(numbers):
     with pytest.raises(Exception, match="pack"):
         Template(joint(position=[0.0, 0.0]), JOINT)(0, *numbers)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_fields_are_those_of_the_standard(name):
+    types = store()
+    told = [f"{_spelt(*definition)} {field}" for field, definition in types.fielddefs[name][1]]
+    assert FIELDS[name].split(", ") == told
+    assert set(TYPES) <= set(FIELDS)
+
+
+def _spelt(kind, what):
+    if kind.name == "SEQUENCE":
+        return f"{_spelt(*what[0])}[]"
+    return what if kind.name == "NAME" else what[0]
