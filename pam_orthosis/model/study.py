@@ -14,12 +14,14 @@ import ctypes
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import lanes, orthosis
+from pam_orthosis.model.leg_table import NODES, ORDER, TERMS, LegTable
 from pam_orthosis.model.plant import BISECTIONS, STILL, Plant, external_torque, quantised, true_hardware
 from pam_orthosis.model.rules import broken_rules
 
@@ -42,8 +44,21 @@ static void rk4(lane* x, const lane* u, const lane* theta, const lane* held, dou
 }}
 
 static lane within(lane value, lane low, lane high) {{
-  value = chosen(value > low, value, low);
-  return chosen(value < high, value, high);
+  return lane_smaller(lane_larger(value, low), high);
+}}
+
+static const double angles[{nodes}] = {{{angles}}}, weights[{size}][{nodes}] = {{{weights}}};
+
+/* fits the leg's terms at the nodes */
+static void tabulate(const lane* keys, lane* table) {{
+  lane angle, terms[{terms}];
+  for (int i = 0; i < {terms} * {size}; i++) table[i] = all(0.0);
+  for (int n = 0; n < {nodes}; n++) {{
+    angle = all(angles[n]);
+    study_leg(keys, &angle, terms);
+    for (int t = 0; t < {terms}; t++)
+      for (int i = 0; i < {size}; i++) table[{size} * t + i] += weights[i][n] * terms[t];
+  }}
 }}
 
 /* sets the state at rest; returns the acceleration that is left */
@@ -62,8 +77,8 @@ static lane rest(lane* x, const lane* u, const lane* theta, const lane* fixed) {
     x[2] = within(mean - shift, ambient, supply);
     x[3] = within(mean + shift, ambient, supply);
     study_rates(x, u, theta, held, k);
-    low = chosen(k[1] < 0.0, shift, low);
-    high = chosen(k[1] < 0.0, high, shift);
+    low = lane_below_zero(k[1], shift, low);
+    high = lane_below_zero(k[1], high, shift);
   }}
   return k[1];
 }}
@@ -71,7 +86,8 @@ static lane rest(lane* x, const lane* u, const lane* theta, const lane* fixed) {
 void study(long periods, long substeps, double period, double step, const double* sets,
            const double* voltages, double* result, double* unrest) {{
   lane x[{states}], u[4], theta[{theta}], fixed[{fixed}], held[{held}], told[{told}];
-  for (int i = 0; i < {theta}; i++) theta[i] = *(const loose*)(sets + {lanes} * i);
+  for (int i = 0; i < {keys}; i++) theta[i] = *(const loose*)(sets + {lanes} * i);
+  tabulate(theta, theta + {keys});
   study_fixed(theta, fixed);
   study_closed(theta, u);
   *(loose*)unrest = rest(x, u, theta, fixed);
@@ -105,9 +121,12 @@ class Study:
         self.parameters, self.keys, self.signals = parameters, tuple(keys), tuple(signals)
         for key in self.keys:
             _check_key(parameters, key)
-        symbols = ca.SX.sym("theta", max(1, len(self.keys)))
+        symbols = ca.SX.sym("keys", max(1, len(self.keys)))
         given = {key: symbols[i] for i, key in enumerate(self.keys)}
-        assembly, self._functions = _functions(parameters.substituted(given), symbols, self.signals)
+        self._table = LegTable(*_stops(parameters, self.keys))
+        assembly, self._functions = _functions(
+            parameters.substituted(given), symbols, self.signals, self._table
+        )
         self.states = assembly.states
         self._kernels: dict[int, _Kernel] = {}
 
@@ -211,9 +230,23 @@ def _check_key(parameters, key: str) -> None:
         raise OrthosisError(f"{key} cannot differ between the sets of one study: it shapes all of them")
 
 
-def _functions(parameters, theta: ca.SX, signals: Sequence[str]):
-    """Return the assembly and the CasADi functions that the machine code is made of."""
-    assembly = orthosis.assemble(true_hardware(parameters))
+def _stops(parameters, keys: Sequence[str]) -> tuple[float, float]:
+    """Return the joint's stops, rad; the widest that sets may have where these differ in them."""
+    low, high = parameters.row("leg.joint.minimum"), parameters.row("leg.joint.maximum")
+    return (
+        low.minimum if low.key in keys else parameters.leg.joint.minimum,
+        high.maximum if high.key in keys else parameters.leg.joint.maximum,
+    )
+
+
+def _functions(parameters, keys: ca.SX, signals: Sequence[str], table: LegTable):
+    """Return the assembly and the CasADi functions that the machine code is made of.
+
+    `theta` is what is constant over a run: the values of the keys, then the leg's table.
+    """
+    coefficients, angle = ca.SX.sym("table", TERMS * (ORDER + 1)), ca.SX.sym("angle")
+    theta, hardware = ca.vertcat(keys, coefficients), true_hardware(parameters)
+    assembly = orthosis.assemble(replace(hardware, mechanics=table.mechanics(coefficients)))
     known = dict(zip(assembly.states, ca.vertsplit(assembly.x), strict=True))
     known |= dict(zip(orthosis.OUTPUTS, ca.vertsplit(assembly.outputs), strict=True))
     if unknown := [name for name in signals if name not in known]:
@@ -230,6 +263,7 @@ def _functions(parameters, theta: ca.SX, signals: Sequence[str]):
         valve.supply_pressure,
     )
     return assembly, (
+        ca.Function("study_leg", [keys, angle], [table.terms(hardware.leg, angle)]),
         ca.Function("study_rates", [x, u, theta, held], [rates]),
         ca.Function("study_held", [u, theta, fixed], [by_period]),
         ca.Function("study_fixed", [theta], [at_start]),
@@ -249,11 +283,19 @@ def _taken_out(expression: ca.SX, symbols: ca.SX):
 def _source(study: Study, width: int) -> str:
     functions = {function.name(): function for function in study._functions}
     fixed, held = (max(1, functions[name].size1_out(0)) for name in ("study_fixed", "study_held"))
+    keys, table = max(1, len(study.keys)), study._table
     loop = LOOP.format(
-        states=len(study.states), theta=max(1, len(study.keys)), told=len(study.signals), lanes=width,
-        fixed=fixed, held=held, bisections=0 if study.parameters.leg.joint.locked else BISECTIONS,
+        nodes=NODES, size=ORDER + 1, terms=TERMS, angles=_numbers(table.angles),
+        weights=", ".join(f"{{{_numbers(row)}}}" for row in table.weights),
+        states=len(study.states), keys=keys, theta=keys + TERMS * (ORDER + 1), told=len(study.signals),
+        lanes=width, fixed=fixed, held=held,
+        bisections=0 if study.parameters.leg.joint.locked else BISECTIONS,
     )  # fmt: skip
     return lanes.header(width) + "".join(lanes.source(one) for one in functions.values()) + loop
+
+
+def _numbers(values: np.ndarray) -> str:
+    return ", ".join(map(repr, values.tolist()))
 
 
 def _pointer(array: np.ndarray):

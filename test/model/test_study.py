@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameter studies agree with the single plant, set by set."""
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.leg import mechanics
+from pam_orthosis.model.leg_table import NODES, LegTable
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.study import LANES, Study
 
@@ -39,6 +42,18 @@ def test_neighbours_in_a_vector_do_not_touch_each_other():
     all_of_them = study.simulate(mass, VOLTAGES)["measured_angle"]
     backwards = study.simulate(mass[::-1], VOLTAGES, workers=1)["measured_angle"]
     assert (all_of_them == backwards[::-1]).all()
+
+
+def test_the_legs_table_is_the_legs_mechanics_for_every_leg():
+    leg = load({"leg.person.present": True, "leg.person.height": 1.6}).leg
+    table, q, v, extra = LegTable(leg.joint.minimum, leg.joint.maximum), *ca.vertsplit(ca.SX.sym("s", 3))
+    at_nodes = ca.Function("t", [q], [table.terms(leg, q)]).map(NODES)(table.angles[None, :])
+    coefficients = ca.vec(ca.SX(at_nodes @ table.weights.T).T)
+    exact, ours = (make(q, v, leg, extra) for make in (mechanics, table.mechanics(coefficients)))
+    both = ca.Function("m", [q, v, extra], [ca.horzcat(*vars(one).values()) for one in (exact, ours)])
+    for angle in np.linspace(leg.joint.minimum - 0.1, leg.joint.maximum + 0.1, 40):
+        true, table_says = (np.array(one) for one in both(angle, 5.0, 0.7))
+        assert np.abs(true - table_says).max() < 1e-8
 
 
 def test_one_plant_is_a_study_without_keys():
