@@ -89,7 +89,7 @@ def observer_step(belief) -> ca.Function:
 def _fine_step(belief) -> tuple[ca.Function, int]:
     """Return (x-hat, [y, p_e, p_f, known torque], values of `LIVE`) -> x-hat later, and its steps a period.
 
-    A function that is called, not an expression that is written out for each step: its machine code is
+    Functions that are called, not expressions that are written out for each step: their machine code is
     compiled in a fraction of the time.
     """
     belief, tuned = live.with_symbols(belief, LIVE)
@@ -97,12 +97,14 @@ def _fine_step(belief) -> tuple[ca.Function, int]:
     polynomial = characteristic(belief.control.observer.pole, belief.control.observer.damping)
     x, y = ca.SX.sym("x", 3), ca.SX.sym("y", 4)
     # linearising once a step is enough: the gains change slowly with the estimate
-    h = gains(x, y[1:3], polynomial, belief)
-    estimate, placed = ca.SX.sym("estimate", 3), ca.SX.sym("h", 3)
-    rate = ca.Function("rate", [estimate, y, placed, tuned],
-                       [system(estimate, y[1:3], belief, y[3]) + placed * (y[0] - estimate[0])])  # fmt: skip
-    after = runge_kutta_4(lambda s: rate(s, y, h, tuned), x, belief.scenario.control_period / steps)
-    return ca.Function("observer_fine_step", [x, y, tuned], [after]), steps
+    gain = ca.Function("observer_gain", [x, y, tuned], [gains(x, y[1:3], polynomial, belief)])
+    h = ca.SX.sym("h", 3)
+    rate = ca.Function("observer_rate", [x, y, h, tuned],
+                       [system(x, y[1:3], belief, y[3]) + h * (y[0] - x[0])])  # fmt: skip
+    start, seen, given = (ca.MX.sym(name, size) for name, size in (("x", 3), ("y", 4), ("tuned", len(LIVE))))
+    placed, step = gain(start, seen, given), belief.scenario.control_period / steps
+    after = runge_kutta_4(lambda s: rate(s, seen, placed, given), start, step)
+    return ca.Function("observer_fine_step", [start, seen, given], [after]), steps
 
 
 class Observer:
