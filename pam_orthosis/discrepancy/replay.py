@@ -289,12 +289,16 @@ class Replay:
         return self._kernels[key]
 
     def _substeps(self, run: Run, part: Part, data: np.ndarray, theta: np.ndarray) -> int:
-        """Return the steps a period that the fastest state needs; effect states at rest and deflected."""
+        """Return the steps a period that the fastest state needs.
+
+        Looked for with effect states at rest and deflected, and at standstill, where friction is stiffest.
+        """
         places = run.telling(PROBED)
         rest = run.states(part, places)
         deflected = np.array([self._scales.get(name, 0.0) for name in part.own])
-        states = np.concatenate([rest, rest + deflected, rest - deflected])
-        fastest = part.fastest(np.tile(data[places], (3, 1)), theta, states, run.period)
+        still = rest * [name not in self.system.derived for name in part.own]
+        states = np.concatenate([rest, rest + deflected, rest - deflected, still])
+        fastest = part.fastest(np.tile(data[places], (4, 1)), theta, states, run.period)
         needed = run.period * fastest / STEP_TIMES_RATE
         return min(max(1, math.ceil(needed)), MOST_SUBSTEPS) if math.isfinite(needed) else 1
 

@@ -199,3 +199,13 @@ def test_every_fit_lets_the_maps_be_off(bench):
         own = [one for name, one in free.items() if name.startswith(f"{shape}.")]
         assert len(own) >= 5
         assert all(0 < one.sd < np.inf for one in own)
+
+
+def test_friction_that_is_stiff_at_standstill_keeps_the_sensitivities_bounded(bench, run):
+    """A narrow change of sign is missed by moving samples; too long steps then blow derivatives up."""
+    torque, effects = bench.system.equations[0], ("joint_friction",)
+    values = {**bench.replay.defaults(effects), "joint_friction.coulomb": 1.6}
+    values["joint_friction.transition_velocity"] = 0.001
+    wanted = ("moving_mass", "joint_friction.coulomb")
+    _, slopes, _ = bench.replay.sensitivities(run, torque, effects, values, wanted)
+    assert np.abs(slopes).max() < 10.0

@@ -189,5 +189,5 @@ def test_what_closes_little_is_named_only_without_a_rival(effects, rival, named)
 def test_a_recording_that_is_too_short_to_divide_is_refused(bench):
     recording = bench.recording(1)
     short = recording.part(0, round(8.0 / recording.period), "short")
-    with pytest.raises(OrthosisError, match="short lasts 8.0 s: too short .* --held-out"):
+    with pytest.raises(OrthosisError, match=r"short lasts 8.0 s: too short .* --held-out"):
         find_gap(bench.system, [short], [], bench.parameters.gap, replay=bench.replay)
