@@ -18,6 +18,9 @@ from pam_orthosis.improvement.experiments import Experiment, programme, record
 from pam_orthosis.model.parameters import BELIEF, Parameters
 from pam_orthosis.model.plant import with_belief
 
+# of the evidence of an earlier effect in the same equation, which a further one needs (`gap.evidence.share`)
+SHARE_KEY, SHARE = "gap.evidence.share", 0.01
+
 Tell = Callable[[str], None]
 
 
@@ -154,13 +157,17 @@ def recorded(parameters: Parameters, scenario: str, folder: Path) -> Bags:
 
 
 def find_effects(parameters: Parameters, bags: Bags, tell: Tell) -> Found:
-    """Return what the gap workflow finds in the bags; `parameters` is the belief and `gap`."""
+    """Return what the gap workflow finds in the bags; `parameters` is the belief and `gap`.
+
+    Effects count here whether or not they close enough of the gap to be called its explanation, and beside
+    larger ones in the same equation sooner than there: the knee judges them by how it follows.
+    """
     system = knee(parameters, learned.LEARNABLE)
     training, held_out = (
         [from_bag(bag, system) for experiment, bag in bags.values() if experiment.held_out == unseen]
         for unseen in (False, True)
     )
-    outcome = find_gap(system, training, held_out, parameters.gap, tell)
-    names = tuple(one.name for one in outcome.effects)
-    values = {key: float(value) for key, value in outcome.selection.final.values.items()}
-    return Found(names, values, outcome.verdict, as_dict(outcome))
+    outcome = find_gap(system, training, held_out, parameters.changed({SHARE_KEY: SHARE}).gap, tell)
+    final = outcome.selection.final
+    values = {key: float(value) for key, value in final.values.items()}
+    return Found(tuple(final.effects), values, outcome.verdict, as_dict(outcome))
