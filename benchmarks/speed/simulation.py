@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from functools import partial
 
 import numpy as np
@@ -47,8 +47,8 @@ def rows(repeats: int) -> Iterator[Row]:
     """Yield the rows of the group."""
     on = {f"plant.effects.{name}.enabled": True for name in CATALOGUE}
     parameters = load({**on, "leg.person.present": True, "plant.simulation.step": STEP})
-    yield from _one_plant(parameters, repeats)
-    yield from _batch(parameters, repeats)
+    scipy = yield from _one_plant(parameters, repeats)
+    yield from _batch(parameters, scipy, repeats)
 
 
 def driving(parameters: Parameters, seconds: float) -> np.ndarray:
@@ -65,7 +65,8 @@ def random_sets(count: int, seed: int = 1) -> np.ndarray:
     return np.random.default_rng(seed).uniform(low, high, (count, len(VARIED)))
 
 
-def _one_plant(parameters: Parameters, repeats: int) -> Iterator[Row]:
+def _one_plant(parameters: Parameters, repeats: int) -> Generator[Row, None, tuple[str, float]]:
+    """Yield rows; return SciPy's method and tolerance."""
     study, plant, voltages = Study(parameters, ()), Plant(parameters), driving(parameters, SECONDS)
     solved = Solved(parameters, voltages)
     told, true = study.simulate(ALONE, voltages), solved.by(*TIGHT)
@@ -89,20 +90,24 @@ def _one_plant(parameters: Parameters, repeats: int) -> Iterator[Row]:
     yield add("one plant, beside MuJoCo's Euler at the same step", RATE, ours, euler, MUJOCO)
     yield add("one plant, all periods in one call", RATE, ours, goal=REAL_TIME)
     yield add("one plant, a call a period, as its node does", RATE, periods, goal=REAL_TIME)
+    return method, tolerance
 
 
-def _batch(parameters: Parameters, repeats: int) -> Iterator[Row]:
+def _batch(parameters: Parameters, scipy: tuple[str, float], repeats: int) -> Iterator[Row]:
     study, sets = Study(parameters, tuple(VARIED)), random_sets(SETS)
     voltages, cores = driving(parameters, BATCH_SECONDS), os.cpu_count() or 1
     study.simulate(sets[:2], voltages[:2])  # compiled
     simulated = SETS * BATCH_SECONDS
-    ours, theirs, wall = alternating(
+    solved, (method, tolerance) = Solved(parameters, voltages), scipy
+    ours, theirs, by_scipy, wall = alternating(
         repeats,
         partial(_rate, partial(study.simulate, sets, voltages), simulated),
         partial(_rate, partial(Hinge("Euler", STEP, BATCH_SECONDS).many, SETS, cores), simulated),
+        partial(_rate, partial(solved.by, method, tolerance), BATCH_SECONDS),
         partial(_rate, partial(study.simulate, sets, voltages), simulated, time.monotonic),
     )
     what, add = f"{SETS:,} random sets of {len(VARIED)} parameters", partial(row, "simulation")
+    yield add(f"{what}, beside SciPy {method} with one", RATE, ours, by_scipy, SCIPY)
     yield add(f"{what}, beside MuJoCo's rollout (Euler)", RATE, ours, theirs, MUJOCO)
     yield add(what, RATE, ours, goal=REAL_TIME)
     yield add(f"{what}, {cores} cores, by the clock on the wall", "simulated s / s", wall)

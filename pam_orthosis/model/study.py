@@ -22,7 +22,7 @@ import numpy as np
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import lanes, orthosis
 from pam_orthosis.model.leg_table import NODES, ORDER, TERMS, LegTable
-from pam_orthosis.model.plant import BISECTIONS, STILL, Plant, external_torque, quantised, true_hardware
+from pam_orthosis.model.plant import BISECTIONS, STILL, Plant, external_torque, true_hardware
 from pam_orthosis.model.rules import broken_rules
 
 LANES = 8  # sets that are advanced together: one vector of the widest registers there are
@@ -165,6 +165,13 @@ class Study:
             raise OrthosisError(f"give parameter sets as (sets, {len(self.keys)}), not {sets.shape}")
         if voltages.ndim != 2 or voltages.shape[1] != 2 or not np.isfinite(voltages).all():
             raise OrthosisError(f"give finite voltages as (periods, 2), not {voltages.shape}")
+        if self.keys:
+            self._check_sets(sets)
+        resolution = self.parameters.plant.voltage_resolution
+        quantised = np.round(voltages / resolution) * resolution if resolution > 0 else voltages
+        return sets, np.ascontiguousarray(quantised)
+
+    def _check_sets(self, sets: np.ndarray) -> None:
         rows, flat = [self.parameters.row(key) for key in self.keys], self.parameters.flat()
         for number, values in enumerate(sets.tolist()):
             try:
@@ -174,9 +181,6 @@ class Study:
                 raise OrthosisError(f"parameter set {number}: {error}") from None
             for message in broken_rules(flat):
                 raise OrthosisError(f"parameter set {number}: {message}")
-        resolution = self.parameters.plant.voltage_resolution
-        quantise = np.vectorize(lambda value: quantised(value, resolution), otypes=[float])
-        return sets, np.ascontiguousarray(quantise(voltages)) if voltages.size else voltages
 
     def _one_by_one(self, sets, voltages) -> dict[str, np.ndarray]:
         """Without a compiler: one `Plant` after the other."""
