@@ -44,6 +44,8 @@ def rows(repeats: int) -> Iterator[Row]:
         factors = [1e6 / RATE_HZ / each for each in elapsed]
         what = f"simulated time at {RATE_HZ} Hz, {layout}, recorder included"
         yield row("graph", what, "x real time", factors, goal=REAL_TIME[composed])
+        relays_factors = [1e6 / RATE_HZ / each for each in floor_elapsed]
+        yield row("graph", f"{what}, beside that of the relays", "x real time", factors, relays_factors)
 
 
 def stepped(composed: bool, recorded: bool) -> tuple[float, float]:

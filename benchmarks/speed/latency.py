@@ -18,7 +18,7 @@ from speed.rows import Row, alternating, row
 from speed.stepping import WARM_STEPS, watched
 
 RATES_HZ = (200, 500)
-SECONDS = 5.0
+SECONDS = 4.0
 FIGURES = (("median", "ms"), ("99th percentile", "ms"), ("answers later than a period", "%"))
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -269,11 +270,13 @@ def spin(nodes: Sequence[Relay]) -> None:
     pipe = int(os.environ[HEARTBEAT_VARIABLE])
 
     def beat() -> None:
-        ready = all(node.is_ready for node in nodes)
-        told = f"running {max(node.now_ns for node in nodes)}" if ready else "starting"
-        os.write(pipe, f"{told}\n".encode())
+        while True:
+            ready = all(node.is_ready for node in nodes)
+            told = f"running {max(node.now_ns for node in nodes)}" if ready else "starting"
+            os.write(pipe, f"{told}\n".encode())
+            time.sleep(0.1)
 
-    nodes[0].create_timer(0.1, beat)
+    threading.Thread(target=beat, daemon=True).start()  # a timer would wait behind all that has arrived
     executor = EventsExecutor()
     for node in nodes:
         executor.add_node(node)
