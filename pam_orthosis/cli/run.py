@@ -111,10 +111,14 @@ def _believing(parameters: Parameters, model: Path | None) -> Parameters:
     """Return the parameters with the belief of a model file, if there is one, about the same hardware."""
     if model is None:
         return parameters
-    from pam_orthosis.discrepancy import patch  # casadi takes a second to load
+    from pam_orthosis.control.loop import ClosedLoop  # casadi takes a second to load
+    from pam_orthosis.discrepancy import patch
     from pam_orthosis.model.plant import with_belief
 
-    return with_belief(parameters, patch.read(model))
+    known = with_belief(parameters, patch.read(model))
+    print("preparing the controllers of this model", file=sys.stderr)
+    ClosedLoop(known)  # leaves its machine code for the nodes, whose time to be ready is limited
+    return known
 
 
 def _overrides(arguments: argparse.Namespace) -> dict[str, Any]:
