@@ -15,7 +15,7 @@ import numpy as np
 from pam_orthosis.bag.topics import NODES, PLANT, RECORDER
 from speed.relay import AGES, REALTIME
 from speed.rows import Row, alternating, row
-from speed.stepping import WARM_STEPS, watched
+from speed.stepping import watched
 
 RATES_HZ = (200, 500)
 SECONDS = 4.0
@@ -55,6 +55,6 @@ def relayed(rate: int, composed: bool) -> tuple[float, float, float]:
         base = [sys.executable, "-m", "speed.relay", str(period_ns), folder, REALTIME]
         commands = {"relays": [*base, *roles]} if composed else {role: [*base, role] for role in roles}
         watched(lambda _work: commands, period_ns, round(SECONDS * rate))
-        ages = np.array(json.loads((Path(folder) / AGES).read_text())[WARM_STEPS:])
-    median, high = np.percentile(ages, [50, 99]) / 1e6
+        ages = np.array(json.loads((Path(folder) / AGES).read_text()))
+    median, high = np.percentile(ages[len(ages) // 5 :], [50, 99]) / 1e6  # of a run that goes
     return float(median), float(high), 100 * float(np.mean(ages > period_ns))

@@ -37,7 +37,7 @@ from pam_orthosis.nodes.pace import MAX_UNRECORDED_STEPS
 from pam_orthosis.nodes.supervisor import HEARTBEAT_VARIABLE
 
 STEP = [topic for topic in topics.TOPICS if topic.rate == "step"]
-REALTIME, AGES = "realtime", "ages.json"
+REALTIME, AGES, KEPT_AGES = "realtime", "ages.json", 50
 RECORDER_DEPTH, ACKNOWLEDGED_STEPS = 5000, 10
 
 
@@ -209,16 +209,18 @@ class Valves(Controller):
     """Keeps how old samples are when both answers have left."""
 
     def __init__(self, role: str, period_ns: int, folder: Path):
-        self._file, self._half, self._ages = folder / AGES, -1, []
+        self._file, self._half, self._ages = folder / AGES, set(), []
         super().__init__(role, period_ns, True)
-        self.create_timer(0.5, self._keep)
 
     def passed(self, stamp_ns: int) -> None:
         """Note the age of a sample at its second answer."""
         super().passed(stamp_ns)
-        if stamp_ns == self._half:
-            self._ages.append(time.time_ns() - stamp_ns)
-        self._half = stamp_ns
+        if stamp_ns not in self._half:
+            self._half.add(stamp_ns)
+            return
+        self._ages.append(time.time_ns() - stamp_ns)
+        if len(self._ages) % KEPT_AGES == 0:
+            self._keep()
 
     def _keep(self) -> None:
         part = self._file.with_suffix(".part")
