@@ -304,8 +304,8 @@ class Replay:
 
 
 def _held_back(rows: np.ndarray, count: int) -> np.ndarray:
-    """Return rows shifted to later places; the first one fills what is free."""
-    return rows[np.maximum(np.arange(len(rows)) - count, 0)]
+    """Return rows shifted to later places (a trial may ask for earlier ones); end rows fill what is free."""
+    return rows[np.clip(np.arange(len(rows)) - count, 0, len(rows) - 1)]
 
 
 class _Values:

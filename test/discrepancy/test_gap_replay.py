@@ -15,7 +15,7 @@ from pam_orthosis.discrepancy.candidates import Projection, Trial, candidate
 from pam_orthosis.discrepancy.data import Recording
 from pam_orthosis.discrepancy.fit import bounded_step, fit_tempered, free_parameters
 from pam_orthosis.discrepancy.kernel import Kernel
-from pam_orthosis.discrepancy.replay import Run
+from pam_orthosis.discrepancy.replay import Run, Shift
 from pam_orthosis.discrepancy.whitening import SEGMENT, minimum_phase, noise_levels
 from pam_orthosis.model import leg as leg_model
 
@@ -209,3 +209,13 @@ def test_friction_that_is_stiff_at_standstill_keeps_the_sensitivities_bounded(be
     wanted = ("moving_mass", "joint_friction.coulomb")
     _, slopes, _ = bench.replay.sensitivities(run, torque, effects, values, wanted)
     assert np.abs(slopes).max() < 10.0
+
+
+def test_a_trial_may_shift_inputs_to_earlier_places(bench, run):
+    gas = bench.system.equations[1]
+    late, early = (run.data(gas, Shift(0.0, steps * run.period, {})) for steps in (1.5, -1.5))
+    plain = run.data(gas)
+    width, first = len(bench.system.inputs), 2 * len(bench.system.channels)
+    inputs = slice(first + width, first + 2 * width)
+    assert np.array_equal(late[10:20, inputs], plain[9:19, inputs])
+    assert np.array_equal(early[10:20, inputs], plain[12:22, inputs])
