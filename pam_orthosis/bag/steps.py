@@ -76,9 +76,10 @@ class StepCollector:
         whole = len(instant) >= self._each_step
         return whole or self._late_ns is not None or len(self._pending) > self._horizon
 
-    def complete(self) -> Iterator[Message]:
-        """Hand out, in order of instant and table, all that is complete."""
-        while self._stamps:
+    def complete(self, most: int | None = None) -> Iterator[Message]:
+        """Hand out, in order of instant and table, what is complete: all, or at most so many instants."""
+        left = len(self._stamps) if most is None else min(most, len(self._stamps))
+        for _ in range(left):
             oldest = self._stamps[0]
             whole = len(self._pending[oldest]) >= self._due(oldest)
             late = self._late_ns is not None and self._newest_ns - oldest > self._late_ns

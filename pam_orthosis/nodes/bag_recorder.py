@@ -23,6 +23,7 @@ from pam_orthosis.scene.sampled import INPUTS, SampledScene
 
 QUEUE_DEPTH = 5000
 HORIZON, LATE_NS = 1000, SECOND_NS // 4
+WRITTEN_A_SAMPLE = 3  # instants, in real time: what waited for a late one must not hold up the graph
 LOOK_SECONDS, ACKNOWLEDGED_STEPS = 0.05, 10
 
 
@@ -118,8 +119,8 @@ class BagRecorder(graph.GraphNode):
                 return
             # in real time no two runs are alike, and there is better use for the time
             data = bytes(data) if self.realtime else canonical(data, topic.type)
-            if leg.steps.add(Message(name, stamp_ns, data)):
-                self._write(leg.steps.complete())
+            if leg.steps.add(Message(name, stamp_ns, data)) and (tick or not self.realtime):
+                self._write(leg.steps.complete(WRITTEN_A_SAMPLE if self.realtime else None))
             if tick:
                 leg.acknowledge(ACKNOWLEDGED_STEPS)
             if tick and first:

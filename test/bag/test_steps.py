@@ -93,3 +93,12 @@ def test_in_real_time_an_incomplete_instant_leaves_when_it_is_old():
     for message in afterwards:
         steps.add(message)
     assert list(steps.complete()) == afterwards
+
+
+def test_what_waited_can_be_handed_out_in_parts():
+    steps = StepCollector(PERIOD_NS)
+    for message in _run(5):
+        steps.add(message)
+    parts = [list(steps.complete(2)) for _ in range(4)]
+    assert [sorted({m.stamp_ns // PERIOD_NS for m in part}) for part in parts] == [[0, 1], [2, 3], [4], []]
+    assert [m for part in parts for m in part] == sorted(_run(5), key=_place)
