@@ -15,10 +15,11 @@ from functools import lru_cache
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
+from pam_orthosis.bag.topics import SECOND_NS
+
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
-SECOND_NS = 1_000_000_000
 NOTHING = float("nan")  # in place of a number that a message lacks
 LITTLE_ENDIAN = b"\0\1"
 STAMP = struct.Struct("<iI")

@@ -46,7 +46,7 @@ LAST_WORDS_SECONDS = 0.1
 STUCK_SECONDS = 60.0  # without a beat, after which a process of a run ends itself
 ARM_SECONDS = 5.0
 LEAVING_SECONDS = 10.0  # the same for one whose supervisor is gone
-STRANGERS_NAME_TIME = 5.0
+STRANGERS_NAME_SECONDS = 5.0
 ORPHAN_SECONDS = 0.6  # nobody sees to it that the recorder ends last
 QUEUE_DEPTH = 10
 MODE = {
@@ -107,7 +107,8 @@ class GraphNode(Node):
         self._reported_second = -1
         self.ready = False
         self.ended = False
-        self.failure: OrthosisError | None = None  # found where none can be raised; ends the run
+        # found where none can be raised; ends the run, and is made when all is safe
+        self.failure: Callable[[], OrthosisError] | None = None
         # `spin` looks around in both: now and then at each step, at once when something has happened
         self.pulse: Callable[[], None] = lambda: None
         self.alarm: Callable[[], None] = lambda: None
@@ -195,7 +196,7 @@ class GraphNode(Node):
 
         def matched(status: QoSSubscriptionMatchedInfo) -> None:
             if status.total_count > len(entry.producers) and not self.ended:
-                self.failure = RunFailed(self._of_a_stranger(name, len(entry.producers)))
+                self.failure = lambda: RunFailed(self._of_a_stranger(name, len(entry.producers)))
                 self.alarm()
 
         def receive(message: Any) -> None:
@@ -206,7 +207,7 @@ class GraphNode(Node):
 
     def _of_a_stranger(self, name: str, expected: int) -> str:
         # a publisher is matched before the graph tells which node it belongs to
-        until = time.monotonic() + STRANGERS_NAME_TIME
+        until = time.monotonic() + STRANGERS_NAME_SECONDS
         while len(names := self._publishing(name)) <= expected and time.monotonic() < until:
             time.sleep(0.01)
         return f"a stranger publishes on {name}: of {', '.join(names)} one does not belong here"
@@ -450,9 +451,6 @@ def spin(nodes: Sequence[GraphNode]) -> bool:
     try:
         while not over.done():
             executor.spin_until_future_complete(over, timeout_sec=3600.0)
-        for node in nodes:
-            if node.failure:
-                raise node.failure
     finally:
         heartbeat.ends_within(LEAVING_SECONDS if heartbeat.orphaned else None)
         if not all(node.ended for node in nodes):
@@ -460,6 +458,9 @@ def spin(nodes: Sequence[GraphNode]) -> bool:
             _abandon(nodes, executor, ORPHAN_SECONDS if heartbeat.orphaned else LAST_WORDS_SECONDS)
         for node in nodes:
             node.close()
+    for node in nodes:
+        if node.failure:
+            raise node.failure()
     for node in nodes:
         node.destroy_node()
     return all(node.ended for node in nodes)

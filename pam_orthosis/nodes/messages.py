@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,6 +13,7 @@ from sensor_msgs.msg import FluidPressure, JointState, TimeReference
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from pam_orthosis.bag.cdr import HEAD, STAMP
 from pam_orthosis.bag.topics import SECOND_NS
 
 KNEE = "knee"
@@ -23,7 +23,6 @@ REFERENCE = [
     "points[0].effort[0]?",
 ]
 NO_FORCE = (0.0, 0.0, 0.0)  # of the wrench of which `torque` is the other half
-_STAMP = struct.Struct("<iI")
 
 
 def time(stamp_ns: int) -> Time:
@@ -38,7 +37,7 @@ def nanoseconds(stamp: Time) -> int:
 
 def serialised_stamp_ns(data: bytes) -> int:
     """Return the stamp with which a serialised message begins, behind the encapsulation's four bytes."""
-    seconds, nanosec = _STAMP.unpack_from(data, 4)
+    seconds, nanosec = STAMP.unpack_from(data, HEAD)
     return seconds * SECOND_NS + nanosec
 
 
