@@ -17,8 +17,9 @@ HEARTBEAT_VARIABLE = "PAM_ORTHOSIS_HEARTBEAT"
 ERROR_PREFIX = "pam-orthosis: error: "
 NOTE_PREFIX = "pam-orthosis: note: "
 POLL_SECONDS = 0.02
+LOOK_SECONDS = 0.2  # no look counts for more: if none came for longer, the machine stood still
 SILENCE_SECONDS, STARVED_SECONDS = 1.2, 20.0
-START_SECONDS = 60.0
+START_SECONDS, IDLE_START_SECONDS = 60.0, 5.0
 STOP_SECONDS, RECORDER_STOP_SECONDS = 0.6, 5.0  # a recorder that answers is not robbed of its data
 STOP_GRACE_SECONDS = 10.0
 
@@ -32,7 +33,7 @@ class Child:
         self.log = log
         self._pipe, inherited = os.pipe()
         os.set_blocking(self._pipe, False)
-        self._heard, self._used = time.monotonic(), 0.0
+        self._looked, self._silence, self._used = time.monotonic(), 0.0, 0.0
         with open(log, "wb") as output:
             self.process = subprocess.Popen(
                 command,
@@ -52,18 +53,22 @@ class Child:
 
     def listen(self) -> None:
         """Take in the heartbeats that have come."""
+        now = time.monotonic()
+        self._silence += min(now - self._looked, LOOK_SECONDS)
+        self._looked = now
         try:
             lines = os.read(self._pipe, 65536).decode().splitlines()
         except BlockingIOError:
-            return
+            lines = []
         if lines:
             self.status = lines[-1]
-            self._heard, self._used = time.monotonic(), _turn(self.process.pid)[1]
+        if lines or (not self.status and self._busy()):
+            self._silence, self._used = 0.0, _turn(self.process.pid)[1]
 
     def expected(self) -> None:
         """Note that the graph is stepping: from now on this process must beat, even if it never did."""
         if not self.status:
-            self.status, self._heard = "starting", time.monotonic()
+            self.status, self._silence = "starting", 0.0
 
     def stopped(self) -> bool:
         """Whether somebody has stopped the process (SIGSTOP), at whatever stage it was."""
@@ -79,10 +84,18 @@ class Child:
         said that its run is over, it may take longer to take itself apart.
         """
         limit = STOP_GRACE_SECONDS if self.status in ("ended", "leaving") else SILENCE_SECONDS
-        silence = time.monotonic() - self._heard
-        if not self.status or silence <= limit:
+        if not self.status or self._silence <= limit:
             return False
-        return silence > STARVED_SECONDS or not self._starved()
+        return self._silence > STARVED_SECONDS or not self._starved()
+
+    def idle(self) -> bool:
+        """Whether the process has never beaten, and has done nothing for long: it will not come up."""
+        return not self.status and self._silence > IDLE_START_SECONDS
+
+    def _busy(self) -> bool:
+        """Whether the process does something, or waits for its turn or for the disk."""
+        state, used = _turn(self.process.pid)
+        return state != "S" or used > self._used
 
     def _starved(self) -> bool:
         """Whether the process is ready to run and has hardly been let since it was last heard."""
@@ -92,7 +105,7 @@ class Child:
     def stop(self) -> None:
         """Ask the process to end; one that cannot hear is killed."""
         if self.process.poll() is None:
-            deaf = self.silent() or self.stopped()
+            deaf = self.silent() or self.idle() or self.stopped()
             self.process.send_signal(signal.SIGKILL if deaf else signal.SIGTERM)
 
     def last_words(self) -> str:
@@ -170,6 +183,8 @@ def _judge(child: Child, children: Sequence[Child]) -> None:
         raise RunFailed(f"node {child.name} was stopped (SIGSTOP)")
     if code is None and child.silent():
         raise RunFailed(f"node {child.name} did not answer for {SILENCE_SECONDS:g} s")
+    if code is None and child.idle():
+        raise RunFailed(f"node {child.name} hung while it was started, for {IDLE_START_SECONDS:g} s")
 
 
 def _quoted(words: str) -> str:

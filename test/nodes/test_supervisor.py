@@ -46,9 +46,34 @@ def test_a_process_that_never_beats_is_named_once_the_graph_steps(tmp_path):
 )
 def test_a_process_that_waits_for_its_turn_is_not_silent(tmp_path, monkeypatch, state, used, since, silent):
     child = supervisor.Child("node", [sys.executable, "-c", "pass"], dict(os.environ), tmp_path / "log")
-    child.status, child._heard = "running 0", time.monotonic() - since
+    child.status, child._silence = "running 0", since
     monkeypatch.setattr(supervisor, "_turn", lambda pid: (state, used))
     assert child.silent() is silent
+    child.process.wait()
+    child.release()
+
+
+def test_a_process_that_hangs_before_its_first_beat_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(supervisor, "IDLE_START_SECONDS", 1.0)
+    with pytest.raises(RunFailed, match="node mute hung while it was started"):
+        run(tmp_path, mute=MUTE)
+
+
+def test_a_process_that_works_at_its_start_is_not_taken_for_one_that_hangs(tmp_path, monkeypatch):
+    monkeypatch.setattr(supervisor, "IDLE_START_SECONDS", 0.5)
+    monkeypatch.setattr(supervisor, "START_SECONDS", 3.0)
+    with pytest.raises(RunFailed, match="not ready after 3 s: slow"):
+        run(tmp_path, slow="while True: pass")
+
+
+def test_time_in_which_the_machine_stood_still_is_nobodys_silence(tmp_path):
+    child = supervisor.Child("node", [sys.executable, "-c", MUTE], dict(os.environ), tmp_path / "log")
+    child.status, child._looked = "running 0", time.monotonic() - 30.0
+    child.listen()
+    assert not child.silent()
+    child._silence = 30.0
+    assert child.silent()
+    child.process.kill()
     child.process.wait()
     child.release()
 
