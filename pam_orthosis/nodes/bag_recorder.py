@@ -108,6 +108,7 @@ class BagRecorder(graph.GraphNode):
     def _receiver(self, topic: Topic, leg: RecordedLeg) -> Callable[[bytes], None]:
         name = in_leg(topic.name, leg.name, self.legs)
         tick = topic.name == ("joint_states" if self.realtime else "/clock")
+        answer = topic.rate == "answer"
         first = leg.name == self.legs[0]
 
         def receive(data: bytes) -> None:
@@ -119,7 +120,8 @@ class BagRecorder(graph.GraphNode):
                 return
             # in real time no two runs are alike, and there is better use for the time
             data = bytes(data) if self.realtime else canonical(data, topic.type)
-            if leg.steps.add(Message(name, stamp_ns, data)) and (tick or not self.realtime):
+            whole = leg.steps.add(Message(name, stamp_ns, data))
+            if leg.unhurried(tick, answer) if self.realtime else whole:
                 self._write(leg.steps.complete(WRITTEN_A_SAMPLE if self.realtime else None))
             if tick:
                 leg.acknowledge(ACKNOWLEDGED_STEPS)

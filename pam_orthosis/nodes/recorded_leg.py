@@ -36,6 +36,7 @@ class RecordedLeg:
         self.end_ns = None if node.realtime else node.run_ns
         self._sampled, self._newest_ns = time.monotonic(), 0
         self._acknowledged_ns = -1
+        self._answered = True
         self._recorded = node.publish_to("recorded", leg=name)
         self._end = node.publish_to("end", leg=name)
 
@@ -47,6 +48,17 @@ class RecordedLeg:
     def within(self, stamp_ns: int) -> bool:
         """Whether an instant is of the run: references are published ahead, drivers do not end with it."""
         return self.end_ns is None or stamp_ns < self.end_ns
+
+    def unhurried(self, sampled: bool, answered: bool) -> bool:
+        """Whether what has just come leaves time to write, in real time.
+
+        While the controllers work on a sample the disk would delay their answer. So it has its turn behind
+        an answer, or behind a sample if the one before found none.
+        """
+        late = sampled and not self._answered
+        if sampled or answered:
+            self._answered = answered
+        return answered or late
 
     def acknowledge(self, steps: int = 1) -> None:
         """Tell the plant how far the bag reaches, if that is so many steps of news."""

@@ -15,6 +15,7 @@ class RecordedScene:
 
     def __init__(self, scene: SampledScene, writer: BagWriter, names: Mapping[str, str]):
         self._scene = scene
+        scene.prepare()
         self._writer = writer
         self._names = names
         for topic, name in names.items():

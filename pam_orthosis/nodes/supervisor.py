@@ -121,9 +121,9 @@ class Child:
 
 
 def _turn(pid: int) -> tuple[str, float]:
-    """Return the scheduler's letter for the main thread of a process, and the processor time used, s."""
+    """Return the scheduler's letter for a process' main thread, and its processor time, s."""
     try:
-        words = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        words = Path(f"/proc/{pid}/task/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:  # it has ended
         return "", 0.0
     return words[0], (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")

@@ -6,9 +6,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from pam_orthosis.bag.topics import BY_NAME
+from pam_orthosis.bag.topics import BY_NAME, PRESSURE
 from pam_orthosis.scene import ros
-from pam_orthosis.scene.messages import PERIOD_NS, LegScene, Said
+from pam_orthosis.scene.messages import PERIOD_NS, TYPES, LegScene, Said
 
 KNEE = "knee"
 INPUTS = ("joint_states", "extensor/pressure", "flexor/pressure")
@@ -26,6 +26,13 @@ class SampledScene:
         self._said_period = -1
         self._stamp_ns = -1
         self._there: dict[str, Any] = {}
+
+    def prepare(self) -> None:
+        """Use each type of message once: its code is made then, which takes many samples' time."""
+        pressure = ros.new(PRESSURE, header=ros.header(0), fluid_pressure=0.0, variance=0.0)
+        ros.deserialised(PRESSURE, ros.serialised(PRESSURE, pressure))
+        for topic, data in [*self._scene.once(0), *self._scene.sample(0, 0.0, (0.0, 0.0))]:
+            ros.deserialised(TYPES[topic], data)
 
     def add(self, topic: str, stamp_ns: int, data: bytes) -> list[Said]:
         """Take a serialised message of one of `INPUTS`; return what is to be said now."""

@@ -6,6 +6,7 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from pam_orthosis.model.parameters import load
+from pam_orthosis.scene import ros
 from pam_orthosis.scene.messages import MARKERS, PERIOD_NS, TF, TF_STATIC, TYPES, LegScene
 from pam_orthosis.scene.sampled import INPUTS, SampledScene
 
@@ -102,3 +103,13 @@ def test_an_instant_that_lacks_a_measurement_is_passed_over(scene):
     assert sampled.add(INPUTS[0], 0, bytes(first[INPUTS[0]])) == []
     (joints,) = [read([one]) for one in add(sampled, 5, 0.2) if one.topic == "leg_joints"]
     assert joints["leg_joints"].position[1] == 0.2
+
+
+def test_code_for_messages_is_made_before_the_first_sample(scene, monkeypatch):
+    store = get_typestore(Stores.ROS2_JAZZY)
+    monkeypatch.setattr(ros, "_store", lambda: store)
+    sampled = SampledScene(scene)
+    sampled.prepare()
+    made = set(store.cache)
+    assert add(sampled, 0)
+    assert set(store.cache) == made
