@@ -41,12 +41,13 @@ class SignalGuard:
         """The last usable value."""
         return self._last
 
-    def step(self, value: float, followed: float | None = None) -> float:
+    def step(self, value: float, followed: float | None = None, periods: int = 1) -> float:
         """Return the value to use; `followed` is what the signal should follow, if it should.
 
-        When the signal is lost, `lost` says why, and the last usable value is returned.
+        The sample is so many periods later than the last. When the signal is lost, `lost` says why, and the
+        last usable value is returned.
         """
-        fault = self._fault(value)
+        fault = self._fault(value, periods)
         if fault:
             self._missed += 1
             self.held += 1
@@ -57,12 +58,12 @@ class SignalGuard:
         self._last, self._started, self._missed = value, True, 0
         return value
 
-    def _fault(self, value: float) -> str:
+    def _fault(self, value: float, periods: int) -> str:
         if not math.isfinite(value):
             return "not finite"
         if not self._low <= value <= self._high:
             return "out of range"
-        if self._started and abs(value - self._last) > self._step * (self._missed + 1):
+        if self._started and abs(value - self._last) > self._step * (self._missed + periods):
             return "jumped"
         return ""
 

@@ -99,14 +99,22 @@ class GuardedPosition(_Guarded):
         self._controller.retune(parameters)
 
     def step(
-        self, angle: float, extensor_pressure: float, flexor_pressure: float, reference: Reference
+        self,
+        angle: float,
+        extensor_pressure: float,
+        flexor_pressure: float,
+        reference: Reference,
+        periods: int = 1,
     ) -> PositionCommand:
-        """Return the reference pressures for one sample, whatever the arguments are."""
+        """Return the reference pressures for one sample, whatever the numbers are.
+
+        It is so many control periods later than the last one.
+        """
         reference = self._usable(reference)
-        angle = self._guards["angle"].step(angle, reference.angle)
-        extensor = self._guards["extensor pressure"].step(extensor_pressure)
-        flexor = self._guards["flexor pressure"].step(flexor_pressure)
-        command = self._controller.step(angle, extensor, flexor, reference)
+        angle = self._guards["angle"].step(angle, reference.angle, periods)
+        extensor = self._guards["extensor pressure"].step(extensor_pressure, periods=periods)
+        flexor = self._guards["flexor pressure"].step(flexor_pressure, periods=periods)
+        command = self._controller.step(angle, extensor, flexor, reference, periods)
         if not self._finite("estimate", *command[:6]):
             command = PositionCommand(self._ambient, self._ambient, angle, 0.0, 0.0, 0.0, False, False)
         self._watch_motion(reference, angle, command.velocity)
@@ -154,14 +162,19 @@ class GuardedPressure(_Guarded):
         """Pass new values on to the controller."""
         self._controller.retune(parameters)
 
-    def step(self, pressure: float, reference: float, angle: float, velocity: float) -> float:
-        """Return the mass flow into the muscle, kg/s, finite whatever the arguments are."""
+    def step(
+        self, pressure: float, reference: float, angle: float, velocity: float, periods: int = 1
+    ) -> float:
+        """Return the mass flow into the muscle, kg/s, finite whatever the numbers are.
+
+        The sample is so many control periods later than the last one.
+        """
         wanted = self._usable(reference, angle, velocity)
         followed = None if wanted[0] == VALVES_CLOSED else wanted[0]
-        pressure = self._guards["pressure"].step(pressure, followed)
+        pressure = self._guards["pressure"].step(pressure, followed, periods)
         away = 0.0 if followed is None else abs(followed - pressure)
         self._watch(self._far.step(away > self._distance), away < NEAR * self._distance)
-        flow = self._controller.step(pressure, *wanted)
+        flow = self._controller.step(pressure, *wanted, periods)
         good = self._finite("mass flow", flow)
         return VENT_FLOW if self._venting() or not good else flow
 
@@ -186,10 +199,13 @@ class GuardedValve(_Guarded):
         self._low, self._high = belief.valve.minimum_voltage, belief.valve.maximum_voltage
         self._flow = 0.0
 
-    def step(self, mass_flow: float, pressure: float) -> float:
-        """Return the valve voltage, V, finite and in range whatever the arguments are."""
+    def step(self, mass_flow: float, pressure: float, periods: int = 1) -> float:
+        """Return the valve voltage, V, finite and in range whatever the numbers are.
+
+        The sample is so many control periods later than the last one.
+        """
         flow = self._usable(mass_flow)
-        voltage = self._model.step(flow, self._guards["pressure"].step(pressure))
+        voltage = self._model.step(flow, self._guards["pressure"].step(pressure, periods=periods))
         good = self._finite("voltage", voltage)
         return self._low if self._venting() or not good else min(max(voltage, self._low), self._high)
 

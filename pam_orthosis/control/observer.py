@@ -121,13 +121,23 @@ class Observer:
         self._tuned = live.values(parameters, LIVE)
 
     def step(
-        self, angle: float, extensor_pressure: float, flexor_pressure: float, known_torque: float = 0.0
+        self,
+        angle: float,
+        extensor_pressure: float,
+        flexor_pressure: float,
+        known_torque: float = 0.0,
+        periods: int = 1,
     ) -> Estimate:
-        """Return the estimate at the instant of this measurement (rad, absolute Pa, N m)."""
+        """Return the estimate at the instant of this measurement (rad, absolute Pa, N m).
+
+        It is so many control periods later than the last one: samples between them were missed.
+        """
         now = np.array([angle, extensor_pressure, flexor_pressure, known_torque])
         if self._state is None:
             self._state, self._before = np.array([angle, 0.0, 0.0]), now
-        self._state[:] = self._step(self._state, self._before, now, self._tuned)[0]
-        self._before = now
+        for left in range(periods, 0, -1):
+            then = now if left == 1 else self._before + (now - self._before) / left
+            self._state[:] = self._step(self._state, self._before, then, self._tuned)[0]
+            self._before = then
         q, velocity, disturbance = self._state.tolist()
         return Estimate(q, velocity, disturbance, angle - q)

@@ -155,16 +155,24 @@ class PositionController:
         self._observer.retune(parameters)
 
     def step(
-        self, angle: float, extensor_pressure: float, flexor_pressure: float, reference: Reference
+        self,
+        angle: float,
+        extensor_pressure: float,
+        flexor_pressure: float,
+        reference: Reference,
+        periods: int = 1,
     ) -> PositionCommand:
-        """Return the reference pressures for one sample (rad, absolute Pa; finite numbers)."""
+        """Return the reference pressures for one sample (rad, absolute Pa; finite numbers).
+
+        It is so many control periods later than the last one.
+        """
         angle = self._sensors.true("angle", angle)
         pressures = (
             self._sensors.true("extensor_pressure", extensor_pressure),
             self._sensors.true("flexor_pressure", flexor_pressure),
         )
         known = self._now.step(reference, *pressures)
-        estimate = self._observer.step(angle, *pressures, known)
+        estimate = self._observer.step(angle, *pressures, known, periods)
         mean = self._mean if reference.mean_pressure is None else reference.mean_pressure
         if mean == VALVES_CLOSED:
             return PositionCommand(VALVES_CLOSED, VALVES_CLOSED, *estimate, False, False)

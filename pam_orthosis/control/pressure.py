@@ -73,13 +73,16 @@ class PressureController:
         self._bandwidth = settings.reference_filter
         self._forget = math.exp(-settings.reference_filter * self._period)
 
-    def step(self, pressure: float, reference: float, angle: float, velocity: float) -> float:
+    def step(
+        self, pressure: float, reference: float, angle: float, velocity: float, periods: int = 1
+    ) -> float:
         """Return the mass flow into the muscle, kg/s (absolute Pa, estimated rad and rad/s).
 
-        A reference of `VALVES_CLOSED` asks for no flow at all.
+        The sample is so many control periods later than the last one. A reference of `VALVES_CLOSED` asks
+        for no flow at all.
         """
         time = self._steps * self._period
-        self._steps += 1
+        self._steps += periods
         if reference == VALVES_CLOSED:
             self._filtered = None
             if self._pending is not None:
@@ -87,7 +90,7 @@ class PressureController:
             return 0.0
         pressure = self._sensors.true(self._channel, pressure)
         pressure = self._ahead(pressure, angle, velocity, time)
-        rate = self._reference_rate(reference) + self._gain * (reference - pressure)
+        rate = self._reference_rate(reference, periods) + self._gain * (reference - pressure)
         flow = float(self._flow(pressure, rate, angle, velocity, time)[0][0])
         return flow if self._pending is None else self._noted(flow, pressure)
 
@@ -107,9 +110,9 @@ class PressureController:
         self._pending.note(min(max(flow, least), most))
         return flow
 
-    def _reference_rate(self, reference: float) -> float:
+    def _reference_rate(self, reference: float, periods: int) -> float:
         """Return the filtered derivative of the reference pressure, Pa/s."""
         if self._filtered is None:
             self._filtered = reference
-        self._filtered = reference + (self._filtered - reference) * self._forget
+        self._filtered = reference + (self._filtered - reference) * self._forget**periods
         return self._bandwidth * (reference - self._filtered)

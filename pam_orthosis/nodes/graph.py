@@ -49,6 +49,7 @@ LEAVING_SECONDS = 10.0  # the same for one whose supervisor is gone
 STRANGERS_NAME_SECONDS = 5.0
 ORPHAN_SECONDS = 0.6  # nobody sees to it that the recorder ends last
 QUEUE_DEPTH = 10
+MOST_PERIODS = 20  # of missed samples that controllers make up for
 MODE = {
     "realtime": Setting(False, "samples come by the wall clock; otherwise in lockstep with the voltages"),
     "with_plant": Setting(True, "the emulated hardware takes part; otherwise a driver stands in for it"),
@@ -256,6 +257,16 @@ class GraphNode(Node):
             self._reported_second = stamp_ns // SECOND_NS
             self._report_health(stamp_ns)
         self.pulse()
+
+    def periods_since(self, stamp_ns: int) -> int:
+        """Return how many control periods an instant is later than the step that was done last.
+
+        More than one if samples were missed; after a long silence no more than `MOST_PERIODS`.
+        """
+        if self._origin_ns is None:
+            return 1
+        passed = stamp_ns - self._origin_ns - self.time_ns
+        return min(max(1, round(passed / self.period_ns)), MOST_PERIODS)
 
     def now_ns(self) -> int:
         """Return the present time of the node's clock."""

@@ -78,7 +78,7 @@ class InverseValveModelNode(graph.GraphNode):
         return self.publish_numbers(f"{muscle}/valve_voltage", example)
 
     def _step(self, muscle: str, stamp_ns: int, flow: tuple, pressure: tuple) -> None:
-        asked = self._models[muscle].step(*flow, *pressure)
+        asked = self._models[muscle].step(*flow, *pressure, self.periods_since(stamp_ns))
         voltage = self._vented if self._venting else asked
         self._publish(muscle, stamp_ns, voltage)
         self._both.add(muscle, stamp_ns, voltage)

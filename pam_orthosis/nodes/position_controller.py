@@ -61,7 +61,8 @@ class PositionControllerNode(graph.GraphNode):
         self._controller.retune(parameters)
 
     def _step(self, stamp_ns: int, joint: tuple, extensor: tuple, flexor: tuple, reference: tuple) -> None:
-        command = self._controller.step(*joint, *extensor, *flexor, Reference(*reference))
+        periods = self.periods_since(stamp_ns)
+        command = self._controller.step(*joint, *extensor, *flexor, Reference(*reference), periods)
         self._estimate(stamp_ns, command.angle, command.velocity)
         for send, pressure in zip(self._pressures, command[:2], strict=True):
             send(stamp_ns, pressure, UNKNOWN_VARIANCE)

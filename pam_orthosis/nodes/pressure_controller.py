@@ -40,7 +40,8 @@ class PressureControllerNode(graph.GraphNode):
         self._controller.retune(parameters)
 
     def _step(self, stamp_ns: int, pressure: tuple, wanted: tuple, estimate: tuple) -> None:
-        self._flow(stamp_ns, self._controller.step(*pressure, *wanted, *estimate))
+        periods = self.periods_since(stamp_ns)
+        self._flow(stamp_ns, self._controller.step(*pressure, *wanted, *estimate, periods))
         self.step_done(stamp_ns)
 
 
