@@ -8,7 +8,7 @@ import yaml
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import integrate, orthosis
-from pam_orthosis.model.effects import CATALOGUE, pade
+from pam_orthosis.model.effects import CATALOGUE, pade, valve_curve_misfit
 from pam_orthosis.model.effects.base import STAGES
 from pam_orthosis.model.parameters import load, scenario_names
 from pam_orthosis.model.plant import Plant, true_hardware
@@ -192,3 +192,10 @@ def test_shape_corrections_are_bounded():
     extreme = [abs(float(function(q, p))) for q in (-3.0, 0.2, 0.9, 4.0) for p in (0.0, 2e5, 5e5, 9e5)]
     assert max(extreme) <= 5.0 + 1e-9
     assert max(extreme) > 2.0
+
+
+def test_the_valves_correction_reaches_from_wide_vent_to_wide_fill():
+    openings = np.linspace(-1.0, 1.0, 201)
+    ones = [1.0] * (2 * valve_curve_misfit.SIDE + 1)
+    weight = np.array([float(valve_curve_misfit.relative_error(o, ones)) for o in openings])
+    assert weight.min() > 0.8 * weight.max()

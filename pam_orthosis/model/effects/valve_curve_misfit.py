@@ -9,7 +9,7 @@ from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
 
 SMALL_OPENING = 0.04  # below it the knots lie evenly, above it in equal ratios
 SPACING = 0.8  # of the knots on the scale asinh(opening / SMALL_OPENING)
-SIDE = 4  # knots on each side of the closed position
+SIDE = 5  # knots on each side of the closed position, the last beyond the wide open valve
 
 
 def knot_name(index: int) -> str:
