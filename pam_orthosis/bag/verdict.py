@@ -20,8 +20,11 @@ from pam_orthosis.errors import OrthosisError
 
 REST_FRACTION = 0.02
 REST_SECONDS = 0.1
+CATCH_UP_SECONDS = 2.0  # for a knee that was let go, to be back at its reference
+CLOSED = 0.0  # as a reference pressure, `control.trajectory.VALVES_CLOSED`: the valve is to stay closed
 _NEEDED = ("angle", "reference_angle", "reference_velocity")
-_USEFUL = ("estimate_velocity", "extensor_voltage", "flexor_voltage")
+_REFERENCES = ("extensor_pressure_reference", "flexor_pressure_reference")
+_USEFUL = ("estimate_velocity", "extensor_voltage", "flexor_voltage", *_REFERENCES)
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,8 @@ class Verdict:
     `steady_state_error_deg` is the mean |error| while the reference rests (|velocity| below 2 % of
     its peak for at least 0.1 s). `observer_velocity_lag_ms` is the delay of the estimated velocity
     behind the measured motion. `voltage_variation_per_s` is the total variation of each valve
-    voltage per second: chatter. `timing` is that of a run in real time.
+    voltage per second: chatter. `timing` is that of a run in real time. `not_led` samples are not judged:
+    the scenario kept the valves closed, or the knee was on its way back from there.
     """
 
     max_abs_error_deg: float
@@ -56,6 +60,7 @@ class Verdict:
     cycles: list[Cycle]
     scenario: str | None
     timing: Timing | None = None
+    not_led: int = 0
 
     def as_dict(self) -> dict[str, Any]:
         """Return the verdict as plain data for JSON."""
@@ -75,8 +80,12 @@ def judge(path: Path, bound_deg: float = 3.0, skip_s: float = 0.0, namespace: st
         OrthosisError: the bag is unusable or holds no sample after `skip_s`.
     """
     bag = read_bag(path, _NEEDED, _USEFUL, namespace)
-    stamps, (angle, reference, velocity) = _judged(bag, skip_s)
+    stamps, (angle, reference, velocity) = _kept(bag, skip_s)
     error = np.degrees(reference - angle)
+    led = ~not_led(stamps, np.isin(stamps, _closed(bag)), np.abs(error) <= bound_deg)
+    if not led.any():
+        raise OrthosisError(f"{bag.path}: the valves are closed throughout; there is no tracking to judge")
+    stamps, error, velocity = stamps[led], error[led], velocity[led]
     since_start = (stamps - bag["angle"].stamp_ns[0]) / SECOND_NS
     hold_s, cycle_s = (bag.parameters.get(f"scenario.{name}") for name in ("start_hold", "cycle_time"))
     largest = float(np.abs(error).max())
@@ -93,6 +102,7 @@ def judge(path: Path, bound_deg: float = 3.0, skip_s: float = 0.0, namespace: st
         voltage_variation_per_s=_voltage_variation(bag),
         cycles=cycle_table(since_start, error, hold_s, cycle_s) if cycle_s else [],
         scenario=bag.run.get("scenario"),
+        not_led=int(np.count_nonzero(~led)),
         timing=timing(bag.path, namespace, bag.parameters.get("scenario.control_period")),
     )
 
@@ -124,6 +134,25 @@ def steady_state_error(stamp_ns: np.ndarray, error: np.ndarray, velocity: np.nda
     if not rests:
         return None
     return float(np.abs(np.concatenate([error[rest] for rest in rests])).mean())
+
+
+def not_led(stamp_ns: np.ndarray, closed: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """Return whether nobody leads the knee: valves closed on purpose, or since then not yet caught up.
+
+    Args:
+        stamp_ns: (n,) stamps.
+        closed: (n,) whether the valves are to stay closed.
+        near: (n,) whether the knee is near its reference.
+    """
+    free, since_ns = closed.copy(), None
+    for index, stamp in enumerate(stamp_ns.tolist()):
+        if closed[index]:
+            since_ns = stamp
+        elif since_ns is not None:
+            back = near[index] or stamp - since_ns > CATCH_UP_SECONDS * SECOND_NS
+            since_ns = None if back else since_ns
+            free[index] = not back
+    return free
 
 
 def velocity_lag(angle: Series, velocity: Series) -> float | None:
@@ -165,8 +194,14 @@ def cycle_table(since_start: np.ndarray, error: np.ndarray, hold_s: float, cycle
     ]
 
 
-def _judged(bag: Bag, skip_s: float) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return stamps and values of what is judged, on the stamps that all have."""
+def _closed(bag: Bag) -> np.ndarray:
+    """Return the stamps at which no pressure is asked for."""
+    there = [bag[name] for name in _REFERENCES if name in bag.series]
+    return np.concatenate([np.zeros(0, np.int64), *(one.stamp_ns[one.value == CLOSED] for one in there)])
+
+
+def _kept(bag: Bag, skip_s: float) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return stamps and values behind what is skipped, on the stamps that all have."""
     stamps, values = aligned(*(bag[name] for name in _NEEDED))
     if not len(stamps):
         raise OrthosisError(f"{bag.path}: angle and reference share no stamp")

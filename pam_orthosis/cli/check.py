@@ -66,6 +66,8 @@ def describe(verdict: Verdict) -> str:
     ]
     told = [f"{name:26s} {value:8.3f} {unit}" for name, value, unit in rows if value is not None]
     told += _timing(verdict.timing) if verdict.timing else []
+    if verdict.not_led:
+        told.append(f"not judged                 {verdict.not_led} samples: the scenario had let the knee go")
     answer = "PASSED" if verdict.passed else "FAILED"
     told.append(
         f"{answer}: maximum {verdict.max_abs_error_deg:.3f} deg, bound {verdict.bound_deg:g} deg,"

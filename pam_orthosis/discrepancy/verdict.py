@@ -12,6 +12,8 @@ from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.telling import Telling
 from pam_orthosis.discrepancy.workflow import Beginning, Named, Outcome
 
+LABEL = 25  # characters of the first column
+
 
 def as_dict(outcome: Outcome) -> dict[str, Any]:
     """Return the outcome as JSON-ready values, SI units."""
@@ -102,15 +104,15 @@ def describe_data(told: Telling) -> str:
 
 def describe_replay(start: Beginning) -> str:
     """Return the gaps before any effect is added, and the ordinary parameters that had to move far."""
-    lines = [f"{'channel':20s} {'configured':>11s} {'recalibrated':>13s} {'noise':>9s}"]
+    lines = [f"{'channel':{LABEL}s} {'configured':>11s} {'recalibrated':>13s} {'noise':>9s}"]
     gaps = (start.configured(), start.recalibrated(), start.floor)
     for name in start.floor.units:
         channel = start.system.channel(name)
         values = [gap.units[name] * channel.report_factor for gap in gaps]
         label = f"{name} [{channel.report_unit}]"
-        lines.append(f"{label:22s} {values[0]:9.3f} {values[1]:13.3f} {values[2]:9.3f}")
+        lines.append(f"{label:{LABEL}s} {values[0]:11.3f} {values[1]:13.3f} {values[2]:9.3f}")
     values = [gap.white[OVERALL] for gap in gaps]
-    lines.append(f"{'times the noise':20s}   {values[0]:9.2f} {values[1]:13.2f} {values[2]:9.2f}")
+    lines.append(f"{'times the noise':{LABEL}s} {values[0]:11.2f} {values[1]:13.2f} {values[2]:9.2f}")
     strained = start.strained()
     if strained:
         lines.append(_strain(strained))
@@ -141,13 +143,13 @@ def _number(value: float | None) -> float | None:
 
 def describe(outcome: Outcome) -> str:
     """Return the outcome as a few lines of text."""
-    lines = [f"{'channel':20s} {'configured':>11s} {'before':>9s} {'after':>9s} {'noise':>9s}  closed"]
+    lines = [f"{'channel':{LABEL}s} {'configured':>11s} {'before':>9s} {'after':>9s} {'noise':>9s}  closed"]
     for channel in outcome.system.channels:
         if channel.name in outcome.after.units:
             lines.append(_row(outcome, channel))
     overall = (outcome.configured, outcome.before, outcome.after, outcome.floor)
     numbers = " ".join(f"{gap.white[OVERALL]:9.2f}" for gap in overall)
-    lines.append(f"{'times the noise':20s}   {numbers}  {_share(outcome.closure[OVERALL])}")
+    lines.append(f"{'times the noise':{LABEL + 2}s} {numbers}  {_share(outcome.closure[OVERALL])}")
     worst = outcome.where[0]
     if outcome.verdict != "none":
         seen = ", ".join(f"{name} {share:.0%}" for name, share in list(worst.coordinates.items())[:3])
@@ -164,7 +166,7 @@ def _row(outcome: Outcome, channel) -> str:
     gaps = (outcome.configured, outcome.before, outcome.after, outcome.floor)
     numbers = " ".join(f"{gap.units[channel.name] * channel.report_factor:9.3f}" for gap in gaps)
     label = f"{channel.name} [{channel.report_unit}]"
-    return f"{label:22s} {numbers}  {_share(outcome.closure[channel.name])}"
+    return f"{label:{LABEL + 2}s} {numbers}  {_share(outcome.closure[channel.name])}"
 
 
 def _share(value: float | None) -> str:

@@ -128,12 +128,21 @@ def _coordinate_figure(outcome: Outcome) -> Figure | None:
     for i, (axis, channel) in enumerate(zip(axes, equation.channels, strict=True)):
         for which, colour in (("before", BEFORE), ("after", AFTER)):
             _missing(outcome, equation, i, which, name, axis, colour)
-        axis.set_xlabel(name.replace("_", " "))
+        axis.set_xlabel(name.replace("_", " ") + _unit(outcome.system, name))
         per = PER_ORDER[order(outcome.system, channel)]
         unit = outcome.system.channel(channel).unit
         axis.set_ylabel(f"missing in {channel.replace('_', ' ')} [{unit}{per}]")
     axes[0].legend(fontsize="small")
     return figure
+
+
+def _unit(system, name: str) -> str:
+    """Return the unit of a signal in brackets behind a blank; nothing for one whose unit is not declared."""
+    units = {channel.name: channel.unit for channel in system.channels}
+    by_state = {channel.state: channel.unit for channel in system.channels}
+    units |= {rate: f"{by_state[parent]}/s" for rate, parent in system.derived.items() if parent in by_state}
+    units |= {"time": "s"} | {name: "V" for name in system.inputs if name.endswith("voltage")}
+    return f" [{units[name]}]" if name in units else ""
 
 
 def _coordinate(outcome: Outcome, place) -> str | None:

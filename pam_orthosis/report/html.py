@@ -9,7 +9,7 @@ from html import escape
 STYLE = """
 body {font: 16px/1.5 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em}
 table {border-collapse: collapse} td, th {padding: .2em .8em; border-bottom: 1px solid #ccc; text-align: left}
-img {max-width: 100%} pre {overflow: auto}
+img {max-width: 100%} pre {white-space: pre-wrap}
 """
 
 

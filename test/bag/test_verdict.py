@@ -7,8 +7,10 @@ import pytest
 from bags import PERIOD_NS, write_tracking_bag
 from pam_orthosis.bag.read import Series
 from pam_orthosis.bag.verdict import (
+    CATCH_UP_SECONDS,
     cycle_table,
     judge,
+    not_led,
     steady_state_error,
     total_variation_rate,
     velocity_lag,
@@ -53,6 +55,28 @@ def test_first_cycle_is_known_from_the_run_metadata(tmp_path):
     foreign = judge(write_tracking_bag(tmp_path / "b", TIME_NS, reference, angle))
     assert foreign.max_abs_error_after_first_cycle_deg is None
     assert foreign.cycles == []
+
+
+@pytest.mark.parametrize(
+    ("closed", "near", "free"),
+    [
+        ("000000", "101010", "000000"),
+        ("011000", "000111", "011000"),  # back at once
+        ("011000", "000001", "011110"),  # on its way for two samples
+        ("110110", "001001", "110110"),
+    ],
+)
+def test_a_knee_that_was_let_go_is_not_judged_until_it_is_back(closed, near, free):
+    def flags(text):
+        return np.array([letter == "1" for letter in text])
+
+    assert not_led(TIME_NS[:6], flags(closed), flags(near)).tolist() == flags(free).tolist()
+
+
+def test_a_knee_that_does_not_come_back_is_judged():
+    closed = TIME < 1.0
+    free = not_led(TIME_NS, closed, np.zeros_like(closed))
+    assert TIME[free].max() == pytest.approx(1.0 + CATCH_UP_SECONDS, abs=3 * PERIOD_NS * 1e-9)
 
 
 def test_steady_state_is_where_the_reference_rests_long_enough():
