@@ -72,7 +72,7 @@ def names(result: dict) -> list[str]:
 def table(results: list[dict]) -> str:
     """Return the tables of some cases as Markdown."""
     solved = [r for r in results if "found" in r]
-    parts = [_counts(results), _shares(solved), _confusion(solved), _none(solved), _others(solved)]
+    parts = [_counts(results), _shares(solved), _confusion(solved), _none(solved), _others(results)]
     return "\n\n".join(part for part in parts if part)
 
 
@@ -191,19 +191,22 @@ def _none(solved) -> str:
     return "\n".join(lines)
 
 
-def _others(solved) -> str:
+def _others(results) -> str:
     lines = []
-    pairs = _of(solved, "pairs")
+    pairs = _of(results, "pairs")
     if pairs:
-        both = sum(set(r["effects"]) <= set(names(r)) for r in pairs)
+        both = sum("found" in r and set(r["effects"]) <= set(names(r)) for r in pairs)
         exact = sum(judged(r) == "right" for r in pairs)
         lines.append(f"- pairs: {len(pairs)} cases, both named {both}, and nothing else {exact}")
-    outside = _of(solved, "outside")
+    outside = _of(results, "outside")
     if outside:
-        honest = sum(_honest(r["found"]) for r in outside)
+        honest = sum("found" in r and _honest(r["found"]) for r in outside)
         lines.append(
             f"- outside the catalogue: {len(outside)} cases, {honest} unexplained or closure below 50 %"
         )
+    failed = sum("failed" in r for r in (*pairs, *outside))
+    if failed:
+        lines.append(f"- of these, {failed} ended with an error")
     return "\n".join(lines)
 
 
