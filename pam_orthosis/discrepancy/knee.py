@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -58,7 +59,12 @@ def knee(parameters, catalogue: Mapping | None = None) -> System:
         catalogue={name: effect for name, effect in known.items() if name not in present},
         assemble=lambda effects: _assemble(belief, effects, tables),
         needs=dict.fromkeys(("gas", "valve", "supply"), ("extensor_voltage", "flexor_voltage")),
+        simpler={name: partial(_without, parameters, name, catalogue) for name in present},
     )
+
+
+def _without(parameters, effect: str, catalogue: Mapping | None) -> System:
+    return knee(parameters.changed({f"effects.{effect}.enabled": False}), catalogue)
 
 
 def _equations(settings) -> tuple[Equation, ...]:

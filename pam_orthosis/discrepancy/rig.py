@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import casadi as ca
@@ -65,7 +66,12 @@ def test_rig(parameters, specimen: str) -> System:
         needs=dict.fromkeys(("gas", "valve", "supply"), VOLTAGES),
         equation_names={"torque": "carriage"},
         branch="rig.effects",
+        simpler={name: partial(_without, parameters, name, specimen) for name in present},
     )
+
+
+def _without(parameters, effect: str, specimen: str) -> System:
+    return test_rig(parameters.changed({f"rig.effects.{effect}.enabled": False}), specimen)
 
 
 def recording(path: Path, system: System, namespace: str = "") -> Recording:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from pam_orthosis.discrepancy.fit import (
     score,
     with_scales,
 )
+from pam_orthosis.discrepancy.replay import Replay
 
 THREADS = 2
 LEFT_OVER = 1.3  # power density over noise that an effect leaves: its details are refined
@@ -67,6 +68,7 @@ class Selection:
         final_problem, final: the same with all effects that stayed.
         steps: rounds in order.
         evidence: effect -> difference of BIC when it alone is taken away (or was added).
+        present: effect that the model had before -> the same, and the equations that it changes.
     """
 
     problem: Problem
@@ -75,6 +77,7 @@ class Selection:
     final: Fit
     steps: list[Step] = field(default_factory=list)
     evidence: dict[str, float] = field(default_factory=dict)
+    present: dict[str, tuple[float, frozenset[str]]] = field(default_factory=dict)
 
 
 def search(
@@ -107,7 +110,7 @@ def recalibrated(
 
 def extended(problem: Problem, base: Fit, held_out: Problem, settings, tell=lambda _: None) -> Selection:
     """Return what the search adds to a recalibrated model; arguments as for `search`."""
-    found = Selection(problem, base, problem, base)
+    found = Selection(problem, base, problem, base, present=_earned(problem, base, tell))
     while len(found.final.effects) < settings.effects:
         step = _round(found, held_out, settings, tell)
         found.steps.append(step)
@@ -151,6 +154,25 @@ def _levelled(problem: Problem, model: Fit) -> tuple[Problem, Fit]:
     return fit_tempered(problem, model.effects, model.values, free)
 
 
+def _earned(problem: Problem, base: Fit, tell) -> dict[str, tuple[float, frozenset[str]]]:
+    """Return what each effect that the model has already earns in these recordings, and where.
+
+    A model that an earlier search has found keeps what it knew: beside a large effect a small one needs more.
+    """
+    earned = {}
+    judged = {equation.name for equation in problem.system.equations}
+    for name, make in problem.system.simpler.items():
+        tell(f"looking at what {name}, which the model has, explains here")
+        system = make()
+        system = replace(system, equations=tuple(one for one in system.equations if one.name in judged))
+        replay = Replay(system)
+        simpler = Problem(replay, problem.scored).weighted(problem.weights)
+        # as in `_loss`
+        without = fit(simpler, (), replay.defaults(()) | base.values, base.free, most=3)
+        earned[name] = score(simpler, without) - score(problem, base), replay.touched(name)
+    return earned
+
+
 def _bar(found: Selection, name: str, settings) -> float:
     """Return the evidence that an effect needs: more where another one in its equation has much.
 
@@ -158,6 +180,7 @@ def _bar(found: Selection, name: str, settings) -> float:
     """
     touched = found.problem.replay.touched
     others = [e for other, e in found.evidence.items() if other != name and touched(other) & touched(name)]
+    others += [evidence for evidence, equations in found.present.values() if equations & touched(name)]
     return max(settings.threshold, settings.share * max(others, default=0.0))
 
 

@@ -71,7 +71,7 @@ def _coordinates(problem: Problem, equation, residual: np.ndarray):
     start, shares, regions = 0, {}, {}
     for one in problem.scored:
         length = one.run.recording.samples - one.warm_up
-        signals = _signals(problem.system, one)
+        signals = signals_of(problem.system, one)
         for _ in equation.channels:
             piece = residual[start : start + length]
             start += length
@@ -82,8 +82,11 @@ def _coordinates(problem: Problem, equation, residual: np.ndarray):
     return dict(ordered), {name: max(many)[1:] for name, many in regions.items()}
 
 
-def _signals(system, one) -> dict[str, np.ndarray]:
-    """Return what a residual may depend on: channels, inputs, velocities, phase of the cycle, time."""
+def signals_of(system, one) -> dict[str, np.ndarray]:
+    """Return what a residual may depend on: channels, inputs, velocities, phase of the cycle, time.
+
+    Behind the recording's warm-up; a phase only where the motion repeats itself.
+    """
     signals = {c.name: one.run.smooth(c.name)[one.warm_up :] for c in system.channels}
     recorded = one.run.recording.signals
     signals.update((name, recorded[name][one.warm_up :]) for name in system.inputs if name in recorded)

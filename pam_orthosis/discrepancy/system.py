@@ -95,6 +95,7 @@ class System:
         needs: equation (also those that effects name) -> recorded inputs without which it cannot be judged.
         equation_names: what effects call an equation -> its name here, where that differs.
         branch: of the parameters that switches effects on in the model.
+        simpler: effects that the model has already -> makes the system without that one.
     """
 
     name: str
@@ -108,6 +109,7 @@ class System:
     needs: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     equation_names: Mapping[str, str] = field(default_factory=dict)
     branch: str = "effects"
+    simpler: Mapping[str, Callable[[], System]] = field(default_factory=dict)
 
     def without(self, lacking: Collection[str]) -> System:
         """Return the system without equations and effects that need inputs which are lacking."""

@@ -14,6 +14,7 @@ import numpy as np
 mpl.use("Agg")  # no display
 from matplotlib.figure import Figure
 
+from pam_orthosis.discrepancy import structure
 from pam_orthosis.discrepancy.missing import missing_rate, order
 from pam_orthosis.discrepancy.workflow import Outcome
 from pam_orthosis.report.html import document
@@ -167,9 +168,12 @@ def _missing(outcome: Outcome, equation, i, which, name, axis, colour) -> None:
     channel = equation.channels[i]
     over, rates = [], []
     for one in outcome.held_out.scored:
+        signals = structure.signals_of(outcome.system, one)
+        if name not in signals:  # nothing repeats itself in this one
+            continue
         residual = residuals_of(outcome, one.run, equation, which)[:, i]
         missing = missing_rate(outcome.system, equation, channel, residual, one.run.period, SLOW)
-        over.append(_signal(outcome, one.run, name)[one.warm_up :])
+        over.append(signals[name])
         rates.append(missing[one.warm_up :])
     x, y = np.concatenate(over), np.concatenate(rates)
     thin = slice(None, None, max(1, len(x) // 3000))
@@ -179,15 +183,3 @@ def _missing(outcome: Outcome, equation, i, which, name, axis, colour) -> None:
     filled = np.unique(place)
     middle = [np.mean(x[place == k]) for k in filled]
     axis.plot(middle, [np.mean(y[place == k]) for k in filled], color=colour, lw=2, label=which)
-
-
-def _signal(outcome: Outcome, run, name: str) -> np.ndarray:
-    recorded = run.recording.signals
-    if name in outcome.system.derived:
-        parent = outcome.system.derived[name]
-        channel = next(c.name for c in outcome.system.channels if c.state == parent)
-        return np.gradient(run.smooth(channel), run.period)
-    if name == "time":
-        return np.arange(run.recording.samples) * run.period
-    is_channel = any(channel.name == name for channel in outcome.system.channels)
-    return run.smooth(name) if is_channel else recorded[name]

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from pam_orthosis.cli import main as cli
-from pam_orthosis.discrepancy import patch, workflow
+from pam_orthosis.discrepancy import patch, select, workflow
 from pam_orthosis.discrepancy.data import from_arrays, from_csv
 from pam_orthosis.discrepancy.telling import telling
 from pam_orthosis.discrepancy.verdict import as_dict
 from pam_orthosis.discrepancy.workflow import begin, find_gap
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
+from pam_orthosis.report import gap as gap_page
 
 FRICTION = {"plant__effects__joint_friction__enabled": True, "plant__effects__joint_friction__coulomb": 0.6}
 COLUMNS = ("time", "angle", "extensor_pressure", "flexor_pressure", "extensor_voltage", "flexor_voltage")
@@ -91,6 +92,11 @@ def test_the_effect_added_to_the_model_leaves_nothing_to_find(friction, bench):
         known, [bench.recording(1, **FRICTION)], [bench.recording(3, 1.7, **FRICTION)], bench.parameters.gap
     )
     assert outcome.verdict == "none"
+    earned, equations = outcome.selection.present["joint_friction"]
+    assert equations == {"torque"}
+    assert earned > 0.2 * friction.selection.evidence["joint_friction"]
+    # what its form leaves over is not taken for another small effect
+    assert select._bar(outcome.selection, "viscous_friction", bench.parameters.gap.evidence) > 0.09 * earned
 
 
 def test_without_voltages_the_torque_is_judged_and_the_rest_is_said(bench, tmp_path):
@@ -114,6 +120,15 @@ def test_the_verb_writes_json_model_and_page(bench, tmp_path, capsys, monkeypatc
     assert page.count("data:image/png;base64,") == 2
     assert "http" not in page.split("</style>")[0]
     assert load(patch.read(out / "model.yaml")).effects.joint_friction.enabled
+
+
+def test_the_page_draws_what_is_missing_over_every_signal(friction, monkeypatch):
+    names = list(friction.where[0].coordinates)
+    assert {"phase", "time", "velocity", "angle"} <= set(names)
+    for name in names:
+        monkeypatch.setattr(gap_page, "_coordinate", lambda outcome, place, name=name: name)
+        figure = gap_page._coordinate_figure(friction)
+        assert figure.axes[0].get_xlabel().startswith(name.replace("_", " "))
 
 
 def test_stages_can_be_read_one_by_one(bench, tmp_path, capsys):
