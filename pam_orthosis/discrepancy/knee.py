@@ -80,11 +80,28 @@ def _equations(settings) -> tuple[Equation, ...]:
 def _calibrations(belief) -> tuple[Calibration, ...]:
     person = belief.leg.person.present
     rows = [belief.row(f"gap.tolerance.{name}") for name, _ in belief.gap.tolerance.items()]
-    return tuple(
+    stated = tuple(
         Calibration(row.key.rsplit(".", 1)[1], row.value, row.unit, row.meaning)
         for row in rows
         if person or not row.key.endswith("person_mass")
     )
+    row = belief.row("gap.learned.deviation")
+    return stated + tuple(
+        Calibration(name, row.value, row.unit, row.meaning)
+        for effect in _learned(belief)
+        for name in _deviations(effect).values()
+    )
+
+
+def _learned(belief) -> list:
+    """Return the effects that the model has already and whose parameters are recalibrated with the others."""
+    present = (CATALOGUE[name] for name in enabled(belief.effects))
+    return [effect for effect in present if not effect.shape and effect.late is None]
+
+
+def _deviations(effect) -> dict[str, str]:
+    """Return, for each parameter of a learned effect, the name of its relative deviation."""
+    return {q.name: f"{effect.name}_{q.name}" for q in effect.parameters}
 
 
 def _assemble(belief, effects: tuple[str, ...], tables) -> Assembled:
@@ -121,6 +138,10 @@ def _hardware(belief, effects, symbols, tables) -> orthosis.Hardware:
     true = belief.substituted(deviating)
     mechanics = tabulated(belief.leg.joint, tables, symbols["moving_mass"], symbols.get("person_mass", 0.0))
     settings = dict(belief.effects.items())
+    for effect in _learned(belief):
+        own = {q: values[f"effects.{effect.name}.{q}"] for q in _deviations(effect)}
+        moved = {q: own[q] * (1 + symbols[name]) for q, name in _deviations(effect).items()}
+        settings[effect.name] = Section(f"effects.{effect.name}", {"enabled": True, **moved})
     for name in effects:
         own = {q.name: symbols[f"{name}.{q.name}"] for q in CATALOGUE[name].parameters}
         settings[name] = Section(f"effects.{name}", {"enabled": True, **own})

@@ -139,7 +139,7 @@ class Replay:
         self._data: dict = {}
         self._latest = None
         self._tidying = Lock()
-        effects = system.catalogue.values()
+        effects = system.bare().catalogue.values()  # those that the model has already among them
         self._scales = {n: s for one in effects for n, s in zip(one.states, one.scales, strict=True)}
 
     def defaults(self, effects: tuple[str, ...]) -> dict[str, float]:

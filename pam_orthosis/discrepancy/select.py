@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from pam_orthosis.discrepancy.fit import (
     fit,
     fit_tempered,
     free_parameters,
+    ordinary,
     prior_cost,
     scales_of,
     score,
@@ -104,8 +105,29 @@ def recalibrated(
     """Return the weighted problem and the model with its ordinary parameters fitted within tolerances."""
     free = free_parameters(problem.system, present)
     tell("recalibrating the ordinary parameters within their tolerances")
-    weighted, base = fit_tempered(problem, present, problem.replay.defaults(present), free)
-    return _levelled(weighted, base)
+    start = problem.replay.defaults(present)
+    fits = [fit_tempered(problem, present, one, free) for one in (start, *_from_simpler(problem, start))]
+    return _levelled(*_better(problem, fits))
+
+
+def _from_simpler(problem: Problem, start) -> list[dict[str, float]]:
+    """Return where the ordinary parameters lie for the model without the effects that it has already.
+
+    Friction makes a model stick: from parameters that are off it may not find back.
+    """
+    if not problem.system.simpler:
+        return []
+    bare = Problem(Replay(problem.system.bare()), problem.scored)
+    _, fitted = fit_tempered(bare, (), bare.replay.defaults(()), ordinary(bare.system))
+    return [start | {key: value for key, value in fitted.values.items() if key in start}]
+
+
+def _better(problem: Problem, fits: list[tuple[Problem, Fit]]) -> tuple[Problem, Fit]:
+    """Return the fit with the better score at common weights, with its own."""
+    common = problem.weighted(
+        {name: max(weighted.weights[name] for weighted, _ in fits) for name in problem.weights}
+    )
+    return min(fits, key=lambda one: score(common, one[1])) if len(fits) > 1 else fits[0]
 
 
 def extended(problem: Problem, base: Fit, held_out: Problem, settings, tell=lambda _: None) -> Selection:
@@ -160,15 +182,14 @@ def _earned(problem: Problem, base: Fit, tell) -> dict[str, tuple[float, frozens
     A model that an earlier search has found keeps what it knew: beside a large effect a small one needs more.
     """
     earned = {}
-    judged = {equation.name for equation in problem.system.equations}
-    for name, make in problem.system.simpler.items():
+    for name in problem.system.simpler:
         tell(f"looking at what {name}, which the model has, explains here")
-        system = make()
-        system = replace(system, equations=tuple(one for one in system.equations if one.name in judged))
-        replay = Replay(system)
+        replay = Replay(problem.system.lacking_effect(name))
         simpler = Problem(replay, problem.scored).weighted(problem.weights)
         # as in `_loss`
-        without = fit(simpler, (), replay.defaults(()) | base.values, base.free, most=3)
+        known = replay.defaults(())
+        values = known | {key: value for key, value in base.values.items() if key in known}
+        without = fit(simpler, (), values, [one for one in base.free if one.name in known], most=3)
         earned[name] = score(simpler, without) - score(problem, base), replay.touched(name)
     return earned
 

@@ -123,6 +123,16 @@ class System:
             catalogue={name: effect for name, effect in self.catalogue.items() if judged(effect.equation)},
         )
 
+    def lacking_effect(self, name: str) -> System:
+        """Return the system without an effect that its model has already, with the same equations."""
+        judged = {equation.name for equation in self.equations}
+        simple = self.simpler[name]()
+        return replace(simple, equations=tuple(one for one in simple.equations if one.name in judged))
+
+    def bare(self) -> System:
+        """Return the system without any effect that its model has already."""
+        return self.lacking_effect(next(iter(self.simpler))).bare() if self.simpler else self
+
     @cached_property
     def shapes(self) -> tuple[str, ...]:
         """The shape corrections: always there, held by their priors."""

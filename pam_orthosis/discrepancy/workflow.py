@@ -166,12 +166,17 @@ def _split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recor
 
 
 def prepared(replay: Replay, training, held_out, settings) -> tuple[Problem, Problem, measure.Gap]:
-    """Return the training and the held-out problem, whitened, and the noise floor of the latter."""
+    """Return the training and the held-out problem, whitened, and the noise floor of the latter.
+
+    What noise does to a replay is found without the effects that the model has already: a model that sticks
+    would make of a little noise a large offset.
+    """
     system, cutoff = replay.system, settings.replay.cross_cutoff
+    bare = Replay(system.bare()) if system.simpler else replay
     runs = [[Run(system, one, cutoff) for one in group] for group in (training, held_out)]
-    noise = _noise(replay, runs[0], settings)
+    noise = _noise(bare, runs[0], settings)
     scored = [
-        [_scored(replay, run, noise, settings, seed) for seed, run in enumerate(group)] for group in runs
+        [_scored(bare, run, noise, settings, seed) for seed, run in enumerate(group)] for group in runs
     ]
     floors = [floor for _, floor in scored[1]]
     units = {name: float(np.mean([floor[name] for floor in floors])) for name in floors[0]}

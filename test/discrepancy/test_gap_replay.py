@@ -15,7 +15,7 @@ from pam_orthosis.discrepancy.candidates import Projection, Trial, candidate
 from pam_orthosis.discrepancy.data import Recording
 from pam_orthosis.discrepancy.fit import bounded_step, fit_tempered, free_parameters
 from pam_orthosis.discrepancy.kernel import Kernel
-from pam_orthosis.discrepancy.replay import Run, Shift
+from pam_orthosis.discrepancy.replay import Replay, Run, Shift
 from pam_orthosis.discrepancy.whitening import SEGMENT, minimum_phase, noise_levels
 from pam_orthosis.model import leg as leg_model
 
@@ -48,6 +48,21 @@ def test_tabulated_mechanics_are_those_of_lagrange(bench, person):
     difference = ca.Function("d", [q, velocity], [getattr(near, t) - getattr(exact, t) for t in terms])
     for angle in np.linspace(-0.2, 1.7, 60):
         assert max(abs(float(value)) for value in difference(angle, 2.0)) < 2e-9
+
+
+@pytest.mark.parametrize("name", ["joint_friction", "valve_lag"])
+def test_an_effect_of_the_model_is_replayed_as_one_that_was_just_found(bench, run, name):
+    values = bench.replay.defaults((name,))
+    stiff = {"joint_friction.bristles": 0.8, "joint_friction.presliding": 0.002}
+    changed = {key: stiff.get(key, value) for key, value in values.items() if key.startswith(f"{name}.")}
+    settings = {f"effects.{key}": value for key, value in changed.items()} | {f"effects.{name}.enabled": True}
+    known = Replay(knee_module.knee(bench.parameters.changed(settings)))
+    assert name not in known.system.candidates
+    assert name in known.system.bare().candidates
+    for equation in bench.system.equations:
+        found = bench.replay.residuals(run, equation, (name,), values | changed)
+        own = Run(known.system, run.recording, CUTOFF)
+        assert known.residuals(own, equation, (), known.defaults(())) == pytest.approx(found, abs=1e-9)
 
 
 def test_compiled_replay_is_that_of_the_virtual_machine(bench, run):
