@@ -3,7 +3,8 @@
 
 Layout after rosbag2_storage_mcap and rosbag2_storage (metadata version 9). Log and publish time are
 the header stamp, so a bag depends on seed and parameters alone. Small chunks: a killed recorder
-loses about a tenth of a second.
+loses about a tenth of a second. A long bag is split into files, since the index of a file is kept in memory
+until it is closed.
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ from __future__ import annotations
 import json
 import subprocess
 from collections import Counter
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
@@ -23,13 +24,14 @@ from mcap.writer import CompressionType, Writer
 
 from pam_orthosis import __version__
 from pam_orthosis.bag import cdr
-from pam_orthosis.bag.topics import PUBLISHED_DEPTH
+from pam_orthosis.bag.topics import PUBLISHED_DEPTH, SECOND_NS
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import make_folder, remove_empty, told, write_text
 from pam_orthosis.model.parameters import Parameters
 
 CHUNK_BYTES = 64 * 1024
 FLUSH_NS = 150_000_000  # of the bag's time, after which a chunk ends however small it is
+FILE_NS = 600 * SECOND_NS  # of the bag's time in one file
 METADATA_FILE = "metadata.yaml"
 RUN_RECORD = "pam_orthosis"
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
@@ -66,28 +68,44 @@ class BagWriter:
     def __init__(self, folder: Path, run: Mapping[str, str] | None = None):
         self.folder = Path(folder)
         self.run = dict(run or {})
-        self._file = self.folder / f"{self.folder.name}_0.mcap"
         self._channels: dict[str, int] = {}
         self._topics: dict[str, dict] = {}
         self._schemas: dict[str, int] = {}
+        self._definitions: dict[str, tuple[str, bytes, dict[str, str]]] = {}
         self._counts: Counter[str] = Counter()
-        self._span = [2**63 - 1, 0]
+        self._files: list[_File] = []
         self._flushed_ns = 0
+        self._stream = None
         self._made = make_folder(self.folder)
-        self._stream = _create(self.folder, self._file)
-        self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         try:
-            self._begin()
+            _check_empty(self.folder)
+            self._open()
         except OrthosisError:
             self.discard()
             raise
 
-    def _begin(self) -> None:
+    def _open(self) -> None:
+        """Begin the next file."""
+        self._file = self.folder / f"{self.folder.name}_{len(self._files)}.mcap"
+        self._stream = _create(self._file)
+        self._files.append(_File(self._file.name))
+        self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._channels.clear()
+        self._schemas.clear()
         with told(self._file):
             self._writer.start(profile="ros2", library=f"pam_orthosis {__version__}")
             if self.run:
                 self._writer.add_metadata(RUN_RECORD, self.run)
                 self._stream.flush()
+        for topic, (msgtype, definition, metadata) in self._definitions.items():
+            self._register(topic, msgtype, definition, metadata)
+
+    def _seal(self) -> None:
+        """Finish the file."""
+        with told(self._file):
+            self._writer.add_metadata("rosbag2", {"serialized_metadata": _as_yaml(self._information())})
+            self._writer.finish()
+            self._stream.close()
 
     def add_topic(self, topic: str, msgtype: str, latched: bool = False) -> None:
         """Declare a topic (absolute name) of a standard ROS 2 type, once; `latched`: transient local."""
@@ -106,11 +124,8 @@ class BagWriter:
 
     def add_channel(self, topic: str, msgtype: str, definition: bytes, metadata: Mapping[str, str]) -> None:
         """Declare a topic by its ros2msg definition and rosbag2 channel metadata."""
-        if msgtype not in self._schemas:
-            self._schemas[msgtype] = self._writer.register_schema(msgtype, "ros2msg", definition)
-        self._channels[topic] = self._writer.register_channel(
-            topic, "cdr", self._schemas[msgtype], dict(metadata)
-        )
+        self._definitions[topic] = msgtype, definition, dict(metadata)
+        self._register(topic, *self._definitions[topic])
         self._topics[topic] = {
             "name": topic,
             "type": msgtype,
@@ -118,6 +133,11 @@ class BagWriter:
             "offered_qos_profiles": _qos_of(metadata.get("offered_qos_profiles", "[]")),
             "type_description_hash": metadata.get("topic_type_hash", ""),
         }
+
+    def _register(self, topic: str, msgtype: str, definition: bytes, metadata: dict[str, str]) -> None:
+        if msgtype not in self._schemas:
+            self._schemas[msgtype] = self._writer.register_schema(msgtype, "ros2msg", definition)
+        self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[msgtype], metadata)
 
     def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
         """Append a serialised message of a declared topic; OrthosisError if the disk takes no more."""
@@ -129,25 +149,32 @@ class BagWriter:
             for topic, stamp_ns, data in messages:
                 if stamp_ns - self._flushed_ns >= FLUSH_NS:
                     self._flushed_ns = stamp_ns
-                    self._writer.flush()  # what is older does not die with this process
+                    self._part(stamp_ns)
                 self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns)
                 self._counts[topic] += 1
-                self._span = [min(self._span[0], stamp_ns), max(self._span[1], stamp_ns)]
+                self._files[-1].add(stamp_ns)
+
+    def _part(self, stamp_ns: int) -> None:
+        """Write out what there is, so that it does not die with this process; begin a new file in time."""
+        if self._files[-1].reached(stamp_ns):
+            self._seal()
+            self._open()
+        else:
+            self._writer.flush()
 
     def close(self) -> None:
         """Finish the file and write `metadata.yaml`; OrthosisError if the disk takes no more."""
-        information = self._information()
-        with told(self._file):
-            self._writer.add_metadata("rosbag2", {"serialized_metadata": _as_yaml(information)})
-            self._writer.finish()
-            self._stream.close()
-        write_text(self.folder / METADATA_FILE, _as_yaml({"rosbag2_bagfile_information": information}))
+        self._seal()
+        information = {"rosbag2_bagfile_information": self._information()}
+        write_text(self.folder / METADATA_FILE, _as_yaml(information))
 
     def discard(self) -> None:
         """Remove what was written."""
-        with suppress(OSError):  # what is still buffered may not fit
-            self._stream.close()
-        self._file.unlink(missing_ok=True)
+        if self._stream:
+            with suppress(OSError):  # what is still buffered may not fit
+                self._stream.close()
+        for file in self._files:
+            (self.folder / file.name).unlink(missing_ok=True)
         remove_empty(self._made)
 
     def __enter__(self) -> BagWriter:
@@ -169,28 +196,57 @@ class BagWriter:
         self.discard()
 
     def _information(self) -> dict:
-        total = sum(self._counts.values())
-        start_ns, end_ns = self._span if total else (0, 0)
-        span = {
-            "duration": {"nanoseconds": end_ns - start_ns},
-            "starting_time": {"nanoseconds_since_epoch": start_ns},
-            "message_count": total,
-        }
+        whole = _File("")
+        for file in self._files:
+            whole.include(file)
         custom = {key: value for key, value in self.run.items() if key != "parameters"}
         return {
             "version": 9,
             "storage_identifier": "mcap",
-            **span,
+            **whole.span(),
             "topics_with_message_count": [
                 {"topic_metadata": topic, "message_count": self._counts[name]}
                 for name, topic in self._topics.items()
             ],
             "compression_format": "",
             "compression_mode": "",
-            "relative_file_paths": [self._file.name],
-            "files": [{"path": self._file.name, **span}],
+            "relative_file_paths": [file.name for file in self._files],
+            "files": [{"path": file.name, **file.span()} for file in self._files],
             "custom_data": custom or None,
             "ros_distro": "jazzy",
+        }
+
+
+class _File:
+    """What one file of a bag holds."""
+
+    def __init__(self, name: str):
+        self.name = name
+        self._count = 0
+        self._first_ns, self._last_ns = 2**63 - 1, 0
+
+    def add(self, stamp_ns: int) -> None:
+        """Count a message."""
+        self._count += 1
+        self._first_ns, self._last_ns = min(self._first_ns, stamp_ns), max(self._last_ns, stamp_ns)
+
+    def include(self, other: _File) -> None:
+        """Count all of another file."""
+        self._count += other._count
+        self._first_ns = min(self._first_ns, other._first_ns)
+        self._last_ns = max(self._last_ns, other._last_ns)
+
+    def reached(self, stamp_ns: int) -> bool:
+        """Whether an instant is so late that it belongs into another file."""
+        return self._count > 0 and stamp_ns - self._first_ns >= FILE_NS
+
+    def span(self) -> dict[str, Any]:
+        """Return time and number of messages as `metadata.yaml` tells them."""
+        first_ns, last_ns = (self._first_ns, self._last_ns) if self._count else (0, 0)
+        return {
+            "duration": {"nanoseconds": last_ns - first_ns},
+            "starting_time": {"nanoseconds_since_epoch": first_ns},
+            "message_count": self._count,
         }
 
 
@@ -240,11 +296,21 @@ def message_definition(msgtype: str) -> tuple[str, str]:
     return store.generate_msgdef(msgtype, ros_version=2)[0], store.hash_rihs01(msgtype)
 
 
-def _create(folder: Path, file: Path):
-    try:
+def _check_empty(folder: Path) -> None:
+    with _creating(folder):
         if (folder / METADATA_FILE).exists() or any(folder.glob("*.mcap")):
             raise OrthosisError(f"{folder} holds a bag already; choose another folder")
+
+
+def _create(file: Path):
+    with _creating(file.parent):
         return open(file, "xb")
+
+
+@contextmanager
+def _creating(folder: Path) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
         raise OrthosisError(f"cannot write a bag to {folder}: {error.strerror}") from error
 

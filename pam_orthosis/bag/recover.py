@@ -23,37 +23,51 @@ def recover(bag: Path, out: Path) -> int:
     """Copy all whole messages of a damaged MCAP bag into a new, closed bag; return their number.
 
     Args:
-        bag: folder with one `.mcap` file, or the file.
+        bag: folder with `.mcap` files, or a file.
         out: folder of the new bag.
 
     Raises:
         OrthosisError: no MCAP file there, nothing readable in it, or `out` holds a bag.
     """
-    source = _source(Path(bag))
-    if not any(isinstance(record, Message) for record in _whole_records(source)):
-        raise OrthosisError(f"{source} holds no readable message")
-    with BagWriter(out, _run_record(source)) as writer:
-        return _copy(_whole_records(source), writer)
+    sources = _sources(Path(bag))
+    if not any(isinstance(record, Message) for source in sources for record in _whole_records(source)):
+        raise OrthosisError(f"{sources[0]} holds no readable message")
+    with BagWriter(out, _run_record(sources[0])) as writer:
+        return sum(_copy(_whole_records(source), writer) for source in sources)
 
 
 def recover_in_place(bag: Path) -> int:
     """Close the unfinished bag of a folder, keeping its name; return the number of messages."""
-    source = _source(Path(bag))
+    sources = _sources(Path(bag))
     rescue = bag / "recovered"
-    count = recover(source, rescue)
-    (rescue / f"{rescue.name}_0.mcap").replace(source)
-    text = (rescue / METADATA_FILE).read_text().replace(f"{rescue.name}_0.mcap", source.name)
+    count = recover(bag, rescue)
+    text = (rescue / METADATA_FILE).read_text()
+    rescued = sorted(rescue.glob("*.mcap"), key=_number)
+    names = [source.name for source in sources]
+    names += [f"{bag.name}_{number}.mcap" for number in range(len(sources), len(rescued))]
+    for file, name in zip(rescued, names, strict=False):
+        text = text.replace(file.name, name)
+        file.replace(bag / name)
+    for source in sources[len(rescued) :]:  # what it held is in those before
+        source.unlink()
     write_text(bag / METADATA_FILE, text)
     (rescue / METADATA_FILE).unlink()
     rescue.rmdir()
     return count
 
 
-def _source(bag: Path) -> Path:
-    files = [bag] if bag.is_file() else sorted(bag.glob("*.mcap"))
-    if len(files) != 1:
-        raise OrthosisError(f"{bag}: expected one .mcap file to recover, found {len(files)}")
-    return files[0]
+def _sources(bag: Path) -> list[Path]:
+    """Return the files of a bag in the order in which they were written."""
+    files = [bag] if bag.is_file() else sorted(bag.glob("*.mcap"), key=_number)
+    if not files:
+        raise OrthosisError(f"{bag}: expected .mcap files to recover, found none")
+    return files
+
+
+def _number(file: Path) -> tuple[int, str]:
+    """Return the number behind the last underscore of a file's name, and the name."""
+    digits = file.stem.rpartition("_")[2]
+    return int(digits) if digits.isdecimal() else 0, file.name
 
 
 def _whole_records(source: Path) -> Iterator[McapRecord]:

@@ -12,6 +12,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from bags import PERIOD_NS, STORE, joint_state, write, write_tracking_bag
+from pam_orthosis.bag import record
 from pam_orthosis.bag.read import Series, aligned, read_bag, run_record
 from pam_orthosis.bag.record import BagWriter
 from pam_orthosis.errors import OrthosisError
@@ -70,6 +71,28 @@ def test_metadata_file_is_version_9_without_aliases(bag):
     assert information["duration"]["nanoseconds"] == STAMPS[-1]
     assert information["relative_file_paths"] == ["walk_0.mcap"]
     assert information["custom_data"] == {"scenario": "test"}
+
+
+def test_a_long_bag_is_split_into_files_that_each_hold_their_index(tmp_path, monkeypatch):
+    monkeypatch.setattr(record, "FILE_NS", 100 * PERIOD_NS)
+    parts = write_tracking_bag(tmp_path / "long", STAMPS, ANGLE + 0.01, ANGLE, {"scenario.seed": 7})
+    information = yaml.safe_load((parts / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    names = information["relative_file_paths"]
+    assert names == [f"long_{number}.mcap" for number in range(len(names))]
+    assert 3 <= len(names) <= 4
+    assert information["message_count"] == sum(one["message_count"] for one in information["files"]) == 800
+    assert run_record(parts / names[-1])["scenario"] == "test"
+    read = read_bag(parts, NEEDED)
+    np.testing.assert_array_equal(read["angle"].stamp_ns, STAMPS)
+    np.testing.assert_array_equal(read["angle"].value, ANGLE)
+    with AnyReader([parts]) as reader:
+        assert reader.message_count == 800
+        assert sum(1 for _ in reader.messages()) == 800
+    for name, file in zip(names, information["files"], strict=True):
+        with open(parts / name, "rb") as stream:
+            summary = make_reader(stream).get_summary()
+        assert summary.statistics.message_count == file["message_count"]
+        assert summary.statistics.message_start_time == file["starting_time"]["nanoseconds_since_epoch"]
 
 
 @pytest.mark.parametrize("plugin", list(StoragePlugin))

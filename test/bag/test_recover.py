@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from bags import PERIOD_NS, write_tracking_bag
+from pam_orthosis.bag import record
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.bag.recover import recover, recover_in_place
+from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.errors import OrthosisError
 
 COUNT = 3000
@@ -71,6 +73,28 @@ def test_a_corrupt_chunk_ends_the_copy(killed, tmp_path):
     assert len(read_bag(tmp_path / "new", ["angle"])["angle"].value) > 0
 
 
+@pytest.fixture
+def killed_in_its_third_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(record, "FILE_NS", 5 * SECOND_NS)
+    bag = write_tracking_bag(tmp_path / "long", STAMPS, STAMPS * 1e-10, STAMPS * 1e-10, {"a": 1.0})
+    last = bag / "long_2.mcap"
+    data = last.read_bytes()
+    last.write_bytes(data[: len(data) // 2])
+    (bag / "metadata.yaml").unlink()
+    return bag
+
+
+def test_a_long_bag_is_recovered_with_all_its_files(killed_in_its_third_file, tmp_path):
+    recover(killed_in_its_third_file, tmp_path / "new")
+    recover_in_place(killed_in_its_third_file)
+    for bag in (tmp_path / "new", killed_in_its_third_file):
+        stamps = read_bag(bag, ["angle"])["angle"].stamp_ns
+        assert 10 * SECOND_NS < len(stamps) * PERIOD_NS < 15 * SECOND_NS
+        np.testing.assert_array_equal(stamps, STAMPS[: len(stamps)])
+        files = {f"{bag.name}_{number}.mcap" for number in range(3)}
+        assert {one.name for one in bag.iterdir()} == {*files, "metadata.yaml"}
+
+
 def test_a_folder_without_a_file_is_refused(tmp_path):
-    with pytest.raises(OrthosisError, match=r"expected one \.mcap file"):
+    with pytest.raises(OrthosisError, match=r"expected \.mcap files"):
         recover(tmp_path, tmp_path / "new")

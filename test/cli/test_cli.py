@@ -43,7 +43,7 @@ def test_help_loads_no_verb():
         (["run", "--param", "seed"], "give KEY=VALUE"),
         (["run", "--duration", "nan"], "scenario.duration"),
         (["run", "--duration", "-1"], "scenario.duration"),
-        (["recover", "nowhere"], "expected one .mcap file"),
+        (["recover", "nowhere"], "expected .mcap files"),
     ],
 )
 def test_wrong_usage_is_one_line_and_exit_2(arguments, message, capsys, tmp_path, monkeypatch):
