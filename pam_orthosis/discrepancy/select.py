@@ -319,7 +319,9 @@ def confirmed(training: Problem, held_out: Problem, smaller: Fit, larger: Fit) -
     of squared residuals over blocks, and the fall a sample over that in training.
     """
     unseen, seen = (_falls(problem, smaller, larger) for problem in (held_out, training))
-    t = float(unseen.mean() / max(unseen.std(ddof=1) / np.sqrt(len(unseen)), 1e-12))
+    # one block tells nothing of its own spread
+    spread = unseen.std(ddof=1) / np.sqrt(len(unseen)) if len(unseen) > 1 else np.inf
+    t = float(unseen.mean() / max(spread, 1e-12))
     return t, float(unseen.mean() / seen.mean()) if seen.mean() > LEAST_FALL else 0.0
 
 

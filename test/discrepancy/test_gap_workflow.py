@@ -206,3 +206,11 @@ def test_a_recording_that_is_too_short_to_divide_is_refused(bench):
     short = recording.part(0, round(8.0 / recording.period), "short")
     with pytest.raises(OrthosisError, match=r"short lasts 8.0 s: too short .* --held-out"):
         find_gap(bench.system, [short], [], bench.parameters.gap, replay=bench.replay)
+
+
+@pytest.mark.filterwarnings("error")
+def test_one_block_of_held_out_time_has_no_t_value(monkeypatch):
+    monkeypatch.setattr(select, "_falls", lambda falls, *_: np.array(falls))
+    assert select.confirmed([2.0, 2.0], [3.0], None, None) == (0.0, 1.5)
+    t, _ = select.confirmed([2.0, 2.0], [3.0, 3.5, 2.5], None, None)
+    assert t == pytest.approx(3.0 / (0.5 / np.sqrt(3)))
