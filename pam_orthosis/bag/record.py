@@ -152,7 +152,9 @@ class BagWriter:
                     self._part(stamp_ns)
                 self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns)
                 self._counts[topic] += 1
-                self._files[-1].add(stamp_ns)
+                file = self._files[-1]
+                file.count += 1
+                file.first_ns, file.last_ns = min(file.first_ns, stamp_ns), max(file.last_ns, stamp_ns)
 
     def _part(self, stamp_ns: int) -> None:
         """Write out what there is, so that it does not die with this process; begin a new file in time."""
@@ -222,31 +224,26 @@ class _File:
 
     def __init__(self, name: str):
         self.name = name
-        self._count = 0
-        self._first_ns, self._last_ns = 2**63 - 1, 0
-
-    def add(self, stamp_ns: int) -> None:
-        """Count a message."""
-        self._count += 1
-        self._first_ns, self._last_ns = min(self._first_ns, stamp_ns), max(self._last_ns, stamp_ns)
+        self.count = 0
+        self.first_ns, self.last_ns = 2**63 - 1, 0
 
     def include(self, other: _File) -> None:
         """Count all of another file."""
-        self._count += other._count
-        self._first_ns = min(self._first_ns, other._first_ns)
-        self._last_ns = max(self._last_ns, other._last_ns)
+        self.count += other.count
+        self.first_ns = min(self.first_ns, other.first_ns)
+        self.last_ns = max(self.last_ns, other.last_ns)
 
     def reached(self, stamp_ns: int) -> bool:
         """Whether an instant is so late that it belongs into another file."""
-        return self._count > 0 and stamp_ns - self._first_ns >= FILE_NS
+        return self.count > 0 and stamp_ns - self.first_ns >= FILE_NS
 
     def span(self) -> dict[str, Any]:
         """Return time and number of messages as `metadata.yaml` tells them."""
-        first_ns, last_ns = (self._first_ns, self._last_ns) if self._count else (0, 0)
+        first_ns, last_ns = (self.first_ns, self.last_ns) if self.count else (0, 0)
         return {
             "duration": {"nanoseconds": last_ns - first_ns},
             "starting_time": {"nanoseconds_since_epoch": first_ns},
-            "message_count": self._count,
+            "message_count": self.count,
         }
 
 
