@@ -77,10 +77,10 @@ def main() -> int:
     arguments = parser.parse_args()
     if arguments.verb == "run":
         run(arguments.only, arguments.repeats, arguments.out)
-    elif arguments.into:
-        put_into(arguments.into, table(read(arguments.file)))
     elif arguments.verb == "curves":
         draw(read(arguments.file), arguments.out)
+    elif arguments.into:
+        put_into(arguments.into, table(read(arguments.file)))
     else:
         print(table(read(arguments.file)))
     return 0

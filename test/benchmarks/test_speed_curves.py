@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The curves of the speed table are found in it again, and drawn."""
 
+import subprocess
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -51,3 +52,11 @@ def test_the_recording_moves_the_knee_and_is_uniform():
     assert np.ptp(arrays["angle"]) > 0.3
     steps = arrays["angle"] / parameters.plant.sensor.angle_resolution
     assert np.abs(steps - np.round(steps)).max() < 1e-6
+
+
+def test_the_command_draws_the_committed_results(tmp_path):
+    root = Path(__file__).resolve().parents[2]
+    command = [root / "benchmarks" / "bench_speed.py", "curves", root / "docs" / "studies" / "speed.json"]
+    done = subprocess.run([sys.executable, *command, "--out", tmp_path / "curves.png"], check=False)
+    assert done.returncode == 0
+    assert (tmp_path / "curves.png").stat().st_size > 10_000
