@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from pam_orthosis.bag.topics import RECORDER
+from pam_orthosis.bag.topics import NODES, RECORDER
 from pam_orthosis.errors import RunFailed
 
 HEARTBEAT_VARIABLE = "PAM_ORTHOSIS_HEARTBEAT"
@@ -30,6 +30,7 @@ class Child:
     def __init__(self, name: str, command: Sequence[str], environment: Mapping[str, str], log: Path):
         self.name = name
         self.status = ""
+        self.let_go = False
         self.log = log
         self._pipe, inherited = os.pipe()
         os.set_blocking(self._pipe, False)
@@ -101,6 +102,10 @@ class Child:
         """Whether the process is ready to run and has hardly been let since it was last heard."""
         state, used = _turn(self.process.pid)
         return state == "R" and used - self._used < SILENCE_SECONDS / 2
+
+    def has_nothing_to_lose(self) -> bool:
+        """Whether the process has said that its run is over, and writes no bag."""
+        return self.status == "ended" and self.name.rpartition("/")[2] in set(NODES) - {RECORDER}
 
     def stop(self) -> None:
         """Ask the process to end; one that cannot hear is killed."""
@@ -176,11 +181,18 @@ def _watch(children: Sequence[Child], progress: Callable[[int], None]) -> None:
 
 def _judge(child: Child, children: Sequence[Child]) -> None:
     code = child.process.poll()
+    if child.let_go:
+        return
     if code is not None and (code != 0 or child.status != "ended"):
         how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with {code}"
         raise RunFailed(f"node {child.name} {how}{_quoted(child.last_words())}")
     if child.stopped():
         raise RunFailed(f"node {child.name} was stopped (SIGSTOP)")
+    if code is None and child.silent() and child.has_nothing_to_lose():
+        # now and then the middleware never comes back from its own end
+        child.let_go = True
+        child.process.kill()
+        return
     if code is None and child.silent():
         raise RunFailed(f"node {child.name} did not answer for {SILENCE_SECONDS:g} s")
     if code is None and child.idle():

@@ -66,6 +66,25 @@ def test_a_process_that_works_at_its_start_is_not_taken_for_one_that_hangs(tmp_p
         run(tmp_path, slow="while True: pass")
 
 
+LINGERING = """
+import os, time
+os.write(int(os.environ["PAM_ORTHOSIS_HEARTBEAT"]), b"ended\\n")
+time.sleep(600)
+"""
+
+
+def test_a_node_whose_run_is_over_and_that_does_not_go_is_let_go(tmp_path, monkeypatch):
+    monkeypatch.setattr(supervisor, "STOP_GRACE_SECONDS", 0.5)
+    run(tmp_path, plant_simulator=LINGERING)
+
+
+@pytest.mark.parametrize("name", ["bag_recorder", "composed", "bag_player"])
+def test_who_writes_a_bag_is_not_let_go_before_it_is_closed(tmp_path, monkeypatch, name):
+    monkeypatch.setattr(supervisor, "STOP_GRACE_SECONDS", 0.5)
+    with pytest.raises(RunFailed, match=f"node {name} did not answer"):
+        run(tmp_path, **{name: LINGERING})
+
+
 def test_time_in_which_the_machine_stood_still_is_nobodys_silence(tmp_path):
     child = supervisor.Child("node", [sys.executable, "-c", MUTE], dict(os.environ), tmp_path / "log")
     child.status, child._looked = "running 0", time.monotonic() - 30.0
