@@ -11,7 +11,7 @@ from pathlib import Path
 from pam_orthosis.bag.cdr import canonical
 from pam_orthosis.bag.record import BagWriter, run_metadata
 from pam_orthosis.bag.steps import Message, StepCollector
-from pam_orthosis.bag.topics import RECORDER, SECOND_NS, Topic, in_leg
+from pam_orthosis.bag.topics import RECORDER, Topic, in_leg
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.nodes import graph, messages
 from pam_orthosis.nodes.parameters import Setting
@@ -22,7 +22,7 @@ from pam_orthosis.scene.messages import TYPES, LegScene, in_scene
 from pam_orthosis.scene.sampled import INPUTS, SampledScene
 
 QUEUE_DEPTH = 5000
-HORIZON, LATE_NS = 1000, SECOND_NS // 4
+HORIZON, LATE_NS = 1000, 150_000_000
 WRITTEN_A_SAMPLE = 3  # instants, in real time: what waited for a late one must not hold up the graph
 LOOK_SECONDS, ACKNOWLEDGED_STEPS = 0.05, 10
 
