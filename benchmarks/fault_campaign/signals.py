@@ -309,7 +309,7 @@ REMOVED = {
 def without(name: str) -> Iterator[None]:
     """Take a guard out, on purpose."""
     owner, method, replacement = {
-        "unusable samples": (guard.SignalGuard, "_fault", lambda self, value: ""),
+        "unusable samples": (guard.SignalGuard, "_fault", lambda self, value, periods: ""),
         "frozen signals": (guard.SignalGuard, "_watch_motion", lambda self, value, followed: None),
         "what does not follow": (guard.Overdue, "step", lambda self, holds: False),
     }[name]
