@@ -96,8 +96,6 @@ _OUTSIDE = [
     HiddenEffect("valve_cross_talk", "share", "cross_talk", (0.03, 0.06, 0.12), "opening of the other valve"),
     HiddenEffect("random_pushes", "amplitude", "pushes", (0.5, 1.2, 2.5), "half sines at random instants"),
     HiddenEffect("drifting_valve_gain", "rise", "gain_drift", (0.06, 0.12, 0.25), "linear in time, extensor"),
-    HiddenEffect(
-        "asymmetric_exhaust", "loss", "exhaust", (0.06, 0.12, 0.2), "venting passes less than filling"
-    ),
+    HiddenEffect("sticking_spool", "half_width", "spool_play", (0.02, 0.06, 0.15), "play of the spool, V"),
 ]
 OUTSIDE = {effect.name: effect for effect in _OUTSIDE}

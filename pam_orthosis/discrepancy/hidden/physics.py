@@ -111,7 +111,7 @@ class Hidden(NamedTuple):
     cogging: float = 0.0
     cross_talk: float = 0.0
     gain_drift: float = 0.0
-    exhaust: float = 0.0
+    spool_play: float = 0.0
 
 
 class Maps(NamedTuple):
@@ -142,6 +142,12 @@ def polynomial(c, x):
 def clip(x, low, high):
     """Return x within limits."""
     return min(max(x, low), high)
+
+
+@_compiled
+def dragged(follower, leader, play):
+    """Return where a leader takes what follows it with a play (half width)."""
+    return clip(follower, leader - play, leader + play)
 
 
 @_compiled
@@ -190,7 +196,7 @@ def valve_flow(opening, pressure, supply, a, h):
     c = c * a.hose_conductance / np.cbrt(c * c * c + a.hose_conductance**3)
     if opening > 0:
         return orifice(c, supply, pressure, a.critical_ratio, a.temperature)
-    return -orifice(c * (1 - h.exhaust), pressure, a.ambient, a.critical_ratio, a.temperature)
+    return -orifice(c, pressure, a.ambient, a.critical_ratio, a.temperature)
 
 
 @_compiled
@@ -321,7 +327,7 @@ def cogwheel(q, w, wheel, h):
     lost = q - wheel
     edge = h.play - 1e-12  # the wheel was put on the edge with a rounding error
     drags = (lost >= edge and w > 0) or (lost <= -edge and w < 0)
-    return clip(wheel, q - h.play, q + h.play), w if drags else 0.0
+    return dragged(wheel, q, h.play), w if drags else 0.0
 
 
 @_compiled
@@ -401,7 +407,7 @@ def late(ring, row, index, delay):
 
 
 @_compiled
-def advance(x, wheel, anchors, ring, index, steps, ue, uf, a, h, maps):
+def advance(x, wheel, spools, anchors, ring, index, steps, ue, uf, a, h, maps):
     """Advance all states by `steps` with the valve voltages (above closed, V) held; return the index."""
     k1, k2, middle = np.zeros(STATES), np.zeros(STATES), np.zeros(STATES)
     for _ in range(steps):
@@ -410,8 +416,8 @@ def advance(x, wheel, anchors, ring, index, steps, ue, uf, a, h, maps):
             x[W] + h.reflex_threshold, 0.0
         )
         t = index * STEP
-        ve = late(ring, RING_UE, index, h.valve_delay)
-        vf = late(ring, RING_UF, index, h.valve_delay)
+        ve = spools[0] = dragged(spools[0], late(ring, RING_UE, index, h.valve_delay), h.spool_play)
+        vf = spools[1] = dragged(spools[1], late(ring, RING_UF, index, h.valve_delay), h.spool_play)
         reflex = late(ring, RING_REFLEX, index, h.reflex_delay)
         fe, ff = rates(x, k1, t, ve, vf, reflex, wheel[0], anchors, a, h, maps)
         ring[RING_Q, index % RING] = x[Q]
@@ -422,7 +428,7 @@ def advance(x, wheel, anchors, ring, index, steps, ue, uf, a, h, maps):
         rates(middle, k2, t + STEP, ve, vf, reflex, wheel[0], anchors, a, h, maps)
         for i in range(STATES):
             x[i] += 0.5 * STEP * (k1[i] + k2[i])
-        wheel[0] = clip(wheel[0], x[Q] - h.play, x[Q] + h.play)
+        wheel[0] = dragged(wheel[0], x[Q], h.play)
         wound = a.radius * (wheel[0] - a.symmetric_angle)
         for i in range(ELEMENTS):
             d, xe, xf = slip_distance(i), a.symmetric_contraction - wound, a.symmetric_contraction + wound

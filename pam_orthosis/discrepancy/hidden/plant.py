@@ -66,8 +66,8 @@ class HiddenPlant:
         """Integrate one control period with the voltages held."""
         self._held = self._above_closed(extensor_voltage, flexor_voltage)
         self._index = physics.advance(
-            self.x, self._wheel, self._anchors, self._ring, self._index, self._steps, *self._held,
-            self._a, self._h, self._maps,
+            self.x, self._wheel, self._spools, self._anchors, self._ring, self._index, self._steps,
+            *self._held, self._a, self._h, self._maps,
         )  # fmt: skip
 
     def truth(self) -> Truth:
@@ -97,7 +97,7 @@ class HiddenPlant:
         self.x = np.zeros(physics.STATES)
         self.x[:4] = angle, 0.0, mean, mean
         self._held = (0.0, 0.0)
-        self._wheel = np.array([angle])
+        self._wheel, self._spools = np.array([angle]), np.zeros(2)
         wound = self._a.radius * (angle - self._a.symmetric_angle)
         rest = self._a.symmetric_contraction
         self._anchors = np.outer([rest - wound, rest + wound], np.ones(physics.ELEMENTS))
