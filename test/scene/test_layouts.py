@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Each path in the layouts for Lichtblick and PlotJuggler leads to a number in a recorded bag."""
+"""Each path in the layouts for Lichtblick, PlotJuggler and Rerun leads to a number in a recorded bag."""
 
 import json
 import re
+import runpy
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -14,7 +15,9 @@ ROOT = Path(__file__).resolve().parents[2]
 LICHTBLICK = json.loads((ROOT / "config" / "lichtblick.json").read_text())
 PANELS = LICHTBLICK["configById"]
 PLOTTED = [path["value"] for panel in PANELS.values() for path in panel.get("paths", ())]
+RERUN = runpy.run_path(str(ROOT / "config" / "rerun_layout.py"))
 CURVES = [curve.get("name") for curve in ElementTree.parse(ROOT / "config" / "plotjuggler.xml").iter("curve")]
+ENTITIES = [path for paths in RERUN["PLOTS"].values() for path in paths]
 MODIFIERS = {"rad2deg", "deg2rad", "negative"}
 JOINT_FIELDS = ("position", "velocity", "effort")
 
@@ -71,6 +74,18 @@ def test_a_plotted_path_leads_to_a_number(recorded, path):
 @pytest.mark.parametrize("curve", CURVES)
 def test_a_curve_is_a_series_of_plotjuggler(recorded, curve):
     assert curve in series(recorded[1])
+
+
+@pytest.mark.parametrize("entity", ENTITIES)
+def test_an_entity_is_what_rerun_makes_of_a_topic(recorded, entity):
+    """Each field of joint states below its topic, a pressure as its topic."""
+    types, messages = recorded
+    topic, _, field = entity.rpartition("/")
+    if types.get(topic) == "sensor_msgs/msg/JointState":
+        assert field in JOINT_FIELDS
+        assert len(getattr(messages[topic], field)) == 1
+    else:
+        assert types[entity] == "sensor_msgs/msg/FluidPressure"
 
 
 def test_the_leg_is_shown_by_topics_and_a_frame_that_are_there(recorded):
