@@ -183,17 +183,18 @@ class Problem:
 
     def residual(self, equation, effects: tuple[str, ...], values: Mapping) -> np.ndarray:
         """Return the whitened residuals of one equation, all runs and channels in one row."""
-        pieces = []
-        for one in self.scored:
-            raw = self.replay.residuals(one.run, equation, effects, values)
-            pieces += [one.white(c, raw[:, i]) for i, c in enumerate(equation.channels)]
-        return self.weights[equation.name] * np.concatenate(pieces)
+        return self._joined(equation, [self._whitened(equation, one, effects, values) for one in self.scored])
 
     def residuals(self, effects, values) -> dict[str, np.ndarray]:
         """Return the whitened residuals of all equations."""
-        tasks = self.system.equations
-        found = _POOL.map(lambda equation: self.residual(equation, effects, values), tasks)
-        return {equation.name: row for equation, row in zip(tasks, found, strict=True)}
+        tasks = [(equation, one) for equation in self.system.equations for one in self.scored]
+        pieces = list(_POOL.map(lambda task: self._whitened(*task, effects, values), tasks))
+        return {
+            equation.name: self._joined(
+                equation, [piece for task, piece in zip(tasks, pieces, strict=True) if task[0] is equation]
+            )
+            for equation in self.system.equations
+        }
 
     def blocks(self, effects, values, names: tuple[str, ...]) -> dict[str, Block]:
         """Return residuals and derivatives by those of `names` that matter, of every equation."""
@@ -210,6 +211,15 @@ class Problem:
                 weight,
             )
         return blocks
+
+    def _whitened(self, equation, one: Scored, effects, values) -> list[np.ndarray]:
+        """Return whitened residuals, one entry a channel, of one run."""
+        raw = self.replay.residuals(one.run, equation, effects, values)
+        return [one.white(c, raw[:, i]) for i, c in enumerate(equation.channels)]
+
+    def _joined(self, equation, pieces: Sequence[list[np.ndarray]]) -> np.ndarray:
+        """Return the weighted residuals of an equation from those of its runs and channels."""
+        return self.weights[equation.name] * np.concatenate([row for piece in pieces for row in piece])
 
     def _linearised(self, equation, one: Scored, effects, values, names):
         """Return whitened residuals and derivatives, one entry a channel, of one run."""

@@ -16,17 +16,14 @@ import casadi as ca
 import numpy as np
 
 from pam_orthosis.discrepancy.system import Assembled, Equation, System
-from pam_orthosis.model.compiled import shared_library
+from pam_orthosis.model.compiled import best_library, processor
 
+# what is fitted may differ in its last digits from one processor to the next; not a number stays what it is
 FLAGS = (
-    "-O2",
-    "-fno-math-errno",
-    "-fno-trapping-math",
-    "-ffp-contract=off",
-    "-fPIC",
-    "-shared",
-    "-Wl,-Bsymbolic",
-)
+    "-O2", "-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math",
+    "-freciprocal-math", "-ffp-contract=fast", "-fPIC", "-shared", "-Wl,-Bsymbolic",
+)  # fmt: skip
+OPTIONS = (("-march=native",), ())  # not every compiler knows its processor
 INVERSION_STEPS = 4  # fixed-point steps: a sensor gain of 10 % is inverted to 1e-5 of the value
 LOOP = """
 static void rk4(double* x, const double* z, const double* theta, const double* period,
@@ -278,7 +275,7 @@ class Kernel:
 
     def build(self) -> None:
         """Compile; without a compiler the virtual machine does the work."""
-        path = shared_library("replay", self._source, FLAGS)
+        path = best_library("replay", self._source, FLAGS, OPTIONS)
         self._library = None if path is None else ctypes.CDLL(str(path))
 
     def _write_source(self) -> str:
@@ -289,7 +286,7 @@ class Kernel:
             states=self._size, data=self._width, results=self._results,
             fixed=max(1, self._fixed.size1_out(0)), held=max(1, self._held.size1_out(0)),
         )  # fmt: skip
-        return generator.dump() + loop
+        return f"/* {processor()} */\n" + generator.dump() + loop
 
     def _run_virtual(self, z, theta, state, period, substeps):
         x, row = ca.MX.sym("x", self._size), ca.MX.sym("z", self._width)

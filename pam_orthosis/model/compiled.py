@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import hashlib
 import os
+import platform
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 import casadi as ca
@@ -61,6 +63,22 @@ def shared_library(name: str, source: str, flags: tuple[str, ...] = COMPILER_FLA
     if not library.exists() and not _compile([compiler, *flags], source, library):
         return None
     return library
+
+
+def best_library(
+    name: str, source: str, flags: tuple[str, ...], options: Iterable[tuple[str, ...]]
+) -> Path | None:
+    """Return the library built with the first of some options that the compiler takes, beside the flags."""
+    return next((built for more in options if (built := shared_library(name, source, (*flags, *more)))), None)
+
+
+def processor() -> str:
+    """Return what tells processors apart, lest a library built on another one is taken from the cache."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.machine()
+    return next((line for line in lines if line.startswith(("flags", "Features"))), platform.machine())
 
 
 def _dense_source(function: ca.Function) -> str:

@@ -7,13 +7,12 @@ processor's vector registers, however wide these are.
 
 from __future__ import annotations
 
-import platform
 import re
 from pathlib import Path
 
 import casadi as ca
 
-from pam_orthosis.model.compiled import shared_library
+from pam_orthosis.model.compiled import best_library, processor
 
 # tried one after the other: what compilers, processors and mathematics libraries know differs
 OPTIONS = (
@@ -91,7 +90,7 @@ def header(lanes: int) -> str:
     ]
     defined = [_elementwise(name, value, lanes) for name, value in (functions | CHOICES).items()]
     types = HEADER_OF_ONE if lanes == 1 else HEADER
-    return types.format(processor=_processor(), bytes=8 * lanes) + "".join(declared + defined)
+    return types.format(processor=processor(), bytes=8 * lanes) + "".join(declared + defined)
 
 
 def source(function: ca.Function) -> str:
@@ -109,9 +108,7 @@ def source(function: ca.Function) -> str:
 
 def library(name: str, code: str) -> Path | None:
     """Return the library of a source with lanes, built for this processor; None without a compiler."""
-    return next(
-        (built for options in OPTIONS if (built := shared_library(name, code, (*FLAGS, *options)))), None
-    )
+    return best_library(name, code, FLAGS, OPTIONS)
 
 
 def _statement(function: ca.Function, k: int, constants: dict[int, float]) -> str:
@@ -149,12 +146,3 @@ def _elementwise(name: str, value: str, lanes: int) -> str:
         name=name, lanes=lanes, at=at, given=", ".join(f"lane {letter}" for letter in letters),
         value=re.sub(r"\b([abc])\b", rf"\1{at}", value),
     )  # fmt: skip
-
-
-def _processor() -> str:
-    """Return what tells processors apart, lest a library built on another one is taken from the cache."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.machine()
-    return next((line for line in lines if line.startswith(("flags", "Features"))), platform.machine())
