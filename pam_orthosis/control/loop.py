@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The closed loop without ROS: the same cores, wired by calls, for studies and tests.
 
-It is the only module of `control` that knows the plant, and it passes on measurements only.
+It knows the orthosis' plant, as `rig_loop` knows the rig's, and passes on measurements only.
 """
 
 from __future__ import annotations

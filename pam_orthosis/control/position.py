@@ -73,7 +73,7 @@ def pressures_for_torque(torque, q, velocity, mean_pressure, belief):
     area = _both(lambda dl: muscle_model.area(dl, m), contraction)
     counter = _both(lambda dl: muscle_model.counterforce(dl, m), contraction)
     damping = _both(lambda v: muscle_model.damping_force(v, m), rate)
-    low = _both(lambda a, f: _lowest_pressure(a, f, settings, ambient), area, counter)
+    low = _both(lambda *of: _lowest_pressure(*of, settings, ambient), area, counter, damping)
     high = settings.maximum_pressure - ambient
     mean = mean_pressure - ambient
     # area_f p_f - area_e p_e = level
@@ -200,7 +200,10 @@ def _both(function, *pairs: Pair) -> Pair:
     return Pair(function(*(pair.extensor for pair in pairs)), function(*(pair.flexor for pair in pairs)))
 
 
-def _lowest_pressure(area, counterforce, settings, ambient):
-    """Return the gauge pressure below which a muscle hangs slack or loses its shape, Pa."""
-    taut = counterforce / area + settings.slack_margin
+def _lowest_pressure(area, counterforce, damping, settings, ambient):
+    """Return the gauge pressure below which a muscle hangs slack, at rest or as it shortens, Pa.
+
+    Without the damping a muscle that shortens fast would be asked for a torque that it has not.
+    """
+    taut = (counterforce + ca.fmax(damping, 0)) / area + settings.slack_margin
     return ca.fmax(settings.minimum_pressure - ambient, taut)

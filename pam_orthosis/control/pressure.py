@@ -70,7 +70,6 @@ class PressureController:
         """Take the values of `LIVE`; the filter goes on from where it is."""
         settings = parameters.control.pressure
         self._gain = settings.gain
-        self._bandwidth = settings.reference_filter
         self._forget = math.exp(-settings.reference_filter * self._period)
 
     def step(
@@ -111,8 +110,10 @@ class PressureController:
         return flow
 
     def _reference_rate(self, reference: float, periods: int) -> float:
-        """Return the filtered derivative of the reference pressure, Pa/s."""
-        if self._filtered is None:
-            self._filtered = reference
-        self._filtered = reference + (self._filtered - reference) * self._forget**periods
-        return self._bandwidth * (reference - self._filtered)
+        """Return the rate of the filtered reference pressure since the last sample, Pa/s.
+
+        Of a reference that rises steadily it is the slope, whatever the periods between the samples.
+        """
+        before = reference if self._filtered is None else self._filtered
+        self._filtered = reference + (before - reference) * self._forget**periods
+        return (self._filtered - before) / (periods * self._period)

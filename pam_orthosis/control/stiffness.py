@@ -11,6 +11,7 @@ import numpy as np
 from pam_orthosis.control.knee import kinematics, leg_mechanics, muscle_torque
 from pam_orthosis.control.position import pressures_for_torque
 from pam_orthosis.model import muscle as muscle_model
+from pam_orthosis.model import pneumatics
 
 LEAST_CYCLES = 2  # of the torque that a stiffness is measured with
 
@@ -25,7 +26,7 @@ class Stiffness(NamedTuple):
 def modelled(parameters, angle: float, mean_pressure: float) -> Stiffness:
     """Return the stiffness that the controllers' model has at rest at an angle, rad, with p_im, absolute Pa.
 
-    -dM/dq of Eq. (27) and gravity at constant pressures; with closed valves the gas of Eq. (3) adds to it
+    -dM/dq of Eq. (27) and gravity at constant pressures; with closed valves the gas of Eq. (6) adds to it
     what its pressure rises by when the muscle's volume shrinks. The pressures are those with which the
     position controller holds the knee: where p_im would let a muscle hang slack they are higher.
     """
@@ -34,12 +35,11 @@ def modelled(parameters, angle: float, mean_pressure: float) -> Stiffness:
     moving = muscle_torque(q, velocity, p[0], p[1], belief) - leg_mechanics(q, velocity, belief).gravity
     torque = ca.substitute(moving, velocity, 0)
     volume, dead = _volumes(q, p, belief), belief.valve.hose.volume
-    # at closed valves p V^n stays: dp/dq = - n p (dV/dq) / (V + n p dV/dp)
-    n = belief.valve.polytropic_exponent
+    # dp/dq at closed valves: Eq. (6) without flow, the angle in the place of time
+    slopes = [(ca.jacobian(volume[i], p[i]), ca.jacobian(volume[i], q)) for i in range(2)]
     rates = [
-        -n * p[i] * ca.jacobian(volume[i], q)
-        / (volume[i] + dead + n * p[i] * ca.jacobian(volume[i], p[i])) for i in range(2)
-    ]  # fmt: skip
+        pneumatics.pressure_rate(p[i], 0, 1, volume[i] + dead, *slopes[i], belief.valve) for i in range(2)
+    ]
     held = -ca.jacobian(torque, q)
     closed = held - ca.jacobian(torque, p) @ ca.vertcat(*rates)
     pressures = _holding(angle, mean_pressure, belief)

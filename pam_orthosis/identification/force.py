@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coefficients of the force polynomial, Eqs. (14) and (19)-(23), by a well-conditioned solver.
 
-Eq. (23) inverts B^T B, whose condition number is the square of B's. The same minimum of Eq. (21) is
-found here by a singular value decomposition of B with its columns scaled to equal norm.
+Eq. (23) inverts B^T B, whose condition number is the square of B's. The minimum of Eq. (21), with each error
+over its expected size (`balanced_weights`), is found here by a singular value decomposition of B with its
+columns scaled to equal norm.
 """
 
 from __future__ import annotations
@@ -92,7 +93,7 @@ def balanced_weights(s: Samples) -> np.ndarray:
 def fit_force(s: Samples, damping: float = 0.0, degrees: tuple[int, int] = (3, 4)) -> ForceFit:
     """Fit the coefficients of Eq. (14) to samples, the damping part being known, Eq. (23).
 
-    The index of Eq. (21) is minimised, its gradient vanishing as Eq. (22) asks, by singular values.
+    The weighted index of Eq. (21) is minimised, its gradient vanishing as Eq. (22) asks, by singular values.
 
     Args:
         s: samples of a taut muscle.

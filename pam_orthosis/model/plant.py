@@ -215,7 +215,7 @@ class Plant:
             x[2] = min(max(mean - shift, ambient), supply)
             x[3] = min(max(mean + shift, ambient), supply)
             low, high = (shift, high) if float(accelerate(x, self._held)) < 0 else (low, shift)
-        if abs(float(accelerate(x, self._held))) > STILL:
+        if not abs(float(accelerate(x, self._held))) <= STILL:
             raise OrthosisError(
                 f"the muscles cannot hold the knee at scenario.start_angle = {start} rad:"
                 " choose another angle, a lighter person or a higher supply pressure"

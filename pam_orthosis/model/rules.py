@@ -48,6 +48,7 @@ def broken_rules(values: Mapping[str, Any]) -> Iterator[str]:
     yield from _period_rule(values)
     yield from _duration_rule(values)
     yield from _step_rule(values)
+    yield from _linkage_rule(values)
     yield from _reach_rule(values)
 
 
@@ -99,6 +100,29 @@ def _braid_rule(values: Mapping[str, Any], muscle: str) -> Iterator[str]:
                 f"{muscle}.{name} gives {first:g} {unit} at no contraction, the geometry in"
                 f" {muscle}.geometry {ideal:.3g} {unit}; has a decimal point slipped?"
             )
+
+
+def _linkage_rule(values: Mapping[str, Any]) -> Iterator[str]:
+    """Check that Eq. (24) has a solution wherever the joint may go."""
+    if "leg.configuration" not in values:
+        return
+    if abs(values["leg.configuration"]) != 1:
+        yield f"leg.configuration = {values['leg.configuration']} must be 1 (knee up) or -1 (knee down)"
+    thigh, shank = _segment_lengths(values)
+    angles = (values["leg.joint.minimum"], values["leg.joint.maximum"])
+    reach = min(math.hypot(thigh + shank * math.cos(q), shank * math.sin(q)) for q in angles)
+    if abs(values["leg.bearing_height"]) >= reach:
+        yield (
+            f"leg.bearing_height = {values['leg.bearing_height']} m is out of reach of a leg bent as far as"
+            f" leg.joint allows: from hip to ankle there are {reach:.3g} m then"
+        )
+
+
+def _segment_lengths(values: Mapping[str, Any]) -> tuple[float, ...]:
+    if not values.get("leg.person.present"):
+        return values["leg.thigh.length"], values["leg.shank.length"]
+    height = values["leg.person.height"]
+    return tuple(values[f"leg.person.{name}.length_fraction"] * height for name in ("thigh", "shank"))
 
 
 def _reach_rule(values: Mapping[str, Any]) -> Iterator[str]:

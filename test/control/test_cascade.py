@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Observer and controllers against their own claims."""
 
+import math
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -110,6 +112,16 @@ def test_at_a_limit_stiffness_gives_way_before_torque(belief):
     assert (extensor + flexor) / 2 + ambient != pytest.approx(belief.control.position.mean_pressure, rel=1e-3)
     given = float(torque_of(belief)(0.7, 0.0, extensor + ambient, flexor + ambient))
     assert given == pytest.approx(24.0, abs=1e-6)
+
+
+def test_a_muscle_that_shortens_fast_is_not_asked_for_more_than_it_has(belief):
+    """The torque of both tensions, cut at zero as muscles cut them, is the wanted one up to 8 rad/s."""
+    function, ambient = allocate(belief), belief.valve.ambient_pressure
+    for w in (-8.0, -4.0, 4.0, 8.0):
+        extensor, flexor, saturated = (float(v) for v in function(math.copysign(12.0, w), 0.7, w))
+        assert not saturated
+        given = float(torque_of(belief)(0.7, w, extensor + ambient, flexor + ambient))
+        assert given == pytest.approx(math.copysign(12.0, w), abs=1e-6)
 
 
 def test_a_torque_out_of_reach_is_cut_and_said(belief):

@@ -188,11 +188,12 @@ def test_readings_lose_their_believed_errors():
     assert sensors.true("extensor_pressure", 3.21e5) == 3.21e5
 
 
-def test_known_effects_halve_the_largest_error_without_chatter():
-    _, before, _, nervous = tracking(load())
+def test_known_effects_lower_the_error_without_chatter():
+    """Maps and masses stay as believed; what also learning these gives is measured in docs/benchmark.md."""
+    _, before, rms_before, nervous = tracking(load())
     run, after, rms, variation = tracking(believing(*HARDWARE))
-    assert after <= 0.5 * before
-    assert rms <= 0.1
+    assert after <= 0.6 * before
+    assert rms <= min(0.1, 0.55 * rms_before)
     assert variation <= 1.5 * nervous
     assert not run["saturated"].any()
 

@@ -9,6 +9,7 @@ import pytest
 from pam_orthosis.control.guard import angle_guard
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.observer import Observer
+from pam_orthosis.control.pressure import PressureController, mass_flow_function
 from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes.graph import MOST_PERIODS, GraphNode
 
@@ -45,10 +46,24 @@ def test_the_knee_follows_although_samples_are_missed():
     assert np.rad2deg(np.abs(loop.run(STEPS)["time"])).max() < 1.5
 
 
-def test_without_being_told_it_would_not():
+def test_without_being_told_it_follows_much_worse():
     loop = Sparse(P, 1)
     loop.told = False
-    assert np.rad2deg(np.abs(loop.run(STEPS)["time"])).max() > 3.0
+    assert np.rad2deg(np.abs(loop.run(STEPS)["time"])).max() > 2.0
+
+
+@pytest.mark.parametrize("period", [0.002, 0.01])
+@pytest.mark.parametrize("periods", [1, 3])
+def test_a_steadily_rising_pressure_reference_is_followed_at_its_own_rate(period, periods):
+    """V-dot = -c e^2 needs the whole rate of the reference, whatever the filter and the samples that are missed."""
+    parameters, slope = load({"scenario.control_period": period}), 1e5
+    controller, late = PressureController(parameters, "flexor"), 1e4
+    for k in range(0, 400 * periods, periods):
+        wanted = 2e5 + slope * k * period
+        flow = controller.step(wanted - late, wanted, 0.6, 0.0, periods)
+    rate = slope + parameters.control.pressure.gain * late
+    exact = mass_flow_function(parameters.belief(), "flexor")(wanted - late, rate, 0.6, 0.0, 0.0)
+    assert flow == pytest.approx(float(exact), rel=1e-6)
 
 
 def test_the_observer_takes_straight_lines_over_missed_samples():

@@ -33,6 +33,7 @@ def test_overrides_reach_the_tree_and_leave_the_defaults_alone():
         ("valve.supply_pressure", 7.0, "check its unit"),
         ("leg.person.present", 1, "true or false"),
         ("leg.configuration", 0.5, "whole"),
+        ("leg.configuration", 0, "1 .knee up. or -1"),
         ("scenario.trajectory", "walk", "not one of"),
         ("muscle.dmsp_20.force.a", [1.0, 2.0], "list of 4"),
         ("control.position.mean_pressure", 6.9e5, "must be below"),
@@ -42,6 +43,13 @@ def test_overrides_reach_the_tree_and_leave_the_defaults_alone():
 def test_unusable_values_are_refused_with_a_reason(key, value, words):
     with pytest.raises(OrthosisError, match=words):
         parameters.load({key: value})
+
+
+def test_a_leg_that_cannot_reach_its_bearing_is_refused():
+    short = {"leg.thigh.length": 0.22, "leg.shank.length": 0.22}
+    parameters.load({**short, "leg.bearing_height": 0.2})
+    with pytest.raises(OrthosisError, match="out of reach"):
+        parameters.load({**short, "leg.bearing_height": 0.38})
 
 
 def test_belief_knows_no_plant():

@@ -122,3 +122,10 @@ def test_another_belief_leaves_the_hardware_as_it_is():
     assert runs[0] == pytest.approx(runs[1], rel=1e-9)
     with pytest.raises(OrthosisError, match="by one factor"):
         with_belief(parameters.load(), {"leg.shank.mass": 1.2})
+
+
+def test_the_knees_muscle_damps_as_the_rigs_does():
+    """A new identification changes what is believed, not the hardware: the factor has to follow it."""
+    flat = parameters.load().flat()
+    true = flat["muscle.dmsp_20.force.damping"] * flat["plant.deviation.muscle_damping"]
+    assert true == pytest.approx(flat["plant.rig.dmsp_20.damping"], rel=1e-3)
