@@ -61,6 +61,11 @@ class BagRecorder(graph.GraphNode):
         except ValueError as error:
             raise OrthosisError(f"bag_recorder: legs is no JSON: {error}") from error
 
+    def started(self) -> None:
+        """Expect samples from now on."""
+        for leg in self._legs:
+            leg.begin()
+
     def health(self) -> dict[str, int]:
         """Count messages that came twice."""
         return {"duplicates": sum(steps.duplicates for steps in self._collectors())}
@@ -145,8 +150,10 @@ class BagRecorder(graph.GraphNode):
         """Acknowledge what is recorded; end the run when all of it is."""
         for leg in self._legs:
             leg.acknowledge()
-        if not self.ended and all(leg.over() for leg in self._legs):
-            self._finish()
+        if not self.ended:
+            over = [leg.over() for leg in self._legs]  # each is asked: one without samples fails the run
+            if all(over):
+                self._finish()
 
     def _finish(self) -> None:
         for steps in self._collectors():

@@ -40,6 +40,10 @@ class RecordedLeg:
         self._recorded = node.publish_to("recorded", leg=name)
         self._end = node.publish_to("end", leg=name)
 
+    def begin(self) -> None:
+        """Note that all peers are there: from now on samples are due."""
+        self._sampled = time.monotonic()
+
     def sampled(self, stamp_ns: int) -> None:
         """Note that the leg has taken a sample; in real time the run begins with its first."""
         self._sampled, self._newest_ns = time.monotonic(), stamp_ns
@@ -67,8 +71,15 @@ class RecordedLeg:
             self._recorded.publish(messages.time(self._acknowledged_ns))
 
     def over(self) -> bool:
-        """Whether all of the run is recorded, or in real time all that will ever come."""
+        """Whether all of the run is recorded, or in real time all that will ever come.
+
+        Raises:
+            RunFailed: no samples come, or no more.
+        """
         if self.end_ns is None:
+            # the plant waits for all others, and its process is watched; a driver waits for nobody
+            if self._node.ready and not self._node.settings["with_plant"] and self._silence() > self._limit:
+                raise self._no_sample()
             return False
         return self._complete() or (self._node.realtime and self._nothing_more())
 
@@ -88,8 +99,18 @@ class RecordedLeg:
 
         The clock does not tell: on a busy machine much may have arrived that nobody has looked at yet.
         """
-        silence, limit = time.monotonic() - self._sampled, self._node.settings["sample_timeout"]
-        if silence > limit and self._newest_ns < self.end_ns - self._node.period_ns:
-            topic = in_leg("joint_states", self.name, self._node.legs)
-            raise RunFailed(f"no sample on {topic} for {limit:g} s: does the driver run?")
-        return self._newest_ns >= self.end_ns + GRACE_NS or silence > limit
+        silent = self._silence() > self._limit
+        if silent and self._newest_ns < self.end_ns - self._node.period_ns:
+            raise self._no_sample()
+        return self._newest_ns >= self.end_ns + GRACE_NS or silent
+
+    @property
+    def _limit(self) -> float:
+        return self._node.settings["sample_timeout"]
+
+    def _silence(self) -> float:
+        return time.monotonic() - self._sampled
+
+    def _no_sample(self) -> RunFailed:
+        topic = in_leg("joint_states", self.name, self._node.legs)
+        return RunFailed(f"no sample on {topic} for {self._limit:g} s: does the driver run?")
