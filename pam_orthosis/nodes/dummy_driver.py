@@ -17,12 +17,14 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import FluidPressure, JointState
 
+from pam_orthosis.control.guard import driven
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.plant import Plant
 from pam_orthosis.nodes import messages
 
 MUSCLES = ("extensor", "flexor")
 SILENCE_PERIODS = 20
+INFINITE = float("inf")
 SPIN_SECONDS = 0.2  # the events executor dispatches nothing without a time-out
 
 
@@ -32,8 +34,8 @@ class EmulatedHardware:
     def __init__(self) -> None:
         parameters = load()
         self.period_ns = round(parameters.scenario.control_period * 1e9)
-        self.vent_voltage = parameters.valve.minimum_voltage
         self.closed_voltage = parameters.valve.closed_voltage
+        self._valve = parameters.valve
         self._plant = Plant(parameters)
 
     def read(self) -> tuple[float, float, float]:
@@ -41,9 +43,14 @@ class EmulatedHardware:
         return tuple(self._plant.measure())
 
     def write(self, extensor_voltage: float, flexor_voltage: float, periods: int) -> None:
-        """Set both valves; emulated time passes only here, where devices just live on."""
+        """Set both valves within their range; emulated time passes only here, where devices just live on."""
+        voltages = driven(extensor_voltage, self._valve), driven(flexor_voltage, self._valve)
         for _ in range(periods):
-            self._plant.advance(extensor_voltage, flexor_voltage)
+            self._plant.advance(*voltages)
+
+    def vent(self, periods: int = 1) -> None:
+        """Let the air out of both muscles."""
+        self.write(self._valve.minimum_voltage, self._valve.minimum_voltage, periods)
 
 
 class DummyDriver(Node):
@@ -58,7 +65,7 @@ class DummyDriver(Node):
             for muscle in MUSCLES
         }
         self._voltage = dict.fromkeys(MUSCLES, self._hardware.closed_voltage)
-        self._silent: int | None = None  # periods since the last voltage; none has come yet
+        self._silent: dict[str, int] = {}  # periods since each muscle's last voltage; none has come yet
         for muscle in MUSCLES:
             self.create_subscription(JointState, f"{muscle}/valve_voltage", self._receiver(muscle), 10)
         self._first_ns, self._passed = self.get_clock().now().nanoseconds, 0
@@ -66,17 +73,22 @@ class DummyDriver(Node):
 
     def _receiver(self, muscle: str):
         def receive(message: JointState) -> None:
-            self._voltage[muscle] = message.effort[0]
-            self._silent = 0
+            if message.effort and abs(message.effort[0]) < INFINITE:  # nor is NaN
+                self._voltage[muscle] = message.effort[0]
+                self._silent = {**dict.fromkeys(MUSCLES, 0), **self._silent, muscle: 0}
 
         return receive
+
+    def vent(self) -> None:
+        """Leave the hardware safe."""
+        self._hardware.vent()
 
     def _tick(self) -> None:
         """Take the sample of the nearest period; skip those that are overdue, whose time has passed."""
         elapsed = self.get_clock().now().nanoseconds - self._first_ns
         due = (elapsed + self._hardware.period_ns // 2) // self._hardware.period_ns
         if due > self._passed:
-            self._hardware.write(*self._wanted(due - self._passed), due - self._passed)
+            self._act(due - self._passed)
             self._passed = due
             self._publish(self._first_ns + due * self._hardware.period_ns)
 
@@ -86,13 +98,13 @@ class DummyDriver(Node):
         for muscle, pressure in zip(MUSCLES, pressures, strict=True):
             self._pressure[muscle].publish(messages.fluid_pressure(stamp_ns, muscle, pressure))
 
-    def _wanted(self, periods: int) -> list[float]:
-        """Return the newest voltages, or those of the vent when the controllers have fallen silent."""
-        if self._silent is not None:
-            self._silent += periods
-            if self._silent > SILENCE_PERIODS:
-                return [self._hardware.vent_voltage] * len(MUSCLES)
-        return list(self._voltage.values())
+    def _act(self, periods: int) -> None:
+        """Set the newest voltages; vent both muscles when those of either have stopped coming."""
+        self._silent = {muscle: count + periods for muscle, count in self._silent.items()}
+        if max(self._silent.values(), default=0) > SILENCE_PERIODS:
+            self._hardware.vent(periods)
+        else:
+            self._hardware.write(*self._voltage.values(), periods)
 
 
 def main() -> int:
@@ -102,11 +114,14 @@ def main() -> int:
     caught: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _frame: caught.append(number))
-    executor = EventsExecutor()
-    executor.add_node(DummyDriver())
-    while not caught:
-        executor.spin_once(timeout_sec=SPIN_SECONDS)
-    rclpy.try_shutdown()
+    executor, driver = EventsExecutor(), DummyDriver()
+    executor.add_node(driver)
+    try:
+        while not caught:
+            executor.spin_once(timeout_sec=SPIN_SECONDS)
+    finally:  # whatever has happened
+        driver.vent()
+        rclpy.try_shutdown()
     return 0
 
 

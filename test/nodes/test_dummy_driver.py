@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The example of a driver keeps the contract of docs/ros.md: it vents whenever it is not told what to do."""
+
+import math
+import os
+import sys
+
+import pytest
+
+pytest.importorskip("rclpy")
+import rclpy
+
+from pam_orthosis.model.parameters import load
+from pam_orthosis.nodes import dummy_driver, messages
+
+VENT, CLOSED = load().valve.minimum_voltage, load().valve.closed_voltage
+OPEN = 7.0
+
+
+class Applied(dummy_driver.EmulatedHardware):
+    """The emulated hardware, with a list of what its valves were set to."""
+
+    def __init__(self):
+        super().__init__()
+        self.applied = []
+        advance = self._plant.advance
+        self._plant.advance = lambda *voltages: (self.applied.append(voltages), advance(*voltages))
+
+
+@pytest.fixture
+def hardware(tmp_path, monkeypatch):
+    made = Applied()
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(os.getpid() % 100))
+    monkeypatch.setattr(dummy_driver, "EmulatedHardware", lambda: made)
+    return made
+
+
+@pytest.fixture
+def driver(hardware):
+    rclpy.init()
+    made = dummy_driver.DummyDriver()
+    yield made
+    made.destroy_node()
+    rclpy.shutdown()
+
+
+def _told(driver, muscle, *effort):
+    driver._receiver(muscle)(messages.joint_state(0, [f"{muscle}_valve"], effort=effort))
+
+
+def test_a_muscle_without_voltages_vents_both(driver, hardware):
+    _told(driver, "extensor", OPEN)
+    _told(driver, "flexor", OPEN)
+    for _ in range(dummy_driver.SILENCE_PERIODS + 1):
+        _told(driver, "extensor", OPEN)
+        driver._act(1)
+    assert hardware.applied == [(OPEN, OPEN)] * dummy_driver.SILENCE_PERIODS + [(VENT, VENT)]
+    _told(driver, "flexor", OPEN)
+    driver._act(1)
+    assert hardware.applied[-1] == (OPEN, OPEN)
+
+
+@pytest.mark.parametrize("effort", [(), (math.nan,), (math.inf,)], ids=str)
+def test_what_is_no_voltage_is_passed_over(driver, hardware, effort):
+    _told(driver, "extensor", *effort)
+    driver._act(1)
+    assert hardware.applied == [(CLOSED, CLOSED)]
+
+
+def test_a_voltage_beyond_the_valves_range_is_limited(driver, hardware):
+    _told(driver, "extensor", 1e9)
+    driver._act(1)
+    assert hardware.applied == [(load().valve.maximum_voltage, CLOSED)]
+
+
+def test_it_vents_at_its_end_whatever_ended_it(hardware, monkeypatch):
+    class Failing:
+        def add_node(self, node):
+            node._voltage = dict.fromkeys(dummy_driver.MUSCLES, OPEN)
+
+        def spin_once(self, timeout_sec):
+            raise ValueError("a callback failed")
+
+    monkeypatch.setattr(dummy_driver, "EventsExecutor", Failing)
+    monkeypatch.setattr(sys, "argv", ["dummy_driver"])
+    monkeypatch.setattr(dummy_driver.signal, "signal", lambda number, handler: None)
+    with pytest.raises(ValueError, match="a callback failed"):
+        dummy_driver.main()
+    assert hardware.applied[-1] == (VENT, VENT)
