@@ -196,7 +196,8 @@ class GraphNode(Node):
             return callback, {}
 
         def matched(status: QoSSubscriptionMatchedInfo) -> None:
-            if status.total_count > len(entry.producers) and not self.ended:
+            # not the total: one that went and came again, a driver say, is no stranger
+            if status.current_count > len(entry.producers) and not self.ended:
                 self.failure = lambda: RunFailed(self._of_a_stranger(name, len(entry.producers)))
                 self.alarm()
 
@@ -211,7 +212,8 @@ class GraphNode(Node):
         until = time.monotonic() + STRANGERS_NAME_SECONDS
         while len(names := self._publishing(name)) <= expected and time.monotonic() < until:
             time.sleep(0.01)
-        return f"a stranger publishes on {name}: of {', '.join(names)} one does not belong here"
+        known = f": of {', '.join(names)} one does not belong here" if names else ""
+        return f"a stranger publishes on {name}{known}"
 
     def _publishing(self, name: str) -> list[str]:
         """Return the full names of the nodes that are known to publish on a topic."""

@@ -72,6 +72,42 @@ def test_a_stranger_on_a_command_topic_is_named_and_moves_no_valve(stranger, liv
     assert recorded["extensor_pressure"].value[-1] < 1.5 * load().valve.ambient_pressure
 
 
+@pytest.fixture
+def in_process(tmp_path, monkeypatch):
+    """A node of the graph and one that publishes, in this process; what lets both have their turn."""
+    from pam_orthosis.nodes.trajectory_publisher import TrajectoryPublisher
+
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
+    rclpy.init(args=[], domain_id=os.getpid() % 100)
+    node, other = TrajectoryPublisher(), rclpy.create_node("other")
+    executor = rclpy.executors.SingleThreadedExecutor()
+    executor.add_node(node)
+    yield node, other, lambda: executor.spin_once(timeout_sec=0.05)
+    node.destroy_node()
+    other.destroy_node()
+    rclpy.shutdown()
+
+
+def test_a_publisher_that_comes_again_is_no_stranger(in_process, monkeypatch):
+    from rosgraph_msgs.msg import Clock
+
+    from pam_orthosis.nodes import graph
+
+    node, other, turn = in_process
+    for _ in range(3):
+        publisher = other.create_publisher(Clock, "/clock", 10)
+        wait_for(lambda: turn() or node.count_publishers("/clock") == 1)
+        other.destroy_publisher(publisher)
+        wait_for(lambda: turn() or node.count_publishers("/clock") == 0)
+    assert node.failure is None
+    there = [other.create_publisher(Clock, "/clock", 10) for _ in range(2)]
+    wait_for(lambda: turn() or node.failure)
+    monkeypatch.setattr(graph, "STRANGERS_NAME_SECONDS", 0.0)
+    monkeypatch.setattr(node, "_publishing", lambda name: [])
+    assert str(node.failure()) == "a stranger publishes on /clock"
+    assert len(there) == 2
+
+
 def test_two_runs_at_once_do_not_hear_each_other(tmp_path):
     runs = [LiveRun(tmp_path / f"seed{seed}", "--composed", "--seed", f"{seed}", *QUICK) for seed in (1, 2)]
     for run in runs:
