@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
@@ -23,11 +24,12 @@ from pam_orthosis.bag.topics import NODES, RECORDER, SECOND_NS
 from pam_orthosis.errors import RunFailed
 from pam_orthosis.nodes import graph, messages
 from pam_orthosis.nodes.launch import PLAYER, REPLAYED
+from pam_orthosis.nodes.pace import MAX_UNRECORDED_NS
 from pam_orthosis.nodes.parameters import Setting
 
 WATCH_SECONDS = 0.25
 END_SECONDS = 1.0
-ACKNOWLEDGED_INSTANTS = 20
+ACKNOWLEDGED_INSTANTS = 20  # at most; half of what the plant may be ahead
 
 
 class BagPlayer(graph.GraphNode):
@@ -47,6 +49,7 @@ class BagPlayer(graph.GraphNode):
         self._instants = self._script.instants()
         self._now: Instant | None = None
         self._count = 0
+        self._acknowledged = max(1, min(ACKNOWLEDGED_INSTANTS, MAX_UNRECORDED_NS // self.period_ns // 2))
         self._answers: dict[tuple[str, int], bytes] = {}
         self._writer = BagWriter(Path(self.settings["directory"]))
         self._feeds = {topic: self._feed_to(topic, n) for topic, n in self._script.fed_topics().items()}
@@ -56,7 +59,8 @@ class BagPlayer(graph.GraphNode):
         self._recorded, self._end = self._tell("recorded"), self._tell("end")
         self._absent = set(self._script.nodes)
         self.listen_to("ready", self._on_ready, latched=True)
-        self.listen_to("diagnostics", lambda _report: None)  # the nodes wait for a listener
+        # the nodes wait for a listener; the player waits for none of them, since it may feed a few only
+        self.create_subscription(DiagnosticArray, "diagnostics", lambda _report: None, graph.qos())
         self._progress = time.monotonic()
         self.create_timer(WATCH_SECONDS, self._watch)
 
@@ -64,6 +68,7 @@ class BagPlayer(graph.GraphNode):
         """Speak for all the nodes that are not there: the plant waits for them."""
         for name in set(NODES) - set(self._script.nodes):
             self._ready[0].publish(String(data=name))
+        self._begin()
 
     def close(self) -> None:
         """Close the bag of answers."""
@@ -96,7 +101,11 @@ class BagPlayer(graph.GraphNode):
 
     def _on_ready(self, message: String) -> None:
         self._absent.discard(message.data)
-        if not self._absent and self._now is None:
+        self._begin()
+
+    def _begin(self) -> None:
+        """Feed the first instant once all are there, this player too."""
+        if self.ready and not self._absent and self._now is None:
             self._feed()
             self._go_on()
 
@@ -115,7 +124,7 @@ class BagPlayer(graph.GraphNode):
     def _feed(self) -> None:
         self._progress = time.monotonic()
         self._now = next(self._instants, None) or self._over()
-        if self._count % ACKNOWLEDGED_INSTANTS == 0:
+        if self._count % self._acknowledged == 0:
             self._recorded.publish(messages.time(self._now.stamp_ns))
         self._count += 1
         for topic, data in self._now.fed:

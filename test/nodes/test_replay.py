@@ -48,6 +48,18 @@ def test_every_node_answers_as_in_the_record_to_the_bit(in_processes, capsys):
     assert all(one["equal"] == one["compared"] == STEPS for one in topics.values())
 
 
+def test_long_periods_are_replayed_too(run_graph, capsys):
+    """The plant waits for the player, which stands in for the recorder."""
+    slow = ["scenario.control_period=0.02", "scenario.trajectory=hold", "control.observer.pole=15"]
+    slow += ["control.position.c1=5", "control.position.c2=5", "control.pressure.gain=8"]
+    options = [word for one in slow for word in ("--param", one)]
+    done, bag = run_graph("--duration", "1", "--composed", *options)
+    assert done.returncode in (0, 1), done.stderr
+    status, _, topics = _replayed(capsys, bag, "--node", "plant_simulator")
+    assert status == 0
+    assert topics["joint_states"]["equal"] == 50
+
+
 def test_one_wrong_answer_in_the_record_is_named_with_its_size(in_processes, tmp_path, capsys):
     def change(topic, message):
         if topic == "/extensor/mass_flow" and message.header.stamp.nanosec == 500_000_000:
