@@ -168,7 +168,7 @@ def _watch(children: Sequence[Child], progress: Callable[[int], None]) -> None:
         time.sleep(POLL_SECONDS)
         for child in children:
             child.listen()
-            _judge(child, children)
+            _judge(child)
         late = [child.name for child in children if child.status in ("", "starting")]
         if late and time.monotonic() - began > START_SECONDS:
             raise RunFailed(f"not ready after {START_SECONDS:g} s: {', '.join(late)}")
@@ -177,12 +177,16 @@ def _watch(children: Sequence[Child], progress: Callable[[int], None]) -> None:
             for child in children:
                 child.expected()
         progress(reached)
+    for child in children:  # one may have ended between its last judgement and the loop's condition
+        _judge(child)
 
 
-def _judge(child: Child, children: Sequence[Child]) -> None:
+def _judge(child: Child) -> None:
     code = child.process.poll()
     if child.let_go:
         return
+    if code is not None:
+        child.listen()  # its last words may have come since
     if code is not None and (code != 0 or child.status != "ended"):
         how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with {code}"
         raise RunFailed(f"node {child.name} {how}{_quoted(child.last_words())}")

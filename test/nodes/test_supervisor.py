@@ -102,6 +102,48 @@ def test_a_crash_is_told_in_the_words_of_the_process(tmp_path):
         run(tmp_path, stepping=STEPPING, crashing=CRASHING)
 
 
+class Polled:
+    """A process that ends with a status between two looks at it."""
+
+    def __init__(self, *codes):
+        self._codes = list(codes)
+
+    def poll(self):
+        return self._codes.pop(0) if len(self._codes) > 1 else self._codes[0]
+
+
+@pytest.fixture
+def polled(tmp_path, monkeypatch):
+    """Return a function: exit status at each look -> child whose process has in truth ended."""
+    monkeypatch.setattr(supervisor.Child, "stopped", lambda child: False)
+    made = []
+
+    def make(*codes):
+        child = supervisor.Child("node", [sys.executable, "-c", "pass"], dict(os.environ), tmp_path / "log")
+        child.process.wait()
+        child.process = Polled(*codes)
+        made.append(child)
+        return child
+
+    yield make
+    for child in made:
+        child.release()
+
+
+def test_a_process_that_fails_just_after_it_was_judged_fails_the_run(polled):
+    child = polled(None, None, 3)  # loop's condition, judgement, loop's condition
+    child.status = "running 5000000"
+    with pytest.raises(RunFailed, match="node node ended with 3"):
+        supervisor._watch([child], lambda _: None)
+
+
+def test_a_heartbeat_that_came_after_the_last_look_counts(polled, monkeypatch):
+    child = polled(0)
+    child.status = "running 5000000"
+    monkeypatch.setattr(child, "listen", lambda: setattr(child, "status", "ended"))
+    supervisor._judge(child)
+
+
 def test_a_process_that_is_stopped_before_its_first_beat_is_named_at_once(tmp_path, monkeypatch):
     monkeypatch.setattr(supervisor, "START_SECONDS", 1e9)
     with pytest.raises(RunFailed, match=r"node stopped was stopped \(SIGSTOP\)"):
