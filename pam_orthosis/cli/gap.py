@@ -103,9 +103,9 @@ def _system(paths: list[Path], parameters):
 
 
 def _recording(path: Path, system, namespace: str):
-    from pam_orthosis.discrepancy.data import from_bag, from_csv
+    from pam_orthosis.discrepancy.data import from_bag, from_csv, is_table
 
-    return from_csv(path, system) if path.suffix == ".csv" else from_bag(path, system, namespace)
+    return from_csv(path, system) if is_table(path) else from_bag(path, system, namespace)
 
 
 def _progress():

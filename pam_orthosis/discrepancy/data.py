@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from pam_orthosis.bag.read import aligned, read_bag, recorded_parameters, run_record
+from pam_orthosis.bag.read import PLAUSIBLE, aligned, read_bag, recorded_parameters, run_record
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import BELIEF
 
 HIGHEST_CUTOFF = 0.4  # of the sampling rate
+LONGEST_PERIOD = 0.1  # s, of samples: above it the time is in another unit
+LEAST_PRESSURE = 0.8e5  # Pa absolute, that a muscle open to the air cannot fall below
 
 
 @dataclass(frozen=True)
@@ -91,30 +93,79 @@ def from_bag(path: Path, system: System, namespace: str = "") -> Recording:
 
 def believed(path: Path) -> dict:
     """Return the belief that a bag of ours was recorded with, as overrides; empty for another file."""
-    if path.suffix == ".csv":
+    if is_table(path):
         return {}
     recorded = recorded_parameters(path, run_record(path))
     return {key: value for key, value in recorded.items() if key.split(".", 1)[0] in (*BELIEF, "rig")}
+
+
+def is_table(path: Path) -> bool:
+    """Return whether a recording is a CSV table, by its name."""
+    return path.suffix.lower() == ".csv"
 
 
 def from_csv(path: Path, system: System) -> Recording:
     """Return the recording of a CSV table whose first row names the columns (`time`, signal names; SI).
 
     Raises:
-        OrthosisError: unreadable, without header, not numeric, signals missing, or not uniform in time.
+        OrthosisError: unreadable, without header, not numeric, signals missing, not uniform in time, or
+            values that cannot be in the unit that is asked for.
     """
+    header, values = _table(path)
+    recording = from_arrays(str(path), system, dict(zip(header, values.T, strict=True)))
+    _check_units(recording, system)
+    return recording
+
+
+def _table(path: Path) -> tuple[list[str], np.ndarray]:
+    """Return the names of the columns and the values, (rows, columns), of a CSV file without empty lines."""
     try:
-        with open(path, encoding="utf-8", newline="") as stream:
-            rows = list(csv.reader(stream))
-        values = np.array(rows[1:], dtype=float)
+        with open(path, encoding="utf-8-sig", newline="") as stream:
+            reader = csv.reader(stream)
+            rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except OSError as error:
         raise OrthosisError(f"cannot read {path}: {error.strerror or error}") from error
-    except (ValueError, UnicodeDecodeError, csv.Error) as error:
+    except (UnicodeDecodeError, csv.Error) as error:
         raise OrthosisError(f"{path} is not a table of numbers with one row of names: {error}") from error
-    if not len(values) or values.shape[1] != len(rows[0]):
+    header = [column.strip() for column in rows[0][1]] if rows else []
+    if any(";" in column for column in header):
+        raise OrthosisError(f"{path}: semicolons part its columns; write commas, and points in the numbers")
+    if len(rows) < 2:
         raise OrthosisError(f"{path} holds no rows of numbers below its row of names")
-    header = [column.strip() for column in rows[0]]
-    return from_arrays(str(path), system, dict(zip(header, values.T, strict=True)))
+    return header, np.array([_numbers(path, header, *row) for row in rows[1:]])
+
+
+def _numbers(path: Path, header: list[str], line: int, row: list[str]) -> list[float]:
+    if len(row) != len(header):
+        raise OrthosisError(f"{path}, line {line}: {len(row)} cells below {len(header)} names")
+    numbers = []
+    for column, cell in zip(header, row, strict=True):
+        try:
+            numbers.append(float(cell))
+        except ValueError as error:
+            what = f"'{cell[:40]}' is no number" if cell.strip() else "the cell is empty"
+            raise OrthosisError(f"{path}, line {line}, column {column}: {what}") from error
+    return numbers
+
+
+def _check_units(one: Recording, system: System) -> None:
+    """Check that values can be in SI: a table does not tell its units."""
+    if one.period > LONGEST_PERIOD:
+        raise OrthosisError(
+            f"{one.name}: its samples are {one.period:g} apart; time must be in s (is it in ms?), samples at"
+            f" most {LONGEST_PERIOD:g} s apart"
+        )
+    units = {**dict.fromkeys(system.inputs, "V"), **{c.name: c.unit for c in system.channels}}
+    for name, values in one.signals.items():
+        unit, low, high = units[name], float(values.min()), float(values.max())
+        told = f"{one.name}: {name} from {low:g} to {high:g}"
+        if unit == "Pa" and low < LEAST_PRESSURE:
+            raise OrthosisError(
+                f"{told} is no absolute pressure in Pa (above {LEAST_PRESSURE:g}): in bar, or above ambient?"
+            )
+        least, most = system.limits.get(name) or PLAUSIBLE.get(unit, (-np.inf, np.inf))
+        if low < least or high > most:
+            raise OrthosisError(f"{told} leaves {least:g} to {most:g} {unit}; check its unit and its zero")
 
 
 def _period(name: str, time: np.ndarray) -> float:

@@ -48,7 +48,7 @@ def knee(parameters, catalogue: Mapping | None = None) -> System:
     present = enabled(belief.effects)
     known = CATALOGUE if catalogue is None else catalogue
     settings = belief.gap.replay
-    tables = mass_tables(belief)
+    tables, joint = mass_tables(belief), belief.leg.joint
     return System(
         name="knee orthosis",
         channels=CHANNELS,
@@ -60,6 +60,7 @@ def knee(parameters, catalogue: Mapping | None = None) -> System:
         assemble=lambda effects: _assemble(belief, effects, tables),
         needs=dict.fromkeys(("gas", "valve", "supply"), ("extensor_voltage", "flexor_voltage")),
         simpler={name: partial(_without, parameters, name, catalogue) for name in present},
+        limits={"angle": (joint.minimum - TABLE_MARGIN, joint.maximum + TABLE_MARGIN)},
     )
 
 

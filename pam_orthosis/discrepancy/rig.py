@@ -11,7 +11,7 @@ import casadi as ca
 
 from pam_orthosis.bag import rig_topics  # noqa: F401  makes the rig's signals known to the reader
 from pam_orthosis.bag.read import recorded_parameters, run_record
-from pam_orthosis.discrepancy.data import Recording, from_bag
+from pam_orthosis.discrepancy.data import Recording, from_bag, is_table
 from pam_orthosis.discrepancy.system import Assembled, Calibration, Channel, Equation, System
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import orthosis, rig
@@ -97,7 +97,7 @@ def recording(path: Path, system: System, namespace: str = "") -> Recording:
 
 def specimen_of(path: Path) -> str | None:
     """Return the investigated muscle of a rig bag; None for a recording of another system."""
-    if path.suffix == ".csv":
+    if is_table(path):
         return None
     specimen = run_record(path).get("specimen")
     return specimen if specimen in SPECIMENS else None

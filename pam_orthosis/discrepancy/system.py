@@ -96,6 +96,7 @@ class System:
         equation_names: what effects call an equation -> its name here, where that differs.
         branch: of the parameters that switches effects on in the model.
         simpler: effects that the model has already -> makes the system without that one.
+        limits: channel -> values that it cannot leave, in its unit.
     """
 
     name: str
@@ -110,6 +111,7 @@ class System:
     equation_names: Mapping[str, str] = field(default_factory=dict)
     branch: str = "effects"
     simpler: Mapping[str, Callable[[], System]] = field(default_factory=dict)
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def without(self, lacking: Collection[str]) -> System:
         """Return the system without equations and effects that need inputs which are lacking."""

@@ -174,15 +174,24 @@ def prepared(replay: Replay, training, held_out, settings) -> tuple[Problem, Pro
     system, cutoff = replay.system, settings.replay.cross_cutoff
     bare = Replay(system.bare()) if system.simpler else replay
     runs = [[Run(system, one, cutoff) for one in group] for group in (training, held_out)]
+    _check_replayed(replay, [run for group in runs for run in group])
     noise = _noise(bare, runs[0], settings)
-    scored = [
-        [_scored(bare, run, noise, settings, seed) for seed, run in enumerate(group)] for group in runs
-    ]
+    scored = [[_scored(bare, run, noise, settings, seed) for seed, run in enumerate(group)] for group in runs]
     floors = [floor for _, floor in scored[1]]
     units = {name: float(np.mean([floor[name] for floor in floors])) for name in floors[0]}
     white = dict.fromkeys([*units, measure.OVERALL], 1.0)
     problems = [Problem(replay, [one for one, _ in group]) for group in scored]
     return problems[0], problems[1], measure.Gap(units, white)
+
+
+def _check_replayed(replay: Replay, runs: Sequence[Run]) -> None:
+    for run in runs:
+        for equation in replay.system.equations:
+            if not np.isfinite(replay.residuals(run, equation, (), replay.defaults(()))).all():
+                raise OrthosisError(
+                    f"{run.recording.name}: the replay of the {equation.name} equation runs away; check the"
+                    " units and the zeros of its signals, and the model's parameters"
+                )
 
 
 def _warm_up(run: Run, settings) -> int:

@@ -10,7 +10,7 @@ import pytest
 
 from pam_orthosis.cli import main as cli
 from pam_orthosis.discrepancy import patch, select, workflow
-from pam_orthosis.discrepancy.data import from_arrays, from_csv
+from pam_orthosis.discrepancy.data import believed, from_arrays, from_csv, is_table
 from pam_orthosis.discrepancy.telling import telling
 from pam_orthosis.discrepancy.verdict import as_dict
 from pam_orthosis.discrepancy.workflow import begin, find_gap
@@ -214,3 +214,63 @@ def test_one_block_of_held_out_time_has_no_t_value(monkeypatch):
     assert select.confirmed([2.0, 2.0], [3.0], None, None) == (0.0, 1.5)
     t, _ = select.confirmed([2.0, 2.0], [3.0, 3.5, 2.5], None, None)
     assert t == pytest.approx(3.0 / (0.5 / np.sqrt(3)))
+
+
+def spoilt(name, said, change):
+    return pytest.param(said, change, id=name)
+
+
+@pytest.mark.parametrize(
+    ("said", "change"),
+    [
+        spoilt("degrees", r"angle from .* leaves -0.3 to 1.8 rad; check its unit", ("angle", np.degrees)),
+        spoilt("milliseconds", r"samples are 2 apart; time must be in s \(is it in ms\?\)", ("time", 1e3)),
+        spoilt("bar", "extensor_pressure from .* in bar, or above ambient", ("extensor_pressure", 1e-5)),
+        spoilt(
+            "gauge", "flexor_pressure from .* in bar, or above", ("flexor_pressure", lambda p: p - p.min())
+        ),
+        spoilt("millivolt", "extensor_voltage from .* leaves -100 to 100 V", ("extensor_voltage", 1e3)),
+    ],
+)
+def test_a_table_in_other_units_is_refused(bench, tmp_path, said, change):
+    arrays = {name: bench.arrays(1)[name] for name in COLUMNS}
+    name, how = change
+    arrays[name] = how(arrays[name]) if callable(how) else how * arrays[name]
+    with pytest.raises(OrthosisError, match=said):
+        from_csv(table(tmp_path / "x.csv", arrays), bench.system)
+
+
+def test_a_replay_that_runs_away_is_refused(bench):
+    arrays = {name: bench.arrays(1)[name] for name in COLUMNS}
+    wild = from_arrays("wild", bench.system, {**arrays, "angle": np.degrees(arrays["angle"])})
+    with pytest.raises(OrthosisError, match="wild: the replay of the torque equation runs away"):
+        find_gap(bench.system, [wild], [bench.recording(2)], bench.parameters.gap, replay=bench.replay)
+
+
+def test_what_spreadsheets_write_is_read(bench, tmp_path):
+    arrays = {name: bench.arrays(1)[name][:20] for name in COLUMNS}
+    plain = table(tmp_path / "plain.csv", arrays)
+    excel = tmp_path / "EXCEL.CSV"
+    excel.write_bytes(b"\xef\xbb\xbf" + plain.read_bytes() + b"\r\n,,,,,\r\n")
+    read, expected = (from_csv(path, bench.system).signals for path in (excel, plain))
+    assert all(np.array_equal(read[name], expected[name]) for name in COLUMNS[1:])
+    assert is_table(excel)
+    assert believed(excel) == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("time,angle\n0,1\n0.1,\n", "line 3, column angle: the cell is empty"),
+        ("time,angle\n0,1\n\n0.1,one\n", "line 4, column angle: 'one' is no number"),
+        ("time,angle\n0,1,2\n", "line 2: 3 cells below 2 names"),
+        ("time;angle\n0;1\n", "semicolons part its columns; write commas"),
+        ("time,angle\n", "no rows of numbers"),
+        ("", "no rows of numbers"),
+    ],
+)
+def test_a_table_that_cannot_be_read_tells_the_place(bench, tmp_path, text, said):
+    file = tmp_path / "x.csv"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(OrthosisError, match=said):
+        from_csv(file, bench.system)
