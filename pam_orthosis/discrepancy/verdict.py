@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from pam_orthosis.discrepancy.measure import OVERALL
-from pam_orthosis.discrepancy.structure import CLEAN
+from pam_orthosis.discrepancy.structure import CLEAN, clean
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.telling import Telling
-from pam_orthosis.discrepancy.workflow import Beginning, Named, Outcome
+from pam_orthosis.discrepancy.workflow import Beginning, Named, Outcome, beyond
 
 LABEL = 25  # characters of the first column
 
@@ -205,6 +205,12 @@ def _answer(outcome: Outcome) -> str:
         return "NONE: within noise and tolerances the model is right"
     if outcome.verdict == "explained":
         return f"EXPLAINED by {names}"
+    if clean(outcome.left) and beyond(outcome.after, outcome.floor):
+        return (
+            "UNEXPLAINED: the held-out recordings leave what was fitted (the gap is"
+            f" {outcome.after.white[OVERALL]:.1f} times the noise, and no fit knows better there); fit"
+            " recordings that reach as far" + (f"; {names} added" if names else "")
+        )
     place = outcome.left[0]
     return f"UNEXPLAINED: in the {place.equation} equation {place.strength:.1f} times the noise is left" + (
         f", with {names} added" if names else "; nothing in the catalogue fits"

@@ -18,6 +18,7 @@ from pam_orthosis.errors import OrthosisError
 
 HELD_SHARE = 0.25  # of each recording, at its end, where no recording is held out
 LEAST_CLOSURE = 0.9  # below it the named effects are no explanation
+MOST_LEFT = 1.3  # gap after over the noise floor above which the residual is not called clean
 LEAST_NAMED = 0.5  # closure of a model below which it names nothing, unless nothing else comes near
 LONE = 20.0  # evidence over that of the runner-up from which an effect has no rival
 TELLING_STRAIN = 4.0  # deviations of an ordinary parameter over its tolerance that are worth a remark
@@ -249,7 +250,7 @@ def _judged(start: Beginning, found: select.Selection, settings) -> Outcome:
     closed = _closures(configured, before, after, floor)
     alike = _look_alikes(found, settings.evidence)
     spread = intervals.covariance(found.final_problem, final)
-    verdict = _verdict(final, left, closed)
+    verdict = _verdict(final, left, closed, beyond(after, floor))
     named = tuple(_named(system, found, spread, name) for name in final.effects)
     share = closed[measure.OVERALL]
     # a name that leaves most of the gap open is no name; play does: where the knee rests in it is chance
@@ -296,11 +297,17 @@ def _trusted(share: float | None) -> bool:
     return share is None or share >= LEAST_NAMED
 
 
-def _verdict(final: Fit, left, closed) -> str:
+def beyond(after: measure.Gap, floor: measure.Gap) -> bool:
+    """Return whether a gap is left, however well free parameters that are moved again would follow it."""
+    return after.white[measure.OVERALL] > MOST_LEFT * floor.white[measure.OVERALL]
+
+
+def _verdict(final: Fit, left, closed, gap_left: bool) -> str:
     share = closed[measure.OVERALL]
-    if structure.clean(left) and not final.effects:
+    clean = structure.clean(left) and not gap_left
+    if clean and not final.effects:
         return "none"
-    if structure.clean(left) and _trusted(share):
+    if clean and _trusted(share):
         return "explained"
     if final.effects and share is not None and share >= LEAST_CLOSURE:
         return "explained"

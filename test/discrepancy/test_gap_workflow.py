@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from pam_orthosis.cli import main as cli
-from pam_orthosis.discrepancy import patch, select, workflow
+from pam_orthosis.discrepancy import patch, select, structure, workflow
 from pam_orthosis.discrepancy.data import believed, from_arrays, from_csv, is_table
+from pam_orthosis.discrepancy.measure import Gap
 from pam_orthosis.discrepancy.telling import telling
-from pam_orthosis.discrepancy.verdict import as_dict
+from pam_orthosis.discrepancy.verdict import _answer, as_dict
 from pam_orthosis.discrepancy.workflow import begin, find_gap
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
@@ -274,3 +275,26 @@ def test_a_table_that_cannot_be_read_tells_the_place(bench, tmp_path, text, said
     file.write_text(text, encoding="utf-8")
     with pytest.raises(OrthosisError, match=said):
         from_csv(file, bench.system)
+
+
+@pytest.mark.parametrize(
+    ("effects", "closed", "after", "verdict"),
+    [
+        ((), None, 1.04, "none"),
+        ((), -40.0, 41.0, "unexplained"),
+        (("creep",), 0.7, 1.1, "explained"),
+        (("creep",), 0.7, 1.4, "unexplained"),
+        (("creep",), 0.95, 1.4, "explained"),
+    ],
+)
+def test_a_gap_that_is_left_is_not_called_none(effects, closed, after, verdict):
+    """Parameters that could follow the held-out recordings are no reason to call the model right."""
+    left = [structure.Where("torque", 1.2, {"angle": 0.1}, {"angle": (0.0, 1.0)})]
+    gaps = Gap({}, {"overall": after}), Gap({}, {"overall": 1.0})
+    final = SimpleNamespace(effects=effects)
+    told = workflow._verdict(final, left, {"overall": closed}, workflow.beyond(*gaps))
+    assert told == verdict
+    named = [SimpleNamespace(name=name) for name in effects]
+    outcome = SimpleNamespace(verdict=told, effects=named, left=left, after=gaps[0], floor=gaps[1])
+    if verdict == "unexplained":
+        assert f"leave what was fitted (the gap is {after:.1f} times" in _answer(outcome)
