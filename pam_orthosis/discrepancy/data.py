@@ -30,12 +30,14 @@ class Recording:
         period: sampling period, s.
         signals: name -> (n,) array, SI. A missing input is absent.
         remarks: on what it cannot show.
+        start: instant of the first sample, s, by the clock that effects of time go by.
     """
 
     name: str
     period: float
     signals: Mapping[str, np.ndarray]
     remarks: tuple[str, ...] = ()
+    start: float = 0.0
 
     @property
     def samples(self) -> int:
@@ -48,9 +50,9 @@ class Recording:
         return self.samples * self.period
 
     def part(self, start: int, stop: int, name: str) -> Recording:
-        """Return the samples from start to stop as a recording of its own."""
+        """Return the samples from start to stop as a recording of its own, by the same clock."""
         signals = {key: value[start:stop] for key, value in self.signals.items()}
-        return Recording(name, self.period, signals, self.remarks)
+        return Recording(name, self.period, signals, self.remarks, self.start + start * self.period)
 
 
 def from_arrays(name: str, system: System, arrays: Mapping[str, np.ndarray]) -> Recording:

@@ -80,7 +80,7 @@ class Run:
         recorded = np.column_stack([self._inputs[name] for name in self._system.inputs])
         count, fraction = divmod(shift.inputs / self.period, 1.0)
         inputs, before = (_held_back(recorded, int(count) + more) for more in (0, 1))
-        time = np.arange(len(recorded)) * self.period - shift.own
+        time = self.recording.start + np.arange(len(recorded)) * self.period - shift.own
         measured = np.column_stack([self._raw[c.name] for c in self._system.channels])
         fractions = np.full(len(recorded), fraction)
         return np.ascontiguousarray(

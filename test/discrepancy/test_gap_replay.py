@@ -234,3 +234,19 @@ def test_a_trial_may_shift_inputs_to_earlier_places(bench, run):
     inputs = slice(first + width, first + 2 * width)
     assert np.array_equal(late[10:20, inputs], plain[9:19, inputs])
     assert np.array_equal(early[10:20, inputs], plain[12:22, inputs])
+
+
+@pytest.mark.parametrize("name", ["periodic_torque", "temperature_drift"])
+def test_a_part_keeps_the_clock_of_its_recording(bench, name):
+    """The part that judges must see an effect of time as the part that was fitted does."""
+    recording, cut, settled = bench.recording(1), 4123, 1500
+    part = recording.part(cut, recording.samples, "end")
+    assert part.part(100, 200, "middle").start == pytest.approx((cut + 100) * recording.period)
+    values = bench.replay.defaults((name,))
+    runs = [Run(bench.system, one, CUTOFF) for one in (recording, part)]
+    for equation in bench.system.equations:
+        whole, end = (bench.replay.residuals(one, equation, (name,), values) for one in runs)
+        plain = bench.replay.residuals(runs[0], equation, (), values)
+        difference = np.abs(end[settled:] - whole[cut + settled :]).max(axis=0)
+        if equation.name in bench.replay.touched(name):
+            assert (difference < 0.02 * np.abs(whole - plain)[cut + settled :].max(axis=0)).all()
