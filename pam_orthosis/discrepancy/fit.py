@@ -424,12 +424,15 @@ def misfit(problem: Problem, equation, residual: np.ndarray) -> float:
     for one in problem.scored:
         length = one.run.recording.samples - one.warm_up
         for _ in equation.channels:
-            density = welch(raw[start : start + length], fs=2.0, nperseg=min(SEGMENT, length), detrend=False)[
-                1
-            ]
+            worst = max(worst, peak(raw[start : start + length]))
             start += length
-            worst = max(worst, float(np.max(np.convolve(density, np.ones(5) / 5, "valid"))) / ORDINARY_PEAK)
     return worst
+
+
+def peak(residual: np.ndarray) -> float:
+    """Return the largest power density of whitened residuals over what is ordinary for white noise."""
+    density = welch(residual, fs=2.0, nperseg=min(SEGMENT, len(residual)), detrend=False)[1]
+    return float(np.max(np.convolve(density, np.ones(5) / 5, "valid"))) / ORDINARY_PEAK
 
 
 def score(problem: Problem, model: Fit) -> float:

@@ -4,13 +4,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
-from pam_orthosis.discrepancy.fit import Fit, Problem, misfit, normal_equations
+from pam_orthosis.discrepancy.fit import Fit, Problem, misfit, normal_equations, peak
 
 # density of whitened residuals over white noise where it is largest; noise alone reaches 1 to 1.7
 CLEAN = 2.5
+LONG = 3000  # scored samples: from there on noise alone stays below `CLEAN`
+DRAWS, QUANTILE = 400, 0.99  # of white noise, for shorter recordings
 BINS = 12
 SHORTEST_CYCLE = 0.4  # s
 REPEATS = 0.7  # autocorrelation of a signal that repeats itself
@@ -25,12 +28,14 @@ class Where:
         strength: power density over white noise, where it is largest.
         coordinates: signal -> share of the residual's slow part that it explains (correlation ratio).
         regions: signal -> range of its values in which the squared residuals are largest.
+        noise: strength that noise alone does not reach in recordings of this length.
     """
 
     equation: str
     strength: float
     coordinates: dict[str, float]
     regions: dict[str, tuple[float, float]]
+    noise: float = CLEAN
 
 
 def locate(problem: Problem, model: Fit) -> list[Where]:
@@ -45,7 +50,8 @@ def locate(problem: Problem, model: Fit) -> list[Where]:
     for equation in problem.system.equations:
         residual = residuals[equation.name]
         strength = misfit(plain, equation, residual)
-        found.append(Where(equation.name, strength, *_coordinates(plain, equation, residual)))
+        noise = _reach(_lengths(plain, equation))
+        found.append(Where(equation.name, strength, *_coordinates(plain, equation, residual), noise))
     return sorted(found, key=lambda one: -one.strength)
 
 
@@ -63,7 +69,24 @@ def _followed(problem: Problem, model: Fit) -> dict[str, np.ndarray]:
 
 def clean(places: list[Where]) -> bool:
     """Whether nothing but noise is left."""
-    return all(one.strength < CLEAN for one in places)
+    return all(one.strength < one.noise for one in places)
+
+
+def _lengths(problem: Problem, equation) -> tuple[int, ...]:
+    """Return the scored samples of each channel of each run."""
+    lengths = [one.run.recording.samples - one.warm_up for one in problem.scored]
+    return tuple(sorted(lengths * len(equation.channels)))
+
+
+@lru_cache(maxsize=64)
+def _reach(lengths: tuple[int, ...]) -> float:
+    """Return the strength that white noise of some lengths does not reach: `CLEAN` unless they are short."""
+    if lengths[0] >= LONG:
+        return CLEAN
+    rng = np.random.default_rng(0)
+    short = [length for length in lengths if length < LONG]
+    drawn = [max(peak(rng.standard_normal(length)) for length in short) for _ in range(DRAWS)]
+    return max(CLEAN, float(np.quantile(drawn, QUANTILE)))
 
 
 def _coordinates(problem: Problem, equation, residual: np.ndarray):

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from pam_orthosis.discrepancy.measure import OVERALL
-from pam_orthosis.discrepancy.structure import CLEAN, clean
+from pam_orthosis.discrepancy.structure import clean
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.telling import Telling
 from pam_orthosis.discrepancy.workflow import Beginning, Named, Outcome, beyond
@@ -123,7 +123,7 @@ def describe_where(system: System, places) -> str:
     """Return each equation with what is left in it, and where that is largest."""
     lines = []
     for one in places:
-        kind = "above the noise" if one.strength >= CLEAN else "noise"
+        kind = "above the noise" if one.strength >= one.noise else "noise"
         lines.append(f"{one.equation} equation: {one.strength:.1f} times the noise ({kind})")
         for name, share in list(one.coordinates.items())[:3]:
             lines.append(f"  {name} explains {share:.0%} of it; largest {_range(system, name, one.regions)}")
