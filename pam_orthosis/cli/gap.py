@@ -45,16 +45,14 @@ def execute(arguments: argparse.Namespace) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # scipy and CasADi take a second to load
     from pam_orthosis.discrepancy import patch
-    from pam_orthosis.discrepancy.data import believed
     from pam_orthosis.discrepancy.telling import telling
     from pam_orthosis.discrepancy.verdict import as_dict, describe, describe_data, told_as_dict
     from pam_orthosis.discrepancy.workflow import begin, search
-    from pam_orthosis.model.parameters import load
 
     _check_out(arguments)
+    _check_apart(arguments.measured, arguments.held_out)
     given = patch.read(arguments.model) if arguments.model else {}
-    parameters = load({**believed(arguments.measured[0]), **given})
-    system, read = _system([*arguments.measured, *arguments.held_out], parameters)
+    parameters, system, read = _system([*arguments.measured, *arguments.held_out], given)
     training, held_out = (
         [read(path, system, arguments.namespace) for path in paths]
         for paths in (arguments.measured, arguments.held_out)
@@ -87,19 +85,22 @@ def _stages(start, data, last: str) -> str:
     return "\n".join(parts)
 
 
-def _system(paths: list[Path], parameters):
-    """Return the system that the recordings are of, and how they are read."""
-    from pam_orthosis.discrepancy import rig
-    from pam_orthosis.discrepancy.knee import knee
+def _system(paths: list[Path], given):
+    """Return what is believed, the system that the recordings are of, and how they are read."""
+    from pam_orthosis.discrepancy import knee, rig
+    from pam_orthosis.discrepancy.data import agreed_belief
+    from pam_orthosis.model.parameters import load
 
     specimens = {rig.specimen_of(path) for path in paths}
     if len(specimens) > 1:
         names = ", ".join(sorted("the knee" if one is None else f"a rig with a {one}" for one in specimens))
         raise OrthosisError(f"recordings of different systems ({names}): one at a time")
     specimen = specimens.pop()
+    apparatus = knee.APPARATUS if specimen is None else rig.APPARATUS
+    parameters = load({**agreed_belief(paths, apparatus, given), **given})
     if specimen is None:
-        return knee(parameters), _recording
-    return rig.test_rig(parameters, specimen), rig.recording
+        return parameters, knee.knee(parameters), _recording
+    return parameters, rig.test_rig(parameters, specimen), rig.recording
 
 
 def _recording(path: Path, system, namespace: str):
@@ -115,6 +116,13 @@ def _progress():
         print(f"[{time.monotonic() - start:5.1f} s] {line}", file=sys.stderr, flush=True)
 
     return tell
+
+
+def _check_apart(measured: list[Path], held_out: list[Path]) -> None:
+    fitted = {path.resolve() for path in measured}
+    for path in held_out:
+        if path.resolve() in fitted:
+            raise OrthosisError(f"{path} is given to fit and to judge by; leave it out of one of the two")
 
 
 def _check_out(arguments: argparse.Namespace) -> None:

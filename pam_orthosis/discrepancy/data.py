@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -99,6 +99,37 @@ def believed(path: Path) -> dict:
         return {}
     recorded = recorded_parameters(path, run_record(path))
     return {key: value for key, value in recorded.items() if key.split(".", 1)[0] in (*BELIEF, "rig")}
+
+
+def agreed_belief(paths: Sequence[Path], apparatus: tuple[str, ...], given: Collection[str] = ()) -> dict:
+    """Return the belief of the first bag that has one, as overrides; empty if none has.
+
+    Args:
+        apparatus: how the keys begin that must have one value in all bags.
+        given: keys whose values the user gives.
+
+    Raises:
+        OrthosisError: bags of different apparatus.
+    """
+    known = [(path, belief) for path in paths if (belief := believed(path))]
+    first, belief = known[0] if known else (None, {})
+    for path, other in known[1:]:
+        for key, value in belief.items():
+            if not key.startswith(apparatus) or key in given or _is_off(key, belief, other):
+                continue
+            if key in other and other[key] != value:
+                raise OrthosisError(
+                    f"recordings of different apparatus: {key} is {value} in {first}, {other[key]} in {path};"
+                    " give recordings of one, or the value that is right with --model"
+                )
+    return belief
+
+
+def _is_off(key: str, *beliefs: Mapping) -> bool:
+    """Return whether a key is of an effect that no belief has switched on."""
+    branch, _, rest = key.partition("effects.")
+    switch = f"{branch}effects.{rest.split('.', 1)[0]}.enabled"
+    return bool(rest) and not any(one.get(switch) for one in beliefs)
 
 
 def is_table(path: Path) -> bool:

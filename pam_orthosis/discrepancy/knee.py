@@ -28,6 +28,7 @@ MULTIPLIES = {
     "supply_pressure": ("valve.supply_pressure",),
     "hose_volume": ("valve.hose.volume",),
 }
+APPARATUS = ("leg.", "muscle.", "valve.", "effects.")  # keys of the belief that recordings share
 TABLE_ORDER = 16
 TABLE_MARGIN = 0.2  # rad beyond the joint's stops
 CHANNELS = (

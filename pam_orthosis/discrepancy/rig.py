@@ -34,6 +34,15 @@ SHARED_TOLERANCES = (
     "conductance", "critical_ratio", "polytropic_exponent", "supply_pressure", "hose_volume",
     "extensor_closed_voltage", "flexor_closed_voltage", "extensor_pressure_offset", "flexor_pressure_offset",
 )  # fmt: skip
+# keys of the belief that recordings share
+APPARATUS = (
+    "muscle.",
+    "valve.",
+    "rig.effects.",
+    "rig.carriage_mass",
+    "rig.position_offset",
+    "rig.supply_pressure",
+)
 POSITION, FORCE = "rig_position", "rig_force"
 PRESSURES = {"extensor": "rig_pressure", "flexor": "rig_positioner_pressure"}
 VOLTAGES = ("rig_voltage", "rig_positioner_voltage")

@@ -8,9 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pam_orthosis.bag.arrays import write_arrays
+from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.cli import main as cli
-from pam_orthosis.discrepancy import patch, select, structure, workflow
-from pam_orthosis.discrepancy.data import believed, from_arrays, from_csv, is_table
+from pam_orthosis.discrepancy import knee, patch, select, structure, workflow
+from pam_orthosis.discrepancy.data import agreed_belief, believed, from_arrays, from_csv, is_table
 from pam_orthosis.discrepancy.measure import Gap
 from pam_orthosis.discrepancy.telling import telling
 from pam_orthosis.discrepancy.verdict import _answer, as_dict
@@ -85,9 +87,7 @@ def test_the_effect_added_to_the_model_leaves_nothing_to_find(friction, bench):
     added = patch.overrides(friction.system, final.effects, final.values)
     system = type(bench)().system  # the plain model
     assert "joint_friction" in system.candidates
-    from pam_orthosis.discrepancy.knee import knee
-
-    known = knee(bench.parameters.changed(added))
+    known = knee.knee(bench.parameters.changed(added))
     assert "joint_friction" not in known.candidates
     outcome = find_gap(
         known, [bench.recording(1, **FRICTION)], [bench.recording(3, 1.7, **FRICTION)], bench.parameters.gap
@@ -298,3 +298,30 @@ def test_a_gap_that_is_left_is_not_called_none(effects, closed, after, verdict):
     outcome = SimpleNamespace(verdict=told, effects=named, left=left, after=gaps[0], floor=gaps[1])
     if verdict == "unexplained":
         assert f"leave what was fitted (the gap is {after:.1f} times" in _answer(outcome)
+
+
+def bag_of(folder, **believed):
+    """Write a bag of our own with a belief."""
+    parameters = load({name.replace("__", "."): value for name, value in believed.items()}).belief()
+    write_arrays(folder, np.array([0, 2_000_000]), {"angle": np.zeros(2)}, run_metadata(parameters, "test"))
+    return folder
+
+
+def test_recordings_of_different_apparatus_are_refused(tmp_path, capsys):
+    plain = bag_of(tmp_path / "plain", scenario__cycle_time=1.5, effects__creep__stiffness=2e4)
+    heavy = bag_of(tmp_path / "heavy", leg__knee_mass=2.0)
+    bare = tmp_path / "x.csv"
+    paths = [bare, plain, bag_of(tmp_path / "same"), heavy]
+    # a table has no belief; neither scenarios nor effects that are off tell apparatus apart
+    assert agreed_belief(paths[:3], knee.APPARATUS)["scenario.cycle_time"] == 1.5
+    assert agreed_belief([bare], knee.APPARATUS) == {}
+    assert agreed_belief(paths, knee.APPARATUS, given=("leg.knee_mass",))
+    assert cli.main(["gap", str(plain), "--held-out", str(heavy)]) == 2
+    said = capsys.readouterr().err
+    assert f"leg.knee_mass is {load().leg.knee_mass} in {plain}, 2.0 in {heavy}" in said
+
+
+def test_a_recording_cannot_be_fitted_and_judge(tmp_path, capsys):
+    plain = bag_of(tmp_path / "plain")
+    assert cli.main(["gap", str(plain), "--held-out", f"{plain}/../plain"]) == 2
+    assert "is given to fit and to judge by" in capsys.readouterr().err
