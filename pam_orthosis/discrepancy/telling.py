@@ -9,12 +9,12 @@ says whether they can be told apart.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pam_orthosis.discrepancy.candidates import Projection, Trial, penalty
-from pam_orthosis.discrepancy.fit import Fit, Problem
+from pam_orthosis.discrepancy.fit import Block, Fit, Problem
 
 ALIKE = 0.95  # cosine of two signatures above which they are one
 
@@ -37,7 +37,11 @@ class Telling:
 
 
 def telling(problem: Problem, model: Fit, threshold: float) -> Telling:
-    """Return what recordings can tell, seen from a recalibrated model; `threshold` of evidence."""
+    """Return what recordings can tell, seen from a recalibrated model; `threshold` of evidence.
+
+    What is wrong with the model at present is no property of the recordings: each residual counts fully.
+    """
+    problem, model = _untempered(problem, model)
     projection = Projection(problem, model)
     touched = problem.replay.touched
     names = [name for name in problem.system.candidates if name not in model.effects and touched(name)]
@@ -57,6 +61,14 @@ def telling(problem: Problem, model: Fit, threshold: float) -> Telling:
         if abs(cosine[i, j]) > ALIKE and not {a, b} & set(invisible)
     )
     return Telling(evidence, invisible, alike, _experiments(problem.system, invisible, alike))
+
+
+def _untempered(problem: Problem, model: Fit) -> tuple[Problem, Fit]:
+    """Return the problem and its fit with the weights taken away by which a gap tempers the residuals."""
+    blocks = {
+        name: Block(b.residual / b.weight, b.slopes / b.weight, b.names) for name, b in model.blocks.items()
+    }
+    return problem.weighted(dict.fromkeys(problem.weights, 1.0)), replace(model, blocks=blocks)
 
 
 def _gram(projection: Projection, trials: list[Trial]) -> np.ndarray:

@@ -3,6 +3,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -325,3 +326,19 @@ def test_a_recording_cannot_be_fitted_and_judge(tmp_path, capsys):
     plain = bag_of(tmp_path / "plain")
     assert cli.main(["gap", str(plain), "--held-out", f"{plain}/../plain"]) == 2
     assert "is given to fit and to judge by" in capsys.readouterr().err
+
+
+def test_what_data_can_tell_does_not_follow_the_gap_that_is_there(bench):
+    """A gap in the torque tempers its residuals; the same recordings still show a small effect there."""
+    settings = bench.parameters.gap
+    start = begin(bench.system, [bench.recording(1)], [bench.recording(2)], settings, replay=bench.replay)
+    blocks = {
+        name: replace(b, residual=0.1 * b.residual, slopes=0.1 * b.slopes, weight=0.1 * b.weight)
+        for name, b in start.null.blocks.items()
+    }
+    weights = {name: 0.1 * weight for name, weight in start.problem.weights.items()}
+    tempered = start.problem.weighted(weights), replace(start.null, blocks=blocks)
+    pairs = (start.problem, start.null), tempered
+    plain, same = (telling(*pair, settings.evidence.threshold) for pair in pairs)
+    assert same.invisible == plain.invisible
+    assert same.evidence["joint_friction"] == pytest.approx(plain.evidence["joint_friction"])
