@@ -33,7 +33,10 @@ def recover(bag: Path, out: Path) -> int:
     if not any(isinstance(record, Message) for source in sources for record in _whole_records(source)):
         raise OrthosisError(f"{sources[0]} holds no readable message")
     with BagWriter(out, _run_record(sources[0])) as writer:
-        return sum(_copy(_whole_records(source), writer) for source in sources)
+        count = sum(_copy(_whole_records(source), writer) for source in sources)
+        if not count:
+            raise OrthosisError(f"{sources[0]} holds no message of a ROS topic")
+        return count
 
 
 def recover_in_place(bag: Path) -> int:
@@ -87,16 +90,17 @@ def _run_record(source: Path) -> dict[str, str]:
 
 
 def _copy(records: Iterator[McapRecord], writer: BagWriter) -> int:
+    """Copy messages; those of a channel without a schema, which MCAP allows, are of no ROS topic."""
     schemas: dict[int, Schema] = {}
     topics: dict[int, str] = {}
     count = 0
     for record in records:
-        if isinstance(record, Message):
+        if isinstance(record, Message) and record.channel_id in topics:
             writer.write(topics[record.channel_id], record.log_time, record.data)
             count += 1
         elif isinstance(record, Schema):
             schemas[record.id] = record
-        elif isinstance(record, Channel) and record.id not in topics:
+        elif isinstance(record, Channel) and record.id not in topics and record.schema_id in schemas:
             topics[record.id] = record.topic
             schema = schemas[record.schema_id]
             writer.add_channel(record.topic, schema.name, schema.data, record.metadata)

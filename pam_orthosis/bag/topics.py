@@ -164,8 +164,11 @@ def in_leg(name: str, leg: str, legs: Sequence[str]) -> str:
 
 
 def resolve(name: str, namespace: str = "") -> str:
-    """Return the absolute name of a topic of the table inside a namespace."""
-    return name if name.startswith("/") else f"{namespace.rstrip('/')}/{name}"
+    """Return the absolute name of a topic of the table inside a namespace, `left` or `/left`."""
+    if name.startswith("/"):
+        return name
+    leg = namespace.strip("/")
+    return f"/{leg}/{name}" if leg else f"/{name}"
 
 
 def is_health_instant(stamp_ns: int, period_ns: int) -> bool:

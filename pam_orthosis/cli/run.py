@@ -11,7 +11,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
@@ -95,7 +95,7 @@ def refuse_used(folder: Path) -> None:
 def need_ros() -> None:
     """Raise OrthosisError if there is no ROS."""
     if find_spec("rclpy") is None:
-        raise OrthosisError("rclpy is not installed: pip install 'pam_orthosis[ros]'")
+        raise OrthosisError("rclpy is not installed: pip install '.[ros]' in the checkout")
 
 
 def _mode(arguments: argparse.Namespace, parameters: Parameters) -> launch.Mode:
@@ -178,13 +178,15 @@ def _rescue(bag: Path, work: Path) -> str:
 
     if not any(bag.glob("*.mcap")):
         return "nothing was recorded"
-    shutil.copytree(work, bag / "log", ignore=shutil.ignore_patterns("ros"))
     try:
         if not (bag / METADATA_FILE).exists():
             recover_in_place(bag)
-    except OrthosisError as error:
-        return str(error)
-    return f"the bag {bag} holds the run up to there"
+        told = f"the bag {bag} holds the run up to there"
+    except (OrthosisError, OSError) as error:
+        told = str(error)
+    with suppress(OSError):  # the disk may be full, which is perhaps why the run failed
+        shutil.copytree(work, bag / "log", ignore=shutil.ignore_patterns("ros"))
+    return told
 
 
 def _interrupt(*_: object) -> NoReturn:

@@ -5,6 +5,8 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from bags import PERIOD_NS, write_tracking_bag
 from pam_orthosis.bag import record
@@ -98,3 +100,27 @@ def test_a_long_bag_is_recovered_with_all_its_files(killed_in_its_third_file, tm
 def test_a_folder_without_a_file_is_refused(tmp_path):
     with pytest.raises(OrthosisError, match=r"expected \.mcap files"):
         recover(tmp_path, tmp_path / "new")
+
+
+def test_a_channel_without_a_schema_is_left_out(tmp_path):
+    """It is legal in MCAP, and no ROS topic."""
+    bag = write_tracking_bag(tmp_path / "own", STAMPS[:100], STAMPS[:100] * 1e-9, STAMPS[:100] * 1e-9)
+    mixed = tmp_path / "mixed.mcap"
+    with open(mixed, "wb") as stream, open(bag / "own_0.mcap", "rb") as source:
+        writer = Writer(stream)
+        writer.start("ros2")
+        bare = writer.register_channel("/bare", "json", 0)
+        writer.add_message(bare, 0, b"{}", 0)
+        _copy_messages(source, writer)
+        writer.finish()
+    assert recover(mixed, tmp_path / "new") == 200
+    assert len(read_bag(tmp_path / "new", ["angle"])["angle"].value) == 100
+
+
+def _copy_messages(source, writer):
+    channels = {}
+    for schema, channel, message in make_reader(source).iter_messages():
+        if channel.topic not in channels:
+            known = writer.register_schema(schema.name, schema.encoding, schema.data)
+            channels[channel.topic] = writer.register_channel(channel.topic, "cdr", known, channel.metadata)
+        writer.add_message(channels[channel.topic], message.log_time, message.data, message.publish_time)
