@@ -27,6 +27,7 @@ from pam_orthosis.nodes import launch
 from pam_orthosis.nodes.supervisor import supervise
 
 PROGRESS_SECONDS = 2.0
+CLAIM = ".claimed"  # in the folder of a run while it lasts
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -74,16 +75,39 @@ def execute(arguments: argparse.Namespace) -> int:
 
     need_ros()
     parameters = _believing(load(_overrides(arguments)), arguments.model)
-    bag = arguments.out or _unused(arguments.scenario)
-    refuse_used(bag)
     mode = _mode(arguments, parameters)
-    made = make_folder(bag)
+    bag, made = claim(arguments.out, arguments.scenario)
     try:
         _run(parameters, bag.resolve(), arguments.scenario, mode, arguments.open)
     finally:
+        (bag / CLAIM).unlink(missing_ok=True)
         remove_empty(made)  # if nothing was recorded
     print(f"recorded {bag}", file=sys.stderr)
     return show(judge_all(bag, arguments.bound_deg), arguments.json)
+
+
+def claim(out: Path | None, scenario: str) -> tuple[Path, list[Path]]:
+    """Take a folder, a new or an empty one, for this run alone; return it and what was made for it.
+
+    Two runs may find the same folder empty: it belongs to the one whose file `CLAIM` is first there. Without
+    `out` the other takes the next number.
+
+    Raises:
+        OrthosisError: the folder is used or another run's, or cannot be made.
+    """
+    folder = out or _unused(scenario)
+    refuse_used(folder)
+    made = make_folder(folder)
+    try:
+        (folder / CLAIM).touch(exist_ok=False)
+    except FileExistsError:
+        if not out:
+            return claim(out, scenario)
+        raise OrthosisError(f"{folder} belongs to another run; choose another --out") from None
+    if len(list(folder.iterdir())) > 1:  # the other has just ended
+        (folder / CLAIM).unlink()
+        refuse_used(folder)
+    return folder, made
 
 
 def refuse_used(folder: Path) -> None:

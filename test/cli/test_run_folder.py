@@ -43,3 +43,59 @@ def test_what_cannot_be_recovered_is_said_and_the_output_kept(unfinished, monkey
     monkeypatch.setattr(recover, "recover_in_place", refuse)
     assert run._rescue(bag, work) == f"{bag} holds no readable message"
     assert (bag / "log" / "node.log").read_text() == "no air"
+
+
+def _both_find_it_free(monkeypatch):
+    """Let two runs look at a folder before either of them has it."""
+    monkeypatch.setattr(run, "refuse_used", lambda folder: None)
+
+
+@pytest.mark.parametrize("there", [True, False], ids=["an empty folder", "a new folder"])
+def test_a_folder_belongs_to_one_run(tmp_path, monkeypatch, there):
+    out = tmp_path / "bag"
+    if there:
+        out.mkdir()
+    _both_find_it_free(monkeypatch)
+    assert run.claim(out, "default")[0] == out
+    with pytest.raises(OrthosisError, match="belongs to another run"):
+        run.claim(out, "default")
+    assert [one.name for one in out.iterdir()] == [run.CLAIM]
+
+
+def test_without_out_the_second_run_takes_the_next_number(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    first = run.claim(None, "gait")[0]
+    _both_find_it_free(monkeypatch)
+    monkeypatch.setattr(run, "_unused", _late(run._unused, first))
+    assert [first.name, run.claim(None, "gait")[0].name] == ["gait-1", "gait-2"]
+
+
+def _late(unused, taken):
+    """Return `_unused` that finds a folder free, once, that somebody takes."""
+    answers = [taken]
+    return lambda scenario: answers.pop() if answers else unused(scenario)
+
+
+def test_a_run_that_another_has_just_ended_in_is_left_alone(tmp_path, monkeypatch):
+    out = tmp_path / "bag"
+    refuse, looks = run.refuse_used, []
+    monkeypatch.setattr(run, "refuse_used", lambda folder: refuse(folder) if looks else looks.append(folder))
+    out.mkdir()
+    (out / "bag_0.mcap").write_bytes(b"theirs")
+    with pytest.raises(OrthosisError, match="not an empty folder"):
+        run.claim(out, "default")
+    assert [one.name for one in out.iterdir()] == ["bag_0.mcap"]
+
+
+def test_what_failed_leaves_no_claim(tmp_path, monkeypatch):
+    out, parser = tmp_path / "bag", run.argparse.ArgumentParser()
+    run.add_arguments(parser)
+    monkeypatch.setattr(run, "need_ros", lambda: None)
+    monkeypatch.setattr(run, "_run", _no_air)
+    with pytest.raises(OrthosisError, match="no air"):
+        run.execute(parser.parse_args(["--out", str(out)]))
+    assert not out.exists()
+
+
+def _no_air(*_arguments):
+    raise OrthosisError("no air")
