@@ -36,7 +36,13 @@ from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import messages
 from pam_orthosis.nodes.join import Join
 from pam_orthosis.nodes.layout import LAYOUT
-from pam_orthosis.nodes.parameters import Setting, declare_rows, declare_settings, take_changes
+from pam_orthosis.nodes.parameters import (
+    Setting,
+    declare_rows,
+    declare_settings,
+    refuse_sim_time,
+    take_changes,
+)
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX, HEARTBEAT_VARIABLE
 
 HEARTBEAT_SECONDS = 0.1
@@ -94,6 +100,7 @@ class GraphNode(Node):
 
     def __init__(self, name: str, settings: Mapping[str, Setting] | None = None, role: str | None = None):
         super().__init__(name)
+        refuse_sim_time(self)
         self.settings = declare_settings(self, {**(settings or {}), **MODE})
         self.realtime = self.settings["realtime"]
         self.topics = table(self.realtime, self.settings["with_plant"], self.settings["replay"])

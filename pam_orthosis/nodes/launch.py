@@ -26,6 +26,8 @@ PLAYER, REPLAYED = "bag_player", "replayed"
 MODE_SETTINGS = ("realtime", "with_plant", "replay")
 DOMAINS = range(102)  # higher ids use ports that the system hands out to anybody
 PROFILE = "loopback.xml"
+# variables that send discovery elsewhere than the profile
+ELSEWHERE = ("ROS_DISCOVERY_SERVER", "ROS_SUPER_CLIENT", "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY")
 
 
 class Mode(NamedTuple):
@@ -132,7 +134,7 @@ class _Group:
 def environment(work: Path, domain: int) -> dict[str, str]:
     """Return the environment of the nodes: this host only, own domain, logs in `work`."""
     return {
-        **os.environ,
+        **{name: value for name, value in os.environ.items() if name not in ELSEWHERE},
         "ROS_DOMAIN_ID": str(domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",  # the profile keeps it on the loopback device
         "FASTRTPS_DEFAULT_PROFILES_FILE": str(config_folder() / PROFILE),

@@ -17,6 +17,7 @@ from pam_orthosis.bag.topics import NODES, RECORDED, RECORDER, SECOND_NS, resolv
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model.parameters import load
+from pam_orthosis.nodes import launch
 from pam_orthosis.scene.messages import LATCHED, PERIOD_NS, TYPES
 
 # signal of the bag -> signal of the closed loop without ROS
@@ -189,3 +190,34 @@ def test_a_parameter_that_a_node_does_not_have_is_refused(tmp_path, monkeypatch)
                 TrajectoryPublisher()
         finally:
             rclpy.shutdown()
+
+
+def test_simulated_time_is_the_nodes_own_affair(tmp_path, monkeypatch):
+    """With `use_sim_time` its timers waited for a clock that waited for the node."""
+    rclpy = pytest.importorskip("rclpy")
+    from pam_orthosis.errors import OrthosisError
+    from pam_orthosis.nodes.trajectory_publisher import TrajectoryPublisher
+
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
+    for given in ("true", "false"):
+        args = ["--ros-args", "-p", f"use_sim_time:={given}"]
+        rclpy.init(args=args, domain_id=os.getpid() % 100)
+        try:
+            if given == "true":
+                with pytest.raises(OrthosisError, match="leave out use_sim_time"):
+                    TrajectoryPublisher()
+            else:
+                later = rclpy.parameter.Parameter("use_sim_time", value=True)
+                (result,) = TrajectoryPublisher().set_parameters([later])
+                assert not result.successful
+                assert "leave out use_sim_time" in result.reason
+        finally:
+            rclpy.shutdown()
+
+
+def test_nothing_sends_the_discovery_of_a_run_elsewhere(tmp_path, monkeypatch):
+    for name in launch.ELSEWHERE:
+        monkeypatch.setenv(name, "1")
+    private, visible = launch.environment(tmp_path, 5), launch.open_environment(tmp_path)
+    assert not set(launch.ELSEWHERE) & private.keys()
+    assert set(launch.ELSEWHERE) <= visible.keys()
