@@ -44,7 +44,7 @@ class LegStatePublisher(Node):
         if self.settings["leg"] not in names:
             raise OrthosisError(f"{NAME}: leg {self.settings['leg']} is none of {', '.join(names)}")
         scene = LegScene(parameters, self.settings["leg"], names)
-        self._scene = SampledScene(scene)
+        self._scene = SampledScene(scene, again=True)
         self._outputs = {topic: self._publisher(topic) for topic in TYPES}
         self.declare_parameter(DESCRIPTION, scene.description)
         for topic in INPUTS:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from pam_orthosis.bag.topics import BY_NAME, PRESSURE
+from pam_orthosis.bag.topics import BY_NAME, PRESSURE, SECOND_NS
 from pam_orthosis.scene import ros
 from pam_orthosis.scene.messages import PERIOD_NS, TYPES, LegScene, Said
 
@@ -18,10 +18,16 @@ class SampledScene:
     """Says where a leg is at the first whole sample of each `PERIOD_NS`.
 
     Samples that no leg can have (nothing measured, not finite, beyond half a turn) are passed over.
+
+    Args:
+        scene: of the leg.
+        again: begin anew when a sample is more than a second older than what was said last: another run
+            has begun, or a bag is played in a loop.
     """
 
-    def __init__(self, scene: LegScene):
+    def __init__(self, scene: LegScene, again: bool = False):
         self._scene = scene
+        self._again = again
         self._begun = False
         self._said_period = -1
         self._stamp_ns = -1
@@ -38,7 +44,9 @@ class SampledScene:
         """Take a serialised message of one of `INPUTS`; return what is to be said now."""
         period = stamp_ns // PERIOD_NS
         if period <= self._said_period:
-            return []
+            if not self._again or period >= self._said_period - SECOND_NS // PERIOD_NS:
+                return []
+            self._begun, self._said_period = False, -1
         if stamp_ns != self._stamp_ns:
             self._stamp_ns, self._there = stamp_ns, {}
         self._there[topic] = ros.deserialised(BY_NAME[topic].type, data)

@@ -96,6 +96,17 @@ def test_a_leg_is_described_and_shown_where_it_is_measured(stage):
     assert {one.ns for one in there.seen["markers"][-1].markers} == {"extensor", "flexor"}
 
 
+def test_a_second_run_is_shown_too(stage):
+    there = stage()
+    there.sent = 1000 * PERIOD_NS
+    there.wait_until_seen(0.4)
+    there.sent = 0
+    there.measure(0.5)
+    wait_for(
+        lambda: there.executor.spin_once(timeout_sec=0.1) or 0.5 in there.seen["leg_joints"][-1].position
+    )
+
+
 def test_tf_is_published_where_its_type_is_installed(stage):
     there = stage()
     names = {name for name, _ in there.node.get_publisher_names_and_types_by_node("leg_state_publisher", "/")}

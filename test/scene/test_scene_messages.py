@@ -91,6 +91,16 @@ def test_it_speaks_once_a_period_and_describes_the_leg_once(scene):
     assert [len(said[k]) for k in (0, 8, 16)] == [5, 3, 3]
 
 
+@pytest.mark.parametrize("again", [True, False])
+def test_when_time_goes_back_it_begins_anew_if_it_is_to(scene, again):
+    """A second run, or a bag in a loop; a recorder's run has one time."""
+    sampled = SampledScene(scene, again)
+    assert len(add(sampled, 100 * PERIOD_NS)) == 5
+    assert add(sampled, 90 * PERIOD_NS) == []  # late, but of the same run
+    assert len(add(sampled, 2 * PERIOD_NS)) == (5 if again else 0)
+    assert len(add(sampled, 3 * PERIOD_NS)) == (3 if again else 0)
+
+
 @pytest.mark.parametrize("angle", [np.nan, np.inf, 4.0])
 def test_what_no_leg_can_be_at_is_not_shown(scene, angle):
     assert add(SampledScene(scene), 0, angle) == []
