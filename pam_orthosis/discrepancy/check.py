@@ -9,12 +9,14 @@ import numpy as np
 
 from pam_orthosis.discrepancy.data import Recording
 from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.whitening import noise_levels
 from pam_orthosis.errors import OrthosisError
 
 LEAST_SAMPLES = 500
 LEAST_LEVELS = 8  # distinct values of a channel that is alive
 LEAST_MOTION = 20  # range of a channel over its noise
-HELD_SHARE = 0.9  # of samples that repeat the one before: recorded at a lower rate than stamped
+HELD_SHARE = 0.5  # of samples that repeat the one before in motion: recorded at a lower rate than stamped
+WINDOW = 20  # samples, over which motion is looked for
 
 
 def check(system: System, recordings: Sequence[Recording], warm_up: float) -> list[str]:
@@ -51,6 +53,28 @@ def check_divisible(recordings: Sequence[Recording], share: float, warm_up: floa
             )
 
 
+def check_motion(system: System, recordings: Sequence[Recording], purpose: str) -> None:
+    """Check that every channel which an equation predicts moves in one of the recordings at least.
+
+    Noise alone would let nothing be fitted, or veto every effect that was.
+
+    Raises:
+        OrthosisError: one rests in all of them; `purpose` says what they are for.
+    """
+    for name in (name for equation in system.equations for name in equation.channels):
+        if not any(_moves(one, name) for one in recordings):
+            names = ", ".join(one.name for one in recordings)
+            raise OrthosisError(
+                f"{names}: {name} does not move beyond {LEAST_MOTION} times"
+                f" its noise; {purpose} needs a recording in which it does"
+            )
+
+
+def _moves(one: Recording, name: str) -> bool:
+    noise = noise_levels({name: [one.signals[name]]}, [one.period])[name]
+    return float(np.ptp(one.signals[name])) > LEAST_MOTION * noise
+
+
 def missing_inputs(system: System, recordings: Sequence[Recording]) -> list[str]:
     """Return the inputs that some recording does not have."""
     return [name for name in system.inputs if any(name not in one.signals for one in recordings)]
@@ -62,12 +86,24 @@ def _check_channel(one: Recording, name: str) -> None:
         raise OrthosisError(
             f"{one.name}: {name} hardly changes ({len(np.unique(values))} values): stuck sensor?"
         )
-    repeated = float(np.mean(np.diff(values) == 0))
+    repeated = _repeated(values)
     if repeated > HELD_SHARE:
         raise OrthosisError(
-            f"{one.name}: {100 * repeated:.0f} % of the samples of {name} repeat the one before; it was"
-            " recorded at a lower rate than its stamps say"
+            f"{one.name}: {100 * repeated:.0f} % of the samples of {name} repeat the one before in motion; it"
+            " was recorded at a lower rate than its stamps say"
         )
+
+
+def _repeated(values: np.ndarray) -> float:
+    """Return the share of repeated samples where the signal moves by its resolution a sample or more.
+
+    Slower, a coarse encoder repeats itself too.
+    """
+    steps = np.abs(np.diff(values))
+    resolution = steps[steps > 0].min()
+    moves = np.abs(values[WINDOW:] - values[:-WINDOW]) >= WINDOW * resolution
+    repeated = np.convolve(steps == 0, np.ones(WINDOW) / WINDOW, "valid")
+    return float(repeated[moves].mean()) if moves.any() else 0.0
 
 
 def _remarks_on_inputs(system: System, one: Recording) -> list[str]:

@@ -117,6 +117,8 @@ def begin(
         check.check_divisible(training, HELD_SHARE, settings.replay.warm_up)
         training, held_out = _split(training)
         remarks.append("no recording is held out: the last quarter of each one judges")
+    check.check_motion(system, training, "the fit")
+    check.check_motion(system, held_out, "the judgement")
     problem, judge, floor = prepared(replay or Replay(system), training, held_out, settings)
     return Beginning(system, *select.recalibrated(problem, tell), judge, floor, tuple(remarks))
 

@@ -12,7 +12,7 @@ import pytest
 from pam_orthosis.bag.arrays import write_arrays
 from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.cli import main as cli
-from pam_orthosis.discrepancy import knee, patch, select, structure, workflow
+from pam_orthosis.discrepancy import check, knee, patch, select, structure, workflow
 from pam_orthosis.discrepancy.data import agreed_belief, believed, from_arrays, from_csv, is_table
 from pam_orthosis.discrepancy.measure import Gap
 from pam_orthosis.discrepancy.telling import telling
@@ -167,6 +167,30 @@ def test_held_out_data_without_excitation_are_refused(bench):
     still = from_arrays("still", bench.system, {**arrays, "angle": np.full_like(arrays["angle"], 0.6)})
     with pytest.raises(OrthosisError, match="still: angle hardly changes"):
         find_gap(bench.system, [bench.recording(1)], [still], bench.parameters.gap)
+
+
+@pytest.mark.parametrize("purpose", ["the fit", "the judgement"])
+def test_a_channel_that_shows_noise_only_is_refused(bench, purpose):
+    noise = 1e-3 * np.random.default_rng(1).standard_normal(len(bench.arrays(1)["time"]))
+    rest = from_arrays("rest", bench.system, {**bench.arrays(1), "angle": 0.6 + noise})
+    pair = [[rest], [bench.recording(1)]][:: 1 if purpose == "the fit" else -1]
+    with pytest.raises(OrthosisError, match=f"rest: angle does not move beyond 20 .*; {purpose} needs"):
+        find_gap(bench.system, *pair, bench.parameters.gap, replay=bench.replay)
+    # a locked knee beside one that walks is of use
+    check.check_motion(bench.system, [rest, bench.recording(1)], purpose)
+
+
+def test_samples_held_in_motion_are_refused_and_a_coarse_encoder_is_not(bench):
+    recording = bench.recording(1)
+
+    def checked(change):
+        signals = {**recording.signals, "angle": change(recording.signals["angle"])}
+        check.check(bench.system, [replace(recording, signals=signals)], 2.0)
+
+    checked(lambda angle: np.round(angle / 0.01) * 0.01)
+    for every in (3, 5):
+        with pytest.raises(OrthosisError, match="of angle repeat the one before in motion"):
+            checked(lambda angle, every=every: np.repeat(angle[::every], every)[: len(angle)])
 
 
 def broken(name, change):
