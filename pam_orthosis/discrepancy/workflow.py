@@ -328,32 +328,34 @@ def _named(system: System, found: select.Selection, spread, name: str) -> Named:
     return Named(name, system.equation_of(name), parameters, found.evidence[name])
 
 
-def _last_ranking(found: select.Selection) -> Sequence[tuple[str, float]]:
-    accepted = [step for step in found.steps if step.accepted in found.final.effects]
-    return accepted[0].ranked if accepted else ()
+def _first_round(found: select.Selection) -> tuple[float, Sequence[tuple[str, float]]]:
+    """Return the evidence of the first accepted effect that stayed, and the others of its round with theirs.
+
+    The best effect of a round may have been refused, and the next one accepted.
+    """
+    for step in found.steps:
+        if step.accepted in found.final.effects:
+            return step.evidence, [item for item in step.ranked if item[0] != step.accepted]
+    return 0.0, ()
 
 
 def _runner_up(found: select.Selection) -> tuple[str, float] | None:
     """Return the best effect that was not chosen in the first round, and how far it was behind."""
-    ranking = _last_ranking(found)
-    others = [(name, ranking[0][1] - evidence) for name, evidence in ranking[1:]]
-    return min(others, key=lambda item: item[1]) if others else None
+    own, others = _first_round(found)
+    behind = [(name, own - evidence) for name, evidence in others]
+    return min(behind, key=lambda item: item[1]) if behind else None
 
 
 def _without_rival(found: select.Selection) -> bool:
     """Return whether a single effect is left, and the evidence of any other is tiny beside its own."""
-    ranking = _last_ranking(found)
-    if len(found.final.effects) != 1 or not ranking:
-        return False
-    return len(ranking) == 1 or ranking[0][1] > LONE * ranking[1][1]
+    own, others = _first_round(found)
+    return len(found.final.effects) == 1 and all(own > LONE * evidence for _, evidence in others)
 
 
 def _look_alikes(found: select.Selection, settings) -> tuple[str, ...]:
-    ranking = _last_ranking(found)
-    if not ranking:
-        return ()
-    near = max(settings.ambiguous, settings.ambiguous_share * ranking[0][1])
-    return tuple(name for name, evidence in ranking[1:] if ranking[0][1] - evidence < near)
+    own, others = _first_round(found)
+    near = max(settings.ambiguous, settings.ambiguous_share * own)
+    return tuple(name for name, evidence in others if own - evidence < near)
 
 
 def _separated_by(system: System, found: select.Selection, names: Sequence[str]) -> tuple[str, ...]:

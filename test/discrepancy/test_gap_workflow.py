@@ -222,9 +222,21 @@ def test_unfit_data_stop_with_the_reason(bench, reason, change):
 )
 def test_what_closes_little_is_named_only_without_a_rival(effects, rival, named):
     ranked = (("backlash", 400.0), ("stretch_reflex", rival))
-    step = SimpleNamespace(accepted="backlash", ranked=ranked)
+    step = SimpleNamespace(accepted="backlash", ranked=ranked, evidence=400.0)
     found = SimpleNamespace(final=SimpleNamespace(effects=effects), steps=[step])
     assert workflow._without_rival(found) is named
+
+
+def test_the_second_of_a_round_is_compared_with_the_others_not_with_itself(bench):
+    """The best effect of a round may be refused by held-out data and the next one accepted."""
+    ranked = (("creep", 900.0), ("backlash", 400.0), ("stretch_reflex", 395.0), ("valve_lag", 5.0))
+    step = SimpleNamespace(accepted="backlash", ranked=ranked, evidence=400.0)
+    found = SimpleNamespace(final=SimpleNamespace(effects=["backlash"]), steps=[step])
+    settings = bench.parameters.gap.evidence
+    assert workflow._look_alikes(found, settings) == ("creep", "stretch_reflex")
+    assert workflow._runner_up(found) == ("creep", -500.0)
+    assert not workflow._without_rival(found)
+    assert workflow._look_alikes(SimpleNamespace(final=found.final, steps=[]), settings) == ()
 
 
 def test_a_recording_that_is_too_short_to_divide_is_refused(bench):
