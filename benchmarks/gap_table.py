@@ -13,7 +13,7 @@ import numpy as np
 SETS = ("clean", "realistic", "clean-none", "realistic-none", "pairs", "outside")
 SIZES = ("small", "medium", "large")
 OUTCOMES = ("right", "set", "extra", "wrong", "none", "failed")
-KEPT = ("verdict", "effects", "look_alikes", "closure", "rounds")
+KEPT = ("verdict", "effects", "look_alikes", "closure", "gap_before", "rounds")
 CLOSED = 0.95
 
 
@@ -41,7 +41,7 @@ def keep(results: Iterable[dict], path: Path) -> None:
     for result in results:
         short = dict(result)
         if "found" in short:
-            found = {key: short["found"][key] for key in KEPT}
+            found = {key: short["found"][key] for key in KEPT if key in short["found"]}
             found["rounds"] = [{**r, "ranking": r["ranking"][:3]} for r in found["rounds"]]
             short["found"] = found
         lines.append(json.dumps(short))

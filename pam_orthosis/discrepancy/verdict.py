@@ -32,6 +32,9 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
         "gap_after": _gap(outcome, "after"),
         "noise_floor": _gap(outcome, "floor"),
         "closure": {name: _number(value) for name, value in outcome.closure.items()},
+        "closure_baseline": {
+            name: "configured" if name in outcome.from_configured else "before" for name in outcome.closure
+        },
         "where": [_place(one) for one in outcome.where],
         "left": [_place(one) for one in outcome.left],
         "out_of_tolerance": {name: _number(value) for name, value in outcome.strained.items()},
@@ -149,7 +152,9 @@ def describe(outcome: Outcome) -> str:
             lines.append(_row(outcome, channel))
     overall = (outcome.configured, outcome.before, outcome.after, outcome.floor)
     numbers = " ".join(f"{gap.white[OVERALL]:9.2f}" for gap in overall)
-    lines.append(f"{'times the noise':{LABEL + 2}s} {numbers}  {_share(outcome.closure[OVERALL])}")
+    lines.append(f"{'times the noise':{LABEL + 2}s} {numbers}  {_share(outcome, OVERALL)}")
+    if outcome.from_configured:
+        lines.append("* of the configured model's gap; recalibration had closed it")
     worst = outcome.where[0]
     if outcome.verdict != "none":
         seen = ", ".join(f"{name} {share:.0%}" for name, share in list(worst.coordinates.items())[:3])
@@ -166,11 +171,13 @@ def _row(outcome: Outcome, channel) -> str:
     gaps = (outcome.configured, outcome.before, outcome.after, outcome.floor)
     numbers = " ".join(f"{gap.units[channel.name] * channel.report_factor:9.3f}" for gap in gaps)
     label = f"{channel.name} [{channel.report_unit}]"
-    return f"{label:{LABEL + 2}s} {numbers}  {_share(outcome.closure[channel.name])}"
+    return f"{label:{LABEL + 2}s} {numbers}  {_share(outcome, channel.name)}"
 
 
-def _share(value: float | None) -> str:
-    return "-" if value is None else f"{100 * value:.1f} %"
+def _share(outcome: Outcome, name: str) -> str:
+    value = outcome.closure[name]
+    mark = " *" if name in outcome.from_configured else ""
+    return "-" if value is None else f"{100 * value:.1f} %{mark}"
 
 
 def _told(one: Named) -> str:

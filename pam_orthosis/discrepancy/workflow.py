@@ -36,7 +36,11 @@ class Named:
 
 @dataclass(frozen=True)
 class Outcome:
-    """All that the workflow found; `report` and `cli` turn it into pages and files."""
+    """All that the workflow found; `report` and `cli` turn it into pages and files.
+
+    `from_configured` names the closures that count from the configured model, since recalibration closed
+    the gap already.
+    """
 
     system: System
     verdict: str
@@ -50,6 +54,7 @@ class Outcome:
     after: measure.Gap
     floor: measure.Gap
     closure: Mapping[str, float | None]
+    from_configured: tuple[str, ...]
     where: Sequence[structure.Where]
     left: Sequence[structure.Where]
     strained: Mapping[str, float]
@@ -270,6 +275,7 @@ def _judged(start: Beginning, found: select.Selection, settings) -> Outcome:
         after=after,
         floor=floor,
         closure=closed,
+        from_configured=_from_configured(before, floor, closed),
         where=start.where(),
         left=left,
         strained=_strained(final),
@@ -292,6 +298,15 @@ def _closures(configured, before, after, floor) -> dict[str, float | None]:
         if closed[name] is None:
             closed[name] = measure.closure(configured.white[name], after_white, floor.white[name])
     return closed
+
+
+def _from_configured(before: measure.Gap, floor: measure.Gap, closed) -> tuple[str, ...]:
+    """Return the closures that `_closures` counts from the configured model."""
+    return tuple(
+        name
+        for name, share in closed.items()
+        if share is not None and measure.closure(before.white[name], 0.0, floor.white[name]) is None
+    )
 
 
 def _trusted(share: float | None) -> bool:

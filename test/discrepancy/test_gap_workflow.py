@@ -16,7 +16,7 @@ from pam_orthosis.discrepancy import check, knee, patch, select, structure, work
 from pam_orthosis.discrepancy.data import agreed_belief, believed, from_arrays, from_csv, is_table
 from pam_orthosis.discrepancy.measure import Gap
 from pam_orthosis.discrepancy.telling import telling
-from pam_orthosis.discrepancy.verdict import _answer, as_dict
+from pam_orthosis.discrepancy.verdict import _answer, as_dict, describe
 from pam_orthosis.discrepancy.workflow import begin, find_gap
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
@@ -72,6 +72,21 @@ def test_gap_json_keeps_its_contract(friction):
     for key in ("gap_before", "gap_after", "noise_floor", "closure"):
         assert set(told[key]) == {"angle", "extensor_pressure", "flexor_pressure", "overall"}
     assert told["runner_up"]["behind"] > 0
+
+
+def test_a_closure_tells_the_gap_that_it_counts_from(friction):
+    """What recalibration has closed already is no merit of the effect."""
+    gaps = Gap({}, {"torque": 3.0, "gas": 1.01}), Gap({}, {"torque": 1.0, "gas": 1.0})
+    closed = {"torque": 0.99, "gas": 0.98}
+    assert workflow._from_configured(*gaps, closed) == ("gas",)
+    assert workflow._from_configured(*gaps, {"torque": 0.99, "gas": None}) == ()
+    assert as_dict(friction)["closure_baseline"]["angle"] == "before"
+    marked = replace(friction, from_configured=("angle",))
+    assert as_dict(marked)["closure_baseline"]["angle"] == "configured"
+    rows = {line.split()[0]: line for line in describe(marked).splitlines()}
+    assert rows["angle"].endswith(" % *")
+    assert "of the configured model's gap" in rows["*"]
+    assert not rows["times"].endswith("*")
 
 
 def test_the_model_file_switches_the_effect_on_and_changes_nothing_else(friction, bench, tmp_path):
