@@ -206,6 +206,14 @@ def _strain(strained: Mapping[str, float]) -> str:
     return f"ordinary parameters outside their tolerance (multiples of it): {told}"
 
 
+def _refusal(outcome: Outcome) -> str:
+    """Return why no effect was added: the reason of the first round, if there was a candidate."""
+    step = outcome.steps[0] if outcome.steps else None
+    if step is None or step.accepted is not None or not step.ranked:
+        return "nothing in the catalogue fits"
+    return f"no effect is added (best: {step.ranked[0][0]}): {step.reason}"
+
+
 def _answer(outcome: Outcome) -> str:
     names = " and ".join(one.name.replace("_", " ") for one in outcome.effects)
     if outcome.verdict == "none":
@@ -220,5 +228,5 @@ def _answer(outcome: Outcome) -> str:
         )
     place = outcome.left[0]
     return f"UNEXPLAINED: in the {place.equation} equation {place.strength:.1f} times the noise is left" + (
-        f", with {names} added" if names else "; nothing in the catalogue fits"
+        f", with {names} added" if names else f"; {_refusal(outcome)}"
     )

@@ -74,6 +74,24 @@ def test_gap_json_keeps_its_contract(friction):
     assert told["runner_up"]["behind"] > 0
 
 
+@pytest.mark.parametrize(
+    ("ranked", "reason", "said"),
+    [
+        ((), "no effect gains anything", "; nothing in the catalogue fits"),
+        (
+            (("creep", 90.0),),
+            "held-out recordings do not confirm it",
+            "(best: creep): held-out recordings do not",
+        ),
+    ],
+)
+def test_an_answer_without_a_name_tells_why(ranked, reason, said):
+    place = structure.Where("torque", 9.0, {}, {})
+    step = SimpleNamespace(accepted=None, ranked=ranked, reason=reason)
+    outcome = SimpleNamespace(verdict="unexplained", effects=(), left=[place], steps=[step])
+    assert said in _answer(outcome)
+
+
 def test_a_closure_tells_the_gap_that_it_counts_from(friction):
     """What recalibration has closed already is no merit of the effect."""
     gaps = Gap({}, {"torque": 3.0, "gas": 1.01}), Gap({}, {"torque": 1.0, "gas": 1.0})
