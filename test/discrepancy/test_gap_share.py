@@ -69,8 +69,24 @@ def test_tables_count_what_was_hidden_against_what_was_named(benchmark):
     assert "1 of 2 (50%)" in text
 
 
-def test_the_page_shows_what_the_committed_cases_say(benchmark):
-    root = BENCHMARKS.parent
-    page = (root / "docs" / "gap.md").read_text(encoding="utf-8")
-    shown = page.split("<!-- table -->")[1].split("<!-- end -->")[0].strip()
-    assert shown == benchmark[1].table(benchmark[1].read(root / "docs" / "studies" / "gap_blind.jsonl"))
+CASES = sorted((BENCHMARKS.parent / "docs" / "studies").glob("gap_blind_*.jsonl"))
+
+
+@pytest.mark.parametrize("file", CASES, ids=lambda file: file.stem)
+def test_the_page_shows_what_the_committed_cases_say(benchmark, file):
+    page = (BENCHMARKS.parent / "docs" / "gap.md").read_text(encoding="utf-8")
+    seed = file.stem.rpartition("_")[2]
+    shown = page.split(f"<!-- table {seed} -->")[1].split("<!-- end -->")[0].strip()
+    assert shown == benchmark[1].table(benchmark[1].read(file))
+
+
+def test_the_page_shows_what_the_peer_said_of_the_same_cases(benchmark):
+    studies = BENCHMARKS.parent / "docs" / "studies"
+    page = (BENCHMARKS.parent / "docs" / "gap.md").read_text(encoding="utf-8")
+    shown = page.split("<!-- peer 626262 -->")[1].split("<!-- end -->")[0].strip()
+    cases, peer = (benchmark[1].read(studies / f"gap_{name}_626262.jsonl") for name in ("blind", "peer"))
+    assert shown == benchmark[1].beside(cases, peer)
+
+
+def test_there_are_committed_cases():
+    assert CASES
