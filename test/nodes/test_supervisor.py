@@ -67,9 +67,10 @@ def test_a_process_that_works_at_its_start_is_not_taken_for_one_that_hangs(tmp_p
 
 
 LINGERING = """
-import os, time
+import os, signal
 os.write(int(os.environ["PAM_ORTHOSIS_HEARTBEAT"]), b"ended\\n")
-time.sleep(600)
+while True:
+    signal.pause()
 """
 
 
