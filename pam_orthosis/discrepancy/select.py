@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
@@ -38,6 +38,8 @@ LEAST_OF_BAR = 0.15  # the same, of the evidence that is asked for
 LEAST_SHARE = 0.02  # the same, of the best candidate's gain
 POLISHED = 3
 POLISHED_SHARE = 0.4  # of the best projected gain: worth a full fit
+NEAR_BAR = 0.3  # of the evidence that is asked for: a projection may be that far off
+SLACK = 20.0  # the same where little is asked for
 SECOND_START = 0.3  # of the best start's gain: a second start is tried
 BLOCK = 1.0  # s, of paired differences on held-out recordings
 LEAST_T = 3.0  # of these differences
@@ -58,6 +60,7 @@ class Step:
     held_out_t: float
     ranked: tuple[tuple[str, float], ...]
     reason: str
+    gains: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass
@@ -69,6 +72,7 @@ class Selection:
         final_problem, final: the same with all effects that stayed.
         steps: rounds in order.
         evidence: effect -> difference of BIC when it alone is taken away (or was added).
+        alike: effect -> other one -> share of its gain that the other one had where it was added.
         present: effect that the model had before -> the same, and the equations that it changes.
     """
 
@@ -78,6 +82,7 @@ class Selection:
     final: Fit
     steps: list[Step] = field(default_factory=list)
     evidence: dict[str, float] = field(default_factory=dict)
+    alike: dict[str, Mapping[str, float]] = field(default_factory=dict)
     present: dict[str, tuple[float, frozenset[str]]] = field(default_factory=dict)
 
 
@@ -141,6 +146,7 @@ def extended(problem: Problem, base: Fit, held_out: Problem, settings, tell=lamb
         tell(f"added {step.accepted} (evidence {step.evidence:.0f}, held-out t {step.held_out_t:.1f})")
         found.final_problem, found.final = _levelled(*_detailed(step.problem, step.fit, tell))
         found.evidence[step.accepted] = step.evidence
+        found.alike[step.accepted] = _alike(step)
     _eliminate(found, settings, tell)
     return found
 
@@ -194,31 +200,43 @@ def _earned(problem: Problem, base: Fit, tell) -> dict[str, tuple[float, frozens
     return earned
 
 
-def _bar(found: Selection, name: str, settings) -> float:
-    """Return the evidence that an effect needs: more where another one in its equation has much.
+def _alike(step: Step) -> dict[str, float]:
+    """Return by how much of what an effect has gained the other candidates would have."""
+    return {name: gain / step.gains[step.accepted] for name, gain in step.gains.items()}
 
-    Beside a large effect, what its exact form leaves over looks like a small one.
+
+def _bar(found: Selection, name: str, settings) -> float:
+    """Return the evidence that an effect needs: more beside another one in its equation that has much.
+
+    What the exact form of a large effect leaves over looks like a small one, most of all like one that
+    would have explained the large one nearly as well.
     """
     touched = found.problem.replay.touched
-    others = [e for other, e in found.evidence.items() if other != name and touched(other) & touched(name)]
-    others += [evidence for evidence, equations in found.present.values() if equations & touched(name)]
-    return max(settings.threshold, settings.share * max(others, default=0.0))
+    asked = [
+        evidence * max(settings.least_share, settings.share * min(1.0, found.alike[other].get(name, 0.0)))
+        for other, evidence in found.evidence.items()
+        if other != name and touched(other) & touched(name)
+    ]
+    present = [evidence for evidence, equations in found.present.values() if equations & touched(name)]
+    return max([settings.threshold, *asked, *(settings.share * evidence for evidence in present)])
 
 
 def _round(found: Selection, held_out: Problem, settings, tell) -> Step:
     problem, base = found.final_problem, found.final
     bars = {name: _bar(found, name, settings) for name in problem.system.catalogue}
-    ranked = fitted_candidates(problem, base, settings.screened, bars, tell)
+    ranked, gains = fitted_candidates(problem, base, settings.screened, bars, tell)
     if not ranked:
         return Step(None, None, None, 0.0, 0.0, (), "no effect gains anything")
-    models = [_polished(problem, base, one, tell) for one in _worth_polishing(ranked)]
+    models = [_polished(problem, base, one, tell) for one in _worth_polishing(problem, ranked, bars)]
     judged = sorted(_judged(problem, base, models), key=lambda item: -item[0])
     told = _told(judged, ranked)
-    for evidence, weighted, model in judged[:2]:
+    able = [one for one in judged if one[0] >= bars[one[2].effects[-1]]]
+    if not able:
+        name, evidence = told[0]
+        reason = f"{name} has evidence {evidence:.0f}, it would need {bars[name]:.0f}"
+        return Step(None, None, None, evidence, 0.0, told, reason)
+    for evidence, weighted, model in able[:2]:
         name = model.effects[-1]
-        if evidence < bars[name]:
-            reason = f"{name} has evidence {evidence:.0f}, it would need {bars[name]:.0f}"
-            return Step(None, None, None, evidence, 0.0, told, reason)
         t, transfer = confirmed(
             problem.weighted(weighted.weights), held_out.weighted(weighted.weights), base, model
         )
@@ -226,12 +244,14 @@ def _round(found: Selection, held_out: Problem, settings, tell) -> Step:
         if _too_small(problem.system, name, model):
             continue
         if t > LEAST_T or transfer > LEAST_TRANSFER or (strained and t > WORST_T):
-            return Step(name, model, weighted, evidence, t, told, "accepted")
-    return Step(None, None, None, judged[0][0], t, told, "held-out recordings do not confirm it")
+            return Step(name, model, weighted, evidence, t, told, "accepted", gains)
+    return Step(None, None, None, able[0][0], t, told, "held-out recordings do not confirm it")
 
 
-def fitted_candidates(problem: Problem, base: Fit, most: int, bars, tell) -> list[Candidate]:
-    """Return the candidates that a score test lets through, fitted, best evidence first.
+def fitted_candidates(
+    problem: Problem, base: Fit, most: int, bars, tell
+) -> tuple[list[Candidate], dict[str, float]]:
+    """Return the candidates that a score test lets through, fitted, best evidence first, and all gains.
 
     `bars` is the evidence that each effect needs; one whose score is far below is not fitted.
     """
@@ -252,7 +272,11 @@ def fitted_candidates(problem: Problem, base: Fit, most: int, bars, tell) -> lis
     with ThreadPoolExecutor(THREADS) as pool:
         screened = sorted(pool.map(screen, names), key=lambda item: -item[0])
     least = max(LEAST_SCREEN, LEAST_SHARE * screened[0][0])
-    kept = [item for item in screened[:most] if item[0] > max(least, LEAST_OF_BAR * bars[item[1].name])]
+    kept = [
+        (gain, trial, starts)
+        for gain, trial, starts in screened[:most]
+        if gain > least and gain * _room(problem, trial.name) > LEAST_OF_BAR * bars[trial.name]
+    ]
     tell(
         f"fitting {len(kept)}: {', '.join(trial.name for _, trial, _ in kept)}"
         if kept
@@ -261,12 +285,24 @@ def fitted_candidates(problem: Problem, base: Fit, most: int, bars, tell) -> lis
     with ThreadPoolExecutor(THREADS) as pool:
         fitted = pool.map(lambda item: candidate(projection, item[1], item[2]), kept)
         found = [*fitted, *(widened_shape(projection, name) for name in shapes)]
-    return sorted((one for one in found if one.gain > least), key=lambda one: -one.evidence)
+    gains = {trial.name: gain for gain, trial, _ in screened} | {one.name: one.gain for one in found}
+    return sorted((one for one in found if one.gain > least), key=lambda one: -one.evidence), gains
 
 
-def _worth_polishing(ranked: list[Candidate]) -> list[Candidate]:
-    best = ranked[0].gain
-    return [one for one in ranked[:POLISHED] if one.gain > POLISHED_SHARE * best]
+def _room(problem: Problem, name: str) -> float:
+    """Return by how much the gain of an effect may grow: a model that lacks much weighs residuals less."""
+    return max(1 / problem.weights[equation] ** 2 for equation in problem.replay.touched(name))
+
+
+def _worth_polishing(problem: Problem, ranked: list[Candidate], bars) -> list[Candidate]:
+    """Return the candidates that a full fit may lift over what is asked of them."""
+    near = [
+        one
+        for one in ranked
+        if one.gain * _room(problem, one.name) - (one.gain - one.evidence)
+        > min(NEAR_BAR * bars[one.name], bars[one.name] - SLACK)
+    ]
+    return [one for one in near[:POLISHED] if one.gain > POLISHED_SHARE * near[0].gain]
 
 
 def _polished(problem: Problem, base: Fit, one: Candidate, tell) -> tuple[Problem, Fit]:
@@ -293,6 +329,8 @@ def _judged(problem: Problem, base: Fit, models) -> list[tuple[float, Problem, F
     weights = dict(problem.weights)
     for weighted, _ in models:
         weights = {name: max(w, weighted.weights[name]) for name, w in weights.items()}
+    if not models:
+        return []
     common = problem.weighted(weights)
     before = score(common, _comparable(problem, common, base))
     return [(before - score(common, model), weighted, model) for weighted, model in models]
@@ -375,7 +413,10 @@ def _eliminate(found: Selection, settings, tell) -> None:
         if losses[weakest][0] >= _bar(found, weakest, settings):
             return
         tell(f"dropped {weakest}: beside the others its evidence is {losses[weakest][0]:.0f}")
-        found.final = losses[weakest][1]
+        left = losses[weakest][1]
+        found.final_problem, found.final = fit_tempered(
+            found.final_problem, left.effects, left.values, left.free
+        )
         found.evidence.pop(weakest)
 
 
