@@ -295,7 +295,7 @@ def _source(study: Study, width: int) -> str:
         lanes=width, fixed=fixed, held=held,
         bisections=0 if study.parameters.leg.joint.locked else BISECTIONS,
     )  # fmt: skip
-    return lanes.header(width) + "".join(lanes.source(one) for one in functions.values()) + loop
+    return lanes.header(width) + "".join(lanes.source(one, width) for one in functions.values()) + loop
 
 
 def _numbers(values: np.ndarray) -> str:

@@ -7,6 +7,7 @@ import pytest
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.lanes import source
 from pam_orthosis.model.leg import mechanics
 from pam_orthosis.model.leg_table import NODES, LegTable
 from pam_orthosis.model.parameters import load
@@ -35,6 +36,26 @@ def test_each_set_of_a_study_does_what_a_plant_of_its_own_does(monkeypatch):
         assert (moved > 0).all(), name
         assert (np.abs(together[name] - alone[name]).max(axis=1) < 1e-9 * moved).all(), name
     assert np.ptp(together["angle"][:, -1]) > 1e-3, "the sets must differ for the comparison to mean anything"
+
+
+def test_a_single_set_does_what_the_plant_does(monkeypatch):
+    """Its code differs: calls of the same mathematical function are made together."""
+    signals = ("angle", "velocity", "measured_flexor_pressure", "extensor_flow")
+    study = Study(coarse({**EVERYTHING_ON, "plant.external_torque": 3.0}), KEYS, signals)
+    packed = study.simulate(SETS[:1], VOLTAGES)
+    monkeypatch.setenv("PAM_ORTHOSIS_NO_COMPILER", "1")
+    plant = Study(study.parameters, KEYS, signals).simulate(SETS[:1], VOLTAGES)
+    for name in signals:
+        assert np.abs(packed[name] - plant[name]).max() < 1e-9 * np.ptp(plant[name]), name
+
+
+def test_calls_that_wait_for_each_other_are_not_made_together():
+    x = ca.SX.sym("x", 2)
+    first = ca.exp(x)
+    chain = ca.Function("chain", [x], [ca.vertcat(ca.exp(first[0]), first[1], ca.tanh(first[0] * first[1]))])
+    code = source(chain, 1)
+    assert [code.count(name) for name in ("pack_exp", "pack_tanh")] == [2, 1]
+    assert "pack" not in source(chain, LANES)
 
 
 def test_neighbours_in_a_vector_do_not_touch_each_other():
