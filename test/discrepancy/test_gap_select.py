@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the search asks of a further effect."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from pam_orthosis.discrepancy import select
+from pam_orthosis.discrepancy.candidates import Candidate
+from pam_orthosis.model.parameters import load
+
+SETTINGS = load().gap.evidence
+EQUATIONS = {"muscle_hysteresis": {"torque"}, "joint_friction": {"torque"}, "extra_foot_mass": {"torque"}}
+
+
+def touched(name):
+    return EQUATIONS.get(name, {"gas"})
+
+
+def selection(evidence, alike, present=None):
+    problem = SimpleNamespace(replay=SimpleNamespace(touched=touched))
+    return SimpleNamespace(problem=problem, evidence=evidence, alike=alike, present=present or {})
+
+
+def asked(found, name):
+    return select._bar(found, name, SETTINGS)
+
+
+def test_what_could_pass_for_a_large_effect_needs_more_evidence_beside_it():
+    found = selection({"muscle_hysteresis": 60_000.0}, {"muscle_hysteresis": {"joint_friction": 0.8}})
+    assert asked(found, "joint_friction") == pytest.approx(0.08 * 60_000)
+    assert asked(found, "extra_foot_mass") == pytest.approx(0.003 * 60_000)
+    assert asked(found, "extensor_leak") == SETTINGS.threshold
+    same = selection({"muscle_hysteresis": 60_000.0}, {"muscle_hysteresis": {"joint_friction": 7.0}})
+    assert asked(same, "joint_friction") == pytest.approx(0.1 * 60_000)
+
+
+def test_what_a_model_had_before_is_taken_for_alike():
+    found = selection({}, {}, {"muscle_hysteresis": (60_000.0, frozenset({"torque"}))})
+    assert asked(found, "extra_foot_mass") == pytest.approx(0.1 * 60_000)
+
+
+def test_gains_of_a_round_tell_what_is_alike():
+    gains = {"muscle_hysteresis": 500.0, "joint_friction": 400.0, "extensor_leak": 1.0}
+    step = SimpleNamespace(accepted="muscle_hysteresis", gains=gains)
+    assert select._alike(step)["joint_friction"] == pytest.approx(0.8)
+
+
+def candidates(**evidence):
+    return [Candidate(name, value + 30.0, {}, value, {}) for name, value in evidence.items()]
+
+
+def test_a_candidate_that_cannot_reach_its_bar_neither_is_fitted_nor_hides_the_next():
+    problem = SimpleNamespace(replay=SimpleNamespace(touched=touched), weights={"torque": 1.0, "gas": 1.0})
+    ranked = candidates(joint_friction=300.0, extra_foot_mass=60.0, extensor_leak=-25.0)
+    bars = {"joint_friction": 4000.0, "extra_foot_mass": 15.0, "extensor_leak": 15.0}
+    chosen = select._worth_polishing(problem, ranked, bars)
+    assert [one.name for one in chosen] == ["extra_foot_mass"]
+    # residuals that weigh little now may weigh more with the effect
+    problem.weights = {"torque": 0.2, "gas": 1.0}
+    assert "joint_friction" in [one.name for one in select._worth_polishing(problem, ranked, bars)]
