@@ -31,6 +31,7 @@ RECORDED = ("gait", "gait-faster", "decay")
 TOLERANCES = {
     "muscle_damping": 0.5, "extensor_force": 0.05, "flexor_force": 0.05, "conductance": 0.15,
     "critical_ratio": 0.25, "polytropic_exponent": 0.08, "supply_pressure": 0.12, "hose_volume": 0.4,
+    "hose_conductance": 0.3,
 }  # fmt: skip
 
 

@@ -23,7 +23,7 @@ from pam_orthosis.model.parameters import Section
 MECHANICAL = ("body", "force", "torque")
 CHANNELS = ("angle", "extensor_pressure", "flexor_pressure")
 PLAIN = len(orthosis.BASE_STATES)
-MEMORY_STEP = 5.0e-4  # s, of the integration of an effect's states
+MEMORY_STEP = 1.0e-4  # s, of the integration of an effect's states: play of 2 mrad at 10 rad/s has 20,000/s
 CORRECTIONS = 2  # of the argument of an inverse function: see `corrected`
 
 
@@ -70,13 +70,19 @@ def effect_memory(belief) -> ca.Function:
     rate = ca.Function("memory_rate", inputs, [rates])
     period = belief.scenario.control_period
     steps = max(1, round(period / MEMORY_STEP))
-    z, before, now = ca.SX.sym("z", rates.shape[0]), ca.SX.sym("before", 2), ca.SX.sym("now", 2)
-    pressures, time = ca.SX.sym("p", 2), ca.SX.sym("time")
-    after = z
-    for index in range(steps):
-        m = before + (now - before) * ((index + 0.5) / steps)
-        after = runge_kutta_4(lambda s, m=m: rate(m[0], m[1], pressures, s, time), after, period / steps)
+    z, motion, pressures, time = (ca.SX.sym(name, size) for name, size in _sizes(rates.shape[0]).items())
+    moved = runge_kutta_4(lambda s: rate(motion[0], motion[1], pressures, s, time), z, period / steps)
+    folded = ca.Function("memory_step", [z, motion, pressures, time], [moved]).fold(steps)
+    z, before, pressures, time = (ca.MX.sym(name, size) for name, size in _sizes(rates.shape[0]).items())
+    now = ca.MX.sym("now", 2)
+    motions = before + (now - before) @ ca.DM((np.arange(steps) + 0.5) / steps).T
+    after = folded(z, motions, ca.repmat(pressures, 1, steps), ca.repmat(time, 1, steps))
     return ca.Function("effect_memory", [z, before, now, pressures, time], [after])
+
+
+def _sizes(states: int) -> dict[str, int]:
+    """Return the inputs of an effect's memory and their sizes."""
+    return {"states": states, "motion": 2, "pressures": 2, "time": 1}
 
 
 class EffectTorque:

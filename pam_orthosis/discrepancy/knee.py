@@ -27,6 +27,7 @@ MULTIPLIES = {
     "polytropic_exponent": ("valve.polytropic_exponent",),
     "supply_pressure": ("valve.supply_pressure",),
     "hose_volume": ("valve.hose.volume",),
+    "hose_conductance": ("valve.hose.conductance",),
 }
 APPARATUS = ("leg.", "muscle.", "valve.", "effects.")  # keys of the belief that recordings share
 TABLE_ORDER = 16
@@ -85,7 +86,7 @@ def _calibrations(belief) -> tuple[Calibration, ...]:
     stated = tuple(
         Calibration(row.key.rsplit(".", 1)[1], row.value, row.unit, row.meaning)
         for row in rows
-        if person or not row.key.endswith("person_mass")
+        if row.value and (person or not row.key.endswith("person_mass"))
     )
     row = belief.row("gap.learned.deviation")
     return stated + tuple(

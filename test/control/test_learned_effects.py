@@ -207,3 +207,14 @@ def test_compensation_is_in_no_loop():
         assert first.step(reference, 3e5, 4e5) == second.step(reference, 3e5, 4e5)
     assert first.step(Reference(0.8, 2.0, 0.0), 3e5, 4e5) < -0.8  # friction and hysteresis brake
     assert abs(effects.EffectTorque(belief).step(Reference(0.8, 0.0, 0.0), 3e5, 4e5)) < 1e-9  # rest: none
+
+
+@pytest.mark.parametrize("half_width", [5e-4, 2e-3, 1e-2])
+def test_play_is_followed_at_any_width_and_speed(half_width):
+    """A state that is quick beside the steps of its integration would leave its range and shake the knee."""
+    belief = believing("backlash", **{"effects.backlash.half_width": half_width}).belief()
+    known, period = effects.EffectTorque(belief), belief.scenario.control_period
+    for time in np.arange(0.0, 1.0, period):
+        motion = 0.6 + 0.5 * np.sin(20 * time), 10 * np.cos(20 * time), -200 * np.sin(20 * time)
+        known.step(Reference(*motion), 3.6e5, 3.6e5)
+        assert np.abs(known.states).max() < 1 + 1e-6

@@ -113,7 +113,9 @@ def draw(rng, parameters, class_: str, size: str, effects, outside: bool = False
     misfits = realistic_misfits(rng) if class_ == "realistic" else {}
     parts = {effect.name: _hide(rng, effect, SIZES.index(size), fields, misfits) for effect in chosen}
     deviations = {
-        name: TOLERANCE_SHARE * sd * rng.standard_normal() for name, sd in parameters.gap.tolerance.items()
+        name: TOLERANCE_SHARE * sd * rng.standard_normal()
+        for name, sd in parameters.gap.tolerance.items()
+        if sd
     }
     answer = {
         "class": class_,

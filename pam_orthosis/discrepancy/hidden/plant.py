@@ -142,7 +142,7 @@ def apparatus(parameters, deviations: Mapping[str, float]) -> Apparatus:
         conductance=valve.conductance * off("conductance"),
         critical_ratio=valve.critical_ratio * off("critical_ratio"),
         half_span=valve.maximum_voltage - valve.closed_voltage,
-        hose_conductance=valve.hose.conductance,
+        hose_conductance=valve.hose.conductance * off("hose_conductance"),
         hose_volume=valve.hose.volume * off("hose_volume"),
         stop_low=leg.joint.minimum,
         stop_high=leg.joint.maximum,
