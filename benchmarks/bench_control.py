@@ -54,7 +54,8 @@ def _run(parameters: Parameters, case: Case, controller: str, belief: dict) -> d
     steps = round(case.duration / parameters.scenario.control_period)
     if controller == "pid":
         return pid.run(parameters, Plant(parameters, SEED), pid.TUNED[case.wearer], steps)
-    return ClosedLoop(with_belief(parameters, belief if controller == "learned" else {}), SEED).run(steps)
+    believed = {key: value for key, value in belief.items() if key not in case.otherwise}
+    return ClosedLoop(with_belief(parameters, believed if controller == "learned" else {}), SEED).run(steps)
 
 
 def _figures(run: dict[str, np.ndarray], parameters: Parameters) -> dict[str, float]:

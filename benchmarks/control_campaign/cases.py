@@ -15,13 +15,17 @@ CONTROLLERS = ("pid", "paper", "learned")
 
 
 class Case(NamedTuple):
-    """A task: name, scenario, what is set beside it, duration s, whether all specimens are asked."""
+    """A task: name, scenario, what is set beside it, duration s, whether all specimens are asked.
+
+    `otherwise`: what is believed of the specimen does not hold of these parameters in this task.
+    """
 
     name: str
     scenario: str
     changes: Mapping[str, Any] = {}
     duration: float = 9.0
     everywhere: bool = False
+    otherwise: tuple[str, ...] = ()
 
     def overrides(self) -> dict[str, Any]:
         """Return the parameters that make the task."""
@@ -38,9 +42,14 @@ def _sine(hertz: float, amplitude: float, duration: float) -> Case:
     return Case(f"sine {hertz:g} Hz, {57.2958 * amplitude:.0f} deg", "sine", changes, duration)
 
 
+# the regulator is turned up to what the configuration says
+FULL_SUPPLY = {"plant.deviation.supply_pressure": 1.0}
+SUPPLY = ("valve.supply_pressure", "control.position.maximum_pressure")
+
 CASES = (
     Case("gait 2 s", "default", everywhere=True),
     Case("gait 2 s, 75 kg", "person", everywhere=True),
+    Case("gait 2 s, 75 kg, supply of 7 bar", "person", FULL_SUPPLY, everywhere=True, otherwise=SUPPLY),
     Case("gait 1.25 s", "gait-fast", duration=7.0),
     Case("gait 4 s", "gait-slow", duration=13.0),
     Case("gait of an adult", "gait-adult"),

@@ -13,7 +13,7 @@ from typing import Any
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.discrepancy import workflow
 from pam_orthosis.discrepancy.data import from_arrays
-from pam_orthosis.discrepancy.fit import fit_tempered, free_parameters
+from pam_orthosis.discrepancy.fit import fit_tempered, free_parameters, score
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.improvement import learned
@@ -25,6 +25,7 @@ EFFECTS = (
     "joint_friction", "muscle_hysteresis", "creep", "backlash", "direction_dependent_damping",
     "valve_dead_band", "valve_delay", "extensor_leak", "flexor_leak", "supply_sag",
 )  # fmt: skip
+MECHANICAL = EFFECTS[:5]
 UNUSED = ("supply_sag",)  # controllers do nothing about it; fitted lest others take its place
 RECORDED = ("gait", "gait-faster", "decay")
 # what one knows of hardware that was bought and not yet measured: sd of the ranges that it is drawn from
@@ -63,8 +64,22 @@ def fitted(system, recorded, settings) -> dict[str, float]:
     """Return all parameters of the model with `EFFECTS`, fitted to recordings within their tolerances."""
     replay = Replay(system)
     problem, _, _ = workflow.prepared(replay, recorded, recorded[:1], settings)
-    _, found = fit_tempered(problem, EFFECTS, replay.defaults(EFFECTS), free_parameters(system, EFFECTS))
+    typical, free = replay.defaults(EFFECTS), free_parameters(system, EFFECTS)
+    fits = [fit_tempered(problem, EFFECTS, typical, free)]
+    fits.append(fit_tempered(problem, EFFECTS, _restarted(fits[0][1].values, typical), free))
+    weights = {name: max(weighted.weights[name] for weighted, _ in fits) for name in problem.weights}
+    common = problem.weighted(weights)
+    found = min((one for _, one in fits), key=lambda one: score(common, one))
     return {key: float(value) for key, value in found.values.items()}
+
+
+def _restarted(values, typical) -> dict[str, float]:
+    """Return values with those effects back at their start that oppose the same motion.
+
+    While much is far off, one of them may drive the others out of their place.
+    """
+    start = {key: value for key, value in typical.items() if key.split(".")[0] in MECHANICAL}
+    return {**values, **start, "direction_dependent_damping.asymmetry": 0.0}
 
 
 def _matters(name: str, values) -> bool:
