@@ -198,6 +198,10 @@ def _others(results) -> str:
         both = sum("found" in r and set(r["effects"]) <= set(names(r)) for r in pairs)
         exact = sum(judged(r) == "right" for r in pairs)
         lines.append(f"- pairs: {len(pairs)} cases, both named {both}, and nothing else {exact}")
+        if alone := _found_alone(results):
+            shown = [r for r in pairs if set(r["effects"]) <= alone]
+            both = sum("found" in r and set(r["effects"]) <= set(names(r)) for r in shown)
+            lines.append(f"- of these pairs, {len(shown)} of effects that were found alone: both named {both}")
     outside = _of(results, "outside")
     if outside:
         honest = sum("found" in r and _honest(r["found"]) for r in outside)
@@ -206,8 +210,14 @@ def _others(results) -> str:
         )
     failed = sum("failed" in r for r in (*pairs, *outside))
     if failed:
-        lines.append(f"- of these, {failed} ended with an error")
+        lines.append(f"- of pairs and outside, {failed} ended with an error")
     return "\n".join(lines)
+
+
+def _found_alone(results) -> set[str]:
+    """Return the effects that were found in the class `clean` at medium size, the size of the pairs."""
+    alone = [r for r in _of(results, "clean") if r["size"] == "medium"]
+    return {r["effects"][0] for r in alone if judged(r) in ("right", "set")}
 
 
 def _honest(found: dict) -> bool:

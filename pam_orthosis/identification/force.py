@@ -84,10 +84,9 @@ def balanced_weights(s: Samples) -> np.ndarray:
     The hysteresis has opposite signs in both directions: more samples of one would pull the model
     to its side.
     """
-    weights = 1 / s.sigma
-    group = np.stack([s.level, s.direction])
-    _, member, count = np.unique(group, axis=1, return_inverse=True, return_counts=True)
-    return weights / np.sqrt(count[member.reshape(-1)])
+    level, direction = (np.unique(one, return_inverse=True)[1] for one in (s.level, s.direction))
+    member = level * (direction.max() + 1) + direction
+    return 1 / s.sigma / np.sqrt(np.bincount(member)[member])
 
 
 def fit_force(s: Samples, damping: float = 0.0, degrees: tuple[int, int] = (3, 4)) -> ForceFit:
