@@ -201,7 +201,7 @@ def _others(results) -> str:
         if alone := _found_alone(results):
             shown = [r for r in pairs if set(r["effects"]) <= alone]
             both = sum("found" in r and set(r["effects"]) <= set(names(r)) for r in shown)
-            lines.append(f"- of these pairs, {len(shown)} of effects that were found alone: both named {both}")
+            lines.append(f"- of these, {len(shown)} of effects that were found alone: both named {both}")
     outside = _of(results, "outside")
     if outside:
         honest = sum("found" in r and _honest(r["found"]) for r in outside)

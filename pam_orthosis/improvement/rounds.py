@@ -18,7 +18,7 @@ from pam_orthosis.improvement.experiments import Experiment, programme, record
 from pam_orthosis.model.parameters import BELIEF, Parameters
 from pam_orthosis.model.plant import with_belief
 
-# of the evidence of an earlier effect for which it could pass, which a further one needs (`gap.evidence.share`)
+# of the evidence of another effect for which it could pass, which a further one needs (`gap.evidence.share`)
 SHARE_KEY, SHARE = "gap.evidence.share", 0.01
 
 Tell = Callable[[str], None]
