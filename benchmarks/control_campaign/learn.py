@@ -26,7 +26,6 @@ EFFECTS = (
     "valve_dead_band", "valve_delay", "extensor_leak", "flexor_leak", "supply_sag",
 )  # fmt: skip
 MECHANICAL = EFFECTS[:5]
-UNUSED = ("supply_sag",)  # controllers do nothing about it; fitted lest others take its place
 RECORDED = ("gait", "gait-faster", "decay")
 # what one knows of hardware that was bought and not yet measured: sd of the ranges that it is drawn from
 TOLERANCES = {
@@ -45,7 +44,7 @@ def learn(parameters) -> dict[str, Any]:
     """Return the belief that the specimen's recordings give, as overrides."""
     system = knee(parameters.only(*BELIEF, "gap"), learned.LEARNABLE)
     values = fitted(system, recordings(system, parameters), parameters.gap)
-    effects = [name for name in EFFECTS if name not in UNUSED and _matters(name, values)]
+    effects = [name for name in EFFECTS if _matters(name, values)]
     return learned.calibrated(parameters, effects, values) | learned.named(parameters, effects, values)
 
 

@@ -24,6 +24,7 @@ MECHANICAL = ("body", "force", "torque")
 CHANNELS = ("angle", "extensor_pressure", "flexor_pressure")
 PLAIN = len(orthosis.BASE_STATES)
 MEMORY_STEP = 1.0e-4  # s, of the integration of an effect's states: play of 2 mrad at 10 rad/s has 20,000/s
+STATE_STEP = 5.0e-4  # s, of the integration of a supply's states, which follow in 2 ms at the quickest
 CORRECTIONS = 2  # of the argument of an inverse function: see `corrected`
 
 
@@ -118,10 +119,10 @@ class EffectTorque:
 
 
 def flow_of_opening(belief, muscle: str) -> ca.Function:
-    """Return (relative opening, absolute pressure) -> mass flow into a muscle with the effects, kg/s."""
+    """Return (relative opening, absolute and supply pressure, Pa) -> mass flow with the effects, kg/s."""
     names = known(belief, "opening", "flow")
-    whole = assembled(belief, *names)
-    opening, pressure = ca.SX.sym("opening"), ca.SX.sym("pressure")
+    opening, pressure, supply = (ca.SX.sym(name) for name in ("opening", "pressure", "supply"))
+    whole = assembled(belief.substituted({"valve.supply_pressure": supply}), *names)
     s = SimpleNamespace(**vars(whole.signals))
     for name in orthosis.MUSCLES:
         setattr(s, f"{name}_opening", opening if name == muscle else ca.SX(0))
@@ -134,7 +135,30 @@ def flow_of_opening(belief, muscle: str) -> ca.Function:
     active.stages(s, "flow")
     index = orthosis.BASE_STATES.index(f"{muscle}_pressure")
     flow = ca.substitute(getattr(s, f"{muscle}_flow"), whole.x[index], pressure)
-    return ca.Function(f"{muscle}_flow", [opening, pressure], [flow])
+    return ca.Function(f"{muscle}_flow", [opening, pressure, supply], [flow])
+
+
+def supply_after(belief, muscle: str) -> ca.Function | None:
+    """Return (state, mass flow kg/s) -> state a period later, supply pressure Pa; None if it does not sag.
+
+    Of the air that is drawn, that of one muscle is known: the other one's valve vents meanwhile.
+    """
+    names = known(belief, "supply")
+    if not names:
+        return None
+    effect, settings = CATALOGUE[names[0]], getattr(belief.effects, names[0])
+    state, flow = ca.SX.sym("state", len(effect.states)), ca.SX.sym("flow")
+    drawn = SimpleNamespace(**{f"{name}_flow": flow if name == muscle else 0.0 for name in orthosis.MUSCLES})
+
+    def rates(z):
+        return ca.vertcat(*effect.expression(drawn, settings, ca.vertsplit(z)).rates(drawn))
+
+    period, after = belief.scenario.control_period, state
+    steps = max(1, round(period / STATE_STEP))
+    for _ in range(steps):
+        after = runge_kutta_4(rates, after, period / steps)
+    added = effect.expression(drawn, settings, ca.vertsplit(after)).add["supply_pressure"]
+    return ca.Function("supply_after", [state, flow], [after, belief.valve.supply_pressure + added])
 
 
 def gas_model(belief) -> orthosis.Assembly:

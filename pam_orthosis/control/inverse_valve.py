@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import casadi as ca
+import numpy as np
 
 from pam_orthosis.control import effects
 from pam_orthosis.control.effects import Sensors
@@ -35,28 +36,29 @@ def voltage_for_opening(opening, smoothing, dead_band, valve):
 
 
 def voltage_function(belief, muscle: str = "extensor") -> ca.Function:
-    """Return (mass flow kg/s, absolute pressure Pa) -> voltage V, with the believed effects inverted.
+    """Return (mass flow kg/s, absolute and supply pressure Pa) -> voltage V, the believed effects inverted.
 
     Effects on opening and flow (gain, curve, leak, hose) are met by correcting the flow that is asked of
     the plain valve; the half width of a believed dead band replaces `valve.dead_band`.
     """
-    flow, pressure = ca.SX.sym("flow"), ca.SX.sym("pressure")
-    opening = opening_with_effects(flow, pressure, belief, muscle)
+    flow, pressure, supply = (ca.SX.sym(name) for name in ("flow", "pressure", "supply"))
+    opening = opening_with_effects(flow, pressure, supply, belief, muscle)
     smoothing = belief.control.inverse_valve.dead_band_smoothing
     voltage = voltage_for_opening(opening, smoothing, dead_band(belief), belief.valve)
-    return ca.Function(f"{muscle}_inverse_valve", [flow, pressure], [voltage])
+    return ca.Function(f"{muscle}_inverse_valve", [flow, pressure, supply], [voltage])
 
 
-def opening_with_effects(mass_flow, pressure, belief, muscle: str):
+def opening_with_effects(mass_flow, pressure, supply, belief, muscle: str):
     """Return the relative opening that gives a mass flow through valve, hose and the believed effects."""
+    valve = belief.substituted({"valve.supply_pressure": supply}).valve
 
     def plain(flow):
-        return opening_for_flow(flow, pressure, belief.valve)
+        return opening_for_flow(flow, pressure, valve)
 
     if not effects.known(belief, "opening", "flow"):
         return plain(mass_flow)
     passed = effects.flow_of_opening(belief, muscle)
-    return effects.corrected(plain, lambda opening: passed(opening, pressure), mass_flow)
+    return effects.corrected(plain, lambda opening: passed(opening, pressure, supply), mass_flow)
 
 
 def dead_band(belief) -> float:
@@ -72,11 +74,22 @@ class InverseValveModel:
         belief = parameters.belief()
         self._voltage = compiled(voltage_function(belief, muscle))
         self._sensors, self._channel = Sensors(belief), f"{muscle}_pressure"
+        self._supply = belief.valve.supply_pressure
+        after = effects.supply_after(belief, muscle)
+        self._after = None if after is None else compiled(after)
+        self._drawn = np.zeros(0 if after is None else after.size1_in(0))
 
     def step(self, mass_flow: float, pressure: float) -> float:
-        """Return the valve voltage, V, for a mass flow, kg/s, at an absolute muscle pressure, Pa."""
+        """Return the valve voltage, V, for a mass flow, kg/s, at an absolute muscle pressure, Pa.
+
+        A supply that is believed to sag does so by the flows that were asked for: it is in no loop.
+        """
         pressure = self._sensors.true(self._channel, pressure)
-        return float(self._voltage(mass_flow, pressure)[0][0])
+        voltage = float(self._voltage(mass_flow, pressure, self._supply)[0][0])
+        if self._after is not None:
+            self._drawn[:], supply = self._after(self._drawn, mass_flow)
+            self._supply = float(supply[0])
+        return voltage
 
 
 def _opening(conductance, valve):

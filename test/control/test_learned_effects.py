@@ -149,14 +149,36 @@ def test_the_opening_gives_the_wanted_flow_through_the_believed_valve(name):
     muscle = "flexor" if name.startswith("flexor") else "extensor"
     belief = believing(name).belief()
     passed = effects.flow_of_opening(belief, muscle)
-    plain = load().belief()
+    plain, at = load().belief(), (3.4e5, 7.0e5)
     for flow in (-4e-3, -1e-3, 1e-3, 4e-3):
         found, unknowing = (
-            float(passed(inverse_valve.opening_with_effects(flow, 3.4e5, b, muscle), 3.4e5))
+            float(passed(inverse_valve.opening_with_effects(flow, *at, b, muscle), *at))
             for b in (belief, plain)
         )
         assert abs(found - flow) < 0.02 * abs(flow) + 1e-7
         assert abs(found - flow) < 0.3 * abs(unknowing - flow) + 1e-9
+
+
+def test_a_supply_that_sags_is_met_by_a_wider_opening():
+    """The believed sag is that of the effect's equation; steady, it is its resistance times the flow."""
+    parameters = believing("supply_sag", **{"effects.supply_sag.resistance": 2e7})
+    belief, state, flow, at = parameters.belief(), np.zeros(1), 4e-3, 4.5e5
+    after = effects.supply_after(belief, "flexor")
+    for _ in range(200):
+        state, supply = after(state, flow)
+    assert float(supply) == pytest.approx(belief.valve.supply_pressure - 2e7 * flow, rel=1e-6)
+    assert effects.supply_after(load().belief(), "flexor") is None
+    knowing, plain = InverseValveModel(parameters, "flexor"), InverseValveModel(load(), "flexor")
+    unknowing = plain.step(flow, at)
+    voltages = [knowing.step(flow, at) for _ in range(50)]
+    assert voltages[0] == unknowing
+    assert voltages[-1] > unknowing + 0.1
+    opening = float(inverse_valve.opening_with_effects(flow, at, supply, belief, "flexor"))
+    passed = effects.flow_of_opening(belief, "flexor")
+    assert float(passed(opening, at, supply)) == pytest.approx(flow, rel=1e-3)
+    for _ in range(200):
+        knowing.step(-flow, at)  # air that leaves draws none
+    assert knowing.step(flow, at) == pytest.approx(unknowing, abs=1e-6)
 
 
 def test_the_voltage_undoes_the_believed_dead_band():
