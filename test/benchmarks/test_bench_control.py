@@ -4,6 +4,7 @@
 import json
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ from control_campaign import learn, pid
 from control_campaign.cases import CASES, SPECIMENS, plan
 from control_campaign.hardware import drawn
 
+from pam_orthosis.control import effects
+from pam_orthosis.improvement.learned import LEARNABLE
 from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.plant import Plant
@@ -122,9 +125,21 @@ def test_what_is_done_is_not_done_again(tmp_path, monkeypatch):
     assert len(file.read_text().splitlines()) == 5
 
 
+def test_what_a_task_changes_is_not_believed_as_it_was(monkeypatch):
+    believed = []
+    monkeypatch.setattr(bench_control, "with_belief", lambda parameters, belief: believed.append(belief))
+    monkeypatch.setattr(bench_control, "ClosedLoop", lambda *_: SimpleNamespace(run=lambda _: None))
+    belief = {"valve.supply_pressure": 5.6e5, "valve.conductance": 2.5e-8}
+    for name in ("gait 2 s, 75 kg", "gait 2 s, 75 kg, supply of 7 bar"):
+        case = next(one for one in CASES if one.name == name)
+        bench_control._run(load(case.overrides()), case, "learned", belief)
+    assert believed == [belief, {"valve.conductance": 2.5e-8}]
+
+
 def test_what_is_learned_names_no_effect_that_controllers_leave_alone():
     values = {f"{n}.{q.name}": q.typical for n in learn.EFFECTS for q in CATALOGUE[n].parameters}
     assert all(learn._matters(name, values) for name in learn.EFFECTS)
-    assert set(learn.UNUSED) < set(learn.EFFECTS)
+    assert set(learn.EFFECTS) <= set(LEARNABLE)
+    assert set(learn.MECHANICAL) == {n for n in learn.EFFECTS if CATALOGUE[n].stage in effects.MECHANICAL}
     assert learn.tolerances(0) == {}
     load(learn.tolerances(1))
