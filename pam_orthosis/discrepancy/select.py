@@ -51,7 +51,7 @@ REFIT_NULL = 10.0  # the smaller model is refitted with the larger one's weights
 
 @dataclass(frozen=True)
 class Step:
-    """One round: what was accepted, what came next, and all candidates that were fitted."""
+    """One round: what was accepted, what came next, all candidates that were fitted, gains of all."""
 
     accepted: str | None
     fit: Fit | None
@@ -326,11 +326,11 @@ def _refined_in(system, model: Fit) -> list[str]:
 
 def _judged(problem: Problem, base: Fit, models) -> list[tuple[float, Problem, Fit]]:
     """Return evidence, weighted problem and fit of each model, all with the best model's weights."""
+    if not models:
+        return []
     weights = dict(problem.weights)
     for weighted, _ in models:
         weights = {name: max(w, weighted.weights[name]) for name, w in weights.items()}
-    if not models:
-        return []
     common = problem.weighted(weights)
     before = score(common, _comparable(problem, common, base))
     return [(before - score(common, model), weighted, model) for weighted, model in models]
