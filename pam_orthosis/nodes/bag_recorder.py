@@ -6,7 +6,10 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
+
+from std_msgs.msg import String
 
 from pam_orthosis.bag.cdr import canonical
 from pam_orthosis.bag.record import BagWriter, run_metadata
@@ -52,6 +55,8 @@ class BagRecorder(graph.GraphNode):
             for topic in filter(lambda topic: topic.recorded, self.topics.values()):
                 self._record(topic, leg)
             self._view(leg)
+        if len(self.legs) > 1:
+            self._await_all_legs()
         self.create_timer(LOOK_SECONDS, self._look)
 
     def served_legs(self) -> tuple[str, ...]:
@@ -81,6 +86,14 @@ class BagRecorder(graph.GraphNode):
             for steps in self._collectors():
                 self._write(steps.rest())
         self._writer.close()
+
+    def _await_all_legs(self) -> None:
+        """Be ready after everybody else: a leg that is up would soon wait for the record of one that is not."""
+        others = set(self.topics["ready"].producers) - {RECORDER}
+        for leg in self.legs:
+            there: set[str] = set()
+            self.listen_to("ready", _noter(there), leg=leg, latched=True)
+            self.await_peer(f"the nodes of {leg}", partial(others.issubset, there))
 
     def _make_legs(self) -> list[RecordedLeg]:
         """In lockstep the legs share their instants, and the bag has one order; by the wall clock not."""
@@ -170,6 +183,10 @@ class BagRecorder(graph.GraphNode):
         missing = {name: topic for steps in self._collectors() for name, topic in steps.missing().items()}
         for name, topic in list(missing.items())[:1]:
             print(f"{NOTE_PREFIX}the last step lacks {name} of {topic.producers[0]}", file=sys.stderr)
+
+
+def _noter(there: set[str]) -> Callable[[String], None]:
+    return lambda message: there.add(message.data)
 
 
 def main() -> int:

@@ -135,13 +135,17 @@ class GraphNode(Node):
         """Return the namespaces, inside the node's own, of the legs that it serves."""
         return ("",)
 
+    def await_peer(self, peer: str, there: Callable[[], bool]) -> None:
+        """Do not start before this one is there; `peer` names it in the log."""
+        self._peers[peer] = there
+
     def publish_to(self, topic: str, latched: bool = False, leg: str = "") -> Publisher:
         """Create a publisher of the table, and wait for its subscribers before the start."""
         entry, name = self.topics[topic], in_leg(topic, leg, self.legs)
         quality = qos(PUBLISHED_DEPTH, latched)
         publisher = self.create_publisher(message_class(entry.type), name, quality)
         count = len(entry.subscribers)
-        self._peers[f"a listener on {name}"] = lambda: publisher.get_subscription_count() >= count
+        self.await_peer(f"a listener on {name}", lambda: publisher.get_subscription_count() >= count)
         return publisher
 
     def publish_numbers(self, topic: str, *examples: Any) -> Callable[..., None]:
@@ -188,9 +192,8 @@ class GraphNode(Node):
         subscription = self.create_subscription(
             message_class(entry.type), name, callback, qos(**options), raw=raw, **events
         )
-        self._peers[f"{name} of {' and '.join(entry.producers)}"] = lambda: (
-            subscription.get_publisher_count() >= count
-        )
+        peer = f"{name} of {' and '.join(entry.producers)}"
+        self.await_peer(peer, lambda: subscription.get_publisher_count() >= count)
         return subscription
 
     def _watched(self, topic: str, name: str, callback: Callable) -> tuple[Callable, dict[str, Any]]:

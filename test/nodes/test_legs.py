@@ -18,6 +18,15 @@ from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.trajectory import make_trajectory
 from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes import launch
+from pam_orthosis.nodes.supervisor import supervise
+
+
+LATE = """
+import sys
+from pam_orthosis.nodes import composed, graph
+graph.PEER_POLL_SECONDS = 3.0
+sys.exit(composed.main())
+"""
 
 
 @pytest.fixture(scope="module")
@@ -115,6 +124,20 @@ def test_the_bag_tells_how_the_legs_differ(two_legs):
     assert legs == differences(load(_overrides()))
     phases = [read_bag(two_legs[1], ["angle"], namespace=leg).parameters for leg in ("/left", "/right")]
     assert [one["scenario.start_phase"] for one in phases] == [0.0, 0.5]
+
+
+def test_a_leg_that_is_up_waits_for_one_that_is_not(tmp_path):
+    parameters = load(_overrides() | {"scenario.duration": 0.5})
+    mode = launch.Mode(composed=True, legs=differences(parameters))
+    commands = launch.commands(tmp_path, parameters, tmp_path / "walk", "default", mode)
+    impatient = tmp_path / "left_plant_simulator.yaml"
+    impatient.write_text(f"{impatient.read_text()}    answer_timeout: 1.0\n")
+    python, _, _, *words = commands["right/composed"]
+    commands["right/composed"] = [python, "-c", LATE, *words]
+    with launch.free_domain() as domain:
+        supervise(commands, launch.environment(tmp_path, domain), tmp_path, lambda _: None)
+    legs = [read_bag(tmp_path / "walk", ["angle"], namespace=leg)["angle"] for leg in ("/left", "/right")]
+    assert [leg.stamp_ns[-1] for leg in legs] == [495_000_000, 495_000_000]
 
 
 def test_two_legs_by_the_wall_clock_are_both_timed(run_graph):
