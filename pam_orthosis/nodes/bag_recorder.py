@@ -88,7 +88,7 @@ class BagRecorder(graph.GraphNode):
         self._writer.close()
 
     def _await_all_legs(self) -> None:
-        """Be ready after everybody else: a leg that is up would soon wait for the record of one that is not."""
+        """Be ready after all others: a leg that is up would soon wait for the record of one that is not."""
         others = set(self.topics["ready"].producers) - {RECORDER}
         for leg in self.legs:
             there: set[str] = set()

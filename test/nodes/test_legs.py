@@ -20,7 +20,6 @@ from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes import launch
 from pam_orthosis.nodes.supervisor import supervise
 
-
 LATE = """
 import sys
 from pam_orthosis.nodes import composed, graph
