@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from gap_table import SETS, beside, keep, read, table, work_off
+from gap_table import SETS, beside, keep, read, table, which, work_off
 
 SHAPES = ("force_map_misfit", "valve_curve_misfit", "volume_misfit")
 NULLS = 50
@@ -28,8 +28,8 @@ def plan(sets, seed: int) -> Iterator[dict]:
     """Yield the cases of some sets; the order mixes effects so that a part of it is a fair sample."""
     from pam_orthosis.discrepancy.hidden.effects import EFFECTS, OUTSIDE
 
-    rng = np.random.default_rng(seed)
     for name in sets:
+        rng = np.random.default_rng(seed)  # a set does not depend on which others are made
         class_ = "realistic" if name.startswith("realistic") else "clean"
         base = 100_000 * seed + 10_000 * SETS.index(name)
         if name in ("clean", "realistic"):
@@ -40,6 +40,9 @@ def plan(sets, seed: int) -> Iterator[dict]:
             cases = [("medium", [])] * NULLS
         elif name == "pairs":
             cases = [("medium", _pair(rng, list(EFFECTS))) for _ in range(PAIRS)]
+        elif name == "alone":
+            yield from _each_alone(plan(["pairs"], seed))
+            continue
         else:
             cases = [
                 (size, [e]) for size in ("medium", "large") for _ in range(OUTSIDE_ROUNDS) for e in OUTSIDE
@@ -49,6 +52,13 @@ def plan(sets, seed: int) -> Iterator[dict]:
                 "set": name, "class": class_, "size": size, "effects": effects, "seed": base + number,
                 "outside": name == "outside",
             }  # fmt: skip
+
+
+def _each_alone(pairs) -> Iterator[dict]:
+    """Yield for each pair two cases that are the same but for one of its effects."""
+    for case in pairs:
+        for effect in case["effects"]:
+            yield {**case, "set": "alone", "effects": [effect], "pair": case["effects"]}
 
 
 def _pair(rng, names: list[str]) -> list[str]:
@@ -69,8 +79,8 @@ def solve(case: dict, tools: dict) -> dict:
         parameters = belief()
         system = knee(parameters)
         tools.update(parameters=parameters, system=system, replay=Replay(system))
-    effects = case["effects"] or 0
-    made = make_case(case["seed"], case["class"], case["size"], effects, case["outside"])
+    drawn, alone = (case["pair"], case["effects"][0]) if "pair" in case else (case["effects"] or 0, None)
+    made = make_case(case["seed"], case["class"], case["size"], drawn, case["outside"], alone)
     system = tools["system"]
     training, held_out = (
         [from_arrays(name, system, arrays) for name, arrays in group.items()]
@@ -89,8 +99,8 @@ def solve(case: dict, tools: dict) -> dict:
 def run(arguments) -> None:
     """Solve the cases that the results file does not hold yet."""
     known = read(arguments.out) if arguments.out.exists() else []
-    done = {(r["set"], r["seed"]) for r in known}
-    todo = [case for case in plan(arguments.cases, arguments.seed) if (case["set"], case["seed"]) not in done]
+    done = {which(r) for r in known}
+    todo = [case for case in plan(arguments.cases, arguments.seed) if which(case) not in done]
     work_off(todo, arguments.limit, solve, arguments.out, _line)
 
 

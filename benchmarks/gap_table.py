@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-SETS = ("clean", "realistic", "clean-none", "realistic-none", "pairs", "outside")
+SETS = ("clean", "realistic", "clean-none", "realistic-none", "pairs", "outside", "alone")
 SIZES = ("small", "medium", "large")
 OUTCOMES = ("right", "set", "extra", "wrong", "none", "failed")
 KEPT = ("verdict", "effects", "look_alikes", "closure", "gap_before", "rounds")
@@ -20,6 +20,11 @@ CLOSED = 0.95
 def read(path: Path) -> list[dict]:
     """Return the cases of a results file."""
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line]
+
+
+def which(case: dict) -> tuple:
+    """Return what tells a case from all others of its seed."""
+    return case["set"], case["seed"], *case["effects"]
 
 
 def work_off(todo: list[dict], limit: int | None, solve, out: Path, told) -> None:
@@ -198,10 +203,7 @@ def _others(results) -> str:
         both = sum("found" in r and set(r["effects"]) <= set(names(r)) for r in pairs)
         exact = sum(judged(r) == "right" for r in pairs)
         lines.append(f"- pairs: {len(pairs)} cases, both named {both}, and nothing else {exact}")
-        if alone := _found_alone(results):
-            shown = [r for r in pairs if set(r["effects"]) <= alone]
-            both = sum("found" in r and set(r["effects"]) <= set(names(r)) for r in shown)
-            lines.append(f"- of these, {len(shown)} of effects that were found alone: both named {both}")
+        lines += _of_detectable(results, pairs)
     outside = _of(results, "outside")
     if outside:
         honest = sum("found" in r and _honest(r["found"]) for r in outside)
@@ -212,6 +214,20 @@ def _others(results) -> str:
     if failed:
         lines.append(f"- of pairs and outside, {failed} ended with an error")
     return "\n".join(lines)
+
+
+def _of_detectable(results, pairs) -> list[str]:
+    """Return how many pairs were named of those whose effects were each found alone."""
+    singles = _of(results, "alone")
+    if singles:
+        found = Counter(r["seed"] for r in singles if judged(r) in ("right", "set"))
+        shown, what = [r for r in pairs if found[r["seed"]] == 2], "in which each was found alone, the same"
+        what += " but for the other"
+    else:
+        alone = _found_alone(results)
+        shown, what = [r for r in pairs if set(r["effects"]) <= alone], "of effects that were found alone"
+    both = sum("found" in r and set(r["effects"]) <= set(names(r)) for r in shown)
+    return [f"- of these, {len(shown)} {what}: both named {both}"] if shown else []
 
 
 def _found_alone(results) -> set[str]:

@@ -20,6 +20,8 @@ from scipy.signal import find_peaks
 from pam_orthosis.discrepancy.fit import WIDE, Fit, Problem, bounded_step, of_effect, with_scales
 
 DIFFERENCE = 0.01  # of a parameter's scale
+COARSE = 0.1  # the same where a finer one gave no way down: an event of the model may jump within it
+PROMISED = 0.5  # of the score test's gain: a fit that finds less is tried with coarse differences
 MOST_STEPS = 8
 QUARTERS = (0.0, 1.57, 3.14, -1.57)  # rad: phases at which a periodic effect starts
 LOWEST_PEAK, HIGHEST_PEAK, MOST_PEAKS = 0.1, 20.0, 3  # Hz: where its frequency is looked for
@@ -286,11 +288,11 @@ def _point(projection: Projection, trial: Trial, own: np.ndarray, ordinary: np.n
     return Point(own, ordinary, residuals, right, level, cost)
 
 
-def refine(projection: Projection, trial: Trial, start: np.ndarray) -> Point:
+def refine(projection: Projection, trial: Trial, start: np.ndarray, difference: float = DIFFERENCE) -> Point:
     """Return the trial with the least cost over its own and the ordinary parameters.
 
     The ordinary parameters move with the effect and the model is evaluated there; their derivatives are
-    those of the base.
+    those of the base. `difference`: of the effect's own derivatives, in scales.
     """
     lower, upper = trial.bounds()
     now = _point(projection, trial, np.clip(start, lower, upper), projection.position)
@@ -298,7 +300,7 @@ def refine(projection: Projection, trial: Trial, start: np.ndarray) -> Point:
     for _ in range(MOST_STEPS):
         if not math.isfinite(now.cost):
             break
-        shared, hessian, gradient = _projected(projection, trial, now)
+        shared, hessian, gradient = _projected(projection, trial, now, difference)
         best = now
         for _ in range(4):
             step = bounded_step(hessian, gradient, now.own, lower, upper, damping)
@@ -318,12 +320,12 @@ def refine(projection: Projection, trial: Trial, start: np.ndarray) -> Point:
     return now
 
 
-def _projected(projection: Projection, trial: Trial, now: Point):
+def _projected(projection: Projection, trial: Trial, now: Point, difference: float):
     """Return the coupling to the ordinary parameters, Hessian and gradient with these projected out."""
     columns: dict[str, list[np.ndarray]] = {equation.name: [] for equation in trial.equations}
     _, upper = trial.bounds()
     for i in range(len(now.own)):
-        step = DIFFERENCE if now.own[i] + DIFFERENCE <= upper[i] else -DIFFERENCE
+        step = difference if now.own[i] + difference <= upper[i] else -difference
         moved = now.own.copy()
         moved[i] += step
         values = trial.values(moved, now.ordinary)
@@ -338,9 +340,14 @@ def _projected(projection: Projection, trial: Trial, now: Point):
     return shared, hessian, gradient - shared.T @ now.level.solve(pull)
 
 
-def candidate(projection: Projection, trial: Trial, positions: list[np.ndarray]) -> Candidate:
-    """Return the best fit of an effect from some start positions."""
-    best = min((refine(projection, trial, p) for p in positions), key=lambda found: found.cost)
+def candidate(
+    projection: Projection, trial: Trial, positions: list[np.ndarray], promised: float = 0.0
+) -> Candidate:
+    """Return the best fit of an effect from some start positions; `promised` is the score test's gain."""
+    found = [refine(projection, trial, p) for p in positions]
+    if projection.floor - min(one.cost for one in found) < PROMISED * promised:
+        found += [refine(projection, trial, p, COARSE) for p in positions]
+    best = min(found, key=lambda one: one.cost)
     gain = projection.floor - best.cost
     evidence = gain - penalty(projection.base, len(trial.free))
     values = trial.values(best.own, best.ordinary)

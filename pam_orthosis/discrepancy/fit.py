@@ -173,13 +173,24 @@ class Fit:
 class Problem:
     """Recordings to be explained by one system."""
 
-    def __init__(self, replay: Replay, scored: Sequence[Scored], weights: Mapping[str, float] | None = None):
+    def __init__(
+        self,
+        replay: Replay,
+        scored: Sequence[Scored],
+        weights: Mapping[str, float] | None = None,
+        shown: Mapping[str, np.ndarray] | None = None,
+    ):
         self.replay, self.system, self.scored = replay, replay.system, list(scored)
         self.weights = dict(weights or {equation.name: 1.0 for equation in self.system.equations})
+        self._shown = dict(shown or {})
 
     def weighted(self, weights: Mapping[str, float]) -> Problem:
         """Return the same problem with other weights of the equations' residuals."""
-        return Problem(self.replay, self.scored, weights)
+        return Problem(self.replay, self.scored, weights, self._shown)
+
+    def shown(self, samples: Mapping[str, np.ndarray]) -> Problem:
+        """Return the same problem with some samples only: equation -> choice (n,) of its row of residuals."""
+        return Problem(self.replay, self.scored, self.weights, samples)
 
     def residual(self, equation, effects: tuple[str, ...], values: Mapping) -> np.ndarray:
         """Return the whitened residuals of one equation, all runs and channels in one row."""
@@ -205,12 +216,17 @@ class Problem:
             own = [piece for task, piece in zip(tasks, pieces, strict=True) if task[0] is equation]
             weight = self.weights[equation.name]
             blocks[equation.name] = Block(
-                weight * np.concatenate([row for piece in own for row in piece[0]]),
-                weight * np.concatenate([matrix for piece in own for matrix in piece[1]]),
+                weight * self._chosen(equation, [row for piece in own for row in piece[0]]),
+                weight * self._chosen(equation, [matrix for piece in own for matrix in piece[1]]),
                 own[0][2],
                 weight,
             )
         return blocks
+
+    def _chosen(self, equation, pieces: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the samples that are shown of an equation's pieces, joined."""
+        whole = np.concatenate(pieces)
+        return whole[self._shown[equation.name]] if equation.name in self._shown else whole
 
     def _whitened(self, equation, one: Scored, effects, values) -> list[np.ndarray]:
         """Return whitened residuals, one entry a channel, of one run."""
@@ -219,7 +235,9 @@ class Problem:
 
     def _joined(self, equation, pieces: Sequence[list[np.ndarray]]) -> np.ndarray:
         """Return the weighted residuals of an equation from those of its runs and channels."""
-        return self.weights[equation.name] * np.concatenate([row for piece in pieces for row in piece])
+        return self.weights[equation.name] * self._chosen(
+            equation, [row for piece in pieces for row in piece]
+        )
 
     def _linearised(self, equation, one: Scored, effects, values, names):
         """Return whitened residuals and derivatives, one entry a channel, of one run."""

@@ -9,11 +9,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pam_orthosis.discrepancy import quiet
 from pam_orthosis.discrepancy.candidates import (
     Candidate,
     Projection,
     Trial,
     candidate,
+    penalty,
     secant_gain,
     widened_shape,
 )
@@ -32,6 +34,7 @@ from pam_orthosis.discrepancy.fit import (
 from pam_orthosis.discrepancy.replay import Replay
 
 THREADS = 2
+ASKED_IN_SILENCE = 3
 LEFT_OVER = 1.3  # power density over noise that an effect leaves: its details are refined
 LEAST_SCREEN = 6.0  # gain of a score test below which a fit is not worth its time
 LEAST_OF_BAR = 0.15  # the same, of the evidence that is asked for
@@ -51,7 +54,10 @@ REFIT_NULL = 10.0  # the smaller model is refitted with the larger one's weights
 
 @dataclass(frozen=True)
 class Step:
-    """One round: what was accepted, what came next, all candidates that were fitted, gains of all."""
+    """One round: what was accepted, what came next, all candidates that were fitted, gains of all.
+
+    `blocked` are effects that would have enough evidence were there no larger ones.
+    """
 
     accepted: str | None
     fit: Fit | None
@@ -61,6 +67,7 @@ class Step:
     ranked: tuple[tuple[str, float], ...]
     reason: str
     gains: Mapping[str, float] = field(default_factory=dict)
+    blocked: tuple[str, ...] = ()
 
 
 @dataclass
@@ -72,7 +79,9 @@ class Selection:
         final_problem, final: the same with all effects that stayed.
         steps: rounds in order.
         evidence: effect -> difference of BIC when it alone is taken away (or was added).
+        entered: effect -> the same when it was added.
         alike: effect -> other one -> share of its gain that the other one had where it was added.
+        apart: effect -> others, larger ones, in whose silence it was seen too.
         present: effect that the model had before -> the same, and the equations that it changes.
     """
 
@@ -82,7 +91,9 @@ class Selection:
     final: Fit
     steps: list[Step] = field(default_factory=list)
     evidence: dict[str, float] = field(default_factory=dict)
+    entered: dict[str, float] = field(default_factory=dict)
     alike: dict[str, Mapping[str, float]] = field(default_factory=dict)
+    apart: dict[str, frozenset[str]] = field(default_factory=dict)
     present: dict[str, tuple[float, frozenset[str]]] = field(default_factory=dict)
 
 
@@ -141,11 +152,14 @@ def extended(problem: Problem, base: Fit, held_out: Problem, settings, tell=lamb
     while len(found.final.effects) < settings.effects:
         step = _round(found, held_out, settings, tell)
         found.steps.append(step)
+        if step.accepted is None and step.blocked:
+            step = _round_in_silence(found, held_out, step, settings, tell)
+            found.steps.append(step)
         if step.accepted is None:
             break
         tell(f"added {step.accepted} (evidence {step.evidence:.0f}, held-out t {step.held_out_t:.1f})")
         found.final_problem, found.final = _levelled(*_detailed(step.problem, step.fit, tell))
-        found.evidence[step.accepted] = step.evidence
+        found.evidence[step.accepted] = found.entered[step.accepted] = step.evidence
         found.alike[step.accepted] = _alike(step)
     _eliminate(found, settings, tell)
     return found
@@ -211,14 +225,31 @@ def _bar(found: Selection, name: str, settings) -> float:
     What the exact form of a large effect leaves over looks like a small one, most of all like one that
     would have explained the large one nearly as well.
     """
-    touched = found.problem.replay.touched
-    asked = [
-        evidence * max(settings.least_share, settings.share * min(1.0, found.alike[other].get(name, 0.0)))
-        for other, evidence in found.evidence.items()
-        if other != name and touched(other) & touched(name)
+    asked = _asked_beside(found, name, settings).values()
+    present = [
+        settings.share * evidence
+        for evidence, equations in found.present.values()
+        if equations & found.problem.replay.touched(name)
     ]
-    present = [evidence for evidence, equations in found.present.values() if equations & touched(name)]
-    return max([settings.threshold, *asked, *(settings.share * evidence for evidence in present)])
+    return max([settings.threshold, *asked, *present])
+
+
+def _asked_beside(found: Selection, name: str, settings) -> dict[str, float]:
+    """Return the evidence that an effect needs for each other one, if it was not seen in its silence."""
+    touched = found.problem.replay.touched
+    return {
+        # its evidence beside the others is an upper limit: without it the model is not fitted to the end
+        other: min(evidence, found.entered.get(other, evidence))
+        * max(settings.least_share, settings.share * min(1.0, found.alike[other].get(name, 0.0)))
+        for other, evidence in found.evidence.items()
+        if other != name and other not in found.apart.get(name, ()) and touched(other) & touched(name)
+    }
+
+
+def _larger(found: Selection, name: str, settings) -> frozenset[str]:
+    """Return the effects beside which a small one needs more evidence than alone."""
+    asked = _asked_beside(found, name, settings)
+    return frozenset(other for other, evidence in asked.items() if evidence > settings.threshold)
 
 
 def _round(found: Selection, held_out: Problem, settings, tell) -> Step:
@@ -226,16 +257,23 @@ def _round(found: Selection, held_out: Problem, settings, tell) -> Step:
     bars = {name: _bar(found, name, settings) for name in problem.system.catalogue}
     ranked, gains = fitted_candidates(problem, base, settings.screened, bars, tell)
     if not ranked:
-        return Step(None, None, None, 0.0, 0.0, (), "no effect gains anything")
+        blocked = _blocked(found, bars, gains, (), settings)
+        return Step(None, None, None, 0.0, 0.0, (), "no effect gains anything", gains, blocked)
     models = [_polished(problem, base, one, tell) for one in _worth_polishing(problem, ranked, bars)]
     judged = sorted(_judged(problem, base, models), key=lambda item: -item[0])
     told = _told(judged, ranked)
+    blocked = _blocked(found, bars, gains, told, settings)
     able = [one for one in judged if one[0] >= bars[one[2].effects[-1]]]
     if not able:
         name, evidence = told[0]
         reason = f"{name} has evidence {evidence:.0f}, it would need {bars[name]:.0f}"
-        return Step(None, None, None, evidence, 0.0, told, reason)
-    for evidence, weighted, model in able[:2]:
+        return Step(None, None, None, evidence, 0.0, told, reason, gains, blocked)
+    return _accepted(problem, base, held_out, able[:2], told, gains, blocked)
+
+
+def _accepted(problem: Problem, base: Fit, held_out: Problem, able, told, gains, blocked=()) -> Step:
+    """Return the step with the first of some models that held-out recordings confirm."""
+    for evidence, weighted, model in able:
         name = model.effects[-1]
         t, transfer = confirmed(
             problem.weighted(weighted.weights), held_out.weighted(weighted.weights), base, model
@@ -245,7 +283,45 @@ def _round(found: Selection, held_out: Problem, settings, tell) -> Step:
             continue
         if t > LEAST_T or transfer > LEAST_TRANSFER or (strained and t > WORST_T):
             return Step(name, model, weighted, evidence, t, told, "accepted", gains)
-    return Step(None, None, None, able[0][0], t, told, "held-out recordings do not confirm it")
+    reason = "held-out recordings do not confirm it"
+    return Step(None, None, None, able[0][0], t, told, reason, gains, blocked)
+
+
+def _blocked(found: Selection, bars, gains, told, settings) -> tuple[str, ...]:
+    """Return effects that only larger ones keep from being added, the most evident first."""
+    system, base = found.problem.system, found.final
+    possible = {
+        name: gain - penalty(base, len(system.catalogue[name].fitted)) for name, gain in gains.items()
+    } | dict(told)
+    names = sorted((n for n in possible if n not in system.shapes), key=lambda n: -possible[n])
+    return tuple(
+        n for n in names if settings.threshold <= possible[n] < bars[n] and _larger(found, n, settings)
+    )
+
+
+def _round_in_silence(found: Selection, held_out: Problem, last: Step, settings, tell) -> Step:
+    """Return the step with the best of the effects that only larger ones kept from being added.
+
+    It needs its evidence where these are silent.
+    """
+    problem, base = found.final_problem, found.final
+    seen = {}
+    for name in last.blocked[:ASKED_IN_SILENCE]:
+        large = _larger(found, name, settings)
+        tell(f"looking for {name} where {', '.join(sorted(large))} is silent")
+        seen |= quiet.evidence(problem, base, [name], large)
+    told = tuple(sorted(seen.items(), key=lambda one: -one[1]))
+    if not told or told[0][1] < settings.threshold:
+        return Step(None, None, None, 0.0, 0.0, told, "nothing shows where the larger effects are silent")
+    name = told[0][0]
+    model = _polished(problem, base, quiet.beside(Projection(problem, base), name), tell)
+    able = [one for one in _judged(problem, base, [model]) if one[0] >= settings.threshold]
+    if not able:
+        return Step(None, None, None, told[0][1], 0.0, told, f"{name} has too little evidence in all samples")
+    step = _accepted(problem, base, held_out, able, told, last.gains)
+    if step.accepted:
+        found.apart[name] = _larger(found, name, settings)
+    return step
 
 
 def fitted_candidates(
@@ -283,7 +359,7 @@ def fitted_candidates(
         else "none is worth a fit"
     )
     with ThreadPoolExecutor(THREADS) as pool:
-        fitted = pool.map(lambda item: candidate(projection, item[1], item[2]), kept)
+        fitted = pool.map(lambda item: candidate(projection, item[1], item[2], item[0]), kept)
         found = [*fitted, *(widened_shape(projection, name) for name in shapes)]
     gains = {trial.name: gain for gain, trial, _ in screened} | {one.name: one.gain for one in found}
     return sorted((one for one in found if one.gain > least), key=lambda one: -one.evidence), gains
@@ -410,7 +486,9 @@ def _eliminate(found: Selection, settings, tell) -> None:
         losses = {name: _loss(found, name) for name in found.final.effects}
         found.evidence.update({name: evidence for name, (evidence, _) in losses.items()})
         weakest = min(losses, key=lambda name: losses[name][0] / _bar(found, name, settings))
-        if losses[weakest][0] >= _bar(found, weakest, settings):
+        if losses[weakest][0] >= _bar(found, weakest, settings) or _seen_in_silence(
+            found, weakest, *losses[weakest], settings
+        ):
             return
         tell(f"dropped {weakest}: beside the others its evidence is {losses[weakest][0]:.0f}")
         left = losses[weakest][1]
@@ -418,6 +496,17 @@ def _eliminate(found: Selection, settings, tell) -> None:
             found.final_problem, left.effects, left.values, left.free
         )
         found.evidence.pop(weakest)
+
+
+def _seen_in_silence(found: Selection, name: str, evidence: float, without: Fit, settings) -> bool:
+    """Whether an effect that larger ones would have dropped shows where they are silent."""
+    large = _larger(found, name, settings)
+    if not large or evidence < settings.threshold or name in found.problem.system.shapes:
+        return False
+    seen = quiet.evidence(found.final_problem, without, [name], large).get(name, 0.0) >= settings.threshold
+    if seen:
+        found.apart[name] = large
+    return seen
 
 
 def _loss(found: Selection, name: str) -> tuple[float, Fit]:

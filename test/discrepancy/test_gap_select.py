@@ -19,7 +19,9 @@ def touched(name):
 
 def selection(evidence, alike, present=None):
     problem = SimpleNamespace(replay=SimpleNamespace(touched=touched))
-    return SimpleNamespace(problem=problem, evidence=evidence, alike=alike, present=present or {})
+    return select.Selection(
+        problem, None, problem, None, evidence=evidence, alike=alike, present=present or {}
+    )
 
 
 def asked(found, name):

@@ -78,6 +78,7 @@ def make_case(
     size: str = "medium",
     effects: int | str | Sequence[str] = 1,
     outside: bool = False,
+    alone: str | None = None,
 ) -> Case:
     """Draw a case and record it.
 
@@ -87,13 +88,14 @@ def make_case(
         size: one of `SIZES`.
         effects: how many effects are drawn, or their names.
         outside: draw from the effects outside the catalogue.
+        alone: of the effects that are drawn the only one to hide; everything else stays as it is.
 
     Raises:
         OrthosisError: unknown class, size or effect.
     """
     rng = np.random.default_rng([seed, 4])
     parameters = belief()
-    secret = draw(rng, parameters, class_, size, effects, outside)
+    secret = draw(rng, parameters, class_, size, effects, outside, alone)
     training, held_out = trajectories(rng, parameters), trajectories(rng, parameters, held_out=True)
     seeds = iter(rng.integers(2**31, size=len(training) + len(held_out)).tolist())
 
@@ -103,15 +105,22 @@ def make_case(
     return Case(recorded(training), recorded(held_out), parameters, {"seed": seed, **secret.answer})
 
 
-def draw(rng, parameters, class_: str, size: str, effects, outside: bool = False) -> Secret:
+def draw(rng, parameters, class_: str, size: str, effects, outside=False, alone=None) -> Secret:
     """Draw the plant of a case; arguments as in `make_case`."""
     _check(class_, CLASSES, "class")
     _check(size, SIZES, "size")
     table = OUTSIDE if outside else EFFECTS
     chosen = _chosen(rng, table, effects)
+    if alone is not None:
+        _check(alone, tuple(effect.name for effect in chosen), "effect")
     fields: dict[str, float] = {}
     misfits = realistic_misfits(rng) if class_ == "realistic" else {}
-    parts = {effect.name: _hide(rng, effect, SIZES.index(size), fields, misfits) for effect in chosen}
+    parts = {}
+    for effect in chosen:
+        hidden = alone in (None, effect.name)
+        into = (fields, misfits) if hidden else ({}, {})
+        part = _hide(rng, effect, SIZES.index(size), *into)
+        parts |= {effect.name: part} if hidden else {}
     deviations = {
         name: TOLERANCE_SHARE * sd * rng.standard_normal()
         for name, sd in parameters.gap.tolerance.items()
@@ -122,8 +131,8 @@ def draw(rng, parameters, class_: str, size: str, effects, outside: bool = False
         "size": size,
         "outside": outside,
         "effects": parts,
-        "forms": {effect.name: effect.form for effect in chosen},
-        "same_form": {effect.name: effect.same_form for effect in chosen},
+        "forms": {effect.name: effect.form for effect in chosen if effect.name in parts},
+        "same_form": {effect.name: effect.same_form for effect in chosen if effect.name in parts},
         "deviations": deviations,
     }
     return Secret(Hidden(**fields), deviations, misfits, answer)
