@@ -48,6 +48,7 @@ class BagRecorder(graph.GraphNode):
         self.run_ns = round(self.parameters.scenario.duration * 1e9 / self.period_ns) * self.period_ns
         run = run_metadata(self.parameters, self.settings["scenario_name"], self.settings["legs"])
         self._writer = BagWriter(Path(self.settings["directory"]), run)
+        self._heard = False
         self._names: dict[str, str] = {}
         self._viewed: dict[str, tuple[RecordedScene, str]] = {}
         self._legs = self._make_legs()
@@ -77,7 +78,13 @@ class BagRecorder(graph.GraphNode):
 
     def abandon(self) -> bool:
         """Stay to record the last words of the others."""
+        self._heard = False
         return True
+
+    def hears(self) -> bool:
+        """Whether a message has come since this was last asked."""
+        heard, self._heard = self._heard, False
+        return heard
 
     def close(self) -> None:
         """Close the bag; a run that was cut short leaves its incomplete last step in it too."""
@@ -131,6 +138,7 @@ class BagRecorder(graph.GraphNode):
 
         def receive(data: bytes) -> None:
             self.pulse()
+            self._heard = True
             stamp_ns = messages.serialised_stamp_ns(data)
             if tick:
                 leg.sampled(stamp_ns)

@@ -17,6 +17,7 @@ from typing import Any
 
 import rclpy
 from builtin_interfaces.msg import Time
+from rclpy.duration import Duration
 from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
@@ -49,6 +50,7 @@ HEARTBEAT_SECONDS = 0.1
 PEER_POLL_SECONDS = 0.02
 PEER_REPORT_SECONDS = 5.0
 LAST_WORDS_SECONDS = 0.1
+LONGEST_LAST_WORDS_SECONDS = 2.0  # of a process of its own that still hears something
 STUCK_SECONDS = 60.0  # without a beat, after which a process of a run ends itself
 ARM_SECONDS = 5.0
 LEAVING_SECONDS = 10.0  # the same for one whose supervisor is gone
@@ -259,6 +261,12 @@ class GraphNode(Node):
 
         self.create_service(Trigger, service, answer)
 
+    def wait_until_delivered(self, seconds: float) -> None:
+        """Wait until all listeners have what was published, for so long at most: one may be dead."""
+        until = time.monotonic() + seconds
+        for publisher in self.publishers:
+            publisher.wait_for_all_acked(Duration(seconds=max(0.0, until - time.monotonic())))
+
     def step_done(self, stamp_ns: int) -> None:
         """Note that the step of an instant is computed; report health once a second."""
         self._origin_ns = stamp_ns if self._origin_ns is None else self._origin_ns
@@ -308,6 +316,10 @@ class GraphNode(Node):
 
         Called before `close`.
         """
+        return False
+
+    def hears(self) -> bool:
+        """Whether something has come since this was last asked: last words may stand behind it."""
         return False
 
     def close(self) -> None:
@@ -492,8 +504,11 @@ def spin(nodes: Sequence[GraphNode]) -> bool:
 def _abandon(nodes: Sequence[GraphNode], executor: EventsExecutor, seconds: float) -> None:
     """Let nodes say and hear last words."""
     stay = [node.abandon() for node in nodes]
-    if any(stay):
+    until = time.monotonic() + LONGEST_LAST_WORDS_SECONDS
+    listens = any(stay)
+    while listens:
         executor.spin_until_future_complete(Future(), timeout_sec=seconds)
+        listens = len(nodes) == 1 and nodes[0].hears() and time.monotonic() < until
 
 
 def run(make_nodes: Callable[[], Sequence[GraphNode]]) -> int:

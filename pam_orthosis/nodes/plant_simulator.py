@@ -19,6 +19,7 @@ from pam_orthosis.nodes.parameters import Setting
 
 TRUE = ("knee", "extensor", "flexor", "extensor_gas", "flexor_gas")
 VENT_SAMPLES, VENT_SAMPLE_NS = 10, 50_000_000  # after the end of a run that was cut short
+DELIVERY_SECONDS = 0.3
 
 
 class PlantSimulator(graph.GraphNode):
@@ -61,6 +62,7 @@ class PlantSimulator(graph.GraphNode):
             for _ in range(periods):
                 self.advance(vent, vent)
             self.publish_sample(self._newest_ns + periods * self.period_ns)
+        self.wait_until_delivered(DELIVERY_SECONDS)
         return True
 
     def retune(self, parameters: Parameters) -> None:

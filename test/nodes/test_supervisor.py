@@ -191,3 +191,32 @@ def test_without_a_supervisor_nothing_ends_a_process(monkeypatch):
     monkeypatch.setattr(graph.faulthandler, "dump_traceback_later", lambda *a, **k: armed.append(a))
     graph.Heartbeat().ends_within(1.0)
     assert not armed
+
+
+class Listening:
+    """A node that hears something in its first turns, and the executor of it."""
+
+    def __init__(self, turns):
+        self.left, self.turns = turns, 0
+
+    def abandon(self):
+        return True
+
+    def hears(self):
+        self.left -= 1
+        return self.left >= 0
+
+    def spin_until_future_complete(self, _future, timeout_sec):
+        self.turns += 1
+
+
+def test_a_recorder_listens_until_nothing_comes_any_more():
+    node = Listening(3)
+    graph._abandon([node], node, 0.1)
+    assert node.turns == 4
+
+
+def test_a_process_with_other_nodes_says_its_last_words_and_goes():
+    node = Listening(3)
+    graph._abandon([node, Listening(0)], node, 0.1)
+    assert node.turns == 1
