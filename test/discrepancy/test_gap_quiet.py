@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A small effect beside a large one: seen where the large one is silent, or not believed."""
+
+import numpy as np
+import pytest
+
+from pam_orthosis.discrepancy import quiet, select, workflow
+from pam_orthosis.discrepancy.candidates import COARSE, DIFFERENCE, Projection, Trial, candidate
+from pam_orthosis.discrepancy.data import from_arrays
+from pam_orthosis.discrepancy.fit import fit_tempered, free_parameters
+from pam_orthosis.discrepancy.hidden.case import make_case
+from pam_orthosis.discrepancy.knee import knee
+from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.model.parameters import load
+
+DELAY = {"plant__effects__valve_delay__enabled": True, "plant__effects__valve_delay__delay": 0.004}
+OFFSET = {
+    "plant__effects__flexor_pressure_offset__enabled": True,
+    "plant__effects__flexor_pressure_offset__offset": 8.0e3,
+}
+
+
+def fitted(bench, effects, **plant):
+    return _fitted(bench.replay, effects, bench.recording(1, **plant), bench.recording(2, **plant))
+
+
+def _fitted(replay, effects, training, held_out):
+    settings = load().gap
+    problem, _, _ = workflow.prepared(replay, [training], [held_out], settings)
+    free = free_parameters(replay.system, effects)
+    return select._levelled(*fit_tempered(problem, effects, replay.defaults(effects), free))
+
+
+@pytest.fixture(scope="module")
+def delayed():
+    """Experiments with a delay and an offset, and the model that knows of the delay."""
+    case = make_case(62626240018, effects=["flexor_pressure_offset", "valve_delay"])
+    system = knee(case.parameters)
+    training, held_out = (
+        from_arrays("diagnostic", system, group["diagnostic"]) for group in (case.training, case.held_out)
+    )
+    return _fitted(Replay(system), ("valve_delay",), training, held_out)
+
+
+def test_a_problem_shows_the_samples_that_it_is_told_to(delayed):
+    problem, model = delayed
+    rows = problem.residuals(model.effects, model.values)
+    shown = {name: np.arange(len(row)) % 3 == 0 for name, row in rows.items()}
+    some = problem.shown(shown).weighted(problem.weights)
+    names = tuple(one.name for one in model.free)
+    for name, block in some.blocks(model.effects, model.values, names).items():
+        np.testing.assert_allclose(block.residual, rows[name][shown[name]], atol=1e-9)
+        np.testing.assert_array_equal(block.slopes, model.blocks[name].slopes[shown[name]])
+
+
+def test_an_offset_shows_where_a_delay_is_silent(delayed):
+    problem, model = delayed
+    threshold = load().gap.evidence.threshold
+    seen = quiet.evidence(problem, model, ["flexor_pressure_offset", "valve_dead_band"], {"valve_delay"})
+    assert seen["flexor_pressure_offset"] > threshold
+    assert seen["valve_dead_band"] < threshold
+
+
+def test_an_effect_that_is_never_silent_hides_what_is_small(bench):
+    """Without rest nothing is seen: no evidence is better than that of a few samples."""
+    problem, model = fitted(bench, ("valve_delay",), **DELAY)
+    assert quiet.evidence(problem, model, ["flexor_pressure_offset"], {"valve_delay"}) == {}
+
+
+def test_a_jump_of_the_model_within_a_difference_does_not_hide_an_effect(delayed, monkeypatch):
+    problem, base = delayed
+    projection = Projection(problem, base)
+    trial = Trial(projection, "flexor_pressure_offset")
+    near = [start for start in trial.starts() if abs(start[0]) < 2 * DIFFERENCE]
+    between = (near[0] + np.array([0.5 * DIFFERENCE, 0.5 * COARSE])) * trial.scale[0]
+    residual = problem.residual
+
+    def jumping(equation, effects, values):
+        row = residual(equation, effects, values)
+        inside = between[0] < values.get("flexor_pressure_offset.offset", 0.0) < between[1]
+        return row + inside * np.random.default_rng(0).standard_normal(len(row)) * 0.02
+
+    monkeypatch.setattr(problem, "residual", jumping)
+    assert candidate(projection, trial, near).gain < 10
+    assert candidate(projection, trial, near, promised=60.0).gain > 30
