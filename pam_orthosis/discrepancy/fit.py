@@ -18,7 +18,8 @@ from pam_orthosis.discrepancy.whitening import Whitener
 MOST_STEPS = 8
 CHORD_STEPS = 3
 CHORD_SHARE = 0.02  # of what a set of derivatives has gained: below it a new set is due
-STEP_SHARES = (1.0, 0.3, 0.05)
+# tried in turn, as (damping, share): where friction sticks, a short step along the old way leads nowhere
+STEPS = ((0.0, 1.0), (0.0, 0.3), (0.0, 0.05), (0.01, 1.0), (0.1, 1.0), (1.0, 1.0), (10.0, 1.0), (100.0, 1.0))
 LOOSE = 2.0  # typical values: sd of an effect's details about them
 WIDE = 10.0  # times its priors: what a shape correction may be once it is named
 SEGMENT = 512  # samples, of the density of residuals
@@ -384,8 +385,9 @@ def _descended(problem: Problem, effects, values, free, blocks) -> tuple[dict, f
     first = cost = _sum(residuals) + prior_cost(free, values)
     for _ in range(CHORD_STEPS):
         position = np.array([values[name] for name in names]) / scale
-        step = bounded_step(hessian, matrices.gradient(residuals, values), position, lower, upper)
-        for share in STEP_SHARES:
+        gradient = matrices.gradient(residuals, values)
+        for damping, share in STEPS:
+            step = bounded_step(hessian, gradient, position, lower, upper, damping)
             wanted = ((position + share * step) * scale).tolist()
             moved = _inside({**values, **dict(zip(names, wanted, strict=True))}, free)
             fresh = problem.residuals(effects, moved)
