@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a specimen's own recordings teach, with the effects given by name: joint fits, no search.
+"""What a specimen's own recordings teach, with the effects given by name: one joint fit, no search.
 
 `pam-orthosis improve` searches for the names; for the tables over many specimens the names that hardware of
 this kind can have are given, and each specimen's parameters are fitted to its own recordings. Of the plant
-nothing is used but these. As in `improve` there is a second round: what the controllers do with what they have
-learned is recorded too, and all of it fitted again.
+nothing is used but these.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ from pam_orthosis.improvement import learned
 from pam_orthosis.improvement.experiments import programme
 from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.parameters import BELIEF
-from pam_orthosis.model.plant import with_belief
 
 EFFECTS = (
     "joint_friction", "muscle_hysteresis", "creep", "backlash", "direction_dependent_damping",
@@ -45,13 +43,7 @@ def tolerances(specimen: int) -> dict[str, float]:
 def learn(parameters) -> dict[str, Any]:
     """Return the belief that the specimen's recordings give, as overrides."""
     system = knee(parameters.only(*BELIEF, "gap"), learned.LEARNABLE)
-    recorded = recordings(system, parameters)
-    values = fitted(system, recorded, parameters.gap)
-    recorded += recordings(system, with_belief(parameters, _belief(parameters, values)))
-    return _belief(parameters, refitted(system, recorded, values, parameters.gap))
-
-
-def _belief(parameters, values) -> dict[str, Any]:
+    values = fitted(system, recordings(system, parameters), parameters.gap)
     effects = [name for name in EFFECTS if _matters(name, values)]
     return learned.calibrated(parameters, effects, values) | learned.named(parameters, effects, values)
 
@@ -77,14 +69,6 @@ def fitted(system, recorded, settings) -> dict[str, float]:
     weights = {name: max(weighted.weights[name] for weighted, _ in fits) for name in problem.weights}
     common = problem.weighted(weights)
     found = min((one for _, one in fits), key=lambda one: score(common, one))
-    return {key: float(value) for key, value in found.values.items()}
-
-
-def refitted(system, recorded, values, settings) -> dict[str, float]:
-    """Return the parameters fitted to more recordings, from where they are."""
-    replay = Replay(system)
-    problem, _, _ = workflow.prepared(replay, recorded, recorded[:1], settings)
-    found = fit_tempered(problem, EFFECTS, values, free_parameters(system, EFFECTS))[1]
     return {key: float(value) for key, value in found.values.items()}
 
 
