@@ -13,7 +13,7 @@ from pam_orthosis.discrepancy import knee as knee_module
 from pam_orthosis.discrepancy import workflow
 from pam_orthosis.discrepancy.candidates import Projection, Trial, candidate
 from pam_orthosis.discrepancy.data import Recording
-from pam_orthosis.discrepancy.fit import bounded_step, fit_tempered, free_parameters
+from pam_orthosis.discrepancy.fit import Block, Free, _descended, bounded_step, fit_tempered, free_parameters
 from pam_orthosis.discrepancy.kernel import Kernel
 from pam_orthosis.discrepancy.replay import Replay, Run, Shift
 from pam_orthosis.discrepancy.whitening import SEGMENT, minimum_phase, noise_levels
@@ -170,6 +170,21 @@ def test_a_bound_is_kept_in_the_prediction():
     step = bounded_step(hessian, gradient, np.zeros(2), np.array([-0.1, -9.0]), np.array([9.0, 9.0]))
     assert step[0] == pytest.approx(-0.1)
     assert step[1] == pytest.approx((1.0 + 1.9 * 0.1) / 2.0)
+
+
+def test_where_the_old_way_leads_up_a_fit_takes_a_damped_step():
+    """Friction that sticks is flat for a small step and steep for a larger one."""
+
+    class Sticking:
+        def residuals(self, _effects, values):
+            return {"torque": np.array([1 - values["x"], 1 + 50 * max(0.0, abs(values["y"]) - 0.02)])}
+
+    free = [Free(name, 1.0, -9.0, 9.0, np.inf) for name in ("x", "y")]
+    start = {"x": 0.0, "y": 0.0}
+    blocks = {"torque": Block(np.array([1.0, 1.0]), -np.eye(2), ("x", "y"))}
+    moved, gained = _descended(Sticking(), (), start, free, blocks)
+    assert gained > 0
+    assert 0 < moved["x"] < 0.05
 
 
 def test_parameters_without_influence_do_not_stop_a_step():

@@ -4,7 +4,11 @@
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from pam_orthosis.discrepancy.hidden.case import belief, draw
+from pam_orthosis.errors import OrthosisError
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
@@ -67,6 +71,43 @@ def test_tables_count_what_was_hidden_against_what_was_named(benchmark):
     assert "| clean | medium | 2 | 1 | 0 | 0 | 1 | 0 | 0 | 50% |" in text
     assert "| clean | medium | creep | backlash | 1 |" in text
     assert "1 of 2 (50%)" in text
+
+
+def test_each_effect_of_a_pair_is_hidden_alone_in_the_same_plant():
+    effects = ["joint_friction", "force_map_misfit", "extensor_leak"]
+    both = draw(np.random.default_rng(1), belief(), "realistic", "medium", effects)
+    for name in effects:
+        one = draw(np.random.default_rng(1), belief(), "realistic", "medium", effects, alone=name)
+        assert one.answer["effects"] == {name: both.answer["effects"][name]}
+        assert one.deviations == both.deviations
+        assert (one.hidden.coulomb == both.hidden.coulomb) == (name == "joint_friction")
+        same = np.array_equal(one.misfits["force_waves"], both.misfits["force_waves"])
+        assert same == (name == "force_map_misfit")
+    with pytest.raises(OrthosisError, match="no effect 'creep' to hide"):
+        draw(np.random.default_rng(1), belief(), "clean", "medium", effects, alone="creep")
+
+
+def test_pairs_count_by_what_was_found_of_each_effect_alone(benchmark):
+    def case(name, hidden, named, seed):
+        found = {"verdict": "explained", "effects": [{"name": n} for n in named], "look_alikes": []}
+        return {"set": name, "size": "medium", "effects": hidden, "seed": seed, "found": found}
+
+    pairs = [
+        case("pairs", ["creep", "valve_lag"], named, seed) for seed, named in enumerate((["creep"],) * 2)
+    ]
+    alone = [
+        case("alone", [name], [name] * (seed == 0), seed)
+        for seed in (0, 1)
+        for name in ("creep", "valve_lag")
+    ]
+    text = benchmark[1].table([*pairs, *alone])
+    assert "pairs: 2 cases, both named 0" in text
+    assert "of these, 1 in which each was found alone, the same but for the other: both named 0" in text
+
+
+def test_a_set_of_cases_does_not_depend_on_the_others(benchmark):
+    plan = benchmark[0].plan
+    assert list(plan(["pairs"], 3)) == [c for c in plan(["clean", "pairs"], 3) if c["set"] == "pairs"]
 
 
 CASES = sorted((BENCHMARKS.parent / "docs" / "studies").glob("gap_blind_*.jsonl"))
