@@ -3,6 +3,7 @@
 
     python benchmarks/bench_control.py run --out results.jsonl [--controllers NAME...] [--limit N] [--jobs 2]
     python benchmarks/bench_control.py table results.jsonl
+    python benchmarks/bench_control.py supply results.jsonl
     python benchmarks/bench_control.py figure results.jsonl figure.png
 
 Three controllers: a cascaded PID tuned by a search, the paper's cascade, the paper's cascade with the same
@@ -33,6 +34,7 @@ HEAD = (
     "| task | drawn specimens | controller | maximum | worst of | as shipped | of the paper's"
     " | RMS | variation | pressures | above 3 deg |"
 )
+SUPPLY_HEAD = "| specimen | taken at 7 bar | its own supply | error with it | error at 7 bar |"
 NICE = 10
 
 
@@ -153,6 +155,22 @@ def _row(case: str, controller: str, chosen: list[dict], share: str) -> str:
     return "| " + " | ".join(map(str, cells)) + " |"
 
 
+def supply(path: Path) -> str:
+    """Return which pressure the gait with 75 kg takes of each specimen, and which it has, as Markdown."""
+    runs = {(r["specimen"], r["case"]): r for r in _results(path) if r.get("controller") == "learned"}
+    drawn_supply, full_supply = (case.name for case in CASES if case.everywhere and case.wearer == "person")
+    lines = [SUPPLY_HEAD, "|" + "---|" * SUPPLY_HEAD[1:].count("|")]
+    for specimen in sorted(number for number, case in runs if case == full_supply):
+        parameters = load(drawn(specimen))
+        there = parameters.valve.supply_pressure * parameters.plant.deviation.supply_pressure
+        taken = runs[specimen, full_supply]["most_pressure"]
+        errors = [runs[specimen, case]["max_deg"] for case in (drawn_supply, full_supply)]
+        bars = [f"{value * 1e-5:.2f} bar" for value in (taken, there)]
+        cells = [str(specimen), *bars, *(f"{error:.2f} deg" for error in errors)]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
 def figure(path: Path, file: Path) -> None:
     """Draw the largest error of each specimen in the tasks that all of them were asked."""
     from matplotlib.figure import Figure
@@ -184,6 +202,10 @@ def main() -> None:
     running.add_argument("--controllers", nargs="+", choices=CONTROLLERS, default=CONTROLLERS)
     showing = verbs.add_parser("table", help="print the table of a results file")
     showing.add_argument("results", type=Path)
+    supplying = verbs.add_parser(
+        "supply", help="print what supply a gait with 75 kg takes"
+    )
+    supplying.add_argument("results", type=Path)
     drawing = verbs.add_parser("figure", help="draw the largest errors of a results file")
     drawing.add_argument("results", type=Path)
     drawing.add_argument("file", type=Path)
@@ -192,6 +214,8 @@ def main() -> None:
         run(arguments.out, arguments.controllers, arguments.limit, arguments.jobs)
     elif arguments.verb == "figure":
         figure(arguments.results, arguments.file)
+    elif arguments.verb == "supply":
+        print(supply(arguments.results))
     else:
         print(table(arguments.results))
 

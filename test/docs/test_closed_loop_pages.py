@@ -25,9 +25,16 @@ def test_the_page_on_learning_shows_the_table_of_its_run(file):
     assert table in (DOCS / "improve.md").read_text()
 
 
-def test_the_page_on_controllers_shows_the_table_of_its_results():
-    table = bench_control.table(RESULTS)
+@pytest.mark.parametrize("file", ["results.jsonl", "fresh.jsonl"])
+def test_the_page_on_controllers_shows_the_table_of_its_results(file):
+    table = bench_control.table(RESULTS.with_name(file))
     assert table.count("\n") >= 3
+    assert table in (DOCS / "benchmark.md").read_text()
+
+
+def test_the_page_on_controllers_shows_what_supply_a_person_takes():
+    table = bench_control.supply(RESULTS)
+    assert table.count("\n") >= 10
     assert table in (DOCS / "benchmark.md").read_text()
 
 
