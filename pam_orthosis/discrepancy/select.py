@@ -225,13 +225,14 @@ def _bar(found: Selection, name: str, settings) -> float:
     What the exact form of a large effect leaves over looks like a small one, most of all like one that
     would have explained the large one nearly as well.
     """
-    asked = _asked_beside(found, name, settings).values()
-    present = [
-        settings.share * evidence
-        for evidence, equations in found.present.values()
-        if equations & found.problem.replay.touched(name)
-    ]
-    return max([settings.threshold, *asked, *present])
+    return max([_least(found, name, settings), *_asked_beside(found, name, settings).values()])
+
+
+def _least(found: Selection, name: str, settings) -> float:
+    """Return the evidence that an effect needs in any case: more beside what the model had before."""
+    touched = found.problem.replay.touched(name)
+    present = [evidence for evidence, equations in found.present.values() if equations & touched]
+    return max([settings.threshold, *(settings.share * evidence for evidence in present)])
 
 
 def _asked_beside(found: Selection, name: str, settings) -> dict[str, float]:
@@ -295,7 +296,9 @@ def _blocked(found: Selection, bars, gains, told, settings) -> tuple[str, ...]:
     } | dict(told)
     names = sorted((n for n in possible if n not in system.shapes), key=lambda n: -possible[n])
     return tuple(
-        n for n in names if settings.threshold <= possible[n] < bars[n] and _larger(found, n, settings)
+        n
+        for n in names
+        if _least(found, n, settings) <= possible[n] < bars[n] and _larger(found, n, settings)
     )
 
 
@@ -315,7 +318,7 @@ def _round_in_silence(found: Selection, held_out: Problem, last: Step, settings,
         return Step(None, None, None, 0.0, 0.0, told, "nothing shows where the larger effects are silent")
     name = told[0][0]
     model = _polished(problem, base, quiet.beside(Projection(problem, base), name), tell)
-    able = [one for one in _judged(problem, base, [model]) if one[0] >= settings.threshold]
+    able = [one for one in _judged(problem, base, [model]) if one[0] >= _least(found, name, settings)]
     if not able:
         return Step(None, None, None, told[0][1], 0.0, told, f"{name} has too little evidence in all samples")
     step = _accepted(problem, base, held_out, able, told, last.gains)
@@ -501,7 +504,7 @@ def _eliminate(found: Selection, settings, tell) -> None:
 def _seen_in_silence(found: Selection, name: str, evidence: float, without: Fit, settings) -> bool:
     """Whether an effect that larger ones would have dropped shows where they are silent."""
     large = _larger(found, name, settings)
-    if not large or evidence < settings.threshold or name in found.problem.system.shapes:
+    if not large or evidence < _least(found, name, settings) or name in found.problem.system.shapes:
         return False
     seen = quiet.evidence(found.final_problem, without, [name], large).get(name, 0.0) >= settings.threshold
     if seen:

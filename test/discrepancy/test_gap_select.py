@@ -61,3 +61,19 @@ def test_a_candidate_that_cannot_reach_its_bar_neither_is_fitted_nor_hides_the_n
     # residuals that weigh little now may weigh more with the effect
     problem.weights = {"torque": 0.2, "gas": 1.0}
     assert "joint_friction" in [one.name for one in select._worth_polishing(problem, ranked, bars)]
+
+
+def test_only_what_larger_effects_of_this_search_keep_out_is_looked_for_in_their_silence():
+    found = selection({"valve_delay": 60_000.0}, {"valve_delay": {}})
+    found.problem.system = SimpleNamespace(
+        shapes=(), catalogue=dict.fromkeys(("leak", "gain"), SimpleNamespace(fitted="x"))
+    )
+    found.final = SimpleNamespace(samples=20_000)
+    gains = {"leak": 60.0, "gain": 20.0}
+    bars = {name: asked(found, name) for name in gains}
+    assert select._blocked(found, bars, gains, (), SETTINGS) == ("leak",)
+    found.present["supply_sag"] = (1000.0, frozenset({"gas"}))  # asks 100: it is there to stay
+    assert select._blocked(found, bars, gains, (), SETTINGS) == ()
+    found.apart["leak"] = frozenset({"valve_delay"})
+    found.present.clear()
+    assert asked(found, "leak") == SETTINGS.threshold
