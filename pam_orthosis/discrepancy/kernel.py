@@ -124,7 +124,11 @@ def cut(system: System, assembled: Assembled, static: Assembled, equation: Equat
         rates += seen.share_before(z) * (before - rates)
     predicted = ca.vertcat(*(assembled.measured[name] for name in equation.channels))
     residual = seen.measured(z) - evaluate(predicted, x, 0.0, seen.inputs_before(z))
-    corrected = x + period * _gains(equation, own) @ residual
+    pulled = _gains(equation, own) @ residual
+    moved = _moved(system, own, x, pulled)
+    remembered = [evaluate(own_rates, state, 0.0, seen.inputs_before(z)) for state in (x, moved)]
+    felt = ca.vertcat(*(name not in equation.states for name in own)) * (remembered[1] - remembered[0])
+    corrected = x + period * (pulled + felt)
     used = sorted(set(ca.jacobian_sparsity(ca.vertcat(rates, residual), theta).get_col()))
     few = ca.SX.sym("theta", len(used))
     placed = ca.SX.zeros(theta.shape[0])
@@ -236,8 +240,22 @@ def _gains(equation: Equation, own: tuple[str, ...]) -> ca.DM:
     gains = ca.DM.zeros(len(own), len(equation.channels))
     for column, channel in enumerate(equation.channels):
         for state, gain in equation.gains.get(channel, {}).items():
-            gains[own.index(state), column] = gain
+            if state in own:
+                gains[own.index(state), column] = gain
     return gains
+
+
+def _moved(system: System, own: tuple[str, ...], state, pulled):
+    """Return a state whose derived signals are the rates at which the corrected state moves.
+
+    A play is wound by the motion that is predicted, the correction included: wound by the model's velocity
+    alone, which at rest is opposite to a lasting correction, it would never come loose.
+    """
+    moved = ca.SX(state)
+    for derived, parent in system.derived.items():
+        if derived in own and parent in own:
+            moved[own.index(derived)] += pulled[own.index(parent)]
+    return moved
 
 
 class Kernel:

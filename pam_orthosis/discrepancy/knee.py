@@ -56,7 +56,7 @@ def knee(parameters, catalogue: Mapping | None = None) -> System:
         channels=CHANNELS,
         inputs=("extensor_voltage", "flexor_voltage"),
         derived={"velocity": "angle"},
-        equations=_equations(settings),
+        equations=_equations(settings, {**CATALOGUE, **known}),
         calibrations=_calibrations(belief),
         catalogue={name: effect for name, effect in known.items() if name not in present},
         assemble=lambda effects: _assemble(belief, effects, tables),
@@ -70,10 +70,14 @@ def _without(parameters, effect: str, catalogue: Mapping | None) -> System:
     return knee(parameters.changed({f"effects.{effect}.enabled": False}), catalogue)
 
 
-def _equations(settings) -> tuple[Equation, ...]:
-    motion = {"angle": {"angle": settings.angle_gain, "velocity": settings.velocity_gain}}
+def _equations(settings, catalogue: Mapping) -> tuple[Equation, ...]:
+    def held(channel: str) -> dict[str, float]:
+        states = [one for effect in catalogue.values() for one in effect.held.items()]
+        return {state: gains[channel] for state, gains in states if channel in gains}
+
+    motion = {"angle": {"angle": settings.angle_gain, "velocity": settings.velocity_gain, **held("angle")}}
     pressures = ("extensor_pressure", "flexor_pressure")
-    gas = {name: {name: settings.pressure_gain} for name in pressures}
+    gas = {name: {name: settings.pressure_gain, **held(name)} for name in pressures}
     return (
         Equation("torque", ("angle", "velocity"), ("angle",), motion),
         Equation("gas", pressures, pressures, gas),

@@ -85,5 +85,10 @@ def _around(problem: Problem, equation, row: np.ndarray) -> np.ndarray:
 
 def _seconds(problem: Problem, shown) -> float:
     """Return the time that is shown in the equation that has least of it."""
-    period = problem.scored[0].run.period
-    return min(period * float(np.sum(shown[e.name])) / len(e.channels) for e in problem.system.equations)
+    return min(_seconds_of(problem, e, shown[e.name]) for e in problem.system.equations)
+
+
+def _seconds_of(problem: Problem, equation, shown: np.ndarray) -> float:
+    lengths = [one.run.recording.samples - one.warm_up for one in problem.scored for _ in equation.channels]
+    periods = [one.run.period for one in problem.scored for _ in equation.channels]
+    return float(np.repeat(periods, lengths) @ shown) / len(equation.channels)

@@ -240,11 +240,20 @@ def _asked_beside(found: Selection, name: str, settings) -> dict[str, float]:
     touched = found.problem.replay.touched
     return {
         # its evidence beside the others is an upper limit: without it the model is not fitted to the end
-        other: min(evidence, found.entered.get(other, evidence))
-        * max(settings.least_share, settings.share * min(1.0, found.alike[other].get(name, 0.0)))
+        other: min(evidence, found.entered.get(other, evidence)) * _share(found, other, name, settings)
         for other, evidence in found.evidence.items()
         if other != name and other not in found.apart.get(name, ()) and touched(other) & touched(name)
     }
+
+
+def _share(found: Selection, other: str, name: str, settings) -> float:
+    """Return the share of another effect's evidence that an effect needs beside it.
+
+    What chance does to the state of a play looks like anything.
+    """
+    chance = bool(found.problem.system.catalogue[other].held)
+    alike = 1.0 if chance else min(1.0, found.alike[other].get(name, 0.0))
+    return max(settings.least_share, settings.share * alike)
 
 
 def _larger(found: Selection, name: str, settings) -> frozenset[str]:
@@ -488,10 +497,8 @@ def _eliminate(found: Selection, settings, tell) -> None:
     while len(found.final.effects) > 1:
         losses = {name: _loss(found, name) for name in found.final.effects}
         found.evidence.update({name: evidence for name, (evidence, _) in losses.items()})
-        weakest = min(losses, key=lambda name: losses[name][0] / _bar(found, name, settings))
-        if losses[weakest][0] >= _bar(found, weakest, settings) or _seen_in_silence(
-            found, weakest, *losses[weakest], settings
-        ):
+        weakest = _weakest(found, losses, settings)
+        if weakest is None:
             return
         tell(f"dropped {weakest}: beside the others its evidence is {losses[weakest][0]:.0f}")
         left = losses[weakest][1]
@@ -499,6 +506,15 @@ def _eliminate(found: Selection, settings, tell) -> None:
             found.final_problem, left.effects, left.values, left.free
         )
         found.evidence.pop(weakest)
+
+
+def _weakest(found: Selection, losses, settings) -> str | None:
+    """Return the effect to drop first, if any: too little evidence, and none where larger ones are silent."""
+    weak = {name: evidence / _bar(found, name, settings) for name, (evidence, _) in losses.items()}
+    for name in sorted((one for one in weak if weak[one] < 1), key=weak.get):
+        if not _seen_in_silence(found, name, *losses[name], settings):
+            return name
+    return None
 
 
 def _seen_in_silence(found: Selection, name: str, evidence: float, without: Fit, settings) -> bool:

@@ -38,7 +38,8 @@ class Equation:
         name: in reports.
         states: base states that it integrates.
         channels: measured channels that it predicts.
-        gains: channel -> {state: observer gain, 1/s times the ratio of their units}.
+        gains: channel -> {state: observer gain, 1/s times the ratio of their units}; base states first, then
+            those of effects.
         stiff: its base states may be faster than the sampling: steps follow the fastest one.
     """
 

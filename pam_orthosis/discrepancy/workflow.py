@@ -10,6 +10,7 @@ import numpy as np
 
 from pam_orthosis.discrepancy import check, intervals, measure, select, structure
 from pam_orthosis.discrepancy.data import Recording
+from pam_orthosis.discrepancy.expected import left_by_itself
 from pam_orthosis.discrepancy.fit import Fit, Problem, Scored
 from pam_orthosis.discrepancy.replay import Replay, Run
 from pam_orthosis.discrepancy.system import System
@@ -224,20 +225,19 @@ def _levels(replay: Replay, runs: Sequence[Run], settings, effects, values) -> d
     return noise_levels(residuals, [run.period for run in runs])
 
 
-def _settled(floor: measure.Gap, found: select.Selection, settings) -> measure.Gap:
-    """Return the noise floor as the final model shows it, on the recordings that were fitted.
+def _floor(start: Beginning, found: select.Selection, spread: np.ndarray, settings) -> measure.Gap:
+    """Return what the final model would leave of the held-out recordings, were it right.
 
     In a closed loop the inputs answer to the sensors' noise; a model that lacks a delay takes that for
-    its own doing, and its residuals tell a wrong level.
+    its own doing, and its residuals tell a wrong level. The final model's tell it.
     """
     replay, final = found.problem.replay, found.final
     runs = [one.run for one in found.problem.scored]
-    first = _levels(replay, runs, settings, (), replay.defaults(()))
-    last = _levels(replay, runs, settings, final.effects, final.values)
-    ratio = {name: last[name] / first[name] for name in first}
-    white = {name: floor.white[name] * ratio[name] for name in ratio}
+    noise = _levels(replay, runs, settings, final.effects, final.values)
+    white = left_by_itself(start.held_out, final, spread, noise, settings.replay.cross_cutoff)
+    ratio = {name: value / start.floor.white[name] for name, value in white.items()}
     white[measure.OVERALL] = float(np.sqrt(np.mean([value**2 for value in white.values()])))
-    return measure.Gap({name: floor.units[name] * ratio[name] for name in ratio}, white)
+    return measure.Gap({name: start.floor.units[name] * ratio[name] for name in ratio}, white)
 
 
 def _scored(replay: Replay, run: Run, noise, settings, seed: int) -> tuple[Scored, dict[str, float]]:
@@ -250,13 +250,13 @@ def _scored(replay: Replay, run: Run, noise, settings, seed: int) -> tuple[Score
 
 def _judged(start: Beginning, found: select.Selection, settings) -> Outcome:
     system, judge, final = start.system, start.held_out, found.final
-    floor = _settled(start.floor, found, settings)
+    spread = intervals.covariance(found.final_problem, final)
+    floor = _floor(start, found, spread, settings)
     configured = start.configured()
     before, after = start.recalibrated(), measure.gap(judge, final)
     left = structure.locate(judge, final)
     closed = _closures(configured, before, after, floor)
     alike = _look_alikes(found, settings.evidence)
-    spread = intervals.covariance(found.final_problem, final)
     verdict = _verdict(final, left, closed, beyond(after, floor))
     named = tuple(_named(system, found, spread, name) for name in final.effects)
     share = closed[measure.OVERALL]

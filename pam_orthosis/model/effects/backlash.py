@@ -5,6 +5,7 @@ import casadi as ca
 
 from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
 
+HOLD = 50.0  # 1/(rad s): about 2 1/s for a knee that rests inside a gap of 0.3 degrees
 LEAST_GAP = 2.0e-3  # rad: a smaller gap is crossed as if it were this wide, lest the model be stiff
 
 
@@ -45,5 +46,7 @@ EFFECTS = [
         fastest=lambda p: 0.05 * p.half_width,
         states=("cogwheel_play",),
         scales=(1.0,),
+        # where a knee comes to rest inside its play is decided by less torque than is known
+        held={"cogwheel_play": {"angle": HOLD}},
     )
 ]

@@ -80,6 +80,8 @@ class Effect:
             the recorded signal has to be advanced to be the true one}.
         late: for a delay of the inputs, values -> seconds by which the recorded ones act late.
         fastest: the shortest time constant that its states have at these values, values -> s.
+        held: for the gap workflow, own state -> {channel: gain by which a replay holds it to the recording,
+            1/s times the ratio of their units}; for a state that chance decides.
     """
 
     name: str
@@ -99,6 +101,7 @@ class Effect:
     advance: Callable[[Any], Mapping[str, float]] | None = None
     late: Callable[[Any], float] | None = None
     fastest: Callable[[Any], float] | None = None
+    held: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def equation(self) -> str:
