@@ -52,11 +52,23 @@ def left_by_itself(
 
 
 def _drawn(rng: np.random.Generator, model: Fit, spread: np.ndarray) -> dict[str, float]:
-    """Return a model's values with the free parameters drawn from their covariance, inside their bounds."""
+    """Return a model's values with the free parameters drawn from their covariance, inside their bounds.
+
+    A draw that leaves them is shortened as a whole: parameters that make up for each other still do.
+    """
     root = np.linalg.svd(0.5 * (spread + spread.T), hermitian=True)
-    step = (root.U * np.sqrt(root.S)) @ rng.standard_normal(len(root.S))
-    moved = {
-        one.name: float(np.clip(model.values[one.name] + x * one.scale, one.lower, one.upper))
-        for one, x in zip(model.free, step, strict=True)
-    }
+    scale = np.array([one.scale for one in model.free])
+    step = scale * ((root.U * np.sqrt(root.S)) @ rng.standard_normal(len(root.S)))
+    room, back = _room(model, step), _room(model, -step)
+    step = room * step if room >= back else -back * step
+    moved = {one.name: model.values[one.name] + float(x) for one, x in zip(model.free, step, strict=True)}
     return {**model.values, **moved}
+
+
+def _room(model: Fit, step: np.ndarray) -> float:
+    """Return the share of a step that stays inside all bounds."""
+    ends = [
+        (one.upper if x > 0 else one.lower) - model.values[one.name]
+        for one, x in zip(model.free, step, strict=True)
+    ]
+    return min([1.0, *(end / x for end, x in zip(ends, step, strict=True) if x)])

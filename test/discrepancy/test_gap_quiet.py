@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A small effect beside a large one: seen where the large one is silent, or not believed."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -83,3 +86,17 @@ def test_a_jump_of_the_model_within_a_difference_does_not_hide_an_effect(delayed
     monkeypatch.setattr(problem, "residual", jumping)
     assert candidate(projection, trial, near).gain < 10
     assert candidate(projection, trial, near, promised=60.0).gain > 30
+
+
+def test_seconds_of_silence_are_those_of_each_recording(bench):
+    """Recordings of one fit may have different rates."""
+    slow = bench.recording(1)
+    fast = replace(slow, period=slow.period / 4, name="fast")
+    scored = [
+        SimpleNamespace(run=SimpleNamespace(recording=one, period=one.period), warm_up=0)
+        for one in (fast, slow)
+    ]
+    problem = SimpleNamespace(scored=scored, system=bench.system)
+    # rows lie recording by recording, channels within
+    shown = {e.name: np.repeat([False, True], slow.samples * len(e.channels)) for e in bench.system.equations}
+    assert quiet._seconds(problem, shown) == pytest.approx(slow.samples * slow.period)

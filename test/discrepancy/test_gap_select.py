@@ -7,10 +7,12 @@ import pytest
 
 from pam_orthosis.discrepancy import select
 from pam_orthosis.discrepancy.candidates import Candidate
+from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.parameters import load
 
 SETTINGS = load().gap.evidence
-EQUATIONS = {"muscle_hysteresis": {"torque"}, "joint_friction": {"torque"}, "extra_foot_mass": {"torque"}}
+TORQUE = ("muscle_hysteresis", "joint_friction", "extra_foot_mass", "backlash")
+EQUATIONS = {name: {"torque"} for name in TORQUE}
 
 
 def touched(name):
@@ -18,7 +20,9 @@ def touched(name):
 
 
 def selection(evidence, alike, present=None):
-    problem = SimpleNamespace(replay=SimpleNamespace(touched=touched))
+    problem = SimpleNamespace(
+        replay=SimpleNamespace(touched=touched), system=SimpleNamespace(catalogue=CATALOGUE, shapes=())
+    )
     return select.Selection(
         problem, None, problem, None, evidence=evidence, alike=alike, present=present or {}
     )
@@ -40,6 +44,24 @@ def test_what_could_pass_for_a_large_effect_needs_more_evidence_beside_it():
 def test_what_a_model_had_before_is_taken_for_alike():
     found = selection({}, {}, {"muscle_hysteresis": (60_000.0, frozenset({"torque"}))})
     assert asked(found, "extra_foot_mass") == pytest.approx(0.1 * 60_000)
+
+
+def test_beside_what_chance_decides_anything_needs_a_tenth():
+    found = selection({"backlash": 60_000.0}, {"backlash": {}})
+    assert asked(found, "extra_foot_mass") == pytest.approx(0.1 * 60_000)
+
+
+def test_where_the_weakest_effect_is_kept_the_next_one_is_asked(monkeypatch):
+    found = selection(dict.fromkeys(TORQUE[:3], 50.0), {name: {} for name in TORQUE[:3]})
+    losses = {
+        "muscle_hysteresis": (60_000.0, None),
+        "joint_friction": (1.0, None),
+        "extra_foot_mass": (5.0, None),
+    }
+    monkeypatch.setattr(select, "_seen_in_silence", lambda _, name, *rest: name == "joint_friction")
+    assert select._weakest(found, losses, SETTINGS) == "extra_foot_mass"
+    monkeypatch.setattr(select, "_seen_in_silence", lambda *_: True)
+    assert select._weakest(found, losses, SETTINGS) is None
 
 
 def test_gains_of_a_round_tell_what_is_alike():
@@ -65,15 +87,12 @@ def test_a_candidate_that_cannot_reach_its_bar_neither_is_fitted_nor_hides_the_n
 
 def test_only_what_larger_effects_of_this_search_keep_out_is_looked_for_in_their_silence():
     found = selection({"valve_delay": 60_000.0}, {"valve_delay": {}})
-    found.problem.system = SimpleNamespace(
-        shapes=(), catalogue=dict.fromkeys(("leak", "gain"), SimpleNamespace(fitted="x"))
-    )
     found.final = SimpleNamespace(samples=20_000)
-    gains = {"leak": 60.0, "gain": 20.0}
+    gains = {"extensor_leak": 60.0, "polytropic_exponent": 20.0}
     bars = {name: asked(found, name) for name in gains}
-    assert select._blocked(found, bars, gains, (), SETTINGS) == ("leak",)
+    assert select._blocked(found, bars, gains, (), SETTINGS) == ("extensor_leak",)
     found.present["supply_sag"] = (1000.0, frozenset({"gas"}))  # asks 100: it is there to stay
     assert select._blocked(found, bars, gains, (), SETTINGS) == ()
-    found.apart["leak"] = frozenset({"valve_delay"})
+    found.apart["extensor_leak"] = frozenset({"valve_delay"})
     found.present.clear()
-    assert asked(found, "leak") == SETTINGS.threshold
+    assert asked(found, "extensor_leak") == SETTINGS.threshold

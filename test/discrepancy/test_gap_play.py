@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Play: where the knee rests in it is chance, and no other effect's doing."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pam_orthosis.discrepancy import expected, intervals, measure, workflow
+from pam_orthosis.discrepancy.data import from_arrays
+from pam_orthosis.discrepancy.fit import fit_tempered, free_parameters
+from pam_orthosis.discrepancy.hidden.case import make_case
+from pam_orthosis.discrepancy.knee import knee
+from pam_orthosis.discrepancy.replay import Replay, Run
+
+HALF_WIDTH = 6.0e-3  # rad
+
+
+def left(bench, effect, training, held_out):
+    """Return what a fitted model expects to leave of the angle and what it leaves, over the noise."""
+    settings = bench.parameters.gap
+    problem, judge, _ = workflow.prepared(bench.replay, [training], [held_out], settings)
+    free = free_parameters(bench.system, (effect,))
+    weighted, model = fit_tempered(problem, (effect,), bench.replay.defaults((effect,)), free)
+    spread, runs = intervals.covariance(weighted, model), [one.run for one in weighted.scored]
+    noise = workflow._levels(bench.replay, runs, settings, model.effects, model.values)
+    told = expected.left_by_itself(judge, model, spread, noise, settings.replay.cross_cutoff)
+    return told["angle"], measure.gap(judge, model).white["angle"]
+
+
+@pytest.fixture(scope="module")
+def experiments(bench):
+    """Diagnostic experiments with a play, to fit and to judge: the knee rests, swings, is driven."""
+    case = make_case(51515100000, "clean", "large", ["backlash"])
+    system = knee(case.parameters)
+    known = SimpleNamespace(parameters=case.parameters, system=system, replay=Replay(system))
+    return known, *(
+        from_arrays("diagnostic", known.system, group["diagnostic"])
+        for group in (case.training, case.held_out)
+    )
+
+
+def test_a_lasting_correction_of_the_angle_does_not_wind_the_play(bench):
+    """A knee at rest that is measured a little aside: the play must not answer by going to its end.
+
+    The correction moves the angle, the model's velocity is opposite to it, and both together stand still.
+    """
+    torque = bench.system.equations[0]
+    part = bench.replay._part(torque, ("backlash",))
+    values = bench.replay.defaults(("backlash",)) | {"backlash.half_width": HALF_WIDTH}
+    theta = np.array([values[name] for name in part.parameters])
+    run = Run(bench.system, bench.recording(1), 40.0)
+    row, state = run.data(torque)[1000], run.states(part, np.array([1000]))[0]
+    angle, velocity, play = (part.own.index(name) for name in ("angle", "velocity", "cogwheel_play"))
+    gain = torque.gains["angle"]
+
+    def wound(rate):
+        state[velocity], state[play] = rate, 0.3
+        corrected, residual = (np.array(one)[:, 0] for one in part.observe(state, row, theta, run.period))
+        moved = float(corrected[play] - 0.3) - run.period * gain["cogwheel_play"] * residual[0]
+        return moved / run.period + float(part.rates(state, row, theta, run.period, 0.0)[play]), residual[0]
+
+    _, aside = wound(0.0)
+    state[angle] += aside - 2e-3  # rad, now by so much
+    still, residual = wound(-gain["angle"] * 2e-3)
+    assert residual == pytest.approx(2e-3, rel=1e-6)
+    assert abs(still) < 1e-5
+    assert wound(0.0)[0] > 1.0  # 1/s: without the model's velocity the correction alone winds it
+
+
+def test_a_model_with_play_expects_to_leave_more_than_noise(experiments):
+    told, seen = left(experiments[0], "backlash", *experiments[1:])
+    assert told > 1.15
+    assert seen > 1.15
+
+
+def test_where_nothing_is_chance_a_model_expects_noise_alone(bench):
+    """Viscosity and damping make up for each other: what both do together is known all the same."""
+    friction = {"plant__effects__viscous_friction__enabled": True}
+    told, seen = left(bench, "viscous_friction", *(bench.recording(seed, **friction) for seed in (1, 2)))
+    assert told == pytest.approx(1.0, abs=0.05)
+    assert seen == pytest.approx(1.0, abs=0.05)
