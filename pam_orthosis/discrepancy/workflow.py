@@ -226,18 +226,28 @@ def _levels(replay: Replay, runs: Sequence[Run], settings, effects, values) -> d
 
 
 def _floor(start: Beginning, found: select.Selection, spread: np.ndarray, settings) -> measure.Gap:
-    """Return what the final model would leave of the held-out recordings, were it right.
+    """Return the noise floor as the final model shows it.
 
     In a closed loop the inputs answer to the sensors' noise; a model that lacks a delay takes that for
-    its own doing, and its residuals tell a wrong level. The final model's tell it.
+    its own doing, and its residuals tell a wrong level. Where chance decides a state, the floor is what
+    the final model would leave of the held-out recordings, were it right.
     """
-    replay, final = found.problem.replay, found.final
+    replay, final, floor = found.problem.replay, found.final, start.floor
     runs = [one.run for one in found.problem.scored]
+    first = _levels(replay, runs, settings, (), replay.defaults(()))
     noise = _levels(replay, runs, settings, final.effects, final.values)
-    white = left_by_itself(start.held_out, final, spread, noise, settings.replay.cross_cutoff)
-    ratio = {name: value / start.floor.white[name] for name, value in white.items()}
+    white = {name: floor.white[name] * noise[name] / first[name] for name in first}
+    if _chance(replay.system, final):
+        white = left_by_itself(start.held_out, final, spread, noise, settings.replay.cross_cutoff)
+    units = {name: floor.units[name] * white[name] / floor.white[name] for name in white}
     white[measure.OVERALL] = float(np.sqrt(np.mean([value**2 for value in white.values()])))
-    return measure.Gap({name: start.floor.units[name] * ratio[name] for name in ratio}, white)
+    return measure.Gap(units, white)
+
+
+def _chance(system: System, final: Fit) -> bool:
+    """Whether a model has a state that chance decides."""
+    catalogue = system.bare().catalogue
+    return any(catalogue[name].held for name in (*final.effects, *system.simpler))
 
 
 def _scored(replay: Replay, run: Run, noise, settings, seed: int) -> tuple[Scored, dict[str, float]]:
