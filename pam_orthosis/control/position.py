@@ -64,8 +64,9 @@ def pressures_for_torque(torque, q, velocity, mean_pressure, belief):
 
     With both muscles taut, Eqs. (14) and (27) make the torque linear in both pressures: the pairs
     that give it lie on a line. On it the pair with the mean p_im (absolute) is taken; where that leaves the
-    limits, the nearest pair inside them: stiffness gives way before torque. Only where the line
-    misses the limits altogether is the torque cut.
+    limits, the nearest pair inside them: stiffness gives way before torque. Where one muscle comes near
+    its highest pressure the other is let go slack: it pulls and drags no more. On the way there the torque is
+    exceeded by less than that pull. Only what one muscle alone cannot give is cut.
     """
     settings, ambient = belief.control.position, belief.valve.ambient_pressure
     m = belief.muscle.dmsp_20
@@ -85,7 +86,32 @@ def pressures_for_torque(torque, q, velocity, mean_pressure, belief):
     flexor = ca.fmin(ca.fmax(ca.fmin(ca.fmax(flexor, least), most), low.flexor), high)
     extensor = (area.flexor * flexor - level) / area.extensor
     extensor = ca.fmin(ca.fmax(extensor, low.extensor), high)
-    return extensor, flexor, least > most
+    pull = 2 * torque / belief.leg.cogwheel_diameter
+    alone = Pair(
+        (counter.extensor + damping.extensor - pull) / area.extensor,
+        (counter.flexor + damping.flexor + pull) / area.flexor,
+    )
+    needed = Pair((area.flexor * low.flexor - level) / area.extensor, least)
+    return _let_go(Pair(extensor, flexor), alone, needed, high, settings, ambient)
+
+
+def _let_go(both: Pair, alone: Pair, needed: Pair, high, settings, ambient):
+    """Return gauge pressures with the antagonist of a muscle that comes near its limit slackened.
+
+    Args:
+        both: pressures with both muscles taut.
+        alone: those with which one muscle gives the torque, the other one slack.
+        needed: those that each muscle needs beside the other one, hardly taut.
+        high: highest gauge pressure.
+    """
+    slack, reserve = settings.minimum_pressure - ambient, settings.slack_reserve
+    share = _both(lambda p: ca.fmin(ca.fmax((p - high) / reserve + 1, 0), 1), needed)
+    extensor = both.extensor + share.extensor * (alone.extensor - both.extensor)
+    flexor = both.flexor + share.flexor * (alone.flexor - both.flexor)
+    extensor += share.flexor * (slack - extensor)
+    flexor += share.extensor * (slack - flexor)
+    missed = ca.logic_or(share.extensor * alone.extensor > high, share.flexor * alone.flexor > high)
+    return ca.fmin(ca.fmax(extensor, slack), high), ca.fmin(ca.fmax(flexor, slack), high), missed
 
 
 def pressures_with_effects(torque, estimate, reference, mean, effect, belief):

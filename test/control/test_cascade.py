@@ -105,13 +105,41 @@ def test_the_pressures_give_the_torque_and_keep_their_mean(belief):
     assert np.isclose(means, settings.mean_pressure).mean() > 0.5
 
 
+def given(belief, q, w, extensor, flexor):
+    """Return the torque of gauge pressures in the belief, N m."""
+    ambient = belief.valve.ambient_pressure
+    return float(torque_of(belief)(q, w, extensor + ambient, flexor + ambient))
+
+
 def test_at_a_limit_stiffness_gives_way_before_torque(belief):
-    function, ambient = allocate(belief), belief.valve.ambient_pressure
-    extensor, flexor, saturated = (float(v) for v in function(24.0, 0.7, 0.0))
+    extensor, flexor, saturated = (float(v) for v in allocate(belief)(20.0, 0.7, 0.0))
     assert not saturated
-    assert (extensor + flexor) / 2 + ambient != pytest.approx(belief.control.position.mean_pressure, rel=1e-3)
-    given = float(torque_of(belief)(0.7, 0.0, extensor + ambient, flexor + ambient))
-    assert given == pytest.approx(24.0, abs=1e-6)
+    mean = (extensor + flexor) / 2 + belief.valve.ambient_pressure
+    assert mean != pytest.approx(belief.control.position.mean_pressure, rel=1e-3)
+    assert given(belief, 0.7, 0.0, extensor, flexor) == pytest.approx(20.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("w", "sign"), [(3.4, 1), (-3.4, -1)])
+def test_near_its_highest_pressure_a_muscle_is_rid_of_the_other_one(belief, w, sign):
+    """With the other one taut it would reach less; between the two the torque is at least the asked one."""
+    settings, ambient = belief.control.position, belief.valve.ambient_pressure
+    slack, high = settings.minimum_pressure - ambient, settings.maximum_pressure - ambient
+    seen = []
+    for asked in np.arange(14.0, 34.0, 0.1):
+        pair = tuple(float(v) for v in allocate(belief)(sign * asked, 0.7, w))
+        saturated, (other, puller) = pair[2], pair[:2] if sign > 0 else pair[1::-1]
+        torque = sign * given(belief, 0.7, w, *pair[:2])
+        seen.append((asked, torque, other, puller, saturated))
+    asked, torque, other, puller, saturated = np.array(seen).T
+    let_go, able = np.isclose(other, slack, atol=1.0), saturated == 0
+    assert (let_go & able).sum() > 10
+    assert torque[let_go & able] == pytest.approx(asked[let_go & able], abs=1e-6)
+    assert (torque[able] > asked[able] - 1e-6).all()
+    assert (torque[able] < asked[able] + 4.0).all()
+    assert torque[~able] == pytest.approx(torque[~able][0], abs=1e-6)
+    assert puller[~able] == pytest.approx(high)
+    assert np.abs(np.diff(puller)).max() < 2e4
+    assert np.abs(np.diff(other)).max() < 4e4
 
 
 def test_a_muscle_that_shortens_fast_is_not_asked_for_more_than_it_has(belief):
