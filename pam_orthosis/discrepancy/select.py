@@ -3,19 +3,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 
 import numpy as np
 
-from pam_orthosis.discrepancy import quiet
+from pam_orthosis.discrepancy import quiet, selection
 from pam_orthosis.discrepancy.candidates import (
     Candidate,
     Projection,
     Trial,
     candidate,
-    penalty,
     secant_gain,
     widened_shape,
 )
@@ -32,6 +30,7 @@ from pam_orthosis.discrepancy.fit import (
     with_scales,
 )
 from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.selection import Selection, Step
 
 THREADS = 2
 ASKED_IN_SILENCE = 3
@@ -50,51 +49,6 @@ LEAST_TRANSFER = 0.3  # of the training's fall, where one block holds most of it
 LEAST_FALL = 1.0  # in training, a block: below it there is nothing to compare
 WORST_T = -3.0  # an effect known by its broken tolerance alone must not make held-out data worse
 REFIT_NULL = 10.0  # the smaller model is refitted with the larger one's weights below this ratio
-
-
-@dataclass(frozen=True)
-class Step:
-    """One round: what was accepted, what came next, all candidates that were fitted, gains of all.
-
-    `blocked` are effects that would have enough evidence were there no larger ones.
-    """
-
-    accepted: str | None
-    fit: Fit | None
-    problem: Problem | None
-    evidence: float
-    held_out_t: float
-    ranked: tuple[tuple[str, float], ...]
-    reason: str
-    gains: Mapping[str, float] = field(default_factory=dict)
-    blocked: tuple[str, ...] = ()
-
-
-@dataclass
-class Selection:
-    """What the search found.
-
-    Attributes:
-        problem, null: weighted problem and fit without added effects.
-        final_problem, final: the same with all effects that stayed.
-        steps: rounds in order.
-        evidence: effect -> difference of BIC when it alone is taken away (or was added).
-        entered: effect -> the same when it was added.
-        alike: effect -> other one -> share of its gain that the other one had where it was added.
-        apart: effect -> others, larger ones, in whose silence it was seen too.
-        present: effect that the model had before -> the same, and the equations that it changes.
-    """
-
-    problem: Problem
-    null: Fit
-    final_problem: Problem
-    final: Fit
-    steps: list[Step] = field(default_factory=list)
-    evidence: dict[str, float] = field(default_factory=dict)
-    entered: dict[str, float] = field(default_factory=dict)
-    alike: dict[str, Mapping[str, float]] = field(default_factory=dict)
-    apart: dict[str, frozenset[str]] = field(default_factory=dict)
-    present: dict[str, tuple[float, frozenset[str]]] = field(default_factory=dict)
 
 
 def search(
@@ -219,60 +173,17 @@ def _alike(step: Step) -> dict[str, float]:
     return {name: gain / step.gains[step.accepted] for name, gain in step.gains.items()}
 
 
-def _bar(found: Selection, name: str, settings) -> float:
-    """Return the evidence that an effect needs: more beside another one in its equation that has much.
-
-    What the exact form of a large effect leaves over looks like a small one, most of all like one that
-    would have explained the large one nearly as well.
-    """
-    return max([_least(found, name, settings), *_asked_beside(found, name, settings).values()])
-
-
-def _least(found: Selection, name: str, settings) -> float:
-    """Return the evidence that an effect needs in any case: more beside what the model had before."""
-    touched = found.problem.replay.touched(name)
-    present = [evidence for evidence, equations in found.present.values() if equations & touched]
-    return max([settings.threshold, *(settings.share * evidence for evidence in present)])
-
-
-def _asked_beside(found: Selection, name: str, settings) -> dict[str, float]:
-    """Return the evidence that an effect needs for each other one, if it was not seen in its silence."""
-    touched = found.problem.replay.touched
-    return {
-        # its evidence beside the others is an upper limit: without it the model is not fitted to the end
-        other: min(evidence, found.entered.get(other, evidence)) * _share(found, other, name, settings)
-        for other, evidence in found.evidence.items()
-        if other != name and other not in found.apart.get(name, ()) and touched(other) & touched(name)
-    }
-
-
-def _share(found: Selection, other: str, name: str, settings) -> float:
-    """Return the share of another effect's evidence that an effect needs beside it.
-
-    What chance does to the state of a play looks like anything.
-    """
-    chance = bool(found.problem.system.catalogue[other].held)
-    alike = 1.0 if chance else min(1.0, found.alike[other].get(name, 0.0))
-    return max(settings.least_share, settings.share * alike)
-
-
-def _larger(found: Selection, name: str, settings) -> frozenset[str]:
-    """Return the effects beside which a small one needs more evidence than alone."""
-    asked = _asked_beside(found, name, settings)
-    return frozenset(other for other, evidence in asked.items() if evidence > settings.threshold)
-
-
 def _round(found: Selection, held_out: Problem, settings, tell) -> Step:
     problem, base = found.final_problem, found.final
-    bars = {name: _bar(found, name, settings) for name in problem.system.catalogue}
+    bars = {name: selection.bar(found, name, settings) for name in problem.system.catalogue}
     ranked, gains = fitted_candidates(problem, base, settings.screened, bars, tell)
     if not ranked:
-        blocked = _blocked(found, bars, gains, (), settings)
+        blocked = selection.blocked(found, bars, gains, (), settings)
         return Step(None, None, None, 0.0, 0.0, (), "no effect gains anything", gains, blocked)
     models = [_polished(problem, base, one, tell) for one in _worth_polishing(problem, ranked, bars)]
     judged = sorted(_judged(problem, base, models), key=lambda item: -item[0])
     told = _told(judged, ranked)
-    blocked = _blocked(found, bars, gains, told, settings)
+    blocked = selection.blocked(found, bars, gains, told, settings)
     able = [one for one in judged if one[0] >= bars[one[2].effects[-1]]]
     if not able:
         name, evidence = told[0]
@@ -297,20 +208,6 @@ def _accepted(problem: Problem, base: Fit, held_out: Problem, able, told, gains,
     return Step(None, None, None, able[0][0], t, told, reason, gains, blocked)
 
 
-def _blocked(found: Selection, bars, gains, told, settings) -> tuple[str, ...]:
-    """Return effects that only larger ones keep from being added, the most evident first."""
-    system, base = found.problem.system, found.final
-    possible = {
-        name: gain - penalty(base, len(system.catalogue[name].fitted)) for name, gain in gains.items()
-    } | dict(told)
-    names = sorted((n for n in possible if n not in system.shapes), key=lambda n: -possible[n])
-    return tuple(
-        n
-        for n in names
-        if _least(found, n, settings) <= possible[n] < bars[n] and _larger(found, n, settings)
-    )
-
-
 def _round_in_silence(found: Selection, held_out: Problem, last: Step, settings, tell) -> Step:
     """Return the step with the best of the effects that only larger ones kept from being added.
 
@@ -319,7 +216,7 @@ def _round_in_silence(found: Selection, held_out: Problem, last: Step, settings,
     problem, base = found.final_problem, found.final
     seen = {}
     for name in last.blocked[:ASKED_IN_SILENCE]:
-        large = _larger(found, name, settings)
+        large = selection.larger(found, name, settings)
         tell(f"looking for {name} where {', '.join(sorted(large))} is silent")
         seen |= quiet.evidence(problem, base, [name], large)
     told = tuple(sorted(seen.items(), key=lambda one: -one[1]))
@@ -327,12 +224,14 @@ def _round_in_silence(found: Selection, held_out: Problem, last: Step, settings,
         return Step(None, None, None, 0.0, 0.0, told, "nothing shows where the larger effects are silent")
     name = told[0][0]
     model = _polished(problem, base, quiet.beside(Projection(problem, base), name), tell)
-    able = [one for one in _judged(problem, base, [model]) if one[0] >= _least(found, name, settings)]
+    able = [
+        one for one in _judged(problem, base, [model]) if one[0] >= selection.least(found, name, settings)
+    ]
     if not able:
         return Step(None, None, None, told[0][1], 0.0, told, f"{name} has too little evidence in all samples")
     step = _accepted(problem, base, held_out, able, told, last.gains)
     if step.accepted:
-        found.apart[name] = _larger(found, name, settings)
+        found.apart[name] = selection.larger(found, name, settings)
     return step
 
 
@@ -510,7 +409,7 @@ def _eliminate(found: Selection, settings, tell) -> None:
 
 def _weakest(found: Selection, losses, settings) -> str | None:
     """Return the effect to drop first, if any: too little evidence, and none where larger ones are silent."""
-    weak = {name: evidence / _bar(found, name, settings) for name, (evidence, _) in losses.items()}
+    weak = {name: evidence / selection.bar(found, name, settings) for name, (evidence, _) in losses.items()}
     for name in sorted((one for one in weak if weak[one] < 1), key=weak.get):
         if not _seen_in_silence(found, name, *losses[name], settings):
             return name
@@ -519,8 +418,8 @@ def _weakest(found: Selection, losses, settings) -> str | None:
 
 def _seen_in_silence(found: Selection, name: str, evidence: float, without: Fit, settings) -> bool:
     """Whether an effect that larger ones would have dropped shows where they are silent."""
-    large = _larger(found, name, settings)
-    if not large or evidence < _least(found, name, settings) or name in found.problem.system.shapes:
+    large = selection.larger(found, name, settings)
+    if not large or evidence < selection.least(found, name, settings) or name in found.problem.system.shapes:
         return False
     seen = quiet.evidence(found.final_problem, without, [name], large).get(name, 0.0) >= settings.threshold
     if seen:

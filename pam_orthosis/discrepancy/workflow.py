@@ -13,6 +13,7 @@ from pam_orthosis.discrepancy.data import Recording
 from pam_orthosis.discrepancy.expected import left_by_itself
 from pam_orthosis.discrepancy.fit import Fit, Problem, Scored
 from pam_orthosis.discrepancy.replay import Replay, Run
+from pam_orthosis.discrepancy.selection import Selection, Step
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.whitening import noise_levels, noise_whitener
 from pam_orthosis.errors import OrthosisError
@@ -59,9 +60,9 @@ class Outcome:
     where: Sequence[structure.Where]
     left: Sequence[structure.Where]
     strained: Mapping[str, float]
-    steps: Sequence[select.Step]
+    steps: Sequence[Step]
     remarks: Sequence[str]
-    selection: select.Selection = field(repr=False)
+    selection: Selection = field(repr=False)
     held_out: Problem = field(repr=False)
 
 
@@ -225,7 +226,7 @@ def _levels(replay: Replay, runs: Sequence[Run], settings, effects, values) -> d
     return noise_levels(residuals, [run.period for run in runs])
 
 
-def _floor(start: Beginning, found: select.Selection, spread: np.ndarray, settings) -> measure.Gap:
+def _floor(start: Beginning, found: Selection, spread: np.ndarray, settings) -> measure.Gap:
     """Return the noise floor as the final model shows it.
 
     In a closed loop the inputs answer to the sensors' noise; a model that lacks a delay takes that for
@@ -258,7 +259,7 @@ def _scored(replay: Replay, run: Run, noise, settings, seed: int) -> tuple[Score
     return Scored(run, whiten, warm_up), floor
 
 
-def _judged(start: Beginning, found: select.Selection, settings) -> Outcome:
+def _judged(start: Beginning, found: Selection, settings) -> Outcome:
     system, judge, final = start.system, start.held_out, found.final
     spread = intervals.covariance(found.final_problem, final)
     floor = _floor(start, found, spread, settings)
@@ -341,7 +342,7 @@ def _verdict(final: Fit, left, closed, gap_left: bool) -> str:
     return "unexplained"
 
 
-def _named(system: System, found: select.Selection, spread, name: str) -> Named:
+def _named(system: System, found: Selection, spread, name: str) -> Named:
     effect, final = system.catalogue[name], found.final
     parameters = {}
     known = {one.name for one in final.free}
@@ -353,7 +354,7 @@ def _named(system: System, found: select.Selection, spread, name: str) -> Named:
     return Named(name, system.equation_of(name), parameters, found.evidence[name])
 
 
-def _first_round(found: select.Selection) -> tuple[float, Sequence[tuple[str, float]]]:
+def _first_round(found: Selection) -> tuple[float, Sequence[tuple[str, float]]]:
     """Return the evidence of the first accepted effect that stayed, and the others of its round with theirs.
 
     The best effect of a round may have been refused, and the next one accepted.
@@ -364,26 +365,26 @@ def _first_round(found: select.Selection) -> tuple[float, Sequence[tuple[str, fl
     return 0.0, ()
 
 
-def _runner_up(found: select.Selection) -> tuple[str, float] | None:
+def _runner_up(found: Selection) -> tuple[str, float] | None:
     """Return the best effect that was not chosen in the first round, and how far it was behind."""
     own, others = _first_round(found)
     behind = [(name, own - evidence) for name, evidence in others]
     return min(behind, key=lambda item: item[1]) if behind else None
 
 
-def _without_rival(found: select.Selection) -> bool:
+def _without_rival(found: Selection) -> bool:
     """Return whether a single effect is left, and the evidence of any other is tiny beside its own."""
     own, others = _first_round(found)
     return len(found.final.effects) == 1 and all(own > LONE * evidence for _, evidence in others)
 
 
-def _look_alikes(found: select.Selection, settings) -> tuple[str, ...]:
+def _look_alikes(found: Selection, settings) -> tuple[str, ...]:
     own, others = _first_round(found)
     near = max(settings.ambiguous, settings.ambiguous_share * own)
     return tuple(name for name, evidence in others if own - evidence < near)
 
 
-def _separated_by(system: System, found: select.Selection, names: Sequence[str]) -> tuple[str, ...]:
+def _separated_by(system: System, found: Selection, names: Sequence[str]) -> tuple[str, ...]:
     tests: list[str] = []
     for name in (*found.final.effects[:1], *names) if names else ():
         tests += [test for test in system.catalogue[name].separated_by if test not in tests]

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pam_orthosis.discrepancy import select
+from pam_orthosis.discrepancy import select, selection
 from pam_orthosis.discrepancy.candidates import Candidate
 from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.parameters import load
@@ -19,40 +19,40 @@ def touched(name):
     return EQUATIONS.get(name, {"gas"})
 
 
-def selection(evidence, alike, present=None):
+def found_so_far(evidence, alike, present=None):
     problem = SimpleNamespace(
         replay=SimpleNamespace(touched=touched), system=SimpleNamespace(catalogue=CATALOGUE, shapes=())
     )
-    return select.Selection(
+    return selection.Selection(
         problem, None, problem, None, evidence=evidence, alike=alike, present=present or {}
     )
 
 
 def asked(found, name):
-    return select._bar(found, name, SETTINGS)
+    return selection.bar(found, name, SETTINGS)
 
 
 def test_what_could_pass_for_a_large_effect_needs_more_evidence_beside_it():
-    found = selection({"muscle_hysteresis": 60_000.0}, {"muscle_hysteresis": {"joint_friction": 0.8}})
+    found = found_so_far({"muscle_hysteresis": 60_000.0}, {"muscle_hysteresis": {"joint_friction": 0.8}})
     assert asked(found, "joint_friction") == pytest.approx(0.08 * 60_000)
     assert asked(found, "extra_foot_mass") == pytest.approx(0.003 * 60_000)
     assert asked(found, "extensor_leak") == SETTINGS.threshold
-    same = selection({"muscle_hysteresis": 60_000.0}, {"muscle_hysteresis": {"joint_friction": 7.0}})
+    same = found_so_far({"muscle_hysteresis": 60_000.0}, {"muscle_hysteresis": {"joint_friction": 7.0}})
     assert asked(same, "joint_friction") == pytest.approx(0.1 * 60_000)
 
 
 def test_what_a_model_had_before_is_taken_for_alike():
-    found = selection({}, {}, {"muscle_hysteresis": (60_000.0, frozenset({"torque"}))})
+    found = found_so_far({}, {}, {"muscle_hysteresis": (60_000.0, frozenset({"torque"}))})
     assert asked(found, "extra_foot_mass") == pytest.approx(0.1 * 60_000)
 
 
 def test_beside_what_chance_decides_anything_needs_a_tenth():
-    found = selection({"backlash": 60_000.0}, {"backlash": {}})
+    found = found_so_far({"backlash": 60_000.0}, {"backlash": {}})
     assert asked(found, "extra_foot_mass") == pytest.approx(0.1 * 60_000)
 
 
 def test_where_the_weakest_effect_is_kept_the_next_one_is_asked(monkeypatch):
-    found = selection(dict.fromkeys(TORQUE[:3], 50.0), {name: {} for name in TORQUE[:3]})
+    found = found_so_far(dict.fromkeys(TORQUE[:3], 50.0), {name: {} for name in TORQUE[:3]})
     losses = {
         "muscle_hysteresis": (60_000.0, None),
         "joint_friction": (1.0, None),
@@ -86,13 +86,13 @@ def test_a_candidate_that_cannot_reach_its_bar_neither_is_fitted_nor_hides_the_n
 
 
 def test_only_what_larger_effects_of_this_search_keep_out_is_looked_for_in_their_silence():
-    found = selection({"valve_delay": 60_000.0}, {"valve_delay": {}})
+    found = found_so_far({"valve_delay": 60_000.0}, {"valve_delay": {}})
     found.final = SimpleNamespace(samples=20_000)
     gains = {"extensor_leak": 60.0, "polytropic_exponent": 20.0}
     bars = {name: asked(found, name) for name in gains}
-    assert select._blocked(found, bars, gains, (), SETTINGS) == ("extensor_leak",)
+    assert selection.blocked(found, bars, gains, (), SETTINGS) == ("extensor_leak",)
     found.present["supply_sag"] = (1000.0, frozenset({"gas"}))  # asks 100: it is there to stay
-    assert select._blocked(found, bars, gains, (), SETTINGS) == ()
+    assert selection.blocked(found, bars, gains, (), SETTINGS) == ()
     found.apart["extensor_leak"] = frozenset({"valve_delay"})
     found.present.clear()
     assert asked(found, "extensor_leak") == SETTINGS.threshold

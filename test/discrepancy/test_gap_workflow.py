@@ -12,7 +12,7 @@ import pytest
 from pam_orthosis.bag.arrays import write_arrays
 from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.cli import main as cli
-from pam_orthosis.discrepancy import check, knee, patch, select, structure, workflow
+from pam_orthosis.discrepancy import check, knee, patch, select, selection, structure, workflow
 from pam_orthosis.discrepancy.data import agreed_belief, believed, from_arrays, from_csv, is_table
 from pam_orthosis.discrepancy.measure import Gap
 from pam_orthosis.discrepancy.telling import telling
@@ -131,7 +131,7 @@ def test_the_effect_added_to_the_model_leaves_nothing_to_find(friction, bench):
     assert equations == {"torque"}
     assert earned > 0.2 * friction.selection.evidence["joint_friction"]
     # what its form leaves over is not taken for another small effect
-    assert select._bar(outcome.selection, "viscous_friction", bench.parameters.gap.evidence) > 0.09 * earned
+    assert selection.bar(outcome.selection, "viscous_friction", bench.parameters.gap.evidence) > 0.09 * earned
 
 
 def test_without_voltages_the_torque_is_judged_and_the_rest_is_said(bench, tmp_path):

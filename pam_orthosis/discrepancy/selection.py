@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a search has found so far, and what evidence it asks of a further effect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from pam_orthosis.discrepancy.candidates import penalty
+from pam_orthosis.discrepancy.fit import Fit, Problem
+
+
+@dataclass(frozen=True)
+class Step:
+    """One round: what was accepted, what came next, all candidates that were fitted, gains of all.
+
+    `blocked` are effects that would have enough evidence were there no larger ones.
+    """
+
+    accepted: str | None
+    fit: Fit | None
+    problem: Problem | None
+    evidence: float
+    held_out_t: float
+    ranked: tuple[tuple[str, float], ...]
+    reason: str
+    gains: Mapping[str, float] = field(default_factory=dict)
+    blocked: tuple[str, ...] = ()
+
+
+@dataclass
+class Selection:
+    """What the search found.
+
+    Attributes:
+        problem, null: weighted problem and fit without added effects.
+        final_problem, final: the same with all effects that stayed.
+        steps: rounds in order.
+        evidence: effect -> difference of BIC when it alone is taken away (or was added).
+        entered: effect -> the same when it was added.
+        alike: effect -> other one -> share of its gain that the other one had where it was added.
+        apart: effect -> others, larger ones, in whose silence it was seen too.
+        present: effect that the model had before -> the same, and the equations that it changes.
+    """
+
+    problem: Problem
+    null: Fit
+    final_problem: Problem
+    final: Fit
+    steps: list[Step] = field(default_factory=list)
+    evidence: dict[str, float] = field(default_factory=dict)
+    entered: dict[str, float] = field(default_factory=dict)
+    alike: dict[str, Mapping[str, float]] = field(default_factory=dict)
+    apart: dict[str, frozenset[str]] = field(default_factory=dict)
+    present: dict[str, tuple[float, frozenset[str]]] = field(default_factory=dict)
+
+
+def bar(found: Selection, name: str, settings) -> float:
+    """Return the evidence that an effect needs: more beside another one in its equation that has much.
+
+    What the exact form of a large effect leaves over looks like a small one, most of all like one that
+    would have explained the large one nearly as well.
+    """
+    return max([least(found, name, settings), *_asked_beside(found, name, settings).values()])
+
+
+def least(found: Selection, name: str, settings) -> float:
+    """Return the evidence that an effect needs in any case: more beside what the model had before."""
+    touched = found.problem.replay.touched(name)
+    present = [evidence for evidence, equations in found.present.values() if equations & touched]
+    return max([settings.threshold, *(settings.share * evidence for evidence in present)])
+
+
+def _asked_beside(found: Selection, name: str, settings) -> dict[str, float]:
+    """Return the evidence that an effect needs for each other one, if it was not seen in its silence."""
+    touched = found.problem.replay.touched
+    return {
+        # its evidence beside the others is an upper limit: without it the model is not fitted to the end
+        other: min(evidence, found.entered.get(other, evidence)) * _share(found, other, name, settings)
+        for other, evidence in found.evidence.items()
+        if other != name and other not in found.apart.get(name, ()) and touched(other) & touched(name)
+    }
+
+
+def _share(found: Selection, other: str, name: str, settings) -> float:
+    """Return the share of another effect's evidence that an effect needs beside it.
+
+    What chance does to the state of a play looks like anything.
+    """
+    chance = bool(found.problem.system.catalogue[other].held)
+    alike = 1.0 if chance else min(1.0, found.alike[other].get(name, 0.0))
+    return max(settings.least_share, settings.share * alike)
+
+
+def larger(found: Selection, name: str, settings) -> frozenset[str]:
+    """Return the effects beside which a small one needs more evidence than alone."""
+    asked = _asked_beside(found, name, settings)
+    return frozenset(other for other, evidence in asked.items() if evidence > settings.threshold)
+
+
+def blocked(found: Selection, bars, gains, told, settings) -> tuple[str, ...]:
+    """Return effects that only larger ones keep from being added, the most evident first."""
+    system, base = found.problem.system, found.final
+    possible = {
+        name: gain - penalty(base, len(system.catalogue[name].fitted)) for name, gain in gains.items()
+    } | dict(told)
+    names = sorted((n for n in possible if n not in system.shapes), key=lambda n: -possible[n])
+    return tuple(
+        n for n in names if least(found, n, settings) <= possible[n] < bars[n] and larger(found, n, settings)
+    )
