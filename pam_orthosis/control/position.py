@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 
@@ -16,6 +16,7 @@ from pam_orthosis.control.trajectory import VALVES_CLOSED, Reference
 from pam_orthosis.model import muscle as muscle_model
 from pam_orthosis.model.compiled import compiled
 
+TAUT = Pair(0.0, 0.0)  # neither muscle is rid of the other one
 _OF_COMMAND = ("control.position.c1", "control.position.c2", "leg.person.mass")
 LIVE = tuple(dict.fromkeys((*_OF_COMMAND, *observer.LIVE)))
 
@@ -59,14 +60,27 @@ def required_torque(estimate, reference, belief):
     return terms.inertia * wanted + terms.coriolis + terms.gravity + estimate[2]
 
 
-def pressures_for_torque(torque, q, velocity, mean_pressure, belief):
-    """Return gauge pressures of extensor and flexor, Pa, and whether the torque is out of reach.
+class Allocation(NamedTuple):
+    """Gauge pressures of extensor and flexor, Pa, and what limits them.
+
+    `missed`: the torque is out of reach, and cut. `let_go`: share by which each muscle should be rid of the
+    other one.
+    """
+
+    extensor: Any
+    flexor: Any
+    missed: Any
+    let_go: Pair
+
+
+def pressures_for_torque(torque, q, velocity, mean_pressure, belief, let_go=TAUT) -> Allocation:
+    """Return the pressures that give a torque, N m.
 
     With both muscles taut, Eqs. (14) and (27) make the torque linear in both pressures: the pairs
     that give it lie on a line. On it the pair with the mean p_im (absolute) is taken; where that leaves the
     limits, the nearest pair inside them: stiffness gives way before torque. Where one muscle comes near
-    its highest pressure the other is let go slack: it pulls and drags no more. On the way there the torque is
-    exceeded by less than that pull. Only what one muscle alone cannot give is cut.
+    its highest pressure the other should be let go slack: it pulls and drags no more. `let_go` is the share
+    by which each muscle is rid of the other one; in between the torque is exceeded by less than that pull.
     """
     settings, ambient = belief.control.position, belief.valve.ambient_pressure
     m = belief.muscle.dmsp_20
@@ -92,50 +106,44 @@ def pressures_for_torque(torque, q, velocity, mean_pressure, belief):
         (counter.flexor + damping.flexor + pull) / area.flexor,
     )
     needed = Pair((area.flexor * low.flexor - level) / area.extensor, least)
-    return _let_go(Pair(extensor, flexor), alone, needed, high, settings, ambient)
+    near = _both(lambda p: ca.fmin(ca.fmax((p - high) / settings.slack_reserve + 1, 0), 1), needed)
+    # what is needed may be beyond the limit at which both were cut
+    wanted = _both(ca.fmax, Pair(extensor, flexor), needed)
+    wanted = _both(lambda p, lone, share: p + share * (lone - p), wanted, alone, let_go)
+    missed = ca.logic_or(wanted.extensor > high, wanted.flexor > high)
+    slack = settings.minimum_pressure - ambient
+    extensor = ca.fmin(wanted.extensor, high) + let_go.flexor * (slack - ca.fmin(wanted.extensor, high))
+    flexor = ca.fmin(wanted.flexor, high) + let_go.extensor * (slack - ca.fmin(wanted.flexor, high))
+    return Allocation(ca.fmax(extensor, slack), ca.fmax(flexor, slack), missed, near)
 
 
-def _let_go(both: Pair, alone: Pair, needed: Pair, high, settings, ambient):
-    """Return gauge pressures with the antagonist of a muscle that comes near its limit slackened.
-
-    Args:
-        both: pressures with both muscles taut.
-        alone: those with which one muscle gives the torque, the other one slack.
-        needed: those that each muscle needs beside the other one, hardly taut.
-        high: highest gauge pressure.
-    """
-    slack, reserve = settings.minimum_pressure - ambient, settings.slack_reserve
-    share = _both(lambda p: ca.fmin(ca.fmax((p - high) / reserve + 1, 0), 1), needed)
-    extensor = both.extensor + share.extensor * (alone.extensor - both.extensor)
-    flexor = both.flexor + share.flexor * (alone.flexor - both.flexor)
-    extensor += share.flexor * (slack - extensor)
-    flexor += share.extensor * (slack - flexor)
-    missed = ca.logic_or(share.extensor * alone.extensor > high, share.flexor * alone.flexor > high)
-    return ca.fmin(ca.fmax(extensor, slack), high), ca.fmin(ca.fmax(flexor, slack), high), missed
-
-
-def pressures_with_effects(torque, estimate, reference, mean, effect, belief):
+def pressures_with_effects(torque, estimate, reference, mean, effect, belief, let_go) -> Allocation:
     """Return what `pressures_for_torque` does, for the muscles and the believed effects together.
 
     `effect` is (extensor, flexor gauge pressure) -> torque of the effects along the reference. It hardly
     depends on the pressures, so that a few corrections find those at which both add up to the torque.
     """
-    allocated = pressures_for_torque(torque, estimate[0], estimate[1], mean, belief)
+    allocated = pressures_for_torque(torque, estimate[0], estimate[1], mean, belief, let_go)
     for _ in range(0 if effect is None else effects.CORRECTIONS + 1):
         rest = torque - effect(allocated[0], allocated[1])
-        allocated = pressures_for_torque(rest, estimate[0], estimate[1], mean, belief)
+        allocated = pressures_for_torque(rest, estimate[0], estimate[1], mean, belief, let_go)
     return allocated
 
 
 def command_function(belief) -> ca.Function:
     """Return the position law as a function of numbers.
 
-    (estimate, reference, mean pressure, states of the effects, time, tuned values) -> (absolute pressures,
-    saturated, clamped). A locked joint is asked for no torque: its motion cannot be fed back.
+    (estimate, reference, mean pressure, share let go of each muscle, states of the effects, time, tuned
+    values) -> (absolute pressures, saturated, clamped, share to let go). A locked joint is asked for no
+    torque: its motion cannot be fed back.
     """
     belief, tuned = live.with_symbols(belief, _OF_COMMAND)
     estimate, reference, mean = ca.SX.sym("estimate", 3), ca.SX.sym("reference", 3), ca.SX.sym("mean")
-    law, ambient = effects.effect_torque(belief), belief.valve.ambient_pressure
+    let_go, law, ambient = (
+        ca.SX.sym("let_go", 2),
+        effects.effect_torque(belief),
+        belief.valve.ambient_pressure,
+    )
     states, time = ca.SX.sym("states", law.size1_in(3) if law else 0), ca.SX.sym("time")
 
     def effect(extensor, flexor):
@@ -143,8 +151,8 @@ def command_function(belief) -> ca.Function:
         return law(reference[0], reference[1], pressures, states, time)
 
     torque = 0.0 if belief.leg.joint.locked else required_torque(estimate, reference, belief)
-    extensor, flexor, saturated = pressures_with_effects(
-        torque, estimate, reference, mean, effect if law else None, belief
+    extensor, flexor, saturated, near = pressures_with_effects(
+        torque, estimate, reference, mean, effect if law else None, belief, Pair(let_go[0], let_go[1])
     )
     contraction, _ = kinematics(estimate[0], estimate[1], belief)
     m = belief.muscle.dmsp_20
@@ -153,8 +161,9 @@ def command_function(belief) -> ca.Function:
         muscle_model.outside_box(contraction.flexor, flexor, m),
     )
     pressures = ca.vertcat(extensor + ambient, flexor + ambient)
-    inputs = [estimate, reference, mean, states, time, tuned]
-    return ca.Function("position_command", inputs, [pressures, saturated, clamped])
+    inputs = [estimate, reference, mean, let_go, states, time, tuned]
+    outputs = [pressures, saturated, clamped, ca.vertcat(near.extensor, near.flexor)]
+    return ca.Function("position_command", inputs, outputs)
 
 
 class PositionController:
@@ -170,6 +179,10 @@ class PositionController:
         self._command = compiled(command_function(belief))
         self._tuned = live.values(belief, _OF_COMMAND)
         self._mean = belief.control.position.mean_pressure
+        self._let_go, self._change = (
+            (0.0, 0.0),
+            belief.scenario.control_period / belief.control.position.slack_time,
+        )
         self._sensors = Sensors(belief)
         self._ahead = Anticipation(belief)
         self._now = EffectTorque(belief)
@@ -217,8 +230,13 @@ class PositionController:
         return self._law(point, then, mean, self._then)
 
     def _law(self, estimate, reference: Reference, mean: float, effect: EffectTorque):
-        result = self._command(estimate, reference[:3], mean, effect.states, effect.time, self._tuned)
-        pressures, saturated, clamped = result
+        states, time = effect.states, effect.time
+        result = self._command(estimate, reference[:3], mean, self._let_go, states, time, self._tuned)
+        pressures, saturated, clamped, near = result
+        self._let_go = [
+            min(max(wanted, now - self._change), now + self._change)
+            for wanted, now in zip(near.tolist(), self._let_go, strict=True)
+        ]
         return pressures.tolist(), bool(saturated[0]), bool(clamped[0])
 
 

@@ -76,6 +76,6 @@ def _holding(angle: float, mean: float, belief):
     """Return the absolute pressures that the position controller holds the knee with, in their limits."""
     q, velocity = ca.SX.sym("q"), ca.SX.sym("velocity")
     torque = leg_mechanics(q, velocity, belief).gravity
-    extensor, flexor, _ = pressures_for_torque(torque, q, velocity, mean, belief)
+    extensor, flexor, *_ = pressures_for_torque(torque, q, velocity, mean, belief)
     gauge = ca.Function("held", [q, velocity], [ca.vertcat(extensor, flexor)])(angle, 0)
     return gauge + belief.valve.ambient_pressure

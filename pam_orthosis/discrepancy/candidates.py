@@ -23,6 +23,7 @@ DIFFERENCE = 0.01  # of a parameter's scale
 COARSE = 0.1  # the same where a finer one gave no way down: an event of the model may jump within it
 PROMISED = 0.5  # of the score test's gain: a fit that finds less is tried with coarse differences
 MOST_STEPS = 8
+TRIES = 4  # of a step, ever shorter
 QUARTERS = (0.0, 1.57, 3.14, -1.57)  # rad: phases at which a periodic effect starts
 LOWEST_PEAK, HIGHEST_PEAK, MOST_PEAKS = 0.1, 20.0, 3  # Hz: where its frequency is looked for
 NEAR = 0.01  # of the way from the off value to the typical one
@@ -131,6 +132,13 @@ class Projection:
         kept = [i for i, name in enumerate(block.names) if name in self._index]
         place = np.array([self._index[block.names[i]] for i in kept], dtype=int)
         return np.ascontiguousarray((block.slopes[:, kept] * self._scale[place]).T), place
+
+    def stuck(self, level: Level) -> np.ndarray:
+        """Return the gradient that the base's own fit could not follow to its end.
+
+        Where friction sticks the way down that it shows is not there.
+        """
+        return self.state({})[0] + level.gradient(self.position)
 
     def cost(self, residuals: Mapping[str, np.ndarray]) -> float:
         """Return the least cost over ordinary parameters and levels, given residuals of changed equations."""
@@ -302,15 +310,17 @@ def refine(projection: Projection, trial: Trial, start: np.ndarray, difference: 
             break
         shared, hessian, gradient = _projected(projection, trial, now, difference)
         best = now
-        for _ in range(4):
+        for attempt in range(2 * TRIES):
             step = bounded_step(hessian, gradient, now.own, lower, upper, damping)
             step = np.clip(step, -2.0 - np.abs(now.own), 2.0 + np.abs(now.own))
             own = np.clip(now.own + step, lower, upper)
             pull = now.right + now.level.gradient(now.ordinary) + shared @ (own - now.own)
+            if attempt >= TRIES:
+                pull -= projection.stuck(now.level)
             best = _point(projection, trial, own, now.ordinary - now.level.solve(pull))
             if best.cost < now.cost:
                 break
-            damping *= 20
+            damping = damping * 20 if attempt != TRIES - 1 else 1e-3
         if not best.cost < now.cost:
             break
         gained, now = now.cost - best.cost, best

@@ -98,7 +98,7 @@ def test_the_pressures_give_the_torque_together_with_the_effect(name):
     size = law.size1_in(3)
     states = np.linspace(0.5, 0.2, size) * (CATALOGUE[name].scales or np.zeros(size))
     gains = [belief.flat()[key] for key in position._OF_COMMAND]
-    pressures = command(estimate, reference, 3.6e5, states, 0.4, gains)[0].full()[:, 0]
+    pressures = command(estimate, reference, 3.6e5, [0.0, 0.0], states, 0.4, gains)[0].full()[:, 0]
     added = float(law(*reference[:2], pressures, states, 0.4))
     q, velocity = ca.SX.sym("q"), ca.SX.sym("velocity")
     point = ca.vertcat(q, velocity, estimate[2])
