@@ -10,17 +10,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from pam_orthosis.discrepancy.fit import Fit, Problem
 from pam_orthosis.discrepancy.replay import Run
 
 DRAWS = 16
+AROUND = 0.5  # s, over which expected squares are averaged, and kept apart from what is decided
+DECIDED = 1.6  # expected squares of whitened residuals, 1 for noise, below which chance decides little
+LEAST_SECONDS = 5.0  # of samples that chance does not decide
+
+# (serial of a run, channel) -> one value a scored sample
+Samples = Mapping[tuple[int, str], np.ndarray]
 
 
-def left_by_itself(
+def expected_squares(
     problem: Problem, model: Fit, spread: np.ndarray, noise: Mapping[str, float], cutoff: float
-) -> dict[str, float]:
-    """Return channel -> rms of the whitened residuals that a model expects, 1 for fresh noise alone.
+) -> Samples:
+    """Return the mean squares of the whitened residuals that a model expects, 1 for fresh noise alone.
 
     Recordings are replayed with noise added and parameters drawn from what the fit leaves open; what
     changes is what two recordings of the same apparatus would differ by.
@@ -32,7 +39,7 @@ def left_by_itself(
         cutoff: Hz, of the neighbours' smoothing.
     """
     rng = np.random.default_rng(0)
-    power: dict[str, list[float]] = {}
+    squares: dict[tuple[int, str], np.ndarray] = {}
     for _ in range(DRAWS):
         values = _drawn(rng, model, spread)
         for one in problem.scored:
@@ -42,13 +49,23 @@ def left_by_itself(
                 change = problem.replay.residuals(noisy, equation, model.effects, values)
                 change = change - problem.replay.residuals(one.run, equation, model.effects, model.values)
                 for i, channel in enumerate(equation.channels):
-                    white = one.white(channel, change[:, i])
-                    power.setdefault(channel, []).append((float(white @ white), len(white)))
+                    key = one.run.serial, channel
+                    squares[key] = squares.get(key, 0.0) + one.white(channel, change[:, i]) ** 2 / DRAWS
             problem.replay.forget(noisy)
-    return {
-        channel: float(np.sqrt(sum(p for p, _ in many) / sum(n for _, n in many)))
-        for channel, many in power.items()
-    }
+    return squares
+
+
+def decided(problem: Problem, squares: Samples) -> Samples | None:
+    """Return which samples chance does not decide; None if there are too few to judge by."""
+    masks, seconds = {}, dict.fromkeys((channel for _, channel in squares), 0.0)
+    for one in problem.scored:
+        size = round(AROUND / one.run.period)
+        for channel in seconds:
+            local = uniform_filter1d(squares[one.run.serial, channel], size)
+            mask = maximum_filter1d(local, size) < DECIDED
+            masks[one.run.serial, channel] = mask
+            seconds[channel] += one.run.period * float(mask.sum())
+    return masks if min(seconds.values()) >= LEAST_SECONDS else None
 
 
 def _drawn(rng: np.random.Generator, model: Fit, spread: np.ndarray) -> dict[str, float]:

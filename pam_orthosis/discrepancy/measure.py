@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pam_orthosis.discrepancy.expected import Samples
 from pam_orthosis.discrepancy.fit import Fit, Problem
 
 # a gap that exceeds the noise floor by less than this share says nothing about closure
@@ -27,21 +28,22 @@ class Gap:
     white: dict[str, float]
 
 
-def gap(problem: Problem, model: Fit) -> Gap:
-    """Return the gap between recordings and a model."""
-    return gap_at(problem, model.effects, model.values)
+def gap(problem: Problem, model: Fit, judged: Samples | None = None) -> Gap:
+    """Return the gap between recordings and a model; `judged`: the samples that count (all)."""
+    return gap_at(problem, model.effects, model.values, judged)
 
 
-def gap_at(problem: Problem, effects, values) -> Gap:
-    """Return the gap between recordings and a model with given values."""
+def gap_at(problem: Problem, effects, values, judged: Samples | None = None) -> Gap:
+    """Return the gap between recordings and a model with given values; `judged` as for `gap`."""
     units, white = {}, {}
     for equation in problem.system.equations:
         for i, channel in enumerate(equation.channels):
             raw, whitened = [], []
             for one in problem.scored:
                 residual = problem.replay.residuals(one.run, equation, effects, values)[:, i]
-                raw.append(residual[one.warm_up :])
-                whitened.append(one.white(channel, residual))
+                counts = slice(None) if judged is None else judged[one.run.serial, channel]
+                raw.append(residual[one.warm_up :][counts])
+                whitened.append(one.white(channel, residual)[counts])
             units[channel], white[channel] = _rms(raw), _rms(whitened)
     white[OVERALL] = float(np.sqrt(np.mean([value**2 for value in white.values()])))
     return Gap(units, white)

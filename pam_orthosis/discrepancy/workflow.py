@@ -10,7 +10,7 @@ import numpy as np
 
 from pam_orthosis.discrepancy import check, intervals, measure, select, structure
 from pam_orthosis.discrepancy.data import Recording
-from pam_orthosis.discrepancy.expected import left_by_itself
+from pam_orthosis.discrepancy.expected import Samples, decided, expected_squares
 from pam_orthosis.discrepancy.fit import Fit, Problem, Scored
 from pam_orthosis.discrepancy.replay import Replay, Run
 from pam_orthosis.discrepancy.selection import Selection, Step
@@ -85,13 +85,13 @@ class Beginning:
     floor: measure.Gap
     remarks: tuple[str, ...]
 
-    def configured(self) -> measure.Gap:
-        """Return the gap of the model as configured."""
-        return measure.gap_at(self.held_out, (), self.held_out.replay.defaults(()))
+    def configured(self, judged: Samples | None = None) -> measure.Gap:
+        """Return the gap of the model as configured; `judged`: the samples that count (all)."""
+        return measure.gap_at(self.held_out, (), self.held_out.replay.defaults(()), judged)
 
-    def recalibrated(self) -> measure.Gap:
-        """Return the gap of the recalibrated model."""
-        return measure.gap(self.held_out, self.null)
+    def recalibrated(self, judged: Samples | None = None) -> measure.Gap:
+        """Return the gap of the recalibrated model; `judged` as for `configured`."""
+        return measure.gap(self.held_out, self.null, judged)
 
     def where(self) -> list[structure.Where]:
         """Return where the recalibrated model disagrees with the held-out recordings."""
@@ -226,23 +226,65 @@ def _levels(replay: Replay, runs: Sequence[Run], settings, effects, values) -> d
     return noise_levels(residuals, [run.period for run in runs])
 
 
-def _floor(start: Beginning, found: Selection, spread: np.ndarray, settings) -> measure.Gap:
+def _floor(start: Beginning, found: Selection, settings) -> measure.Gap:
     """Return the noise floor as the final model shows it.
 
     In a closed loop the inputs answer to the sensors' noise; a model that lacks a delay takes that for
-    its own doing, and its residuals tell a wrong level. Where chance decides a state, the floor is what
-    the final model would leave of the held-out recordings, were it right.
+    its own doing, and its residuals tell a wrong level.
     """
-    replay, final, floor = found.problem.replay, found.final, start.floor
-    runs = [one.run for one in found.problem.scored]
-    first = _levels(replay, runs, settings, (), replay.defaults(()))
-    noise = _levels(replay, runs, settings, final.effects, final.values)
-    white = {name: floor.white[name] * noise[name] / first[name] for name in first}
-    if _chance(replay.system, final):
-        white = left_by_itself(start.held_out, final, spread, noise, settings.replay.cross_cutoff)
+    replay, floor = found.problem.replay, start.floor
+    first = _levels(replay, _fitted_runs(found), settings, (), replay.defaults(()))
+    last = _last_levels(found, settings)
+    return _scaled(floor, {name: floor.white[name] * last[name] / first[name] for name in first})
+
+
+def _fitted_runs(found: Selection) -> list[Run]:
+    return [one.run for one in found.problem.scored]
+
+
+def _last_levels(found: Selection, settings) -> dict[str, float]:
+    """Return the noise (sd) as the final model's residuals show it."""
+    final = found.final
+    return _levels(found.problem.replay, _fitted_runs(found), settings, final.effects, final.values)
+
+
+def _scaled(floor: measure.Gap, white: dict[str, float]) -> measure.Gap:
+    """Return a floor with other whitened levels, units in proportion."""
     units = {name: floor.units[name] * white[name] / floor.white[name] for name in white}
-    white[measure.OVERALL] = float(np.sqrt(np.mean([value**2 for value in white.values()])))
-    return measure.Gap(units, white)
+    overall = float(np.sqrt(np.mean([value**2 for value in white.values()])))
+    return measure.Gap(units, {**white, measure.OVERALL: overall})
+
+
+def _decided(start: Beginning, found: Selection, spread: np.ndarray, settings):
+    """Return which held-out samples chance does not decide, and what the final model expects to leave there.
+
+    None and the noise floor, if no state of the model is left to chance.
+    """
+    final, judge = found.final, start.held_out
+    if not _chance(found.problem.system, final):
+        return None, _floor(start, found, settings)
+    noise, cutoff = _last_levels(found, settings), settings.replay.cross_cutoff
+    squares = expected_squares(judge, final, spread, noise, cutoff)
+    masks = decided(judge, squares)
+    if masks is None:
+        return None, _floor(start, found, settings)
+    white = {
+        name: float(
+            np.sqrt(np.mean(np.concatenate([squares[key][masks[key]] for key in squares if key[1] == name])))
+        )
+        for name in start.floor.units
+    }
+    return masks, _scaled(start.floor, white)
+
+
+def _left_out(masks: Samples | None) -> tuple[str, ...]:
+    """Return the remark on samples that do not count."""
+    if masks is None:
+        return ()
+    share = {channel: np.mean(np.concatenate([m for (_, c), m in masks.items() if c == channel]))
+             for _, channel in masks}  # fmt: skip
+    told = ", ".join(f"{1 - kept:.0%} of {name}" for name, kept in share.items() if kept < 1)
+    return (f"not judged, since chance decides where play comes to rest: {told}",) if told else ()
 
 
 def _chance(system: System, final: Fit) -> bool:
@@ -262,9 +304,9 @@ def _scored(replay: Replay, run: Run, noise, settings, seed: int) -> tuple[Score
 def _judged(start: Beginning, found: Selection, settings) -> Outcome:
     system, judge, final = start.system, start.held_out, found.final
     spread = intervals.covariance(found.final_problem, final)
-    floor = _floor(start, found, spread, settings)
-    configured = start.configured()
-    before, after = start.recalibrated(), measure.gap(judge, final)
+    judged, floor = _decided(start, found, spread, settings)
+    configured = start.configured(judged)
+    before, after = start.recalibrated(judged), measure.gap(judge, final, judged)
     left = structure.locate(judge, final)
     closed = _closures(configured, before, after, floor)
     alike = _look_alikes(found, settings.evidence)
@@ -291,7 +333,7 @@ def _judged(start: Beginning, found: Selection, settings) -> Outcome:
         left=left,
         strained=_strained(final),
         steps=tuple(found.steps),
-        remarks=start.remarks,
+        remarks=(*start.remarks, *_left_out(judged)),
         selection=found,
         held_out=judge,
     )

@@ -16,16 +16,23 @@ from pam_orthosis.discrepancy.replay import Replay, Run
 HALF_WIDTH = 6.0e-3  # rad
 
 
-def left(bench, effect, training, held_out):
-    """Return what a fitted model expects to leave of the angle and what it leaves, over the noise."""
+def judged(bench, effect, training, held_out):
+    """Return the rms over the noise that a fitted model expects of the angle and what it leaves.
+
+    First in all samples, then in those that chance does not decide; last, which these are.
+    """
     settings = bench.parameters.gap
     problem, judge, _ = workflow.prepared(bench.replay, [training], [held_out], settings)
     free = free_parameters(bench.system, (effect,))
     weighted, model = fit_tempered(problem, (effect,), bench.replay.defaults((effect,)), free)
     spread, runs = intervals.covariance(weighted, model), [one.run for one in weighted.scored]
     noise = workflow._levels(bench.replay, runs, settings, model.effects, model.values)
-    told = expected.left_by_itself(judge, model, spread, noise, settings.replay.cross_cutoff)
-    return told["angle"], measure.gap(judge, model).white["angle"]
+    squares = expected.expected_squares(judge, model, spread, noise, settings.replay.cross_cutoff)
+    masks = expected.decided(judge, squares)
+    key = judge.scored[0].run.serial, "angle"
+    told = [np.sqrt(np.mean(squares[key])), np.sqrt(np.mean(squares[key][masks[key]]))]
+    seen = [measure.gap(judge, model, one).white["angle"] for one in (None, masks)]
+    return told, seen, masks[key]
 
 
 @pytest.fixture(scope="module")
@@ -68,15 +75,31 @@ def test_a_lasting_correction_of_the_angle_does_not_wind_the_play(bench):
     assert wound(0.0)[0] > 1.0  # 1/s: without the model's velocity the correction alone winds it
 
 
-def test_a_model_with_play_expects_to_leave_more_than_noise(experiments):
-    told, seen = left(experiments[0], "backlash", *experiments[1:])
+def test_where_chance_does_not_decide_a_model_with_play_leaves_noise(experiments):
+    (told, told_there), (seen, seen_there), decided = judged(experiments[0], "backlash", *experiments[1:])
     assert told > 1.15
-    assert seen > 1.15
+    assert seen > 1.3
+    assert told_there < 1.15
+    assert seen_there < 1.1
+    assert 0.2 < decided.mean() < 0.8
 
 
 def test_where_nothing_is_chance_a_model_expects_noise_alone(bench):
     """Viscosity and damping make up for each other: what both do together is known all the same."""
     friction = {"plant__effects__viscous_friction__enabled": True}
-    told, seen = left(bench, "viscous_friction", *(bench.recording(seed, **friction) for seed in (1, 2)))
-    assert told == pytest.approx(1.0, abs=0.05)
-    assert seen == pytest.approx(1.0, abs=0.05)
+    runs = (bench.recording(seed, **friction) for seed in (1, 2))
+    told, seen, decided = judged(bench, "viscous_friction", *runs)
+    assert told == pytest.approx([1.0, 1.0], abs=0.05)
+    assert seen == pytest.approx([1.0, 1.0], abs=0.05)
+    assert decided.all()
+
+
+def test_too_few_samples_that_chance_does_not_decide_are_none_to_judge_by():
+    scored = [SimpleNamespace(run=SimpleNamespace(serial=7, period=0.002))]
+    problem = SimpleNamespace(scored=scored)
+    still = {(7, "angle"): np.r_[np.ones(2000), np.full(8000, 9.0)]}
+    assert expected.decided(problem, still) is None
+    moving = {(7, "angle"): np.r_[np.ones(8000), np.full(2000, 9.0)]}
+    mask = expected.decided(problem, moving)[7, "angle"]
+    assert mask[:7600].all()
+    assert not mask[7900:].any()
