@@ -23,6 +23,7 @@ LEAST_CLOSURE = 0.9  # below it the named effects are no explanation
 MOST_LEFT = 1.3  # gap after over the noise floor above which the residual is not called clean
 LEAST_NAMED = 0.5  # closure of a model below which it names nothing, unless nothing else comes near
 LONE = 20.0  # evidence over that of the runner-up from which an effect has no rival
+WHOLE = 0.995  # share of the samples that are judged, above which none is said to be left out
 TELLING_STRAIN = 4.0  # deviations of an ordinary parameter over its tolerance that are worth a remark
 
 
@@ -283,7 +284,7 @@ def _left_out(masks: Samples | None) -> tuple[str, ...]:
         return ()
     share = {channel: np.mean(np.concatenate([m for (_, c), m in masks.items() if c == channel]))
              for _, channel in masks}  # fmt: skip
-    told = ", ".join(f"{1 - kept:.0%} of {name}" for name, kept in share.items() if kept < 1)
+    told = ", ".join(f"{1 - kept:.0%} of {name}" for name, kept in share.items() if kept < WHOLE)
     return (f"not judged, since chance decides where play comes to rest: {told}",) if told else ()
 
 

@@ -103,3 +103,15 @@ def test_too_few_samples_that_chance_does_not_decide_are_none_to_judge_by():
     mask = expected.decided(problem, moving)[7, "angle"]
     assert mask[:7600].all()
     assert not mask[7900:].any()
+
+
+def test_what_is_not_judged_is_told():
+    masks = {
+        (1, "angle"): np.arange(100) < 40,
+        (2, "angle"): np.ones(100, bool),
+        (1, "pressure"): np.ones(9, bool),
+    }
+    (remark,) = workflow._left_out(masks)
+    assert remark == "not judged, since chance decides where play comes to rest: 30% of angle"
+    assert workflow._left_out(None) == ()
+    assert workflow._left_out({(1, "pressure"): np.ones(9, bool)}) == ()
