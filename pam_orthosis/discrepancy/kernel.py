@@ -127,7 +127,8 @@ def cut(system: System, assembled: Assembled, static: Assembled, equation: Equat
     pulled = _gains(equation, own) @ residual
     moved = _moved(system, own, x, pulled)
     remembered = [evaluate(own_rates, state, 0.0, seen.inputs_before(z)) for state in (x, moved)]
-    felt = ca.vertcat(*(name not in equation.states for name in own)) * (remembered[1] - remembered[0])
+    held = {state for gains in equation.gains.values() for state in gains} - set(equation.states)
+    felt = ca.vertcat(*(name in held for name in own)) * (remembered[1] - remembered[0])
     corrected = x + period * (pulled + felt)
     used = sorted(set(ca.jacobian_sparsity(ca.vertcat(rates, residual), theta).get_col()))
     few = ca.SX.sym("theta", len(used))
@@ -248,8 +249,9 @@ def _gains(equation: Equation, own: tuple[str, ...]) -> ca.DM:
 def _moved(system: System, own: tuple[str, ...], state, pulled):
     """Return a state whose derived signals are the rates at which the corrected state moves.
 
-    A play is wound by the motion that is predicted, the correction included: wound by the model's velocity
-    alone, which at rest is opposite to a lasting correction, it would never come loose.
+    A state that is held to the recording, a play, is wound by the motion that is predicted, the correction
+    included: wound by the model's velocity alone, which at rest is opposite to a lasting correction, it
+    would never come loose. Friction is not: what corrects the model meets no resistance.
     """
     moved = ca.SX(state)
     for derived, parent in system.derived.items():

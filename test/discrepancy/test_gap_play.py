@@ -115,3 +115,19 @@ def test_what_is_not_judged_is_told():
     assert remark == "not judged, since chance decides where play comes to rest: 30% of angle"
     assert workflow._left_out(None) == ()
     assert workflow._left_out({(1, "pressure"): np.ones(9, bool)}) == ()
+
+
+def test_a_correction_does_not_rub(bench):
+    """Bristles of a friction bend with the model's motion, not with what holds it to the recording."""
+    torque = bench.system.equations[0]
+    part = bench.replay._part(torque, ("joint_friction",))
+    values = bench.replay.defaults(("joint_friction",))
+    run = Run(bench.system, bench.recording(1), 40.0)
+    row, state = run.data(torque)[1000], run.states(part, np.array([1000]))[0]
+    state[part.own.index("angle")] += 0.01
+    theta = np.array([values[name] for name in part.parameters])
+    corrected, residual = (np.array(one)[:, 0] for one in part.observe(state, row, theta, run.period))
+    assert abs(residual[0]) > 5e-3
+    others = [i for i, name in enumerate(part.own) if name not in torque.states]
+    assert others
+    assert corrected[others] == pytest.approx(state[others], abs=0.0)
