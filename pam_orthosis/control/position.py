@@ -139,11 +139,8 @@ def command_function(belief) -> ca.Function:
     """
     belief, tuned = live.with_symbols(belief, _OF_COMMAND)
     estimate, reference, mean = ca.SX.sym("estimate", 3), ca.SX.sym("reference", 3), ca.SX.sym("mean")
-    let_go, law, ambient = (
-        ca.SX.sym("let_go", 2),
-        effects.effect_torque(belief),
-        belief.valve.ambient_pressure,
-    )
+    law, ambient = effects.effect_torque(belief), belief.valve.ambient_pressure
+    let_go = ca.SX.sym("let_go", 2)
     states, time = ca.SX.sym("states", law.size1_in(3) if law else 0), ca.SX.sym("time")
 
     def effect(extensor, flexor):
@@ -179,10 +176,8 @@ class PositionController:
         self._command = compiled(command_function(belief))
         self._tuned = live.values(belief, _OF_COMMAND)
         self._mean = belief.control.position.mean_pressure
-        self._let_go, self._change = (
-            (0.0, 0.0),
-            belief.scenario.control_period / belief.control.position.slack_time,
-        )
+        self._let_go = [0.0, 0.0]
+        self._change = belief.scenario.control_period / belief.control.position.slack_time
         self._sensors = Sensors(belief)
         self._ahead = Anticipation(belief)
         self._now = EffectTorque(belief)
