@@ -314,7 +314,7 @@ def _judged(start: Beginning, found: Selection, settings) -> Outcome:
     verdict = _verdict(final, left, closed, beyond(after, floor))
     named = tuple(_named(system, found, spread, name) for name in final.effects)
     share = closed[measure.OVERALL]
-    # a name that leaves most of the gap open is no name; play does: where the knee rests in it is chance
+    # a name that leaves most of the gap open is no name, unless nothing else comes near
     trusted = _trusted(share) or _without_rival(found)
     return Outcome(
         system=system,
