@@ -69,6 +69,7 @@ setup(
         "pyyaml>=6.0",
         "rosbags>=0.10",
         "scipy>=1.10",
+        "threadpoolctl>=3.1",
     ],
     extras_require={
         "bench": ["mujoco>=3.1"],

@@ -13,6 +13,7 @@ from scipy.signal import welch
 
 from pam_orthosis.discrepancy.replay import Replay, Run
 from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.together import THREADS
 from pam_orthosis.discrepancy.whitening import Whitener
 
 MOST_STEPS = 8
@@ -27,7 +28,7 @@ ORDINARY_PEAK = 1.25  # of that density for white noise
 ENOUGH = 1.0  # a fit ends when a step lowers the cost by less than this
 
 
-_POOL = ThreadPoolExecutor(2)
+_POOL = ThreadPoolExecutor(THREADS)  # of its own: what `together` runs waits for it
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,11 @@ lag inside the step is as exact as the integration, so that no false delay appea
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from pam_orthosis.discrepancy.system import Assembled, Equation, System
 from pam_orthosis.model.compiled import best_library, processor
@@ -25,6 +26,12 @@ FLAGS = (
 )  # fmt: skip
 OPTIONS = (("-march=native",), ())  # not every compiler knows its processor
 INVERSION_STEPS = 4  # fixed-point steps: a sensor gain of 10 % is inverted to 1e-5 of the value
+# those of the library are calls; these also keep what is not a number in the second argument
+EXTREMES = """
+#include <math.h>
+#define fmax(x, y) ((x) > (y) ? (x) : (y))
+#define fmin(x, y) ((x) < (y) ? (x) : (y))
+"""
 LOOP = """
 static void rk4(double* x, const double* z, const double* theta, const double* period,
                 const double* held, double at, double h) {{
@@ -69,6 +76,7 @@ class Part:
 
     Attributes:
         own: its states, base states first.
+        channels: what it predicts.
         parameters: those parameters of the assembly that the equation depends on, `theta`.
         observe: (state, z, theta, period) -> (corrected state, residuals).
         rates: (state, z, theta, period, fraction of the period) -> rates.
@@ -77,6 +85,7 @@ class Part:
     """
 
     own: tuple[str, ...]
+    channels: tuple[str, ...]
     parameters: tuple[str, ...]
     observe: ca.Function
     rates: ca.Function
@@ -85,8 +94,9 @@ class Part:
 
     def fastest(self, rows: np.ndarray, theta: np.ndarray, states: np.ndarray, period: float) -> float:
         """Return the largest eigenvalue (1/s, magnitude) of the rates at some rows of `z` and states."""
-        pairs = zip(states, rows, strict=True)
-        matrices = np.array([np.array(self.slopes(x, row, theta, period, 0.0)) for x, row in pairs])
+        count = len(rows)
+        side_by_side = np.array(self.slopes(states.T, rows.T, np.tile(theta[:, None], count), period, 0.0))
+        matrices = side_by_side.reshape(len(self.own), count, len(self.own)).swapaxes(0, 1)
         return float(np.abs(np.linalg.eigvals(matrices)).max()) if np.isfinite(matrices).all() else np.inf
 
 
@@ -97,6 +107,38 @@ def data_width(system: System) -> int:
     period in which the inputs before still act.
     """
     return 3 * len(system.channels) + 2 * len(system.inputs) + 2
+
+
+def divided(system: System, assembled: Assembled, equation: Equation) -> list[Equation]:
+    """Return an equation as several that do not feel each other, each with some of its channels.
+
+    The gas of one muscle knows nothing of the other's, unless an effect joins them.
+    """
+    own = _closure(system, assembled, equation)
+    group = _groups(system, assembled, equation, own)
+
+    def some(names: tuple[str, ...], one: int) -> tuple[str, ...]:
+        return tuple(name for name in names if group[name] == one)
+
+    numbers = dict.fromkeys(group[name] for name in equation.channels)
+    return [
+        replace(equation, states=some(equation.states, one), channels=some(equation.channels, one))
+        for one in numbers
+    ]
+
+
+def _groups(system: System, assembled: Assembled, equation: Equation, own) -> dict[str, int]:
+    """Return a number for each state and channel of an equation, the same for those that feel each other."""
+    places = [assembled.states.index(name) for name in own]
+    told = ca.vertcat(assembled.rates[places], *(assembled.measured[name] for name in equation.channels))
+    felt = ca.jacobian_sparsity(told, assembled.x[places]).get_triplet()
+    pulled, channel = ca.sparsify(_gains(equation, own)).sparsity().get_triplet()
+    derived = [(own.index(a), own.index(b)) for a, b in system.derived.items() if a in own and b in own]
+    links = [*zip(*felt, strict=True), *((i, len(own) + k) for i, k in zip(pulled, channel, strict=True))]
+    names = (*own, *equation.channels)
+    joined = np.zeros((len(names), len(names)), bool)
+    joined[tuple(np.array([*links, *derived], int).T)] = True
+    return dict(zip(names, connected_components(joined, directed=False)[1].tolist(), strict=True))
 
 
 def cut(system: System, assembled: Assembled, static: Assembled, equation: Equation, late: bool) -> Part:
@@ -140,7 +182,7 @@ def cut(system: System, assembled: Assembled, static: Assembled, equation: Equat
     slopes = ca.Function("slopes", given, [ca.densify(ca.jacobian(rates, x))])
     observe = ca.Function("observe", [x, z, few, period], [corrected, residual])
     names = tuple(assembled.parameters[i] for i in used)
-    return Part(own, names, observe, ca.Function("rates", given, [rates]), slopes, late)
+    return Part(own, equation.channels, names, observe, ca.Function("rates", given, [rates]), slopes, late)
 
 
 class _Seen:
@@ -306,7 +348,7 @@ class Kernel:
             states=self._size, data=self._width, results=self._results,
             fixed=max(1, self._fixed.size1_out(0)), held=max(1, self._held.size1_out(0)),
         )  # fmt: skip
-        return f"/* {processor()} */\n" + generator.dump() + loop
+        return f"/* {processor()} */\n" + EXTREMES + generator.dump() + loop
 
     def _run_virtual(self, z, theta, state, period, substeps):
         x, row = ca.MX.sym("x", self._size), ca.MX.sym("z", self._width)

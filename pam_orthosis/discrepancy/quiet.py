@@ -14,6 +14,7 @@ from scipy.ndimage import maximum_filter1d
 
 from pam_orthosis.discrepancy.candidates import Candidate, Projection, Trial, candidate, secant_gain
 from pam_orthosis.discrepancy.fit import Fit, Problem, fit, of_effect, score
+from pam_orthosis.discrepancy.together import together
 
 SILENT = 0.5  # whitened samples: by how much a silent effect may change them
 AROUND = 0.1  # s, on both sides of a sample, in which it must be silent too
@@ -37,7 +38,8 @@ def evidence(problem: Problem, base: Fit, names: Sequence[str], large: Collectio
     free = [one for one in base.free if one.name.partition(".")[0] not in large]
     smaller = fit(quiet, base.effects, base.values, free, most=STEPS)
     before, projection = score(quiet, smaller), Projection(quiet, smaller)
-    return {name: before - score(quiet, _fitted(projection, name)) for name in names}
+    fits = together(lambda name: _fitted(projection, name), names)
+    return {name: before - score(quiet, one) for name, one in zip(names, fits, strict=True)}
 
 
 def _fitted(projection: Projection, name: str) -> Fit:

@@ -15,13 +15,13 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from pam_orthosis.discrepancy.data import Recording, smoothed
-from pam_orthosis.discrepancy.kernel import Kernel, Part, cut
+from pam_orthosis.discrepancy.kernel import Kernel, Part, cut, divided
 from pam_orthosis.discrepancy.system import Equation, System
 
 STEP_TIMES_RATE = 1.4  # longest Runge-Kutta step times the fastest eigenvalue (stable up to 2.78)
 MOST_SUBSTEPS = 64
 PROBED = 6  # samples of each kind at which the fastest eigenvalue is looked for
-REMEMBERED = 96
+REMEMBERED = 144
 _SERIAL = count()
 _CASADI = Lock()  # expression graphs are built by one thread at a time
 
@@ -161,7 +161,7 @@ class Replay:
             self._touched[effect] = frozenset(
                 equation.name
                 for equation in self.system.equations
-                if any(name.startswith(f"{effect}.") for name in self._cut(equation, effects).parameters)
+                if any(name.startswith(f"{effect}.") for name in _parameters(self._cut(equation, effects)))
             )
         return self._touched[effect]
 
@@ -178,17 +178,13 @@ class Replay:
 
         A parameter by which neighbouring signals are advanced is not differentiated through that.
         """
-        part = self._part(equation, effects)
-        names = tuple(name for name in wrt if name in part.parameters)
+        known = _parameters(self._parts_of(equation, effects))
+        names = tuple(name for name in wrt if name in known)
         if not names:
             residuals = self._evaluate(run, equation, effects, values, ())
             return residuals, np.zeros((*residuals.shape, 0)), ()
         both = self._evaluate(run, equation, effects, values, names)
         return both[:, :, 0], both[:, :, 1:], names
-
-    def relevant(self, equation: Equation, effects: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the parameters that an equation depends on."""
-        return self._part(equation, effects).parameters
 
     def forget(self, run: Run) -> None:
         """Drop what is remembered of a run."""
@@ -210,17 +206,34 @@ class Replay:
         return len(equation.channels) == 1 or not set(equation.channels) & set(effect.advance(typical))
 
     def _evaluate(self, run, equation, effects, values, wrt):
-        part = self._part(equation, effects)
+        """Return residuals (n, channels), with `wrt` (n, channels, 1 + len(wrt)): the derivatives behind."""
+        parts, shift = self._parts_of(equation, effects), self._shift(equation, effects, values)
+        if len(parts) == 1:
+            return self._evaluate_part(run, equation, parts[0], values, shift, wrt)
+        shape = (run.recording.samples, len(equation.channels))
+        joined = np.zeros((*shape, 1 + len(wrt)) if wrt else shape)
+        for part in parts:
+            names = tuple(name for name in wrt if name in part.parameters)
+            result = self._evaluate_part(run, equation, part, values, shift, names)
+            columns = [0, *(1 + wrt.index(name) for name in names)]
+            for i, channel in enumerate(part.channels):
+                row = equation.channels.index(channel)
+                if wrt:
+                    joined[:, row, columns] = result[:, i].reshape(len(joined), -1)
+                else:
+                    joined[:, row] = result[:, i]
+        return joined
+
+    def _evaluate_part(self, run, equation, part, values, shift, wrt):
         theta = np.array([values[name] for name in part.parameters])
-        shift = self._shift(equation, effects, values)
-        key = (run.serial, equation.name, part.parameters, wrt, theta.tobytes(), shift.key())
+        key = (run.serial, part.channels, part.parameters, wrt, theta.tobytes(), shift.key())
         known = self._memory.get(key)
         if known is not None:
             return known
-        kernel = self._kernel(part, equation, wrt)
+        kernel = self._kernel(part, wrt)
         data = self._rows(run, equation) if shift == UNSHIFTED else run.data(equation, shift)
         # the base states of most models are slow; states of an effect need not be
-        fast = equation.stiff or len(part.own) > len(equation.states)
+        fast = equation.stiff or not set(part.own) <= set(equation.states)
         substeps = self._substeps(run, part, data, theta) if fast else 1
         result = kernel(data, theta, run.start(part), run.period, substeps)
         if not wrt:
@@ -255,18 +268,20 @@ class Replay:
         parameters = self.system.catalogue[name].parameters
         return _Values({q.name: values[f"{name}.{q.name}"] for q in parameters})
 
-    def _part(self, equation: Equation, effects: tuple[str, ...]) -> Part:
+    def _parts_of(self, equation: Equation, effects: tuple[str, ...]) -> tuple[Part, ...]:
+        """Return the parts of an equation that do not feel each other."""
         others = sorted(set(effects) - set(self.system.shapes))
         shifts = any(self.shifts(name, equation) for name in others)
         kept = [n for n in others if equation.name in self.touched(n) and not self.shifts(n, equation)]
         return self._cut(equation, (*self.system.shapes, *kept), shifts)
 
-    def _cut(self, equation: Equation, effects: tuple[str, ...], late: bool = False) -> Part:
+    def _cut(self, equation: Equation, effects: tuple[str, ...], late: bool = False) -> tuple[Part, ...]:
         key = (equation.name, effects, late)
         if key not in self._parts:
             with _CASADI:
                 whole, static = self._assembled(effects)
-                self._parts[key] = cut(self.system, whole, static, equation, late)
+                pieces = divided(self.system, whole, equation)
+                self._parts[key] = tuple(cut(self.system, whole, static, piece, late) for piece in pieces)
         return self._parts[key]
 
     def _assembled(self, effects: tuple[str, ...]):
@@ -279,8 +294,8 @@ class Replay:
             self._latest = (effects, whole, static)
         return self._latest[1:]
 
-    def _kernel(self, part: Part, equation: Equation, wrt: tuple[str, ...]) -> Kernel:
-        key = (equation.name, part.parameters, wrt, part.late)
+    def _kernel(self, part: Part, wrt: tuple[str, ...]) -> Kernel:
+        key = (part.channels, part.parameters, wrt, part.late)
         if key not in self._kernels:
             with _CASADI:
                 kernel = Kernel(part, wrt)
@@ -301,6 +316,10 @@ class Replay:
         fastest = part.fastest(np.tile(data[places], (4, 1)), theta, states, run.period)
         needed = run.period * fastest / STEP_TIMES_RATE
         return min(max(1, math.ceil(needed)), MOST_SUBSTEPS) if math.isfinite(needed) else 1
+
+
+def _parameters(parts: tuple[Part, ...]) -> set[str]:
+    return {name for part in parts for name in part.parameters}
 
 
 def _held_back(rows: np.ndarray, count: int) -> np.ndarray:

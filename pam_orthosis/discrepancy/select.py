@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -31,8 +30,8 @@ from pam_orthosis.discrepancy.fit import (
 )
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.selection import Selection, Step
+from pam_orthosis.discrepancy.together import together
 
-THREADS = 2
 ASKED_IN_SILENCE = 3
 LEFT_OVER = 1.3  # power density over noise that an effect leaves: its details are refined
 LEAST_SCREEN = 6.0  # gain of a score test below which a fit is not worth its time
@@ -180,7 +179,8 @@ def _round(found: Selection, held_out: Problem, settings, tell) -> Step:
     if not ranked:
         blocked = selection.blocked(found, bars, gains, (), settings)
         return Step(None, None, None, 0.0, 0.0, (), "no effect gains anything", gains, blocked)
-    models = [_polished(problem, base, one, tell) for one in _worth_polishing(problem, ranked, bars)]
+    worth = _worth_polishing(problem, ranked, bars)
+    models = together(lambda one: _polished(problem, base, one, tell), worth)
     judged = sorted(_judged(problem, base, models), key=lambda item: -item[0])
     told = _told(judged, ranked)
     blocked = selection.blocked(found, bars, gains, told, settings)
@@ -215,10 +215,9 @@ def _round_in_silence(found: Selection, held_out: Problem, last: Step, settings,
     """
     problem, base = found.final_problem, found.final
     seen = {}
-    for name in last.blocked[:ASKED_IN_SILENCE]:
-        large = selection.larger(found, name, settings)
-        tell(f"looking for {name} where {', '.join(sorted(large))} is silent")
-        seen |= quiet.evidence(problem, base, [name], large)
+    for large, names in _by_larger(found, last.blocked[:ASKED_IN_SILENCE], settings).items():
+        tell(f"looking for {', '.join(names)} where {', '.join(sorted(large))} is silent")
+        seen |= quiet.evidence(problem, base, names, large)
     told = tuple(sorted(seen.items(), key=lambda one: -one[1]))
     if not told or told[0][1] < settings.threshold:
         return Step(None, None, None, 0.0, 0.0, told, "nothing shows where the larger effects are silent")
@@ -233,6 +232,14 @@ def _round_in_silence(found: Selection, held_out: Problem, last: Step, settings,
     if step.accepted:
         found.apart[name] = selection.larger(found, name, settings)
     return step
+
+
+def _by_larger(found: Selection, names, settings) -> dict[frozenset[str], list[str]]:
+    """Return effects by the larger ones that kept them from being added."""
+    groups: dict[frozenset[str], list[str]] = {}
+    for name in names:
+        groups.setdefault(frozenset(selection.larger(found, name, settings)), []).append(name)
+    return groups
 
 
 def fitted_candidates(
@@ -256,8 +263,7 @@ def fitted_candidates(
         kept = [starts[i] for i in order if gains[i] >= SECOND_START * gains[order[0]]]
         return gains[order[0]], trial, kept
 
-    with ThreadPoolExecutor(THREADS) as pool:
-        screened = sorted(pool.map(screen, names), key=lambda item: -item[0])
+    screened = sorted(together(screen, names), key=lambda item: -item[0])
     least = max(LEAST_SCREEN, LEAST_SHARE * screened[0][0])
     kept = [
         (gain, trial, starts)
@@ -269,9 +275,8 @@ def fitted_candidates(
         if kept
         else "none is worth a fit"
     )
-    with ThreadPoolExecutor(THREADS) as pool:
-        fitted = pool.map(lambda item: candidate(projection, item[1], item[2], item[0]), kept)
-        found = [*fitted, *(widened_shape(projection, name) for name in shapes)]
+    found = together(lambda item: candidate(projection, item[1], item[2], item[0]), kept)
+    found += [widened_shape(projection, name) for name in shapes]
     gains = {trial.name: gain for gain, trial, _ in screened} | {one.name: one.gain for one in found}
     return sorted((one for one in found if one.gain > least), key=lambda one: -one.evidence), gains
 
@@ -394,7 +399,8 @@ def _too_small(system, name: str, model: Fit) -> bool:
 def _eliminate(found: Selection, settings, tell) -> None:
     """Drop effects that no longer earn their place beside the others."""
     while len(found.final.effects) > 1:
-        losses = {name: _loss(found, name) for name in found.final.effects}
+        effects = found.final.effects
+        losses = dict(zip(effects, together(lambda name: _loss(found, name), effects), strict=True))
         found.evidence.update({name: evidence for name, (evidence, _) in losses.items()})
         weakest = _weakest(found, losses, settings)
         if weakest is None:

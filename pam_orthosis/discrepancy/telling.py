@@ -15,6 +15,7 @@ import numpy as np
 
 from pam_orthosis.discrepancy.candidates import Projection, Trial, penalty
 from pam_orthosis.discrepancy.fit import Block, Fit, Problem
+from pam_orthosis.discrepancy.together import together
 
 ALIKE = 0.95  # cosine of two signatures above which they are one
 
@@ -77,11 +78,14 @@ def _gram(projection: Projection, trials: list[Trial]) -> np.ndarray:
     base = projection.base.blocks
     rows = {name: np.zeros((len(trials), len(block.residual))) for name, block in base.items()}
     shared = np.zeros((len(projection.position), len(trials)))
-    for i, trial in enumerate(trials):
-        for name, residual in trial.residuals(trial.starts()[0]).items():
+
+    def seen(i: int) -> None:
+        for name, residual in trials[i].residuals(trials[i].starts()[0]).items():
             if np.isfinite(residual).all():
                 rows[name][i] = residual - base[name].residual
                 shared[:, i] += projection.correlated(name, rows[name][i])
+
+    together(seen, range(len(trials)))
     return sum(row @ row.T for row in rows.values()) - shared.T @ level.solve(shared)
 
 

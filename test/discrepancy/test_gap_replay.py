@@ -14,7 +14,7 @@ from pam_orthosis.discrepancy import workflow
 from pam_orthosis.discrepancy.candidates import Projection, Trial, candidate
 from pam_orthosis.discrepancy.data import Recording
 from pam_orthosis.discrepancy.fit import Block, Free, _descended, bounded_step, fit_tempered, free_parameters
-from pam_orthosis.discrepancy.kernel import Kernel
+from pam_orthosis.discrepancy.kernel import Kernel, cut
 from pam_orthosis.discrepancy.replay import Replay, Run, Shift
 from pam_orthosis.discrepancy.whitening import SEGMENT, minimum_phase, noise_levels
 from pam_orthosis.model import leg as leg_model
@@ -67,14 +67,35 @@ def test_an_effect_of_the_model_is_replayed_as_one_that_was_just_found(bench, ru
 
 def test_compiled_replay_is_that_of_the_virtual_machine(bench, run):
     for equation in bench.system.equations:
-        part = bench.replay._part(equation, ("muscle_hysteresis", "valve_lag"))
         values = bench.replay.defaults(("muscle_hysteresis", "valve_lag"))
-        theta = np.array([values[name] for name in part.parameters])
-        rows, start = run.data(equation)[:60], run.start(part)
-        fast, slow = Kernel(part, part.parameters[:3]), Kernel(part, part.parameters[:3])
-        fast.build()
-        a, b = (one(rows, theta, start, run.period, 4) for one in (fast, slow))
-        assert np.abs(a - b).max() <= 1e-9 * max(1.0, np.abs(b).max())
+        for part in bench.replay._parts_of(equation, ("muscle_hysteresis", "valve_lag")):
+            theta = np.array([values[name] for name in part.parameters])
+            rows, start = run.data(equation)[:60], run.start(part)
+            fast, slow = Kernel(part, part.parameters[:3]), Kernel(part, part.parameters[:3])
+            fast.build()
+            a, b = (one(rows, theta, start, run.period, 4) for one in (fast, slow))
+            assert np.abs(a - b).max() <= 1e-9 * max(1.0, np.abs(b).max())
+
+
+def test_muscles_that_do_not_feel_each_other_are_replayed_apart_as_together(bench, run):
+    (gas,) = (equation for equation in bench.system.equations if equation.name == "gas")
+    apart, joined = (bench.replay._parts_of(gas, effects) for effects in (("valve_lag",), ("supply_sag",)))
+    assert [part.channels for part in apart] == [(channel,) for channel in gas.channels]
+    assert [part.channels for part in joined] == [gas.channels]
+    effects, names = ("valve_lag",), ("extensor_leak", "conductance", "valve_lag.damping_ratio")
+    values = bench.replay.defaults(effects)
+    whole, static = bench.replay._assembled((*bench.system.shapes, *effects))
+    part = cut(bench.system, whole, static, gas, late=False)
+    wrt = tuple(name for name in names if name in part.parameters)
+    assert len(wrt) > 1
+    theta = np.array([values[name] for name in part.parameters])
+    residuals, slopes, known = bench.replay.sensitivities(run, gas, effects, values, wrt)
+    assert known == wrt
+    kernel = Kernel(part, wrt)
+    kernel.build()
+    together = kernel(run.data(gas), theta, run.start(part), run.period, 1)
+    assert residuals == pytest.approx(together[:, :, 0], rel=1e-9, abs=1e-6)
+    assert np.abs(slopes - together[:, :, 1:]).max() < 1e-9 * np.abs(slopes).max()
 
 
 def test_sensitivities_are_the_derivatives_of_the_residuals(bench, run):

@@ -6,6 +6,7 @@ import math
 import casadi as ca
 
 from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
+from pam_orthosis.model.muscle import polynomial
 
 SMALL_OPENING = 0.04  # below it the knots lie evenly, above it in equal ratios
 SPACING = 0.8  # of the knots on the scale asinh(opening / SMALL_OPENING)
@@ -18,11 +19,20 @@ def knot_name(index: int) -> str:
 
 
 def relative_error(opening, coefficients):
-    """Return the sum of bumps about the knots; `coefficients` from the widest vent on."""
-    place = ca.asinh(opening / SMALL_OPENING)
-    indices = range(-SIDE, SIDE + 1)
-    bumps = [ca.exp(-((place / SPACING - index) ** 2)) for index in indices]
-    return sum(c * bump for c, bump in zip(coefficients, bumps, strict=True))
+    """Return the sum of bumps exp(-(place - knot)^2); `coefficients` from the widest vent on.
+
+    exp(-(x - k)^2) = exp(-x^2) exp(2 x)^k exp(-k^2): two exponentials for all knots.
+    """
+    place = ca.asinh(opening / SMALL_OPENING) / SPACING
+    growth = ca.exp(2 * place)
+    upper = _series(coefficients[SIDE:], growth)
+    lower = _series(coefficients[SIDE::-1], 1 / growth)
+    return ca.exp(-(place**2)) * (upper + lower - coefficients[SIDE])
+
+
+def _series(coefficients, ratio):
+    """Return sum c_k exp(-k^2) ratio^k, by Horner's rule."""
+    return polynomial([c * math.exp(-(k**2)) for k, c in enumerate(coefficients)], ratio)
 
 
 def _expression(s, p, _states):

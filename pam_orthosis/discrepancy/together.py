@@ -1,0 +1,22 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several fits at once: kernels and matrix products leave the interpreter to other threads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+from threadpoolctl import threadpool_limits
+
+THREADS = 2
+One, Result = TypeVar("One"), TypeVar("Result")
+
+
+def together(function: Callable[[One], Result], items: Iterable[One]) -> list[Result]:
+    """Return what a function gives for each item, in their order; raises what it raises.
+
+    A matrix product that shares itself out over threads would wait for those that are busy.
+    """
+    with threadpool_limits(1, "blas"), ThreadPoolExecutor(THREADS) as pool:
+        return list(pool.map(function, items))
