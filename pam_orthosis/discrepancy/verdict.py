@@ -12,7 +12,7 @@ from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.telling import Telling
 from pam_orthosis.discrepancy.workflow import Beginning, Named, Outcome, beyond
 
-LABEL = 25  # characters of the first column
+LABEL = 25  # characters of the first column, at least
 
 
 def as_dict(outcome: Outcome) -> dict[str, Any]:
@@ -107,15 +107,15 @@ def describe_data(told: Telling) -> str:
 
 def describe_replay(start: Beginning) -> str:
     """Return the gaps before any effect is added, and the ordinary parameters that had to move far."""
-    lines = [f"{'channel':{LABEL}s} {'configured':>11s} {'recalibrated':>13s} {'noise':>9s}"]
+    width = _width(start.system)
+    lines = [f"{'channel':{width}s} {'configured':>11s} {'recalibrated':>13s} {'noise':>9s}"]
     gaps = (start.configured(), start.recalibrated(), start.floor)
     for name in start.floor.units:
         channel = start.system.channel(name)
         values = [gap.units[name] * channel.report_factor for gap in gaps]
-        label = f"{name} [{channel.report_unit}]"
-        lines.append(f"{label:{LABEL}s} {values[0]:11.3f} {values[1]:13.3f} {values[2]:9.3f}")
+        lines.append(f"{_label(channel):{width}s} {values[0]:11.3f} {values[1]:13.3f} {values[2]:9.3f}")
     values = [gap.white[OVERALL] for gap in gaps]
-    lines.append(f"{'times the noise':{LABEL}s} {values[0]:11.2f} {values[1]:13.2f} {values[2]:9.2f}")
+    lines.append(f"{'times the noise':{width}s} {values[0]:11.2f} {values[1]:13.2f} {values[2]:9.2f}")
     strained = start.strained()
     if strained:
         lines.append(_strain(strained))
@@ -146,13 +146,14 @@ def _number(value: float | None) -> float | None:
 
 def describe(outcome: Outcome) -> str:
     """Return the outcome as a few lines of text."""
-    lines = [f"{'channel':{LABEL}s} {'configured':>11s} {'before':>9s} {'after':>9s} {'noise':>9s}  closed"]
+    width = _width(outcome.system)
+    lines = [f"{'channel':{width}s} {'configured':>11s} {'before':>9s} {'after':>9s} {'noise':>9s}  closed"]
     for channel in outcome.system.channels:
         if channel.name in outcome.after.units:
             lines.append(_row(outcome, channel))
     overall = (outcome.configured, outcome.before, outcome.after, outcome.floor)
     numbers = " ".join(f"{gap.white[OVERALL]:9.2f}" for gap in overall)
-    lines.append(f"{'times the noise':{LABEL + 2}s} {numbers}  {_share(outcome, OVERALL)}")
+    lines.append(f"{'times the noise':{width + 2}s} {numbers}  {_share(outcome, OVERALL)}")
     if outcome.from_configured:
         lines.append("* of the configured model's gap; recalibration had closed it")
     worst = outcome.where[0]
@@ -170,8 +171,17 @@ def describe(outcome: Outcome) -> str:
 def _row(outcome: Outcome, channel) -> str:
     gaps = (outcome.configured, outcome.before, outcome.after, outcome.floor)
     numbers = " ".join(f"{gap.units[channel.name] * channel.report_factor:9.3f}" for gap in gaps)
-    label = f"{channel.name} [{channel.report_unit}]"
-    return f"{label:{LABEL + 2}s} {numbers}  {_share(outcome, channel.name)}"
+    width = _width(outcome.system) + 2
+    return f"{_label(channel):{width}s} {numbers}  {_share(outcome, channel.name)}"
+
+
+def _label(channel) -> str:
+    return f"{channel.name} [{channel.report_unit}]"
+
+
+def _width(system) -> int:
+    """Return the width of the first column."""
+    return max(LABEL, *(len(_label(channel)) for channel in system.channels))
 
 
 def _share(outcome: Outcome, name: str) -> str:

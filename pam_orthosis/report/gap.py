@@ -6,6 +6,7 @@ from __future__ import annotations
 import base64
 import io
 from html import escape
+from itertools import takewhile
 from pathlib import Path
 
 import matplotlib as mpl
@@ -118,23 +119,68 @@ def _worst(one, residual: np.ndarray) -> tuple[int, float]:
 
 
 def _coordinate_figure(outcome: Outcome) -> Figure | None:
-    """Draw what the model misses over the signal in which the first effect lives."""
-    place = outcome.where[0]
-    equation = next(e for e in outcome.system.equations if e.name == place.equation)
-    name = _coordinate(outcome, place)
-    if name is None or outcome.verdict == "none":
+    """Draw what the model misses over the signals in which the effects live that were found."""
+    panels = [] if outcome.verdict == "none" else _panels(outcome)
+    if not panels:
         return None
-    figure = Figure(figsize=(10, 4), layout="constrained")
-    axes = figure.subplots(1, len(equation.channels), squeeze=False)[0]
-    for i, (axis, channel) in enumerate(zip(axes, equation.channels, strict=True)):
-        for which, colour in (("before", BEFORE), ("after", AFTER)):
-            _missing(outcome, equation, i, which, name, axis, colour)
-        axis.set_xlabel(name.replace("_", " ") + _unit(outcome.system, name))
-        per = PER_ORDER[order(outcome.system, channel)]
-        unit = outcome.system.channel(channel).unit
-        axis.set_ylabel(f"missing in {channel.replace('_', ' ')} [{unit}{per}]")
-    axes[0].legend(fontsize="small")
+    figure = Figure(figsize=(10, 4 * len(panels)), layout="constrained")
+    rows = figure.subfigures(len(panels), 1, squeeze=False)[:, 0]
+    for row, (title, equation, channels, name) in zip(rows, panels, strict=True):
+        row.suptitle(title)
+        for axis, channel in zip(row.subplots(1, len(channels), squeeze=False)[0], channels, strict=True):
+            _panel(outcome, equation, channel, name, axis)
+    figure.axes[0].legend(fontsize="small")
     return figure
+
+
+def _panels(outcome: Outcome) -> list[tuple]:
+    """Return title, equation, channels and signal of pictures: where effects live, else where the gap is."""
+    if not outcome.effects:
+        equation = _equation(outcome.system, outcome.where[0].equation)
+        signals = list(outcome.where[0].coordinates)[:1]
+        return [("", equation, equation.channels, name) for name in signals]
+    titles: dict[tuple, list[str]] = {}
+    for one in outcome.effects:
+        place = _where(outcome, one.name)
+        name = _coordinate(outcome, one.name, place)
+        if name is not None:
+            titles.setdefault((place.equation, name), []).append(one.name.replace("_", " "))
+    panels = []
+    for (place, name), words in titles.items():
+        equation = _equation(outcome.system, place)
+        panels.append((" and ".join(words), equation, _concerned(equation, name), name))
+    return panels
+
+
+def _equation(system, name: str):
+    return next(equation for equation in system.equations if equation.name == name)
+
+
+def _where(outcome: Outcome, effect: str):
+    """Return the equation's gap in which an effect shows: its own, or the one of those it enters."""
+    touched = outcome.held_out.replay.touched(effect)
+    places = [place for place in outcome.where if place.equation in touched] or list(outcome.where)
+    own = outcome.system.equation_of(effect)
+    return next((place for place in places if place.equation == own), places[0])
+
+
+def _concerned(equation, name: str) -> tuple[str, ...]:
+    """Return the channels whose names begin with most words of a signal's: those of its muscle; else all."""
+    common = [_common_words(channel, name) for channel in equation.channels]
+    return tuple(c for c, count in zip(equation.channels, common, strict=True) if count == max(common))
+
+
+def _common_words(one: str, other: str) -> int:
+    pairs = zip(one.split("_"), other.split("_"), strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
+
+
+def _panel(outcome: Outcome, equation, channel: str, name: str, axis) -> None:
+    for which, colour in (("before", BEFORE), ("after", AFTER)):
+        _missing(outcome, equation, equation.channels.index(channel), which, name, axis, colour)
+    axis.set_xlabel(name.replace("_", " ") + _unit(outcome.system, name))
+    per, unit = PER_ORDER[order(outcome.system, channel)], outcome.system.channel(channel).unit
+    axis.set_ylabel(f"missing in {channel.replace('_', ' ')} [{unit}{per}]")
 
 
 def _unit(system, name: str) -> str:
@@ -146,12 +192,13 @@ def _unit(system, name: str) -> str:
     return f" [{units[name]}]" if name in units else ""
 
 
-def _coordinate(outcome: Outcome, place) -> str | None:
-    wanted = outcome.system.catalogue[outcome.effects[0].name].coordinate if outcome.effects else None
+def _coordinate(outcome: Outcome, effect: str, place) -> str | None:
+    """Return the recorded signal that stands for the one in which an effect lives."""
+    wanted = outcome.system.catalogue[effect].coordinate
     if wanted in place.coordinates:
         return wanted
     for ending, stand_in in _stand_ins(outcome.system):
-        if wanted is not None and wanted.endswith(ending):
+        if wanted.endswith(ending):
             return stand_in
     return next(iter(place.coordinates), None)
 

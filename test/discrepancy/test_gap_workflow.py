@@ -161,9 +161,26 @@ def test_the_page_draws_what_is_missing_over_every_signal(friction, monkeypatch)
     names = list(friction.where[0].coordinates)
     assert {"phase", "time", "velocity", "angle"} <= set(names)
     for name in names:
-        monkeypatch.setattr(gap_page, "_coordinate", lambda outcome, place, name=name: name)
+        monkeypatch.setattr(gap_page, "_coordinate", lambda outcome, effect, place, name=name: name)
         figure = gap_page._coordinate_figure(friction)
         assert figure.axes[0].get_xlabel().startswith(name.replace("_", " "))
+
+
+def test_the_page_shows_each_effect_where_it_lives(friction):
+    """A dead band in the gas over the voltage of its muscle, friction in the torque over the velocity."""
+    dead_band = replace(friction.effects[0], name="valve_dead_band")
+    lag = replace(dead_band, name="valve_lag")
+    both = replace(friction, effects=(dead_band, *friction.effects, lag))
+    panels = [
+        (title, equation.name, channels, name) for title, equation, channels, name in gap_page._panels(both)
+    ]
+    assert panels == [
+        ("valve dead band and valve lag", "gas", ("extensor_pressure",), "extensor_voltage"),
+        ("joint friction", "torque", ("angle",), "velocity"),
+    ]
+    assert len(gap_page._coordinate_figure(both).axes) == 2
+    nothing = replace(friction, effects=())
+    assert [(title, e.name) for title, e, *_ in gap_page._panels(nothing)] == [("", "torque")]
 
 
 def test_stages_can_be_read_one_by_one(bench, tmp_path, capsys):
