@@ -228,25 +228,22 @@ def _levels(replay: Replay, runs: Sequence[Run], settings, effects, values) -> d
 
 
 def _floor(start: Beginning, found: Selection, settings) -> measure.Gap:
-    """Return the noise floor as the final model shows it.
+    """Return the noise floor as the final model shows it, in the recordings that judge.
 
     In a closed loop the inputs answer to the sensors' noise; a model that lacks a delay takes that for
     its own doing, and its residuals tell a wrong level.
     """
     replay, floor = found.problem.replay, start.floor
-    first = _levels(replay, _fitted_runs(found), settings, (), replay.defaults(()))
-    last = _last_levels(found, settings)
+    fitted = [one.run for one in found.problem.scored]
+    first = _levels(replay, fitted, settings, (), replay.defaults(()))
+    last = _last_levels(start, found, settings)
     return _scaled(floor, {name: floor.white[name] * last[name] / first[name] for name in first})
 
 
-def _fitted_runs(found: Selection) -> list[Run]:
-    return [one.run for one in found.problem.scored]
-
-
-def _last_levels(found: Selection, settings) -> dict[str, float]:
-    """Return the noise (sd) as the final model's residuals show it."""
-    final = found.final
-    return _levels(found.problem.replay, _fitted_runs(found), settings, final.effects, final.values)
+def _last_levels(start: Beginning, found: Selection, settings) -> dict[str, float]:
+    """Return the noise (sd) of the recordings that judge as the final model's residuals show it."""
+    judging = [one.run for one in start.held_out.scored]
+    return _levels(found.problem.replay, judging, settings, found.final.effects, found.final.values)
 
 
 def _scaled(floor: measure.Gap, white: dict[str, float]) -> measure.Gap:
@@ -264,7 +261,7 @@ def _decided(start: Beginning, found: Selection, spread: np.ndarray, settings):
     final, judge = found.final, start.held_out
     if not _chance(found.problem.system, final):
         return None, _floor(start, found, settings)
-    noise, cutoff = _last_levels(found, settings), settings.replay.cross_cutoff
+    noise, cutoff = _last_levels(start, found, settings), settings.replay.cross_cutoff
     squares = expected_squares(judge, final, spread, noise, cutoff)
     masks = decided(judge, squares)
     if masks is None:
