@@ -157,6 +157,18 @@ def test_the_verb_writes_json_model_and_page(bench, tmp_path, capsys, monkeypatc
     assert load(patch.read(out / "model.yaml")).effects.joint_friction.enabled
 
 
+def test_the_noise_floor_is_that_of_the_recordings_that_judge(bench):
+    """Sensors may be worse on the day of the judgement: their noise is no gap that could be closed."""
+    quiet = bench.recording(1)
+    loud = bench.recording(
+        2, plant__sensor__pressure_noise=1.5 * bench.parameters.plant.sensor.pressure_noise
+    )
+    outcome = find_gap(bench.system, [quiet], [loud], bench.parameters.gap)
+    for muscle in ("extensor_pressure", "flexor_pressure"):
+        assert outcome.after.white[muscle] > 1.4
+        assert outcome.floor.white[muscle] == pytest.approx(outcome.after.white[muscle], rel=0.05)
+
+
 def test_the_page_draws_what_is_missing_over_every_signal(friction, monkeypatch):
     names = list(friction.where[0].coordinates)
     assert {"phase", "time", "velocity", "angle"} <= set(names)
