@@ -313,7 +313,8 @@ class Replay:
         deflected = np.array([self._scales.get(name, 0.0) for name in part.own])
         still = rest * [name not in self.system.derived for name in part.own]
         states = np.concatenate([rest, rest + deflected, rest - deflected, still])
-        fastest = part.fastest(np.tile(data[places], (4, 1)), theta, states, run.period)
+        with _CASADI:  # the first call for so many rows builds a graph
+            fastest = part.fastest(np.tile(data[places], (4, 1)), theta, states, run.period)
         needed = run.period * fastest / STEP_TIMES_RATE
         return min(max(1, math.ceil(needed)), MOST_SUBSTEPS) if math.isfinite(needed) else 1
 
