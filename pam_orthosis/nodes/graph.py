@@ -51,6 +51,7 @@ PEER_POLL_SECONDS = 0.02
 PEER_REPORT_SECONDS = 5.0
 LAST_WORDS_SECONDS = 0.1
 LONGEST_LAST_WORDS_SECONDS = 2.0  # of a process of its own that still hears something
+SILENT_TURNS = 2  # after which there are no more: in one the machine may have stood still
 STUCK_SECONDS = 60.0  # without a beat, after which a process of a run ends itself
 ARM_SECONDS = 5.0
 LEAVING_SECONDS = 10.0  # the same for one whose supervisor is gone
@@ -505,10 +506,11 @@ def _abandon(nodes: Sequence[GraphNode], executor: EventsExecutor, seconds: floa
     """Let nodes say and hear last words."""
     stay = [node.abandon() for node in nodes]
     until = time.monotonic() + LONGEST_LAST_WORDS_SECONDS
-    listens = any(stay)
-    while listens:
+    silent = 0 if any(stay) else SILENT_TURNS
+    while silent < SILENT_TURNS:
         executor.spin_until_future_complete(Future(), timeout_sec=seconds)
-        listens = len(nodes) == 1 and nodes[0].hears() and time.monotonic() < until
+        heard = len(nodes) == 1 and nodes[0].hears()
+        silent = 0 if heard and time.monotonic() < until else silent + 1
 
 
 def run(make_nodes: Callable[[], Sequence[GraphNode]]) -> int:

@@ -19,7 +19,7 @@ from pam_orthosis.nodes.parameters import Setting
 
 TRUE = ("knee", "extensor", "flexor", "extensor_gas", "flexor_gas")
 VENT_SAMPLES, VENT_SAMPLE_NS = 10, 50_000_000  # after the end of a run that was cut short
-DELIVERY_SECONDS = 0.3
+DELIVERY_SECONDS = 0.5
 
 
 class PlantSimulator(graph.GraphNode):

@@ -194,29 +194,34 @@ def test_without_a_supervisor_nothing_ends_a_process(monkeypatch):
 
 
 class Listening:
-    """A node that hears something in its first turns, and the executor of it."""
+    """A node that hears something in some turns, and the executor of it."""
 
-    def __init__(self, turns):
-        self.left, self.turns = turns, 0
+    def __init__(self, *turns):
+        self.heard, self.turns = turns, 0
 
     def abandon(self):
         return True
 
     def hears(self):
-        self.left -= 1
-        return self.left >= 0
+        return self.turns in self.heard
 
     def spin_until_future_complete(self, _future, timeout_sec):
         self.turns += 1
 
 
 def test_a_recorder_listens_until_nothing_comes_any_more():
-    node = Listening(3)
+    node = Listening(1, 2, 3)
     graph._abandon([node], node, 0.1)
-    assert node.turns == 4
+    assert node.turns == 5
+
+
+def test_a_turn_in_which_the_machine_stood_still_is_not_the_end_of_the_last_words():
+    node = Listening(1, 3)
+    graph._abandon([node], node, 0.1)
+    assert node.turns == 5
 
 
 def test_a_process_with_other_nodes_says_its_last_words_and_goes():
-    node = Listening(3)
-    graph._abandon([node, Listening(0)], node, 0.1)
-    assert node.turns == 1
+    node = Listening(1, 2, 3)
+    graph._abandon([node, Listening()], node, 0.1)
+    assert node.turns == 2
