@@ -6,8 +6,9 @@
     python benchmarks/bench_control.py supply results.jsonl
     python benchmarks/bench_control.py figure results.jsonl figure.png
 
-Three controllers: a cascaded PID tuned by a search, the paper's cascade, the paper's cascade with the same
-gains and with what each specimen's own recordings, made without a person, taught.
+Four controllers: a cascaded PID tuned by a search, the paper's cascade, the paper's cascade with the same
+gains and with what each specimen's own recordings, made without a person, taught, and this one with a plan
+of the gait by what was taught (with a person only, who brings the muscles to their limits).
 """
 
 from __future__ import annotations
@@ -27,8 +28,10 @@ from control_campaign.hardware import drawn
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.model.plant import Plant, with_belief
+from pam_orthosis.planning.plan import make_plan
 
 MUSCLES = ("extensor", "flexor")
+LEARNING = ("learned", "planned")
 BOUND = 3.0  # deg
 HEAD = (
     "| task | drawn specimens | controller | maximum | worst of | as shipped | of the paper's"
@@ -41,7 +44,7 @@ NICE = 10
 def solve(specimen: int, tasks: list[tuple[Case, str]], known: dict | None) -> Iterator[dict]:
     """Yield what controllers do with tasks of a specimen, and first what was learned if that is unknown."""
     for case, controller in tasks:
-        if controller == "learned" and known is None:
+        if controller in LEARNING and known is None:
             known = learn.learn(load(drawn(specimen) | learn.tolerances(specimen)))
             yield {"specimen": specimen, "belief": known}
         told = {"specimen": specimen, "case": case.name, "controller": controller}
@@ -57,7 +60,10 @@ def _run(parameters: Parameters, case: Case, controller: str, belief: dict) -> d
     if controller == "pid":
         return pid.run(parameters, Plant(parameters, SEED), pid.TUNED[case.wearer], steps)
     believed = {key: value for key, value in belief.items() if key not in case.otherwise}
-    return ClosedLoop(with_belief(parameters, believed if controller == "learned" else {}), SEED).run(steps)
+    parameters = with_belief(parameters, believed if controller in LEARNING else {})
+    if controller == "planned":
+        parameters = parameters.changed(make_plan(parameters).overrides)
+    return ClosedLoop(parameters, SEED).run(steps)
 
 
 def _figures(run: dict[str, np.ndarray], parameters: Parameters) -> dict[str, float]:
@@ -89,7 +95,10 @@ def run(out: Path, controllers: Sequence[str], limit: int | None, jobs: int) -> 
     results = _results(out)
     done = {(r["specimen"], r["case"], r["controller"]) for r in results if "controller" in r}
     beliefs = {r["specimen"]: r["belief"] for r in results if "belief" in r}
-    wanted = [(specimen, case, name) for specimen, case in plan() for name in controllers]
+    wanted = [
+        (specimen, case, name) for specimen, case in plan() for name in controllers
+        if name != "planned" or case.wearer == "person"
+    ]  # fmt: skip
     todo = [one for one in wanted if (one[0], one[1].name, one[2]) not in done][:limit]
     for everywhere in (True, False):  # what is learned for the first ones is there for the others
         groups: dict[int, list[tuple[Case, str]]] = {}
@@ -134,7 +143,7 @@ def _share(runs: list[dict], controller: str) -> str:
     of_paper = {r["specimen"]: r["max_deg"] for r in runs if r["controller"] == "paper" and "max_deg" in r}
     own = [r for r in runs if r["controller"] == controller and "max_deg" in r]
     shares = [r["max_deg"] / of_paper[r["specimen"]] for r in own if r["specimen"] in of_paper]
-    return f"{max(shares):.2f}" if shares and controller == "learned" else "-"
+    return f"{max(shares):.2f}" if shares and controller in LEARNING else "-"
 
 
 def _row(case: str, controller: str, chosen: list[dict], share: str) -> str:
@@ -179,7 +188,7 @@ def figure(path: Path, file: Path) -> None:
     cases = [case for case in CASES if case.everywhere]
     runs = [r for r in _results(path) if "max_deg" in r]
     for axes, case in zip(drawing.subplots(1, len(cases), sharey=True), cases, strict=True):
-        for controller, mark in zip(CONTROLLERS, "^os", strict=True):
+        for controller, mark in zip(CONTROLLERS, "^osD", strict=True):
             own = [r for r in runs if (r["case"], r["controller"]) == (case.name, controller)]
             axes.semilogy([r["specimen"] for r in own], [r["max_deg"] for r in own], mark, label=controller)
         axes.axhline(BOUND, color="0.5", lw=1)

@@ -31,6 +31,7 @@ from std_msgs.msg import String
 from pam_orthosis.bag import topics
 from pam_orthosis.bag.record import CHUNK_BYTES, message_definition
 from pam_orthosis.bag.topics import PLANT, RECORDER, TRAJECTORY, VALVE, Topic
+from pam_orthosis.control.trajectory import Reference
 from pam_orthosis.nodes import messages
 from pam_orthosis.nodes.graph import message_class, qos
 from pam_orthosis.nodes.pace import MAX_UNRECORDED_STEPS
@@ -50,7 +51,7 @@ def filled(topic: Topic):
     if topic.type == topics.PRESSURE:
         return messages.fluid_pressure(0, "extensor", 1.0)
     if topic.name == "reference":
-        return messages.trajectory(0, 1.0, 1.0, 1.0)
+        return messages.trajectory(0, Reference(1.0, 1.0, 1.0))
     return messages.torque(0, 1.0) if topic.name == "disturbance" else message_class(topic.type)()
 
 

@@ -110,7 +110,7 @@ class GuardedPosition(_Guarded):
 
         It is so many control periods later than the last one.
         """
-        reference = self._usable(reference)
+        reference = self._usable(reference.followed())
         angle = self._guards["angle"].step(angle, reference.angle, periods)
         extensor = self._guards["extensor pressure"].step(extensor_pressure, periods=periods)
         flexor = self._guards["flexor pressure"].step(flexor_pressure, periods=periods)

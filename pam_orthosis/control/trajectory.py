@@ -15,13 +15,36 @@ VALVES_CLOSED = 0.0  # Pa absolute, as a reference pressure: none is wanted, the
 class Reference(NamedTuple):
     """Desired knee angle rad, velocity rad/s, acceleration rad/s^2, mean pressure absolute Pa.
 
-    Without a mean pressure the controller takes its own; `VALVES_CLOSED` asks for closed valves.
+    Without a mean pressure the controller takes its own; `VALVES_CLOSED` asks for closed valves. With a plan
+    the planned motion is followed; the desired one is what the error counts from.
     """
 
     angle: float
     velocity: float
     acceleration: float
     mean_pressure: float | None = None
+    planned_angle: float | None = None
+    planned_velocity: float | None = None
+    planned_acceleration: float | None = None
+
+    def followed(self) -> Reference:
+        """Return the motion that the controllers are to follow: the planned one if there is one."""
+        if self.planned_angle is None:
+            return Reference(*self[:4])
+        return Reference(*self[4:], self.mean_pressure)
+
+
+class Planned(NamedTuple):
+    """Shapes, over a cycle from where it starts, of what a plan asks for; see `planning`.
+
+    `change` is the planned less the desired angle, rad, `mean` the mean pressure, absolute Pa, `resting` at
+    rest. Both were planned for one cycle time, s.
+    """
+
+    change: Callable
+    mean: Callable
+    resting: float
+    cycle_time: float
 
 
 class Trajectory:
@@ -32,10 +55,19 @@ class Trajectory:
         cycle_time, hold, ramp: duration of a cycle, of the rest before the motion and of each change
             of the cadence, s.
         phase: phase of the cycle at rest.
+        plan: of the motion near this one that is followed instead, if any.
     """
 
-    def __init__(self, shape: Callable, cycle_time: float, hold: float, ramp: float, phase: float):
-        self._shape = shape
+    def __init__(
+        self,
+        shape: Callable,
+        cycle_time: float,
+        hold: float,
+        ramp: float,
+        phase: float,
+        plan: Planned | None = None,
+    ):
+        self._shape, self._plan = shape, plan
         self._hold, self._ramp, self._start = hold, ramp, phase
         self._cycle_time, self._target = cycle_time, math.inf
         self._changes: list[tuple[float, float, float]] = []
@@ -50,7 +82,8 @@ class Trajectory:
         """Return the reference at an instant, nanoseconds since the start."""
         phase, rate, curvature = self._phase(time_ns * 1e-9 - self._hold)
         angle, slope, bend = self._shape(self._start + phase)
-        return Reference(angle, slope * rate, bend * rate**2 + slope * curvature)
+        reference = Reference(angle, slope * rate, bend * rate**2 + slope * curvature)
+        return reference if self._plan is None else _planned(self._plan, reference, phase, rate, curvature)
 
     def set_cycle_time(self, time_ns: int, cycle_time: float) -> None:
         """Pass smoothly to another cycle time (s) from an instant on; the phase does not jump."""
@@ -80,6 +113,19 @@ class Trajectory:
             rate += cadence / after - cadence / before
             curvature += growth / after - growth / before
         return phase, rate, curvature
+
+
+def _planned(plan: Planned, wanted: Reference, phase: float, rate: float, curvature: float) -> Reference:
+    """Return the reference with the plan's motion; below the planned cadence less of its mean pressure."""
+    change, slope, bend = plan.change(phase)
+    share = min(1.0, rate * plan.cycle_time)
+    return Reference(
+        *wanted[:3],
+        plan.resting + share * (plan.mean(phase)[0] - plan.resting),
+        wanted.angle + change,
+        wanted.velocity + slope * rate,
+        wanted.acceleration + bend * rate**2 + slope * curvature,
+    )
 
 
 def _smooth_step(time: float, ramp: float) -> tuple[float, float, float]:
@@ -129,7 +175,14 @@ def make_trajectory(parameters):
     s = parameters.scenario
     if s.trajectory in diagnostic.EXPERIMENTS:
         return diagnostic.make_programme(s.trajectory, parameters)
-    return Trajectory(_shape(s), s.cycle_time, s.start_hold, s.start_ramp, s.start_phase)
+    plan = _plan(parameters) if s.plan.enabled else None
+    return Trajectory(_shape(s), s.cycle_time, s.start_hold, s.start_ramp, s.start_phase, plan)
+
+
+def _plan(parameters) -> Planned:
+    plan = parameters.scenario.plan
+    change, mean = (fourier_shape(each.cosine, each.sine) for each in (plan.angle, plan.pressure))
+    return Planned(change, mean, parameters.control.position.mean_pressure, plan.cycle_time)
 
 
 def _shape(scenario) -> Callable:

@@ -32,6 +32,7 @@ ALIKE = (
 SLIP = 8.0
 BRAID_SHARE = (0.3, 5.0)  # what identified coefficients and the braid's geometry differ by at most
 PHASES = 60
+FARTHEST_PLAN = 0.35  # rad: beyond it guards would take the knee for one that does not follow
 
 
 def broken_rules(values: Mapping[str, Any]) -> Iterator[str]:
@@ -50,6 +51,7 @@ def broken_rules(values: Mapping[str, Any]) -> Iterator[str]:
     yield from _step_rule(values)
     yield from _linkage_rule(values)
     yield from _reach_rule(values)
+    yield from _plan_rule(values)
 
 
 def _period_rule(values: Mapping[str, Any]) -> Iterator[str]:
@@ -145,8 +147,28 @@ def _angles(values: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
     if values["scenario.trajectory"] == "steps":
         yield from ((key, values[key]) for key in ("scenario.step.low", "scenario.step.high"))
     if values["scenario.trajectory"] == "gait":
-        cosine, sine = values["scenario.gait.cosine"], values["scenario.gait.sine"]
-        for phase in (2 * math.pi * k / PHASES for k in range(PHASES)):
-            waves = (a * math.cos(n * phase) + b * math.sin(n * phase)
-                     for n, (a, b) in enumerate(zip(cosine, sine, strict=True)))  # fmt: skip
-            yield "scenario.gait", sum(waves)
+        yield from (("scenario.gait", angle) for angle in _waves(values, "scenario.gait"))
+
+
+def _plan_rule(values: Mapping[str, Any]) -> Iterator[str]:
+    """Check that a plan is for this cycle, near what is wanted, and between the limits of the pressures."""
+    if not values.get("scenario.plan.enabled"):
+        return
+    cycle, planned = values["scenario.cycle_time"], values["scenario.plan.cycle_time"]
+    if cycle != planned:
+        yield f"scenario.plan is for a cycle of {planned} s, scenario.cycle_time = {cycle} s: plan again"
+    farthest = max(map(abs, _waves(values, "scenario.plan.angle")))
+    if farthest >= FARTHEST_PLAN:
+        yield f"scenario.plan.angle goes {farthest:.3g} rad away, {FARTHEST_PLAN} at most is wanted"
+    low, high = (values.get(f"control.position.{end}_pressure") for end in ("minimum", "maximum"))
+    pressures = _waves(values, "scenario.plan.pressure")
+    if low is not None and not low <= min(pressures) <= max(pressures) <= high:
+        told = f"goes from {min(pressures):.3g} to {max(pressures):.3g} Pa"
+        yield f"scenario.plan.pressure {told}, outside control.position's limits {low:.3g} .. {high:.3g} Pa"
+
+
+def _waves(values: Mapping[str, Any], series: str) -> list[float]:
+    """Return the values of a Fourier series of the parameters over a cycle."""
+    pairs = list(enumerate(zip(values[f"{series}.cosine"], values[f"{series}.sine"], strict=True)))
+    phases = [2 * math.pi * k / PHASES for k in range(PHASES)]
+    return [sum(a * math.cos(n * phase) + b * math.sin(n * phase) for n, (a, b) in pairs) for phase in phases]

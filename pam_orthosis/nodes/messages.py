@@ -15,12 +15,16 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pam_orthosis.bag.cdr import HEAD, STAMP
 from pam_orthosis.bag.topics import SECOND_NS
+from pam_orthosis.control.trajectory import Reference
 
 KNEE = "knee"
+MOTION = ("positions", "velocities", "accelerations")
 # fields of a message of `trajectory`, as of a `Reference`
 REFERENCE = [
-    *(f"points[0].{field}[0]" for field in ("positions", "velocities", "accelerations")),
+    *(f"points[0].{field}[0]" for field in MOTION),
     "points[0].effort[0]?",
+    "points[1].positions[0]?",  # a plan without the rest is unusable
+    *(f"points[1].{field}[0]" for field in MOTION[1:]),
 ]
 NO_FORCE = (0.0, 0.0, 0.0)  # of the wrench of which `torque` is the other half
 
@@ -82,18 +86,23 @@ def torque(stamp_ns: int, value: float) -> WrenchStamped:
     return message
 
 
-def trajectory(
-    stamp_ns: int, angle: float, velocity: float, acceleration: float, mean_pressure: float | None = None
-) -> JointTrajectory:
+def trajectory(stamp_ns: int, reference: Reference) -> JointTrajectory:
     """Return the reference (rad, rad/s, rad/s^2) for one instant.
 
     The mean pressure of the muscles (absolute Pa), if one is asked for, travels as the effort: the
-    effort that both muscles hold against each other, as pressure is the effort of a bond graph.
+    effort that both muscles hold against each other, as pressure is the effort of a bond graph. The
+    motion that a plan lets the knee follow instead is the second point, of the same instant.
     """
-    point = JointTrajectoryPoint(positions=[angle], velocities=[velocity], accelerations=[acceleration])
-    if mean_pressure is not None:
-        point.effort = [mean_pressure]
-    return JointTrajectory(header=header(stamp_ns), joint_names=[KNEE], points=[point])
+    points = [_point(*reference[:3])]
+    if reference.mean_pressure is not None:
+        points[0].effort = [reference.mean_pressure]
+    if reference.planned_angle is not None:
+        points.append(_point(*reference[4:]))
+    return JointTrajectory(header=header(stamp_ns), joint_names=[KNEE], points=points)
+
+
+def _point(angle: float, velocity: float, acceleration: float) -> JointTrajectoryPoint:
+    return JointTrajectoryPoint(positions=[angle], velocities=[velocity], accelerations=[acceleration])
 
 
 def diagnostics(

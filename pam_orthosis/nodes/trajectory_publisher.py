@@ -6,7 +6,7 @@ from __future__ import annotations
 import sys
 
 from pam_orthosis.bag.topics import TRAJECTORY
-from pam_orthosis.control.trajectory import Trajectory, make_trajectory
+from pam_orthosis.control.trajectory import Reference, Trajectory, make_trajectory
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages
@@ -25,8 +25,8 @@ class TrajectoryPublisher(graph.GraphNode):
         self._trajectory = make_trajectory(self.parameters)
         self._first_ns = 0
         self._next_ns: int | None = None
-        plain, stiff = messages.trajectory(0, 0.0, 0.0, 0.0), messages.trajectory(0, 0.0, 0.0, 0.0, 0.0)
-        self._reference = self.publish_numbers("reference", plain, stiff)
+        plain, stiff, planned = (messages.trajectory(0, Reference(*[0.0] * count)) for count in (3, 4, 7))
+        self._reference = self.publish_numbers("reference", plain, stiff, planned)
         self.offer("start", self._start)
         self.offer("stop", self._stop)
         if self.realtime:

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plan a gait within the reach of muscles, valves and supply, by what the controllers believe.
+
+Where the wanted motion asks for more than they can give, the nearest motion that they can make is planned,
+and both muscles are filled ahead of need. `run --model FILE` lets the knee follow it; errors count from the
+wanted motion as ever.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import load, scenario_overrides
+
+BAR = 1.0e5
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the verb."""
+    parser.add_argument("--scenario", default="person", metavar="NAME", help="what the knee does (person)")
+    parser.add_argument(
+        "--model", type=Path, metavar="FILE", help="what the controllers believe (of `gap` or `improve`)"
+    )
+    parser.add_argument(
+        "--param", action="append", default=[], metavar="KEY=VALUE", help="set a parameter (repeatable)"
+    )
+    parser.add_argument(
+        "--reserve",
+        type=float,
+        default=0.03,
+        metavar="BAR",
+        help="pressure kept back for the feedback (0.03)",
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="new model with the plan")
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Plan; return 0 if there is a motion that the muscles can make."""
+    from pam_orthosis.cli.run import assignments
+    from pam_orthosis.discrepancy import patch
+    from pam_orthosis.planning.plan import make_plan
+
+    if arguments.out.exists():
+        raise OrthosisError(f"{arguments.out} exists; choose another --out")
+    if not 0 <= arguments.reserve <= 1:
+        raise OrthosisError(f"--reserve {arguments.reserve:g}: give 0 to 1 bar")
+    known = patch.read(arguments.model) if arguments.model else {}
+    parameters = load(scenario_overrides(arguments.scenario) | assignments(arguments.param)).changed(known)
+    plan = make_plan(
+        parameters, arguments.reserve * BAR, lambda line: print(line, file=sys.stderr, flush=True)
+    )
+    parameters.changed(plan.overrides)  # the rules of the configuration hold for it, or it is not written
+    patch.write(arguments.out, known | plan.overrides)
+    print(_told(plan))
+    return 0
+
+
+def _told(plan) -> str:
+    import numpy as np
+
+    cycle, lines = plan.cycle, []
+    change = np.degrees(np.abs(cycle.angle - plan.wanted))
+    lines.append(
+        f"planned motion       within {change.max():.2f} deg of the wanted one (RMS {_rms(change):.2f})"
+    )
+    for name, pressure in (("extensor", cycle.extensor_pressure), ("flexor", cycle.flexor_pressure)):
+        lines.append(f"{name:8s} pressure    {pressure.min() / BAR:.2f} .. {pressure.max() / BAR:.2f} bar")
+    mean = (cycle.extensor_pressure + cycle.flexor_pressure) / (2 * BAR)
+    lines.append(f"mean pressure        {mean.min():.2f} .. {mean.max():.2f} bar")
+    return "\n".join(lines)
+
+
+def _rms(values) -> float:
+    return float((values**2).mean() ** 0.5)

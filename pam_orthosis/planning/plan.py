@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plan a gait within the reach of the muscles: where the knee gives way, and co-contraction ahead of need."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from pam_orthosis.control.effects import EffectTorque
+from pam_orthosis.control.knee import leg_mechanics
+from pam_orthosis.control.position import pressures_for_torque
+from pam_orthosis.control.trajectory import Reference, Trajectory, make_trajectory
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.rules import FARTHEST_PLAN
+from pam_orthosis.planning.problem import NEEDED, Cycle, nearest_cycle
+
+NODES = 200  # of a cycle
+HARMONICS = 24  # as many as the rows of `scenario.plan` have coefficients
+ROUNDS = 4  # at most: the effects' torque depends on the pressures, and these on it
+SETTLED = 1.0e-3  # rad by which another round does not change the result any more
+DIGITS = 6
+RESERVE = 3.0e3  # Pa: with less the feedback has nothing left, with more the plan gives way too much
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What was planned: the wanted angle, (N,) rad, the planned cycle and its duration, s."""
+
+    cycle_time: float
+    wanted: np.ndarray
+    cycle: Cycle
+
+    @property
+    def overrides(self) -> dict[str, Any]:
+        """Return the parameters that let the trajectory publisher ask for the plan."""
+        change = self.cycle.angle - self.wanted
+        mean = (self.cycle.extensor_pressure + self.cycle.flexor_pressure) / 2
+        told: dict[str, Any] = {"scenario.plan.enabled": True, "scenario.plan.cycle_time": self.cycle_time}
+        for name, values in (("angle", change), ("pressure", mean)):
+            cosine, sine = fourier(values)
+            told |= {f"scenario.plan.{name}.cosine": cosine, f"scenario.plan.{name}.sine": sine}
+        return told
+
+
+def fourier(values: np.ndarray) -> tuple[list[float], list[float]]:
+    """Return the cosine and sine coefficients of a cycle at equidistant phases, the mean first."""
+    spectrum = np.fft.rfft(values)[: HARMONICS + 1] / len(values)
+    spectrum[1:] *= 2
+    return _rounded(spectrum.real), _rounded(-spectrum.imag)
+
+
+def make_plan(
+    parameters: Parameters, reserve: float = RESERVE, tell: Callable[[str], None] = lambda _: None
+) -> Plan:
+    """Return the plan of the scenario's cycle by what the controllers believe.
+
+    Args:
+        reserve: by how much less than they believe supply and highest pressure are taken for, Pa.
+
+    Raises:
+        OrthosisError: the scenario has no cycle, or no motion was found that the muscles can make.
+    """
+    belief = _with_reserve(parameters.belief(), reserve)
+    trajectory = make_trajectory(belief)
+    if not isinstance(trajectory, Trajectory):
+        raise OrthosisError(f"{belief.scenario.trajectory} has no cycle to plan: take gait, sine or steps")
+    period = belief.scenario.cycle_time / NODES
+    wanted = _cycle(trajectory, belief)
+    angle, velocity, acceleration = (
+        np.array(each) for each in zip(*(one[:3] for one in wanted), strict=True)
+    )
+    cycle = _unhurried(belief, angle, velocity, acceleration)
+    for number in range(ROUNDS):
+        torque, before = _effects(belief, angle, velocity, cycle), cycle.largest
+        cycle = nearest_cycle(belief, cycle, angle, velocity, torque, period)
+        tell(f"round {number + 1}: within {np.degrees(cycle.largest):.2f} deg")
+        if number and abs(cycle.largest - before) < SETTLED:
+            break
+    if cycle.largest >= FARTHEST_PLAN:
+        away = f"the nearest motion found is {np.degrees(cycle.largest):.0f} deg away"
+        raise OrthosisError(f"{away} from the wanted one: {NEEDED}")
+    return Plan(belief.scenario.cycle_time, angle, cycle)
+
+
+def _with_reserve(belief: Parameters, reserve: float) -> Parameters:
+    limits = "valve.supply_pressure", "control.position.maximum_pressure"
+    values = belief.flat()
+    return belief.changed({key: values[key] - reserve for key in limits} | {"scenario.plan.enabled": False})
+
+
+def _cycle(trajectory: Trajectory, belief) -> list[Reference]:
+    """Return the reference at the nodes of a cycle, from where it starts on, at full cadence."""
+    s = belief.scenario
+    covered = 0.5 * s.start_ramp / s.cycle_time  # in cycles, when the ramp is over
+    start = s.start_hold + s.start_ramp + (np.ceil(covered) - covered) * s.cycle_time
+    instants = start + np.arange(NODES) * s.cycle_time / NODES
+    return [trajectory.sample(round(instant * 1e9)) for instant in instants]
+
+
+def _unhurried(belief, angle: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Cycle:
+    """Return the wanted cycle with the pressures that it takes, as if valves could give any at once."""
+    q, rate, wanted = (ca.SX.sym(name) for name in ("q", "rate", "wanted"))
+    terms, mean = leg_mechanics(q, rate, belief), belief.control.position.mean_pressure
+    torque = terms.inertia * wanted + terms.coriolis + terms.gravity
+    found = pressures_for_torque(torque, q, rate, mean, belief)
+    law = ca.Function("unhurried", [q, rate, wanted], [found.extensor, found.flexor])
+    gauge = law(*(each.reshape(1, -1) for each in (angle, velocity, acceleration)))
+    extensor, flexor = (np.array(each).ravel() + belief.valve.ambient_pressure for each in gauge)
+    return Cycle(angle, extensor, flexor, 0.0)
+
+
+def _effects(belief, angle: np.ndarray, velocity: np.ndarray, cycle: Cycle) -> np.ndarray:
+    """Return the torque of the believed effects between the nodes, along the wanted motion, N m."""
+    step, count = belief.scenario.control_period, NODES
+    samples = round(belief.scenario.cycle_time / step)
+    at = np.arange(samples) * count / samples
+
+    def between(values: np.ndarray) -> np.ndarray:
+        return np.interp(at, np.arange(count + 1), np.append(values, values[0]))
+
+    rows = [between(each) for each in (angle, velocity, cycle.extensor_pressure, cycle.flexor_pressure)]
+    law, torque = EffectTorque(belief), np.zeros(samples)
+    for _ in range(2):  # the first time their states find their cycle
+        for i, (q, rate, extensor, flexor) in enumerate(zip(*rows, strict=True)):
+            torque[i] = law.step(Reference(q, rate, 0.0), extensor, flexor)
+    middle = (np.arange(count) + 0.5) * samples / count
+    return np.interp(middle, np.arange(samples + 1), np.append(torque, torque[0]))
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    return [float(f"{value:.{DIGITS}g}") for value in values]

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Optimal control of one cycle: the periodic motion nearest to a gait that muscles and valves can make.
+
+The unknowns are states and mass flows at the nodes of a grid, bound by the equations of the controllers'
+model (implicit midpoint rule). Pressures in bar and flows in g/s there keep the numbers of like size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+
+from pam_orthosis.control import effects
+from pam_orthosis.control.knee import leg_mechanics
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model import leg as leg_model
+from pam_orthosis.model import muscle as muscle_model
+from pam_orthosis.model import orthosis, pneumatics
+from pam_orthosis.model.effects import CATALOGUE
+
+BAR, GRAM = 1.0e5, 1.0e-3
+SLACKENING = 15.0  # N over which a muscle goes slack: the law's edge has no second derivative
+DRAWING = 0.02  # g/s over which a valve begins to draw from the supply, for the same reason
+SECONDS = 120.0
+ITERATIONS = 1000
+NEEDED = "a slower cycle, a lighter person or more supply pressure is needed"
+# of the objective, beside the largest error in degrees: what is left open is what the controllers do anyway
+FLOW_WEIGHT, ERROR_WEIGHT, MEAN_WEIGHT = 1.0e-3, 1.0e-2, 1.0e-3
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """A periodic motion at N equidistant instants: rad, absolute Pa; `largest` is its error, rad."""
+
+    angle: np.ndarray
+    extensor_pressure: np.ndarray
+    flexor_pressure: np.ndarray
+    largest: float
+
+
+def nearest_cycle(
+    belief, start: Cycle, angle: np.ndarray, velocity: np.ndarray, torque: np.ndarray, period: float
+) -> Cycle:
+    """Return the cycle whose largest distance from a wanted one is least.
+
+    Args:
+        start: where the search begins.
+        angle: (N,) wanted, rad.
+        velocity: (N,) its rate, rad/s.
+        torque: (N,) what believed effects add to the muscles' torque between an instant and the next, N m.
+        period: between two instants, s.
+
+    Raises:
+        OrthosisError: no motion was found that the muscles can make.
+    """
+    count, rate = len(angle), _rates(belief)
+    low = belief.control.position.minimum_pressure / BAR
+    high = belief.control.position.maximum_pressure / BAR
+    opti = ca.Opti()
+    x, flow, largest = opti.variable(rate.size1_in(0), count), opti.variable(2, count), opti.variable()
+    after = ca.horzcat(x[:, 1:], x[:, 0])
+    rates, margins = rate.map(count)((x + after) / 2, flow, torque.reshape(1, -1))
+    opti.subject_to(ca.vec(after - x - period * rates) == 0)
+    opti.subject_to(ca.vec(margins) >= 0)
+    opti.subject_to(opti.bounded(low, ca.vec(x[2:4, :]), high))
+    error = x[0, :] - angle.reshape(1, -1)
+    opti.subject_to(opti.bounded(-largest, error, largest))
+    opti.subject_to(error[0] == 0)  # where the knee begins
+    mean = (x[2, :] + x[3, :]) / 2 - belief.control.position.mean_pressure / BAR
+    change = flow - ca.horzcat(flow[:, -1], flow[:, :-1])
+    cost = FLOW_WEIGHT * ca.sumsqr(change) + MEAN_WEIGHT * ca.sumsqr(mean) * period
+    cost += ERROR_WEIGHT * ca.sumsqr(error * 180 / np.pi) * period
+    opti.minimize(largest * 180 / np.pi + cost)
+    opti.set_initial(x[0, :], start.angle.reshape(1, -1))
+    opti.set_initial(x[1, :], velocity.reshape(1, -1))
+    opti.set_initial(x[2, :], start.extensor_pressure.reshape(1, -1) / BAR)
+    opti.set_initial(x[3, :], start.flexor_pressure.reshape(1, -1) / BAR)
+    opti.set_initial(largest, 0.1)
+    limits = {"max_iter": ITERATIONS, "max_cpu_time": SECONDS, "tol": 1e-5, "mu_strategy": "adaptive"}
+    opti.solver("ipopt", {"print_time": False}, {**limits, "print_level": 0, "sb": "yes"})
+    try:
+        value = opti.solve().value
+    except RuntimeError:
+        raise OrthosisError(f"no motion was found that these muscles can make: {NEEDED}") from None
+    states = value(x)
+    return Cycle(states[0], states[2] * BAR, states[3] * BAR, float(value(largest)))
+
+
+def _rates(belief) -> ca.Function:
+    """Return (state, mass flows, torque of the effects) -> (rates, distances from the valves' limits)."""
+    gas = effects.gas_model(belief)
+    supply, own, supply_rates, scales = _supply(belief)
+    s = SimpleNamespace(**vars(gas.signals))
+    flow, torque = ca.SX.sym("flow", 2), ca.SX.sym("torque")
+    pressures = [s.extensor_pressure, s.flexor_pressure]
+    rates = [s.velocity, _acceleration(s, torque, belief)]
+    rates += [_pressure_rate(s, name, flow[i] * GRAM) for i, name in enumerate(orthosis.MUSCLES)]
+    rates += supply_rates(flow * GRAM)
+    margins = []
+    for i, name in enumerate(orthosis.MUSCLES):
+        passes = effects.flow_of_opening(belief, name)
+        margins.append(passes(1.0, pressures[i], supply) / GRAM - flow[i])
+        margins.append(flow[i] - passes(-1.0, pressures[i], supply) / GRAM)
+    scale = ca.DM([1.0, 1.0, BAR, BAR, *scales])
+    base = gas.x[: len(orthosis.BASE_STATES)]
+    scaled = ca.SX.sym("scaled", scale.shape[0])
+    whole = [ca.vertcat(*rates) / scale, ca.vertcat(*margins)]
+    whole = ca.substitute(whole, [ca.vertcat(base, own)], [scaled * scale])
+    return ca.Function("cycle_rates", [scaled, flow, torque], [ca.cse(term) for term in whole])
+
+
+def _acceleration(s, torque, belief):
+    m, pulls = belief.muscle.dmsp_20, []
+    for name in orthosis.MUSCLES:
+        contraction, gauge = getattr(s, f"{name}_contraction"), getattr(s, f"{name}_gauge")
+        pull = muscle_model.towing_force(contraction, gauge, m)
+        pull -= muscle_model.damping_force(getattr(s, f"{name}_rate"), m)
+        pulls.append(_positive(pull, SLACKENING))
+    whole = leg_model.knee_torque(*pulls, belief.leg) + torque
+    return orthosis.acceleration(whole, leg_mechanics(s.angle, s.velocity, belief))
+
+
+def _pressure_rate(s, name: str, flow):
+    volume = getattr(s, f"{name}_volume") + getattr(s, f"{name}_dead_volume")
+    slopes = getattr(s, f"{name}_volume_by_pressure"), getattr(s, f"{name}_volume_by_contraction")
+    gas = SimpleNamespace(polytropic_exponent=s.polytropic_exponent, temperature=s.temperature)
+    pressure, rate = getattr(s, f"{name}_pressure"), getattr(s, f"{name}_rate")
+    return pneumatics.pressure_rate(pressure, flow, rate, volume, *slopes, gas)
+
+
+def _supply(belief):
+    """Return supply pressure, its states, a function mass flows -> their rates, and their scales."""
+    names = effects.known(belief, "supply")
+    if not names:
+        return belief.valve.supply_pressure, ca.SX(0, 1), lambda _flow: [], ()
+    effect, settings = CATALOGUE[names[0]], getattr(belief.effects, names[0])
+    own = ca.SX.sym("supply", len(effect.states))
+
+    def rates(flow):
+        drawn = [_positive(flow[i], DRAWING * GRAM) for i in range(2)]
+        drawn = SimpleNamespace(extensor_flow=drawn[0], flexor_flow=drawn[1])
+        return list(effect.expression(drawn, settings, ca.vertsplit(own)).rates(drawn))
+
+    still = SimpleNamespace(extensor_flow=0.0, flexor_flow=0.0)
+    added = effect.expression(still, settings, ca.vertsplit(own)).add["supply_pressure"]
+    return belief.valve.supply_pressure + added, own, rates, effect.scales
+
+
+def _positive(x, width):
+    """Return the positive part, with its edge rounded over a width."""
+    return (x + ca.sqrt(x**2 + width**2)) / 2

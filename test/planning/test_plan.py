@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Planned gaits: what the controllers' model can make, no more change than needed, and a knee that gains."""
+
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from pam_orthosis.cli.main import main
+from pam_orthosis.control import effects
+from pam_orthosis.control.guarded import GuardedPosition
+from pam_orthosis.control.knee import knee_acceleration
+from pam_orthosis.control.loop import ClosedLoop
+from pam_orthosis.control.position import PositionController
+from pam_orthosis.control.trajectory import Reference, fourier_shape, make_trajectory
+from pam_orthosis.discrepancy import patch
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model import pneumatics
+from pam_orthosis.model.parameters import load, scenario_overrides
+from pam_orthosis.model.plant import with_belief
+from pam_orthosis.planning.plan import NODES, RESERVE, fourier, make_plan
+
+NARROW = 0.35e-8  # m^3/(s Pa)
+LOW_SUPPLY = 5.2e5  # Pa; 75 kg take 5.8 bar at a supply of 7 bar
+EFFECTS = ("joint_friction", "viscous_friction", "muscle_hysteresis", "valve_lag", "valve_dead_band")
+SECONDS = 7.0
+
+
+@pytest.fixture(scope="module")
+def weak():
+    """A person on hardware of too low a supply, which is known, as are most of its effects."""
+    hardware = load(scenario_overrides("person") | {"plant.deviation.supply_pressure": LOW_SUPPLY / 7e5})
+    known = {"valve.supply_pressure": LOW_SUPPLY, "control.position.maximum_pressure": LOW_SUPPLY - 1.5e4}
+    return with_belief(hardware, known | {f"effects.{name}.enabled": True for name in EFFECTS})
+
+
+@pytest.fixture(scope="module")
+def plan(weak):
+    return make_plan(weak)
+
+
+def largest(parameters):
+    run = ClosedLoop(parameters, 1).run(round(SECONDS / parameters.scenario.control_period))
+    return np.degrees(np.abs(run["reference_angle"] - run["angle"]).max())
+
+
+def test_a_plan_halves_the_error_that_a_low_supply_leaves_and_brings_it_below_the_bound(weak, plan):
+    before, after = largest(weak), largest(weak.changed(plan.overrides))
+    assert before > 3.0
+    assert after < 0.5 * before
+    assert after < 3.0
+
+
+def test_the_planned_pressures_give_the_planned_motion(weak):
+    """The equations of motion hold of a plan, by the model's own function and by differences."""
+    belief = weak.belief().changed({f"effects.{name}.enabled": False for name in EFFECTS})
+    cycle = make_plan(weak.changed({f"effects.{name}.enabled": False for name in EFFECTS})).cycle
+    step = belief.scenario.cycle_time / NODES
+    q, w, pe, pf = (ca.SX.sym(name) for name in ("q", "w", "pe", "pf"))
+    law = ca.Function("law", [q, w, pe, pf], [knee_acceleration(q, w, 0.0, pe, pf, belief)])
+    before, after = np.roll(cycle.angle, 1), np.roll(cycle.angle, -1)
+    rate, found = (after - before) / (2 * step), (after - 2 * cycle.angle + before) / step**2
+    given = [
+        float(law(*row)) for row in zip(cycle.angle, rate, cycle.extensor_pressure, cycle.flexor_pressure,
+                                        strict=True)
+    ]  # fmt: skip
+    assert np.std(given - found) < 0.05 * np.std(found)
+
+
+@pytest.fixture(scope="module")
+def narrow():
+    """A person's parameters with valves that pass an eighth of the air, and the plan."""
+    parameters = load(scenario_overrides("person") | {"valve.conductance": NARROW})
+    return parameters, make_plan(parameters)
+
+
+def needed_flow(belief, muscle):
+    """Return (contraction's angle, velocity, absolute pressure, its rate) -> mass flow by Eq. (6), kg/s."""
+    s = effects.gas_model(belief).signals
+    rate, pressure = ca.SX.sym("rate"), getattr(s, f"{muscle}_pressure")
+    volume = getattr(s, f"{muscle}_volume") + getattr(s, f"{muscle}_dead_volume")
+    slopes = getattr(s, f"{muscle}_volume_by_pressure"), getattr(s, f"{muscle}_volume_by_contraction")
+    gas = SimpleNamespace(polytropic_exponent=s.polytropic_exponent, temperature=s.temperature)
+    winding = getattr(s, f"{muscle}_rate")
+    flow = pneumatics.required_mass_flow(pressure, rate, winding, volume, *slopes, gas)
+    return ca.Function("flow", [s.angle, s.velocity, pressure, rate], [flow])
+
+
+def share_of_the_valve(belief, plan, muscle):
+    """Return the mass flow of each node as a share of what the valve passes, filling or venting."""
+    pressure, step = getattr(plan.cycle, f"{muscle}_pressure"), plan.cycle_time / NODES
+    after, next_angle = np.roll(pressure, -1), np.roll(plan.cycle.angle, -1)
+    here, angle = (pressure + after) / 2, (plan.cycle.angle + next_angle) / 2
+    rates = (next_angle - plan.cycle.angle) / step, (after - pressure) / step
+    law, passes = needed_flow(belief, muscle), effects.flow_of_opening(belief, muscle)
+    needed = np.array([float(law(*row)) for row in zip(angle, rates[0], here, rates[1], strict=True)])
+    supply = belief.valve.supply_pressure
+    most, least = (np.array([float(passes(way, p, supply)) for p in here]) for way in (1.0, -1.0))
+    return np.where(needed > 0, needed / most, needed / least)
+
+
+def test_a_plan_asks_for_all_the_air_that_an_open_valve_passes_and_no_more(narrow):
+    parameters, plan = narrow
+    shares = [share_of_the_valve(parameters.belief(), plan, muscle) for muscle in ("extensor", "flexor")]
+    assert 0.95 < np.max(shares) < 1.01
+
+
+def test_a_plan_keeps_the_limits_and_its_reserve(weak, plan):
+    for pressure in (plan.cycle.extensor_pressure, plan.cycle.flexor_pressure):
+        assert pressure.min() >= weak.control.position.minimum_pressure - 1.0
+        assert pressure.max() <= weak.control.position.maximum_pressure - RESERVE + 1.0
+    assert np.abs(plan.cycle.angle - plan.wanted).max() == pytest.approx(plan.cycle.largest, rel=0.01)
+    assert plan.cycle.largest > np.radians(0.5)
+
+
+def test_a_larger_reserve_gives_way_farther(weak, plan):
+    careful = make_plan(weak, 1.0e4)
+    less = plan.cycle.flexor_pressure.max() - careful.cycle.flexor_pressure.max()
+    assert less == pytest.approx(1.0e4 - RESERVE, abs=50)
+    assert careful.cycle.largest > plan.cycle.largest
+
+
+def test_where_nothing_lacks_the_plan_is_the_wanted_motion():
+    cycle = (plan := make_plan(load(scenario_overrides("person")))).cycle
+    assert np.degrees(np.abs(cycle.angle - plan.wanted).max()) < 0.02
+
+
+def test_the_planned_reference_is_differentiable_and_passes_through_the_nodes(weak, plan):
+    trajectory = make_trajectory(weak.changed(plan.overrides))
+    for time in np.arange(0.5, 6.0, 0.137):
+        early, now, late = (trajectory.sample(round((time + shift) * 1e9)) for shift in (-1e-4, 0.0, 1e-4))
+        assert now.planned_velocity == pytest.approx((late[4] - early[4]) / 2e-4, abs=2e-4)
+        assert now.planned_acceleration == pytest.approx((late[5] - early[5]) / 2e-4, abs=2e-2)
+    cycle_s, first = weak.scenario.cycle_time, 4.0  # hold, ramp and its lost half cycle
+    for index in range(0, NODES, 7):
+        asked = trajectory.sample(round((first + index * cycle_s / NODES) * 1e9))
+        assert asked.angle == pytest.approx(plan.wanted[index], abs=1e-6)
+        assert asked.planned_angle == pytest.approx(plan.cycle.angle[index], abs=1e-3)
+
+
+def test_at_rest_nothing_is_asked_for_but_what_is_wanted(weak, plan):
+    resting = make_trajectory(weak.changed(plan.overrides)).sample(0)
+    assert resting.mean_pressure == weak.control.position.mean_pressure
+    assert resting.planned_angle == pytest.approx(resting.angle, abs=1e-3)
+    assert resting.planned_velocity == 0.0
+
+
+def test_fourier_coefficients_are_those_of_the_shape():
+    shape = fourier_shape([0.1, 0.02, 0.0, 0.03], [0.0, -0.04, 0.05, 0.0])
+    values = np.array([shape(k / NODES)[0] for k in range(NODES)])
+    again = fourier_shape(*fourier(values))
+    assert [again(x)[0] for x in (0.1, 0.43)] == pytest.approx([shape(x)[0] for x in (0.1, 0.43)], abs=1e-6)
+
+
+def test_the_controllers_follow_the_plan_and_guard_it():
+    p = load()
+    plain, planned, broken = (
+        GuardedPosition(p, PositionController(p)).step(0.1, 3.6e5, 3.6e5, reference)
+        for reference in (
+            Reference(0.2, 0.3, 0.0, 4e5),
+            Reference(0.5, 0.0, 0.0, 4e5, 0.2, 0.3, 0.0),
+            Reference(0.5, 0.0, 0.0, 4e5, 0.2, float("nan"), 0.0),
+        )
+    )
+    assert planned == plain
+    assert broken != plain
+    assert all(np.isfinite(broken[:6]))
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"scenario.plan.angle.cosine": [0.5] + [0.0] * 24}, "goes 0.5 rad away"),
+        ({"scenario.plan.pressure.cosine": [3.6] + [0.0] * 24}, "outside control.position's limits"),
+        ({"scenario.plan.angle.sine": [0.0]}, "list of 25 numbers"),
+        ({"scenario.cycle_time": 1.25}, "is for a cycle of 2.0 s"),
+    ],
+)
+def test_a_plan_that_cannot_be_meant_is_refused(changes, told):
+    with pytest.raises(OrthosisError, match=told):
+        load({"scenario.plan.enabled": True} | changes)
+
+
+def test_the_verb_writes_a_model_that_keeps_what_was_believed(tmp_path, capsys):
+    known, out = tmp_path / "known.yaml", tmp_path / "planned.yaml"
+    patch.write(known, {"valve.conductance": 2.6e-8})
+    assert main(["plan", "--scenario", "person", "--model", str(known), "--out", str(out)]) == 0
+    written = patch.read(out)
+    assert written["valve.conductance"] == 2.6e-8
+    assert load(written).scenario.plan.enabled
+    assert "within 0.00 deg" in capsys.readouterr().out
+    assert main(["plan", "--out", str(out)]) == 2
+    assert "exists" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--scenario", "diagnostic"], "has no cycle to plan"),
+        (["--reserve", "5"], "give 0 to 1 bar"),
+        (
+            ["--scenario", "person-heavy", "--param", "scenario.cycle_time=0.5"],
+            "a slower cycle, a lighter person or more supply",
+        ),
+    ],
+)
+def test_what_cannot_be_planned_is_told_in_one_line(tmp_path, capsys, options, told):
+    assert main(["plan", *options, "--out", str(tmp_path / "plan.yaml")]) == 2
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said.startswith("pam-orthosis: error: ")
+    assert told in said
+    assert not (tmp_path / "plan.yaml").exists()
