@@ -110,7 +110,9 @@ class GuardedPosition(_Guarded):
 
         It is so many control periods later than the last one.
         """
-        reference = self._usable(reference.followed())
+        if reference.planned_angle is not None:
+            reference = reference.followed()
+        reference = self._usable(reference)
         angle = self._guards["angle"].step(angle, reference.angle, periods)
         extensor = self._guards["extensor pressure"].step(extensor_pressure, periods=periods)
         flexor = self._guards["flexor pressure"].step(flexor_pressure, periods=periods)
@@ -130,7 +132,7 @@ class GuardedPosition(_Guarded):
         self._watch(far or swings, away < NEAR * self._distance and faster < NEAR * self._speed)
 
     def _usable(self, reference: Reference) -> Reference:
-        if self._command_held(number for number in reference if number is not None):
+        if self._command_held(number for number in reference[:4] if number is not None):
             return self._reference._replace(velocity=0.0, acceleration=0.0)
         if not self._low <= reference.angle <= self._high:
             self._limited += 1

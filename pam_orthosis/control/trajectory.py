@@ -28,9 +28,7 @@ class Reference(NamedTuple):
     planned_acceleration: float | None = None
 
     def followed(self) -> Reference:
-        """Return the motion that the controllers are to follow: the planned one if there is one."""
-        if self.planned_angle is None:
-            return Reference(*self[:4])
+        """Return the planned motion, as a reference of its own."""
         return Reference(*self[4:], self.mean_pressure)
 
 
