@@ -17,7 +17,7 @@ from pam_orthosis.control.trajectory import Reference, Trajectory, make_trajecto
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.rules import FARTHEST_PLAN
-from pam_orthosis.planning.problem import NEEDED, Cycle, nearest_cycle
+from pam_orthosis.planning.problem import HELPS, Cycle, nearest_cycle
 
 NODES = 200  # of a cycle
 HARMONICS = 24  # as many as the rows of `scenario.plan` have coefficients
@@ -83,7 +83,7 @@ def make_plan(
             break
     if cycle.largest >= FARTHEST_PLAN:
         away = f"the nearest motion found is {np.degrees(cycle.largest):.0f} deg away"
-        raise OrthosisError(f"{away} from the wanted one: {NEEDED}")
+        raise OrthosisError(f"{away} from the wanted one; {HELPS}")
     return Plan(belief.scenario.cycle_time, angle, cycle)
 
 

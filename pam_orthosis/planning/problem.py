@@ -26,7 +26,7 @@ SLACKENING = 15.0  # N over which a muscle goes slack: the law's edge has no sec
 DRAWING = 0.02  # g/s over which a valve begins to draw from the supply, for the same reason
 SECONDS = 120.0
 ITERATIONS = 1000
-NEEDED = "a slower cycle, a lighter person or more supply pressure is needed"
+HELPS = "a slower cycle, a lighter person or more supply pressure helps"
 # of the objective, beside the largest error in degrees: what is left open is what the controllers do anyway
 FLOW_WEIGHT, ERROR_WEIGHT, MEAN_WEIGHT = 1.0e-3, 1.0e-2, 1.0e-3
 
@@ -84,7 +84,7 @@ def nearest_cycle(
     try:
         value = opti.solve().value
     except RuntimeError:
-        raise OrthosisError(f"no motion was found that these muscles can make: {NEEDED}") from None
+        raise OrthosisError(f"the search found no motion that these muscles can make; {HELPS}") from None
     states = value(x)
     return Cycle(states[0], states[2] * BAR, states[3] * BAR, float(value(largest)))
 
