@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +18,7 @@ from pam_orthosis.control.trajectory import Reference, Trajectory, make_trajecto
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.rules import FARTHEST_PLAN
-from pam_orthosis.planning.problem import HELPS, Cycle, nearest_cycle
+from pam_orthosis.planning.problem import HELPS, Cycle, NotFound, nearest_cycle
 
 NODES = 200  # of a cycle
 HARMONICS = 24  # as many as the rows of `scenario.plan` have coefficients
@@ -69,22 +70,37 @@ def make_plan(
     trajectory = make_trajectory(belief)
     if not isinstance(trajectory, Trajectory):
         raise OrthosisError(f"{belief.scenario.trajectory} has no cycle to plan: take gait, sine or steps")
-    period = belief.scenario.cycle_time / NODES
-    wanted = _cycle(trajectory, belief)
-    angle, velocity, acceleration = (
-        np.array(each) for each in zip(*(one[:3] for one in wanted), strict=True)
-    )
-    cycle = _unhurried(belief, angle, velocity, acceleration)
-    for number in range(ROUNDS):
-        torque, before = _effects(belief, angle, velocity, cycle), cycle.largest
-        cycle = nearest_cycle(belief, cycle, angle, velocity, torque, period)
-        tell(f"round {number + 1}: within {np.degrees(cycle.largest):.2f} deg")
-        if number and abs(cycle.largest - before) < SETTLED:
-            break
+    angle, velocity, acceleration = _cycle(trajectory, belief)
+    mean = np.full(NODES, belief.control.position.mean_pressure)
+    starts = [_unhurried(belief, angle, velocity, acceleration), Cycle(angle, mean, mean, 0.0)]
+    cycle = _nearest(belief, starts, angle, velocity, tell)
     if cycle.largest >= FARTHEST_PLAN:
         away = f"the nearest motion found is {np.degrees(cycle.largest):.0f} deg away"
         raise OrthosisError(f"{away} from the wanted one; {HELPS}")
     return Plan(belief.scenario.cycle_time, angle, cycle)
+
+
+def _nearest(belief, starts: list[Cycle], angle: np.ndarray, velocity: np.ndarray, tell) -> Cycle:
+    """Return the nearest cycle found, first from one of the starts and then from what was found before."""
+    period = belief.scenario.cycle_time / NODES
+
+    def found(start: Cycle) -> Cycle:
+        torque = _effects(belief, angle, velocity, start)
+        cycle = nearest_cycle(belief, start, angle, velocity, torque, period)
+        tell(f"within {np.degrees(cycle.largest):.2f} deg")
+        return cycle
+
+    try:
+        cycle = found(starts[0])
+    except NotFound:
+        cycle = found(starts[1])
+    for _ in range(ROUNDS - 1):
+        before = cycle
+        with suppress(NotFound):  # what was found before is a motion too
+            cycle = found(before)
+        if abs(cycle.largest - before.largest) < SETTLED:
+            break
+    return cycle
 
 
 def _with_reserve(belief: Parameters, reserve: float) -> Parameters:
@@ -93,13 +109,14 @@ def _with_reserve(belief: Parameters, reserve: float) -> Parameters:
     return belief.changed({key: values[key] - reserve for key in limits} | {"scenario.plan.enabled": False})
 
 
-def _cycle(trajectory: Trajectory, belief) -> list[Reference]:
-    """Return the reference at the nodes of a cycle, from where it starts on, at full cadence."""
+def _cycle(trajectory: Trajectory, belief) -> tuple[np.ndarray, ...]:
+    """Return angle, velocity, acceleration at the nodes of a cycle, from where it starts, at full cadence."""
     s = belief.scenario
     covered = 0.5 * s.start_ramp / s.cycle_time  # in cycles, when the ramp is over
     start = s.start_hold + s.start_ramp + (np.ceil(covered) - covered) * s.cycle_time
     instants = start + np.arange(NODES) * s.cycle_time / NODES
-    return [trajectory.sample(round(instant * 1e9)) for instant in instants]
+    references = [trajectory.sample(round(instant * 1e9))[:3] for instant in instants]
+    return tuple(np.array(each) for each in zip(*references, strict=True))
 
 
 def _unhurried(belief, angle: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Cycle:

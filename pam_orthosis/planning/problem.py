@@ -24,11 +24,15 @@ from pam_orthosis.model.effects import CATALOGUE
 BAR, GRAM = 1.0e5, 1.0e-3
 SLACKENING = 15.0  # N over which a muscle goes slack: the law's edge has no second derivative
 DRAWING = 0.02  # g/s over which a valve begins to draw from the supply, for the same reason
-SECONDS = 120.0
+SECONDS = 60.0  # of processor time
 ITERATIONS = 1000
 HELPS = "a slower cycle, a lighter person or more supply pressure helps"
 # of the objective, beside the largest error in degrees: what is left open is what the controllers do anyway
 FLOW_WEIGHT, ERROR_WEIGHT, MEAN_WEIGHT = 1.0e-3, 1.0e-2, 1.0e-3
+
+
+class NotFound(OrthosisError):
+    """The search ended without a motion that the muscles can make."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,7 @@ def nearest_cycle(
         period: between two instants, s.
 
     Raises:
-        OrthosisError: no motion was found that the muscles can make.
+        NotFound: no motion was found that the muscles can make.
     """
     count, rate = len(angle), _rates(belief)
     low = belief.control.position.minimum_pressure / BAR
@@ -84,7 +88,7 @@ def nearest_cycle(
     try:
         value = opti.solve().value
     except RuntimeError:
-        raise OrthosisError(f"the search found no motion that these muscles can make; {HELPS}") from None
+        raise NotFound(f"the search found no motion that these muscles can make; {HELPS}") from None
     states = value(x)
     return Cycle(states[0], states[2] * BAR, states[3] * BAR, float(value(largest)))
 

@@ -19,7 +19,9 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import pneumatics
 from pam_orthosis.model.parameters import load, scenario_overrides
 from pam_orthosis.model.plant import with_belief
+from pam_orthosis.planning import plan as plan_module
 from pam_orthosis.planning.plan import NODES, RESERVE, fourier, make_plan
+from pam_orthosis.planning.problem import Cycle, NotFound
 
 NARROW = 0.35e-8  # m^3/(s Pa)
 LOW_SUPPLY = 5.2e5  # Pa; 75 kg take 5.8 bar at a supply of 7 bar
@@ -144,6 +146,21 @@ def test_at_rest_nothing_is_asked_for_but_what_is_wanted(weak, plan):
     assert resting.mean_pressure == weak.control.position.mean_pressure
     assert resting.planned_angle == pytest.approx(resting.angle, abs=1e-3)
     assert resting.planned_velocity == 0.0
+
+
+def test_a_search_that_fails_begins_elsewhere_and_loses_nothing_that_was_found(monkeypatch):
+    starts = []
+
+    def nearest(_belief, start, angle, *_):
+        starts.append(start)
+        if len(starts) != 2:
+            raise NotFound("none")
+        return Cycle(angle, start.extensor_pressure, start.flexor_pressure, 0.01)
+
+    monkeypatch.setattr(plan_module, "nearest_cycle", nearest)
+    assert make_plan(load()).cycle.largest == 0.01
+    assert np.ptp(starts[0].flexor_pressure) > 0
+    assert np.ptp(starts[1].flexor_pressure) == 0
 
 
 def test_fourier_coefficients_are_those_of_the_shape():
