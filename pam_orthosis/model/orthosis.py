@@ -131,7 +131,7 @@ def valves_to_forces(signals: SimpleNamespace, laws: dict[str, MuscleLaw], effec
     effects.stages(signals, "flow")
     _volumes(signals, laws)
     effects.stages(signals, "gas")
-    _gas(signals)
+    gas(signals)
     _static_forces(signals, laws)
     effects.stages(signals, "force")
 
@@ -193,8 +193,9 @@ def _volumes(s, laws: dict[str, MuscleLaw]) -> None:
             setattr(s, f"{name}_{kind}", term)
 
 
-def _gas(s) -> None:
-    gas = SimpleNamespace(polytropic_exponent=s.polytropic_exponent, temperature=s.temperature)
+def gas(s) -> None:
+    """Set the rates of the pressures, Pa/s, from the mass flows."""
+    state = SimpleNamespace(polytropic_exponent=s.polytropic_exponent, temperature=s.temperature)
     for name in MUSCLES:
         rate = pneumatics.pressure_rate(
             getattr(s, f"{name}_pressure"),
@@ -203,7 +204,7 @@ def _gas(s) -> None:
             getattr(s, f"{name}_volume") + getattr(s, f"{name}_dead_volume"),
             getattr(s, f"{name}_volume_by_pressure"),
             getattr(s, f"{name}_volume_by_contraction"),
-            gas,
+            state,
         )
         setattr(s, f"{name}_pressure_rate", rate)
 

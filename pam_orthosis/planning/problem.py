@@ -18,7 +18,7 @@ from pam_orthosis.control.knee import leg_mechanics
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import leg as leg_model
 from pam_orthosis.model import muscle as muscle_model
-from pam_orthosis.model import orthosis, pneumatics
+from pam_orthosis.model import orthosis
 from pam_orthosis.model.effects import CATALOGUE
 
 BAR, GRAM = 1.0e5, 1.0e-3
@@ -95,13 +95,14 @@ def nearest_cycle(
 
 def _rates(belief) -> ca.Function:
     """Return (state, mass flows, torque of the effects) -> (rates, distances from the valves' limits)."""
-    gas = effects.gas_model(belief)
+    model = effects.gas_model(belief)
     supply, own, supply_rates, scales = _supply(belief)
-    s = SimpleNamespace(**vars(gas.signals))
+    s = SimpleNamespace(**vars(model.signals))
     flow, torque = ca.SX.sym("flow", 2), ca.SX.sym("torque")
     pressures = [s.extensor_pressure, s.flexor_pressure]
-    rates = [s.velocity, _acceleration(s, torque, belief)]
-    rates += [_pressure_rate(s, name, flow[i] * GRAM) for i, name in enumerate(orthosis.MUSCLES)]
+    s.extensor_flow, s.flexor_flow = flow[0] * GRAM, flow[1] * GRAM
+    orthosis.gas(s)
+    rates = [s.velocity, _acceleration(s, torque, belief), s.extensor_pressure_rate, s.flexor_pressure_rate]
     rates += supply_rates(flow * GRAM)
     margins = []
     for i, name in enumerate(orthosis.MUSCLES):
@@ -109,7 +110,7 @@ def _rates(belief) -> ca.Function:
         margins.append(passes(1.0, pressures[i], supply) / GRAM - flow[i])
         margins.append(flow[i] - passes(-1.0, pressures[i], supply) / GRAM)
     scale = ca.DM([1.0, 1.0, BAR, BAR, *scales])
-    base = gas.x[: len(orthosis.BASE_STATES)]
+    base = model.x[: len(orthosis.BASE_STATES)]
     scaled = ca.SX.sym("scaled", scale.shape[0])
     whole = [ca.vertcat(*rates) / scale, ca.vertcat(*margins)]
     whole = ca.substitute(whole, [ca.vertcat(base, own)], [scaled * scale])
@@ -125,14 +126,6 @@ def _acceleration(s, torque, belief):
         pulls.append(_positive(pull, SLACKENING))
     whole = leg_model.knee_torque(*pulls, belief.leg) + torque
     return orthosis.acceleration(whole, leg_mechanics(s.angle, s.velocity, belief))
-
-
-def _pressure_rate(s, name: str, flow):
-    volume = getattr(s, f"{name}_volume") + getattr(s, f"{name}_dead_volume")
-    slopes = getattr(s, f"{name}_volume_by_pressure"), getattr(s, f"{name}_volume_by_contraction")
-    gas = SimpleNamespace(polytropic_exponent=s.polytropic_exponent, temperature=s.temperature)
-    pressure, rate = getattr(s, f"{name}_pressure"), getattr(s, f"{name}_rate")
-    return pneumatics.pressure_rate(pressure, flow, rate, volume, *slopes, gas)
 
 
 def _supply(belief):
