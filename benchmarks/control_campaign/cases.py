@@ -11,7 +11,7 @@ from pam_orthosis.model.parameters import scenario_overrides
 SPECIMENS = 10
 FEW = 3  # specimens of the further trajectories and people
 SEED = 1  # of the sensor noise
-CONTROLLERS = ("pid", "paper", "learned", "planned")
+CONTROLLERS = ("pid", "paper", "learned", "planned", "replanned")
 
 
 class Case(NamedTuple):

@@ -34,6 +34,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="BAR",
         help="pressure kept back for the feedback (0.03)",
     )
+    parser.add_argument(
+        "--after",
+        type=Path,
+        metavar="BAG",
+        help="recorded run of this scenario by this model: the torque that the model lacked is planned for",
+    )
+    parser.add_argument("--namespace", default="", metavar="NS", help="of the leg in that bag")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="new model with the plan")
 
 
@@ -41,6 +48,7 @@ def execute(arguments: argparse.Namespace) -> int:
     """Plan; return 0 if there is a motion that the muscles can make."""
     from pam_orthosis.cli.run import assignments
     from pam_orthosis.discrepancy import patch
+    from pam_orthosis.planning.lacking import lacking_in
     from pam_orthosis.planning.plan import make_plan
 
     if arguments.out.exists():
@@ -49,19 +57,27 @@ def execute(arguments: argparse.Namespace) -> int:
         raise OrthosisError(f"--reserve {arguments.reserve:g}: give 0 to 1 bar")
     known = patch.read(arguments.model) if arguments.model else {}
     parameters = load(scenario_overrides(arguments.scenario) | assignments(arguments.param)).changed(known)
-    plan = make_plan(
-        parameters, arguments.reserve * BAR, lambda line: print(line, file=sys.stderr, flush=True)
-    )
+    options = {}
+    if arguments.after:
+        options["lacking"] = lacking_in(arguments.after, parameters, arguments.namespace)
+    plan = make_plan(parameters, arguments.reserve * BAR, _progress, **options)
     parameters.changed(plan.overrides)  # the rules of the configuration hold for it, or it is not written
     patch.write(arguments.out, known | plan.overrides)
-    print(_told(plan))
+    print(_told(plan, options.get("lacking")))
     return 0
 
 
-def _told(plan) -> str:
+def _progress(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+def _told(plan, lacking) -> str:
     import numpy as np
 
     cycle, lines = plan.cycle, []
+    if lacking:
+        torque = lacking(np.arange(len(plan.wanted)) / len(plan.wanted))
+        lines.append(f"torque not explained {torque.min():.2f} .. {torque.max():.2f} N m")
     change = np.degrees(np.abs(cycle.angle - plan.wanted))
     lines.append(
         f"planned motion       within {change.max():.2f} deg of the wanted one (RMS {_rms(change):.2f})"

@@ -56,12 +56,17 @@ def fourier(values: np.ndarray) -> tuple[list[float], list[float]]:
 
 
 def make_plan(
-    parameters: Parameters, reserve: float = RESERVE, tell: Callable[[str], None] = lambda _: None
+    parameters: Parameters,
+    reserve: float = RESERVE,
+    tell: Callable[[str], None] = lambda _: None,
+    lacking: Callable[[np.ndarray], np.ndarray] = np.zeros_like,
 ) -> Plan:
     """Return the plan of the scenario's cycle by what the controllers believe.
 
     Args:
         reserve: by how much less than they believe supply and highest pressure are taken for, Pa.
+        tell: called with a line after each round.
+        lacking: phases -> torque that their model lacks, N m towards flexion; see `planning.lacking`.
 
     Raises:
         OrthosisError: the scenario has no cycle, or no motion was found that the muscles can make.
@@ -73,19 +78,19 @@ def make_plan(
     angle, velocity, acceleration = _cycle(trajectory, belief)
     mean = np.full(NODES, belief.control.position.mean_pressure)
     starts = [_unhurried(belief, angle, velocity, acceleration), Cycle(angle, mean, mean, 0.0)]
-    cycle = _nearest(belief, starts, angle, velocity, tell)
+    cycle = _nearest(belief, starts, angle, velocity, lacking((np.arange(NODES) + 0.5) / NODES), tell)
     if cycle.largest >= FARTHEST_PLAN:
         away = f"the nearest motion found is {np.degrees(cycle.largest):.0f} deg away"
         raise OrthosisError(f"{away} from the wanted one; {HELPS}")
     return Plan(belief.scenario.cycle_time, angle, cycle)
 
 
-def _nearest(belief, starts: list[Cycle], angle: np.ndarray, velocity: np.ndarray, tell) -> Cycle:
+def _nearest(belief, starts: list[Cycle], angle, velocity, lacking, tell) -> Cycle:
     """Return the nearest cycle found, first from one of the starts and then from what was found before."""
     period = belief.scenario.cycle_time / NODES
 
     def found(start: Cycle) -> Cycle:
-        torque = _effects(belief, angle, velocity, start)
+        torque = _effects(belief, angle, velocity, start) + lacking
         cycle = nearest_cycle(belief, start, angle, velocity, torque, period)
         tell(f"within {np.degrees(cycle.largest):.2f} deg")
         return cycle

@@ -54,7 +54,7 @@ def nearest_cycle(
         start: where the search begins.
         angle: (N,) wanted, rad.
         velocity: (N,) its rate, rad/s.
-        torque: (N,) what believed effects add to the muscles' torque between an instant and the next, N m.
+        torque: (N,) what is added to the muscles' torque between an instant and the next, N m.
         period: between two instants, s.
 
     Raises:
