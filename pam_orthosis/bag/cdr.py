@@ -10,6 +10,7 @@ bytes of encapsulation; a text has its length with the zero at its end, a list i
 from __future__ import annotations
 
 import struct
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from operator import itemgetter
@@ -97,6 +98,8 @@ class Shape:
         size: of the message without what may trail it, bytes.
         places: path of a number (`header.stamp.sec`, `position[0]`) -> offset in the message, struct format.
         takers: paths of some numbers -> what takes stamp and these out of such a message.
+        lengths, found: a message of the same size, as one little-endian number, has this shape if the former
+            mask leaves the latter of it.
     """
 
     def __init__(self, data: bytes, msgtype: str, most_trailing: int = PADDING):
@@ -107,12 +110,8 @@ class Shape:
         self.places = walk.places
         self.takers: dict[tuple[str, ...], Callable[[bytes], tuple]] = {}
         self._kept = _mask([(0, 2), *walk.texts, *walk.lengths, *_spans(walk.places)])
-        self._lengths = _mask([(0, 2), *walk.lengths])
-        self._found = int.from_bytes(data, "little") & self._lengths
-
-    def fits(self, number: int) -> bool:
-        """Whether a message of the same size, as one little-endian number, has this shape."""
-        return number & self._lengths == self._found
+        self.lengths = _mask([(0, 2), *walk.lengths])
+        self.found = int.from_bytes(data, "little") & self.lengths
 
     def canonical(self, number: int) -> bytes:
         """Return such a message with zeros for padding."""
@@ -124,13 +123,13 @@ class Shapes:
 
     def __init__(self, msgtype: str):
         self._msgtype = msgtype
-        self._known: dict[int, list[Shape]] = {}
+        self._known: dict[int, list[Shape]] = defaultdict(list)
 
     def of(self, data: bytes, number: int) -> Shape:
         """Return the shape of a message, which is also given as one number; Unreadable if it has none."""
-        known = self._known.setdefault(len(data), [])
+        known = self._known[len(data)]
         for shape in known:
-            if shape.fits(number):
+            if number & shape.lengths == shape.found:  # no method: it would be called for each message
                 return shape
         known.append(Shape(data, self._msgtype))
         del known[:-MOST_SHAPES]
