@@ -10,6 +10,7 @@ bytes of encapsulation; a text has its length with the zero at its end, a list i
 from __future__ import annotations
 
 import struct
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from operator import itemgetter
@@ -26,14 +27,17 @@ STAMP = struct.Struct("<iI")
 HEAD = 4
 PADDING, SERIALISER_TRAILS = 3, 32  # most bytes behind a message that DDS delivers, that rclpy serialises
 MOST_SHAPES = 8  # of one size
-_FORMATS = {"byte": "B", "int32": "i", "uint32": "I", "float64": "d"}
+_FORMATS = {
+    "bool": "?", "byte": "B", "uint8": "B", "int32": "i", "uint32": "I", "float32": "f", "float64": "d",
+}  # fmt: skip
 
 
 class Unreadable(ValueError):
     """A serialised message that is not one of its type."""
 
 
-# the types of the topics' table, tested against the standard's; to load all takes a fifth of a second
+# the types of the topics' table and of what viewers are told, tested against the standard's; to load all of
+# these takes a fifth of a second
 FIELDS = {
     "builtin_interfaces/msg/Time": "int32 sec, uint32 nanosec",
     "builtin_interfaces/msg/Duration": "int32 sec, uint32 nanosec",
@@ -56,6 +60,26 @@ FIELDS = {
     " diagnostic_msgs/msg/KeyValue[] values",
     "diagnostic_msgs/msg/DiagnosticArray": "std_msgs/msg/Header header,"
     " diagnostic_msgs/msg/DiagnosticStatus[] status",
+    "geometry_msgs/msg/Point": "float64 x, float64 y, float64 z",
+    "geometry_msgs/msg/Quaternion": "float64 x, float64 y, float64 z, float64 w",
+    "geometry_msgs/msg/Pose": "geometry_msgs/msg/Point position, geometry_msgs/msg/Quaternion orientation",
+    "geometry_msgs/msg/Transform": "geometry_msgs/msg/Vector3 translation,"
+    " geometry_msgs/msg/Quaternion rotation",
+    "geometry_msgs/msg/TransformStamped": "std_msgs/msg/Header header, string child_frame_id,"
+    " geometry_msgs/msg/Transform transform",
+    "tf2_msgs/msg/TFMessage": "geometry_msgs/msg/TransformStamped[] transforms",
+    "std_msgs/msg/ColorRGBA": "float32 r, float32 g, float32 b, float32 a",
+    "sensor_msgs/msg/CompressedImage": "std_msgs/msg/Header header, string format, uint8[] data",
+    "visualization_msgs/msg/UVCoordinate": "float32 u, float32 v",
+    "visualization_msgs/msg/MeshFile": "string filename, uint8[] data",
+    "visualization_msgs/msg/Marker": "std_msgs/msg/Header header, string ns, int32 id, int32 type,"
+    " int32 action, geometry_msgs/msg/Pose pose, geometry_msgs/msg/Vector3 scale,"
+    " std_msgs/msg/ColorRGBA color, builtin_interfaces/msg/Duration lifetime, bool frame_locked,"
+    " geometry_msgs/msg/Point[] points, std_msgs/msg/ColorRGBA[] colors, string texture_resource,"
+    " sensor_msgs/msg/CompressedImage texture, visualization_msgs/msg/UVCoordinate[] uv_coordinates,"
+    " string text, string mesh_resource, visualization_msgs/msg/MeshFile mesh_file,"
+    " bool mesh_use_embedded_materials",
+    "visualization_msgs/msg/MarkerArray": "visualization_msgs/msg/Marker[] markers",
 }
 
 
@@ -74,6 +98,8 @@ class Shape:
         size: of the message without what may trail it, bytes.
         places: path of a number (`header.stamp.sec`, `position[0]`) -> offset in the message, struct format.
         takers: paths of some numbers -> what takes stamp and these out of such a message.
+        lengths, found: a message of the same size, as one little-endian number, has this shape if the former
+            mask leaves the latter of it.
     """
 
     def __init__(self, data: bytes, msgtype: str, most_trailing: int = PADDING):
@@ -84,12 +110,8 @@ class Shape:
         self.places = walk.places
         self.takers: dict[tuple[str, ...], Callable[[bytes], tuple]] = {}
         self._kept = _mask([(0, 2), *walk.texts, *walk.lengths, *_spans(walk.places)])
-        self._lengths = _mask([(0, 2), *walk.lengths])
-        self._found = int.from_bytes(data, "little") & self._lengths
-
-    def fits(self, number: int) -> bool:
-        """Whether a message of the same size, as one little-endian number, has this shape."""
-        return number & self._lengths == self._found
+        self.lengths = _mask([(0, 2), *walk.lengths])
+        self.found = int.from_bytes(data, "little") & self.lengths
 
     def canonical(self, number: int) -> bytes:
         """Return such a message with zeros for padding."""
@@ -101,13 +123,13 @@ class Shapes:
 
     def __init__(self, msgtype: str):
         self._msgtype = msgtype
-        self._known: dict[int, list[Shape]] = {}
+        self._known: dict[int, list[Shape]] = defaultdict(list)
 
     def of(self, data: bytes, number: int) -> Shape:
         """Return the shape of a message, which is also given as one number; Unreadable if it has none."""
-        known = self._known.setdefault(len(data), [])
+        known = self._known[len(data)]
         for shape in known:
-            if shape.fits(number):
+            if number & shape.lengths == shape.found:  # no method: it would be called for each message
                 return shape
         known.append(Shape(data, self._msgtype))
         del known[:-MOST_SHAPES]
@@ -147,20 +169,22 @@ class Template:
     """Makes serialised messages of the shape of an example, with another stamp and other numbers.
 
     Args:
-        example: a serialised message that begins with a header or a time.
+        example: a serialised message whose first numbers are a stamp.
         msgtype: its type.
+        fields: paths of the numbers that differ, in the order of the message; none: all of type float64.
 
     Attributes:
-        count: of its numbers of type float64, which are those that differ.
+        count: of these numbers.
     """
 
-    def __init__(self, example: bytes, msgtype: str):
+    def __init__(self, example: bytes, msgtype: str, fields: Sequence[str] = ()):
         shape = Shape(example, msgtype, SERIALISER_TRAILS)
         data = shape.canonical(int.from_bytes(example, "little"))
-        numbers = sorted(place for place in shape.places.values() if place[1] == "d")
+        places = list(shape.places.values())
+        numbers = [shape.places[field] for field in fields] or [one for one in places if one[1] == "d"]
         self.count = len(numbers)
         formats, self._gaps, at = "<", [], 0
-        for offset, kind in [(HEAD, "i"), (HEAD + 4, "I"), *numbers, (len(data), "")]:
+        for offset, kind in [*places[:2], *numbers, (len(data), "")]:
             formats += f"{offset - at}s{kind}"
             self._gaps.append(data[at:offset])
             at = offset + struct.calcsize(kind)

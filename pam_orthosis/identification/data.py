@@ -59,8 +59,8 @@ class Samples:
     def __len__(self) -> int:
         return len(self.force)
 
-    def where(self, mask: np.ndarray) -> Samples:
-        """Return the samples of a mask."""
+    def where(self, mask: np.ndarray | slice) -> Samples:
+        """Return the samples of a mask, or of a slice."""
         return replace(self, **{name: values[mask] for name, values in vars(self).items()})
 
     @property

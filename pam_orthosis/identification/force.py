@@ -4,15 +4,18 @@
 Eq. (23) inverts B^T B, whose condition number is the square of B's. The minimum of Eq. (21), with each error
 over its expected size (`balanced_weights`), is found here by a singular value decomposition of B with its
 columns scaled to equal norm.
+
+B is taken in blocks of rows, each folded into the triangle R of B = Q R: what is worked on stays in the
+processor's cache however many samples there are, and R has the singular values of B.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy import fft, stats
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.data import Samples
@@ -20,6 +23,7 @@ from pam_orthosis.model.muscle import polynomial
 
 RANK_TOLERANCE = 1.0e-9  # of a singular value, relative to the largest (columns of equal norm)
 CONFIDENCE = 0.95
+BLOCK = 800  # samples; beyond some 900 the linear algebra library spreads a block over all cores, in vain
 
 
 @dataclass(frozen=True)
@@ -62,10 +66,21 @@ class ForceFit:
 
 def design(s: Samples, degrees: tuple[int, int]) -> np.ndarray:
     """Return the measurement matrix B of Eq. (19), (n, degree_a + degree_b + 2)."""
-    x = s.contraction
-    area = [x**j * s.pressure for j in range(degrees[0] + 1)]
-    counter = [-(x**k) for k in range(degrees[1] + 1)]
-    return np.column_stack(area + counter)
+    powers = np.vander(s.contraction, max(degrees) + 1, increasing=True)
+    return np.hstack([powers[:, : degrees[0] + 1] * s.pressure[:, None], -powers[:, : degrees[1] + 1]])
+
+
+def blocks(length: int) -> Iterator[slice]:
+    """Return what divides so many samples into blocks."""
+    return (slice(start, start + BLOCK) for start in range(0, length, BLOCK))
+
+
+def triangle(rows: Iterable[np.ndarray]) -> np.ndarray:
+    """Return R of the QR decomposition of the matrix that these blocks of rows make up."""
+    found = None
+    for block in rows:
+        found = np.linalg.qr(block if found is None else np.vstack([found, block]), mode="r")
+    return found
 
 
 def nominal_rank(s: Samples, degrees: tuple[int, int]) -> int:
@@ -73,8 +88,9 @@ def nominal_rank(s: Samples, degrees: tuple[int, int]) -> int:
 
     The noise of a pressure that was held constant makes B look as if the pressure had varied.
     """
-    b = design(replace(s, pressure=s.level), degrees)
-    singular = np.linalg.svd(b / np.linalg.norm(b, axis=0), compute_uv=False)
+    nominal = replace(s, pressure=s.level)
+    r = triangle(design(nominal.where(block), degrees) for block in blocks(len(s)))
+    singular = np.linalg.svd(r / np.linalg.norm(r, axis=0), compute_uv=False)
     return int((singular > RANK_TOLERANCE * singular[0]).sum())
 
 
@@ -102,42 +118,56 @@ def fit_force(s: Samples, damping: float = 0.0, degrees: tuple[int, int] = (3, 4
     Raises:
         OrthosisError: fewer samples than coefficients, or samples that cannot tell them apart.
     """
-    b, count = design(s, degrees), sum(degrees) + 2
+    count = sum(degrees) + 2
     if len(s) <= count:
         raise OrthosisError(f"{len(s)} taut samples are too few for {count} coefficients")
     weights = balanced_weights(s)
-    weighted = b * weights[:, None]
+    r = triangle(
+        weights[block, None] * _with_target(s.where(block), damping, degrees) for block in blocks(len(s))
+    )
+    weighted, target = r[:count, :count], r[:count, count]
     scale = np.linalg.norm(weighted, axis=0)
     if not scale.all():
         raise OrthosisError("the contraction does not vary: the coefficients of Eq. (14) stay unknown")
     rank = nominal_rank(s, degrees)
     if rank < count:
         raise OrthosisError(_deficient(s, rank, count, degrees))
-    u, singular, vt = np.linalg.svd(weighted / scale, full_matrices=False)
-    target = weights * (s.force + damping * s.rate)
+    u, singular, vt = np.linalg.svd(weighted / scale)
     theta = vt.T @ (u.T @ target / singular) / scale
     model = ForceModel(theta[: degrees[0] + 1], theta[degrees[0] + 1 :], damping)
-    residual = weights * model.residual(s)
+    residual = np.concatenate([weights[block] * model.residual(s.where(block)) for block in blocks(len(s))])
     effective = len(s) / autocorrelation_time(residual, s.serial)
     freedom = max(effective - count, 1.0)
-    variance = residual @ residual / freedom
+    variance = np.sum(residual**2) / freedom  # a product of long vectors would wake all cores
     spread = np.sqrt(np.sum((vt.T / singular) ** 2, axis=1) * variance) / scale
     half_width = float(stats.t.ppf(0.5 + CONFIDENCE / 2, freedom)) * spread
     raw = np.linalg.cond(weighted)
     return ForceFit(model, half_width, rank, float(singular[0] / singular[-1]), float(raw), effective)
 
 
+def _with_target(s: Samples, damping: float, degrees: tuple[int, int]) -> np.ndarray:
+    """Return B with what it is to explain as one more column."""
+    return np.column_stack([design(s, degrees), s.force + damping * s.rate])
+
+
 def autocorrelation_time(residual: np.ndarray, serial: np.ndarray) -> float:
     """Return how many neighbouring residuals of a run say the same; 1 for a table."""
     times = [1.0]
-    for run in np.unique(serial[serial >= 0]):
-        e = residual[serial == run]
-        power = np.abs(np.fft.rfft(e, 2 * len(e))) ** 2
+    for e in _runs(residual, serial):
+        power = np.abs(np.fft.rfft(e, fft.next_fast_len(2 * len(e), real=True))) ** 2
         correlation = np.fft.irfft(power)[: len(e)] / max(float(e @ e), 1e-300)
         negative = np.flatnonzero(correlation <= 0)
         last = negative[0] if len(negative) else len(e)
         times.append(1 + 2 * float(correlation[1:last].sum()))
     return float(np.mean(times[1:])) if len(times) > 1 else 1.0
+
+
+def _runs(residual: np.ndarray, serial: np.ndarray) -> list[np.ndarray]:
+    """Return the residuals of each run, by sorting: a look for each run would be one at all samples."""
+    order = np.argsort(serial, kind="stable")[np.count_nonzero(serial < 0) :]
+    if not len(order):
+        return []
+    return np.split(residual[order], np.flatnonzero(np.diff(serial[order])) + 1)
 
 
 def leave_one_out(

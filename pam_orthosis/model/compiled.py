@@ -15,42 +15,63 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-# contraction into fused multiply-add would make results differ between processors
-COMPILER_FLAGS = ("-O2", "-ffp-contract=off", "-fPIC", "-shared")
+# contraction into fused multiply-add would make results differ between processors; the others change none:
+# a source's own functions are put in place, and nobody asks for `errno` or for what the arithmetic signals
+COMPILER_FLAGS = (
+    "-O2", "-ffp-contract=off", "-fPIC", "-shared",
+    "-fno-semantic-interposition", "-fno-math-errno", "-fno-trapping-math",
+)  # fmt: skip
+# shorter code of the same operations
+NEWER_INSTRUCTIONS = "avx2"
+# calls of the mathematics library; as these do, the comparison takes the number if the other is NaN
+IN_PLACE = {
+    "return fmax(x, y);": "return x > y || y != y ? x : y;",
+    "return fmin(x, y);": "return x < y || y != y ? x : y;",
+}
 
 
 class Compiled:
-    """A CasADi function that is called with numbers, without a conversion or an allocation a call."""
+    """A CasADi function that is called with numbers, without a conversion or an allocation a call.
+
+    Attributes:
+        inputs, outputs: flat arrays that `evaluate` reads and overwrites; a call fills the former.
+        evaluate: for who keeps the numbers in `inputs`.
+    """
 
     def __init__(self, function: ca.Function):
         self.function = function
-        self._buffer, self._evaluate = function.buffer()
-        self._inputs = [np.zeros(function.sparsity_in(i).shape, order="F") for i in range(function.n_in())]
-        self._outputs = [np.zeros(function.sparsity_out(i).shape, order="F") for i in range(function.n_out())]
-        for i, array in enumerate(self._inputs):
+        self._buffer, self.evaluate = function.buffer()
+        inputs = [np.zeros(function.sparsity_in(i).shape, order="F") for i in range(function.n_in())]
+        outputs = [np.zeros(function.sparsity_out(i).shape, order="F") for i in range(function.n_out())]
+        for i, array in enumerate(inputs):
             self._buffer.set_arg(i, memoryview(array))
-        for i, array in enumerate(self._outputs):
+        for i, array in enumerate(outputs):
             self._buffer.set_res(i, memoryview(array))
-        self._flat_inputs = [array.reshape(-1, order="F") for array in self._inputs]
-        self._flat_outputs = [array.reshape(-1, order="F") for array in self._outputs]
+        self.inputs = [array.reshape(-1, order="F") for array in inputs]
+        self.outputs = [array.reshape(-1, order="F") for array in outputs]
 
     def __call__(self, *arguments) -> list[np.ndarray]:
         """Evaluate; returns flat arrays that the next call overwrites."""
-        for target, argument in zip(self._flat_inputs, arguments, strict=True):
+        for target, argument in zip(self.inputs, arguments, strict=True):
             target[:] = argument
-        self._evaluate()
-        return self._flat_outputs
+        self.evaluate()
+        return self.outputs
 
 
 def compiled(function: ca.Function, use_compiler: bool = True) -> Compiled:
     """Return the function as machine code if gcc or cc is there, else on CasADi's virtual machine."""
-    library = shared_library(function.name(), _dense_source(function)) if use_compiler else None
+    library = _library(function) if use_compiler else None
     if library is None:
         return Compiled(function)
     return Compiled(ca.external(function.name(), str(library)))
 
 
-def shared_library(name: str, source: str, flags: tuple[str, ...] = COMPILER_FLAGS) -> Path | None:
+def _library(function: ca.Function) -> Path | None:
+    newer = [(f"-m{NEWER_INSTRUCTIONS}",)] if NEWER_INSTRUCTIONS in processor().split() else []
+    return best_library(function.name(), _dense_source(function), COMPILER_FLAGS, [*newer, ()])
+
+
+def shared_library(name: str, source: str, flags: tuple[str, ...]) -> Path | None:
     """Return a library compiled from C source, cached by its content; None where that is not possible."""
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None or os.environ.get("PAM_ORTHOSIS_NO_COMPILER"):
@@ -84,7 +105,10 @@ def processor() -> str:
 def _dense_source(function: ca.Function) -> str:
     generator = ca.CodeGenerator(f"{function.name()}.c")
     generator.add(function)
-    return generator.dump()
+    source = generator.dump()
+    for call, comparison in IN_PLACE.items():
+        source = source.replace(call, comparison)
+    return source
 
 
 def _cache_folder() -> Path | None:

@@ -129,10 +129,11 @@ class Plant:
         self._advance = compiled(integrate.period_map("plant_period", right_hand_side, step, substeps))
         self._outputs = compiled(ca.Function("plant_outputs", inputs, [assembly.outputs]))
         self._noise = np.random.default_rng(seed)
-        self._held = np.array([parameters.valve.closed_voltage] * 2 + [0.0, 0.0, parameters.leg.person.mass])
+        self.state, self._held = self._advance.inputs
+        self._held[:] = [parameters.valve.closed_voltage] * 2 + [0.0, 0.0, parameters.leg.person.mass]
         self._index = 0
         self._reported: dict[str, float] | None = None
-        self.state = self._resting_state(ca.Function("acceleration", inputs, [assembly.rates[1]]))
+        self.state[:] = self._resting_state(ca.Function("acceleration", inputs, [assembly.rates[1]]))
 
     def retune(self, parameters) -> None:
         """Put a person of another mass into the orthosis, from the next period on."""
@@ -168,7 +169,8 @@ class Plant:
             self._external_torque(),
             self._time(),
         )
-        self.state[:] = self._advance(self.state, self._held)[0]
+        self._advance.evaluate()
+        self.state[:] = self._advance.outputs[0]
         self._index += 1
         self._reported = None
 

@@ -149,8 +149,11 @@ class Study:
         if kernel.missing:
             return self._one_by_one(sets, voltages)
         groups = [sets[i : i + width] for i in range(0, len(sets), width)]
-        with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
-            parts = list(pool.map(lambda group: kernel(group, voltages), groups))
+        if len(groups) < 2:
+            parts = [kernel(group, voltages) for group in groups]
+        else:
+            with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
+                parts = list(pool.map(lambda group: kernel(group, voltages), groups))
         table = np.concatenate(parts) if parts else np.empty((0, len(voltages), len(self.signals)))
         return {name: np.ascontiguousarray(table[:, :, i]) for i, name in enumerate(self.signals)}
 

@@ -159,10 +159,10 @@ class BagRecorder(graph.GraphNode):
     def _write(self, recorded: Iterable[Message]) -> None:
         self._writer.write_all(self._with_scenes(recorded))
 
-    def _with_scenes(self, recorded: Iterable[Message]) -> Iterator[Message]:
+    def _with_scenes(self, recorded: Iterable[Message]) -> Iterator[tuple[str, int, bytes]]:
         """Hand messages on under their absolute names; have written behind each what viewers need."""
         for topic, stamp_ns, data in recorded:
-            yield Message(self._names[topic], stamp_ns, data)
+            yield self._names[topic], stamp_ns, data
             if topic in self._viewed:
                 scene, viewed = self._viewed[topic]
                 scene.write(viewed, stamp_ns, data)

@@ -17,6 +17,7 @@ import numpy as np
 
 from pam_orthosis.model import leg as leg_model
 from pam_orthosis.model import muscle as muscle_model
+from pam_orthosis.model.compiled import Compiled
 from pam_orthosis.model.orthosis import MUSCLES
 
 # side of the thigh: the extensor on the front, which is up for a knee that points up
@@ -71,6 +72,14 @@ class LegShape:
         contractions = leg_model.contractions(q, leg)
         diameters = [muscle_model.braid_diameter(one, m) for one in contractions]
         return ca.Function("leg_shape", [q], [leg_model.hip_angle(q, leg), *contractions, *diameters])
+
+    @cached_property
+    def _of_one(self) -> Compiled:
+        return Compiled(self._function)
+
+    def at(self, angle: float) -> list[float]:
+        """Return hip angle, rad, contractions and diameters of the muscles, m, at one knee angle, rad."""
+        return [float(part[0]) for part in self._of_one(angle)]
 
     def pose(self, angles: np.ndarray) -> Pose:
         """Return where everything is at knee angles (n,), rad."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from pam_orthosis.model import leg as leg_model
 from pam_orthosis.model.orthosis import MUSCLES
-from pam_orthosis.report.leg_shape import LegShape, Pose
+from pam_orthosis.report.leg_shape import LegShape
 
 ROOT, WORLD = "hip", "world"
 LIMIT_SAMPLES = 101
@@ -44,6 +44,14 @@ class Transform(NamedTuple):
     child: str
     translation: Vector
     rotation: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+class Pose(NamedTuple):
+    """What moves with the knee: hip angle, rad, and by muscle its contraction and its diameter, m."""
+
+    hip_angle: float
+    contractions: dict[str, float]
+    diameters: dict[str, float]
 
 
 class LegFrames:
@@ -81,13 +89,18 @@ class LegFrames:
         return (ROOT, *(joint.child for joint in self.joints))
 
     def pose(self, angle: float) -> Pose:
-        """Return where everything is at a knee angle, rad."""
-        return self.shape.pose(np.array([angle]))
+        """Return what the leg is like at a knee angle, rad."""
+        hip_angle, *measures = self.shape.at(angle)
+        count = len(MUSCLES)
+        return Pose(
+            hip_angle,
+            dict(zip(MUSCLES, measures[:count], strict=True)),
+            dict(zip(MUSCLES, measures[count:], strict=True)),
+        )
 
     def positions(self, angle: float, pose: Pose) -> dict[str, float]:
         """Return the position of each joint that moves, rad or m, by name."""
-        contractions = {name: float(one.contraction[0]) for name, one in pose.muscles.items()}
-        return {"hip": float(pose.hip_angle[0]), "knee": angle, **contractions}
+        return {"hip": pose.hip_angle, "knee": angle, **pose.contractions}
 
     def fixed(self) -> list[Transform]:
         """Return the transforms that never change."""

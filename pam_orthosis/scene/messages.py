@@ -6,17 +6,17 @@ The same bytes go into the bag and, where their type is installed, out of a node
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from pam_orthosis.bag.cdr import Template
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.model.orthosis import MUSCLES
-from pam_orthosis.report.leg_shape import Pose
 from pam_orthosis.scene import ros
-from pam_orthosis.scene.frames import ROOT, WORLD, LegFrames, Transform
-from pam_orthosis.scene.markers import muscle_markers
+from pam_orthosis.scene.frames import ROOT, WORLD, LegFrames, Pose, Transform
+from pam_orthosis.scene.markers import MOVING, muscle_markers, muscle_numbers
 from pam_orthosis.scene.urdf import robot_description
 
 PERIOD_NS = SECOND_NS // 25
@@ -30,6 +30,11 @@ TYPES = {
     MARKERS: "visualization_msgs/msg/MarkerArray",
 }
 LATCHED = (TF_STATIC, DESCRIPTION)  # said once, to be had later on
+_STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+_PLACE = (
+    *(f"transform.translation.{axis}" for axis in "xyz"),
+    *(f"transform.rotation.{axis}" for axis in "xyzw"),
+)
 
 
 def in_scene(topic: str, leg: str) -> str:
@@ -42,6 +47,27 @@ class Said(NamedTuple):
 
     topic: str
     data: bytes
+
+
+class _Parts:
+    """Says a message whose parts have a stamp each; it is made once, and numbers are filled in.
+
+    Args:
+        topic: one of `TYPES`.
+        message: an example.
+        moving: path of a part -> paths in it, behind the stamp, of the numbers that differ.
+    """
+
+    def __init__(self, topic: str, message: Any, moving: dict[str, Sequence[str]]):
+        self._topic = topic
+        fields = [f"{part}.{field}" for part, those in moving.items() for field in (*_STAMP, *those)]
+        example = ros.serialised(TYPES[topic], message)
+        self._make = Template(example, TYPES[topic], fields[len(_STAMP) :])
+
+    def __call__(self, stamp_ns: int, parts: Iterable[Iterable[float]]) -> Said:
+        stamp = divmod(stamp_ns, SECOND_NS)
+        numbers = [number for part in parts for number in (*stamp, *part)]
+        return Said(self._topic, self._make(stamp_ns, *numbers[len(_STAMP) :]))
 
 
 class LegScene:
@@ -59,6 +85,13 @@ class LegScene:
         self._prefix = f"{leg}/" if leg else ""
         self._left = parameters.leg.hip_distance * ((len(legs) - 1) / 2 - legs.index(leg))
         self._pressures = parameters.valve.ambient_pressure, parameters.valve.supply_pressure
+        positions = self.frames.positions(0.0, self.frames.pose(0.0))
+        self._joints = Template(ros.serialised(TYPES[JOINTS], _joint_state(positions)), TYPES[JOINTS])
+        moving = [self._own(one) for one in self.frames.moving(positions)]
+        self._transforms = _Parts(
+            TF, _transforms(0, moving), {f"transforms[{i}]": _PLACE for i in range(len(moving))}
+        )
+        self._markers = self._marker_parts()
 
     def once(self, stamp_ns: int) -> list[Said]:
         """Return what is said once: the description, and the frames that do not move.
@@ -80,41 +113,46 @@ class LegScene:
         """
         pose = self.frames.pose(angle)
         positions = self.frames.positions(angle, pose)
-        moving = map(self._own, self.frames.moving(positions))
-        markers = ros.new(TYPES[MARKERS], markers=self._markers(stamp_ns, pose, pressures))
+        places = ((*one.translation, *one.rotation) for one in self.frames.moving(positions))
         return [
-            _said(TF, _transforms(stamp_ns, moving)),
-            _said(JOINTS, _joint_state(stamp_ns, positions)),
-            _said(MARKERS, markers),
+            self._transforms(stamp_ns, places),
+            Said(JOINTS, self._joints(stamp_ns, *positions.values())),
+            self._markers(stamp_ns, self._marker_numbers(pose, pressures)),
         ]
 
     def _own(self, one: Transform) -> Transform:
         return one._replace(parent=self._prefix + one.parent, child=self._prefix + one.child)
 
-    def _markers(self, stamp_ns: int, pose: Pose, pressures: Iterable[float]) -> list[Any]:
-        low, high = self._pressures
-        return [
+    def _marker_parts(self) -> _Parts:
+        anchor = self.frames.shape.anchor_distance
+        markers = [
             marker
-            for name, pressure in zip(MUSCLES, pressures, strict=True)
-            for marker in muscle_markers(
-                ros.header(stamp_ns, f"{self._prefix}{name}_muscle"),
-                name,
-                pose.muscles[name],
-                self.frames,
-                (pressure - low) / (high - low),
-            )
+            for name in MUSCLES
+            for marker in muscle_markers(ros.header(0, f"{self._prefix}{name}_muscle"), name, anchor)
         ]
+        moving = [fields for _ in MUSCLES for fields in MOVING]
+        return _Parts(
+            MARKERS,
+            ros.new(TYPES[MARKERS], markers=markers),
+            {f"markers[{i}]": fields for i, fields in enumerate(moving)},
+        )
+
+    def _marker_numbers(self, pose: Pose, pressures: Iterable[float]) -> Iterator[tuple[float, ...]]:
+        low, high = self._pressures
+        for name, pressure in zip(MUSCLES, pressures, strict=True):
+            length = self.frames.muscle_length - pose.contractions[name]
+            yield from muscle_numbers(length, pose.diameters[name], (pressure - low) / (high - low))
 
 
 def _said(topic: str, message: Any) -> Said:
     return Said(topic, ros.serialised(TYPES[topic], message))
 
 
-def _joint_state(stamp_ns: int, positions: dict[str, float]) -> Any:
+def _joint_state(positions: dict[str, float]) -> Any:
     nothing = np.zeros(0)
     return ros.new(
         TYPES[JOINTS],
-        header=ros.header(stamp_ns),
+        header=ros.header(0),
         name=list(positions),
         position=np.array(list(positions.values())),
         velocity=nothing,

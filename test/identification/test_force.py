@@ -1,16 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Least squares of Eqs. (19)-(23): recovers, weighs, refuses."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.data import Samples
 from pam_orthosis.identification.force import (
+    BLOCK,
     autocorrelation_time,
+    balanced_weights,
+    blocks,
     design,
     fit_force,
     leave_one_out,
+    triangle,
 )
 
 A = np.array([2.8e-3, -2.0e-2, 5.0e-2, -2.0e-1])
@@ -54,6 +60,35 @@ def test_the_normal_equations_of_eq_23_agree_where_they_can_be_solved():
     bw = b * weights[:, None]
     theta = np.linalg.solve(bw.T @ b, bw.T @ (s.force + D * s.rate))
     assert np.concatenate([fit.model.a, fit.model.b]) == pytest.approx(theta, rel=1e-6)
+
+
+def test_blocks_of_samples_give_what_all_at_once_give():
+    s = samples(lengths=500, noise=3.0, rate=0.05)
+    assert len(s) > 3 * BLOCK
+    assert len(s) % BLOCK
+    weights = balanced_weights(s)
+    whole = design(s, (3, 4)) * weights[:, None]
+    scale = np.linalg.norm(whole, axis=0)
+    fit = fit_force(s, D)
+    theta = np.linalg.lstsq(whole / scale, weights * (s.force + D * s.rate), rcond=None)[0] / scale
+    assert np.concatenate([fit.model.a, fit.model.b]) == pytest.approx(theta, rel=1e-9)
+    parts = triangle(whole[block] for block in blocks(len(s)))
+    assert np.linalg.svd(parts / scale, compute_uv=False) == pytest.approx(
+        np.linalg.svd(whole / scale, compute_uv=False), rel=1e-9
+    )
+
+
+def test_a_fit_needs_little_memory_beside_its_samples():
+    """What outgrows the cache makes a sample of a long recording cost more than one of a short one."""
+    peaks = []
+    for lengths in (5_000, 20_000):
+        s = samples(lengths, noise=3.0)
+        tracemalloc.start()
+        fit_force(s, D)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    numbers_a_sample = (peaks[1] - peaks[0]) / (15_000 * 6) / 8
+    assert numbers_a_sample < 9, "the matrix alone has nine"
 
 
 def test_scaling_improves_the_condition_by_orders():
@@ -125,3 +160,13 @@ def test_neighbours_that_say_the_same_count_once():
     assert autocorrelation_time(white, serial) < 2
     assert autocorrelation_time(slow, serial) > 8
     assert autocorrelation_time(white, serial - 1) == 1.0
+
+
+def test_runs_are_told_apart_however_they_are_mixed_with_each_other_and_with_a_table():
+    random = np.random.default_rng(0)
+    runs = [
+        np.convolve(random.standard_normal(900 + width), np.ones(width), "valid")[:900] for width in (5, 30)
+    ]
+    alone = [autocorrelation_time(run, np.zeros(900)) for run in runs]
+    mixed = np.column_stack([*runs, random.standard_normal(900)]).ravel()
+    assert autocorrelation_time(mixed, np.tile([0.0, 1.0, -1.0], 900)) == pytest.approx(np.mean(alone))

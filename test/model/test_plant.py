@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The emulated hardware as a whole."""
 
+import itertools
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import pytest
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import integrate, orthosis, parameters
 from pam_orthosis.model.compiled import compiled
+from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.plant import DEVIATIONS, Plant, true_hardware, with_belief
 
 VOLTAGES = 5 + 1.6 * np.sin(np.arange(250)[:, None] * np.array([0.06, 0.043]) + [0.0, 2.0])
@@ -85,6 +88,41 @@ def test_machine_code_and_virtual_machine_agree():
         for use in (True, False)
     ]
     assert np.allclose(results[0], results[1], rtol=1e-12, atol=1e-12)
+
+
+@pytest.fixture
+def plainly_built(monkeypatch):
+    """Return what makes the compiler take each operation as it stands from now on."""
+
+    def begin():
+        module = "pam_orthosis.model.compiled"
+        monkeypatch.setattr(f"{module}.COMPILER_FLAGS", ("-O0", "-ffp-contract=off", "-fPIC", "-shared"))
+        monkeypatch.setattr(f"{module}.NEWER_INSTRUCTIONS", "none")
+        monkeypatch.setattr(f"{module}.IN_PLACE", {})
+
+    return begin
+
+
+def test_what_makes_the_machine_code_fast_changes_no_bit(plainly_built):
+    on = {f"plant.effects.{name}.enabled": True for name in CATALOGUE}
+    every = {**on, "leg.person.present": True, "plant.simulation.step": 1e-3}
+    fast = driven(every)
+    plainly_built()
+    assert fast.state.tobytes() == driven(every).state.tobytes()
+
+
+def test_extremes_take_the_number_and_zeros_as_the_mathematics_library_does(plainly_built):
+    a, b = ca.SX.sym("a"), ca.SX.sym("b")
+    extremes = ca.Function("extremes", [a, b], [ca.fmax(a, b), ca.fmin(a, b)])
+    values = (np.nan, -0.0, 0.0, 1.0, np.inf, -np.inf)
+
+    def told():
+        built = compiled(extremes)
+        return [np.concatenate(built(x, y)).tobytes() for x, y in itertools.product(values, repeat=2)]
+
+    fast = told()
+    plainly_built()
+    assert fast == told()
 
 
 def test_voltage_that_is_not_a_number_is_refused():

@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is said of a leg to viewers: serialised messages of standard types."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from pam_orthosis.bag.read import recorded_parameters, run_record
 from pam_orthosis.model.parameters import load
 from pam_orthosis.scene import ros
 from pam_orthosis.scene.messages import MARKERS, PERIOD_NS, TF, TF_STATIC, TYPES, LegScene
@@ -12,6 +16,7 @@ from pam_orthosis.scene.sampled import INPUTS, SampledScene
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 VENTED, FULL = 1.013e5, 7.0e5
+BAGS = Path(__file__).resolve().parents[2] / "bags"
 
 
 def read(said):
@@ -50,12 +55,12 @@ def add(sampled, stamp_ns, angle=0.3, pressures=(2e5, 3e5)):
 def test_a_muscle_is_drawn_as_long_as_it_is_and_red_when_full(scene):
     markers = read(scene.sample(0, 0.5, (VENTED, FULL)))[MARKERS].markers
     tubes = {one.ns: one for one in markers if one.type == 3}
-    contractions = dict(zip(("extensor", "flexor"), scene.frames.pose(0.5).muscles.values(), strict=True))
+    pose = scene.frames.pose(0.5)
     for name, tube in tubes.items():
         assert tube.header.frame_id == f"{name}_muscle"
-        assert tube.scale.z == pytest.approx(0.5 - contractions[name].contraction[0])
+        assert tube.scale.z == pytest.approx(0.5 - pose.contractions[name])
         assert tube.pose.position.x == pytest.approx(tube.scale.z / 2)
-        assert tube.scale.x == pytest.approx(contractions[name].diameter[0])
+        assert tube.scale.x == pytest.approx(pose.diameters[name])
     assert tubes["extensor"].color.b > tubes["extensor"].color.r
     assert tubes["flexor"].color.r > tubes["flexor"].color.b
 
@@ -65,7 +70,44 @@ def test_the_chain_goes_from_the_muscle_to_the_cogwheel(scene):
     tube, chain = (one for one in markers if one.ns == "extensor")
     start, end = chain.points
     assert start.x == pytest.approx(tube.scale.z)
-    assert end.x - start.x == pytest.approx(0.06 + scene.frames.pose(0.5).muscles["extensor"].contraction[0])
+    assert end.x - start.x == pytest.approx(0.06 + scene.frames.pose(0.5).contractions["extensor"])
+
+
+@pytest.mark.parametrize("leg", ["", "right"])
+def test_what_is_filled_in_reads_as_a_serialiser_writes_it(leg):
+    scene = LegScene(load(), leg, ("left", "right") if leg else ("",))
+    said = scene.sample(12_000_000_345, 0.7, (VENTED, 3e5))
+    for topic, message in read(said).items():
+        again = bytes(STORE.serialize_cdr(message, TYPES[topic]))
+        assert again == dict(said)[topic]
+        parts = getattr(message, "transforms", None) or getattr(message, "markers", None) or [message]
+        stamps = {(part.header.stamp.sec, part.header.stamp.nanosec) for part in parts}
+        assert stamps == {(12, 345)}
+        assert all(part.header.frame_id.startswith(leg) for part in parts if topic != "leg_joints")
+
+
+@pytest.mark.parametrize("name", ["walk", "person"])
+def test_what_a_shipped_bag_holds_for_viewers_is_made_of_its_measurements(name):
+    known = recorded_parameters(BAGS / name, run_record(BAGS / name))
+    shipped = load().only("leg", "muscle", "valve").flat()
+    parameters = load({key: value for key, value in known.items() if key in shipped})
+    sampled, made, there = SampledScene(LegScene(parameters)), [], []
+    with AnyReader([BAGS / name], default_typestore=STORE) as reader:
+        for connection, stamp_ns, data in reader.messages():
+            topic = connection.topic.lstrip("/")
+            if topic in INPUTS:
+                made += [
+                    (one.topic.lstrip("/"), stamp_ns, one.data) for one in sampled.add(topic, stamp_ns, data)
+                ]
+            elif topic in {of_viewers.lstrip("/") for of_viewers in TYPES}:
+                there.append((topic, stamp_ns, data))
+    assert len(there) > 500
+    assert sorted(made) == sorted(there)
+
+
+def test_a_sample_makes_no_message_objects(scene, monkeypatch):
+    monkeypatch.setattr(ros, "new", None)
+    assert len(scene.sample(0, 0.3, (2e5, 3e5))) == 3
 
 
 def test_two_legs_stand_side_by_side_in_one_world():
