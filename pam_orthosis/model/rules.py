@@ -32,6 +32,7 @@ ALIKE = (
 SLIP = 8.0
 BRAID_SHARE = (0.3, 5.0)  # what identified coefficients and the braid's geometry differ by at most
 PHASES = 60
+LONGEST_PERIOD = 0.05  # s, of the position controller: as long as a control period may be
 FARTHEST_PLAN = 0.35  # rad: beyond it guards would take the knee for one that does not follow
 
 
@@ -47,6 +48,7 @@ def broken_rules(values: Mapping[str, Any]) -> Iterator[str]:
     for name in MUSCLES:
         yield from _braid_rule(values, f"muscle.{name}")
     yield from _period_rule(values)
+    yield from _every_rule(values)
     yield from _duration_rule(values)
     yield from _step_rule(values)
     yield from _linkage_rule(values)
@@ -63,6 +65,15 @@ def _period_rule(values: Mapping[str, Any]) -> Iterator[str]:
         yield (
             f"scenario.control_period = {period} s must be a whole multiple of"
             f" plant.simulation.step = {step} s"
+        )
+
+
+def _every_rule(values: Mapping[str, Any]) -> Iterator[str]:
+    every, period = values.get("control.position.every"), values.get("scenario.control_period")
+    if every and period and every * period > LONGEST_PERIOD:
+        yield (
+            f"control.position.every = {every} times scenario.control_period = {period} s must be at most"
+            f" {LONGEST_PERIOD} s"
         )
 
 
