@@ -79,8 +79,12 @@ def _every_rule(values: Mapping[str, Any]) -> Iterator[str]:
 
 def _duration_rule(values: Mapping[str, Any]) -> Iterator[str]:
     duration, period = values.get("scenario.duration"), values.get("scenario.control_period")
-    if duration is not None and period is not None and duration < 4 * period:
-        yield f"scenario.duration = {duration} s must be four times scenario.control_period = {period} s"
+    every = values.get("control.position.every", 1)
+    if duration is not None and period is not None and duration < 4 * every * period:
+        told = f"scenario.control_period = {period} s" + f" times control.position.every = {every}" * (
+            every > 1
+        )
+        yield f"scenario.duration = {duration} s must be four times {told}"
 
 
 def _step_rule(values: Mapping[str, Any]) -> Iterator[str]:
