@@ -81,9 +81,8 @@ def _duration_rule(values: Mapping[str, Any]) -> Iterator[str]:
     duration, period = values.get("scenario.duration"), values.get("scenario.control_period")
     every = values.get("control.position.every", 1)
     if duration is not None and period is not None and duration < 4 * every * period:
-        told = f"scenario.control_period = {period} s" + f" times control.position.every = {every}" * (
-            every > 1
-        )
+        times = f" times control.position.every = {every}" if every > 1 else ""
+        told = f"scenario.control_period = {period} s{times}"
         yield f"scenario.duration = {duration} s must be four times {told}"
 
 
