@@ -50,6 +50,7 @@ class Script:
         self.nodes = tuple(node for node in self.missing if _chosen(node, nodes) and not self.missing[node])
         self._check(path, nodes)
         self._held_ns = held_ns
+        self._held = {name for name, topic in self._topics.items() if held_ns and self._is_held(topic)}
         self._answered = {node: self._answered_stamps(node) for node in self.nodes}
 
     def inputs(self, node: str) -> list[str]:
@@ -71,13 +72,17 @@ class Script:
 
     def instants(self) -> Iterator[Instant]:
         """Hand out the instants in order; the message of the clock is for the player to make (b"")."""
-        for stamp_ns in sorted(self.messages[TIMES]):
+        for stamp_ns in sorted(set(self.messages[TIMES]).union(*self._answered.values(), *self._commands())):
             answering = [node for node in self.nodes if stamp_ns in self._answered[node]]
-            hearing = [t for name, t in self._topics.items() if _count(t, answering) or self._held(name)]
+            hearing = [t for name, t in self._topics.items() if _count(t, answering) or name in self._held]
             there = [t.name for t in hearing if t.name == CLOCK or stamp_ns in self.messages[t.name]]
             fed = [(name, self._message(name, stamp_ns)) for name in there]
             due = [name for node in answering for name in self.outputs(node)]
             yield Instant(stamp_ns, fed, [name for name in due if stamp_ns in self.messages[name]])
+
+    def _commands(self) -> list[Mapping[int, bytes]]:
+        """Return what is held: one may be older than the first sample that was recorded."""
+        return [self.messages[topic] for topic in self._held]
 
     def _message(self, topic: str, stamp_ns: int) -> bytes:
         return b"" if topic == CLOCK else self.messages[topic][stamp_ns]
@@ -93,9 +98,10 @@ class Script:
     def _answered_stamps(self, node: str) -> set[int]:
         if node == TRAJECTORY:  # it publishes ahead: it hears of each sample from its first message on
             first = min(self.messages["reference"])
-            return {stamp for stamp in self.messages[TIMES] if stamp >= first}
+            heard = {stamp for stamp in self.messages[TIMES] if stamp >= first}
+            return heard | ({first} if self._held_ns else set())  # which tells the steps of slow nodes
         inputs = self.inputs(node)
-        held = [topic for topic in inputs if self._held(topic)]
+        held = [topic for topic in inputs if topic in self._held]
         there = [*(t for t in inputs if t not in held), *(t for t in self.outputs(node) if t != CLOCK)]
         answered = self._common(there)
         return answered & self._commanded(self._common(held), answered) if held else answered
@@ -110,10 +116,9 @@ class Script:
         newest = {stamp: bisect_right(known, stamp) - 1 for stamp in stamps}
         return {stamp for stamp, i in newest.items() if i >= 0 and stamp - known[i] < self._held_ns}
 
-    def _held(self, topic: str) -> bool:
-        """Whether what is said on a topic is held between the steps of slow nodes, by nodes that are fed."""
-        consumers = set(self._topics[topic].consumers) - set(SLOW)
-        return bool(self._held_ns and self._topics[topic].slow and consumers & set(self.nodes))
+    def _is_held(self, topic: Topic) -> bool:
+        """Whether nodes that are fed hold between the steps of slow nodes what is said on a topic."""
+        return topic.slow and _count(topic, set(self.nodes) - set(SLOW)) > 0
 
     def _check(self, path: Path, nodes: Collection[str]) -> None:
         for node in nodes:

@@ -11,9 +11,11 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from test_graph import SAME
+from test_replay import _changed
 
 from pam_orthosis.bag.legs import namespaces
 from pam_orthosis.bag.read import read_bag
+from pam_orthosis.bag.script import Script
 from pam_orthosis.bag.topics import BY_NAME, NODES, RECORDED, SIGNALS, resolve
 from pam_orthosis.bag.verdict import judge
 from pam_orthosis.batch.walk import RECORDED as WALKED
@@ -31,6 +33,8 @@ RATES = {"scenario.control_period": 0.002, "control.position.every": 3, "scenari
 EVERY, STEPS, SLOW_STEPS = 3, 650, 217
 SLOW_TOPICS = {"reference", "estimate", "disturbance", "extensor/pressure_reference"}
 SLOW_TOPICS |= {"flexor/pressure_reference"}
+
+FIRST = get_typestore(Stores.ROS2_JAZZY).types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
 
 
 def _options(rates):
@@ -118,6 +122,21 @@ def test_a_bag_is_not_replayed_at_other_rates(slow_position, capsys):
     said = capsys.readouterr().err.strip().splitlines()
     assert said == ["pam-orthosis: error: control.position.every: the bag holds inputs for 3 only; run the"
                     " scenario anew"]  # fmt: skip
+
+
+def test_a_bag_that_begins_later_than_the_run_is_fed_with_what_was_held_then(slow_position, tmp_path):
+    """As with a driver, which waits for no recorder: quick samples of the first slow step are not there."""
+
+    def change(topic, message):
+        first = topic != "/clock" and hasattr(message, "header") and message.header.stamp == FIRST
+        return not (first and topic.lstrip("/") not in SLOW_TOPICS)
+
+    bag = _changed(slow_position, tmp_path / "later", change)
+    script = Script(bag, nodes=["extensor_pressure_controller", "trajectory_publisher"], held_ns=6_000_000)
+    fed = {i.stamp_ns: ([name for name, _ in i.fed], i.due) for i in script.instants()}
+    assert fed[0] == (["/clock", "estimate", "extensor/pressure_reference"], ["reference"])
+    assert fed[2_000_000] == (["/clock", "extensor/pressure"], ["extensor/mass_flow"])
+    assert fed[6_000_000][1] == ["reference", "extensor/mass_flow"]
 
 
 def test_all_that_reads_bags_reads_this_one(slow_position, tmp_path):
