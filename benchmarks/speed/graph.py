@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lockstep steps of the node graph, against relays of the same messages."""
+"""Lockstep steps of the node graph, at one rate and at two, against relays of the same messages."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from pam_orthosis.bag.topics import NODES, RECORDER
@@ -15,6 +15,7 @@ from speed.stepping import Pace, watched
 
 RATE_HZ = 500
 PERIOD_NS = round(1e9 / RATE_HZ)
+SLOW_HZ = 100  # of the position controller, where it is slower than the pressure controllers
 STEPS = {False: 120, True: 250}  # composed?
 ENDLESS = {"scenario.duration": 3600.0, "scenario.control_period": 1 / RATE_HZ}
 FLOOR = Goal("at most 1.5 times the relays", at_most=1.5)
@@ -41,21 +42,42 @@ def rows(repeats: int) -> Iterator[Row]:
             floor_elapsed, floor_used = zip(*floor, strict=True)
             yield row("graph", what, "us", elapsed, floor_elapsed, FLOOR)
             yield row("graph", f"processor time of {what}", "us", used, floor_used, FLOOR)
-        factors = [1e6 / RATE_HZ / each for each in elapsed]
         what = f"simulated time at {RATE_HZ} Hz, {layout}, recorder included"
-        yield row("graph", what, "x real time", factors, goal=REAL_TIME[composed])
-        relays_factors = [1e6 / RATE_HZ / each for each in floor_elapsed]
-        yield row("graph", f"{what}, beside that of the relays", "x real time", factors, relays_factors)
+        yield from _real_time(what, composed, elapsed, floor_elapsed)
+        yield from _at_two_rates(repeats, composed, layout)
 
 
-def stepped(composed: bool, recorded: bool) -> tuple[float, float]:
+def _at_two_rates(repeats: int, composed: bool, layout: str) -> Iterator[Row]:
+    """Yield the rows of a slower position controller, recorder included."""
+    every = RATE_HZ // SLOW_HZ
+    ours, floor = alternating(
+        repeats, lambda: stepped(composed, True, every), lambda: relayed(composed, True, every)
+    )
+    rates = f"{RATE_HZ} Hz, position {SLOW_HZ} Hz"
+    what = f"a step at {rates}, {layout}, recorder included"
+    elapsed, used = zip(*ours, strict=True)
+    floor_elapsed, floor_used = zip(*floor, strict=True)
+    yield row("graph", what, "us", elapsed, floor_elapsed, FLOOR)
+    yield row("graph", f"processor time of {what}", "us", used, floor_used, FLOOR)
+    what = f"simulated time at {rates}, {layout}, recorder included"
+    yield from _real_time(what, composed, elapsed, floor_elapsed)
+
+
+def _real_time(what: str, composed: bool, elapsed: Iterable[float], floor: Iterable[float]) -> Iterator[Row]:
+    """Yield the rows that compare steps of so many us with the wall clock, and with relays."""
+    factors, relays_factors = ([1e6 / RATE_HZ / each for each in side] for side in (elapsed, floor))
+    yield row("graph", what, "x real time", factors, goal=REAL_TIME[composed])
+    yield row("graph", f"{what}, beside that of the relays", "x real time", factors, relays_factors)
+
+
+def stepped(composed: bool, recorded: bool, every: int = 1) -> tuple[float, float]:
     """Return the time and the processor time of a step of the graph, us."""
-    return _microseconds(watched(commands_of(composed, recorded), PERIOD_NS, STEPS[composed]))
+    return _microseconds(watched(commands_of(composed, recorded, every), PERIOD_NS, STEPS[composed]))
 
 
-def commands_of(composed: bool, recorded: bool) -> Callable[[Path], dict[str, list[str]]]:
+def commands_of(composed: bool, recorded: bool, every: int = 1) -> Callable[[Path], dict[str, list[str]]]:
     """Return what makes the commands of the graph in a folder."""
-    parameters = load(ENDLESS)
+    parameters = load({**ENDLESS, "control.position.every": every})
 
     def commands(work: Path) -> dict[str, list[str]]:
         made = launch.commands(work, parameters, work / "bag", "default", launch.Mode(composed=composed))
@@ -78,18 +100,18 @@ def _without_recorder(commands: dict[str, list[str]]) -> dict[str, list[str]]:
     return made
 
 
-def relayed(composed: bool, recorded: bool) -> tuple[float, float]:
+def relayed(composed: bool, recorded: bool, every: int = 1) -> tuple[float, float]:
     """Return the time and the processor time of a step of the relays, us."""
-    return _microseconds(watched(relays(composed, recorded), PERIOD_NS, STEPS[composed]))
+    return _microseconds(watched(relays(composed, recorded, every), PERIOD_NS, STEPS[composed]))
 
 
-def relays(composed: bool, recorded: bool) -> Callable[[Path], dict[str, list[str]]]:
+def relays(composed: bool, recorded: bool, every: int = 1) -> Callable[[Path], dict[str, list[str]]]:
     """Return what makes the commands of the relays in a folder."""
     roles = [node for node in (RECORDER, *NODES[1:-1], NODES[0]) if recorded or node != RECORDER]
 
     def commands(work: Path) -> dict[str, list[str]]:
         folder = str(work / "bag") if recorded else "-"
-        base = [sys.executable, "-m", "speed.relay", str(PERIOD_NS), folder]
+        base = [sys.executable, "-m", "speed.relay", f"{PERIOD_NS}x{every}", folder]
         return {"relays": [*base, *roles]} if composed else {role: [*base, role] for role in roles}
 
     return commands

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The floor of the graph: nodes of bare rclpy that pass the same messages round, without any mathematics.
 
-    python -m speed.relay PERIOD_NS RECORDED_FOLDER|- [realtime] NODE... --ros-args ...
+    python -m speed.relay PERIOD_NS[xEVERY] RECORDED_FOLDER|- [realtime] NODE... --ros-args ...
 
 Topics, types and peers come from the table of topics, the executor is the graph's. A relay answers when all
-inputs of a stamp are there, with messages that it made once. What there is beside that is needed by any
-lockstep: a start barrier, a recorder that the plant does not run away from, a heartbeat. In real time a timer
-paces the plant, and what stands for the valves writes how old each sample was when its answer left.
+inputs of a stamp are there, with messages that it made once. With EVERY, in lockstep, those of trajectory and
+position controller do so at each such step only, and the others wait for them only then. What there is
+beside that is needed by any lockstep: a start barrier, a recorder that the plant does not run away from, a
+heartbeat. In real time a timer paces the plant, and what stands for the valves writes how old each sample was
+when its answer left.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import rclpy
 from builtin_interfaces.msg import Time
@@ -30,7 +33,7 @@ from std_msgs.msg import String
 
 from pam_orthosis.bag import topics
 from pam_orthosis.bag.record import CHUNK_BYTES, message_definition
-from pam_orthosis.bag.topics import PLANT, RECORDER, TRAJECTORY, VALVE, Topic
+from pam_orthosis.bag.topics import PLANT, RECORDER, SLOW, TRAJECTORY, VALVE, Topic
 from pam_orthosis.control.trajectory import Reference
 from pam_orthosis.nodes import messages
 from pam_orthosis.nodes.graph import message_class, qos
@@ -55,12 +58,24 @@ def filled(topic: Topic):
     return messages.torque(0, 1.0) if topic.name == "disturbance" else message_class(topic.type)()
 
 
+class Rates(NamedTuple):
+    """Period of a step, ns, and how many of them make one of the slow nodes."""
+
+    period_ns: int
+    every: int = 1
+
+    def slow(self, stamp_ns: int) -> bool:
+        """Whether the slow nodes work at an instant of lockstep."""
+        return self.every == 1 or stamp_ns % (self.every * self.period_ns) == 0
+
+
 class Relay(Node):
     """One node of the table."""
 
-    def __init__(self, role: str, period_ns: int, recorded: bool):
+    def __init__(self, role: str, rates: Rates, recorded: bool):
         super().__init__(f"relay_{role}")
-        self.role, self.period_ns, self.recorded = role, period_ns, recorded
+        self.role, self.rates, self.recorded = role, rates, recorded
+        self.period_ns = rates.period_ns
         self.now_ns, self._first_ns = 0, -1
         self.is_ready = False
         self._peers: list[Callable[[], bool]] = []
@@ -100,12 +115,16 @@ class Relay(Node):
     def joined(self, under: str, act: Callable[[int], None]) -> None:
         """Call `act` with each stamp of which all inputs with names that begin with `under` are there."""
         inputs = [t for t in STEP if self.role in t.consumers and t.name.startswith(under)]
+        quick = 0 if self.role in SLOW else sum(not topic.slow for topic in inputs)
         counts: dict[int, int] = {}
 
         def receive(message) -> None:
             stamp_ns = messages.nanoseconds(message.header.stamp)
+            due = len(inputs) if self.rates.slow(stamp_ns) else quick
             count = counts.get(stamp_ns, 0) + 1
-            if count < len(inputs):
+            if not due:
+                return
+            if count < due:
                 counts[stamp_ns] = count
             else:
                 counts.pop(stamp_ns, None)
@@ -130,8 +149,8 @@ class Relay(Node):
 class Controller(Relay):
     """Position controller, pressure controller or, once for each muscle, inverse valve model."""
 
-    def __init__(self, role: str, period_ns: int, recorded: bool):
-        super().__init__(role, period_ns, recorded)
+    def __init__(self, role: str, rates: Rates, recorded: bool):
+        super().__init__(role, rates, recorded)
         for under in ("extensor", "flexor") if role == VALVE else ("",):
             self.joined(under, self.outputs(under))
 
@@ -139,24 +158,26 @@ class Controller(Relay):
 class Trajectory(Relay):
     """Publishes a period ahead."""
 
-    def __init__(self, role: str, period_ns: int, recorded: bool):
-        super().__init__(role, period_ns, recorded)
+    def __init__(self, role: str, rates: Rates, recorded: bool):
+        super().__init__(role, rates, recorded)
         self._publish = self.outputs()
         self.listen(topics.BY_NAME["/clock"], self._tick)
 
     def _tick(self, message) -> None:
         stamp_ns = messages.nanoseconds(message.clock)
+        if not self.rates.slow(stamp_ns):
+            return
         if self._first_ns < 0:
             self._publish(stamp_ns)
-        self._publish(stamp_ns + self.period_ns)
+        self._publish(stamp_ns + self.period_ns * self.rates.every)
         self.passed(stamp_ns)
 
 
 class Plant(Relay):
     """Takes the next step when both voltages of this one are there and the recorder is near."""
 
-    def __init__(self, role: str, period_ns: int, recorded: bool):
-        super().__init__(role, period_ns, recorded)
+    def __init__(self, role: str, rates: Rates, recorded: bool):
+        super().__init__(role, rates, recorded)
         self._publish = self.outputs()
         self._absent = set(topics.NODES if recorded else topics.NODES[:-1])
         self._next_ns = 0
@@ -209,9 +230,9 @@ class Clocked(Plant):
 class Valves(Controller):
     """Keeps how old samples are when both answers have left."""
 
-    def __init__(self, role: str, period_ns: int, folder: Path):
+    def __init__(self, role: str, rates: Rates, folder: Path):
         self._file, self._half, self._ages = folder / AGES, set(), []
-        super().__init__(role, period_ns, True)
+        super().__init__(role, rates, True)
 
     def passed(self, stamp_ns: int) -> None:
         """Note the age of a sample at its second answer."""
@@ -232,8 +253,8 @@ class Valves(Controller):
 class Recorder(Relay):
     """Writes serialised messages as they come."""
 
-    def __init__(self, role: str, period_ns: int, folder: Path):
-        super().__init__(role, period_ns, True)
+    def __init__(self, role: str, rates: Rates, folder: Path):
+        super().__init__(role, rates, True)
         folder.mkdir(parents=True, exist_ok=True)
         file = str(folder / "relayed.mcap")
         self._writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
@@ -257,15 +278,15 @@ class Recorder(Relay):
         return receive
 
 
-def make(role: str, realtime: bool, period_ns: int, folder: str) -> Relay:
+def make(role: str, realtime: bool, rates: Rates, folder: str) -> Relay:
     """Return the relay that stands for a node of the table; `folder` is `-` without a recorder."""
     if role == RECORDER:
-        return Recorder(role, period_ns, Path(folder))
+        return Recorder(role, rates, Path(folder))
     if realtime and role == VALVE:
-        return Valves(role, period_ns, Path(folder))
+        return Valves(role, rates, Path(folder))
     if realtime and role == PLANT:
-        return Clocked(role, period_ns, True)
-    return {PLANT: Plant, TRAJECTORY: Trajectory}.get(role, Controller)(role, period_ns, folder != "-")
+        return Clocked(role, rates, True)
+    return {PLANT: Plant, TRAJECTORY: Trajectory}.get(role, Controller)(role, rates, folder != "-")
 
 
 def spin(nodes: Sequence[Relay]) -> None:
@@ -289,9 +310,9 @@ def spin(nodes: Sequence[Relay]) -> None:
 def main() -> None:
     """Run the relays that the command line names."""
     rclpy.init(args=sys.argv)
-    period, folder, *roles = remove_ros_args(sys.argv)[1:]
-    realtime = REALTIME in roles
-    spin([make(role, realtime, int(period), folder) for role in roles if role != REALTIME])
+    given, folder, *roles = remove_ros_args(sys.argv)[1:]
+    rates, realtime = Rates(*map(int, given.split("x"))), REALTIME in roles
+    spin([make(role, realtime, rates, folder) for role in roles if role != REALTIME])
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from pam_orthosis.scene import sampled
 NODES = Path(pam_orthosis.__file__).parent / "nodes"
 RATES = {
     "step": "each control period",
+    "slow": "each step of the position controller",
     "answer": "real time only",
     "1 Hz": "1 Hz",
     "event": "when it happens",
@@ -61,8 +62,9 @@ EXECUTABLES = {
         (topics.TRAJECTORY,),
         ("control.trajectory",),
         trajectory.make_trajectory,
-        """Publishes the angle to follow, with velocity and acceleration, one period before the instant that
-        it is valid for. It starts at rest; the cadence rises smoothly, and may change while it runs.""",
+        """Publishes the angle to follow, with velocity and acceleration, one step before the instant that it
+        is valid for, at the steps of the position controller. It starts at rest; the cadence rises smoothly,
+        and may change while it runs.""",
     ),
     "position_controller": Described(
         (topics.POSITION,),
@@ -148,7 +150,14 @@ def _page_beside(name: str) -> str:
 
 def _topics(some) -> str:
     rows = [
-        (f"`{t.name}`", f"`{t.type.replace('/msg/', '/')}`", t.unit, t.meaning, RATES[t.rate]) for t in some
+        (
+            f"`{t.name}`",
+            f"`{t.type.replace('/msg/', '/')}`",
+            t.unit,
+            t.meaning,
+            RATES["slow" if t.slow else t.rate],
+        )
+        for t in some
     ]
     return table(("topic", "type", "unit", "what", "how often"), rows)
 

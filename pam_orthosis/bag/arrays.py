@@ -26,11 +26,16 @@ _MARK = 1.2345678901234567e-300  # a number that no message holds otherwise
 
 
 def write_arrays(
-    folder: Path, stamps_ns: np.ndarray, signals: Mapping[str, np.ndarray], run: Mapping[str, str]
+    folder: Path,
+    stamps_ns: np.ndarray,
+    signals: Mapping[str, np.ndarray],
+    run: Mapping[str, str],
+    every: int = 1,
 ) -> None:
     """Write signals of the table `bag.topics.SIGNALS`, all sampled at the same stamps.
 
-    Topics of joint states, trajectories and pressures only (no wrench).
+    Topics of joint states, trajectories and pressures only (no wrench). Of slow topics, as the graph would,
+    those of each `every`-th stamp from the first.
 
     Raises:
         OrthosisError: the folder holds a bag or cannot be written.
@@ -38,12 +43,13 @@ def write_arrays(
     topics: dict[str, list[Signal]] = {}
     for name in signals:
         topics.setdefault(SIGNALS[name].topic, []).append(SIGNALS[name])
+    quick = {topic: members for topic, members in topics.items() if not BY_NAME[topic].slow}
     templates = {topic: _template(topic, members) for topic, members in topics.items()}
     with BagWriter(folder, run) as bag:
         for topic in topics:
             bag.add_topic(resolve(topic), BY_NAME[topic].type)
         for index, stamp_ns in enumerate(stamps_ns.tolist()):
-            for topic, members in topics.items():
+            for topic, members in (quick if index % every else topics).items():
                 data, places = templates[topic]
                 _STAMP.pack_into(data, _STAMP_AT, *divmod(stamp_ns, SECOND_NS))
                 for signal, place in zip(members, places, strict=True):

@@ -7,13 +7,14 @@ samples, and a node that took others than it did then would answer otherwise.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Collection, Iterator, Mapping
 from functools import reduce
 from pathlib import Path
 from typing import NamedTuple
 
 from pam_orthosis.bag.read import raw_messages
-from pam_orthosis.bag.topics import NODES, PLANT, RECORDER, TRAJECTORY, Topic, table
+from pam_orthosis.bag.topics import NODES, PLANT, RECORDER, SECOND_NS, SLOW, TRAJECTORY, Topic, table
 from pam_orthosis.errors import OrthosisError
 
 CLOCK = "/clock"
@@ -36,17 +37,20 @@ class Script:
         path: bag.
         namespace: of the leg.
         nodes: names of nodes to feed; all that the bag has what it takes for, if none.
+        held_ns: for so long what slow nodes say is held, if they are slower than the others.
 
     Raises:
         OrthosisError: unusable bag; a named node is unknown or the bag does not serve it.
     """
 
-    def __init__(self, path: Path, namespace: str = "", nodes: Collection[str] = ()):
+    def __init__(self, path: Path, namespace: str = "", nodes: Collection[str] = (), held_ns: int = 0):
         self._topics = {name: topic for name, topic in table().items() if topic.rate == "step"}
         self.messages: Messages = raw_messages(path, [*self._topics, "answered"], namespace)
         self.missing = {node: self._missing(node) for node in NODES if node != RECORDER}
         self.nodes = tuple(node for node in self.missing if _chosen(node, nodes) and not self.missing[node])
         self._check(path, nodes)
+        self._held_ns = held_ns
+        self._held = {name for name, topic in self._topics.items() if held_ns and self._is_held(topic)}
         self._answered = {node: self._answered_stamps(node) for node in self.nodes}
 
     def inputs(self, node: str) -> list[str]:
@@ -68,12 +72,17 @@ class Script:
 
     def instants(self) -> Iterator[Instant]:
         """Hand out the instants in order; the message of the clock is for the player to make (b"")."""
-        for stamp_ns in sorted(self.messages[TIMES]):
+        for stamp_ns in sorted(set(self.messages[TIMES]).union(*self._answered.values(), *self._commands())):
             answering = [node for node in self.nodes if stamp_ns in self._answered[node]]
-            hearing = [name for name, topic in self._topics.items() if _count(topic, answering)]
-            fed = [(name, self._message(name, stamp_ns)) for name in hearing]
+            hearing = [t for name, t in self._topics.items() if _count(t, answering) or name in self._held]
+            there = [t.name for t in hearing if t.name == CLOCK or stamp_ns in self.messages[t.name]]
+            fed = [(name, self._message(name, stamp_ns)) for name in there]
             due = [name for node in answering for name in self.outputs(node)]
             yield Instant(stamp_ns, fed, [name for name in due if stamp_ns in self.messages[name]])
+
+    def _commands(self) -> list[Mapping[int, bytes]]:
+        """Return what is held: one may be older than the first sample that was recorded."""
+        return [self.messages[topic] for topic in self._held]
 
     def _message(self, topic: str, stamp_ns: int) -> bytes:
         return b"" if topic == CLOCK else self.messages[topic][stamp_ns]
@@ -89,9 +98,27 @@ class Script:
     def _answered_stamps(self, node: str) -> set[int]:
         if node == TRAJECTORY:  # it publishes ahead: it hears of each sample from its first message on
             first = min(self.messages["reference"])
-            return {stamp for stamp in self.messages[TIMES] if stamp >= first}
-        there = [*self.inputs(node), *(t for t in self.outputs(node) if t != CLOCK)]
-        return set(reduce(lambda a, b: a & b, (self.messages[topic].keys() for topic in there)))
+            heard = {stamp for stamp in self.messages[TIMES] if stamp >= first}
+            return heard | ({first} if self._held_ns else set())  # which tells the steps of slow nodes
+        inputs = self.inputs(node)
+        held = [topic for topic in inputs if topic in self._held]
+        there = [*(t for t in inputs if t not in held), *(t for t in self.outputs(node) if t != CLOCK)]
+        answered = self._common(there)
+        return answered & self._commanded(self._common(held), answered) if held else answered
+
+    def _common(self, topics: Collection[str]) -> set[int]:
+        """Return the stamps that all these topics have."""
+        return set(reduce(lambda a, b: a & b, (self.messages[topic].keys() for topic in topics)))
+
+    def _commanded(self, slow: set[int], stamps: set[int]) -> set[int]:
+        """Return the stamps for which one of the slow ones is held."""
+        known = sorted(slow)
+        newest = {stamp: bisect_right(known, stamp) - 1 for stamp in stamps}
+        return {stamp for stamp, i in newest.items() if i >= 0 and stamp - known[i] < self._held_ns}
+
+    def _is_held(self, topic: Topic) -> bool:
+        """Whether nodes that are fed hold between the steps of slow nodes what is said on a topic."""
+        return topic.slow and _count(topic, set(self.nodes) - set(SLOW)) > 0
 
     def _check(self, path: Path, nodes: Collection[str]) -> None:
         for node in nodes:
@@ -110,3 +137,9 @@ def _chosen(node: str, nodes: Collection[str]) -> bool:
 
 def _count(topic: Topic, nodes: Collection[str]) -> int:
     return sum(node in topic.consumers for node in nodes)
+
+
+def held_ns(parameters) -> int:
+    """Return for how long what slow nodes say is held, ns; 0 if they are no slower than the others."""
+    every = parameters.control.position.every
+    return every * round(parameters.scenario.control_period * SECOND_NS) if every > 1 else 0

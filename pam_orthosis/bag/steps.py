@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from heapq import heappop, heappush
 from typing import NamedTuple
 
-from pam_orthosis.bag.topics import Topic, is_health_instant, table
+from pam_orthosis.bag.topics import SLOW, Topic, is_health_instant, table
 
 REMEMBERED = 1000  # instants, in real time
 
@@ -31,6 +31,8 @@ class StepCollector:
         topics: table of the run, of lockstep if not given.
         late_ns: in real time an instant leaves at the latest when one so much later is there, complete or
             not, so that little is held back; what comes for it afterwards leaves by itself.
+        every: periods from one step of slow nodes to the next. The run begins with one; in real time, where
+            that instant is not known, their messages tell which instants are theirs.
     """
 
     def __init__(
@@ -39,8 +41,9 @@ class StepCollector:
         horizon: int = 1000,
         topics: Mapping[str, Topic] | None = None,
         late_ns: int | None = None,
+        every: int = 1,
     ):
-        self._period_ns = period_ns
+        self._period_ns, self._slow_ns = period_ns, every * period_ns
         self._horizon = horizon
         self._topics = table() if topics is None else topics
         self._order = {name: index for index, name in enumerate(self._topics)}
@@ -48,8 +51,14 @@ class StepCollector:
         self._late_ns = late_ns
         self._newest_ns = -1
         self._left: dict[int, list[tuple[int, bytes]]] = {}  # what came of the last instants in real time
-        self._each_step = self._promised("step", "answer")
-        self._each_second = self._promised("1 Hz")
+        self._slow = {name for name, topic in self._topics.items() if topic.slow and every > 1}
+        self._slow_since_ns = 0 if late_ns is None else None
+        own = (False,) if self._slow else (False, True)
+        self._each_step = self._promised(own, "step", "answer")
+        self._each_second = self._promised(own, "1 Hz")
+        self._each_slow_step, self._each_slow_second = (
+            self._promised((True,), rate) if self._slow else 0 for rate in ("step", "1 Hz")
+        )
         self._pending: dict[int, dict[tuple[int, bytes], Message]] = {}
         self._stamps: list[int] = []  # of what is pending, a heap
         self.done_ns = -1
@@ -73,6 +82,8 @@ class StepCollector:
             heappush(self._stamps, stamp_ns)
             instant = self._pending[stamp_ns] = {}
         instant[key] = message
+        if topic in self._slow:
+            self._slow_since_ns = stamp_ns
         whole = len(instant) >= self._each_step
         return whole or self._late_ns is not None or len(self._pending) > self._horizon
 
@@ -97,6 +108,7 @@ class StepCollector:
         if not self._stamps:
             return {}
         there = {message.topic for message in self._pending[self._stamps[0]].values()}
+        there |= set() if self._is_slow(self._stamps[0]) else self._slow
         return {
             name: topic for name, topic in self._topics.items() if topic.rate == "step" and name not in there
         }
@@ -113,7 +125,15 @@ class StepCollector:
         return [instant[key] for key in sorted(instant)]
 
     def _due(self, stamp_ns: int) -> int:
-        return self._each_step + self._each_second * is_health_instant(stamp_ns, self._period_ns)
+        due = self._each_step + self._each_second * is_health_instant(stamp_ns, self._period_ns)
+        if self._slow and self._is_slow(stamp_ns):
+            due += self._each_slow_step + self._each_slow_second * is_health_instant(stamp_ns, self._slow_ns)
+        return due
 
-    def _promised(self, *rates: str) -> int:
-        return sum(len(topic.producers) for topic in self._topics.values() if topic.rate in rates)
+    def _is_slow(self, stamp_ns: int) -> bool:
+        return self._slow_since_ns is None or (stamp_ns - self._slow_since_ns) % self._slow_ns == 0
+
+    def _promised(self, slow: Collection[bool], *rates: str) -> int:
+        """Return how many messages of these rates come from nodes that are slow, or are not."""
+        some = [topic for topic in self._topics.values() if topic.rate in rates]
+        return sum((node in SLOW) in slow for topic in some for node in topic.producers)

@@ -20,6 +20,7 @@ FLEXOR = "flexor_pressure_controller"
 VALVE = "inverse_valve_model"
 RECORDER = "bag_recorder"
 NODES = (PLANT, TRAJECTORY, POSITION, EXTENSOR, FLEXOR, VALVE, RECORDER)
+SLOW = (TRAJECTORY, POSITION)  # these work at each `control.position.every`-th control period
 
 SECOND_NS = 1_000_000_000
 # a writer forgets what is older, read or not; the plant is never so many steps ahead of the recorder
@@ -30,8 +31,8 @@ PUBLISHED_DEPTH = 200
 class Topic:
     """One topic: relative name, ROS type, who publishes and who (beside the recorder) listens.
 
-    `rate` is `step` (one message each control period), `answer` (likewise, in real time only), `1 Hz`
-    (one from each producer) or `event` (management of the graph, not recorded).
+    `rate` is `step` (one message each period of its producer), `answer` (likewise, in real time only),
+    `1 Hz` (one from each producer) or `event` (management of the graph, not recorded).
     """
 
     name: str
@@ -46,6 +47,11 @@ class Topic:
     def recorded(self) -> bool:
         """Whether the recorder listens."""
         return self.rate != "event"
+
+    @property
+    def slow(self) -> bool:
+        """Whether there is a message at each step of the position controller only."""
+        return self.rate == "step" and self.producers[0] in SLOW
 
     @property
     def subscribers(self) -> tuple[str, ...]:
@@ -71,7 +77,7 @@ TOPICS = (
         "trajectory_msgs/msg/JointTrajectory",
         TRAJECTORY,
         [POSITION],
-        "angle to follow, published one period ahead",
+        "angle to follow, published one of its periods ahead",
         "rad, rad/s, rad/s^2",
     ),
     _topic("estimate", JOINT, POSITION, [EXTENSOR, FLEXOR], "observer: angle, velocity", "rad, rad/s"),

@@ -36,7 +36,8 @@ def walk(parameters: Parameters, bag: Path) -> None:
     steps = round(parameters.scenario.duration * SECOND_NS / period_ns)
     told = ClosedLoop(parameters, parameters.scenario.seed).run(steps)
     signals = {ESTIMATES.get(name, name): told[name] for name in RECORDED}
-    write_arrays(bag, np.arange(steps) * period_ns, signals, run_metadata(parameters, "study"))
+    every = parameters.control.position.every
+    write_arrays(bag, np.arange(steps) * period_ns, signals, run_metadata(parameters, "study"), every)
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from pam_orthosis.bag.compare import TopicComparison
 
 
+EVERY = "control.position.every"  # which instants have inputs, and answers, depends on it
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     parser.add_argument("bag", type=Path, metavar="BAG", help="bag folder or file")
@@ -70,14 +73,14 @@ def execute(arguments: argparse.Namespace) -> int:
 
 def _replay(arguments: argparse.Namespace, namespace: str) -> list[TopicComparison]:
     from pam_orthosis.bag.compare import compare
-    from pam_orthosis.bag.script import Script
+    from pam_orthosis.bag.script import Script, held_ns
 
     bag = arguments.bag.resolve()
-    script = Script(bag, namespace, arguments.node)
+    parameters = _parameters(bag, namespace, arguments.param)
+    script = Script(bag, namespace, arguments.node, held_ns(parameters))
     for node, topic in script.missing.items():
         if topic:
             print(f"{node} is not fed: the bag lacks {topic}", file=sys.stderr)
-    parameters = _parameters(bag, namespace, arguments.param)
     with tempfile.TemporaryDirectory(prefix="pam-orthosis-") as folder, ExitStack() as stack:
         work = Path(folder)
         answers = arguments.out.resolve() if arguments.out else work / "answers"
@@ -102,7 +105,10 @@ def _parameters(bag: Path, namespace: str, changes: Sequence[str]) -> Parameters
     if not recorded:
         print("the bag tells no parameters: the nodes have those of config/", file=sys.stderr)
     kept = {key: value for key, value in recorded.items() if key in known}
-    return load(kept | assignments(changes))
+    made = load(kept | assignments(changes))
+    if recorded and made.control.position.every != (was := recorded.get(EVERY, 1)):
+        raise OrthosisError(f"{EVERY}: the bag holds inputs for {was} only; run the scenario anew")
+    return made
 
 
 def _as_dict(one: TopicComparison) -> dict[str, Any]:

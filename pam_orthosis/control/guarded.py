@@ -17,6 +17,7 @@ from pam_orthosis.control import guard
 from pam_orthosis.control.inverse_valve import InverseValveModel
 from pam_orthosis.control.position import PositionCommand, PositionController
 from pam_orthosis.control.pressure import PressureController
+from pam_orthosis.control.rates import position_belief
 from pam_orthosis.control.trajectory import VALVES_CLOSED, Reference
 
 NEAR = 0.2  # of the largest error: what is followed is caught up with
@@ -82,7 +83,7 @@ class GuardedPosition(_Guarded):
     RELEASED = "knee does not follow"
 
     def __init__(self, parameters, controller: PositionController):
-        belief = parameters.belief()
+        belief = position_belief(parameters)
         guards = {"angle": guard.angle_guard(belief)}
         guards |= {f"{name} pressure": guard.pressure_guard(belief) for name in ("extensor", "flexor")}
         super().__init__(belief, guards)
@@ -108,7 +109,7 @@ class GuardedPosition(_Guarded):
     ) -> PositionCommand:
         """Return the reference pressures for one sample, whatever the numbers are.
 
-        It is so many control periods later than the last one.
+        It is so many of the position controller's periods later than the last one.
         """
         if reference.planned_angle is not None:
             reference = reference.followed()
@@ -165,18 +166,24 @@ class GuardedPressure(_Guarded):
         self._controller.retune(parameters)
 
     def step(
-        self, pressure: float, reference: float, angle: float, velocity: float, periods: int = 1
+        self,
+        pressure: float,
+        reference: float,
+        angle: float,
+        velocity: float,
+        periods: int = 1,
+        age: float = 0.0,
     ) -> float:
         """Return the mass flow into the muscle, kg/s, finite whatever the numbers are.
 
-        The sample is so many control periods later than the last one.
+        The sample is so many control periods later than the last one; reference and estimate are so old, s.
         """
         wanted = self._usable(reference, angle, velocity)
         followed = None if wanted[0] == VALVES_CLOSED else wanted[0]
         pressure = self._guards["pressure"].step(pressure, followed, periods)
         away = 0.0 if followed is None else abs(followed - pressure)
         self._watch(self._far.step(away > self._distance), away < NEAR * self._distance)
-        flow = self._controller.step(pressure, *wanted, periods)
+        flow = self._controller.step(pressure, *wanted, periods, age)
         good = self._finite("mass flow", flow)
         return VENT_FLOW if self._venting() or not good else flow
 

@@ -41,6 +41,7 @@ class ClosedLoop:
         self.plant = Plant(parameters, seed) if plant is None else plant
         self._trajectory = make_trajectory(parameters) if trajectory is None else trajectory
         position = PositionController(parameters) if position is None else position
+        self._every = parameters.control.position.every
         self._position = GuardedPosition(parameters, position)
         self._pressure = [GuardedPressure(parameters, PressureController(parameters, m)) for m in MUSCLES]
         self._valves = [GuardedValve(parameters, InverseValveModel(parameters, m)) for m in MUSCLES]
@@ -53,7 +54,10 @@ class ClosedLoop:
         return {name: each.health() for name, each in guarded.items()}
 
     def run(self, steps: int) -> dict[str, np.ndarray]:
-        """Advance; returns an array of `steps` samples for each of `SIGNALS`, SI units."""
+        """Advance; returns an array of `steps` samples for each of `SIGNALS`, SI units.
+
+        What the position controller says is held between its steps; the reference is that of each instant.
+        """
         table = np.empty((steps, len(SIGNALS)))
         for index in range(steps):
             table[index] = self._step(index)
@@ -63,10 +67,13 @@ class ClosedLoop:
         time_ns = index * self.plant.period_ns
         measured, truth = self.plant.measure(), self.plant.truth()
         reference = self._trajectory.sample(time_ns)
-        command = self._position.step(*measured, reference)
+        held = index % self._every
+        if not held:
+            self._command = self._position.step(*measured, reference)
+        command, age = self._command, held * self.plant.period_ns * 1e-9
         pressures, wanted = measured[1:], command[:2]
         flows = [
-            controller.step(p, p_ref, command.angle, command.velocity)
+            controller.step(p, p_ref, command.angle, command.velocity, age=age)
             for controller, p, p_ref in zip(self._pressure, pressures, wanted, strict=True)
         ]
         voltages = [

@@ -14,7 +14,7 @@ from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.effects.base import STAGES
 from pam_orthosis.model.integrate import runge_kutta_4
 
-STEPS_PER_PERIOD = 2
+STEPS_PER_PERIOD = 2  # control period, whether a sample is taken in each or not
 # with effects known, what the integration leaves over is no longer small against what they leave over
 FINE_STEPS_PER_PERIOD = 8
 LIVE = ("control.observer.pole", "leg.person.mass")
@@ -94,6 +94,7 @@ def _fine_step(belief) -> tuple[ca.Function, int]:
     """
     belief, tuned = live.with_symbols(belief, LIVE)
     steps = FINE_STEPS_PER_PERIOD if effects.known(belief, *STAGES) else STEPS_PER_PERIOD
+    steps *= belief.control.position.every
     polynomial = characteristic(belief.control.observer.pole, belief.control.observer.damping)
     x, y = ca.SX.sym("x", 3), ca.SX.sym("y", 4)
     # linearising once a step is enough: the gains change slowly with the estimate

@@ -12,6 +12,7 @@ from pam_orthosis.control.anticipation import Anticipation
 from pam_orthosis.control.effects import EffectTorque, Sensors
 from pam_orthosis.control.knee import Pair, kinematics, leg_mechanics
 from pam_orthosis.control.observer import Observer
+from pam_orthosis.control.rates import position_belief
 from pam_orthosis.control.trajectory import VALVES_CLOSED, Reference
 from pam_orthosis.model import muscle as muscle_model
 from pam_orthosis.model.compiled import compiled
@@ -171,7 +172,7 @@ class PositionController:
     """
 
     def __init__(self, parameters):
-        belief = parameters.belief()
+        belief = position_belief(parameters)
         self._observer = Observer(belief)
         self._command = compiled(command_function(belief))
         self._tuned = live.values(belief, _OF_COMMAND)
@@ -198,7 +199,7 @@ class PositionController:
     ) -> PositionCommand:
         """Return the reference pressures for one sample (rad, absolute Pa; finite numbers).
 
-        It is so many control periods later than the last one.
+        It is so many of the position controller's periods later than the last one.
         """
         angle = self._sensors.true("angle", angle)
         pressures = (

@@ -73,13 +73,21 @@ class PressureController:
         self._forget = math.exp(-settings.reference_filter * self._period)
 
     def step(
-        self, pressure: float, reference: float, angle: float, velocity: float, periods: int = 1
+        self,
+        pressure: float,
+        reference: float,
+        angle: float,
+        velocity: float,
+        periods: int = 1,
+        age: float = 0.0,
     ) -> float:
         """Return the mass flow into the muscle, kg/s (absolute Pa, estimated rad and rad/s).
 
-        The sample is so many control periods later than the last one. A reference of `VALVES_CLOSED` asks
-        for no flow at all.
+        The sample is so many control periods later than the last one. Reference and estimate are of an
+        instant so long before, s: the reference is held, the knee goes on at its velocity. A reference of
+        `VALVES_CLOSED` asks for no flow at all.
         """
+        angle += age * velocity
         time = self._steps * self._period
         self._steps += periods
         if reference == VALVES_CLOSED:

@@ -65,4 +65,4 @@ def record(parameters: Parameters, seed: int, scenario: str, folder: Path) -> No
     signals |= {f"estimate_{name}": run[f"estimated_{name}"] for name in ("angle", "velocity")}
     stamps = np.round(run["time"] * NANOSECONDS).astype(np.int64)
     told = parameters.changed({"scenario.seed": seed})
-    write_arrays(folder, stamps, signals, run_metadata(told, scenario))
+    write_arrays(folder, stamps, signals, run_metadata(told, scenario), told.control.position.every)

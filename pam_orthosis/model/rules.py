@@ -32,6 +32,7 @@ ALIKE = (
 SLIP = 8.0
 BRAID_SHARE = (0.3, 5.0)  # what identified coefficients and the braid's geometry differ by at most
 PHASES = 60
+LONGEST_PERIOD = 0.05  # s, of the position controller: as long as a control period may be
 FARTHEST_PLAN = 0.35  # rad: beyond it guards would take the knee for one that does not follow
 
 
@@ -47,6 +48,7 @@ def broken_rules(values: Mapping[str, Any]) -> Iterator[str]:
     for name in MUSCLES:
         yield from _braid_rule(values, f"muscle.{name}")
     yield from _period_rule(values)
+    yield from _every_rule(values)
     yield from _duration_rule(values)
     yield from _step_rule(values)
     yield from _linkage_rule(values)
@@ -66,10 +68,22 @@ def _period_rule(values: Mapping[str, Any]) -> Iterator[str]:
         )
 
 
+def _every_rule(values: Mapping[str, Any]) -> Iterator[str]:
+    every, period = values.get("control.position.every"), values.get("scenario.control_period")
+    if every and period and every * period > LONGEST_PERIOD:
+        yield (
+            f"control.position.every = {every} times scenario.control_period = {period} s must be at most"
+            f" {LONGEST_PERIOD} s"
+        )
+
+
 def _duration_rule(values: Mapping[str, Any]) -> Iterator[str]:
     duration, period = values.get("scenario.duration"), values.get("scenario.control_period")
-    if duration is not None and period is not None and duration < 4 * period:
-        yield f"scenario.duration = {duration} s must be four times scenario.control_period = {period} s"
+    every = values.get("control.position.every", 1)
+    if duration is not None and period is not None and duration < 4 * every * period:
+        times = f" times control.position.every = {every}" if every > 1 else ""
+        told = f"scenario.control_period = {period} s{times}"
+        yield f"scenario.duration = {duration} s must be four times {told}"
 
 
 def _step_rule(values: Mapping[str, Any]) -> Iterator[str]:

@@ -19,7 +19,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from pam_orthosis.bag.record import BagWriter
-from pam_orthosis.bag.script import CLOCK, Instant, Script
+from pam_orthosis.bag.script import CLOCK, Instant, Script, held_ns
 from pam_orthosis.bag.topics import NODES, RECORDER, SECOND_NS
 from pam_orthosis.errors import RunFailed
 from pam_orthosis.nodes import graph, messages
@@ -45,7 +45,8 @@ class BagPlayer(graph.GraphNode):
         }
         super().__init__(PLAYER, settings, role=RECORDER)
         chosen = self.settings["nodes"].split(",")
-        self._script = Script(Path(self.settings["bag"]), self.settings["namespace"], chosen)
+        bag, leg = Path(self.settings["bag"]), self.settings["namespace"]
+        self._script = Script(bag, leg, chosen, held_ns(self.parameters))
         self._instants = self._script.instants()
         self._now: Instant | None = None
         self._count = 0

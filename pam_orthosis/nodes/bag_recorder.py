@@ -111,7 +111,8 @@ class BagRecorder(graph.GraphNode):
 
     def _collector(self, legs: Sequence[str]) -> StepCollector:
         topics = {in_leg(name, leg, self.legs): topic for leg in legs for name, topic in self.topics.items()}
-        return StepCollector(self.period_ns, HORIZON, topics, LATE_NS if self.realtime else None)
+        late_ns = LATE_NS if self.realtime else None
+        return StepCollector(self.period_ns, HORIZON, topics, late_ns, self.every)
 
     def _collectors(self) -> list[StepCollector]:
         return list(dict.fromkeys(leg.steps for leg in self._legs))

@@ -31,11 +31,11 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from pam_orthosis.bag.cdr import Reader, Template, Unreadable
-from pam_orthosis.bag.topics import PLANT, PUBLISHED_DEPTH, SECOND_NS, in_leg, table
+from pam_orthosis.bag.topics import PLANT, PUBLISHED_DEPTH, SECOND_NS, SLOW, in_leg, table
 from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import messages
-from pam_orthosis.nodes.join import Join
+from pam_orthosis.nodes.join import HoldingJoin, Join
 from pam_orthosis.nodes.layout import LAYOUT
 from pam_orthosis.nodes.parameters import (
     Setting,
@@ -112,7 +112,9 @@ class GraphNode(Node):
         self.parameters = declare_rows(self, spec.branches, spec.live)
         self._changed: dict[str, Any] = {}
         take_changes(self, spec.live, self._take_changes)
-        self.period_ns = round(self.parameters.scenario.control_period * 1e9)
+        self.every = self.parameters.control.position.every
+        self.control_ns = round(self.parameters.scenario.control_period * 1e9)
+        self.period_ns = self.control_ns * (self.every if self.role in SLOW else 1)  # of its own steps
         self._origin_ns: int | None = None
         self.time_ns = 0
         self._reported_second = -1
@@ -123,7 +125,7 @@ class GraphNode(Node):
         # `spin` looks around in both: now and then at each step, at once when something has happened
         self.pulse: Callable[[], None] = lambda: None
         self.alarm: Callable[[], None] = lambda: None
-        self._ages = Ages(self.period_ns)
+        self._ages = Ages(self.control_ns)  # a slow node holds up the others
         self._unreadable = 0
         self._peers: dict[str, Callable[[], bool]] = {}
         self.legs = self.served_legs()
@@ -236,18 +238,27 @@ class GraphNode(Node):
 
     def join_inputs(
         self, inputs: Mapping[str, Sequence[str]], step: Callable[..., None], newest: bool = False
-    ) -> Join:
+    ) -> Join | HoldingJoin:
         """Listen to topics; call `step(stamp_ns, *fields of each)` once all of an instant are there.
 
         With `newest`, in real time, a node that is behind skips to the newest measurements: it answers
         fewer samples, not older ones. What they cause downstream then comes no faster than it can.
+        What slow nodes say is held until their next instant; `step` then takes as its last argument how
+        old that is, s.
         """
-        join = Join(list(inputs), step)
+        join = self._join(list(inputs), step)
         for topic, fields in inputs.items():
             measured = PLANT in self.topics[topic].producers
-            depth = 1 if newest and measured and self.realtime else QUEUE_DEPTH
+            # of so many samples one is of an instant at which a slow node works
+            depth = self.every if newest and measured and self.realtime else QUEUE_DEPTH
             self.listen_to_numbers(topic, fields, _adder(join, topic), depth=depth)
         return join
+
+    def _join(self, inputs: list[str], step: Callable[..., None]) -> Join | HoldingJoin:
+        slow = [topic for topic in inputs if self.topics[topic].slow]
+        if self.every == 1 or not slow or self.role in SLOW:
+            return Join(inputs, step)
+        return HoldingJoin(inputs, slow, step, self.every * self.control_ns)
 
     def offer(self, service: str, act: Callable[[], str]) -> None:
         """Offer a std_srvs/Trigger; `act` returns what it did, or raises OrthosisError to refuse."""
@@ -280,7 +291,7 @@ class GraphNode(Node):
         self.pulse()
 
     def periods_since(self, stamp_ns: int) -> int:
-        """Return how many control periods an instant is later than the step that was done last.
+        """Return how many of the node's periods an instant is later than the step that was done last.
 
         More than one if samples were missed; after a long silence no more than `MOST_PERIODS`.
         """

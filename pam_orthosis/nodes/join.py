@@ -44,3 +44,70 @@ class Join:
         for old in [stamp for stamp in self._waiting if stamp <= stamp_ns]:
             self._waiting.pop(old)
         self._callback(stamp_ns, *(values[name] for name in self._inputs))
+
+
+class HoldingJoin:
+    """As `Join`, but some inputs are slow: between their instants they are held.
+
+    The sample of `stamp` goes with the slow inputs of the one slow instant in (stamp - span, stamp], and
+    waits for them: which one that is depends on stamps alone, not on what has come. Samples whose slow
+    instant never comes are forgotten and, once a step has been done, counted. The callback takes
+    (stamp, *values in the order of `inputs`, age of the slow ones in s).
+    """
+
+    def __init__(
+        self,
+        inputs: Sequence[str],
+        slow: Sequence[str],
+        callback: Callable[..., None],
+        span_ns: int,
+        horizon: int = 64,
+    ):
+        self._inputs, self._slow = tuple(inputs), tuple(slow)
+        self._quick = tuple(name for name in inputs if name not in slow)
+        self._callback, self._span_ns, self._horizon = callback, span_ns, horizon
+        self._sampling = Join(self._quick, self._sampled, horizon)
+        self._holding = Join(self._slow, self._commanded, horizon)
+        self._samples: dict[int, tuple] = {}
+        self._commands: dict[int, tuple] = {}
+        self._begun, self._forgotten = False, 0
+
+    @property
+    def dropped(self) -> int:
+        """How many inputs came twice or too late, or were of a sample without its slow instant."""
+        return self._sampling.dropped + self._holding.dropped + self._forgotten
+
+    def add(self, name: str, stamp_ns: int, value: Any) -> None:
+        """Take an input, and compute what it was the last one for."""
+        (self._holding if name in self._slow else self._sampling).add(name, stamp_ns, value)
+
+    def _sampled(self, stamp_ns: int, *values: Any) -> None:
+        self._samples[stamp_ns] = values
+        if len(self._samples) > self._horizon:
+            self._forget([min(self._samples)])
+        self._compute(stamp_ns)
+
+    def _commanded(self, stamp_ns: int, *values: Any) -> None:
+        self._commands[stamp_ns] = values
+        if len(self._commands) > self._horizon:
+            del self._commands[min(self._commands)]
+        for waiting in sorted(self._samples):
+            self._compute(waiting)
+
+    def _compute(self, stamp_ns: int) -> None:
+        """Compute the step of a sample if what is held for it is there."""
+        held_ns = max((each for each in self._commands if each <= stamp_ns), default=None)
+        if held_ns is None or stamp_ns - held_ns >= self._span_ns:
+            return
+        values = dict(zip(self._quick, self._samples.pop(stamp_ns), strict=True))
+        values |= zip(self._slow, self._commands[held_ns], strict=True)
+        self._forget([each for each in self._samples if each < stamp_ns])
+        for old in [each for each in self._commands if each < held_ns]:
+            del self._commands[old]
+        self._begun = True
+        self._callback(stamp_ns, *(values[name] for name in self._inputs), (stamp_ns - held_ns) * 1e-9)
+
+    def _forget(self, stamps: Sequence[int]) -> None:
+        for stamp_ns in stamps:
+            del self._samples[stamp_ns]
+            self._forgotten += self._begun

@@ -39,9 +39,9 @@ class PressureControllerNode(graph.GraphNode):
         """Take a new gain or bandwidth from the next step on."""
         self._controller.retune(parameters)
 
-    def _step(self, stamp_ns: int, pressure: tuple, wanted: tuple, estimate: tuple) -> None:
+    def _step(self, stamp_ns: int, pressure: tuple, wanted: tuple, estimate: tuple, age: float = 0.0) -> None:
         periods = self.periods_since(stamp_ns)
-        self._flow(stamp_ns, self._controller.step(*pressure, *wanted, *estimate, periods))
+        self._flow(stamp_ns, self._controller.step(*pressure, *wanted, *estimate, periods, age))
         self.step_done(stamp_ns)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node: the reference angle, published one period before the instant that it is valid for."""
+"""Node: the reference angle, published one of its periods before the instant that it is valid for."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from pam_orthosis.nodes import graph, messages
 
 
 class TrajectoryPublisher(graph.GraphNode):
-    """On the clock of step k, publishes the reference of step k + 1 (at first that of k too).
+    """On the clock of its step k, publishes the reference of step k + 1 (at first that of k too).
+
+    Its steps are those of the position controller, which has them from the references' stamps.
 
     The clock is `/clock` in lockstep and the sample of the knee angle in real time, so that reference
     and sample carry the same stamps without two timers that drift apart. The services `start` and
@@ -62,7 +64,11 @@ class TrajectoryPublisher(graph.GraphNode):
     def _tick(self, now_ns: int) -> None:
         if self._next_ns is None:
             self._first_ns = self._next_ns = now_ns
-        self._next_ns = max(self._next_ns, now_ns)  # skipped samples need no reference
+        if self._next_ns < now_ns:  # skipped samples need no reference
+            since = (now_ns - self._next_ns) // self.control_ns
+            self._next_ns = now_ns - since % self.every * self.control_ns
+        if self._next_ns > now_ns + self.period_ns:
+            return  # it works at its own steps only
         while self._next_ns <= now_ns + self.period_ns:
             self._publish(self._next_ns)
             self._next_ns += self.period_ns

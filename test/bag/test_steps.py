@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pam_orthosis.bag.steps import Message, StepCollector
-from pam_orthosis.bag.topics import NODES, ORDER, RECORDED, is_health_instant
+from pam_orthosis.bag.topics import NODES, ORDER, RECORDED, SLOW, is_health_instant
 
 PERIOD_NS = 250_000_000
 
@@ -102,3 +102,59 @@ def test_what_waited_can_be_handed_out_in_parts():
     parts = [list(steps.complete(2)) for _ in range(4)]
     assert [sorted({m.stamp_ns // PERIOD_NS for m in part}) for part in parts] == [[0, 1], [2, 3], [4], []]
     assert [m for part in parts for m in part] == sorted(_run(5), key=_place)
+
+
+def _slow_run(steps, every, first=0):
+    """Return all messages of a run whose slow nodes take each `every`-th step."""
+    messages = []
+    for message in _run(first + steps):
+        k = message.stamp_ns // PERIOD_NS - first
+        if message.topic != "diagnostics" and k >= 0 and (k % every == 0 or not _is_slow(message.topic)):
+            messages.append(message)
+    for name in NODES:
+        period_ns = PERIOD_NS * (every if name in SLOW else 1)
+        for k in range(0, steps, every if name in SLOW else 1):
+            if is_health_instant((first + k) * PERIOD_NS, period_ns):
+                messages.append(Message("diagnostics", (first + k) * PERIOD_NS, name.encode()))
+    return sorted(messages, key=_place)
+
+
+def _is_slow(topic):
+    return next(one for one in RECORDED if one.name == topic).slow
+
+
+@given(st.permutations(_slow_run(7, 3)))
+def test_slow_topics_are_due_at_their_own_instants_only(arrival):
+    steps, out = StepCollector(PERIOD_NS, every=3), []
+    for message in arrival:
+        if steps.add(message):
+            out += steps.complete()
+    assert out == _slow_run(7, 3)
+    assert not list(steps.rest())
+
+
+def test_an_instant_of_slow_nodes_waits_for_them_and_names_what_is_missing():
+    steps = StepCollector(PERIOD_NS, every=3)
+    run = _slow_run(5, 3)
+    for message in run:
+        if (message.topic, message.stamp_ns) != ("estimate", 3 * PERIOD_NS):
+            steps.add(message)
+    assert [m.stamp_ns // PERIOD_NS for m in steps.complete()][-1] == 2
+    assert list(steps.missing()) == ["estimate"]
+    quick = StepCollector(PERIOD_NS, every=3)
+    for message in run:
+        if message.stamp_ns == PERIOD_NS and message.topic != "truth":
+            quick.add(message)
+    assert list(quick.missing()) == ["truth"]
+
+
+def test_in_real_time_the_messages_tell_which_instants_are_slow():
+    first = 2
+    steps, out = StepCollector(PERIOD_NS, late_ns=100 * PERIOD_NS, every=3), []
+    run = _slow_run(7, 3, first)
+    for message in run:
+        if message.topic == "truth" and message.stamp_ns == (first + 3) * PERIOD_NS:
+            continue
+        steps.add(message)
+        out += steps.complete()
+    assert out == [m for m in run if m.stamp_ns < (first + 3) * PERIOD_NS]
