@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from pam_orthosis.bag.topics import NODES, RECORDER
@@ -24,6 +24,8 @@ REAL_TIME = {
     True: Goal("at least 4 times real time", at_least=4.0),
 }
 
+Spent = tuple[float, float]  # time and processor time of a step, us
+
 
 def rows(repeats: int) -> Iterator[Row]:
     """Yield the rows: in processes and composed, with and without a recorder."""
@@ -37,13 +39,9 @@ def rows(repeats: int) -> Iterator[Row]:
                 lambda c=composed, r=recorded: stepped(c, r),
                 lambda c=composed, r=recorded: relayed(c, r),
             )
-            what = f"a step, {layout}, {'recorder included' if recorded else 'without recorder'}"
-            elapsed, used = zip(*ours, strict=True)
-            floor_elapsed, floor_used = zip(*floor, strict=True)
-            yield row("graph", what, "us", elapsed, floor_elapsed, FLOOR)
-            yield row("graph", f"processor time of {what}", "us", used, floor_used, FLOOR)
-        what = f"simulated time at {RATE_HZ} Hz, {layout}, recorder included"
-        yield from _real_time(what, composed, elapsed, floor_elapsed)
+            recorder = "recorder included" if recorded else "without recorder"
+            yield from _steps(f"{layout}, {recorder}", ours, floor)
+        yield from _real_time(f"{RATE_HZ} Hz, {layout}, recorder included", composed, ours, floor)
         yield from _at_two_rates(repeats, composed, layout)
 
 
@@ -53,19 +51,23 @@ def _at_two_rates(repeats: int, composed: bool, layout: str) -> Iterator[Row]:
     ours, floor = alternating(
         repeats, lambda: stepped(composed, True, every), lambda: relayed(composed, True, every)
     )
-    rates = f"{RATE_HZ} Hz, position {SLOW_HZ} Hz"
-    what = f"a step at {rates}, {layout}, recorder included"
-    elapsed, used = zip(*ours, strict=True)
-    floor_elapsed, floor_used = zip(*floor, strict=True)
+    where = f"{RATE_HZ} Hz, position {SLOW_HZ} Hz, {layout}, recorder included"
+    yield from _steps(where, ours, floor, " at")
+    yield from _real_time(where, composed, ours, floor)
+
+
+def _steps(where: str, ours: Sequence[Spent], floor: Sequence[Spent], joined: str = ",") -> Iterator[Row]:
+    """Yield the rows that compare the time and the processor time of a step with those of the relays."""
+    what = f"a step{joined} {where}"
+    (elapsed, used), (floor_elapsed, floor_used) = (zip(*side, strict=True) for side in (ours, floor))
     yield row("graph", what, "us", elapsed, floor_elapsed, FLOOR)
     yield row("graph", f"processor time of {what}", "us", used, floor_used, FLOOR)
-    what = f"simulated time at {rates}, {layout}, recorder included"
-    yield from _real_time(what, composed, elapsed, floor_elapsed)
 
 
-def _real_time(what: str, composed: bool, elapsed: Iterable[float], floor: Iterable[float]) -> Iterator[Row]:
-    """Yield the rows that compare steps of so many us with the wall clock, and with relays."""
-    factors, relays_factors = ([1e6 / RATE_HZ / each for each in side] for side in (elapsed, floor))
+def _real_time(where: str, composed: bool, ours: Sequence[Spent], floor: Sequence[Spent]) -> Iterator[Row]:
+    """Yield the rows that compare the time of a step with the wall clock, and with relays."""
+    what = f"simulated time at {where}"
+    factors, relays_factors = ([1e6 / RATE_HZ / elapsed for elapsed, _ in side] for side in (ours, floor))
     yield row("graph", what, "x real time", factors, goal=REAL_TIME[composed])
     yield row("graph", f"{what}, beside that of the relays", "x real time", factors, relays_factors)
 
