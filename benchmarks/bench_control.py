@@ -9,7 +9,8 @@
 Five controllers: a cascaded PID tuned by a search, the paper's cascade, the paper's cascade with the same
 gains and with what each specimen's own recordings, made without a person, taught, this one with a plan
 of the gait by what was taught (with a person only, who brings the muscles to their limits), and, where a run
-with the plan goes beyond 1 deg, with another plan that knows what that run showed.
+with the plan goes beyond 1 deg or there is none, with another plan that knows what that run, or one without
+a plan, showed.
 """
 
 from __future__ import annotations
@@ -27,10 +28,11 @@ from control_campaign.cases import CASES, CONTROLLERS, SEED, SPECIMENS, Case, pl
 from control_campaign.hardware import drawn
 
 from pam_orthosis.control.loop import ClosedLoop
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.model.plant import Plant, with_belief
-from pam_orthosis.planning.lacking import lacking_torque
 from pam_orthosis.planning.plan import make_plan
+from pam_orthosis.planning.recorded import recorded
 
 MUSCLES = ("extensor", "flexor")
 LEARNING = ("learned", "planned", "replanned")
@@ -63,14 +65,20 @@ def _run(parameters: Parameters, case: Case, controller: str, belief: dict) -> d
         return pid.run(parameters, Plant(parameters, SEED), pid.TUNED[case.wearer], steps)
     believed = {key: value for key, value in belief.items() if key not in case.otherwise}
     parameters = with_belief(parameters, believed if controller in LEARNING else {})
-    if controller in ("planned", "replanned"):
+    if controller == "planned":
         parameters = parameters.changed(make_plan(parameters).overrides)
-    run = ClosedLoop(parameters, SEED).run(steps)
-    if controller != "replanned":
-        return run
-    lacking = lacking_torque(run["time"], run["disturbance"], parameters)
-    again = parameters.changed(make_plan(parameters, lacking=lacking).overrides)
-    return ClosedLoop(again, SEED).run(steps)
+    if controller == "replanned":
+        before = ClosedLoop(_planned_if_any(parameters), SEED).run(steps)
+        after = make_plan(parameters, recorded=recorded(before["time"], before, parameters))
+        parameters = parameters.changed(after.overrides)
+    return ClosedLoop(parameters, SEED).run(steps)
+
+
+def _planned_if_any(parameters: Parameters) -> Parameters:
+    try:
+        return parameters.changed(make_plan(parameters).overrides)
+    except OrthosisError:  # no motion found: then a run without a plan shows what the model lacks
+        return parameters
 
 
 def _figures(run: dict[str, np.ndarray], parameters: Parameters) -> dict[str, float]:
@@ -104,7 +112,7 @@ def run(out: Path, controllers: Sequence[str], limit: int | None, jobs: int) -> 
     beliefs = {r["specimen"]: r["belief"] for r in results if "belief" in r}
     not_enough = {
         (r["specimen"], r["case"]) for r in results
-        if r.get("controller") == "planned" and r.get("max_deg", 0.0) > GOAL
+        if r.get("controller") == "planned" and r.get("max_deg", np.inf) > GOAL
     }  # fmt: skip
     wanted = [
         (specimen, case, name) for specimen, case in plan() for name in controllers

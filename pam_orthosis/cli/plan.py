@@ -48,8 +48,8 @@ def execute(arguments: argparse.Namespace) -> int:
     """Plan; return 0 if there is a motion that the muscles can make."""
     from pam_orthosis.cli.run import assignments
     from pam_orthosis.discrepancy import patch
-    from pam_orthosis.planning.lacking import lacking_in
     from pam_orthosis.planning.plan import make_plan
+    from pam_orthosis.planning.recorded import recorded_in
 
     if arguments.out.exists():
         raise OrthosisError(f"{arguments.out} exists; choose another --out")
@@ -57,13 +57,11 @@ def execute(arguments: argparse.Namespace) -> int:
         raise OrthosisError(f"--reserve {arguments.reserve:g}: give 0 to 1 bar")
     known = patch.read(arguments.model) if arguments.model else {}
     parameters = load(scenario_overrides(arguments.scenario) | assignments(arguments.param)).changed(known)
-    options = {}
-    if arguments.after:
-        options["lacking"] = lacking_in(arguments.after, parameters, arguments.namespace)
-    plan = make_plan(parameters, arguments.reserve * BAR, _progress, **options)
+    after = recorded_in(arguments.after, parameters, arguments.namespace) if arguments.after else None
+    plan = make_plan(parameters, arguments.reserve * BAR, _progress, after)
     parameters.changed(plan.overrides)  # the rules of the configuration hold for it, or it is not written
     patch.write(arguments.out, known | plan.overrides)
-    print(_told(plan, options.get("lacking")))
+    print(_told(plan, after))
     return 0
 
 
@@ -71,12 +69,12 @@ def _progress(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def _told(plan, lacking) -> str:
+def _told(plan, recorded) -> str:
     import numpy as np
 
     cycle, lines = plan.cycle, []
-    if lacking:
-        torque = lacking(np.arange(len(plan.wanted)) / len(plan.wanted))
+    if recorded:
+        torque = recorded.lacking(np.arange(len(plan.wanted)) / len(plan.wanted))
         lines.append(f"torque not explained {torque.min():.2f} .. {torque.max():.2f} N m")
     change = np.degrees(np.abs(cycle.angle - plan.wanted))
     lines.append(

@@ -19,8 +19,10 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.rules import FARTHEST_PLAN
 from pam_orthosis.planning.problem import HELPS, Cycle, NotFound, nearest_cycle
+from pam_orthosis.planning.recorded import Recorded
 
 NODES = 200  # of a cycle
+_MIDDLES = (np.arange(NODES) + 0.5) / NODES  # phases between the nodes
 HARMONICS = 24  # as many as the rows of `scenario.plan` have coefficients
 ROUNDS = 4  # at most: the effects' torque depends on the pressures, and these on it
 SETTLED = 1.0e-3  # rad by which another round does not change the result any more
@@ -59,14 +61,15 @@ def make_plan(
     parameters: Parameters,
     reserve: float = RESERVE,
     tell: Callable[[str], None] = lambda _: None,
-    lacking: Callable[[np.ndarray], np.ndarray] = np.zeros_like,
+    recorded: Recorded | None = None,
 ) -> Plan:
     """Return the plan of the scenario's cycle by what the controllers believe.
 
     Args:
         reserve: by how much less than they believe supply and highest pressure are taken for, Pa.
         tell: called with a line after each round.
-        lacking: phases -> torque that their model lacks, N m towards flexion; see `planning.lacking`.
+        recorded: what a run of it showed: the torque that their model lacks is planned for, and the search
+            begins at the cycle that the knee made.
 
     Raises:
         OrthosisError: the scenario has no cycle, or no motion was found that the muscles can make.
@@ -78,7 +81,10 @@ def make_plan(
     angle, velocity, acceleration = _cycle(trajectory, belief)
     mean = np.full(NODES, belief.control.position.mean_pressure)
     starts = [_unhurried(belief, angle, velocity, acceleration), Cycle(angle, mean, mean, 0.0)]
-    cycle = _nearest(belief, starts, angle, velocity, lacking((np.arange(NODES) + 0.5) / NODES), tell)
+    lacking = np.zeros(NODES)
+    if recorded:
+        starts, lacking = [_cycle_of(recorded), *starts], recorded.lacking(_MIDDLES)
+    cycle = _nearest(belief, starts, angle, velocity, lacking, tell)
     if cycle.largest >= FARTHEST_PLAN:
         away = f"the nearest motion found is {np.degrees(cycle.largest):.0f} deg away"
         raise OrthosisError(f"{away} from the wanted one; {HELPS}")
@@ -86,7 +92,7 @@ def make_plan(
 
 
 def _nearest(belief, starts: list[Cycle], angle, velocity, lacking, tell) -> Cycle:
-    """Return the nearest cycle found, first from one of the starts and then from what was found before."""
+    """Return the nearest cycle found: from one of the starts, and then from what was found before."""
     period = belief.scenario.cycle_time / NODES
 
     def found(start: Cycle) -> Cycle:
@@ -95,10 +101,7 @@ def _nearest(belief, starts: list[Cycle], angle, velocity, lacking, tell) -> Cyc
         tell(f"within {np.degrees(cycle.largest):.2f} deg")
         return cycle
 
-    try:
-        cycle = found(starts[0])
-    except NotFound:
-        cycle = found(starts[1])
+    cycle = _first(found, starts)
     for _ in range(ROUNDS - 1):
         before = cycle
         with suppress(NotFound):  # what was found before is a motion too
@@ -106,6 +109,15 @@ def _nearest(belief, starts: list[Cycle], angle, velocity, lacking, tell) -> Cyc
         if abs(cycle.largest - before.largest) < SETTLED:
             break
     return cycle
+
+
+def _first(found: Callable[[Cycle], Cycle], starts: list[Cycle]) -> Cycle:
+    """Return what is found from the first start that leads to a cycle."""
+    *earlier, last = starts
+    for start in earlier:
+        with suppress(NotFound):
+            return found(start)
+    return found(last)
 
 
 def _with_reserve(belief: Parameters, reserve: float) -> Parameters:
@@ -136,6 +148,12 @@ def _unhurried(belief, angle: np.ndarray, velocity: np.ndarray, acceleration: np
     return Cycle(angle, extensor, flexor, 0.0)
 
 
+def _cycle_of(recorded: Recorded) -> Cycle:
+    phases = np.arange(NODES) / NODES
+    pressures = recorded.extensor_pressure(phases), recorded.flexor_pressure(phases)
+    return Cycle(recorded.angle(phases), *pressures, 0.0)
+
+
 def _effects(belief, angle: np.ndarray, velocity: np.ndarray, cycle: Cycle) -> np.ndarray:
     """Return the torque of the believed effects between the nodes, along the wanted motion, N m."""
     step, count = belief.scenario.control_period, NODES
@@ -150,8 +168,7 @@ def _effects(belief, angle: np.ndarray, velocity: np.ndarray, cycle: Cycle) -> n
     for _ in range(2):  # the first time their states find their cycle
         for i, (q, rate, extensor, flexor) in enumerate(zip(*rows, strict=True)):
             torque[i] = law.step(Reference(q, rate, 0.0), extensor, flexor)
-    middle = (np.arange(count) + 0.5) * samples / count
-    return np.interp(middle, np.arange(samples + 1), np.append(torque, torque[0]))
+    return np.interp(_MIDDLES * samples, np.arange(samples + 1), np.append(torque, torque[0]))
 
 
 def _rounded(values: np.ndarray) -> list[float]:
