@@ -224,7 +224,8 @@ def _value(message: Any, signal: Signal) -> float:
     if BY_NAME[signal.topic].type.endswith("JointTrajectory"):
         if not message.points:
             return np.nan
-        return _at(getattr(message.points[0], signal.field), message.joint_names, signal.joint)
+        point = message.points[signal.point]
+        return _at(getattr(point, signal.field), message.joint_names, signal.joint)
     if signal.joint:
         return _at(getattr(message, signal.field), message.name, signal.joint)
     return attrgetter(signal.field)(message)

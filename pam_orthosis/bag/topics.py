@@ -183,13 +183,17 @@ def is_health_instant(stamp_ns: int, period_ns: int) -> bool:
 
 
 class Signal(NamedTuple):
-    """One number on a topic: its message field, and the joint where the field is a list."""
+    """One number on a topic: its message field, and the joint where the field is a list.
+
+    `point` is that of a trajectory, as an index.
+    """
 
     name: str
     topic: str
     field: str
     joint: str
     unit: str
+    point: int = 0
 
 
 def _muscle_signals(muscle: str) -> list[Signal]:
@@ -220,6 +224,7 @@ SIGNALS = {
         Signal("reference_angle", "reference", "positions", "knee", "rad"),
         Signal("reference_velocity", "reference", "velocities", "knee", "rad/s"),
         Signal("reference_acceleration", "reference", "accelerations", "knee", "rad/s^2"),
+        Signal("followed_angle", "reference", "positions", "knee", "rad", -1),  # with a plan that of the plan
         Signal("estimate_angle", "estimate", "position", "knee", "rad"),
         Signal("estimate_velocity", "estimate", "velocity", "knee", "rad/s"),
         Signal("disturbance", "disturbance", "wrench.torque.y", "", "N m"),

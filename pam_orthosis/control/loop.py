@@ -17,7 +17,7 @@ from pam_orthosis.model.orthosis import MUSCLES
 from pam_orthosis.model.plant import Plant
 
 SIGNALS = (
-    "time", "reference_angle", "reference_velocity", "reference_acceleration",
+    "time", "reference_angle", "reference_velocity", "reference_acceleration", "followed_angle",
     "angle", "extensor_pressure", "flexor_pressure",
     "estimated_angle", "estimated_velocity", "disturbance",
     "extensor_pressure_reference", "flexor_pressure_reference",
@@ -67,6 +67,7 @@ class ClosedLoop:
         time_ns = index * self.plant.period_ns
         measured, truth = self.plant.measure(), self.plant.truth()
         reference = self._trajectory.sample(time_ns)
+        followed = reference.angle if reference.planned_angle is None else reference.planned_angle
         held = index % self._every
         if not held:
             self._command = self._position.step(*measured, reference)
@@ -81,7 +82,7 @@ class ClosedLoop:
         ]
         self.plant.advance(*voltages)
         return (
-            time_ns * 1e-9, *reference[:3], *measured, command.angle, command.velocity,
+            time_ns * 1e-9, *reference[:3], followed, *measured, command.angle, command.velocity,
             command.disturbance, *wanted, *flows, *voltages,
             truth.angle, truth.velocity, truth.torque, command.saturated, command.clamped,
         )  # fmt: skip

@@ -16,6 +16,7 @@ from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model.parameters import Parameters, scenario_overrides
 
 NANOSECONDS = 1e9
+NOT_WRITTEN = {"disturbance", "followed_angle"}  # `write_arrays` knows no wrench and no second point
 LEVELS = {"scenario.diagnostic.low_angle": 0.45, "scenario.diagnostic.high_angle": 1.0}
 DECAY = "diagnostic-decay"
 ONCE = 11.0  # s, in which the programme of the decay runs through once
@@ -61,7 +62,7 @@ def record(parameters: Parameters, seed: int, scenario: str, folder: Path) -> No
     """
     period = parameters.scenario.control_period
     run = ClosedLoop(parameters, seed).run(round(parameters.scenario.duration / period))
-    signals = {name: values for name, values in run.items() if name in SIGNALS and name != "disturbance"}
+    signals = {name: values for name, values in run.items() if name in SIGNALS.keys() - NOT_WRITTEN}
     signals |= {f"estimate_{name}": run[f"estimated_{name}"] for name in ("angle", "velocity")}
     stamps = np.round(run["time"] * NANOSECONDS).astype(np.int64)
     told = parameters.changed({"scenario.seed": seed})

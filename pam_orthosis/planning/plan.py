@@ -27,21 +27,26 @@ HARMONICS = 24  # as many as the rows of `scenario.plan` have coefficients
 ROUNDS = 4  # at most: the effects' torque depends on the pressures, and these on it
 SETTLED = 1.0e-3  # rad by which another round does not change the result any more
 DIGITS = 6
+LEAD = 0.02  # s by which the knee is late where valves are at their limits, and more is asked for earlier
 RESERVE = 3.0e3  # Pa: with less the feedback has nothing left, with more the plan gives way too much
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What was planned: the wanted angle, (N,) rad, the planned cycle and its duration, s."""
+    """What was planned: duration of the cycle, s, wanted angle, (N,) rad, and the planned cycle.
+
+    `asked` is the angle that is asked for so that the knee makes the planned one, (N,) rad.
+    """
 
     cycle_time: float
     wanted: np.ndarray
     cycle: Cycle
+    asked: np.ndarray
 
     @property
     def overrides(self) -> dict[str, Any]:
         """Return the parameters that let the trajectory publisher ask for the plan."""
-        change = self.cycle.angle - self.wanted
+        change = self.asked - self.wanted
         mean = (self.cycle.extensor_pressure + self.cycle.flexor_pressure) / 2
         told: dict[str, Any] = {"scenario.plan.enabled": True, "scenario.plan.cycle_time": self.cycle_time}
         for name, values in (("angle", change), ("pressure", mean)):
@@ -68,8 +73,8 @@ def make_plan(
     Args:
         reserve: by how much less than they believe supply and highest pressure are taken for, Pa.
         tell: called with a line after each round.
-        recorded: what a run of it showed: the torque that their model lacks is planned for, and the search
-            begins at the cycle that the knee made.
+        recorded: what a run of it showed: the torque that their model lacks is planned for, the search begins
+            at the cycle that the knee made, and by what it fell short of an earlier plan more is asked for.
 
     Raises:
         OrthosisError: the scenario has no cycle, or no motion was found that the muscles can make.
@@ -88,7 +93,8 @@ def make_plan(
     if cycle.largest >= FARTHEST_PLAN:
         away = f"the nearest motion found is {np.degrees(cycle.largest):.0f} deg away"
         raise OrthosisError(f"{away} from the wanted one; {HELPS}")
-    return Plan(belief.scenario.cycle_time, angle, cycle)
+    asked = cycle.angle + (_fell_short(recorded, belief.scenario.cycle_time) if recorded else 0.0)
+    return Plan(belief.scenario.cycle_time, angle, cycle, asked)
 
 
 def _nearest(belief, starts: list[Cycle], angle, velocity, lacking, tell) -> Cycle:
@@ -152,6 +158,15 @@ def _cycle_of(recorded: Recorded) -> Cycle:
     phases = np.arange(NODES) / NODES
     pressures = recorded.extensor_pressure(phases), recorded.flexor_pressure(phases)
     return Cycle(recorded.angle(phases), *pressures, 0.0)
+
+
+def _fell_short(recorded: Recorded, cycle_time: float) -> np.ndarray:
+    """Return by what the knee fell short of a plan, `LEAD` earlier, rad; nothing if there was none.
+
+    Of a motion that the muscles cannot make it says nothing.
+    """
+    phases = np.arange(NODES) / NODES + LEAD / cycle_time
+    return recorded.planned * (recorded.followed_angle(phases) - recorded.angle(phases))
 
 
 def _effects(belief, angle: np.ndarray, velocity: np.ndarray, cycle: Cycle) -> np.ndarray:

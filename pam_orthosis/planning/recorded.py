@@ -20,7 +20,7 @@ HARMONICS = 12
 SAME_MOTION = 1.0e-3  # rad
 
 Series = Callable[[np.ndarray], np.ndarray]
-MOTION = ("angle", "extensor_pressure", "flexor_pressure")
+MOTION = ("angle", "extensor_pressure", "flexor_pressure", "followed_angle")
 NEEDED = ("reference_angle", "disturbance", *MOTION)
 
 
@@ -33,12 +33,16 @@ class Recorded:
             Eq. (29), with its lag: the controllers will meet it with that lag again.
         angle: of the knee, rad.
         extensor_pressure, flexor_pressure: absolute, Pa.
+        followed_angle: that the knee was to follow, rad.
+        planned: whether that was a plan's, which muscles can make, and not the wanted one.
     """
 
     lacking: Series
     angle: Series
     extensor_pressure: Series
     flexor_pressure: Series
+    followed_angle: Series
+    planned: bool
 
 
 def recorded_in(path: Path, parameters: Parameters, namespace: str = "") -> Recorded:
@@ -69,8 +73,8 @@ def recorded(time: np.ndarray, signals: Mapping[str, np.ndarray], parameters: Pa
 
     Args:
         time: (n,) since the start of the run, s.
-        signals: (n,) each: `reference_angle` and measured `angle`, rad, measured pressures, Pa, and
-            `disturbance`, tau of Eq. (26), N m.
+        signals: (n,) each: `reference_angle`, `followed_angle` and measured `angle`, rad, measured
+            pressures, Pa, and `disturbance`, tau of Eq. (26), N m.
         parameters: of the run.
 
     Raises:
@@ -88,7 +92,8 @@ def recorded(time: np.ndarray, signals: Mapping[str, np.ndarray], parameters: Pa
         found, *_ = np.linalg.lstsq(waves, values[steady], rcond=None)
         return lambda phase: _waves(phase) @ found
 
-    return Recorded(series(-signals["disturbance"]), *(series(signals[name]) for name in MOTION))
+    planned = bool(np.any(signals["followed_angle"] != signals["reference_angle"]))
+    return Recorded(series(-signals["disturbance"]), *(series(signals[name]) for name in MOTION), planned)
 
 
 def _waves(phase: np.ndarray) -> np.ndarray:

@@ -27,11 +27,13 @@ def joint_state(stamp_ns, name, position=(), velocity=(), effort=()):
     return _type("sensor_msgs/msg/JointState")(header(stamp_ns), [name], *arrays)
 
 
-def reference(stamp_ns, angle, velocity):
+def reference(stamp_ns, *motions):
+    """Return a trajectory of a point for each motion (angle, velocity)."""
     duration = _type("builtin_interfaces/msg/Duration")(0, 0)
-    values = [np.array([value], dtype=float) for value in (angle, velocity, 0.0)]
-    point = _type("trajectory_msgs/msg/JointTrajectoryPoint")(*values, np.array([]), duration)
-    return _type("trajectory_msgs/msg/JointTrajectory")(header(stamp_ns), ["knee"], [point])
+    values = [[np.array([value], dtype=float) for value in (*motion, 0.0)] for motion in motions]
+    point = _type("trajectory_msgs/msg/JointTrajectoryPoint")
+    points = [point(*each, np.array([]), duration) for each in values]
+    return _type("trajectory_msgs/msg/JointTrajectory")(header(stamp_ns), ["knee"], points)
 
 
 def write(writer, topic, stamp_ns, message):
@@ -49,5 +51,5 @@ def write_tracking_bag(folder, stamps, wanted, angle, parameters=None, drop_angl
         for k, stamp_ns in enumerate(stamps.tolist()):
             if k not in drop_angle:
                 write(writer, "joint_states", stamp_ns, joint_state(stamp_ns, "knee", [angle[k]]))
-            write(writer, "reference", stamp_ns, reference(stamp_ns, wanted[k], velocity[k]))
+            write(writer, "reference", stamp_ns, reference(stamp_ns, (wanted[k], velocity[k])))
     return folder

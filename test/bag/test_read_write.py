@@ -11,7 +11,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from bags import PERIOD_NS, STORE, joint_state, write, write_tracking_bag
+from bags import PERIOD_NS, STORE, joint_state, reference, write, write_tracking_bag
 from pam_orthosis.bag import record
 from pam_orthosis.bag.read import Series, aligned, read_bag, run_record
 from pam_orthosis.bag.record import BagWriter
@@ -34,6 +34,18 @@ def test_values_and_stamps_come_back_exactly(bag):
     np.testing.assert_array_equal(read["reference_angle"].value, ANGLE + 0.01)
     assert read.parameters == {"scenario.seed": 7}
     assert read.run["scenario"] == "test"
+
+
+def test_what_the_knee_follows_is_the_wanted_motion_or_that_of_a_plan(bag, tmp_path):
+    read = read_bag(bag, ["reference_angle", "followed_angle"])
+    np.testing.assert_array_equal(read["followed_angle"].value, read["reference_angle"].value)
+    with BagWriter(tmp_path / "planned", {}) as writer:
+        writer.add_topic("/reference", "trajectory_msgs/msg/JointTrajectory")
+        for stamp_ns in STAMPS.tolist():
+            write(writer, "reference", stamp_ns, reference(stamp_ns, (0.5, 0.0), (0.4, 0.0)))
+    planned = read_bag(tmp_path / "planned", ["reference_angle", "followed_angle"])
+    assert set(planned["reference_angle"].value) == {0.5}
+    assert set(planned["followed_angle"].value) == {0.4}
 
 
 def test_rosbags_reads_it_with_metadata(bag):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plan that knows what a run showed: the torque that the model lacked, and the cycle that the knee made."""
+"""A plan that knows what a run showed: torque that the model lacked, the cycle made, how it fell short."""
 
 from pathlib import Path
 
@@ -48,6 +48,7 @@ def test_what_comes_again_in_each_cycle_is_found_at_its_phase():
         "angle": (lambda phase: 0.01 * torque(phase), 0.01),
         "extensor_pressure": (lambda phase: 3e5 + 1e5 * torque(phase), 1e5),
         "flexor_pressure": (lambda phase: 4e5 - 1e5 * torque(phase), 1e5),
+        "followed_angle": (lambda phase: 0.02 * torque(phase), 0.02),
     }
     found = run_of(time, shown)
     wanted = torque(PHASES)
@@ -55,6 +56,8 @@ def test_what_comes_again_in_each_cycle_is_found_at_its_phase():
     assert found.angle(PHASES) == pytest.approx(0.01 * wanted, abs=0.0012)
     assert found.extensor_pressure(PHASES) == pytest.approx(3e5 + 1e5 * wanted, abs=0.12e5)
     assert found.flexor_pressure(PHASES) == pytest.approx(4e5 - 1e5 * wanted, abs=0.12e5)
+    assert found.followed_angle(PHASES) == pytest.approx(0.02 * wanted, abs=0.0024)
+    assert found.planned
 
 
 def weak_and_unknown():
@@ -81,10 +84,16 @@ def test_a_plan_after_one_run_gains_what_a_plan_by_the_model_alone_does_not():
     assert after < min(3.0, 0.6 * blind)
 
 
+def cycle_seen(planned):
+    """What was recorded of a knee that fell short of what it followed, and in what shapes."""
+    sizes = {"angle": 0.4, "extensor_pressure": 3e5, "flexor_pressure": 4e5, "followed_angle": 0.44}
+    shapes = {k: lambda phase, size=size: size * (1 + torque(phase) / 10) for k, size in sizes.items()}
+    return Recorded(np.zeros_like, **shapes, planned=planned)
+
+
 def test_the_search_begins_at_the_recorded_cycle_and_elsewhere_if_that_leads_nowhere(monkeypatch):
     p, at = load(scenario_overrides("person")), np.arange(plan.NODES) / plan.NODES
-    shown = [lambda phase, size=size: size * (1 + torque(phase) / 10) for size in (0.4, 3e5, 4e5)]
-    starts = []
+    starts, seen = [], cycle_seen(planned=False)
 
     def search(_belief, start, *_):
         starts.append(start)
@@ -93,13 +102,23 @@ def test_the_search_begins_at_the_recorded_cycle_and_elsewhere_if_that_leads_now
         return start
 
     monkeypatch.setattr(plan, "nearest_cycle", search)
-    plan.make_plan(p, recorded=Recorded(np.zeros_like, *shown))
-    got = starts[0].angle, starts[0].extensor_pressure, starts[0].flexor_pressure
-    for values, signal in zip(got, shown, strict=True):
-        assert values == pytest.approx(signal(at))
+    plan.make_plan(p, recorded=seen)
+    for name in ("angle", "extensor_pressure", "flexor_pressure"):
+        assert getattr(starts[0], name) == pytest.approx(getattr(seen, name)(at))
     plan.make_plan(p)
     assert starts[1].extensor_pressure == pytest.approx(starts[-1].extensor_pressure)
     assert starts[1].extensor_pressure != pytest.approx(starts[0].extensor_pressure, rel=0.01)
+
+
+def test_by_what_the_knee_fell_short_of_a_plan_more_is_asked_for_a_little_earlier(monkeypatch):
+    p, at = load(scenario_overrides("person")), np.arange(plan.NODES) / plan.NODES
+    monkeypatch.setattr(plan, "nearest_cycle", lambda _belief, start, *_: start)
+    after_one, after_none = (plan.make_plan(p, recorded=cycle_seen(planned)) for planned in (True, False))
+    later = at + plan.LEAD / p.scenario.cycle_time
+    assert after_one.asked - after_one.cycle.angle == pytest.approx(0.04 * (1 + torque(later) / 10))
+    assert np.array_equal(after_none.asked, after_none.cycle.angle)
+    cosine = after_one.overrides["scenario.plan.angle.cosine"]
+    assert cosine[0] == pytest.approx((after_one.asked - after_one.wanted).mean(), abs=1e-5)
 
 
 def test_a_run_without_a_whole_cycle_is_refused():
