@@ -22,7 +22,9 @@ from pam_orthosis.planning.problem import HELPS, Cycle, NotFound, nearest_cycle
 from pam_orthosis.planning.recorded import Recorded
 
 NODES = 200  # of a cycle
-_MIDDLES = (np.arange(NODES) + 0.5) / NODES  # phases between the nodes
+_PHASES = np.arange(NODES) / NODES
+_MIDDLES = _PHASES + 0.5 / NODES
+_NEAR_REST = np.cos(np.pi * _PHASES) ** 16  # 1 at the phase of rest, within a tenth of a cycle nearly 0
 HARMONICS = 24  # as many as the rows of `scenario.plan` have coefficients
 ROUNDS = 4  # at most: the effects' torque depends on the pressures, and these on it
 SETTLED = 1.0e-3  # rad by which another round does not change the result any more
@@ -155,18 +157,18 @@ def _unhurried(belief, angle: np.ndarray, velocity: np.ndarray, acceleration: np
 
 
 def _cycle_of(recorded: Recorded) -> Cycle:
-    phases = np.arange(NODES) / NODES
-    pressures = recorded.extensor_pressure(phases), recorded.flexor_pressure(phases)
-    return Cycle(recorded.angle(phases), *pressures, 0.0)
+    pressures = recorded.extensor_pressure(_PHASES), recorded.flexor_pressure(_PHASES)
+    return Cycle(recorded.angle(_PHASES), *pressures, 0.0)
 
 
 def _fell_short(recorded: Recorded, cycle_time: float) -> np.ndarray:
-    """Return by what the knee fell short of a plan, `LEAD` earlier, rad; nothing if there was none.
+    """Return by what the knee fell short of a plan, `LEAD` earlier, rad; nothing where it rests.
 
-    Of a motion that the muscles cannot make it says nothing.
+    Nothing either of a run without a plan: muscles may not be able to make that motion at all.
     """
-    phases = np.arange(NODES) / NODES + LEAD / cycle_time
-    return recorded.planned * (recorded.followed_angle(phases) - recorded.angle(phases))
+    later = _PHASES + LEAD / cycle_time
+    short = recorded.planned * (recorded.followed_angle(later) - recorded.angle(later))
+    return short - short[0] * _NEAR_REST
 
 
 def _effects(belief, angle: np.ndarray, velocity: np.ndarray, cycle: Cycle) -> np.ndarray:
