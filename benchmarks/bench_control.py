@@ -108,18 +108,8 @@ def _work(task: tuple[Path, int, list[tuple[Case, str]], dict | None]) -> None:
 def run(out: Path, controllers: Sequence[str], limit: int | None, jobs: int) -> None:
     """Make the runs that the results file does not hold yet."""
     results = _results(out)
-    done = {(r["specimen"], r["case"], r["controller"]) for r in results if "controller" in r}
     beliefs = {r["specimen"]: r["belief"] for r in results if "belief" in r}
-    not_enough = {
-        (r["specimen"], r["case"]) for r in results
-        if r.get("controller") == "planned" and r.get("max_deg", np.inf) > GOAL
-    }  # fmt: skip
-    wanted = [
-        (specimen, case, name) for specimen, case in plan() for name in controllers
-        if (name != "planned" or case.wearer == "person")
-        and (name != "replanned" or (specimen, case.name) in not_enough)
-    ]  # fmt: skip
-    todo = [one for one in wanted if (one[0], one[1].name, one[2]) not in done][:limit]
+    todo = missing(results, controllers)[:limit]
     for everywhere in (True, False):  # what is learned for the first ones is there for the others
         groups: dict[int, list[tuple[Case, str]]] = {}
         for specimen, case, name in todo:
@@ -129,6 +119,21 @@ def run(out: Path, controllers: Sequence[str], limit: int | None, jobs: int) -> 
         with ProcessPoolExecutor(jobs, initializer=os.nice, initargs=(NICE,)) as pool:
             list(pool.map(_work, tasks))
         beliefs |= {r["specimen"]: r["belief"] for r in _results(out) if "belief" in r}
+
+
+def missing(results: Sequence[dict], controllers: Sequence[str]) -> list[tuple[int, Case, str]]:
+    """Return specimen, task and controller of the runs that these results lack."""
+    done = {(r["specimen"], r["case"], r["controller"]) for r in results if "controller" in r}
+    not_enough = {
+        (r["specimen"], r["case"]) for r in results
+        if r.get("controller") == "planned" and r.get("max_deg", np.inf) > GOAL
+    }  # fmt: skip
+    wanted = [
+        (specimen, case, name) for specimen, case in plan() for name in controllers
+        if (name != "planned" or case.wearer == "person")
+        and (name != "replanned" or (specimen, case.name) in not_enough)
+    ]  # fmt: skip
+    return [one for one in wanted if (one[0], one[1].name, one[2]) not in done]
 
 
 def _line(result: dict) -> str:

@@ -38,7 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--after",
         type=Path,
         metavar="BAG",
-        help="recorded run of this scenario by this model: the torque that the model lacked is planned for",
+        help="recorded run of this scenario by this model: planned is what it showed of what the model lacks,"
+        " and, if it followed a plan, more is asked for where the knee fell short",
     )
     parser.add_argument("--namespace", default="", metavar="NS", help="of the leg in that bag")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="new model with the plan")
@@ -80,6 +81,9 @@ def _told(plan, recorded) -> str:
     lines.append(
         f"planned motion       within {change.max():.2f} deg of the wanted one (RMS {_rms(change):.2f})"
     )
+    if recorded and recorded.planned:
+        more = np.degrees(np.abs(plan.asked - cycle.angle).max())
+        lines.append(f"more is asked for    up to {more:.2f} deg: what the knee fell short of the last plan")
     for name, pressure in (("extensor", cycle.extensor_pressure), ("flexor", cycle.flexor_pressure)):
         lines.append(f"{name:8s} pressure    {pressure.min() / BAR:.2f} .. {pressure.max() / BAR:.2f} bar")
     mean = (cycle.extensor_pressure + cycle.flexor_pressure) / (2 * BAR)

@@ -17,6 +17,7 @@ from control_campaign.cases import CASES, SPECIMENS, plan
 from control_campaign.hardware import drawn
 
 from pam_orthosis.control import effects
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.improvement.learned import LEARNABLE
 from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.parameters import load
@@ -68,6 +69,37 @@ def _line(specimen, controller, largest):
     figures = {"rms_deg": 0.1, "variation_v_per_s": 50.0, "least_pressure": 1.2e5, "most_pressure": 5e5}
     told = {"specimen": specimen, "case": CASES[0].name, "controller": controller}
     return {**told, "max_deg": largest, **figures}
+
+
+def test_a_plan_after_a_run_is_asked_for_where_there_is_no_plan_or_one_that_is_not_enough():
+    person = next(case.name for case in CASES if case.wearer == "person")
+    figures = [{"max_deg": 0.9}, {"max_deg": 1.1}, {"failed": "no motion found"}]
+    results = [
+        {"specimen": specimen, "case": person, "controller": "planned"} | figure
+        for specimen, figure in enumerate(figures)
+    ]
+    asked = bench_control.missing(results, ["replanned"])
+    assert [(specimen, case.name) for specimen, case, _ in asked] == [(1, person), (2, person)]
+    done = [{"specimen": 1, "case": person, "controller": "replanned", "max_deg": 0.8}]
+    assert [one[0] for one in bench_control.missing(results + done, ["replanned"])] == [2]
+
+
+def test_where_no_plan_is_found_the_run_without_one_shows_what_the_model_lacks(monkeypatch):
+    case = next(case for case in CASES if case.wearer == "person")._replace(duration=6.0)
+    seen = []
+
+    def make_plan(parameters, recorded=None):
+        if recorded is None:
+            raise OrthosisError("no motion found")
+        seen.append(recorded)
+        return SimpleNamespace(overrides={})
+
+    monkeypatch.setattr(bench_control, "make_plan", make_plan)
+    run = bench_control._run(load(case.overrides()), case, "replanned", {})
+    assert not seen[0].planned
+    at = np.arange(10) / 10
+    assert seen[0].followed_angle(at) == pytest.approx(seen[0].angle(at), abs=np.radians(1.0))
+    assert np.degrees(np.abs(run["reference_angle"] - run["angle"]).max()) < 1.0
 
 
 def test_the_table_tells_the_worst_specimen(tmp_path):
