@@ -24,6 +24,7 @@ from pam_orthosis.model.effects import CATALOGUE
 BAR, GRAM = 1.0e5, 1.0e-3
 SLACKENING = 15.0  # N over which a muscle goes slack: the law's edge has no second derivative
 DRAWING = 0.02  # g/s over which a valve begins to draw from the supply, for the same reason
+SHARE = 0.9  # of what an open valve passes: who is late there could not catch up otherwise
 SECONDS = 60.0  # of processor time
 ITERATIONS = 1000
 HELPS = "a slower cycle, a lighter person or more supply pressure helps"
@@ -107,8 +108,8 @@ def _rates(belief) -> ca.Function:
     margins = []
     for i, name in enumerate(orthosis.MUSCLES):
         passes = effects.flow_of_opening(belief, name)
-        margins.append(passes(1.0, pressures[i], supply) / GRAM - flow[i])
-        margins.append(flow[i] - passes(-1.0, pressures[i], supply) / GRAM)
+        margins.append(SHARE * passes(1.0, pressures[i], supply) / GRAM - flow[i])
+        margins.append(flow[i] - SHARE * passes(-1.0, pressures[i], supply) / GRAM)
     scale = ca.DM([1.0, 1.0, BAR, BAR, *scales])
     base = model.x[: len(orthosis.BASE_STATES)]
     scaled = ca.SX.sym("scaled", scale.shape[0])

@@ -102,10 +102,10 @@ def share_of_the_valve(belief, plan, muscle):
     return np.where(needed > 0, needed / most, needed / least)
 
 
-def test_a_plan_asks_for_all_the_air_that_an_open_valve_passes_and_no_more(narrow):
+def test_a_plan_asks_for_nine_tenths_of_the_air_that_an_open_valve_passes_and_no_more(narrow):
     parameters, plan = narrow
     shares = [share_of_the_valve(parameters.belief(), plan, muscle) for muscle in ("extensor", "flexor")]
-    assert 0.95 < np.max(shares) < 1.01
+    assert 0.85 < np.max(shares) < 0.91
 
 
 def test_a_plan_keeps_the_limits_and_its_reserve(weak, plan):
