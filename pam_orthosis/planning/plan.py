@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -29,6 +30,7 @@ HARMONICS = 24  # as many as the rows of `scenario.plan` have coefficients
 ROUNDS = 4  # at most: the effects' torque depends on the pressures, and these on it
 SETTLED = 1.0e-3  # rad by which another round does not change the result any more
 DIGITS = 6
+SHARES = 0.9, 1.0  # of what an open valve passes: who is late cannot catch up with all of it, the last resort
 LEAD = 0.02  # s by which the knee is late where valves are at their limits, and more is asked for earlier
 RESERVE = 3.0e3  # Pa: with less the feedback has nothing left, with more the plan gives way too much
 
@@ -100,15 +102,20 @@ def make_plan(
 
 
 def _nearest(belief, starts: list[Cycle], angle, velocity, lacking, tell) -> Cycle:
-    """Return the nearest cycle found: from one of the starts, and then from what was found before."""
+    """Return the nearest cycle found, with the first of `SHARES` with which there is one."""
     period = belief.scenario.cycle_time / NODES
 
-    def found(start: Cycle) -> Cycle:
+    def found(share: float, start: Cycle) -> Cycle:
         torque = _effects(belief, angle, velocity, start) + lacking
-        cycle = nearest_cycle(belief, start, angle, velocity, torque, period)
+        cycle = nearest_cycle(belief, start, angle, velocity, torque, period, share)
         tell(f"within {np.degrees(cycle.largest):.2f} deg")
         return cycle
 
+    return _first(lambda share: _settled(partial(found, share), starts), SHARES)
+
+
+def _settled(found: Callable[[Cycle], Cycle], starts: list[Cycle]) -> Cycle:
+    """Return what is found from one of the starts, and then from what was found before."""
     cycle = _first(found, starts)
     for _ in range(ROUNDS - 1):
         before = cycle
@@ -119,12 +126,12 @@ def _nearest(belief, starts: list[Cycle], angle, velocity, lacking, tell) -> Cyc
     return cycle
 
 
-def _first(found: Callable[[Cycle], Cycle], starts: list[Cycle]) -> Cycle:
-    """Return what is found from the first start that leads to a cycle."""
-    *earlier, last = starts
-    for start in earlier:
+def _first(found: Callable[[Any], Cycle], options: Sequence[Any]) -> Cycle:
+    """Return what is found with the first option that leads to a cycle."""
+    *earlier, last = options
+    for option in earlier:
         with suppress(NotFound):
-            return found(start)
+            return found(option)
     return found(last)
 
 

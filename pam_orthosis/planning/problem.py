@@ -24,7 +24,6 @@ from pam_orthosis.model.effects import CATALOGUE
 BAR, GRAM = 1.0e5, 1.0e-3
 SLACKENING = 15.0  # N over which a muscle goes slack: the law's edge has no second derivative
 DRAWING = 0.02  # g/s over which a valve begins to draw from the supply, for the same reason
-SHARE = 0.9  # of what an open valve passes: who is late there could not catch up otherwise
 SECONDS = 60.0  # of processor time
 ITERATIONS = 1000
 HELPS = "a slower cycle, a lighter person or more supply pressure helps"
@@ -47,7 +46,13 @@ class Cycle:
 
 
 def nearest_cycle(
-    belief, start: Cycle, angle: np.ndarray, velocity: np.ndarray, torque: np.ndarray, period: float
+    belief,
+    start: Cycle,
+    angle: np.ndarray,
+    velocity: np.ndarray,
+    torque: np.ndarray,
+    period: float,
+    share: float = 1.0,
 ) -> Cycle:
     """Return the cycle whose largest distance from a wanted one is least.
 
@@ -57,11 +62,12 @@ def nearest_cycle(
         velocity: (N,) its rate, rad/s.
         torque: (N,) what is added to the muscles' torque between an instant and the next, N m.
         period: between two instants, s.
+        share: of what an open valve passes, that is asked for at most.
 
     Raises:
         NotFound: no motion was found that the muscles can make.
     """
-    count, rate = len(angle), _rates(belief)
+    count, rate = len(angle), _rates(belief, share)
     low = belief.control.position.minimum_pressure / BAR
     high = belief.control.position.maximum_pressure / BAR
     opti = ca.Opti()
@@ -94,8 +100,8 @@ def nearest_cycle(
     return Cycle(states[0], states[2] * BAR, states[3] * BAR, float(value(largest)))
 
 
-def _rates(belief) -> ca.Function:
-    """Return (state, mass flows, torque of the effects) -> (rates, distances from the valves' limits)."""
+def _rates(belief, share: float) -> ca.Function:
+    """Return (state, mass flows, torque of the effects) -> (rates, distances from the flows allowed)."""
     model = effects.gas_model(belief)
     supply, own, supply_rates, scales = _supply(belief)
     s = SimpleNamespace(**vars(model.signals))
@@ -108,8 +114,8 @@ def _rates(belief) -> ca.Function:
     margins = []
     for i, name in enumerate(orthosis.MUSCLES):
         passes = effects.flow_of_opening(belief, name)
-        margins.append(SHARE * passes(1.0, pressures[i], supply) / GRAM - flow[i])
-        margins.append(flow[i] - SHARE * passes(-1.0, pressures[i], supply) / GRAM)
+        margins.append(share * passes(1.0, pressures[i], supply) / GRAM - flow[i])
+        margins.append(flow[i] - share * passes(-1.0, pressures[i], supply) / GRAM)
     scale = ca.DM([1.0, 1.0, BAR, BAR, *scales])
     base = model.x[: len(orthosis.BASE_STATES)]
     scaled = ca.SX.sym("scaled", scale.shape[0])

@@ -163,6 +163,20 @@ def test_a_search_that_fails_begins_elsewhere_and_loses_nothing_that_was_found(m
     assert np.ptp(starts[1].flexor_pressure) == 0
 
 
+def test_a_valve_is_asked_for_all_it_passes_only_if_nothing_is_found_otherwise(monkeypatch):
+    asked = []
+
+    def nearest(_belief, start, angle, _velocity, _torque, _period, share):
+        asked.append(share)
+        if share < 1.0:
+            raise NotFound("none")
+        return Cycle(angle, start.extensor_pressure, start.flexor_pressure, 0.01)
+
+    monkeypatch.setattr(plan_module, "nearest_cycle", nearest)
+    make_plan(load())
+    assert asked == [0.9, 0.9, 1.0, 1.0]
+
+
 def test_fourier_coefficients_are_those_of_the_shape():
     shape = fourier_shape([0.1, 0.02, 0.0, 0.03], [0.0, -0.04, 0.05, 0.0])
     values = np.array([shape(k / NODES)[0] for k in range(NODES)])
