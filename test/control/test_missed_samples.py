@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pam_orthosis.control.guard import angle_guard
-from pam_orthosis.control.loop import ClosedLoop
+from pam_orthosis.control.loop import SIGNALS, ClosedLoop
 from pam_orthosis.control.observer import Observer
 from pam_orthosis.control.pressure import PressureController, mass_flow_function
 from pam_orthosis.model.parameters import load
@@ -29,7 +29,7 @@ class Sparse(ClosedLoop):
             periods = index - seen[-2] if len(seen) > 1 and self.told else 1
             self._voltages = self._answer(measured, reference, periods)
         self.plant.advance(*self._voltages)
-        return (reference.angle - self.plant.truth().angle, *[0.0] * 20)
+        return (reference.angle - self.plant.truth().angle, *[0.0] * (len(SIGNALS) - 1))
 
     def _answer(self, measured, reference, periods):
         command = self._position.step(*measured, reference, periods)
