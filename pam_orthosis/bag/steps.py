@@ -23,11 +23,11 @@ class Message(NamedTuple):
 class StepCollector:
     """Messages by instant; an instant leaves when all that the table promises for it have come.
 
-    An instant that stays incomplete leaves when `horizon` later ones are waiting.
+    In lockstep an incomplete instant stays: its plant goes no further, and what is stamped much later is
+    not of the run.
 
     Args:
         period_ns: control period.
-        horizon: number of instants.
         topics: table of the run, of lockstep if not given.
         late_ns: in real time an instant leaves at the latest when one so much later is there, complete or
             not, so that little is held back; what comes for it afterwards leaves by itself.
@@ -38,13 +38,11 @@ class StepCollector:
     def __init__(
         self,
         period_ns: int,
-        horizon: int = 1000,
         topics: Mapping[str, Topic] | None = None,
         late_ns: int | None = None,
         every: int = 1,
     ):
         self._period_ns, self._slow_ns = period_ns, every * period_ns
-        self._horizon = horizon
         self._topics = table() if topics is None else topics
         self._order = {name: index for index, name in enumerate(self._topics)}
         self._of_many = {name for name, topic in self._topics.items() if len(topic.producers) > 1}
@@ -85,7 +83,7 @@ class StepCollector:
         if topic in self._slow:
             self._slow_since_ns = stamp_ns
         whole = len(instant) >= self._each_step
-        return whole or self._late_ns is not None or len(self._pending) > self._horizon
+        return whole or self._late_ns is not None
 
     def complete(self, most: int | None = None) -> Iterator[Message]:
         """Hand out, in order of instant and table, what is complete: all, or at most so many instants."""
@@ -94,7 +92,7 @@ class StepCollector:
             oldest = self._stamps[0]
             whole = len(self._pending[oldest]) >= self._due(oldest)
             late = self._late_ns is not None and self._newest_ns - oldest > self._late_ns
-            if oldest > self.done_ns and not (whole or late or len(self._pending) > self._horizon):
+            if oldest > self.done_ns and not (whole or late):
                 return
             yield from self._leave()
 

@@ -25,7 +25,7 @@ from pam_orthosis.scene.messages import TYPES, LegScene, in_scene
 from pam_orthosis.scene.sampled import INPUTS, SampledScene
 
 QUEUE_DEPTH = 5000
-HORIZON, LATE_NS = 1000, 150_000_000
+LATE_NS = 150_000_000
 WRITTEN_A_SAMPLE = 3  # instants, in real time: what waited for a late one must not hold up the graph
 LOOK_SECONDS, ACKNOWLEDGED_STEPS = 0.05, 10
 
@@ -112,7 +112,7 @@ class BagRecorder(graph.GraphNode):
     def _collector(self, legs: Sequence[str]) -> StepCollector:
         topics = {in_leg(name, leg, self.legs): topic for leg in legs for name, topic in self.topics.items()}
         late_ns = LATE_NS if self.realtime else None
-        return StepCollector(self.period_ns, HORIZON, topics, late_ns, self.every)
+        return StepCollector(self.period_ns, topics, late_ns, self.every)
 
     def _collectors(self) -> list[StepCollector]:
         return list(dict.fromkeys(leg.steps for leg in self._legs))

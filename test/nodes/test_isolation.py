@@ -57,9 +57,11 @@ def _fill_ahead(publisher):
 def test_a_stranger_on_a_command_topic_is_named_and_moves_no_valve(stranger, live_run):
     from sensor_msgs.msg import JointState
 
+    from pam_orthosis.nodes.plant_simulator import VENT_SAMPLE_NS, VENT_SAMPLES
+
     run = live_run("--open", *QUICK)
     run.wait_until_it_records()
-    publisher = stranger.create_publisher(JointState, "extensor/valve_voltage", 10)
+    publisher = stranger.create_publisher(JointState, "extensor/valve_voltage", 20 * STEPS)
     wait_for(lambda: publisher.get_subscription_count() > 0)
     _fill_ahead(publisher)
     status, said, _ = run.ended()
@@ -69,7 +71,9 @@ def test_a_stranger_on_a_command_topic_is_named_and_moves_no_valve(stranger, liv
     recorded, expected = read_bag(run.bag, MEASURED), _expected(1)
     count = _regular(recorded["angle"].stamp_ns)
     assert all(np.array_equal(recorded[name].value[:count], expected[name][:count]) for name in MEASURED)
-    assert recorded["extensor_pressure"].value[-1] < 1.5 * load().valve.ambient_pressure
+    vented = recorded["extensor_pressure"]
+    assert vented.value[-1] < 1.5 * load().valve.ambient_pressure
+    assert (np.diff(vented.stamp_ns[-VENT_SAMPLES:]) == VENT_SAMPLE_NS).all()  # the flood drowned none
 
 
 @pytest.fixture
