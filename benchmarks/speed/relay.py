@@ -96,19 +96,17 @@ class Relay(Node):
 
     def outputs(self, under: str = "") -> Callable[[int], None]:
         """Return what publishes all that the node publishes, with names that begin with `under`."""
-        made = [
-            (self.publisher(t), filled(t))
-            for t in STEP
-            if self.role in t.producers and t.name.startswith(under)
-        ]
-        stamps = [message.clock if hasattr(message, "clock") else message.header.stamp for _, message in made]
+        mine = [t for t in STEP if self.role in t.producers and t.name.startswith(under)]
+        made = [(self.publisher(t), filled(t), t.slow) for t in mine]
+        stamps = [m.clock if hasattr(m, "clock") else m.header.stamp for _, m, _ in made]
 
         def publish(stamp_ns: int) -> None:
             sec, nanosec = divmod(stamp_ns, topics.SECOND_NS)
             for stamp in stamps:
                 stamp.sec, stamp.nanosec = sec, nanosec
-            for publisher, message in made:
-                publisher.publish(message)
+            for publisher, message, slow in made:
+                if not slow or self.rates.slow(stamp_ns):
+                    publisher.publish(message)
 
         return publish
 
@@ -165,8 +163,6 @@ class Trajectory(Relay):
 
     def _tick(self, message) -> None:
         stamp_ns = messages.nanoseconds(message.clock)
-        if not self.rates.slow(stamp_ns):
-            return
         if self._first_ns < 0:
             self._publish(stamp_ns)
         self._publish(stamp_ns + self.period_ns * self.rates.every)
@@ -271,7 +267,7 @@ class Recorder(Relay):
         def receive(data: bytes) -> None:
             stamp_ns = messages.serialised_stamp_ns(data)
             self._writer.add_message(channel, stamp_ns, bytes(data), stamp_ns)
-            if topic.name == "/clock" and stamp_ns % (ACKNOWLEDGED_STEPS * self.period_ns) == 0:
+            if topic.name == "joint_states" and stamp_ns % (ACKNOWLEDGED_STEPS * self.period_ns) == 0:
                 self._acknowledge.publish(messages.time(stamp_ns))
                 self.passed(stamp_ns)
 

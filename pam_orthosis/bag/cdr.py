@@ -164,6 +164,19 @@ class Reader:
         values = take(data)
         return values[0] * SECOND_NS + values[1], values[2:]
 
+    def stamp_ns(self, data: bytes) -> int:
+        """Return the stamp alone, ns, whatever stands behind it.
+
+        Raises:
+            Unreadable: there is none.
+        """
+        if data[:2] != LITTLE_ENDIAN:
+            return self(data)[0]
+        if len(data) < HEAD + STAMP.size:
+            raise Unreadable(f"{self._msgtype} has no stamp")
+        seconds, nanosec = STAMP.unpack_from(data, HEAD)
+        return seconds * SECOND_NS + nanosec
+
 
 class Template:
     """Makes serialised messages of the shape of an example, with another stamp and other numbers.

@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pam_orthosis.bag.read import raw_messages
-from pam_orthosis.bag.topics import NODES, PLANT, RECORDER, SECOND_NS, SLOW, TRAJECTORY, Topic, table
+from pam_orthosis.bag.topics import CLOCK, NODES, PLANT, RECORDER, SECOND_NS, SLOW, TRAJECTORY, Topic, table
 from pam_orthosis.errors import OrthosisError
 
-CLOCK = "/clock"
 TIMES = "joint_states"  # whose stamps are the instants
 Messages = Mapping[str, Mapping[int, bytes]]
 

@@ -132,6 +132,6 @@ class StepCollector:
         return self._slow_since_ns is None or (stamp_ns - self._slow_since_ns) % self._slow_ns == 0
 
     def _promised(self, slow: Collection[bool], *rates: str) -> int:
-        """Return how many messages of these rates come from nodes that are slow, or are not."""
+        """Return how many messages of these rates are slow, or are not; a health report is as its node."""
         some = [topic for topic in self._topics.values() if topic.rate in rates]
-        return sum((node in SLOW) in slow for topic in some for node in topic.producers)
+        return sum((topic.slow or node in SLOW) in slow for topic in some for node in topic.producers)

@@ -22,6 +22,7 @@ RECORDER = "bag_recorder"
 NODES = (PLANT, TRAJECTORY, POSITION, EXTENSOR, FLEXOR, VALVE, RECORDER)
 SLOW = (TRAJECTORY, POSITION)  # these work at each `control.position.every`-th control period
 
+CLOCK = "/clock"
 SECOND_NS = 1_000_000_000
 # a writer forgets what is older, read or not; the plant is never so many steps ahead of the recorder
 PUBLISHED_DEPTH = 200
@@ -50,8 +51,11 @@ class Topic:
 
     @property
     def slow(self) -> bool:
-        """Whether there is a message at each step of the position controller only."""
-        return self.rate == "step" and self.producers[0] in SLOW
+        """Whether there is a message at each step of the position controller only.
+
+        The clock ticks for the trajectory, which is as slow.
+        """
+        return self.rate == "step" and (self.producers[0] in SLOW or self.name == CLOCK)
 
     @property
     def subscribers(self) -> tuple[str, ...]:
@@ -67,7 +71,7 @@ JOINT, PRESSURE = "sensor_msgs/msg/JointState", "sensor_msgs/msg/FluidPressure"
 _OTHERS = tuple(node for node in NODES if node != RECORDER)
 
 TOPICS = (
-    _topic("/clock", "rosgraph_msgs/msg/Clock", PLANT, [TRAJECTORY], "simulated time", "s"),
+    _topic(CLOCK, "rosgraph_msgs/msg/Clock", PLANT, [TRAJECTORY], "simulated time", "s"),
     _topic("joint_states", JOINT, PLANT, [POSITION], "measured knee angle", "rad"),
     _topic("extensor/pressure", PRESSURE, PLANT, [POSITION, EXTENSOR, VALVE], "measured pressure", "Pa"),
     _topic("flexor/pressure", PRESSURE, PLANT, [POSITION, FLEXOR, VALVE], "measured pressure", "Pa"),
@@ -134,7 +138,7 @@ def table(realtime: bool = False, with_plant: bool = True, replay: bool = False)
         return {name: _replayed(topic) for name, topic in table().items()}
     if not realtime:
         return {topic.name: topic for topic in TOPICS if topic.rate != "answer"}
-    topics = {topic.name: topic for topic in TOPICS if topic.name != "/clock"}
+    topics = {topic.name: topic for topic in TOPICS if topic.name != CLOCK}
     joint = topics["joint_states"]
     topics["joint_states"] = replace(joint, consumers=(*joint.consumers, TRAJECTORY))
     topics["recorded"] = replace(topics["recorded"], consumers=())

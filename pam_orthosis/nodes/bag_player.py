@@ -19,8 +19,8 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from pam_orthosis.bag.record import BagWriter
-from pam_orthosis.bag.script import CLOCK, Instant, Script, held_ns
-from pam_orthosis.bag.topics import NODES, RECORDER, SECOND_NS
+from pam_orthosis.bag.script import Instant, Script, held_ns
+from pam_orthosis.bag.topics import CLOCK, NODES, RECORDER, SECOND_NS
 from pam_orthosis.errors import RunFailed
 from pam_orthosis.nodes import graph, messages
 from pam_orthosis.nodes.launch import PLAYER, REPLAYED

@@ -133,7 +133,7 @@ class BagRecorder(graph.GraphNode):
 
     def _receiver(self, topic: Topic, leg: RecordedLeg) -> Callable[[bytes], None]:
         name = in_leg(topic.name, leg.name, self.legs)
-        tick = topic.name == ("joint_states" if self.realtime else "/clock")
+        tick = topic.name == "joint_states"
         answer = topic.rate == "answer"
         first = leg.name == self.legs[0]
 

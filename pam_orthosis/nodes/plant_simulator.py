@@ -8,7 +8,7 @@ import sys
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
-from pam_orthosis.bag.topics import NODES, PLANT
+from pam_orthosis.bag.topics import CLOCK, NODES, PLANT
 from pam_orthosis.control.guard import driven
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
@@ -31,7 +31,7 @@ class PlantSimulator(graph.GraphNode):
         self._plant = Plant(self.parameters, self.parameters.scenario.seed)
         self._absent = set(NODES)
         self._newest_ns, self.abandoned = -1, False
-        self._time = None if self.realtime else self.publish_numbers("/clock", Clock())
+        self._time = None if self.realtime else self.publish_numbers(CLOCK, Clock())
         joint = messages.joint_state(0, [messages.KNEE], position=[0.0])
         self._joint = self.publish_numbers("joint_states", joint)
         self._pressures = [
@@ -79,7 +79,7 @@ class PlantSimulator(graph.GraphNode):
         for send, pressure in zip(self._pressures, measured[1:], strict=True):
             send(stamp_ns, pressure, self._variance)
         self._truth(stamp_ns, *true_numbers(truth))
-        if self._time:
+        if self._time and stamp_ns % (self.every * self.control_ns) == 0:
             self._time(stamp_ns)
 
     def _on_ready(self, message: String) -> None:

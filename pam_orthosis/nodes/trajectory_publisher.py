@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import sys
 
-from pam_orthosis.bag.topics import TRAJECTORY
+from pam_orthosis.bag.topics import CLOCK, TRAJECTORY
 from pam_orthosis.control.trajectory import Reference, Trajectory, make_trajectory
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
@@ -34,7 +34,7 @@ class TrajectoryPublisher(graph.GraphNode):
         if self.realtime:
             self.listen_to_numbers("joint_states", [], self._tick, depth=1)
         else:
-            self.listen_to_numbers("/clock", [], self._tick)
+            self.listen_to_numbers(CLOCK, [], self._tick)
 
     def retune(self, parameters: Parameters) -> None:
         """Pass smoothly to a new cycle time."""

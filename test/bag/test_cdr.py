@@ -84,7 +84,16 @@ def test_the_other_byte_order_is_understood():
     swapped = bytes(store().serialize_cdr(message, JOINT, little_endian=False))
     assert swapped[:2] != LITTLE_ENDIAN
     assert Reader(JOINT, ("position[0]",))(swapped) == (3_000_000_007, (0.5,))
+    assert Reader(JOINT, ("position[0]",)).stamp_ns(swapped) == 3_000_000_007
     assert canonical(swapped, JOINT) == joint(position=[0.5])
+
+
+def test_the_stamp_alone_needs_no_more_than_itself():
+    read, whole = Reader(JOINT, ("position[0]",)), joint()
+    assert [read.stamp_ns(whole[:size]) for size in (len(whole), 12)] == [3_000_000_007] * 2
+    for size in (0, 1, 2, 11):
+        with pytest.raises(Unreadable):
+            read.stamp_ns(whole[:size])
 
 
 @settings(max_examples=40, deadline=None)

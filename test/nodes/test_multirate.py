@@ -32,7 +32,7 @@ pytest.importorskip("rclpy")
 RATES = {"scenario.control_period": 0.002, "control.position.every": 3, "scenario.duration": 1.3}
 EVERY, STEPS, SLOW_STEPS = 3, 650, 217
 SLOW_TOPICS = {"reference", "estimate", "disturbance", "extensor/pressure_reference"}
-SLOW_TOPICS |= {"flexor/pressure_reference"}
+SLOW_TOPICS |= {"flexor/pressure_reference", "/clock"}
 
 FIRST = get_typestore(Stores.ROS2_JAZZY).types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
 
