@@ -196,18 +196,16 @@ class Template:
         places = list(shape.places.values())
         numbers = [shape.places[field] for field in fields] or [one for one in places if one[1] == "d"]
         self.count = len(numbers)
-        formats, self._gaps, at = "<", [], 0
-        for offset, kind in [*places[:2], *numbers, (len(data), "")]:
-            formats += f"{offset - at}s{kind}"
-            self._gaps.append(data[at:offset])
-            at = offset + struct.calcsize(kind)
-        self._pack = struct.Struct(formats).pack
+        self._message, self._runs = bytearray(data), _runs([*places[:2], *numbers])
 
     def __call__(self, stamp_ns: int, *numbers: float) -> bytes:
         """Return the message: stamp, and its `count` numbers in the order of the message."""
-        values = (*divmod(stamp_ns, SECOND_NS), *numbers)
-        between = [part for pair in zip(self._gaps, values, strict=False) for part in pair]
-        return self._pack(*between, self._gaps[-1])
+        if len(numbers) != self.count:
+            raise ValueError(f"{len(numbers)} numbers to pack where a message has {self.count}")
+        message, values = self._message, (*divmod(stamp_ns, SECOND_NS), *numbers)
+        for pack, offset, first, last in self._runs:
+            pack(message, offset, *values[first:last])
+        return bytes(message)
 
 
 def canonical(data: bytes, msgtype: str) -> bytes:
@@ -234,6 +232,17 @@ def _rewritten(data: bytes, msgtype: str) -> bytes:
         return bytes(store().serialize_cdr(store().deserialize_cdr(data, msgtype), msgtype))
     except SerdeError as error:
         raise Unreadable(str(error)) from error
+
+
+def _runs(numbers: Sequence[tuple[int, str]]) -> list[tuple[Callable[..., None], int, int, int]]:
+    """Return what packs each run of adjoining numbers, its offset, and which of them it has: from, to."""
+    runs, first = [], 0
+    for index, (offset, kind) in enumerate(numbers, 1):
+        if index == len(numbers) or numbers[index][0] != offset + struct.calcsize(kind):
+            kinds = "".join(each for _, each in numbers[first:index])
+            runs.append((struct.Struct(f"<{kinds}").pack_into, numbers[first][0], first, index))
+            first = index
+    return runs
 
 
 def _taker(shape: Shape, fields: Sequence[str]) -> Callable[[bytes], tuple]:

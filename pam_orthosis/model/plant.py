@@ -143,7 +143,7 @@ class Plant:
 
     def measure(self) -> Measurement:
         """Return noisy, quantised sensor readings of the present state; draws noise once a call."""
-        sensor, noise, y = self._p.plant.sensor, self._noise.standard_normal(3), self._report()
+        sensor, noise, y = self._p.plant.sensor, self._noise.standard_normal(3).tolist(), self._report()
         angle = y["measured_angle"] + sensor.angle_noise * noise[0]
         pressures = [
             y[f"measured_{muscle}_pressure"] + sensor.pressure_noise * noise[index]

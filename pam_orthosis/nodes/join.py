@@ -15,7 +15,7 @@ class Join:
     """
 
     def __init__(self, inputs: Sequence[str], callback: Callable[..., None], horizon: int = 64):
-        self._inputs = tuple(inputs)
+        self._inputs, self._count = tuple(inputs), len(inputs)
         self._callback = callback
         self._horizon = horizon
         self._waiting: dict[int, dict[str, Any]] = {}
@@ -30,7 +30,7 @@ class Join:
             return
         there[name] = value
         self._waiting[stamp_ns] = there
-        if len(there) == len(self._inputs):
+        if len(there) == self._count:
             self._complete(stamp_ns, there)
         elif len(self._waiting) > self._horizon:
             self.dropped += len(self._waiting.pop(min(self._waiting)))
@@ -41,9 +41,12 @@ class Join:
 
     def _complete(self, stamp_ns: int, values: dict[str, Any]) -> None:
         self._done_ns = stamp_ns
-        for old in [stamp for stamp in self._waiting if stamp <= stamp_ns]:
-            self._waiting.pop(old)
-        self._callback(stamp_ns, *(values[name] for name in self._inputs))
+        if len(self._waiting) == 1:
+            self._waiting.clear()
+        else:
+            for old in [stamp for stamp in self._waiting if stamp <= stamp_ns]:
+                del self._waiting[old]
+        self._callback(stamp_ns, *[values[name] for name in self._inputs])
 
 
 class HoldingJoin:
@@ -65,6 +68,8 @@ class HoldingJoin:
     ):
         self._inputs, self._slow = tuple(inputs), tuple(slow)
         self._quick = tuple(name for name in inputs if name not in slow)
+        gathered = (*self._quick, *self._slow)
+        self._places = [gathered.index(name) for name in inputs]
         self._callback, self._span_ns, self._horizon = callback, span_ns, horizon
         self._sampling = Join(self._quick, self._sampled, horizon)
         self._holding = Join(self._slow, self._commanded, horizon)
@@ -96,16 +101,15 @@ class HoldingJoin:
 
     def _compute(self, stamp_ns: int) -> None:
         """Compute the step of a sample if what is held for it is there."""
-        held_ns = max((each for each in self._commands if each <= stamp_ns), default=None)
+        held_ns = max([each for each in self._commands if each <= stamp_ns], default=None)
         if held_ns is None or stamp_ns - held_ns >= self._span_ns:
             return
-        values = dict(zip(self._quick, self._samples.pop(stamp_ns), strict=True))
-        values |= zip(self._slow, self._commands[held_ns], strict=True)
+        gathered = *self._samples.pop(stamp_ns), *self._commands[held_ns]
         self._forget([each for each in self._samples if each < stamp_ns])
         for old in [each for each in self._commands if each < held_ns]:
             del self._commands[old]
         self._begun = True
-        self._callback(stamp_ns, *(values[name] for name in self._inputs), (stamp_ns - held_ns) * 1e-9)
+        self._callback(stamp_ns, *[gathered[i] for i in self._places], (stamp_ns - held_ns) * 1e-9)
 
     def _forget(self, stamps: Sequence[int]) -> None:
         for stamp_ns in stamps:
