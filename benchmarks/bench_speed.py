@@ -33,6 +33,7 @@ def measured(name: str, repeats: int) -> dict:
     load, rows, notes = Load(), [], []
     try:
         for row in import_module(f"speed.{name}").rows(repeats):
+            load.look()
             rows.append(asdict(row))
             print(" | ".join(cell for cell in as_text(rows[-1]) if cell), flush=True)
     except ModuleNotFoundError as error:

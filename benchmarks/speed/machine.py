@@ -7,8 +7,10 @@ import os
 import platform
 import time
 from pathlib import Path
+from statistics import median
 
 HERTZ = os.sysconf("SC_CLK_TCK")
+ROUNDS = 300_000
 
 
 def machine() -> str:
@@ -18,20 +20,39 @@ def machine() -> str:
 
 
 class Load:
-    """What others use of the machine's cores from now on."""
+    """What others use of the machine's cores from now on, and how fast these are meanwhile.
+
+    A virtual machine does not see the others on its host: its cores are slower then, by half and more.
+    """
 
     def __init__(self) -> None:
         self._before = os.getloadavg()[0]
+        self._paces = [pace()]
         self._began, self._busy, self._own = time.monotonic(), _busy_seconds(), _own_seconds()
 
+    def look(self) -> None:
+        """Note how fast a core is now."""
+        self._paces.append(pace())
+
     def told(self) -> dict[str, float]:
-        """Return the load average before, and the cores that others kept busy since then."""
+        """Return the load average before, the cores that others kept busy, and `pace` since then, ms."""
         elapsed = max(time.monotonic() - self._began, 1e-3)
         others = (_busy_seconds() - self._busy) - (_own_seconds() - self._own)
         return {
             "load_average_before": round(self._before, 2),
             "cores_used_by_others": round(max(0.0, others / elapsed), 2),
+            "shortest_pace_ms": round(min(self._paces), 1),
+            "median_pace_ms": round(median(self._paces), 1),
+            "longest_pace_ms": round(max(self._paces), 1),
         }
+
+
+def pace() -> float:
+    """Return the processor time of a loop that is always the same, ms."""
+    began, total = time.process_time(), 0
+    for i in range(ROUNDS):
+        total += i * i
+    return (time.process_time() - began) * 1e3
 
 
 def _processor() -> str:

@@ -27,14 +27,22 @@ def table(results: dict[str, dict]) -> str:
 
 
 def _group(name: str, told: dict) -> str:
-    busy = f"others kept {told['load']['cores_used_by_others']:.1f} cores busy meanwhile"
-    lines = [f"### {name}: {told['meaning']}", "", f"{told['machine']}; {busy}.", ""]
+    lines = [f"### {name}: {told['meaning']}", "", f"{told['machine']}; {_busy(told['load'])}.", ""]
     lines += [f"- {note}" for note in told["notes"]]
     if told["notes"]:
         lines.append("")
     if told["rows"]:
         lines += [_line(HEAD), _line(["---"] * len(HEAD)), *(_line(as_text(row)) for row in told["rows"])]
     return "\n".join(lines).rstrip()
+
+
+def _busy(load: dict) -> str:
+    busy = f"others kept {load['cores_used_by_others']:.1f} cores busy meanwhile"
+    if "median_pace_ms" not in load:  # of an older table
+        return busy
+    shortest, middle, longest = (load[f"{which}_pace_ms"] for which in ("shortest", "median", "longest"))
+    loop = f"a loop that is always the same took {shortest:g} to {longest:g} ms, {middle:g} in the median"
+    return f"{busy}; {loop}"
 
 
 def _line(cells) -> str:

@@ -57,6 +57,9 @@ def test_a_group_without_its_package_says_so_and_the_others_go_on(tmp_path, monk
     told = table.read(out)
     assert list(told) == ["a", "b"]
     assert "mujoco" in told["a"]["notes"][0]
+    load = told["b"]["load"]
+    assert 0.0 < load["shortest_pace_ms"] <= load["median_pace_ms"] <= load["longest_pace_ms"]
+    assert f"took {load['shortest_pace_ms']:g} to" in table.table(told)
     assert [row["repeats"] for row in told["b"]["rows"]] == [3]
     assert "| a thing | 1 us | 2 us | 0.5 | 0.5 - 0.5 | 3 |  |  |" in table.table(told)
 
