@@ -14,6 +14,7 @@ from pathlib import Path
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load, scenario_overrides
+from pam_orthosis.planning import RESERVE
 
 BAR = 1.0e5
 
@@ -30,9 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--reserve",
         type=float,
-        default=0.03,
+        default=RESERVE / BAR,
         metavar="BAR",
-        help="pressure kept back for the feedback (0.03)",
+        help=f"pressure kept back for the feedback ({RESERVE / BAR:g})",
     )
     parser.add_argument(
         "--after",

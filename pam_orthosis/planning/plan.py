@@ -19,6 +19,7 @@ from pam_orthosis.control.trajectory import Reference, Trajectory, make_trajecto
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.rules import FARTHEST_PLAN
+from pam_orthosis.planning import RESERVE
 from pam_orthosis.planning.problem import HELPS, Cycle, NotFound, nearest_cycle
 from pam_orthosis.planning.recorded import Recorded
 
@@ -32,7 +33,6 @@ SETTLED = 1.0e-3  # rad by which another round does not change the result any mo
 DIGITS = 6
 SHARES = 0.9, 1.0  # of what an open valve passes: who is late cannot catch up with all of it, the last resort
 LEAD = 0.02  # s by which the knee is late where valves are at their limits, and more is asked for earlier
-RESERVE = 3.0e3  # Pa: with less the feedback has nothing left, with more the plan gives way too much
 
 
 @dataclass(frozen=True)

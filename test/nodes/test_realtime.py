@@ -198,12 +198,14 @@ def test_more_than_any_machine_can_do_costs_samples_not_the_run(run_graph):
     assert counts["/diagnostics"] > len(NODES)
 
 
-def test_a_driver_stands_in_for_the_plant(run_graph, monkeypatch):
+@pytest.mark.parametrize("every", [1, 2])
+def test_a_driver_stands_in_for_the_plant(run_graph, monkeypatch, every):
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_folder() / "loopback.xml"))
     monkeypatch.setenv("ROS_DOMAIN_ID", "57")
     driver = subprocess.Popen([sys.executable, "-m", "pam_orthosis.nodes.dummy_driver"])
     try:
-        done, bag = run_graph("--realtime", "--no-plant", "--duration", "2", "--json")
+        rates = ["--param", f"control.position.every={every}"]
+        done, bag = run_graph("--realtime", "--no-plant", "--duration", "2", "--json", *rates)
     finally:
         driver.terminate()
     assert driver.wait(30) == 0
@@ -214,6 +216,13 @@ def test_a_driver_stands_in_for_the_plant(run_graph, monkeypatch):
         there = {connection.topic for connection in reader.connections}
     assert "/truth" not in there
     assert "/extensor/valve_voltage" in there
+    quick, slow = (read_bag(bag, [name])[name].stamp_ns for name in ("extensor_mass_flow", "estimate_angle"))
+    period_ns = round(load().scenario.control_period * 1e9)
+    assert len(slow) > 10
+    assert not np.any(np.diff(quick) % period_ns)
+    assert not np.any(np.diff(slow) % (every * period_ns))
+    for stamp in quick[quick >= slow[0]]:  # the driver may have begun before the recorder
+        assert np.any((slow <= stamp) & (slow > stamp - every * period_ns))
 
 
 def test_hardware_is_not_for_lockstep(run_graph):
