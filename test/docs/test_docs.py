@@ -86,6 +86,8 @@ def test_the_site_builds_without_a_warning(tmp_path):
     assert built.returncode == 0, built.stderr
     assert "WARNING" not in built.stderr
     assert (tmp_path / "effects" / "backlash.html").exists()
+    assert (tmp_path / "css" / "tables.css").exists()  # strict or not, mkdocs does not look
+    assert 'href="css/tables.css"' in (tmp_path / "speed.html").read_text()
     assert not list(tmp_path.rglob("*.py"))
 
 
