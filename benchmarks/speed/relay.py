@@ -32,6 +32,7 @@ from rclpy.utilities import remove_ros_args
 from std_msgs.msg import String
 
 from pam_orthosis.bag import topics
+from pam_orthosis.bag.cdr import serialised_stamp_ns
 from pam_orthosis.bag.record import CHUNK_BYTES, message_definition
 from pam_orthosis.bag.topics import PLANT, RECORDER, SLOW, TRAJECTORY, VALVE, Topic
 from pam_orthosis.control.trajectory import Reference
@@ -265,7 +266,7 @@ class Recorder(Relay):
         channel = self._writer.register_channel(f"/{topic.name.lstrip('/')}", "cdr", schema)
 
         def receive(data: bytes) -> None:
-            stamp_ns = messages.serialised_stamp_ns(data)
+            stamp_ns = serialised_stamp_ns(data)
             self._writer.add_message(channel, stamp_ns, bytes(data), stamp_ns)
             if topic.name == "joint_states" and stamp_ns % (ACKNOWLEDGED_STEPS * self.period_ns) == 0:
                 self._acknowledge.publish(messages.time(stamp_ns))

@@ -174,8 +174,7 @@ class Reader:
             return self(data)[0]
         if len(data) < HEAD + STAMP.size:
             raise Unreadable(f"{self._msgtype} has no stamp")
-        seconds, nanosec = STAMP.unpack_from(data, HEAD)
-        return seconds * SECOND_NS + nanosec
+        return serialised_stamp_ns(data)
 
 
 class Template:
@@ -206,6 +205,12 @@ class Template:
         for pack, offset, first, last in self._runs:
             pack(message, offset, *values[first:last])
         return bytes(message)
+
+
+def serialised_stamp_ns(data: bytes) -> int:
+    """Return the stamp with which a serialised message begins, behind the encapsulation's four bytes."""
+    seconds, nanosec = STAMP.unpack_from(data, HEAD)
+    return seconds * SECOND_NS + nanosec
 
 
 def canonical(data: bytes, msgtype: str) -> bytes:

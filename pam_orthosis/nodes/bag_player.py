@@ -18,6 +18,7 @@ from rclpy.duration import Duration
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
+from pam_orthosis.bag.cdr import serialised_stamp_ns
 from pam_orthosis.bag.record import BagWriter
 from pam_orthosis.bag.script import Instant, Script, held_ns
 from pam_orthosis.bag.topics import CLOCK, NODES, RECORDER, SECOND_NS
@@ -94,7 +95,7 @@ class BagPlayer(graph.GraphNode):
 
     def _receiver(self, topic: str) -> Callable[[bytes], None]:
         def receive(data: bytes) -> None:
-            self._answers[topic, messages.serialised_stamp_ns(data)] = bytes(data)
+            self._answers[topic, serialised_stamp_ns(data)] = bytes(data)
             if self._now:
                 self._go_on()
 

@@ -11,12 +11,12 @@ from pathlib import Path
 
 from std_msgs.msg import String
 
-from pam_orthosis.bag.cdr import canonical
+from pam_orthosis.bag.cdr import canonical, serialised_stamp_ns
 from pam_orthosis.bag.record import BagWriter, run_metadata
 from pam_orthosis.bag.steps import Message, StepCollector
 from pam_orthosis.bag.topics import RECORDER, Topic, in_leg
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.nodes import graph, messages
+from pam_orthosis.nodes import graph
 from pam_orthosis.nodes.parameters import Setting
 from pam_orthosis.nodes.recorded_leg import RecordedLeg
 from pam_orthosis.nodes.recorded_scene import RecordedScene
@@ -140,7 +140,7 @@ class BagRecorder(graph.GraphNode):
         def receive(data: bytes) -> None:
             self.pulse()
             self._heard = True
-            stamp_ns = messages.serialised_stamp_ns(data)
+            stamp_ns = serialised_stamp_ns(data)
             if tick:
                 leg.sampled(stamp_ns)
             if self.ended or not leg.within(stamp_ns):

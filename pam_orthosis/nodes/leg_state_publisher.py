@@ -19,9 +19,10 @@ from rclpy.publisher import Publisher
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 
+from pam_orthosis.bag.cdr import serialised_stamp_ns
 from pam_orthosis.bag.topics import BY_NAME
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.nodes import graph, messages
+from pam_orthosis.nodes import graph
 from pam_orthosis.nodes.parameters import Setting, declare_rows, declare_settings
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX
 from pam_orthosis.scene.messages import DESCRIPTION, LATCHED, TYPES, LegScene
@@ -62,7 +63,7 @@ class LegStatePublisher(Node):
 
     def _receiver(self, topic: str) -> Callable[[bytes], None]:
         def receive(data: bytes) -> None:
-            for said in self._scene.add(topic, messages.serialised_stamp_ns(data), data):
+            for said in self._scene.add(topic, serialised_stamp_ns(data), data):
                 publisher = self._outputs[said.topic]
                 if publisher:
                     publisher.publish(said.data)

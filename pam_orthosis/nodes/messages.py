@@ -13,7 +13,6 @@ from sensor_msgs.msg import FluidPressure, JointState, TimeReference
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from pam_orthosis.bag.cdr import HEAD, STAMP
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.control.trajectory import Reference
 
@@ -37,12 +36,6 @@ def time(stamp_ns: int) -> Time:
 def nanoseconds(stamp: Time) -> int:
     """Return a ROS time in nanoseconds."""
     return stamp.sec * SECOND_NS + stamp.nanosec
-
-
-def serialised_stamp_ns(data: bytes) -> int:
-    """Return the stamp with which a serialised message begins, behind the encapsulation's four bytes."""
-    seconds, nanosec = STAMP.unpack_from(data, HEAD)
-    return seconds * SECOND_NS + nanosec
 
 
 def header(stamp_ns: int, frame: str = "") -> Header:
