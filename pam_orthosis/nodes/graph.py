@@ -35,6 +35,7 @@ from pam_orthosis.bag.topics import PLANT, PUBLISHED_DEPTH, SECOND_NS, SLOW, in_
 from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import messages
+from pam_orthosis.nodes.exchange import Exchange, Outlet
 from pam_orthosis.nodes.join import HoldingJoin, Join
 from pam_orthosis.nodes.layout import LAYOUT
 from pam_orthosis.nodes.parameters import (
@@ -130,6 +131,8 @@ class GraphNode(Node):
         self._ages = Ages(self.control_ns)  # a slow node holds up the others
         self._unreadable = 0
         self._peers: dict[str, Callable[[], bool]] = {}
+        self.outlets: list[Outlet] = []
+        self.inlets: list[tuple[str, Callable[[bytes], None]]] = []
         self.legs = self.served_legs()
         self._diagnostics = [self.publish_to("diagnostics", leg=leg) for leg in self.legs]
         self._ready = [self.publish_to("ready", latched=True, leg=leg) for leg in self.legs]
@@ -160,10 +163,11 @@ class GraphNode(Node):
 
         The numbers are those of type float64 in the order of the message; as many belong to one example.
         """
-        publisher, kind = self.publish_to(topic), self.topics[topic].type
+        outlet, kind = Outlet(self.publish_to(topic)), self.topics[topic].type
+        self.outlets.append(outlet)
         made = [Template(serialize_message(example), kind) for example in examples]
-        templates = {template.count: template for template in made}
-        return lambda stamp_ns, *numbers: publisher.publish(templates[len(numbers)](stamp_ns, *numbers))
+        templates, send = {template.count: template for template in made}, outlet.send
+        return lambda stamp_ns, *numbers: send(templates[len(numbers)](stamp_ns, *numbers))
 
     def listen_to_numbers(
         self, topic: str, fields: Sequence[str], callback: Callable[..., None], **options: Any
@@ -202,6 +206,8 @@ class GraphNode(Node):
         subscription = self.create_subscription(
             message_class(entry.type), name, callback, qos(**options), raw=raw, **events
         )
+        if raw:
+            self.inlets.append((subscription.topic_name, callback))
         peer = f"{name} of {' and '.join(entry.producers)}"
         self.await_peer(peer, lambda: subscription.get_publisher_count() >= count)
         return subscription
@@ -500,9 +506,18 @@ def spin(nodes: Sequence[GraphNode]) -> bool:
     executor = EventsExecutor()
     for node in nodes:
         executor.add_node(node)
+    errors: list[Exception] = []
+
+    def fail(error: Exception) -> None:
+        errors.append(error)
+        over.set_result(None)
+
+    _connect(nodes, Exchange(executor, fail))
     try:
         while not over.done():
             executor.spin_until_future_complete(over, timeout_sec=3600.0)
+        if errors:
+            raise errors[0]
     finally:
         heartbeat.ends_within(LEAVING_SECONDS if heartbeat.orphaned else None)
         if not all(node.ended for node in nodes):
@@ -516,6 +531,12 @@ def spin(nodes: Sequence[GraphNode]) -> bool:
     for node in nodes:
         node.destroy_node()
     return all(node.ended for node in nodes)
+
+
+def _connect(nodes: Sequence[GraphNode], exchange: Exchange) -> None:
+    """Let the nodes of a process hand messages to each other."""
+    outlets = [outlet for node in nodes for outlet in node.outlets]
+    exchange.connect(outlets, [inlet for node in nodes for inlet in node.inlets])
 
 
 def _abandon(nodes: Sequence[GraphNode], executor: EventsExecutor, seconds: float) -> None:

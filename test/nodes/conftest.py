@@ -12,6 +12,9 @@ from mcap.exceptions import McapError
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
+from pam_orthosis.model.parameters import config_folder
+from pam_orthosis.nodes.launch import free_domain
+
 RUN = [sys.executable, "-m", "pam_orthosis.cli.main", "run"]
 QUICK = ["--param", "scenario.start_hold=0.1", "--param", "scenario.start_ramp=0.2"]
 LIMIT_S = 60.0
@@ -108,3 +111,18 @@ def live_run(tmp_path):
         if run.process.poll() is None:
             os.kill(run.process.pid, 15)
             run.process.communicate(timeout=LIMIT_S)
+
+
+@pytest.fixture
+def stranger(monkeypatch):
+    """Return a ROS node of somebody else in a domain that the environment names."""
+    rclpy = pytest.importorskip("rclpy")
+    with free_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_folder() / "loopback.xml"))
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=domain)
+    node = rclpy.create_node("stranger", context=context)
+    yield node
+    node.destroy_node()
+    rclpy.shutdown(context=context)

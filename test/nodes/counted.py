@@ -25,7 +25,7 @@ class Counting:
 
     def __init__(self) -> None:
         self.calls: Counter[str] = Counter()
-        self.published = 0
+        self.published = self.handed_on = 0
         self.blocks: list[int] = []
         self._on = False
         self._left_out = 0
@@ -50,6 +50,7 @@ class Counting:
         module = self._module(code)
         if module:
             self.calls[module] += 1
+            self.handed_on += module == "nodes/exchange.py" and code.co_name == "post"
         elif code.co_name == "publish" and code.co_filename.endswith("rclpy/publisher.py"):
             self.published += 1
 
@@ -66,6 +67,7 @@ class Counting:
         return {
             "calls": calls,
             "published": self.published / steps,
+            "handed_on": self.handed_on / steps,
             "kept_blocks": (self.blocks[1] - self.blocks[0]) / steps,
         }
 

@@ -10,8 +10,7 @@ from conftest import QUICK, LiveRun, wait_for
 
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.model.parameters import config_folder, load
-from pam_orthosis.nodes.launch import free_domain
+from pam_orthosis.model.parameters import load
 
 rclpy = pytest.importorskip("rclpy")
 STEPS = 150
@@ -29,20 +28,6 @@ def _regular(stamp_ns):
     early = np.diff(stamp_ns[: STEPS + 1]) == stamp_ns[1] - stamp_ns[0]
     assert early[:20].all()
     return len(early) if early.all() else int(np.argmin(early)) + 1
-
-
-@pytest.fixture
-def stranger(monkeypatch):
-    """Return a ROS node of somebody else in a domain that the environment names."""
-    with free_domain() as domain:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_folder() / "loopback.xml"))
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=domain)
-    node = rclpy.create_node("stranger", context=context)
-    yield node
-    node.destroy_node()
-    rclpy.shutdown(context=context)
 
 
 def _fill_ahead(publisher):

@@ -45,7 +45,11 @@ def exceeded(told, budget):
         for module, calls in told["calls"].items()
         if calls > budget["calls"].get(module, 0) + MORE_CALLS
     ]
-    for what, more in (("published", MORE_PUBLISHED), ("kept_blocks", MORE_BLOCKS)):
+    for what, more in (
+        ("published", MORE_PUBLISHED),
+        ("handed_on", MORE_PUBLISHED),
+        ("kept_blocks", MORE_BLOCKS),
+    ):
         if told[what] > budget[what] + more:
             over.append(f"{what}: {told[what]:g} a step, budget {budget[what]:g}")
     return over

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages between nodes of one process, handed on without the middleware while nobody else listens."""
+
+from __future__ import annotations
+
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rclpy.executors import Executor
+    from rclpy.publisher import Publisher
+
+AT_ONCE = 64  # messages, some steps, in one turn of the executor: timers, services and others have theirs
+
+Listener = Callable[[bytes], None]
+
+
+class Outlet:
+    """Sends serialised messages of a topic: straight to the listeners in its process, or to all who listen.
+
+    Each message goes one of the two ways, so that none comes twice. As soon as the middleware knows of a
+    listener elsewhere (`ros2 topic echo`, a recorder, a node in a process of its own) it carries them
+    all, to those in this process too.
+    """
+
+    def __init__(self, publisher: Publisher):
+        self.topic = publisher.topic_name
+        self._publisher = publisher
+        self._listeners: Sequence[Listener] = ()
+        self._post: Callable[[Sequence[Listener], bytes], None] | None = None
+
+    def connect(
+        self, listeners: Sequence[Listener], post: Callable[[Sequence[Listener], bytes], None]
+    ) -> None:
+        """Know all listeners of the topic in this process, and who hands messages to them."""
+        self._listeners, self._post = listeners, post
+
+    def send(self, data: bytes) -> None:
+        """Send a message."""
+        near = self._listeners
+        if near and self._publisher.get_subscription_count() == len(near):
+            self._post(near, data)
+        else:
+            self._publisher.publish(data)
+
+
+class Exchange:
+    """Hands messages to their listeners in the order of sending, each behind the present callback.
+
+    Args:
+        executor: that runs the nodes.
+        fail: takes what a listener raised. It must not leave a task: the events executor of Jazzy dies of
+            that (ros2/rclpy, issue 1641).
+    """
+
+    def __init__(self, executor: Executor, fail: Callable[[Exception], None]):
+        self._executor, self._fail = executor, fail
+        self._waiting: deque[tuple[Sequence[Listener], bytes]] = deque()
+        self._due = False
+
+    def connect(self, outlets: Iterable[Outlet], inlets: Iterable[tuple[str, Listener]]) -> None:
+        """Join what is sent to the listeners, each given with its topic's full name."""
+        listening: dict[str, list[Listener]] = defaultdict(list)
+        for topic, listener in inlets:
+            listening[topic].append(listener)
+        for outlet in outlets:
+            outlet.connect(listening[outlet.topic], self.post)
+
+    def post(self, listeners: Sequence[Listener], data: bytes) -> None:
+        """Have a message handed on."""
+        self._waiting.append((listeners, data))
+        if not self._due:
+            self._due = True
+            self._executor.create_task(self._hand_on)
+
+    def _hand_on(self) -> None:
+        waiting = self._waiting
+        try:
+            for _ in range(AT_ONCE):
+                if not waiting:
+                    break
+                listeners, data = waiting.popleft()
+                for listener in listeners:
+                    listener(data)
+        except Exception as error:
+            self._fail(error)
+        self._due = bool(waiting)
+        if waiting:
+            self._executor.create_task(self._hand_on)

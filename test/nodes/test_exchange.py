@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages within a process: straight to who listens there, or to all through the middleware."""
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+from conftest import QUICK, wait_for
+
+from pam_orthosis.bag.cdr import serialised_stamp_ns
+from pam_orthosis.bag.read import read_bag
+from pam_orthosis.control.loop import ClosedLoop
+from pam_orthosis.model.parameters import load
+from pam_orthosis.nodes.exchange import AT_ONCE, Exchange, Outlet
+
+MEASURED = ("angle", "extensor_pressure", "flexor_pressure")
+
+
+class Middleware:
+    """A publisher, and how many subscriptions the middleware knows of."""
+
+    topic_name = "/estimate"
+
+    def __init__(self, subscriptions):
+        self.subscriptions, self.published = subscriptions, []
+
+    def get_subscription_count(self):
+        """Return how many listen, in this process or elsewhere."""
+        return self.subscriptions
+
+    def publish(self, data):
+        """Take a message."""
+        self.published.append(data)
+
+
+class Turns:
+    """An executor: runs one task a turn."""
+
+    def __init__(self):
+        self.tasks = []
+
+    def create_task(self, task):
+        """Take a task."""
+        self.tasks.append(task)
+
+    def turn(self):
+        """Run the next task; return whether there was one."""
+        if not self.tasks:
+            return False
+        self.tasks.pop(0)()
+        return True
+
+
+@pytest.fixture
+def connected():
+    """Return an outlet with one listener in its process, its publisher, executor, what came, what failed."""
+    publisher, turns, came, failed = Middleware(1), Turns(), [], []
+    outlet = Outlet(publisher)
+    Exchange(turns, failed.append).connect([outlet], [("/estimate", came.append), ("/other", came.append)])
+    return outlet, publisher, turns, came, failed
+
+
+def test_messages_go_straight_until_somebody_else_listens(connected):
+    outlet, publisher, turns, came, _ = connected
+    for subscriptions, data in ((1, b"near"), (2, b"all"), (1, b"near again"), (0, b"not yet matched")):
+        publisher.subscriptions = subscriptions
+        outlet.send(data)
+    assert publisher.published == [b"all", b"not yet matched"]
+    assert came == []  # not within the sender's callback
+    assert turns.turn()
+    assert came == [b"near", b"near again"]
+    assert not turns.turn()
+
+
+def test_without_a_listener_in_the_process_all_is_published():
+    publisher, turns = Middleware(0), Turns()
+    outlet = Outlet(publisher)
+    Exchange(turns, pytest.fail).connect([outlet], [("/other", pytest.fail)])
+    outlet.send(b"1")
+    assert publisher.published == [b"1"]
+    assert not turns.tasks
+
+
+def test_a_loop_of_messages_leaves_others_their_turns():
+    publisher, turns, came = Middleware(1), Turns(), []
+    outlet = Outlet(publisher)
+
+    def answer(data):
+        came.append(data)
+        outlet.send(data)
+
+    Exchange(turns, pytest.fail).connect([outlet], [("/estimate", answer)])
+    outlet.send(b"")
+    for turn in range(1, 4):
+        assert len(turns.tasks) == 1
+        turns.turn()
+        assert len(came) == turn * AT_ONCE
+
+
+def test_what_a_listener_raises_is_told_and_what_waits_is_handed_on():
+    publisher, turns, came, failed = Middleware(1), Turns(), [], []
+    outlet, error = Outlet(publisher), ValueError("no number")
+
+    def listener(data):
+        came.append(data)
+        if data == b"bad":
+            raise error
+
+    Exchange(turns, failed.append).connect([outlet], [("/estimate", listener)])
+    for data in (b"good", b"bad", b"last words"):
+        outlet.send(data)
+    while turns.turn():
+        pass
+    assert failed == [error]
+    assert came == [b"good", b"bad", b"last words"]
+    outlet.send(b"more")
+    assert turns.turn()
+    assert came[-1] == b"more"
+
+
+def _listened(executor, seconds):
+    """Listen without a pause, or messages are lost."""
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        executor.spin_once(timeout_sec=0.05)
+    return True
+
+
+def test_a_listener_elsewhere_gets_each_message_once_and_changes_nothing(stranger, live_run):
+    import rclpy
+    from sensor_msgs.msg import JointState
+
+    run = live_run("--open", "--composed", *QUICK)
+    run.wait_until_it_records()
+    executor = rclpy.executors.SingleThreadedExecutor(context=stranger.context)
+    executor.add_node(stranger)
+    heard = []
+    subscription = stranger.create_subscription(
+        JointState, "estimate", lambda data: heard.append(serialised_stamp_ns(data)), 5000, raw=True
+    )
+    wait_for(lambda: _listened(executor, 0.5) and len(heard) > 500)
+    stranger.destroy_subscription(subscription)
+    time.sleep(0.5)
+    os.kill(run.process.pid, signal.SIGINT)
+    run.ended()
+    period_ns = round(load().scenario.control_period * 1e9)
+    assert set(np.diff(heard)) == {period_ns}
+    recorded = read_bag(run.bag, MEASURED)
+    regular = np.diff(recorded["angle"].stamp_ns) == period_ns
+    count = len(regular) if regular.all() else int(np.argmin(regular)) + 1
+    assert count * period_ns > heard[-1]
+    settings = dict(text.split("=") for text in QUICK if "=" in text)
+    undisturbed = ClosedLoop(load({key: float(value) for key, value in settings.items()}), 1).run(count)
+    assert all(np.array_equal(recorded[name].value[:count], undisturbed[name][:count]) for name in MEASURED)
