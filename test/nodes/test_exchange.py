@@ -12,9 +12,24 @@ from conftest import QUICK, wait_for
 from pam_orthosis.bag.cdr import serialised_stamp_ns
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.control.loop import ClosedLoop
+from pam_orthosis.errors import RunFailed
 from pam_orthosis.model.parameters import load
+from pam_orthosis.nodes import launch
 from pam_orthosis.nodes.exchange import AT_ONCE, Exchange, Outlet
+from pam_orthosis.nodes.supervisor import supervise
 
+FAILING = """
+import sys
+from pam_orthosis.nodes import composed, pressure_controller
+node = pressure_controller.PressureControllerNode
+step = node._step
+def failing(self, stamp_ns, *inputs):
+    if self.role.startswith("flexor") and stamp_ns == 500_000_000:
+        raise ValueError("on purpose")
+    step(self, stamp_ns, *inputs)
+node._step = failing
+sys.exit(composed.main())
+"""
 MEASURED = ("angle", "extensor_pressure", "flexor_pressure")
 
 
@@ -154,3 +169,22 @@ def test_a_listener_elsewhere_gets_each_message_once_and_changes_nothing(strange
     settings = dict(text.split("=") for text in QUICK if "=" in text)
     undisturbed = ClosedLoop(load({key: float(value) for key, value in settings.items()}), 1).run(count)
     assert all(np.array_equal(recorded[name].value[:count], undisturbed[name][:count]) for name in MEASURED)
+
+
+def test_a_composed_node_that_breaks_is_named_and_the_leg_is_vented(tmp_path):
+    pytest.importorskip("rclpy")
+    from pam_orthosis.nodes.plant_simulator import VENT_SAMPLES
+
+    parameters, bag = load({"scenario.duration": 2.0}), tmp_path / "walk"
+    commands = launch.commands(tmp_path, parameters, bag, "default", launch.Mode(composed=True))
+    python, _, _, *words = commands["composed"]
+    commands["composed"] = [python, "-c", FAILING, *words]
+    with launch.free_domain() as domain:
+        environment = launch.environment(tmp_path, domain)
+        with pytest.raises(RunFailed) as failure:
+            supervise(commands, environment, tmp_path, lambda _: None)
+    assert "in flexor_pressure_controller: ValueError: on purpose" in str(failure.value)
+    recorded = read_bag(bag, ["angle", "truth_extensor_pressure", "truth_flexor_pressure"])
+    assert len(recorded["angle"].value) == 101 + VENT_SAMPLES
+    for name in ("truth_extensor_pressure", "truth_flexor_pressure"):
+        assert recorded[name].value[-1] < 1.5 * parameters.valve.ambient_pressure
