@@ -22,6 +22,11 @@ class Pending:
         """Take the command of this step."""
         self._values.appendleft(value)
 
+    def hold(self, periods: int) -> None:
+        """Have the last command given for so many periods instead of one: it was, if samples were missed."""
+        for value in list(self._values)[:1]:
+            self._values.extendleft([value] * (periods - 1))
+
     def __iter__(self) -> Iterator[tuple[float, float, float]]:
         """Yield commands of earlier steps: value, how long it will act within the lag, middle of that, s."""
         for index, value in enumerate(self._values, start=1):
@@ -46,10 +51,14 @@ class Anticipation:
         self._last: float | None = None
         self._jerk = 0.0
 
-    def reference(self, now: Reference) -> Reference:
-        """Return the reference at the horizon by its Taylor series; call it once a step."""
+    def reference(self, now: Reference, periods: int = 1) -> Reference:
+        """Return the reference at the horizon by its Taylor series; call it once a step.
+
+        The step is so many periods later than the last one.
+        """
+        self._pending.hold(periods)
         if self._last is not None:
-            self._jerk = (now.acceleration - self._last) / self._period
+            self._jerk = (now.acceleration - self._last) / (periods * self._period)
         self._last = now.acceleration
         q, v, a, j, t = now.angle, now.velocity, now.acceleration, self._jerk, self.horizon
         return Reference(

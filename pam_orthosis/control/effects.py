@@ -21,6 +21,7 @@ from pam_orthosis.model.integrate import runge_kutta_4
 from pam_orthosis.model.parameters import Section
 
 MECHANICAL = ("body", "force", "torque")
+UNFORESEEN = ("periodic_torque",)  # its phase is another in each run: it is left to the observer
 CHANNELS = ("angle", "extensor_pressure", "flexor_pressure")
 PLAIN = len(orthosis.BASE_STATES)
 MEMORY_STEP = 1.0e-4  # s, of the integration of an effect's states: play of 2 mrad at 10 rad/s has 20,000/s
@@ -29,8 +30,12 @@ CORRECTIONS = 2  # of the argument of an inverse function: see `corrected`
 
 
 def known(belief, *stages: str) -> tuple[str, ...]:
-    """Return the names of the believed effects that enter at these stages, see `effects.base.STAGES`."""
-    return tuple(name for name in enabled(belief.effects) if CATALOGUE[name].stage in stages)
+    """Return the names of the believed effects that enter at these stages, see `effects.base.STAGES`.
+
+    Those that controllers cannot use are left out.
+    """
+    foreseen = [name for name in enabled(belief.effects) if name not in UNFORESEEN]
+    return tuple(name for name in foreseen if CATALOGUE[name].stage in stages)
 
 
 def assembled(belief, *names: str) -> orthosis.Assembly:
@@ -105,17 +110,26 @@ class EffectTorque:
             self._torque, self._memory = compiled(torque), compiled(effect_memory(belief))
             self.states = np.zeros(torque.size1_in(3))
 
-    def step(self, reference: Reference, extensor_pressure: float, flexor_pressure: float) -> float:
-        """Go on to the next reference; return the torque there at these absolute pressures, N m."""
+    def step(
+        self, reference: Reference, extensor_pressure: float, flexor_pressure: float, periods: int = 1
+    ) -> float:
+        """Go on to a reference so many periods later; return the torque there, N m (absolute Pa)."""
         if not self.active:
             return 0.0
         motion, pressures = np.array(reference[:2]), np.array([extensor_pressure, flexor_pressure])
         if self._motion is not None:
-            self.time += self._period
-            if len(self.states):
-                self.states[:] = self._memory(self.states, self._motion, motion, pressures, self.time)[0]
+            change = motion - self._motion
+            for left in range(periods - 1, -1, -1):
+                self._live_on(motion - change * (left / periods), pressures)
         self._motion = motion
         return float(self._torque(motion[0], motion[1], pressures, self.states, self.time)[0][0])
+
+    def _live_on(self, motion: np.ndarray, pressures: np.ndarray) -> None:
+        """Let a period pass, to this motion."""
+        self.time += self._period
+        if len(self.states):
+            self.states[:] = self._memory(self.states, self._motion, motion, pressures, self.time)[0]
+        self._motion = motion
 
 
 def flow_of_opening(belief, muscle: str) -> ca.Function:

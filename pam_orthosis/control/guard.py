@@ -32,6 +32,7 @@ class SignalGuard:
         self._hold, self._frozen, self._moved = hold, frozen, moved
         self._last, self._started = start, False
         self._missed = self._same = 0
+        self._since = 0  # periods, of the last usable sample
         self._followed: float | None = None
         self.held = 0
         self.lost = ""
@@ -47,7 +48,8 @@ class SignalGuard:
         The sample is so many periods later than the last. When the signal is lost, `lost` says why, and the
         last usable value is returned.
         """
-        fault = self._fault(value, periods)
+        self._since += periods
+        fault = self._fault(value)
         if fault:
             self._missed += 1
             self.held += 1
@@ -55,15 +57,15 @@ class SignalGuard:
                 self.lost = self.lost or fault
             return self._last
         self._watch_motion(value, followed)
-        self._last, self._started, self._missed = value, True, 0
+        self._last, self._started, self._missed, self._since = value, True, 0, 0
         return value
 
-    def _fault(self, value: float, periods: int) -> str:
+    def _fault(self, value: float) -> str:
         if not math.isfinite(value):
             return "not finite"
         if not self._low <= value <= self._high:
             return "out of range"
-        if self._started and abs(value - self._last) > self._step * (self._missed + periods):
+        if self._started and abs(value - self._last) > self._step * self._since:
             return "jumped"
         return ""
 
@@ -83,9 +85,15 @@ class Overdue:
         self._limit = limit
         self._count = 0
 
-    def step(self, holds: bool) -> bool:
-        """Take a sample of the condition; return whether it has lasted for more than the limit, samples."""
-        self._count = self._count + 1 if holds else 0
+    def step(self, holds: bool, periods: int = 1) -> bool:
+        """Take a sample of the condition; return whether it has lasted for more than the limit, periods.
+
+        The sample is so many periods later than the last one. Since when a condition holds that did not then
+        is not known: one period counts.
+        """
+        self._count += periods if self._count else 1
+        if not holds:
+            self._count = 0
         return self._count > self._limit
 
 

@@ -120,15 +120,15 @@ class GuardedPosition(_Guarded):
         command = self._controller.step(angle, extensor, flexor, reference, periods)
         if not self._finite("estimate", *command[:6]):
             command = PositionCommand(self._ambient, self._ambient, angle, 0.0, 0.0, 0.0, False, False)
-        self._watch_motion(reference, angle, command.velocity)
+        self._watch_motion(reference, angle, command.velocity, periods)
         if self._venting():
             return command._replace(extensor_pressure=self._ambient, flexor_pressure=self._ambient)
         return command
 
-    def _watch_motion(self, reference: Reference, angle: float, velocity: float) -> None:
+    def _watch_motion(self, reference: Reference, angle: float, velocity: float, periods: int) -> None:
         driven = reference.mean_pressure != VALVES_CLOSED
         away, faster = abs(reference.angle - angle), abs(velocity - reference.velocity)
-        far = self._far.step(driven and away > self._distance)
+        far = self._far.step(driven and away > self._distance, periods)
         swings = self._swings.step(driven and faster > self._speed)
         self._watch(far or swings, away < NEAR * self._distance and faster < NEAR * self._speed)
 
@@ -182,7 +182,7 @@ class GuardedPressure(_Guarded):
         followed = None if wanted[0] == VALVES_CLOSED else wanted[0]
         pressure = self._guards["pressure"].step(pressure, followed, periods)
         away = 0.0 if followed is None else abs(followed - pressure)
-        self._watch(self._far.step(away > self._distance), away < NEAR * self._distance)
+        self._watch(self._far.step(away > self._distance, periods), away < NEAR * self._distance)
         flow = self._controller.step(pressure, *wanted, periods, age)
         good = self._finite("mass flow", flow)
         return VENT_FLOW if self._venting() or not good else flow
@@ -214,7 +214,8 @@ class GuardedValve(_Guarded):
         The sample is so many control periods later than the last one.
         """
         flow = self._usable(mass_flow)
-        voltage = self._model.step(flow, self._guards["pressure"].step(pressure, periods=periods))
+        pressure = self._guards["pressure"].step(pressure, periods=periods)
+        voltage = self._model.step(flow, pressure, periods)
         good = self._finite("voltage", voltage)
         return self._low if self._venting() or not good else min(max(voltage, self._low), self._high)
 

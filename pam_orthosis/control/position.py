@@ -206,31 +206,32 @@ class PositionController:
             self._sensors.true("extensor_pressure", extensor_pressure),
             self._sensors.true("flexor_pressure", flexor_pressure),
         )
-        known = self._now.step(reference, *pressures)
+        known = self._now.step(reference, *pressures, periods)
         estimate = self._observer.step(angle, *pressures, known, periods)
         mean = self._mean if reference.mean_pressure is None else reference.mean_pressure
         if mean == VALVES_CLOSED:
             return PositionCommand(VALVES_CLOSED, VALVES_CLOSED, *estimate, False, False)
-        (extensor, flexor), saturated, clamped = self._wanted(estimate, reference, mean, pressures)
+        wanted = self._wanted(estimate, reference, mean, pressures, periods)
+        (extensor, flexor), saturated, clamped = wanted
         return PositionCommand(extensor, flexor, *estimate, saturated, clamped)
 
-    def _wanted(self, estimate, reference: Reference, mean: float, pressures):
+    def _wanted(self, estimate, reference: Reference, mean: float, pressures, periods: int):
         """Return the reference pressures and what limits them, at the instant at which they act."""
         if not self._ahead.horizon:
-            return self._law(estimate[:3], reference, mean, self._now)
-        then = self._ahead.reference(reference)
-        self._then.step(then, *pressures)
+            return self._law(estimate[:3], reference, mean, self._now, periods)
+        then = self._ahead.reference(reference, periods)
+        self._then.step(then, *pressures, periods)
         point = self._ahead.estimate(estimate, reference, then)
         c1, c2 = self._tuned[:2].tolist()
         self._ahead.note(desired_acceleration(point, then, c1, c2) - then.acceleration)
-        return self._law(point, then, mean, self._then)
+        return self._law(point, then, mean, self._then, periods)
 
-    def _law(self, estimate, reference: Reference, mean: float, effect: EffectTorque):
-        states, time = effect.states, effect.time
+    def _law(self, estimate, reference: Reference, mean: float, effect: EffectTorque, periods: int):
+        states, time, change = effect.states, effect.time, periods * self._change
         result = self._command(estimate, reference[:3], mean, self._let_go, states, time, self._tuned)
         pressures, saturated, clamped, near = result
         self._let_go = [
-            min(max(wanted, now - self._change), now + self._change)
+            min(max(wanted, now - change), now + change)
             for wanted, now in zip(near.tolist(), self._let_go, strict=True)
         ]
         return pressures.tolist(), bool(saturated[0]), bool(clamped[0])

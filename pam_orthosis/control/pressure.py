@@ -90,6 +90,8 @@ class PressureController:
         angle += age * velocity
         time = self._steps * self._period
         self._steps += periods
+        if self._pending is not None:
+            self._pending.hold(periods)
         if reference == VALVES_CLOSED:
             self._filtered = None
             if self._pending is not None:

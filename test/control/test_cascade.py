@@ -152,7 +152,7 @@ def test_a_muscle_is_let_go_slowly_and_only_when_the_other_one_needs_it():
 
     def step(reference):
         """Return the extensor's pressure for a knee that is where it should be."""
-        return controller._law((0.7, 0.0, 0.0), reference, settings.mean_pressure, controller._now)[0][0]
+        return controller._law((0.7, 0.0, 0.0), reference, settings.mean_pressure, controller._now, 1)[0][0]
 
     taut = step(easy)
     assert controller._let_go == [0.0, 0.0]
