@@ -33,7 +33,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--degrees", type=int, nargs=2, default=(3, 4), metavar=("A", "B"), help="of Eq. (14) (3 4)"
     )
-    parser.add_argument("--damping", type=not_negative, metavar="D", help="N s/m, in place of the decays'")
+    parser.add_argument(
+        "--damping",
+        type=not_negative,
+        metavar="D",
+        help="N s/m, in place of the decays': for the fit, and written",
+    )
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the rows for config/muscle.yaml")
     parser.add_argument("--update", type=Path, metavar="FILE", help="put the rows into such a file")
     parser.add_argument("--figures", type=Path, metavar="DIR", help="draw force, residuals and volume")
@@ -78,6 +83,8 @@ def describe(found: Identified) -> str:
             f"  D = {d.value:.1f} +- {d.half_width:.1f} N s/m, dry friction apart"
             f" (Eq. 18 counts all losses: {d.decrement:.1f}; T_d = {d.period:.3f} s)"
         )
+    if found.given_damping is not None:
+        lines.append(f"  D = {found.given_damping:g} N s/m was given, and counts")
     if found.volume:
         v = found.volume
         lines.append(f"  v = {_numbers(v.v)}, w = {_numbers(v.w)}")

@@ -37,6 +37,7 @@ class Identified:
         data: what it was found from; `training` and `held_out` are its force samples.
         force: Eq. (14) with D.
         damping, volume: None where the data hold no decay, no cylinder.
+        given_damping: D, N s/m, that was to be taken in place of the decays'; None: none was.
         by_length: held-out error of each length of a table (RMS, max N; None: not determined).
         box: recommended box of validity.
         stiff: whether the modelled force falls with the contraction all over the taut box.
@@ -51,6 +52,7 @@ class Identified:
     by_length: dict[float, tuple[float, float] | None]
     box: Box
     stiff: bool
+    given_damping: float | None = None
 
     def errors(self, held_out: bool) -> dict[str, Any]:
         """Return RMS and maximum error, N: overall, by level (bar gauge) and by direction."""
@@ -110,7 +112,7 @@ def identify(
         data: of one muscle.
         held_out: gauge pressures, Pa, of runs that judge and do not enter the fit.
         degrees: of area function and counterforce, Eq. (14).
-        damping: D, N s/m, where no decay tells; None: zero then.
+        damping: D, N s/m, in place of the decays'; None: theirs, zero if there are none.
 
     Raises:
         OrthosisError: the data do not determine the parameters, or all of them are held out.
@@ -132,7 +134,7 @@ def identify(
     return Identified(
         data, training, data.samples.where(judged), force, told,
         fit_volume(data.volumes, data.specimen) if data.volumes else None,
-        by_length, box, _stiff(force, box),
+        by_length, box, _stiff(force, box), damping,
     )  # fmt: skip
 
 

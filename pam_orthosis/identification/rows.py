@@ -28,7 +28,9 @@ def values(found: Identified) -> dict[str, Any]:
         "force.b": _padded(model.b, POLYNOMIAL_B),
         **{f"box.{name}": _rounded(getattr(box, name)) for name in MEASURED_ENDS},
     }
-    if found.damping:
+    if found.given_damping is not None:
+        result["force.damping"] = _rounded(found.given_damping)
+    elif found.damping:
         # controllers need all losses, dry friction counted in: D as Eq. (18) of the paper gives it
         result["force.damping"] = _rounded(found.damping.decrement, 4)
     if found.volume:

@@ -104,7 +104,6 @@ class GraphNode(Node):
 
     def __init__(self, name: str, settings: Mapping[str, Setting] | None = None, role: str | None = None):
         super().__init__(name)
-        refuse_sim_time(self)
         self.settings = declare_settings(self, {**(settings or {}), **MODE})
         self.realtime = self.settings["realtime"]
         self.topics = table(self.realtime, self.settings["with_plant"], self.settings["replay"])
@@ -113,6 +112,7 @@ class GraphNode(Node):
         self.parameters = declare_rows(self, spec.branches, spec.live)
         self._changed: dict[str, Any] = {}
         take_changes(self, spec.live, self._take_changes)
+        refuse_sim_time(self)  # asked before what stands above it
         self.every = self.parameters.control.position.every
         self.control_ns = round(self.parameters.scenario.control_period * 1e9)
         self.period_ns = self.control_ns * (self.every if self.role in SLOW else 1)  # of its own steps

@@ -130,6 +130,8 @@ class RealTime:
     def _receiver(self, topic: str) -> Any:
         def receive(stamp_ns: int, voltage: float) -> None:
             self._voltages[topic] = voltage
+            if not any(self._answered_ns.values()):  # nobody was silent before there was anybody
+                self._unanswered = dict.fromkeys(INPUTS, 0)
             self._unanswered[topic] = 0
             self._answered_ns[topic] = stamp_ns
 
@@ -154,7 +156,7 @@ class RealTime:
 
     def _acting(self) -> dict[str, float]:
         """Return the voltages of the next period."""
-        silent = max(self._unanswered.values()) > SILENCE_SAMPLES and min(self._answered_ns.values()) > 0
+        silent = max(self._unanswered.values()) > SILENCE_SAMPLES and any(self._answered_ns.values())
         self._silent += silent
         return self._vented if silent else self._voltages
 

@@ -112,6 +112,14 @@ def test_the_command_writes_rows_that_config_takes(bags, found, tmp_path, capsys
         assert (figures / name).stat().st_size > 10_000
 
 
+def test_a_damping_that_is_given_is_fitted_with_and_written(bags, tmp_path, capsys):
+    out = tmp_path / "rows.yaml"
+    assert main(["identify", str(bags), "--out", str(out), "--damping", "100", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["damping_used"] == 100.0
+    assert yaml.safe_load(out.read_text())["dmsp_20"]["force"]["damping"]["value"] == 100.0
+
+
 def test_update_changes_these_rows_only(bags, found, tmp_path):
     copy = tmp_path / "muscle.yaml"
     shutil.copy(parameters.config_folder() / "muscle.yaml", copy)

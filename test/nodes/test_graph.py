@@ -192,6 +192,28 @@ def test_a_parameter_that_a_node_does_not_have_is_refused(tmp_path, monkeypatch)
             rclpy.shutdown()
 
 
+def test_settings_that_are_refused_together_change_nothing(tmp_path, monkeypatch):
+    rclpy = pytest.importorskip("rclpy")
+    from pam_orthosis.nodes.position_controller import PositionControllerNode
+
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
+    rclpy.init(args=[], domain_id=os.getpid() % 100)
+    try:
+        node, key = PositionControllerNode(), "control.position.c1"
+        before = node.parameters.control.position.c1
+        both = [
+            rclpy.parameter.Parameter(key, value=33.0),
+            rclpy.parameter.Parameter("use_sim_time", value=True),
+        ]
+        for order in (both, both[::-1]):
+            assert not node.set_parameters_atomically(order).successful
+            assert node.parameters.control.position.c1 == before == node.get_parameter(key).value
+        assert node.set_parameters_atomically(both[:1]).successful
+        assert node.parameters.control.position.c1 == 33.0
+    finally:
+        rclpy.shutdown()
+
+
 def test_simulated_time_is_the_nodes_own_affair(tmp_path, monkeypatch):
     """With `use_sim_time` its timers waited for a clock that waited for the node."""
     rclpy = pytest.importorskip("rclpy")

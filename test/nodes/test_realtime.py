@@ -92,6 +92,22 @@ def test_valves_without_commands_vent(plant):
     assert plant.applied[-1] != (vent, vent)
 
 
+def test_valves_vent_when_one_of_them_was_never_told_anything(plant):
+    from pam_orthosis.nodes.pace import INPUTS, SILENCE_SAMPLES
+
+    for _ in range(2 * SILENCE_SAMPLES):  # nobody is there yet
+        plant.now += plant.period_ns
+        plant.tick()
+    for _ in range(SILENCE_SAMPLES + 2):
+        plant.receivers[INPUTS[0]](plant.samples[-1], 6.0)
+        plant.now += plant.period_ns
+        plant.tick()
+    vent = plant.parameters.valve.minimum_voltage
+    assert (vent, vent) not in plant.applied[: 3 * SILENCE_SAMPLES]
+    assert plant.applied[-1] == (vent, vent)
+    assert plant.pace.health()["vented_without_commands"] > 0
+
+
 def test_an_answer_in_time_acts_over_its_own_period(plant):
     plant.answer(6.0, plant.samples[0])
     plant.now += plant.period_ns
