@@ -63,9 +63,14 @@ class BagRecorder(graph.GraphNode):
     def served_legs(self) -> tuple[str, ...]:
         """Return the namespaces of the legs that are recorded."""
         try:
-            return tuple(json.loads(self.settings["legs"] or '{"": {}}'))
+            legs = json.loads(self.settings["legs"] or '{"": {}}')
         except ValueError as error:
             raise OrthosisError(f"bag_recorder: legs is no JSON: {error}") from error
+        if not isinstance(legs, dict) or not all(isinstance(own, dict) for own in legs.values()) or not legs:
+            raise OrthosisError(
+                'bag_recorder: legs must be like {"left": {}, "right": {"leg.shank.mass": 4.0}}'
+            )
+        return tuple(legs)
 
     def started(self) -> None:
         """Expect samples from now on."""

@@ -1,26 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node: an example of a hardware driver for `run --realtime --no-plant`; docs/ros.md has the contract.
 
-It stands alone, as a driver outside this package does. Replace `EmulatedHardware` by calls to the
-devices; the rest is what the controllers expect of any driver.
+It is no node of the graph, as a driver outside this package is none. Replace `EmulatedHardware` by calls
+to the devices; the rest is what the controllers expect of any driver. Its parameters are those of
+`config/`: the run must have the same `scenario.control_period`.
 """
 
 from __future__ import annotations
 
-import signal
 import sys
+from typing import Any
 
 import rclpy
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import FluidPressure, JointState
 
 from pam_orthosis.control.guard import driven
-from pam_orthosis.model.parameters import load
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
-from pam_orthosis.nodes import messages
+from pam_orthosis.nodes import graph, messages
+from pam_orthosis.nodes.layout import EVERYTHING
+from pam_orthosis.nodes.parameters import declare_rows
+from pam_orthosis.nodes.supervisor import ERROR_PREFIX
 
 MUSCLES = ("extensor", "flexor")
 SILENCE_PERIODS = 20
@@ -31,8 +35,7 @@ SPIN_SECONDS = 0.2  # the events executor dispatches nothing without a time-out
 class EmulatedHardware:
     """Stands for the devices: sensors that can be read, valves that take voltages."""
 
-    def __init__(self) -> None:
-        parameters = load()
+    def __init__(self, parameters: Parameters):
         self.period_ns = round(parameters.scenario.control_period * 1e9)
         self.closed_voltage = parameters.valve.closed_voltage
         self._valve = parameters.valve
@@ -58,7 +61,7 @@ class DummyDriver(Node):
 
     def __init__(self) -> None:
         super().__init__("dummy_driver")
-        self._hardware = EmulatedHardware()
+        self._hardware = EmulatedHardware(declare_rows(self, EVERYTHING))
         self._joint = self.create_publisher(JointState, "joint_states", qos_profile_sensor_data)
         self._pressure = {
             muscle: self.create_publisher(FluidPressure, f"{muscle}/pressure", qos_profile_sensor_data)
@@ -109,12 +112,14 @@ class DummyDriver(Node):
 
 def main() -> int:
     """Run the driver until SIGINT or SIGTERM."""
-    # rclpy's own handlers would end the context under a callback that is about to publish
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    caught: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _frame: caught.append(number))
-    executor, driver = EventsExecutor(), DummyDriver()
+    caught = graph.caught_signals()
+    try:
+        graph.start_ros()
+        driver = DummyDriver()
+    except OrthosisError as error:
+        print(f"{ERROR_PREFIX}{error}", file=sys.stderr)
+        return error.exit_status
+    executor: Any = EventsExecutor()
     executor.add_node(driver)
     try:
         while not caught:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import faulthandler
 import gc
 import os
+import re
 import signal
 import sys
 import time
@@ -555,8 +556,8 @@ def run(make_nodes: Callable[[], Sequence[GraphNode]]) -> int:
 
     A run that was cut short has no time to take the process apart.
     """
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     try:
+        start_ros()
         whole, status = spin(make_nodes()), 0
     except Exception as error:
         whole, status = False, _reported(error)
@@ -565,6 +566,19 @@ def run(make_nodes: Callable[[], Sequence[GraphNode]]) -> int:
         os._exit(status)
     rclpy.try_shutdown()
     return status
+
+
+def start_ros() -> None:
+    """Start ROS with the arguments of the command line and without its handlers of signals.
+
+    Raises:
+        OrthosisError: ROS cannot use them.
+    """
+    try:
+        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # rclpy's errors have no narrower ancestor
+        said = re.sub(r", at [^ ]+:\d+", "", str(error).removeprefix("failed to initialize rcl: "))
+        raise OrthosisError(f"cannot use the arguments behind --ros-args: {said}") from error
 
 
 def _reported(error: Exception) -> int:

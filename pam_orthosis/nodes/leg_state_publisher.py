@@ -17,7 +17,6 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import qos_profile_sensor_data
-from rclpy.signals import SignalHandlerOptions
 
 from pam_orthosis.bag.cdr import serialised_stamp_ns
 from pam_orthosis.bag.topics import BY_NAME
@@ -73,10 +72,10 @@ class LegStatePublisher(Node):
 
 def main() -> int:
     """Run the node until SIGINT or SIGTERM."""
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     signals = graph.caught_signals()
-    executor: Any = EventsExecutor()
     try:
+        graph.start_ros()
+        executor: Any = EventsExecutor()
         executor.add_node(LegStatePublisher())
         while not signals:
             executor.spin_once(timeout_sec=SPIN_SECONDS)

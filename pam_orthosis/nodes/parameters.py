@@ -31,7 +31,7 @@ def declare_settings(node: Node, settings: Mapping[str, Setting]) -> dict[str, A
     """Declare a node's own parameters, and return what they are set to.
 
     Raises:
-        OrthosisError: wrong type, or not one of the options.
+        OrthosisError: wrong type, not one of the options, or a number that is not positive.
     """
     values = {}
     for name, (default, meaning, options) in settings.items():
@@ -40,6 +40,8 @@ def declare_settings(node: Node, settings: Mapping[str, Setting]) -> dict[str, A
         values[name] = _declare(node, name, default, descriptor)
         if options and values[name] not in options:
             raise OrthosisError(f"{node.get_name()}: parameter {name} must be {choice}")
+        if isinstance(values[name], float) and not 0 < values[name] < float("inf"):
+            raise OrthosisError(f"{node.get_name()}: parameter {name} must be a positive number")
     return values
 
 

@@ -21,7 +21,7 @@ class Applied(dummy_driver.EmulatedHardware):
     """The emulated hardware, with a list of what its valves were set to."""
 
     def __init__(self):
-        super().__init__()
+        super().__init__(load())
         self.applied = []
         advance = self._plant.advance
         self._plant.advance = lambda *voltages: (self.applied.append(voltages), advance(*voltages))
@@ -32,7 +32,7 @@ def hardware(tmp_path, monkeypatch):
     made = Applied()
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
     monkeypatch.setenv("ROS_DOMAIN_ID", str(os.getpid() % 100))
-    monkeypatch.setattr(dummy_driver, "EmulatedHardware", lambda: made)
+    monkeypatch.setattr(dummy_driver, "EmulatedHardware", lambda _: made)
     return made
 
 
@@ -84,7 +84,7 @@ def test_it_vents_at_its_end_whatever_ended_it(hardware, monkeypatch):
 
     monkeypatch.setattr(dummy_driver, "EventsExecutor", Failing)
     monkeypatch.setattr(sys, "argv", ["dummy_driver"])
-    monkeypatch.setattr(dummy_driver.signal, "signal", lambda number, handler: None)
+    monkeypatch.setattr(dummy_driver.graph, "caught_signals", list)
     with pytest.raises(ValueError, match="a callback failed"):
         dummy_driver.main()
     assert hardware.applied[-1] == (VENT, VENT)

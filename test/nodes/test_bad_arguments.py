@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Single nodes that are started with what they cannot use: one line, status 2, no traceback."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip("rclpy")
+ERROR = "pam-orthosis: error: "
+
+
+def _started(tmp_path, node, *arguments):
+    return subprocess.run(
+        [sys.executable, "-m", f"pam_orthosis.nodes.{node}", "--ros-args", *arguments],
+        env={**os.environ, "ROS_LOG_DIR": str(tmp_path), "ROS_DOMAIN_ID": str(os.getpid() % 100)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(
+    ("node", "arguments", "said"),
+    [
+        ("position_controller", ["-p", "foo"], "Couldn't parse parameter override rule: '-p foo'"),
+        ("leg_state_publisher", ["--params-file", "/none.yaml"], "Couldn't parse params file"),
+        ("dummy_driver", ["--foo"], "cannot use the arguments behind --ros-args: ['--foo']"),
+        ("dummy_driver", ["-p", "scenario.period:=0.01"], "has no parameter scenario.period"),
+        ("dummy_driver", ["-p", "scenario.control_period:=50.0"], "scenario.control_period"),
+        ("bag_recorder", ["-p", "legs:='5'"], "legs must be like"),
+        ("bag_recorder", ["-p", "legs:='left'"], "legs is no JSON"),
+        ("bag_recorder", ["-p", "sample_timeout:=-1.0"], "sample_timeout must be a positive number"),
+        ("plant_simulator", ["-p", "answer_timeout:=.nan"], "answer_timeout must be a positive number"),
+    ],
+)
+def test_one_line_says_what_is_wrong(tmp_path, node, arguments, said):
+    done = _started(tmp_path, node, *arguments)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith(ERROR)]
+    assert said in line
