@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import subprocess
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
@@ -34,6 +34,7 @@ FLUSH_NS = 150_000_000  # of the bag's time, after which a chunk ends however sm
 FILE_NS = 600 * SECOND_NS  # of the bag's time in one file
 METADATA_FILE = "metadata.yaml"
 RUN_RECORD = "pam_orthosis"
+EFFECTS, RIG_EFFECTS = ("plant.effects.", "effects."), ("plant.rig.effects.",)
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 QOS = [
     {
@@ -268,19 +269,22 @@ def _as_yaml(data: Any) -> str:
     return yaml.dump(data, Dumper=_PlainDumper, sort_keys=False)
 
 
-def run_metadata(parameters: Parameters, scenario: str, legs: str = "") -> dict[str, str]:
+def run_metadata(
+    parameters: Parameters, scenario: str, legs: str = "", branches: Sequence[str] = EFFECTS
+) -> dict[str, str]:
     """Return what a bag tells of its run: version, commit, scenario, seed, effects, parameters.
 
-    With several legs it tells in which parameters each differs: JSON, by namespace.
+    With several legs it tells in which parameters each differs: JSON, by namespace. Effects are those that
+    are switched on in these branches of the parameters.
     """
     flat = parameters.flat()
-    switches = {key: value for key, value in flat.items() if key.endswith(".enabled")}
+    on = [key.removesuffix(".enabled") for key, value in flat.items() if key.endswith(".enabled") and value]
     return {
         "version": __version__,
         "commit": _commit(),
         "scenario": scenario,
         "seed": str(flat["scenario.seed"]),
-        "effects": json.dumps([key[: -len(".enabled")] for key, on in switches.items() if on]),
+        "effects": json.dumps([key for key in on if key.startswith(tuple(branches))]),
         "parameters": json.dumps(flat),
         **({"legs": legs} if legs else {}),
     }

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from pam_orthosis.bag.record import BagWriter, run_metadata
+from pam_orthosis.bag.record import RIG_EFFECTS, BagWriter, run_metadata
 from pam_orthosis.bag.rig_topics import NAMESPACE, RIG_TOPICS
 from pam_orthosis.bag.topics import BY_NAME, JOINT, SECOND_NS, resolve
 from pam_orthosis.control.rig_loop import RigSample
@@ -33,7 +33,8 @@ def record_rig(
     Raises:
         OrthosisError: the folder holds a bag or cannot be written.
     """
-    run = run_metadata(parameters, f"rig-{specimen}-{test}") | {"specimen": specimen, "test": test}
+    run = run_metadata(parameters, f"rig-{specimen}-{test}", branches=RIG_EFFECTS)
+    run |= {"specimen": specimen, "test": test}
     count = 0
     with BagWriter(folder, run) as writer:
         for topic in RIG_TOPICS:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.cli.run import refuse_used
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.model.specimens import SPECIMENS
 
@@ -42,8 +42,7 @@ def execute(arguments: argparse.Namespace) -> int:
         overrides["plant.rig.load_cell.accuracy"] = arguments.load_cell
     parameters = load(overrides)
     out = arguments.out or Path("runs") / f"rig-{arguments.muscle}"
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise OrthosisError(f"{out} exists and is not an empty folder; choose another --out")
+    refuse_used(out)
     for test in arguments.tests:
         record_test(parameters, arguments.muscle, test, out)
     print(out)

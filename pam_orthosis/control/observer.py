@@ -51,7 +51,8 @@ def characteristic(pole, damping):
 def gains(x, pressures, polynomial, belief):
     """Return h of Eq. (31): the poles of A - h c, Eq. (32), are placed by Ackermann's formula.
 
-    The measurement c x of Eq. (30) is the angle.
+    The measurement c x of Eq. (30) is the angle, and so is its estimate: Eq. (31) prints y-hat-dot = c(x-hat)
+    where y-hat is meant.
 
     Args:
         x: estimate (3,), the point of linearisation.

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -141,10 +142,13 @@ def from_csv(path: Path, system: System) -> Recording:
     """Return the recording of a CSV table whose first row names the columns (`time`, signal names; SI).
 
     Raises:
-        OrthosisError: unreadable, without header, not numeric, signals missing, not uniform in time, or
-            values that cannot be in the unit that is asked for.
+        OrthosisError: unreadable, without header, not numeric, signals missing or doubled, not uniform in
+            time, or values that cannot be in the unit that is asked for.
     """
     header, values = _table(path)
+    doubled = [name for name, count in Counter(header).items() if count > 1]
+    if doubled:
+        raise OrthosisError(f"{path}: two columns give {doubled[0]}; leave one")
     recording = from_arrays(str(path), system, dict(zip(header, values.T, strict=True)))
     _check_units(recording, system)
     return recording

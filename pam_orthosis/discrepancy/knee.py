@@ -12,23 +12,12 @@ import numpy as np
 from pam_orthosis.discrepancy.system import Assembled, Calibration, Channel, Equation, System
 from pam_orthosis.model import leg as leg_model
 from pam_orthosis.model import orthosis
+from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.effects.base import enabled
 from pam_orthosis.model.muscle import polynomial
 from pam_orthosis.model.parameters import BELIEF, Section
 
-# tolerance -> believed parameters that it multiplies
-MULTIPLIES = {
-    "moving_mass": ("leg.thigh.mass", "leg.shank.mass", "leg.knee_mass", "leg.shoe_mass"),
-    "person_mass": ("leg.person.mass",),
-    "muscle_damping": ("muscle.dmsp_20.force.damping",),
-    "conductance": ("valve.conductance",),
-    "critical_ratio": ("valve.critical_ratio",),
-    "polytropic_exponent": ("valve.polytropic_exponent",),
-    "supply_pressure": ("valve.supply_pressure",),
-    "hose_volume": ("valve.hose.volume",),
-    "hose_conductance": ("valve.hose.conductance",),
-}
 APPARATUS = ("leg.", "muscle.", "valve.", "effects.")  # keys of the belief that recordings share
 TABLE_ORDER = 16
 TABLE_MARGIN = 0.2  # rad beyond the joint's stops
@@ -138,7 +127,7 @@ def _hardware(belief, effects, symbols, tables) -> orthosis.Hardware:
     values = belief.flat()
     deviating = {
         key: values[key] * (1 + symbols[name])
-        for name, keys in MULTIPLIES.items()
+        for name, keys in DEVIATIONS.items()
         if name in symbols
         for key in keys
     }
@@ -181,7 +170,7 @@ def tabulated(joint, tables, moving_mass, person_mass):
 
 def mass_tables(belief):
     """Return coefficients of inertia and gravity by the angle for apparatus, person, 1 kg at the ankle."""
-    masses = [key for key in belief.flat() if key in MULTIPLIES["moving_mass"]]
+    masses = [key for key in belief.flat() if key in DEVIATIONS["moving_mass"]]
     none = dict.fromkeys((*masses, "leg.person.mass"), 0.0)
     values = belief.flat()
     apparatus = {**none, **{key: values[key] for key in masses}}

@@ -45,9 +45,12 @@ def read(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise OrthosisError(f"{path} is not a mapping of parameters to values")
     try:
-        return dict(islice(_flat("", content), MOST_ROWS))
+        rows = dict(islice(_flat("", content), MOST_ROWS + 1))
     except RecursionError:
         raise OrthosisError(f"{path} refers to itself, or is nested too deeply") from None
+    if len(rows) > MOST_ROWS:
+        raise OrthosisError(f"{path} is no model file: it has more than {MOST_ROWS} parameters")
+    return rows
 
 
 def _flat(prefix: str, node: Mapping):

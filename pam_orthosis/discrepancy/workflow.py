@@ -338,7 +338,7 @@ def _judged(start: Beginning, found: Selection, settings) -> Outcome:
 
 
 def _closures(configured, before, after, floor) -> dict[str, float | None]:
-    """Return closure per channel (in units) and overall (whitened), from the recalibrated model.
+    """Return closure per channel and overall, of whitened residuals, from the recalibrated model.
 
     Where recalibration alone hides the gap (an effect that resembles an ordinary parameter), closure
     counts from the configured model.

@@ -59,6 +59,9 @@ def decrement(decay: Decay) -> tuple[float, float]:
 
     The amplitudes are the swings between successive turning points, which no offset of the rest
     position touches; a swing lasts half a period.
+
+    Raises:
+        OrthosisError: too few swings.
     """
     turns = turning_points(decay)
     swings = np.abs(np.diff(decay.position[turns]))

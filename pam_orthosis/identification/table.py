@@ -14,18 +14,19 @@ from typing import NamedTuple
 import numpy as np
 
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import load
 
-AMBIENT = 1.013e5  # Pa, what an absolute pressure is reduced by
-# column -> quantity, factor to SI, offset in SI
+AMBIENT = "ambient"  # what an absolute pressure is reduced by: `valve.ambient_pressure`
+# column -> quantity, factor to SI, what is taken off
 COLUMNS = {
-    **{f"p_{u}_gauge": ("pressure", f, 0.0) for u, f in (("Pa", 1.0), ("kPa", 1e3), ("bar", 1e5))},
-    **{f"p_{u}_abs": ("pressure", f, -AMBIENT) for u, f in (("Pa", 1.0), ("kPa", 1e3), ("bar", 1e5))},
-    **{f"L_{u}": ("length", f, 0.0) for u, f in (("m", 1.0), ("mm", 1e-3))},
-    **{f"dL_{u}": ("contraction", f, 0.0) for u, f in (("m", 1.0), ("mm", 1e-3))},
-    **{f"F_{u}": ("force", f, 0.0) for u, f in (("N", 1.0), ("kN", 1e3))},
-    **{f"sigma_F_{u}": ("sigma", f, 0.0) for u, f in (("N", 1.0), ("kN", 1e3))},
-    **{f"v_{u}": ("rate", f, 0.0) for u, f in (("m_s", 1.0), ("mm_s", 1e-3))},
-    "slack": ("slack", 1.0, 0.0),
+    **{f"p_{u}_gauge": ("pressure", f, None) for u, f in (("Pa", 1.0), ("kPa", 1e3), ("bar", 1e5))},
+    **{f"p_{u}_abs": ("pressure", f, AMBIENT) for u, f in (("Pa", 1.0), ("kPa", 1e3), ("bar", 1e5))},
+    **{f"L_{u}": ("length", f, None) for u, f in (("m", 1.0), ("mm", 1e-3))},
+    **{f"dL_{u}": ("contraction", f, None) for u, f in (("m", 1.0), ("mm", 1e-3))},
+    **{f"F_{u}": ("force", f, None) for u, f in (("N", 1.0), ("kN", 1e3))},
+    **{f"sigma_F_{u}": ("sigma", f, None) for u, f in (("N", 1.0), ("kN", 1e3))},
+    **{f"v_{u}": ("rate", f, None) for u, f in (("m_s", 1.0), ("mm_s", 1e-3))},
+    "slack": ("slack", 1.0, None),
 }
 # what a column in the right unit cannot exceed
 PLAUSIBLE = {
@@ -96,10 +97,11 @@ def _columns(path: Path) -> dict[str, np.ndarray]:
     for index, name in enumerate(header):
         if name not in COLUMNS:
             raise OrthosisError(f"{path}: column {name!r} is unknown; there are {', '.join(COLUMNS)}")
-        quantity, factor, offset = COLUMNS[name]
+        quantity, factor, reduced_by = COLUMNS[name]
         if quantity in result:
             raise OrthosisError(f"{path}: two columns give the {quantity}; leave one, in one unit")
-        result[quantity] = factor * _numbers(path, name, [row[index] for row in body]) + offset
+        offset = load().valve.ambient_pressure if reduced_by == AMBIENT else 0.0
+        result[quantity] = factor * _numbers(path, name, [row[index] for row in body]) - offset
     return result
 
 

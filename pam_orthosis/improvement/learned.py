@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pam_orthosis.discrepancy.knee import MULTIPLIES
+from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.orthosis import MUSCLES
 
@@ -36,7 +36,7 @@ def calibrated(belief, effects: Sequence[str], values: Mapping[str, float]) -> d
         values: calibration -> relative deviation or offset, `effect.parameter` -> value.
     """
     believed, changes = belief.flat(), {}
-    for name, keys in MULTIPLIES.items():
+    for name, keys in DEVIATIONS.items():
         factor = 1 + values.get(name, 0.0)
         changes |= {key: _within(belief, key, believed[key] * factor) for key in keys if factor != 1}
 

@@ -12,19 +12,7 @@ import numpy as np
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import integrate, orthosis
 from pam_orthosis.model.compiled import compiled
-
-# deviation -> the believed parameters that it multiplies
-DEVIATIONS = {
-    "moving_mass": ("leg.thigh.mass", "leg.shank.mass", "leg.knee_mass", "leg.shoe_mass"),
-    "person_mass": ("leg.person.mass",),
-    "muscle_damping": ("muscle.dmsp_20.force.damping",),
-    "conductance": ("valve.conductance",),
-    "critical_ratio": ("valve.critical_ratio",),
-    "polytropic_exponent": ("valve.polytropic_exponent",),
-    "supply_pressure": ("valve.supply_pressure",),
-    "hose_volume": ("valve.hose.volume",),
-    "hose_conductance": ("valve.hose.conductance",),
-}
+from pam_orthosis.model.deviations import DEVIATIONS
 
 BISECTIONS = 60  # until the knee rests
 STILL = 0.1  # rad/s^2 that a knee at rest may have left

@@ -25,18 +25,19 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import integrate, orthosis
 from pam_orthosis.model import muscle as muscle_model
 from pam_orthosis.model.compiled import compiled
+from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.effects.base import ActiveEffects, Effect
 from pam_orthosis.model.effects.carriage_friction import RIG_EFFECTS
+from pam_orthosis.model.leg import GRAVITY
 from pam_orthosis.model.parameters import Section
-from pam_orthosis.model.plant import DEVIATIONS, quantised
+from pam_orthosis.model.plant import quantised
 
 BASE_STATES = ("position", "velocity", "extensor_pressure", "flexor_pressure")
 INPUTS = ("extensor_voltage", "flexor_voltage", "weight", "hand_stiffness", "hand_position")
 OUTPUTS = ("extensor_tension", "flexor_tension", "extensor_flow", "flexor_flow", "diameter", "length")
 # of the knee's effects, those of muscles and valves act at the rig too
 SHARED_EFFECTS = ("muscle_hysteresis", "valve_lag", "valve_dead_band")
-GRAVITY = 9.81  # m/s^2
 HAND_STIFFNESS = 2.0e5  # N/m, of the hand that pulls the carriage
 HAND_DAMPING_TIME = 5.0e-3  # s, its damping / stiffness
 

@@ -14,8 +14,9 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from bags import PERIOD_NS, STORE, joint_state, reference, write, write_tracking_bag
 from pam_orthosis.bag import record
 from pam_orthosis.bag.read import Series, aligned, read_bag, run_record
-from pam_orthosis.bag.record import BagWriter
+from pam_orthosis.bag.record import RIG_EFFECTS, BagWriter, run_metadata
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import load
 
 STAMPS = np.arange(400, dtype=np.int64) * PERIOD_NS
 ANGLE = np.linspace(0.0, 1.0, 400)
@@ -184,6 +185,18 @@ def test_a_damaged_file_is_one_error_wherever_it_is_cut(bag):
         file.write_bytes(whole[:length])
         with pytest.raises(OrthosisError):
             read_bag(bag, NEEDED)
+
+
+def test_a_run_tells_the_effects_of_what_it_ran_only():
+    p = load(
+        {"plant.effects.creep.enabled": True, "effects.backlash.enabled": True, "scenario.plan.enabled": True}
+    )
+    knee = json.loads(run_metadata(p, "default")["effects"])
+    assert {"plant.effects.creep", "effects.backlash"} <= set(knee)
+    assert all(name.startswith(("plant.effects.", "effects.")) for name in knee)
+    assert json.loads(run_metadata(p, "rig", branches=RIG_EFFECTS)["effects"]) == [
+        "plant.rig.effects.carriage_friction"
+    ]
 
 
 def test_run_record_survives_in_the_file_itself(bag):

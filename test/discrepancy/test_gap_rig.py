@@ -73,6 +73,13 @@ def test_the_engine_knows_no_system():
         assert file.name in SYSTEMS or not known, f"{file.name} imports {known}"
 
 
+def test_a_model_file_without_end_is_refused(tmp_path):
+    file = tmp_path / "model.yaml"
+    file.write_text("".join(f"a{number}: 1\n" for number in range(patch.MOST_ROWS + 1)))
+    with pytest.raises(OrthosisError, match="more than 10000 parameters"):
+        patch.read(file)
+
+
 def test_with_nothing_hidden_the_plant_is_the_nominal_model(belief, system, replay, monkeypatch):
     """Two realisations of the same equations; the observer's share of the agreement is small."""
     for name in ("POSITION_NOISE", "FORCE_NOISE", "PRESSURE_NOISE"):

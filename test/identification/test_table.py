@@ -10,6 +10,7 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.data import read_data
 from pam_orthosis.identification.identify import identify
 from pam_orthosis.identification.table import read_table
+from pam_orthosis.model import parameters
 
 MEASURED = Path(__file__).resolve().parents[3] / "shared" / "data" / "muscle"
 GOOD = ["p_Pa_gauge,L_m,F_N,slack", "200000,0.29,300,0", "300000,0.27,250,0", "200000,0.22,0,1"]
@@ -28,6 +29,13 @@ def test_the_same_data_in_other_units_are_the_same(tmp_path):
     assert read.pressure == pytest.approx(si.pressure[:2])
     assert read.length == pytest.approx(si.length[:2])
     assert read.force == pytest.approx(si.force[:2])
+
+
+def test_absolute_pressures_are_reduced_by_the_configured_ambient(tmp_path, monkeypatch):
+    lines = ["p_bar_abs,L_mm,F_kN", "3.013,290,0.3", "4.013,270,0.25"]
+    high = parameters.load({"valve.ambient_pressure": 9.0e4})
+    monkeypatch.setattr("pam_orthosis.identification.table.load", lambda: high)
+    assert read_table(table(tmp_path, lines)).pressure == pytest.approx([211300, 311300])
 
 
 def test_slack_rows_are_left_out_but_for_the_force_free_end(tmp_path):

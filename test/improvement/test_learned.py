@@ -4,15 +4,15 @@
 import pytest
 
 from pam_orthosis.discrepancy import patch
-from pam_orthosis.discrepancy.knee import MULTIPLIES
 from pam_orthosis.improvement import learned
+from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.effects.base import enabled
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.plant import true_parameters, with_belief
 
 RIGHT = {
-    **dict.fromkeys(MULTIPLIES, 0.0), "extensor_force": 0.02, "flexor_force": -0.01,
+    **dict.fromkeys(DEVIATIONS, 0.0), "extensor_force": 0.02, "flexor_force": -0.01,
     "angle_offset": 1e-3, "extensor_pressure_offset": 300.0, "flexor_pressure_offset": -200.0,
     **{f"{n}.{q.name}": 0.0 for n, e in CATALOGUE.items() if e.shape for q in e.parameters},
 }  # fmt: skip
@@ -45,12 +45,12 @@ def test_what_a_weak_supply_cannot_give_is_not_asked_for():
 def test_calibrated_parameters_are_those_of_the_hardware():
     """The deviations of the plant, given as calibration, make the belief the truth."""
     base = load()
-    names = [name for name, _ in base.plant.deviation.items() if name in MULTIPLIES]
+    names = [name for name, _ in base.plant.deviation.items() if name in DEVIATIONS]
     deviations = {name: getattr(base.plant.deviation, name) - 1 for name in names}
     model = learned.calibrated(base, [], {**RIGHT, **deviations})
     after = with_belief(base, model)
     for name in names:
-        for key in MULTIPLIES[name]:
+        for key in DEVIATIONS[name]:
             assert after.flat()[key] == pytest.approx(true_parameters(base).flat()[key], rel=1e-5)
             assert after.flat()[f"plant.deviation.{name}"] == pytest.approx(1.0, abs=1e-5)
 

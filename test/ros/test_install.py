@@ -2,6 +2,7 @@
 """The package installs as ROS packages do, with colcon and with pip, and what it installs starts."""
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -79,6 +80,19 @@ def test_package_xml_names_every_message_package_that_is_imported():
         if ".msg import" in line or ".srv import" in line
     }
     assert imported | {"rclpy"} <= named
+
+
+def test_every_library_comes_from_rosdep_or_from_the_pip_line_of_the_page():
+    named = {dependency.name for dependency in parse_package(str(ROOT / "package.xml")).exec_depends}
+    page = (ROOT / "docs" / "ros.md").read_text()
+    (line,) = re.findall(r"^    pip install (casadi .*)$", page, re.MULTILINE)
+    setup = (ROOT / "setup.py").read_text()
+    needed = re.findall(
+        r'"([a-z]+)>=', setup[setup.index("install_requires") : setup.index("extras_require")]
+    )
+    rosdep = {"pyyaml": "python3-yaml"}
+    from_pip = [one for one in needed if rosdep.get(one, f"python3-{one}") not in named]
+    assert sorted(line.split()) == sorted(from_pip)
 
 
 def test_colcon_installs_every_executable_and_the_marker_of_the_package(install_space):

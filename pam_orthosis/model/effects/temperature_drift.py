@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gas that warms up while the muscles work."""
+"""Air that comes in warmer while the muscles work."""
 
 import casadi as ca
 
@@ -16,8 +16,8 @@ EFFECTS = [
         expression=lambda s, p, _states: Contribution(
             {"temperature": p.rise * (1 - ca.exp(-s.time / p.time_constant))}
         ),
-        physics="Cyclic work and friction warm muscle and gas from the first stroke on: the same mass of air "
-        "then makes a larger pressure, Eq. (5).",
+        physics="Cyclic work and friction warm muscle and hose from the first stroke on, and so the air "
+        "that comes in: the same mass flow then raises the pressure more, Eq. (6). Enclosed air is not.",
         source="a muscle warms by 10 to 20 K in cyclic work (assumption)",
         minimum_effect=2.0,
         starts=({"rise": -15.0}, {"time_constant": 100.0}),

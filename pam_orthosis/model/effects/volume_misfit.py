@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Misfit of the muscles' volumes: a relative error, cubic in contraction, linear in pressure."""
 
+import casadi as ca
+
 from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
 
 WHOLE_PRESSURE = 6.0e5  # Pa gauge
@@ -9,21 +11,23 @@ WHOLE_STROKE = 0.25  # relative contraction
 
 def _expression(s, p, _states):
     """The volume and its two derivatives stay consistent."""
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")  # contraction and pressure, -1 to 1
     added = {}
     for m in ("extensor", "flexor"):
         by_x = 2 / (WHOLE_STROKE * getattr(s, f"{m}_length"))
         by_y = 2 / WHOLE_PRESSURE
-        x, y = by_x * getattr(s, f"{m}_contraction") - 1, by_y * getattr(s, f"{m}_gauge") - 1
+        here = [by_x * getattr(s, f"{m}_contraction") - 1, by_y * getattr(s, f"{m}_gauge") - 1]
         constant, along_x, bend, turn, along_y = (getattr(p, f"{m}_{name}") for name in TERMS)
         error = constant + along_x * x + bend * (2 * x**2 - 1) + turn * (4 * x**3 - 3 * x) + along_y * y
-        slope = (along_x + 4 * bend * x + turn * (12 * x**2 - 3)) * by_x
+        all_of_it = [error, by_x * ca.gradient(error, x), by_y * ca.gradient(error, y)]
+        error, by_contraction, by_pressure = ca.substitute(all_of_it, [x, y], here)
         volume = getattr(s, f"{m}_volume")
         added[f"{m}_volume"] = error * volume
         added[f"{m}_volume_by_contraction"] = (
-            error * getattr(s, f"{m}_volume_by_contraction") + slope * volume
+            error * getattr(s, f"{m}_volume_by_contraction") + by_contraction * volume
         )
         added[f"{m}_volume_by_pressure"] = (
-            error * getattr(s, f"{m}_volume_by_pressure") + along_y * by_y * volume
+            error * getattr(s, f"{m}_volume_by_pressure") + by_pressure * volume
         )
     return Contribution(added)
 

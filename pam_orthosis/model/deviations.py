@@ -1,0 +1,15 @@
+# SPDX-License-Identifier: Apache-2.0
+"""By what hardware and belief can differ in ordinary parameters: the plant does, fits look for it."""
+
+# deviation -> the believed parameters that it multiplies
+DEVIATIONS = {
+    "moving_mass": ("leg.thigh.mass", "leg.shank.mass", "leg.knee_mass", "leg.shoe_mass"),
+    "person_mass": ("leg.person.mass",),
+    "muscle_damping": ("muscle.dmsp_20.force.damping",),
+    "conductance": ("valve.conductance",),
+    "critical_ratio": ("valve.critical_ratio",),
+    "polytropic_exponent": ("valve.polytropic_exponent",),
+    "supply_pressure": ("valve.supply_pressure",),
+    "hose_volume": ("valve.hose.volume",),
+    "hose_conductance": ("valve.hose.conductance",),
+}
