@@ -122,13 +122,22 @@ def recorded_parameters(path: Path, run: Mapping[str, str], namespace: str = "")
     """
     recorded = _mapping(path, run.get("parameters", "{}"))
     if namespace and recorded:
-        legs = _mapping(path, run.get("legs", "{}"))
+        legs = legs_of(path, run)
         recorded |= _mapping(path, json.dumps(legs.get(namespace.strip("/"), {})))
     known = load() if recorded else None
     try:
         return {key: known.accepted(key, value) for key, value in recorded.items()}
     except OrthosisError as error:
         raise OrthosisError(f"{path}: its run metadata are unusable: {error}") from error
+
+
+def legs_of(path: Path, run: Mapping[str, str]) -> dict[str, Any]:
+    """Return the legs of the run metadata, and in which parameters each differs; empty for one leg.
+
+    Raises:
+        OrthosisError: that is no JSON mapping.
+    """
+    return _mapping(path, run.get("legs", "{}"))
 
 
 def _mapping(path: Path, text: str) -> dict[str, Any]:

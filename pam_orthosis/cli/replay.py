@@ -88,10 +88,18 @@ def _replay(arguments: argparse.Namespace, namespace: str) -> list[TopicComparis
         domain = stack.enter_context(launch.free_domain())
         stamps = script.messages["joint_states"]
         progress = Progress((max(stamps) - min(stamps)) / SECOND_NS, domain)
-        commands = launch.replay_commands(work, parameters, script.nodes, player)
+        commands = launch.replay_commands(work, parameters, script.nodes, player, _leg(bag, namespace))
         supervise(commands, launch.environment(work, domain), work, progress)
         topics = [topic for node in script.nodes for topic in script.outputs(node)]
         return compare(bag, answers, topics, namespace)
+
+
+def _leg(bag: Path, namespace: str) -> str:
+    """Return the name of the leg if it was one of several, else nothing."""
+    from pam_orthosis.bag.read import legs_of, run_record
+
+    name = namespace.strip("/")
+    return name if name in legs_of(bag, run_record(bag)) else ""
 
 
 def _parameters(bag: Path, namespace: str, changes: Sequence[str]) -> Parameters:

@@ -65,6 +65,7 @@ MODE = {
     "realtime": Setting(False, "samples come by the wall clock; otherwise in lockstep with the voltages"),
     "with_plant": Setting(True, "the emulated hardware takes part; otherwise a driver stands in for it"),
     "replay": Setting(False, "a player stands in for all peers, and feeds a recorded bag"),
+    "leg": Setting("", "name of the leg if it is one of several: the prefix of its frames"),
 }
 
 

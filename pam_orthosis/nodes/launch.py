@@ -23,7 +23,7 @@ from pam_orthosis.nodes.layout import EVERYTHING, LAYOUT, NodeSpec
 
 COMPOSED = "composed"
 PLAYER, REPLAYED = "bag_player", "replayed"
-MODE_SETTINGS = ("realtime", "with_plant", "replay")
+MODE_SETTINGS = ("realtime", "with_plant", "replay", "leg")
 DOMAINS = range(102)  # higher ids use ports that the system hands out to anybody
 PROFILE = "loopback.xml"
 # variables that send discovery elsewhere than the profile
@@ -50,7 +50,7 @@ def commands(
     A node's file holds its own section, and in it the branches of the tree that it may know. Several
     legs are so many groups of the same nodes, each in its namespace, and one recorder outside them.
     """
-    told = {"realtime": mode.realtime, "with_plant": mode.with_plant, "replay": False}
+    told = {"realtime": mode.realtime, "with_plant": mode.with_plant, "replay": False, "leg": ""}
     recorder = {**told, "directory": str(bag), "scenario_name": scenario}
     specs = [spec for spec in LAYOUT.values() if mode.with_plant or spec.name != PLANT]
     if not mode.legs:
@@ -60,19 +60,20 @@ def commands(
     for number, (leg, differences) in enumerate(mode.legs.items()):
         there = [spec for spec in specs if spec.name != RECORDER]
         own_clock = ["-r", f"/clock:=/{leg}/clock"] if number else []
-        legs_group = _Group(work, parameters.changed(differences), there, leg, told, own_clock)
+        settings = told | {"leg": leg}
+        legs_group = _Group(work, parameters.changed(differences), there, leg, settings, own_clock)
         group |= legs_group.commands(mode.composed)
     return group
 
 
 def replay_commands(
-    work: Path, parameters: Parameters, nodes: Sequence[str], player: Mapping[str, Any]
+    work: Path, parameters: Parameters, nodes: Sequence[str], player: Mapping[str, Any], leg: str = ""
 ) -> dict[str, list[str]]:
     """Return the command lines of nodes whose answers go to `replayed/`, and of the player with its settings.
 
-    Parameter files are written into `work`.
+    Parameter files are written into `work`. `leg` is the nodes' leg if it was one of several.
     """
-    told = dict.fromkeys(MODE_SETTINGS, False) | {"with_plant": True, "replay": True}
+    told = {"realtime": False, "with_plant": True, "replay": True, "leg": leg}
     spec = NodeSpec(PLAYER, PLAYER, EVERYTHING)
     group = _Group(work, parameters, [spec], "", told | player | {"nodes": ",".join(nodes)}).commands(False)
     for node in nodes:

@@ -60,11 +60,17 @@ def joint_state(
     )
 
 
-def fluid_pressure(stamp_ns: int, muscle: str, pressure: float, variance: float = 0.0) -> FluidPressure:
+def frame_of(leg: str, name: str) -> str:
+    """Return the frame of a part of a leg, which is named if it is one of several."""
+    return f"{leg}/{name}" if leg else name
+
+
+def fluid_pressure(
+    stamp_ns: int, muscle: str, pressure: float, variance: float = 0.0, leg: str = ""
+) -> FluidPressure:
     """Return an absolute muscle pressure (Pa) and its variance (Pa^2, 0 = unknown)."""
-    return FluidPressure(
-        header=header(stamp_ns, f"{muscle}_muscle"), fluid_pressure=pressure, variance=variance
-    )
+    frame = frame_of(leg, f"{muscle}_muscle")
+    return FluidPressure(header=header(stamp_ns, frame), fluid_pressure=pressure, variance=variance)
 
 
 def time_reference(stamp_ns: int, at_ns: int) -> TimeReference:
@@ -72,9 +78,9 @@ def time_reference(stamp_ns: int, at_ns: int) -> TimeReference:
     return TimeReference(header=header(stamp_ns), time_ref=time(at_ns), source="system clock")
 
 
-def torque(stamp_ns: int, value: float) -> WrenchStamped:
+def torque(stamp_ns: int, value: float, leg: str = "") -> WrenchStamped:
     """Return a torque (N m) in the axis of the knee."""
-    message = WrenchStamped(header=header(stamp_ns, KNEE))
+    message = WrenchStamped(header=header(stamp_ns, frame_of(leg, KNEE)))
     message.wrench.torque.y = value
     return message
 

@@ -34,8 +34,9 @@ class PlantSimulator(graph.GraphNode):
         self._time = None if self.realtime else self.publish_numbers(CLOCK, Clock())
         joint = messages.joint_state(0, [messages.KNEE], position=[0.0])
         self._joint = self.publish_numbers("joint_states", joint)
+        leg = self.settings["leg"]
         self._pressures = [
-            self.publish_numbers(f"{muscle}/pressure", messages.fluid_pressure(0, muscle, 0.0))
+            self.publish_numbers(f"{muscle}/pressure", messages.fluid_pressure(0, muscle, 0.0, leg=leg))
             for muscle in ("extensor", "flexor")
         ]
         sensor = self.parameters.plant.sensor

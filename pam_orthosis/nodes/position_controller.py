@@ -33,9 +33,12 @@ class PositionControllerNode(graph.GraphNode):
         self._residual = 0.0
         motion = messages.joint_state(0, [messages.KNEE], position=[0.0], velocity=[0.0])
         self._estimate = self.publish_numbers("estimate", motion)
-        self._disturbance = self.publish_numbers("disturbance", messages.torque(0, 0.0))
+        leg = self.settings["leg"]
+        self._disturbance = self.publish_numbers("disturbance", messages.torque(0, 0.0, leg))
         self._pressures = [
-            self.publish_numbers(f"{muscle}/pressure_reference", messages.fluid_pressure(0, muscle, 0.0))
+            self.publish_numbers(
+                f"{muscle}/pressure_reference", messages.fluid_pressure(0, muscle, 0.0, leg=leg)
+            )
             for muscle in ("extensor", "flexor")
         ]
         self._join = self.join_inputs(INPUTS, self._step, newest=True)
