@@ -78,7 +78,7 @@ class InverseValveModel:
         after = effects.supply_after(belief, muscle)
         self._after = None if after is None else compiled(after)
         self._drawn = np.zeros(0 if after is None else after.size1_in(0))
-        self._asked = 0.0
+        self._asked: float | None = None
 
     def step(self, mass_flow: float, pressure: float, periods: int = 1) -> float:
         """Return the valve voltage, V, for a mass flow, kg/s, at an absolute muscle pressure, Pa.
@@ -86,17 +86,17 @@ class InverseValveModel:
         The sample is so many control periods later than the last one. A supply that is believed to sag
         does so by the flows that were asked for: it is in no loop.
         """
-        self._draw(self._asked, periods - 1)
+        if self._after is not None:
+            self._draw(periods)
         pressure = self._sensors.true(self._channel, pressure)
         voltage = float(self._voltage(mass_flow, pressure, self._supply)[0][0])
         self._asked = mass_flow
-        self._draw(mass_flow, 1)
         return voltage
 
-    def _draw(self, mass_flow: float, periods: int) -> None:
-        """Let the supply sag by a flow that is asked of it for so long."""
-        for _ in range(0 if self._after is None else periods):
-            self._drawn[:], supply = self._after(self._drawn, mass_flow)
+    def _draw(self, periods: int) -> None:
+        """Let the supply sag by the flow that was asked for last, so long ago."""
+        for _ in range(periods if self._asked is not None else 0):
+            self._drawn[:], supply = self._after(self._drawn, self._asked)
             self._supply = float(supply[0])
 
 
