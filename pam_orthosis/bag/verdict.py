@@ -21,6 +21,7 @@ from pam_orthosis.errors import OrthosisError
 REST_FRACTION = 0.02
 REST_SECONDS = 0.1
 CATCH_UP_SECONDS = 2.0  # for a knee that was let go, to be back at its reference
+PERIOD = "scenario.control_period"
 CLOSED = 0.0  # as a reference pressure, `control.trajectory.VALVES_CLOSED`: the valve is to stay closed
 _NEEDED = ("angle", "reference_angle", "reference_velocity")
 _REFERENCES = ("extensor_pressure_reference", "flexor_pressure_reference")
@@ -82,7 +83,7 @@ def judge(path: Path, bound_deg: float = 3.0, skip_s: float = 0.0, namespace: st
     bag = read_bag(path, _NEEDED, _USEFUL, namespace)
     stamps, (angle, reference, velocity) = _kept(bag, skip_s)
     error = np.degrees(reference - angle)
-    led = ~not_led(stamps, np.isin(stamps, _closed(bag)), np.abs(error) <= bound_deg)
+    led = ~not_led(stamps, _closed(bag, stamps), np.abs(error) <= bound_deg)
     if not led.any():
         raise OrthosisError(f"{bag.path}: the valves are closed throughout; there is no tracking to judge")
     stamps, error, velocity = stamps[led], error[led], velocity[led]
@@ -103,7 +104,7 @@ def judge(path: Path, bound_deg: float = 3.0, skip_s: float = 0.0, namespace: st
         cycles=cycle_table(since_start, error, hold_s, cycle_s) if cycle_s else [],
         scenario=bag.run.get("scenario"),
         not_led=int(np.count_nonzero(~led)),
-        timing=timing(bag.path, namespace, bag.parameters.get("scenario.control_period")),
+        timing=timing(bag.path, namespace, bag.parameters.get(PERIOD)),
     )
 
 
@@ -194,21 +195,53 @@ def cycle_table(since_start: np.ndarray, error: np.ndarray, hold_s: float, cycle
     ]
 
 
-def _closed(bag: Bag) -> np.ndarray:
-    """Return the stamps at which no pressure is asked for."""
+def _closed(bag: Bag, stamps: np.ndarray) -> np.ndarray:
+    """Return whether no pressure is asked for, at stamps (n,) between or at those of the reference."""
+    asked = bag["reference_angle"].stamp_ns
+    asked = asked[np.searchsorted(asked, stamps, side="right") - 1]
     there = [bag[name] for name in _REFERENCES if name in bag.series]
-    return np.concatenate([np.zeros(0, np.int64), *(one.stamp_ns[one.value == CLOSED] for one in there)])
+    closed = [np.isin(asked, one.stamp_ns[one.value == CLOSED]) for one in there]
+    return np.any([np.zeros(len(stamps), dtype=bool), *closed], axis=0)
 
 
 def _kept(bag: Bag, skip_s: float) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return stamps and values behind what is skipped, on the stamps that all have."""
-    stamps, values = aligned(*(bag[name] for name in _NEEDED))
+    stamps, values = aligned(bag["angle"], *_reference(bag))
     if not len(stamps):
         raise OrthosisError(f"{bag.path}: angle and reference share no stamp")
     kept = stamps >= stamps[0] + round(skip_s * SECOND_NS)
     if not kept.any():
         raise OrthosisError(f"{bag.path} holds no sample after the first {skip_s:g} s")
     return stamps[kept], [value[kept] for value in values]
+
+
+def _reference(bag: Bag) -> tuple[Series, Series]:
+    """Return angle and velocity of the reference, at two rates also at the samples between its own.
+
+    Between two of its instants, where none was lost, it is the cubic of their angles and velocities.
+    """
+    angle, velocity = bag["reference_angle"], bag["reference_velocity"]
+    every, period = bag.parameters.get("control.position.every", 1), bag.parameters.get(PERIOD)
+    if every == 1 or period is None or len(angle.stamp_ns) < 2:
+        return angle, velocity
+    from scipy.interpolate import CubicHermiteSpline  # takes its time to load
+
+    own, sampled = angle.stamp_ns, bag["angle"].stamp_ns
+    later = np.searchsorted(own, sampled)
+    inside = sampled[(later > 0) & (later < len(own))]
+    behind = np.searchsorted(own, inside)
+    whole = own[behind] - own[behind - 1] < (every + 0.5) * period * SECOND_NS
+    between = np.setdiff1d(inside[whole], own)
+    cubic = CubicHermiteSpline((own - own[0]) / SECOND_NS, angle.value, velocity.value)
+    at = (between - own[0]) / SECOND_NS
+    return _merged(angle, between, cubic(at)), _merged(velocity, between, cubic(at, 1))
+
+
+def _merged(series: Series, stamp_ns: np.ndarray, value: np.ndarray) -> Series:
+    """Return a series with more samples in it."""
+    stamps, values = np.concatenate([series.stamp_ns, stamp_ns]), np.concatenate([series.value, value])
+    order = np.argsort(stamps, kind="stable")
+    return Series(stamps[order], values[order])
 
 
 def _largest_after(

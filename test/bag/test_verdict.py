@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verdict's figures on signals whose answer is known."""
 
+import json
+
 import numpy as np
 import pytest
 
-from bags import PERIOD_NS, write_tracking_bag
+from bags import PERIOD_NS, joint_state, reference, write, write_tracking_bag
 from pam_orthosis.bag.read import Series
+from pam_orthosis.bag.record import BagWriter
+from pam_orthosis.bag.topics import BY_NAME, resolve
 from pam_orthosis.bag.verdict import (
     CATCH_UP_SECONDS,
     cycle_table,
@@ -111,3 +115,38 @@ def test_cycle_table_has_each_cycle_s_own_maximum():
     error = np.where(TIME < 2.0, 1.0, -3.0)
     table = cycle_table(TIME, error, hold_s=0.0, cycle_s=2.0)
     assert [(row.start_s, row.max_abs_error_deg) for row in table] == [(0, 1), (2, 3), (4, 3)]
+
+
+def _two_rates(folder, wanted, angle, every=5, lost=()):
+    """Write a bag whose reference has each fifth of its samples, but for the lost ones."""
+    count = len(wanted)
+    stamps = np.arange(count, dtype=np.int64) * PERIOD_NS
+    velocity = np.gradient(wanted, stamps * 1e-9)
+    rates = {"control.position.every": every, "scenario.control_period": PERIOD_NS * 1e-9}
+    with BagWriter(folder, {"parameters": json.dumps(rates)}) as writer:
+        for topic in ("joint_states", "reference"):
+            writer.add_topic(resolve(topic), BY_NAME[topic].type)
+        for k in range(count):
+            write(writer, "joint_states", int(stamps[k]), joint_state(int(stamps[k]), "knee", [angle[k]]))
+            if k % every == 0 and k not in lost:
+                asked = reference(int(stamps[k]), (wanted[k], velocity[k]))
+                write(writer, "reference", int(stamps[k]), asked)
+    return folder
+
+
+def test_at_two_rates_the_samples_between_those_of_the_reference_are_judged_too(tmp_path):
+    wanted = 0.5 + 0.3 * np.sin(2 * np.pi * np.arange(401) * PERIOD_NS * 1e-9)
+    angle = wanted + 1e-3
+    angle[203] += np.radians(4.0)
+    verdict = judge(_two_rates(tmp_path / "walk", wanted, angle))
+    assert verdict.samples == 401
+    assert not verdict.passed
+    assert verdict.max_abs_error_deg == pytest.approx(4.0 + np.degrees(1e-3), abs=1e-3)
+    assert verdict.rms_error_deg == pytest.approx(np.sqrt(np.degrees(1e-3) ** 2 + 4.1**2 / 401), abs=0.01)
+
+
+def test_nothing_is_made_up_where_the_reference_was_lost(tmp_path):
+    wanted = np.linspace(0.2, 0.8, 101)
+    verdict = judge(_two_rates(tmp_path / "walk", wanted, wanted, lost=(50,)))
+    assert verdict.samples == 101 - 9
+    assert verdict.max_abs_error_deg < 1e-6
