@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pam_orthosis.bag.legs import namespaces
-from pam_orthosis.bag.read import Bag, Series, aligned, read_bag
+from pam_orthosis.bag.read import Bag, Series, aligned, legs_of, read_bag, run_record
 from pam_orthosis.bag.timing import Timing, timing
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.errors import OrthosisError
@@ -21,6 +21,8 @@ from pam_orthosis.errors import OrthosisError
 REST_FRACTION = 0.02
 REST_SECONDS = 0.1
 CATCH_UP_SECONDS = 2.0  # for a knee that was let go, to be back at its reference
+LONGEST_GAP_NS = SECOND_NS  # without a sample that can be judged, or missing at the end
+LEAST_SHARE = 0.5  # of the samples that are there, which can be judged: in real time some get no answer
 PERIOD = "scenario.control_period"
 CLOSED = 0.0  # as a reference pressure, `control.trajectory.VALVES_CLOSED`: the valve is to stay closed
 _NEEDED = ("angle", "reference_angle", "reference_velocity")
@@ -45,7 +47,8 @@ class Verdict:
     its peak for at least 0.1 s). `observer_velocity_lag_ms` is the delay of the estimated velocity
     behind the measured motion. `voltage_variation_per_s` is the total variation of each valve
     voltage per second: chatter. `timing` is that of a run in real time. `not_led` samples are not judged:
-    the scenario kept the valves closed, or the knee was on its way back from there.
+    the scenario kept the valves closed, or the knee was on its way back from there. `incomplete` says what
+    cannot be judged though it should be; then it is not passed.
     """
 
     max_abs_error_deg: float
@@ -62,13 +65,17 @@ class Verdict:
     scenario: str | None
     timing: Timing | None = None
     not_led: int = 0
+    incomplete: str = ""
+    remarks: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return the verdict as plain data for JSON."""
         return asdict(self)
 
 
-def judge(path: Path, bound_deg: float = 3.0, skip_s: float = 0.0, namespace: str = "") -> Verdict:
+def judge(
+    path: Path, bound_deg: float = 3.0, skip_s: float = 0.0, namespace: str = "", partial: bool = False
+) -> Verdict:
     """Judge a bag.
 
     Args:
@@ -76,12 +83,14 @@ def judge(path: Path, bound_deg: float = 3.0, skip_s: float = 0.0, namespace: st
         bound_deg: passed if the largest |error| is at most this.
         skip_s: seconds at the start that are not judged.
         namespace: of the leg.
+        partial: what is there is judged as if it were all.
 
     Raises:
         OrthosisError: the bag is unusable or holds no sample after `skip_s`.
     """
-    bag = read_bag(path, _NEEDED, _USEFUL, namespace)
+    bag, remarks = _read(path, namespace)
     stamps, (angle, reference, velocity) = _kept(bag, skip_s)
+    incomplete = "" if partial else _incomplete(bag, stamps, skip_s)
     error = np.degrees(reference - angle)
     led = ~not_led(stamps, _closed(bag, stamps), np.abs(error) <= bound_deg)
     if not led.any():
@@ -96,7 +105,7 @@ def judge(path: Path, bound_deg: float = 3.0, skip_s: float = 0.0, namespace: st
         steady_state_error_deg=steady_state_error(stamps, error, velocity),
         max_abs_error_after_first_cycle_deg=_largest_after(since_start, error, hold_s, cycle_s),
         bound_deg=bound_deg,
-        passed=largest <= bound_deg,
+        passed=largest <= bound_deg and not incomplete,
         samples=len(stamps),
         duration_s=float(stamps[-1] - stamps[0]) / SECOND_NS,
         observer_velocity_lag_ms=_observer_lag(bag),
@@ -104,17 +113,27 @@ def judge(path: Path, bound_deg: float = 3.0, skip_s: float = 0.0, namespace: st
         cycles=cycle_table(since_start, error, hold_s, cycle_s) if cycle_s else [],
         scenario=bag.run.get("scenario"),
         not_led=int(np.count_nonzero(~led)),
+        incomplete=incomplete,
+        remarks=remarks,
         timing=timing(bag.path, namespace, bag.parameters.get(PERIOD)),
     )
 
 
-def judge_all(path: Path, bound_deg: float = 3.0, skip_s: float = 0.0) -> dict[str, Verdict]:
+def judge_all(
+    path: Path, bound_deg: float = 3.0, skip_s: float = 0.0, partial: bool = False
+) -> dict[str, Verdict]:
     """Judge each leg of a bag; the verdicts by the leg's namespace, none if there is one leg only.
 
     Raises:
-        OrthosisError: as `judge`.
+        OrthosisError: as `judge`, or a leg of the run is not in the bag.
     """
-    return {name.strip("/"): judge(path, bound_deg, skip_s, name) for name in namespaces(path)}
+    names = namespaces(path)
+    verdicts = {name.strip("/"): judge(path, bound_deg, skip_s, name, partial) for name in names}
+    if lost := sorted(legs_of(path, run_record(path)).keys() - verdicts.keys()):
+        raise OrthosisError(
+            f"{path}: the run had a leg {lost[0]}, and the bag has no /{lost[0]}/joint_states"
+        )
+    return verdicts
 
 
 def steady_state_error(stamp_ns: np.ndarray, error: np.ndarray, velocity: np.ndarray) -> float | None:
@@ -193,6 +212,39 @@ def cycle_table(since_start: np.ndarray, error: np.ndarray, hold_s: float, cycle
         for k in np.unique(number)
         for part in [error[number == k]]
     ]
+
+
+def _read(path: Path, namespace: str) -> tuple[Bag, tuple[str, ...]]:
+    """Return the bag, and why something that is not needed for tracking is left out, if it is."""
+    try:
+        return read_bag(path, _NEEDED, _USEFUL, namespace), ()
+    except OrthosisError as error:
+        return read_bag(path, _NEEDED, _REFERENCES, namespace), (str(error),)
+
+
+def _incomplete(bag: Bag, judged: np.ndarray, skip_s: float) -> str:
+    """Return what of the run cannot be judged though it should be, nothing if all can that matters.
+
+    Args:
+        judged: (n,) stamps.
+        skip_s: seconds at the start that shall not be judged.
+    """
+    there = [bag[name].stamp_ns for name in ("angle", "reference_angle")]
+    start = bag["angle"].stamp_ns[0]
+    begin, end = start + round(skip_s * SECOND_NS), max(stamps[-1] for stamps in there)
+    planned_s = bag.parameters.get("scenario.duration") if bag.run.get("scenario") else None
+    missing_ns = 0 if planned_s is None else start + round(planned_s * SECOND_NS) - end
+    if missing_ns > LONGEST_GAP_NS:
+        return f"the bag ends after {(end - start) / SECOND_NS:.3f} of {planned_s:g} s"
+    edges = np.concatenate([[begin], judged, [end]])
+    gap = int(np.argmax(np.diff(edges)))
+    if edges[gap + 1] - edges[gap] > LONGEST_GAP_NS:
+        since, until = ((edge - start) / SECOND_NS for edge in edges[gap : gap + 2])
+        return f"from {since:.3f} to {until:.3f} s angle and reference share no stamp"
+    most = max(np.count_nonzero(stamps >= begin) for stamps in there)
+    if len(judged) < LEAST_SHARE * most:
+        return f"angle and reference share {len(judged)} of {most} stamps"
+    return ""
 
 
 def _closed(bag: Bag, stamps: np.ndarray) -> np.ndarray:

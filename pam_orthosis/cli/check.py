@@ -21,6 +21,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--skip-s", type=not_negative, default=0.0, help="seconds at the start not to judge (0)"
     )
+    parser.add_argument(
+        "--partial",
+        action="store_true",
+        help="judge what is there of a run that was cut short or lacks samples",
+    )
     add_verdict_arguments(parser)
 
 
@@ -34,7 +39,8 @@ def execute(arguments: argparse.Namespace) -> int:
     """Print the verdict; return 0 if the bound holds, 1 if not."""
     from pam_orthosis.bag.verdict import judge_all  # what reads bags takes its time to load
 
-    return show(judge_all(arguments.bag, arguments.bound_deg, arguments.skip_s), arguments.json)
+    verdicts = judge_all(arguments.bag, arguments.bound_deg, arguments.skip_s, arguments.partial)
+    return show(verdicts, arguments.json)
 
 
 def show(verdicts: Mapping[str, Verdict], as_json: bool) -> int:
@@ -68,6 +74,9 @@ def describe(verdict: Verdict) -> str:
     told += _timing(verdict.timing) if verdict.timing else []
     if verdict.not_led:
         told.append(f"not judged                 {verdict.not_led} samples: the scenario had let the knee go")
+    told += [f"left out                   {remark}" for remark in verdict.remarks]
+    if verdict.incomplete:
+        told.append(f"INCOMPLETE: {verdict.incomplete}; `check --partial` judges what is there")
     answer = "PASSED" if verdict.passed else "FAILED"
     told.append(
         f"{answer}: maximum {verdict.max_abs_error_deg:.3f} deg, bound {verdict.bound_deg:g} deg,"

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from bags import PERIOD_NS, joint_state, reference, write, write_tracking_bag
+from bags import PERIOD_NS, STORE, joint_state, reference, write, write_tracking_bag
 from pam_orthosis.bag.read import Series
 from pam_orthosis.bag.record import BagWriter
 from pam_orthosis.bag.topics import BY_NAME, resolve
@@ -19,6 +19,7 @@ from pam_orthosis.bag.verdict import (
     total_variation_rate,
     velocity_lag,
 )
+from pam_orthosis.cli.main import main
 from pam_orthosis.errors import OrthosisError
 
 TIME_NS = np.arange(1000, dtype=np.int64) * PERIOD_NS
@@ -150,3 +151,67 @@ def test_nothing_is_made_up_where_the_reference_was_lost(tmp_path):
     verdict = judge(_two_rates(tmp_path / "walk", wanted, wanted, lost=(50,)))
     assert verdict.samples == 101 - 9
     assert verdict.max_abs_error_deg < 1e-6
+
+
+def _tracking(folder, drop=(), **parameters):
+    run = {"scenario.control_period": PERIOD_NS * 1e-9, **parameters}
+    return write_tracking_bag(folder, TIME_NS, 0.3 * np.sin(TIME), 0.3 * np.sin(TIME), run, drop)
+
+
+@pytest.mark.parametrize(
+    ("drop", "parameters", "said"),
+    [
+        (range(250, 1000), {}, "from 1.245 to 4.995 s angle and reference share no stamp"),
+        (range(300, 600), {}, "from 1.495 to 3.000 s angle and reference share no stamp"),
+        ([k for k in range(1000) if k % 100], {}, "angle and reference share 10 of 1000 stamps"),
+        ((), {"scenario.duration": 60.0}, "the bag ends after 4.995 of 60 s"),
+    ],
+)
+def test_what_cannot_be_judged_does_not_pass(tmp_path, drop, parameters, said, capsys):
+    bag = _tracking(tmp_path / "walk", drop, **parameters)
+    verdict = judge(bag)
+    assert verdict.incomplete == said
+    assert not verdict.passed
+    assert judge(bag, partial=True).passed
+    assert main(["check", str(bag)]) == 1
+    assert f"INCOMPLETE: {said}; `check --partial`" in capsys.readouterr().out
+    assert main(["check", str(bag), "--partial"]) == 0
+
+
+def test_samples_that_are_lost_here_and_there_are_no_matter(tmp_path):
+    lost = [k for k in range(1, 1000) if k % 3 == 0 or 400 < k < 590]
+    assert judge(_tracking(tmp_path / "walk", lost, **{"scenario.duration": 5.5})).passed
+    skipped = _tracking(tmp_path / "late", range(1, 300))
+    assert judge(skipped, skip_s=1.5).passed
+    assert not judge(skipped, skip_s=0.4).passed
+
+
+def test_a_leg_that_the_run_had_and_the_bag_has_not_is_named(tmp_path, capsys):
+    with BagWriter(tmp_path / "walk", {"legs": '{"left": {}, "right": {}}'}) as writer:
+        for topic in ("joint_states", "reference"):
+            writer.add_topic(resolve(topic, "/left"), BY_NAME[topic].type)
+        for stamp_ns in range(0, 10 * PERIOD_NS, PERIOD_NS):
+            for topic, message in (
+                ("joint_states", joint_state(stamp_ns, "knee", [0.1])),
+                ("reference", reference(stamp_ns, (0.1, 0.0))),
+            ):
+                data = STORE.serialize_cdr(message, BY_NAME[topic].type)
+                writer.write(resolve(topic, "/left"), stamp_ns, bytes(data))
+    assert main(["check", str(tmp_path / "walk")]) == 2
+    assert "the run had a leg right, and the bag has no /right/joint_states" in capsys.readouterr().err
+
+
+def test_an_observer_that_diverged_leaves_the_verdict_of_the_knee(tmp_path, capsys):
+    folder = tmp_path / "walk"
+    with BagWriter(folder) as writer:
+        for topic in ("joint_states", "reference", "estimate"):
+            writer.add_topic(resolve(topic), BY_NAME[topic].type)
+        for k in range(100):
+            stamp_ns = k * PERIOD_NS
+            write(writer, "joint_states", stamp_ns, joint_state(stamp_ns, "knee", [0.3]))
+            write(writer, "reference", stamp_ns, reference(stamp_ns, (0.4, 0.0)))
+            write(writer, "estimate", stamp_ns, joint_state(stamp_ns, "knee", [0.3], [-(9.0**k)]))
+    assert main(["check", str(folder)]) == 1
+    told = capsys.readouterr().out
+    assert "estimate_velocity" in told
+    assert "FAILED: maximum 5.730 deg" in told

@@ -70,7 +70,7 @@ def test_every_pressure_reference_is_within_the_limits(samples):
 @pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf, 99.0])
 def test_a_model_that_fails_cannot_reach_the_valve(broken):
     class Broken:
-        def step(self, flow, pressure):
+        def step(self, flow, pressure, periods):
             return broken
 
     voltage = GuardedValve(P, Broken()).step(0.0, 3e5)
