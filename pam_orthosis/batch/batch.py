@@ -30,6 +30,7 @@ class Batch:
 
     def __init__(self, units: Sequence[Unit], folder: Path):
         self.units, self.folder = tuple(units), folder
+        self._states = {unit.name: unit.state() for unit in units}
         self.results = {unit.name: one for unit in units if (one := self._finished(unit)) is not None}
         self.failed: dict[str, dict[str, Any]] = {}
         self.skipped = tuple(self.results)
@@ -90,13 +91,13 @@ class Batch:
             return None  # not of ours, or spoilt: it is done again
         if not same:
             raise OrthosisError(f"{file} is the result of another command: give another --out, or remove it")
-        return result
+        return result if result.get("read", []) == self._states[unit.name] else None
 
     def _keep(self, unit: Unit, answer: Answer, tries: int) -> None:
         """Store an answer; the result's file, which says that the unit is done, comes last."""
         result = {
-            "name": unit.name, **unit.identity(), "status": answer.status, "tries": tries,
-            "seconds": round(answer.seconds, 2), "answer": answer.told,
+            "name": unit.name, **unit.identity(), "read": self._states[unit.name], "status": answer.status,
+            "tries": tries, "seconds": round(answer.seconds, 2), "answer": answer.told,
         }  # fmt: skip
         home = self.folder / unit.name
         for name, data in answer.files.items():

@@ -31,6 +31,7 @@ class Unit:
         writes: it gets `--out FOLDER` too, and the files it leaves there are part of the answer.
         tells: its answer is a JSON object on standard output; exit status 1 is an answer, too ("no").
         seconds: after which it is ended; None: it may take as long as it takes.
+        reads: file or folder of which the answer tells: if it changes, the answer is one no more.
     """
 
     name: str
@@ -39,10 +40,18 @@ class Unit:
     writes: bool = False
     tells: bool = True
     seconds: float | None = None
+    reads: Path | None = None
 
     def identity(self) -> dict[str, Any]:
         """Return what tells this unit's results from those of another, as plain data."""
         return {"module": self.module, "arguments": list(self.arguments)}
+
+    def state(self) -> list[list[Any]]:
+        """Return what tells what it reads from what it read another time: name, size and age of each file."""
+        if self.reads is None:
+            return []
+        files = sorted(self.reads.iterdir()) if self.reads.is_dir() else [self.reads]
+        return [[one.name, one.stat().st_size, one.stat().st_mtime_ns] for one in files if one.is_file()]
 
 
 @dataclass(frozen=True)

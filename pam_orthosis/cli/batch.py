@@ -91,7 +91,7 @@ def _units(arguments: argparse.Namespace) -> list:
         task
     ]
     return [
-        Unit(name, PROGRAM, (task, str(bag), *given, *more), task != "check", task != "report", seconds)
+        Unit(name, PROGRAM, (task, str(bag), *given, *more), task != "check", task != "report", seconds, bag)
         for name, bag in _named([path.resolve() for path in arguments.inputs]).items()
     ]
 

@@ -2,6 +2,7 @@
 """Batches: what is broken is tried again and listed, the rest is done, and done once."""
 
 import json
+import os
 import shutil
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -65,6 +66,22 @@ def test_a_broken_bag_is_tried_again_and_listed_and_the_next_run_does_only_what_
     assert "bob: yes" in printed.err
     assert "ann:" not in printed.err
     assert json.loads(printed.out)["yes"] == ["ann", "bob", "cid"]
+
+
+def test_a_bag_that_has_changed_is_judged_anew(tmp_path, capsys):
+    bag, out = tmp_path / "today", tmp_path / "out"
+    command = ["batch", "check", str(bag), "--out", str(out)]
+    shutil.copytree(WALK, bag)
+    assert main(command) == 0
+    assert main(command) == 0
+    assert "1 done before" in capsys.readouterr().err
+    recording = next(bag.glob("*.mcap"))
+    os.utime(recording, ns=(0, 1))
+    assert main(command) == 0
+    assert "done before" not in capsys.readouterr().err
+    shutil.rmtree(bag)
+    assert main(command) == 3
+    assert "no bag at" in capsys.readouterr().out
 
 
 def test_a_no_is_an_answer_and_is_not_tried_again(tmp_path, capsys):
