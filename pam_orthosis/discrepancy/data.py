@@ -82,7 +82,8 @@ def from_bag(path: Path, system: System, namespace: str = "") -> Recording:
     """Return the recording of a bag; inputs that the bag does not have are absent.
 
     Raises:
-        OrthosisError: unreadable bag, missing channel, values not finite, or not uniform in time.
+        OrthosisError: unreadable bag, missing channel, values not finite, not uniform in time, or that cannot
+            be in the unit that is asked for.
     """
     channels = [channel.name for channel in system.channels]
     bag = read_bag(path, channels, optional=system.inputs, namespace=namespace)
@@ -91,7 +92,9 @@ def from_bag(path: Path, system: System, namespace: str = "") -> Recording:
     if len(stamps) < 2:
         raise OrthosisError(f"{path}: {', '.join(names)} have no common stamps")
     arrays = {"time": (stamps - stamps[0]) * 1e-9, **dict(zip(names, values, strict=True))}
-    return from_arrays(str(path), system, arrays)
+    recording = from_arrays(str(path), system, arrays)
+    _check_units(recording, system)
+    return recording
 
 
 def believed(path: Path) -> dict:
@@ -186,7 +189,7 @@ def _numbers(path: Path, header: list[str], line: int, row: list[str]) -> list[f
 
 
 def _check_units(one: Recording, system: System) -> None:
-    """Check that values can be in SI: a table does not tell its units."""
+    """Check that values can be in SI: neither a table nor a driver's bag tells its units."""
     if one.period > LONGEST_PERIOD:
         raise OrthosisError(
             f"{one.name}: its samples are {one.period:g} apart; time must be in s (is it in ms?), samples at"

@@ -19,6 +19,7 @@ from pam_orthosis.model.muscle import polynomial
 from pam_orthosis.model.parameters import BELIEF, Section
 
 APPARATUS = ("leg.", "muscle.", "valve.", "effects.")  # keys of the belief that recordings share
+MOST_SUPPLY = 1.5  # of what is believed, that a muscle can hold: beyond it the unit is another
 TABLE_ORDER = 16
 TABLE_MARGIN = 0.2  # rad beyond the joint's stops
 CHANNELS = (
@@ -40,6 +41,7 @@ def knee(parameters, catalogue: Mapping | None = None) -> System:
     known = CATALOGUE if catalogue is None else catalogue
     settings = belief.gap.replay
     tables, joint = mass_tables(belief), belief.leg.joint
+    pressures = [channel.name for channel in CHANNELS if channel.unit == "Pa"]
     return System(
         name="knee orthosis",
         channels=CHANNELS,
@@ -51,7 +53,10 @@ def knee(parameters, catalogue: Mapping | None = None) -> System:
         assemble=lambda effects: _assemble(belief, effects, tables),
         needs=dict.fromkeys(("gas", "valve", "supply"), ("extensor_voltage", "flexor_voltage")),
         simpler={name: partial(_without, parameters, name, catalogue) for name in present},
-        limits={"angle": (joint.minimum - TABLE_MARGIN, joint.maximum + TABLE_MARGIN)},
+        limits={
+            "angle": (joint.minimum - TABLE_MARGIN, joint.maximum + TABLE_MARGIN),
+            **dict.fromkeys(pressures, (0.0, MOST_SUPPLY * belief.valve.supply_pressure)),
+        },
     )
 
 

@@ -13,6 +13,7 @@ from pam_orthosis.discrepancy.telling import Telling
 from pam_orthosis.discrepancy.workflow import Beginning, Named, Outcome, beyond
 
 LABEL = 25  # characters of the first column, at least
+FAR_STRAIN = 5.0  # tolerances: less likely hardware than a wrong zero or unit
 
 
 def as_dict(outcome: Outcome) -> dict[str, Any]:
@@ -213,7 +214,9 @@ def _others(outcome: Outcome) -> list[str]:
 
 def _strain(strained: Mapping[str, float]) -> str:
     told = ", ".join(f"{name} {value:+.1f}" for name, value in strained.items())
-    return f"ordinary parameters outside their tolerance (multiples of it): {told}"
+    said = f"ordinary parameters outside their tolerance (multiples of it): {told}"
+    far = max(map(abs, strained.values())) > FAR_STRAIN
+    return f"{said}; check units, zeros (absolute pressure?) and calibration first" if far else said
 
 
 def _refusal(outcome: Outcome) -> str:

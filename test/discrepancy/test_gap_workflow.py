@@ -13,7 +13,14 @@ from pam_orthosis.bag.arrays import write_arrays
 from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.cli import main as cli
 from pam_orthosis.discrepancy import check, knee, patch, select, selection, structure, workflow
-from pam_orthosis.discrepancy.data import agreed_belief, believed, from_arrays, from_csv, is_table
+from pam_orthosis.discrepancy.data import (
+    agreed_belief,
+    believed,
+    from_arrays,
+    from_bag,
+    from_csv,
+    is_table,
+)
 from pam_orthosis.discrepancy.measure import Gap
 from pam_orthosis.discrepancy.telling import telling
 from pam_orthosis.discrepancy.verdict import _answer, as_dict, describe
@@ -329,6 +336,7 @@ def spoilt(name, said, change):
         spoilt(
             "gauge", "flexor_pressure from .* in bar, or above", ("flexor_pressure", lambda p: p - p.min())
         ),
+        spoilt("tenfold", "flexor_pressure from .* leaves 0 to 1.*e.06 Pa", ("flexor_pressure", 10.0)),
         spoilt("millivolt", "extensor_voltage from .* leaves -100 to 100 V", ("extensor_voltage", 1e3)),
     ],
 )
@@ -338,6 +346,19 @@ def test_a_table_in_other_units_is_refused(bench, tmp_path, said, change):
     arrays[name] = how(arrays[name]) if callable(how) else how * arrays[name]
     with pytest.raises(OrthosisError, match=said):
         from_csv(table(tmp_path / "x.csv", arrays), bench.system)
+
+
+def test_a_bag_in_other_units_is_refused(bench, tmp_path):
+    arrays = {name: bench.arrays(1)[name] for name in COLUMNS}
+    stamps = np.round(arrays.pop("time") * 1e9).astype(np.int64)
+    for factor in (1.0, 1e-5, 10.0):
+        spoilt = arrays | {"extensor_pressure": factor * arrays["extensor_pressure"]}
+        write_arrays(tmp_path / f"{factor:g}", stamps, spoilt, {})
+        if factor == 1.0:
+            assert set(from_bag(tmp_path / "1", bench.system).signals) == set(arrays)
+        else:
+            with pytest.raises(OrthosisError, match="extensor_pressure from"):
+                from_bag(tmp_path / f"{factor:g}", bench.system)
 
 
 def test_a_replay_that_runs_away_is_refused(bench):
