@@ -15,6 +15,7 @@ from pam_orthosis.model.parameters import load
 from pam_orthosis.model.specimens import SPECIMENS
 
 if TYPE_CHECKING:
+    from pam_orthosis.identification.data import Data
     from pam_orthosis.identification.identify import Identified
 
 MOST_LEVELS = 12  # a table with more pressures is summed up
@@ -53,8 +54,13 @@ def execute(arguments: argparse.Namespace) -> int:
 
     if min(arguments.degrees) < 0 or arguments.degrees[0] > 3 or arguments.degrees[1] > 4:
         raise OrthosisError("--degrees: Eq. (14) has at most degrees 3 and 4")
+    if arguments.out and arguments.out.exists():
+        raise OrthosisError(f"{arguments.out} exists; choose another --out")
+    if arguments.nominal_length_m == 0:
+        raise OrthosisError("--nominal-length-m: a muscle is longer than 0 m")
     data = read_data(arguments.data, arguments.muscle, arguments.nominal_length_m)
-    found = identify(data, _held_out(arguments), tuple(arguments.degrees), arguments.damping)
+    found = identify(data, _held_out(arguments, data), tuple(arguments.degrees), arguments.damping)
+    rows.check(found)
     source = f"identified on {_origin(found)} by `pam-orthosis identify`"
     if arguments.out:
         write_text(arguments.out, rows.as_yaml(found, source))
@@ -132,12 +138,15 @@ def _lengths(found: Identified) -> list[str]:
     return lines
 
 
-def _held_out(arguments: argparse.Namespace) -> list[float]:
-    """Return gauge pressures, Pa."""
+def _held_out(arguments: argparse.Namespace, data: Data) -> list[float]:
+    """Return gauge pressures, Pa; those that were asked for must be in the data."""
+    from pam_orthosis.identification.identify import check_levels
+
     parameters = load()
     absolute = parameters.rig.procedure.held_out_pressures
     if arguments.held_out_bar is not None:
         absolute = [bar * 1e5 for bar in arguments.held_out_bar]
+        check_levels(data, absolute, parameters.valve.ambient_pressure)
     return [p - parameters.valve.ambient_pressure for p in absolute]
 
 

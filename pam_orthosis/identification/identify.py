@@ -15,6 +15,7 @@ from pam_orthosis.identification.data import Data, Samples
 from pam_orthosis.identification.force import ForceFit, fit_force, leave_one_out, rms_and_max
 from pam_orthosis.identification.volume import VolumeFit, fit_volume
 
+MOST_TOLD = 12  # pressures of the data
 LEVEL_TOLERANCE = 2.0e3  # Pa between a pressure that is asked for and the one of a run
 ZERO = 1.0e-3  # m: data from here on reach the nominal length
 DIRECTIONS = {1.0: "shortening", -1.0: "stretching", 0.0: "rest"}
@@ -121,7 +122,7 @@ def identify(
     d = damping if damping is not None else (told.value if told else 0.0)
     judged = np.zeros(len(data.samples), dtype=bool)
     for level in held_out:
-        judged |= np.abs(data.samples.level - level) < LEVEL_TOLERANCE
+        judged |= _at_level(data.samples, level)
     training = data.samples.where(~judged)
     if not len(training):
         raise OrthosisError("all data are held out: nothing is left to fit")
@@ -136,6 +137,23 @@ def identify(
         fit_volume(data.volumes, data.specimen) if data.volumes else None,
         by_length, box, _stiff(force, box), damping,
     )  # fmt: skip
+
+
+def check_levels(data: Data, pressures: Sequence[float], ambient: float) -> None:
+    """Refuse absolute pressures, Pa, at which there are no data.
+
+    Raises:
+        OrthosisError: none at one of them.
+    """
+    for pressure in pressures:
+        if not _at_level(data.samples, pressure - ambient).any():
+            levels = np.unique(data.samples.level)[:MOST_TOLD]
+            there = ", ".join(f"{(level + ambient) / 1e5:.4g}" for level in levels)
+            raise OrthosisError(f"no data at {pressure / 1e5:g} bar absolute to hold out; there are: {there}")
+
+
+def _at_level(s: Samples, level: float) -> np.ndarray:
+    return np.abs(s.level - level) < LEVEL_TOLERANCE
 
 
 def _box(s: Samples) -> Box:

@@ -39,6 +39,20 @@ def values(found: Identified) -> dict[str, Any]:
     return result
 
 
+def check(found: Identified) -> None:
+    """Refuse what was identified if no muscle can be so: the data are in another unit, then.
+
+    Raises:
+        OrthosisError: a value leaves its bounds or contradicts the muscle's geometry.
+    """
+    try:
+        load({f"muscle.{found.data.specimen}.{key}": value for key, value in values(found).items()})
+    except OrthosisError as error:
+        raise OrthosisError(
+            f"the data give no possible muscle; check their units: {error}"
+        ) from None
+
+
 def as_yaml(found: Identified, source: str) -> str:
     """Return the rows as YAML in the layout of `config/muscle.yaml`, checked against its bounds."""
     parameters = load()

@@ -3,6 +3,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -118,6 +119,43 @@ def test_a_damping_that_is_given_is_fitted_with_and_written(bags, tmp_path, caps
     told = json.loads(capsys.readouterr().out)
     assert told["damping_used"] == 100.0
     assert yaml.safe_load(out.read_text())["dmsp_20"]["force"]["damping"]["value"] == 100.0
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--held-out-bar", "3.3"], "no data at 3.3 bar absolute to hold out; there are: 2, 3.5, 4.5, 5, 6.5, 7"),
+        (["--held-out-bar", "250000"], "no data at 250000 bar"),
+        (["--nominal-length-m", "0"], "longer than 0 m"),
+        (["--out", "{there}"], "exists; choose another --out"),
+    ],
+)
+def test_options_that_would_do_nothing_or_harm_are_refused(bags, tmp_path, capsys, options, said):
+    there = tmp_path / "there.yaml"
+    there.write_text("mine")
+    assert main(["identify", str(bags), *(word.format(there=there) for word in options)]) == 2
+    assert said in capsys.readouterr().err
+    assert there.read_text() == "mine"
+
+
+@pytest.mark.parametrize("factor", [0.1, 10.0])
+def test_forces_of_another_unit_reach_no_file(bags, tmp_path, capsys, factor, monkeypatch):
+    from pam_orthosis.identification import data
+
+    read = data.read_data
+
+    def scaled(*arguments):
+        found = read(*arguments)
+        return replace(found, samples=replace(found.samples, force=factor * found.samples.force))
+
+    monkeypatch.setattr(data, "read_data", scaled)
+    copy = tmp_path / "muscle.yaml"
+    shutil.copy(parameters.config_folder() / "muscle.yaml", copy)
+    before = copy.read_text()
+    assert main(["identify", str(bags), "--update", str(copy), "--out", str(tmp_path / "rows.yaml")]) == 2
+    assert "check their units" in capsys.readouterr().err
+    assert copy.read_text() == before
+    assert not (tmp_path / "rows.yaml").exists()
 
 
 def test_update_changes_these_rows_only(bags, found, tmp_path):
