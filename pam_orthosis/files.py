@@ -12,6 +12,11 @@ from typing import Any
 from pam_orthosis.errors import OrthosisError
 
 
+def bag_name(path: Path) -> str:
+    """Return the name of a bag: that of its folder, or of its file without the ending."""
+    return path.name.removesuffix(".mcap")
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a text as a whole, its folder too if need be; all is as it was if that fails.
 

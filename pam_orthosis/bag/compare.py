@@ -33,6 +33,11 @@ class TopicComparison:
         """Whether there is something to compare, and it is equal."""
         return 0 < self.compared == self.equal
 
+    @property
+    def whole(self) -> bool:
+        """Whether most of what was recorded could be compared."""
+        return self.alone <= self.compared
+
 
 def compare(first: Path, second: Path, topics: Iterable[str], namespace: str = "") -> list[TopicComparison]:
     """Compare topics of the table in two bags.

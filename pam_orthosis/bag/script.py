@@ -64,6 +64,11 @@ class Script:
             if node in topic.producers and self.messages.get(name)
         ]
 
+    def unrecorded(self, node: str) -> list[str]:
+        """Return the topics on which a node answers, and of which the bag holds nothing."""
+        made = [name for name, topic in self._topics.items() if node in topic.producers]
+        return [name for name in made if not self.messages.get(name)]
+
     def fed_topics(self) -> dict[str, int]:
         """Return the topics that are fed, and to how many nodes each."""
         counts = {name: _count(topic, self.nodes) for name, topic in self._topics.items()}

@@ -57,7 +57,7 @@ def execute(arguments: argparse.Namespace) -> int:
         raise OrthosisError(f"{arguments.out} exists; choose another --out")
     if not 0 <= arguments.reserve <= 1:
         raise OrthosisError(f"--reserve {arguments.reserve:g}: give 0 to 1 bar")
-    known = patch.read(arguments.model) if arguments.model else {}
+    known = patch.read_belief(arguments.model) if arguments.model else {}
     parameters = load(scenario_overrides(arguments.scenario) | assignments(arguments.param)).changed(known)
     after = recorded_in(arguments.after, parameters, arguments.namespace) if arguments.after else None
     plan = make_plan(parameters, arguments.reserve * BAR, _progress, after)

@@ -6,6 +6,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from pam_orthosis.files import bag_name
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
@@ -18,6 +20,6 @@ def execute(arguments: argparse.Namespace) -> int:
     from pam_orthosis.bag.recover import recover  # what reads bags takes its time to load
 
     bag = arguments.bag.resolve()
-    out = arguments.out or bag.with_name(f"{bag.stem}-recovered")
+    out = arguments.out or bag.with_name(f"{bag_name(bag)}-recovered")
     print(f"{recover(bag, out)} messages recovered into {out}")
     return 0

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pam_orthosis.bag.compare import TopicComparison
 
 
-EVERY = "control.position.every"  # which instants have inputs, and answers, depends on it
+SAMPLING = ("control.position.every", "scenario.control_period")  # which instants have inputs depends on them
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(arguments: argparse.Namespace) -> int:
-    """Print the comparison; return 0 if all answers are equal to the bit, 1 if not."""
+    """Print the comparison; return 0 if all answers are there and equal to the bit, 1 if not."""
     from pam_orthosis.bag.legs import namespaces  # what reads bags takes its time to load
 
     need_ros()
@@ -62,12 +62,13 @@ def execute(arguments: argparse.Namespace) -> int:
         refuse_used(arguments.out)
     replayed = {leg.strip("/"): _replay(arguments, leg) for leg in legs}
     told = {leg: [_as_dict(one) for one in topics] for leg, topics in replayed.items()}
-    identical = all(one.identical for topics in replayed.values() for one in topics)
+    compared = [one for topics in replayed.values() for one in topics]
+    identical = all(one.identical and one.whole for one in compared)
     if arguments.json:
         print(json.dumps({"identical": identical, "legs": told}, indent=2))
     else:
         print("\n\n".join(titled(leg, _table(topics)) for leg, topics in replayed.items()))
-        print("IDENTICAL" if identical else "DIFFERENT")
+        print(_answer(compared))
     return 0 if identical else 1
 
 
@@ -114,9 +115,21 @@ def _parameters(bag: Path, namespace: str, changes: Sequence[str]) -> Parameters
         print("the bag tells no parameters: the nodes have those of config/", file=sys.stderr)
     kept = {key: value for key, value in recorded.items() if key in known}
     made = load(kept | assignments(changes))
-    if recorded and made.control.position.every != (was := recorded.get(EVERY, 1)):
-        raise OrthosisError(f"{EVERY}: the bag holds inputs for {was} only; run the scenario anew")
+    wanted = made.flat()
+    for key in SAMPLING:
+        if recorded and wanted[key] != (was := recorded.get(key, known[key])):
+            raise OrthosisError(f"{key}: the bag holds inputs for {was} only; run the scenario anew")
     return made
+
+
+def _answer(compared: Sequence[TopicComparison]) -> str:
+    if not all(one.identical for one in compared):
+        return "DIFFERENT"
+    scarce = [one for one in compared if not one.whole]
+    if not scarce:
+        return "IDENTICAL"
+    one, recorded = scarce[0], scarce[0].compared + scarce[0].alone
+    return f"INCOMPLETE: of {one.topic} {one.compared} of {recorded} answers could be compared"
 
 
 def _as_dict(one: TopicComparison) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 
 from pam_orthosis.cli.check import describe, not_negative
-from pam_orthosis.files import write_text
+from pam_orthosis.files import bag_name, write_text
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,7 +26,8 @@ def execute(arguments: argparse.Namespace) -> int:
     makers = {"page": ("html", _page), "picture": ("png", _picture)}
     for name, (ending, make) in makers.items():
         if arguments.only in (None, name):
-            file = folder / f"{bag.stem}.{ending}"
+            leg = arguments.namespace.strip("/").replace("/", "-")
+            file = folder / f"{bag_name(bag)}{leg and '-'}{leg}.{ending}"
             make(bag, file, arguments)
             print(file)
     return 0

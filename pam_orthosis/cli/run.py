@@ -10,7 +10,7 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, suppress
 from importlib.util import find_spec
 from itertools import count
@@ -74,7 +74,8 @@ def execute(arguments: argparse.Namespace) -> int:
     from pam_orthosis.bag.verdict import judge_all  # what reads bags takes its time to load
 
     need_ros()
-    parameters = _believing(load(_overrides(arguments)), arguments.model)
+    given = assignments(arguments.param)
+    parameters = _believing(load(_overrides(arguments)), arguments.model, given)
     mode = _mode(arguments, parameters)
     bag, made = claim(arguments.out, arguments.scenario)
     try:
@@ -131,7 +132,7 @@ def _mode(arguments: argparse.Namespace, parameters: Parameters) -> launch.Mode:
     return launch.Mode(arguments.composed, arguments.realtime, not arguments.no_plant, legs)
 
 
-def _believing(parameters: Parameters, model: Path | None) -> Parameters:
+def _believing(parameters: Parameters, model: Path | None, given: Mapping[str, Any]) -> Parameters:
     """Return the parameters with the belief of a model file, if there is one, about the same hardware."""
     if model is None:
         return parameters
@@ -139,7 +140,10 @@ def _believing(parameters: Parameters, model: Path | None) -> Parameters:
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.model.plant import with_belief
 
-    known = with_belief(parameters, patch.read(model))
+    changes = patch.read_belief(model)
+    if twice := [key for key in given if changes.get(key, given[key]) != given[key]]:
+        raise OrthosisError(f"{twice[0]}: --param and {model} give different values; leave one of them")
+    known = with_belief(parameters, changes)
     print("preparing the controllers of this model", file=sys.stderr)
     ClosedLoop(known)  # leaves its machine code for the nodes, whose time to be ready is limited
     return known

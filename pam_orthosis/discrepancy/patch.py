@@ -13,9 +13,11 @@ import yaml
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import write_text
-from pam_orthosis.model.parameters import read_yaml
+from pam_orthosis.model.parameters import BELIEF, read_yaml
 
 HEADING = "# Model of the gap workflow: overrides by dotted key, for `--model` and `parameters.load`.\n"
+BELIEVED = tuple(f"{branch}." for branch in BELIEF if branch != "scenario")
+PLANNED = "scenario.plan."
 MOST_ROWS = 10_000  # aliases of YAML can stand for any number of rows
 
 
@@ -51,6 +53,19 @@ def read(path: Path) -> dict[str, Any]:
     if len(rows) > MOST_ROWS:
         raise OrthosisError(f"{path} is no model file: it has more than {MOST_ROWS} parameters")
     return rows
+
+
+def read_belief(path: Path) -> dict[str, Any]:
+    """Return the overrides of a file that tells what controllers believe, a plan included.
+
+    Raises:
+        OrthosisError: as `read`; it has a parameter that is no belief: of the hardware, or of the run.
+    """
+    changed = read(path)
+    for key in changed:
+        if not key.startswith((*BELIEVED, PLANNED)):
+            raise OrthosisError(f"{path}: {key} is nothing that controllers believe; give it by --param")
+    return changed
 
 
 def _flat(prefix: str, node: Mapping):

@@ -48,9 +48,7 @@ def check(found: Identified) -> None:
     try:
         load({f"muscle.{found.data.specimen}.{key}": value for key, value in values(found).items()})
     except OrthosisError as error:
-        raise OrthosisError(
-            f"the data give no possible muscle; check their units: {error}"
-        ) from None
+        raise OrthosisError(f"the data give no possible muscle; check their units: {error}") from None
 
 
 def as_yaml(found: Identified, source: str) -> str:

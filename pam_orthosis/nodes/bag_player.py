@@ -58,6 +58,8 @@ class BagPlayer(graph.GraphNode):
         for node in self._script.nodes:
             for topic in self._script.outputs(node):
                 self._hear(topic)
+            for topic in self._script.unrecorded(node):  # the node waits for a listener
+                self._listen_aside(topic, lambda _answer: None)
         self._recorded, self._end = self._tell("recorded"), self._tell("end")
         self._absent = set(self._script.nodes)
         self.listen_to("ready", self._on_ready, latched=True)
@@ -87,11 +89,13 @@ class BagPlayer(graph.GraphNode):
         return self.create_publisher(graph.message_class(self.topics[topic].type), topic, graph.qos())
 
     def _hear(self, topic: str) -> None:
-        entry = self.topics[topic]
+        self._listen_aside(topic, self._receiver(topic))
+        self._writer.add_topic(f"/{topic.lstrip('/')}", self.topics[topic].type)
+
+    def _listen_aside(self, topic: str, receive: Callable[[bytes], None]) -> None:
+        kind = graph.message_class(self.topics[topic].type)
         name = f"{REPLAYED}/{topic.lstrip('/')}"
-        kind = graph.message_class(entry.type)
-        self.create_subscription(kind, name, self._receiver(topic), graph.qos(), raw=True)
-        self._writer.add_topic(f"/{topic.lstrip('/')}", entry.type)
+        self.create_subscription(kind, name, receive, graph.qos(), raw=True)
 
     def _receiver(self, topic: str) -> Callable[[bytes], None]:
         def receive(data: bytes) -> None:

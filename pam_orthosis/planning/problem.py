@@ -7,8 +7,12 @@ model (implicit midpoint rule). Pressures in bar and flows in g/s there keep the
 
 from __future__ import annotations
 
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from types import SimpleNamespace
+from threading import current_thread, main_thread
+from types import FrameType, SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -93,11 +97,33 @@ def nearest_cycle(
     limits = {"max_iter": ITERATIONS, "max_cpu_time": SECONDS, "tol": 1e-5, "mu_strategy": "adaptive"}
     opti.solver("ipopt", {"print_time": False}, {**limits, "print_level": 0, "sb": "yes"})
     try:
-        value = opti.solve().value
+        with _interrupts():
+            value = opti.solve().value
     except RuntimeError:
         raise NotFound(f"the search found no motion that these muscles can make; {HELPS}") from None
     states = value(x)
     return Cycle(states[0], states[2] * BAR, states[3] * BAR, float(value(largest)))
+
+
+@contextmanager
+def _interrupts() -> Iterator[None]:
+    """Raise KeyboardInterrupt behind a search in which SIGINT came, which CasADi takes for a failure."""
+    came, before = [], signal.getsignal(signal.SIGINT)
+    if before is not signal.default_int_handler or current_thread() is not main_thread():
+        yield
+        return
+
+    def note(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+        signal.default_int_handler(number, frame)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if came:
+            raise KeyboardInterrupt
 
 
 def _rates(belief, share: float) -> ca.Function:

@@ -7,6 +7,7 @@ import shutil
 import pytest
 
 from pam_orthosis.bag import recover
+from pam_orthosis.cli import main as entry
 from pam_orthosis.cli import run
 from pam_orthosis.errors import OrthosisError
 
@@ -99,3 +100,17 @@ def test_what_failed_leaves_no_claim(tmp_path, monkeypatch):
 
 def _no_air(*_arguments):
     raise OrthosisError("no air")
+
+
+def test_a_model_file_changes_beliefs_only_and_not_what_is_given_beside_it(tmp_path, capsys):
+    pytest.importorskip("rclpy")
+    model, out = tmp_path / "model.yaml", str(tmp_path / "walk")
+    for text, said in (
+        ("plant.external_torque: 12.0\n", "plant.external_torque is nothing that controllers believe"),
+        ("scenario.duration: 3.0\n", "scenario.duration is nothing that controllers believe"),
+        ("leg.shoe_mass: 1.0\n", "leg.shoe_mass: --param and"),
+    ):
+        model.write_text(text)
+        assert entry.main(["run", "--model", str(model), "--param", "leg.shoe_mass=0.9", "--out", out]) == 2
+        assert said in capsys.readouterr().err
+    assert not (tmp_path / "walk").exists()

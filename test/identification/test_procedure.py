@@ -124,7 +124,10 @@ def test_a_damping_that_is_given_is_fitted_with_and_written(bags, tmp_path, caps
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--held-out-bar", "3.3"], "no data at 3.3 bar absolute to hold out; there are: 2, 3.5, 4.5, 5, 6.5, 7"),
+        (
+            ["--held-out-bar", "3.3"],
+            "no data at 3.3 bar absolute to hold out; there are: 2, 3.5, 4.5, 5, 6.5, 7",
+        ),
         (["--held-out-bar", "250000"], "no data at 250000 bar"),
         (["--nominal-length-m", "0"], "longer than 0 m"),
         (["--out", "{there}"], "exists; choose another --out"),

@@ -103,3 +103,28 @@ def test_what_a_bag_has_not_is_said(in_processes, tmp_path, capsys):
     assert "it lacks extensor/mass_flow" in capsys.readouterr().err
     assert main(["replay", str(bag), "--node", "nobody"]) == 2
     assert "plant_simulator" in capsys.readouterr().err
+
+
+def test_a_topic_that_is_missing_stops_those_that_need_it_and_no_others(in_processes, tmp_path, capsys):
+    bag = _changed(in_processes[1], tmp_path / "less", lambda topic, _: topic != "/extensor/pressure")
+    _, _, topics = _replayed(capsys, bag)
+    identical = {name for name, one in topics.items() if one["identical"]}
+    assert "extensor/pressure" not in topics
+    assert identical == {"/clock", "joint_states", "flexor/pressure", "truth", "flexor/mass_flow"}
+
+
+def test_what_could_mostly_not_be_compared_is_not_identical(in_processes, tmp_path, capsys):
+    def change(topic, message):
+        stamp = message.header.stamp if hasattr(message, "header") else None
+        return topic != "/joint_states" or (stamp.sec == 0 and stamp.nanosec < 300_000_000)
+
+    bag = _changed(in_processes[1], tmp_path / "short", change)
+    assert main(["replay", str(bag), "--node", "position_controller"]) == 1
+    said = capsys.readouterr().out.splitlines()[-1]
+    assert said == f"INCOMPLETE: of estimate 60 of {STEPS} answers could be compared"
+
+
+def test_samples_of_another_period_are_not_asked_of_a_bag(in_processes, capsys):
+    for key, value in (("scenario.control_period", "0.002"), ("control.position.every", "2")):
+        assert main(["replay", str(in_processes[1]), "--param", f"{key}={value}"]) == 2
+        assert f"{key}: the bag holds inputs for" in capsys.readouterr().err

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Planned gaits: what the controllers' model can make, no more change than needed, and a knee that gains."""
 
+import os
+import signal
+from time import sleep
 from types import SimpleNamespace
 
 import casadi as ca
@@ -242,3 +245,23 @@ def test_what_cannot_be_planned_is_told_in_one_line(tmp_path, capsys, options, t
     assert said.startswith("pam-orthosis: error: ")
     assert told in said
     assert not (tmp_path / "plan.yaml").exists()
+
+
+def test_an_interrupted_search_writes_nothing(weak, monkeypatch):
+    """CasADi turns what SIGINT raises into a failure of its own."""
+
+    def swallowing(_self):
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+            sleep(5.0)
+        except KeyboardInterrupt:
+            raise RuntimeError("Solver failed: NonIpopt_Exception_Thrown") from None
+
+    monkeypatch.setattr(ca.Opti, "solve", swallowing)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            make_plan(weak)
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
