@@ -5,8 +5,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pam_orthosis.files import bag_name
+
+if TYPE_CHECKING:
+    from pam_orthosis.bag.salvage import Loss
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,5 +25,16 @@ def execute(arguments: argparse.Namespace) -> int:
 
     bag = arguments.bag.resolve()
     out = arguments.out or bag.with_name(f"{bag_name(bag)}-recovered")
-    print(f"{recover(bag, out)} messages recovered into {out}")
+    recovered = recover(bag, out)
+    print(f"{recovered.messages} messages recovered into {out}")
+    if recovered.left_out:
+        print(f"left out: {recovered.left_out} messages that are of no ROS topic (cdr, ros2msg)")
+    for loss in recovered.lost:
+        print(f"lost: {_told(loss)}")
     return 0
+
+
+def _told(loss: Loss) -> str:
+    if loss.first_ns is None or loss.last_ns is None:
+        return f"{loss.size} bytes"
+    return f"{loss.size} bytes, of messages from {loss.first_ns / 1e9:.3f} to {loss.last_ns / 1e9:.3f} s"

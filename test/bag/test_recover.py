@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a killed recorder leaves becomes a bag that opens."""
 
+import re
 from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,8 +15,10 @@ from pam_orthosis.bag import record
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.bag.recover import recover, recover_in_place
 from pam_orthosis.bag.topics import SECOND_NS
+from pam_orthosis.cli.main import main
 from pam_orthosis.errors import OrthosisError
 
+WALK = Path(__file__).parents[2] / "bags" / "walk"
 COUNT = 3000
 STAMPS = np.arange(COUNT, dtype=np.int64) * PERIOD_NS
 
@@ -40,7 +44,7 @@ def _assert_beginning_of_the_run(bag):
 
 
 def test_whole_messages_are_copied_with_the_run_metadata(killed, tmp_path):
-    count = recover(killed, tmp_path / "new")
+    count = recover(killed, tmp_path / "new").messages
     _assert_beginning_of_the_run(tmp_path / "new")
     assert count >= 2 * len(read_bag(tmp_path / "new", ["angle"])["angle"].value)
 
@@ -59,20 +63,62 @@ def test_any_cut_is_recovered_or_refused(killed, tmp_path):
         file.write_bytes(data[:length])
         out = tmp_path / f"out{number}"
         with suppress(OrthosisError):
-            counts.append(recover(killed, out))
+            counts.append(recover(killed, out).messages)
         assert out.exists() == (len(counts) > 0)
     assert counts == sorted(counts)
     assert counts[-1] > 0.6 * COUNT
 
 
-def test_a_corrupt_chunk_ends_the_copy(killed, tmp_path):
-    file = killed / "cut_0.mcap"
-    data = bytearray(file.read_bytes())
-    middle = len(data) // 2
-    data[middle : middle + 2000] = b"\xff" * 2000
-    file.write_bytes(data)
-    assert recover(killed, tmp_path / "new") > 0
-    assert len(read_bag(tmp_path / "new", ["angle"])["angle"].value) > 0
+def _spoilt(bag, out, change):
+    """Copy a bag; `change` alters the bytes of its file."""
+    out.mkdir()
+    data = bytearray(next(bag.glob("*.mcap")).read_bytes())
+    change(data)
+    (out / "spoilt_0.mcap").write_bytes(data)
+    return out
+
+
+def _messages(bag):
+    """Return topic, stamp and bytes of all messages."""
+    with open(next(bag.glob("*.mcap")), "rb") as stream:
+        return [(c.topic, m.log_time, m.data) for _, c, m in make_reader(stream).iter_messages()]
+
+
+def test_behind_a_corrupt_chunk_the_copy_goes_on_and_tells_what_is_lost(tmp_path, capsys):
+    whole = _messages(WALK)
+
+    def overwrite(data):
+        at = data.find(b"zstd", len(data) // 3) + 100  # within a chunk
+        data[at : at + 60] = b"\xff" * 60
+
+    bag = _spoilt(WALK, tmp_path / "bad", overwrite)
+    assert main(["recover", str(bag), "--out", str(tmp_path / "new")]) == 0
+    said = capsys.readouterr().out.splitlines()
+    copied = _messages(tmp_path / "new")
+    assert said[0].startswith(f"{len(copied)} messages recovered")
+    assert 0.9 * len(whole) < len(copied) < len(whole)
+    assert set(copied) <= set(whole)
+    assert copied[-1] == whole[-1]
+    (first, last), *more = [re.findall(r"[0-9.]+(?= to | s$)", line) for line in said[1:]]
+    assert not more
+    missing = [stamp for topic, stamp, data in set(whole) - set(copied)]
+    assert (float(first), float(last)) == pytest.approx((min(missing) / 1e9, max(missing) / 1e9), abs=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_altered_message_is_taken_for_whole(tmp_path, seed):
+    rng, whole = np.random.default_rng(seed), set(_messages(WALK))
+
+    def flip(data):
+        data[int(rng.integers(8, len(data)))] ^= 1 << int(rng.integers(8))
+
+    bag = _spoilt(WALK, tmp_path / "bad", flip)
+    with suppress(OrthosisError):
+        recovered = recover(bag, tmp_path / "new")
+        copied = set(_messages(tmp_path / "new"))
+        assert copied <= whole
+        assert len(whole) - len(copied) < 600 or recovered.lost
+        assert len(copied) > 0.9 * len(whole)
 
 
 @pytest.fixture
@@ -113,7 +159,8 @@ def test_a_channel_without_a_schema_is_left_out(tmp_path):
         writer.add_message(bare, 0, b"{}", 0)
         _copy_messages(source, writer)
         writer.finish()
-    assert recover(mixed, tmp_path / "new") == 200
+    recovered = recover(mixed, tmp_path / "new")
+    assert (recovered.messages, recovered.left_out) == (200, 1)
     assert len(read_bag(tmp_path / "new", ["angle"])["angle"].value) == 100
 
 

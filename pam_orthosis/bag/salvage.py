@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole records of a damaged MCAP file, and what had to be skipped."""
+
+from __future__ import annotations
+
+import mmap
+import struct
+from collections.abc import Iterator
+from contextlib import suppress
+from io import BytesIO
+from pathlib import Path
+from typing import NamedTuple
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import breakup_chunk
+
+MAGIC_BYTES = 8
+HEAD = struct.Struct("<BQ")  # of a record: opcode, length of what follows
+TIMES = struct.Struct("<QQ")  # at the beginning of a chunk: first and last log time, ns
+NAME_AT, LEAST_CHUNK = 28, 40  # bytes of a chunk before the name of its compression, and at least
+COMPRESSIONS = (b"", b"lz4", b"zstd")
+OPCODES = range(Opcode.HEADER, Opcode.DATA_END + 1)
+
+
+class Loss(NamedTuple):
+    """A part of a file that could not be read: bytes, and log times of its messages, ns, if it tells them."""
+
+    size: int
+    first_ns: int | None
+    last_ns: int | None
+
+
+class Salvage:
+    """Reads past damage: a chunk is whole if its checksum is right; behind a bad one the next is looked for.
+
+    Attributes:
+        lost: what was skipped; complete when the records have been read to their end.
+    """
+
+    def __init__(self, source: Path):
+        self._source = source
+        self.lost: list[Loss] = []
+
+    def records(self) -> Iterator[McapRecord]:
+        """Yield schemas, channels, messages and metadata; OSError if the file cannot be read."""
+        self.lost.clear()
+        with open(self._source, "rb") as stream:
+            size = self._source.stat().st_size
+            if size <= MAGIC_BYTES:
+                return
+            with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+                yield from self._records(data, size)
+
+    def _records(self, data: mmap.mmap, size: int) -> Iterator[McapRecord]:
+        at = MAGIC_BYTES
+        while at < size:
+            try:
+                end, opcode, found = _read(data, size, at)
+            except Exception:  # damaged bytes make the readers raise anything
+                end = _next_chunk(data, size, at + 1)
+                self.lost.append(_loss(data, at, end))
+                at = end
+                continue
+            yield from found
+            at = size if opcode == Opcode.FOOTER else end
+
+
+def _read(data: mmap.mmap, size: int, at: int) -> tuple[int, int, list[McapRecord]]:
+    """Return the end of a record, its opcode and what is in it; raise if it is not whole."""
+    opcode, length = HEAD.unpack_from(data, at)
+    begin, end = at + HEAD.size, at + HEAD.size + length
+    if opcode not in OPCODES or end > size:
+        raise ValueError("no record begins here")
+    stream = ReadDataStream(BytesIO(data[begin:end])) if opcode in READERS else None
+    return end, opcode, READERS[opcode](stream, length) if stream else []
+
+
+READERS = {
+    Opcode.SCHEMA: lambda stream, _: [Schema.read(stream)],
+    Opcode.CHANNEL: lambda stream, _: [Channel.read(stream)],
+    Opcode.MESSAGE: lambda stream, length: [Message.read(stream, length)],
+    Opcode.METADATA: lambda stream, _: [Metadata.read(stream)],
+    Opcode.CHUNK: lambda stream, _: breakup_chunk(Chunk.read(stream), validate_crc=True),
+}
+
+
+def _next_chunk(data: mmap.mmap, size: int, start: int) -> int:
+    """Return where the next whole chunk begins, or the end of the file."""
+    at = data.find(bytes([Opcode.CHUNK]), start)
+    while at >= 0:
+        if _like_a_chunk(data, size, at):
+            with suppress(Exception):
+                _read(data, size, at)
+                return at
+        at = data.find(bytes([Opcode.CHUNK]), at + 1)
+    return size
+
+
+def _like_a_chunk(data: mmap.mmap, size: int, at: int) -> bool:
+    if at + HEAD.size + LEAST_CHUNK > size:
+        return False
+    _, length = HEAD.unpack_from(data, at)
+    name_at = at + HEAD.size + NAME_AT
+    (name_length,) = struct.unpack_from("<I", data, name_at)
+    if length < LEAST_CHUNK or at + HEAD.size + length > size or name_length > max(map(len, COMPRESSIONS)):
+        return False
+    (content,) = struct.unpack_from("<Q", data, name_at + 4 + name_length)
+    whole = content == length - LEAST_CHUNK - name_length
+    return whole and data[name_at + 4 : name_at + 4 + name_length] in COMPRESSIONS
+
+
+def _loss(data: mmap.mmap, at: int, end: int) -> Loss:
+    first_ns = last_ns = None
+    if end - at >= HEAD.size + TIMES.size and data[at] == Opcode.CHUNK:
+        first_ns, last_ns = TIMES.unpack_from(data, at + HEAD.size)
+    return Loss(end - at, first_ns, last_ns)
