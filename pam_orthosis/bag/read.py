@@ -76,7 +76,7 @@ def read_bag(path: Path, signals: Iterable[str], optional: Iterable[str] = (), n
     path = Path(path)
     _check_path(path)
     store = get_typestore(Stores.ROS2_JAZZY)
-    with _damage_told(path), AnyReader([path], default_typestore=store) as reader:
+    with damage_told(path), AnyReader([path], default_typestore=store) as reader:
         series = _read(reader, path, list(signals), set(optional), namespace)
     run = run_record(path)
     return Bag(path, series, run, recorded_parameters(path, run, namespace))
@@ -93,7 +93,7 @@ def raw_messages(path: Path, topics: Iterable[str], namespace: str = "") -> dict
     names = {resolve(topic, namespace): topic for topic in topics}
     messages: dict[str, dict[int, bytes]] = {}
     store = get_typestore(Stores.ROS2_JAZZY)
-    with _damage_told(path), AnyReader([path], default_typestore=store) as reader:
+    with damage_told(path), AnyReader([path], default_typestore=store) as reader:
         connections = [one for one in reader.connections if one.topic in names]
         for one in connections:
             _check_type(path, one, BY_NAME[names[one.topic]].type)
@@ -104,7 +104,7 @@ def raw_messages(path: Path, topics: Iterable[str], namespace: str = "") -> dict
 
 def run_record(path: Path) -> dict[str, str]:
     """Return the run metadata of a bag of ours, empty for another; OrthosisError if it is damaged."""
-    with _damage_told(path):
+    with damage_told(path):
         for file in [path] if path.is_file() else sorted(path.glob("*.mcap")):
             if file.suffix == ".mcap":
                 with open(file, "rb") as stream:
@@ -151,7 +151,7 @@ def _mapping(path: Path, text: str) -> dict[str, Any]:
 
 
 @contextmanager
-def _damage_told(path: Path) -> Iterator[None]:
+def damage_told(path: Path) -> Iterator[None]:
     """Turn whatever the readers raise over a damaged file into the error of this program."""
     try:
         yield
@@ -210,10 +210,17 @@ def _connections(
     for topic, signals in wanted.items():
         needed = [signal for signal in signals if signal.name not in optional]
         if topic not in there and needed:
-            raise OrthosisError(f"{path} has no topic {topic}, needed for {needed[0].name}")
+            what = f"{path} has no topic {topic}, needed for {needed[0].name}"
+            raise OrthosisError(what + _legs_there(there))
         if topic in there:
             _check_type(path, there[topic], BY_NAME[signals[0].topic].type)
     return [connection for connection in reader.connections if connection.topic in wanted]
+
+
+def _legs_there(topics: Iterable[str]) -> str:
+    """Return the hint that a bag has its legs in namespaces, if it has."""
+    legs = sorted(parts[1] for parts in (topic.split("/") for topic in topics) if parts[2:] == ["reference"])
+    return f"; it has the legs {', '.join(legs)}: give one by --namespace" if legs else ""
 
 
 def _check_type(path: Path, connection: Any, expected: str) -> None:

@@ -10,7 +10,8 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from pam_orthosis.bag.topics import SECOND_NS, resolve
+from pam_orthosis.bag.read import damage_told
+from pam_orthosis.bag.topics import BY_NAME, SECOND_NS, resolve
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ def timing(path: Path, namespace: str = "", period_s: float | None = None) -> Ti
     """
     samples, _ = _instants(path, resolve("joint_states", namespace))
     answers, left = _instants(path, resolve("answered", namespace))
-    if len(samples) < 2 or not len(answers):
+    if len(samples) < 2 or not np.isin(answers, samples).any():
         return None
     period_ns = int(np.median(np.diff(samples))) if period_s is None else round(period_s * SECOND_NS)
     return judge_timing(samples, dict(zip(answers.tolist(), left.tolist(), strict=True)), period_ns)
@@ -62,8 +63,10 @@ def judge_timing(samples: np.ndarray, answered: dict[int, int], period_ns: int) 
 def _instants(path: Path, topic: str) -> tuple[np.ndarray, np.ndarray]:
     """Return stamps, ns, and the instants that the messages name, or else their stamps again."""
     rows = []
-    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-        connections = [connection for connection in reader.connections if connection.topic == topic]
+    types = BY_NAME["joint_states"].type, BY_NAME["answered"].type
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with damage_told(path), AnyReader([path], default_typestore=store) as reader:
+        connections = [one for one in reader.connections if one.topic == topic and one.msgtype in types]
         # without a connection the reader would give every message there is
         for connection, _, data in reader.messages(connections) if connections else ():
             message = reader.deserialize(data, connection.msgtype)

@@ -23,6 +23,7 @@ REST_SECONDS = 0.1
 CATCH_UP_SECONDS = 2.0  # for a knee that was let go, to be back at its reference
 LONGEST_GAP_NS = SECOND_NS  # without a sample that can be judged, or missing at the end
 LEAST_SHARE = 0.5  # of the samples that are there, which can be judged: in real time some get no answer
+ALWAYS_LED = ("gait", "sine", "steps", "hold")  # trajectories that never let the knee go
 PERIOD = "scenario.control_period"
 CLOSED = 0.0  # as a reference pressure, `control.trajectory.VALVES_CLOSED`: the valve is to stay closed
 _NEEDED = ("angle", "reference_angle", "reference_velocity")
@@ -110,7 +111,7 @@ def judge(
         duration_s=float(stamps[-1] - stamps[0]) / SECOND_NS,
         observer_velocity_lag_ms=_observer_lag(bag),
         voltage_variation_per_s=_voltage_variation(bag),
-        cycles=cycle_table(since_start, error, hold_s, cycle_s) if cycle_s else [],
+        cycles=[] if hold_s is None or not cycle_s else cycle_table(since_start, error, hold_s, cycle_s),
         scenario=bag.run.get("scenario"),
         not_led=int(np.count_nonzero(~led)),
         incomplete=incomplete,
@@ -120,13 +121,19 @@ def judge(
 
 
 def judge_all(
-    path: Path, bound_deg: float = 3.0, skip_s: float = 0.0, partial: bool = False
+    path: Path,
+    bound_deg: float = 3.0,
+    skip_s: float = 0.0,
+    partial: bool = False,
+    namespace: str | None = None,
 ) -> dict[str, Verdict]:
-    """Judge each leg of a bag; the verdicts by the leg's namespace, none if there is one leg only.
+    """Judge each leg of a bag, or one; the verdicts by the leg's namespace, none if there is one leg only.
 
     Raises:
         OrthosisError: as `judge`, or a leg of the run is not in the bag.
     """
+    if namespace is not None:
+        return {namespace.strip("/"): judge(path, bound_deg, skip_s, namespace, partial)}
     names = namespaces(path)
     verdicts = {name.strip("/"): judge(path, bound_deg, skip_s, name, partial) for name in names}
     if lost := sorted(legs_of(path, run_record(path)).keys() - verdicts.keys()):
@@ -248,12 +255,13 @@ def _incomplete(bag: Bag, judged: np.ndarray, skip_s: float) -> str:
 
 
 def _closed(bag: Bag, stamps: np.ndarray) -> np.ndarray:
-    """Return whether no pressure is asked for, at stamps (n,) between or at those of the reference."""
+    """Return whether the scenario lets the knee go, both valves closed, at stamps (n,) of the samples."""
     asked = bag["reference_angle"].stamp_ns
     asked = asked[np.searchsorted(asked, stamps, side="right") - 1]
     there = [bag[name] for name in _REFERENCES if name in bag.series]
     closed = [np.isin(asked, one.stamp_ns[one.value == CLOSED]) for one in there]
-    return np.any([np.zeros(len(stamps), dtype=bool), *closed], axis=0)
+    asks = bag.parameters.get("scenario.trajectory") not in ALWAYS_LED  # no controller excuses itself
+    return np.all(closed, axis=0) if asks and len(closed) == 2 else np.zeros(len(stamps), dtype=bool)
 
 
 def _kept(bag: Bag, skip_s: float) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -261,7 +269,7 @@ def _kept(bag: Bag, skip_s: float) -> tuple[np.ndarray, list[np.ndarray]]:
     stamps, values = aligned(bag["angle"], *_reference(bag))
     if not len(stamps):
         raise OrthosisError(f"{bag.path}: angle and reference share no stamp")
-    kept = stamps >= stamps[0] + round(skip_s * SECOND_NS)
+    kept = (stamps - stamps[0]) / SECOND_NS >= skip_s
     if not kept.any():
         raise OrthosisError(f"{bag.path} holds no sample after the first {skip_s:g} s")
     return stamps[kept], [value[kept] for value in values]

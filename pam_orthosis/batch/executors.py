@@ -12,6 +12,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 
+from pam_orthosis.batch.unit import end_all
 from pam_orthosis.errors import OrthosisError
 
 PATIENCE = "10s"  # until a scheduler has to answer
@@ -23,6 +24,9 @@ def local(workers: int) -> Iterator[tuple[Executor, Callable[[], bool]]]:
     pool = ThreadPoolExecutor(workers)
     try:
         yield pool, lambda: True
+    except BaseException:
+        end_all()
+        raise
     finally:
         pool.shutdown(cancel_futures=True)
 

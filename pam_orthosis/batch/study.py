@@ -47,8 +47,11 @@ def read_study(path: Path) -> list[dict[str, Any]]:
 def _combined(path: Path, told: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     seeds = [{"scenario.seed": seed} for seed in told.get("seeds", [])] or [{}]
     grid = told.get("grid", {})
-    if not all(isinstance(values, list) and values for values in grid.values()):
+    if not all(isinstance(key, str) and isinstance(values, list) and values for key, values in grid.items()):
         raise OrthosisError(f"{path}: grid gives each parameter a list of values")
+    between = told.get("random", {}).get("between")
+    if both := [key for key in grid if isinstance(between, dict) and key in between]:
+        raise OrthosisError(f"{path}: {both[0]} is in grid and in random; leave it in one of them")
     if not all(isinstance(one, dict) for one in told.get("sets", [])):
         raise OrthosisError(f"{path}: sets is a list of parameter sets")
     crossed = [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
@@ -60,12 +63,14 @@ def _combined(path: Path, told: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 def _drawn(path: Path, told: Mapping[str, Any]) -> Iterator[dict[str, float]]:
     """Yield parameter sets, each value uniform between its bounds."""
     try:
-        count, seed, between = int(told["count"]), int(told.get("seed", 0)), told["between"]
+        count, seed, between = told["count"], told.get("seed", 0), told["between"]
         low, high = np.array([between[key] for key in between], dtype=float).reshape(-1, 2).T
-        if count < 1 or set(told) - DRAWN or not (low <= high).all():
+        whole = isinstance(count, int) and isinstance(seed, int) and count >= 1 and seed >= 0
+        ordered = np.isfinite(high - low).all() and (low <= high).all()
+        if not whole or not between or set(told) - DRAWN or not ordered:
             raise ValueError
     except (KeyError, TypeError, ValueError, AttributeError):
-        words = "count (1 or more), seed and between: parameter -> [low, high]"
+        words = "count (1 or more), seed (0 or more) and between: parameter -> [low, high]"
         raise OrthosisError(f"{path}: random has {words}") from None
     for values in np.random.default_rng(seed).uniform(low, high, (count, len(low))).tolist():
         yield dict(zip(between, values, strict=True))

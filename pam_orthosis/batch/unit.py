@@ -12,12 +12,13 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 LONGEST_COMPLAINT = 500
+_RUNNING: set[subprocess.Popen] = set()
 
 
 @dataclass(frozen=True)
@@ -73,14 +74,34 @@ def work(unit: Unit) -> Answer:
         command = [sys.executable, "-m", unit.module, *unit.arguments]
         command += ["--out", str(out)] if unit.writes else []
         try:
-            done = subprocess.run(
-                command, capture_output=True, text=True, errors="replace", check=False, timeout=unit.seconds,
-                stdin=subprocess.DEVNULL, env=_environment(),
-            )  # fmt: skip
+            done = _run(command, unit.seconds)
         except subprocess.TimeoutExpired:
             return Answer(-1, None, f"not done after {unit.seconds:g} s", time.monotonic() - began)
         told, complaint = _judged(unit, done)
         return Answer(done.returncode, told, complaint, time.monotonic() - began, _files(out))
+
+
+def end_all() -> None:
+    """Kill the processes of all units that this process works on."""
+    for process in list(_RUNNING):
+        process.kill()
+
+
+def _run(command: Sequence[str], seconds: float | None) -> subprocess.CompletedProcess:
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True,
+        errors="replace", env=_environment(),
+    )  # fmt: skip
+    _RUNNING.add(process)
+    try:
+        told, complained = process.communicate(timeout=seconds)
+    except BaseException:
+        process.kill()
+        process.communicate()
+        raise
+    finally:
+        _RUNNING.discard(process)
+    return subprocess.CompletedProcess(command, process.returncode, told, complained)
 
 
 def _environment() -> dict[str, str]:

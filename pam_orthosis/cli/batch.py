@@ -108,22 +108,23 @@ def _walks(inputs: Sequence[Path], more: Sequence[str]) -> list[tuple[str, str]]
 
 def _named(bags: Sequence[Path]) -> dict[str, Path]:
     """Return bags by name; those of the same name by as much of their paths as tells them apart."""
-    names, depth = {bag: bag.name for bag in dict.fromkeys(bags)}, 1
-    while any(count > 1 for count in Counter(names.values()).values()):
-        depth += 1
+    names = {bag: bag.name for bag in dict.fromkeys(bags)}
+    for depth in range(2, max(len(bag.parts) for bag in bags)):
         common = {name for name, count in Counter(names.values()).items() if count > 1}
-        names = {bag: "-".join(bag.parts[-depth:]) if name in common else name for bag, name in names.items()}
-    return {name: bag for bag, name in names.items()}
+        # the anchor would make it the name of a folder elsewhere
+        longer = {bag: "-".join(bag.parts[max(1, len(bag.parts) - depth) :]) for bag in names}
+        names = {bag: longer[bag] if name in common else name for bag, name in names.items()}
+    found: dict[str, Path] = {}
+    for bag, name in names.items():
+        found[name if name not in found else f"{name}-{len(found)}"] = bag
+    return found
 
 
-def _whole(text: str) -> int:
-    number = int(text)
-    if number < 0:
-        raise ValueError(text)
-    return number
+def _whole(text: str, least: int = 0) -> int:
+    if not text.isdecimal() or int(text) < least:
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number of {least} or more")
+    return int(text)
 
 
 def _at_least_1(text: str) -> int:
-    if _whole(text) < 1:
-        raise ValueError(text)
-    return int(text)
+    return _whole(text, 1)

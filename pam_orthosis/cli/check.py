@@ -26,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="judge what is there of a run that was cut short or lacks samples",
     )
+    parser.add_argument("--namespace", metavar="NS", help="of the leg in the bag (all legs)")
     add_verdict_arguments(parser)
 
 
@@ -39,7 +40,8 @@ def execute(arguments: argparse.Namespace) -> int:
     """Print the verdict; return 0 if the bound holds, 1 if not."""
     from pam_orthosis.bag.verdict import judge_all  # what reads bags takes its time to load
 
-    verdicts = judge_all(arguments.bag, arguments.bound_deg, arguments.skip_s, arguments.partial)
+    options = arguments.skip_s, arguments.partial, arguments.namespace
+    verdicts = judge_all(arguments.bag, arguments.bound_deg, *options)
     return show(verdicts, arguments.json)
 
 
@@ -97,7 +99,10 @@ def _timing(timing: Timing) -> list[str]:
 
 def not_negative(text: str) -> float:
     """Return a finite number that is not negative, for argparse."""
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
     if not (math.isfinite(value) and value >= 0):
-        raise ValueError(text)
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of 0 or more")
     return value

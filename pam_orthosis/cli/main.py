@@ -8,9 +8,13 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
+import traceback
 from collections.abc import Sequence
 from importlib import import_module
+from threading import current_thread, main_thread
+from types import FrameType
 from typing import NoReturn
 
 from pam_orthosis import __version__
@@ -32,6 +36,7 @@ VERBS = {
     "recover": "make a readable bag of one whose recorder was killed",
 }
 LONGEST_ERROR = 900
+TRACEBACK = "PAM_ORTHOSIS_TRACEBACK"
 
 
 class Parser(argparse.ArgumentParser):
@@ -44,20 +49,43 @@ class Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a verb; return the exit status."""
+    if current_thread() is main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, _end_as_interrupted)
     try:
         return _dispatch(sys.argv[1:] if arguments is None else list(arguments))
-    except OrthosisError as error:
-        return _failed(str(error), error.exit_status)
-    except KeyboardInterrupt:
-        return _failed("interrupted", 3)
     except BrokenPipeError:  # nobody reads the rest
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except OSError as error:
+    except (Exception, KeyboardInterrupt) as error:
+        return _failed(*_failure(error))
+
+
+def _failure(error: BaseException) -> tuple[str, int]:
+    """Return what went wrong, and the exit status; raise what nobody foresaw if that is asked for."""
+    if isinstance(error, OrthosisError):
+        return str(error), error.exit_status
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted", 3
+    if isinstance(error, OSError):
         about = f"{error.filename!r}: " if error.filename else ""
-        return _failed(about + (error.strerror or str(error) or type(error).__name__), 2)
-    except MemoryError:
-        return _failed("not enough memory for this input", 2)
+        return about + (error.strerror or str(error) or type(error).__name__), 2
+    if isinstance(error, MemoryError):
+        return "not enough memory for this input", 2
+    if os.environ.get(TRACEBACK):
+        raise error
+    return f"unforeseen {_told(error)}; {TRACEBACK}=1 shows where it came from", 3  # 1 would be an answer
+
+
+def _told(error: BaseException) -> str:
+    """Return an error and the line of this package in which it was raised, or from which."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if "pam_orthosis" in frame.filename] or frames
+    return f"{type(error).__name__} in {os.path.basename(own[-1].filename)}:{own[-1].lineno}: {error}"
+
+
+def _end_as_interrupted(_number: int, _frame: FrameType | None) -> NoReturn:
+    """Let SIGTERM end a verb as SIGINT does: what was begun is tidied up."""
+    raise KeyboardInterrupt
 
 
 def run_main() -> int:

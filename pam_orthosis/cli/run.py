@@ -6,7 +6,6 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
-import signal
 import sys
 import tempfile
 import time
@@ -15,7 +14,7 @@ from contextlib import ExitStack, suppress
 from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import yaml
 
@@ -128,6 +127,8 @@ def _mode(arguments: argparse.Namespace, parameters: Parameters) -> launch.Mode:
         raise OrthosisError("--no-plant: hardware does not wait for its controllers; give --realtime too")
     from pam_orthosis.control.legs import differences
 
+    if arguments.legs > 1 and parameters.scenario.plan.enabled:
+        raise OrthosisError("--legs 2: a plan is of one leg, the other is half a cycle ahead; leave it out")
     legs = differences(parameters) if arguments.legs > 1 else {}
     return launch.Mode(arguments.composed, arguments.realtime, not arguments.no_plant, legs)
 
@@ -171,10 +172,13 @@ def _assignment(text: str) -> tuple[str, Any]:
 
 
 def _value(text: str) -> Any:
-    """Return a value as YAML reads it, and 1e-4 as the number that YAML 1.1 takes for a text."""
+    """Return a value as YAML reads it, but numbers as everybody else does."""
+    for number in (int, float):  # YAML 1.1 takes 075 for 61 and 1e-4 for a text
+        with suppress(ValueError):
+            return number(text)
     try:
-        return float(text) if isinstance(yaml.safe_load(text), str) else yaml.safe_load(text)
-    except (ValueError, yaml.YAMLError):
+        return yaml.safe_load(text)
+    except yaml.YAMLError:
         return text
 
 
@@ -184,7 +188,6 @@ def _unused(scenario: str) -> Path:
 
 
 def _run(parameters: Parameters, bag: Path, scenario: str, mode: launch.Mode, visible: bool) -> None:
-    signal.signal(signal.SIGTERM, _interrupt)
     with tempfile.TemporaryDirectory(prefix="pam-orthosis-") as folder, ExitStack() as stack:
         work = Path(folder)
         if visible or not mode.with_plant:
@@ -215,10 +218,6 @@ def _rescue(bag: Path, work: Path) -> str:
     with suppress(OSError):  # the disk may be full, which is perhaps why the run failed
         shutil.copytree(work, bag / "log", ignore=shutil.ignore_patterns("ros"))
     return told
-
-
-def _interrupt(*_: object) -> NoReturn:
-    raise KeyboardInterrupt
 
 
 class Progress:

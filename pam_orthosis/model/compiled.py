@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import os
 import platform
@@ -66,6 +67,16 @@ def compiled(function: ca.Function, use_compiler: bool = True) -> Compiled:
     return Compiled(ca.external(function.name(), str(library)))
 
 
+def loads(library: Path) -> bool:
+    """Return whether a cached library can be loaded; one that was cut short is removed, to be built anew."""
+    try:
+        ctypes.CDLL(str(library))
+    except OSError:
+        library.unlink(missing_ok=True)
+        return False
+    return True
+
+
 def _library(function: ca.Function) -> Path | None:
     newer = [(f"-m{NEWER_INSTRUCTIONS}",)] if NEWER_INSTRUCTIONS in processor().split() else []
     return best_library(function.name(), _dense_source(function), COMPILER_FLAGS, [*newer, ()])
@@ -81,9 +92,13 @@ def shared_library(name: str, source: str, flags: tuple[str, ...]) -> Path | Non
     if folder is None:
         return None
     library = folder / f"{name}_{digest}.so"
-    if not library.exists() and not _compile([compiler, *flags], source, library):
+    if library.exists() and loads(library):
+        return library
+    try:
+        built = _compile([compiler, *flags], source, library)
+    except OSError:  # the disk is full
         return None
-    return library
+    return library if built else None
 
 
 def best_library(

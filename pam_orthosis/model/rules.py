@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Any
 
+SHAPES = {"gait": "gait", "sine": "sine", "steps": "step"}  # trajectory -> section of its shape
 MUSCLES = ("dmsp_20", "dmsp_10", "mas_40")
 # each chain must be strictly increasing
 ORDERED = (
@@ -171,6 +173,9 @@ def _plan_rule(values: Mapping[str, Any]) -> Iterator[str]:
     cycle, planned = values["scenario.cycle_time"], values["scenario.plan.cycle_time"]
     if cycle != planned:
         yield f"scenario.plan is for a cycle of {planned} s, scenario.cycle_time = {cycle} s: plan again"
+    made_for = values.get("scenario.plan.made_for")
+    if made_for and "leg.person.present" in values and made_for != motion_digest(values):
+        yield "scenario.plan is for another motion, or for a leg with or without a person: plan again"
     farthest = max(map(abs, _waves(values, "scenario.plan.angle")))
     if farthest >= FARTHEST_PLAN:
         yield f"scenario.plan.angle goes {farthest:.3g} rad away, {FARTHEST_PLAN} at most is wanted"
@@ -179,6 +184,16 @@ def _plan_rule(values: Mapping[str, Any]) -> Iterator[str]:
     if low is not None and not low <= min(pressures) <= max(pressures) <= high:
         told = f"goes from {min(pressures):.3g} to {max(pressures):.3g} Pa"
         yield f"scenario.plan.pressure {told}, outside control.position's limits {low:.3g} .. {high:.3g} Pa"
+
+
+def motion_digest(values: Mapping[str, Any]) -> str:
+    """Return what tells one motion, of a leg with or without a person, from another."""
+    trajectory = values["scenario.trajectory"]
+    keys = [key for key in sorted(values) if key.startswith(f"scenario.{SHAPES.get(trajectory)}.")]
+    keys += ["scenario.start_phase", "scenario.start_angle", "leg.person.present"]
+    numbers = [values[key] if isinstance(values[key], list) else [values[key]] for key in keys]
+    told = trajectory, keys, [[float(number) for number in each] for each in numbers]
+    return hashlib.sha256(repr(told).encode()).hexdigest()[:12]
 
 
 def _waves(values: Mapping[str, Any], series: str) -> list[float]:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from pam_orthosis.bag.topics import NODES, RECORDER
 from pam_orthosis.errors import RunFailed
+from pam_orthosis.nodes.launch import COMPOSED
 
 HEARTBEAT_VARIABLE = "PAM_ORTHOSIS_HEARTBEAT"
 ERROR_PREFIX = "pam-orthosis: error: "
@@ -105,7 +106,9 @@ class Child:
 
     def has_nothing_to_lose(self) -> bool:
         """Whether the process has said that its run is over, and writes no bag."""
-        return self.status == "ended" and self.name.rpartition("/")[2] in set(NODES) - {RECORDER}
+        leg, _, name = self.name.rpartition("/")
+        of_leg = bool(leg) and name == COMPOSED  # of several legs: the recorder is a process of its own
+        return self.status == "ended" and (of_leg or name in set(NODES) - {RECORDER})
 
     def stop(self) -> None:
         """Ask the process to end; one that cannot hear is killed."""

@@ -18,7 +18,7 @@ from pam_orthosis.control.position import pressures_for_torque
 from pam_orthosis.control.trajectory import Reference, Trajectory, make_trajectory
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
-from pam_orthosis.model.rules import FARTHEST_PLAN
+from pam_orthosis.model.rules import FARTHEST_PLAN, motion_digest
 from pam_orthosis.planning import RESERVE
 from pam_orthosis.planning.problem import HELPS, Cycle, NotFound, nearest_cycle
 from pam_orthosis.planning.recorded import Recorded
@@ -39,13 +39,15 @@ LEAD = 0.02  # s by which the knee is late where valves are at their limits, and
 class Plan:
     """What was planned: duration of the cycle, s, wanted angle, (N,) rad, and the planned cycle.
 
-    `asked` is the angle that is asked for so that the knee makes the planned one, (N,) rad.
+    `asked` is the angle that is asked for so that the knee makes the planned one, (N,) rad. `made_for` tells
+    the motion from others.
     """
 
     cycle_time: float
     wanted: np.ndarray
     cycle: Cycle
     asked: np.ndarray
+    made_for: str = ""
 
     @property
     def overrides(self) -> dict[str, Any]:
@@ -53,6 +55,7 @@ class Plan:
         change = self.asked - self.wanted
         mean = (self.cycle.extensor_pressure + self.cycle.flexor_pressure) / 2
         told: dict[str, Any] = {"scenario.plan.enabled": True, "scenario.plan.cycle_time": self.cycle_time}
+        told["scenario.plan.made_for"] = self.made_for
         for name, values in (("angle", change), ("pressure", mean)):
             cosine, sine = fourier(values)
             told |= {f"scenario.plan.{name}.cosine": cosine, f"scenario.plan.{name}.sine": sine}
@@ -98,7 +101,7 @@ def make_plan(
         away = f"the nearest motion found is {np.degrees(cycle.largest):.0f} deg away"
         raise OrthosisError(f"{away} from the wanted one; {HELPS}")
     asked = cycle.angle + (_fell_short(recorded, belief.scenario.cycle_time) if recorded else 0.0)
-    return Plan(belief.scenario.cycle_time, angle, cycle, asked)
+    return Plan(belief.scenario.cycle_time, angle, cycle, asked, motion_digest(belief.flat()))
 
 
 def _nearest(belief, starts: list[Cycle], angle, velocity, lacking, tell) -> Cycle:

@@ -86,6 +86,9 @@ def recorded(time: np.ndarray, signals: Mapping[str, np.ndarray], parameters: Pa
         raise OrthosisError("no whole cycle at full cadence; record a longer run")
     _check_near(np.abs(signals["reference_angle"] - signals["angle"])[steady].max())
     phase = (time[steady] - scenario.start_hold - 0.5 * scenario.start_ramp) / scenario.cycle_time
+    there = np.sort(phase % 1.0)
+    if max(np.diff(there, append=there[0] + 1.0)) > 0.5 / HARMONICS:
+        raise OrthosisError("no whole cycle at full cadence: part of each is missing; record another run")
     waves = _waves(phase)
 
     def series(values: np.ndarray) -> Series:

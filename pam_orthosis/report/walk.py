@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from pam_orthosis.bag.read import Bag, aligned, read_bag
 from pam_orthosis.bag.topics import SECOND_NS
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import write_whole
 from pam_orthosis.model import parameters as parameter_tree
 from pam_orthosis.report.leg_drawing import draw_walk
@@ -32,6 +33,8 @@ def write_walk(bag_path: Path, file: Path, bound_deg: float = 3.0, namespace: st
     figure = Figure(figsize=(11, 8), layout="constrained")
     leg_axes, *time_axes = _axes(figure)
     stamps, (angle, reference) = aligned(bag["angle"], bag["reference_angle"])
+    if len(stamps) < 2:
+        raise OrthosisError(f"{bag_path}: angle and reference share no stamps")
     time = (stamps - stamps[0]) / SECOND_NS
     _draw_leg(leg_axes, bag, time, angle)
     _draw_angle(time_axes[0], time, angle, reference)

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from bags import PERIOD_NS, STORE, joint_state, reference, write, write_tracking_bag
-from pam_orthosis.bag.read import Series
+from pam_orthosis.bag.read import Bag, Series
 from pam_orthosis.bag.record import BagWriter
 from pam_orthosis.bag.topics import BY_NAME, resolve
 from pam_orthosis.bag.verdict import (
     CATCH_UP_SECONDS,
+    _closed,
     cycle_table,
     judge,
     not_led,
@@ -215,3 +216,43 @@ def test_an_observer_that_diverged_leaves_the_verdict_of_the_knee(tmp_path, caps
     told = capsys.readouterr().out
     assert "estimate_velocity" in told
     assert "FAILED: maximum 5.730 deg" in told
+
+
+@pytest.mark.parametrize(
+    ("trajectory", "extensor", "flexor", "excused"),
+    [
+        ("closed", 0.0, 0.0, True),
+        ("gait", 0.0, 0.0, False),
+        ("closed", 0.0, 3e5, False),
+        (None, 0.0, 0.0, True),
+    ],
+)
+def test_only_a_scenario_lets_the_knee_go_and_no_controller(tmp_path, trajectory, extensor, flexor, excused):
+    stamps = TIME_NS[:400]
+    references = {
+        f"{muscle}_pressure_reference": Series(stamps, np.where(stamps > stamps[200], pressure, 3e5))
+        for muscle, pressure in (("extensor", extensor), ("flexor", flexor))
+    }
+    known = {} if trajectory is None else {"scenario.trajectory": trajectory}
+    bag = Bag(tmp_path, {"reference_angle": Series(stamps, 0.0 * stamps), **references}, {}, known)
+    assert _closed(bag, stamps).tolist() == (excused & (stamps > stamps[200])).tolist()
+
+
+def test_a_leg_among_others_can_be_judged_alone(tmp_path, capsys):
+    with BagWriter(tmp_path / "walk") as writer:
+        for leg, topics in (("/left", ("joint_states", "reference")), ("/arm", ("joint_states",))):
+            for topic in topics:
+                writer.add_topic(resolve(topic, leg), BY_NAME[topic].type)
+                for stamp_ns in range(0, 10 * PERIOD_NS, PERIOD_NS):
+                    told = {"joint_states": joint_state(stamp_ns, "knee", [0.1]),
+                            "reference": reference(stamp_ns, (0.1, 0.0))}[topic]  # fmt: skip
+                    data = STORE.serialize_cdr(told, BY_NAME[topic].type)
+                    writer.write(resolve(topic, leg), stamp_ns, bytes(data))
+    assert main(["check", str(tmp_path / "walk")]) == 0
+    assert "left leg" in capsys.readouterr().out
+    assert main(["check", str(tmp_path / "walk"), "--namespace", "/left"]) == 0
+    assert main(["report", str(tmp_path / "walk"), "--out", str(tmp_path)]) == 2
+    assert "it has the legs left: give one by --namespace" in capsys.readouterr().err
+    assert main(["check", str(tmp_path / "walk"), "--skip-s", "1e300"]) == 2
+    assert main(["check", str(tmp_path / "walk"), "--bound-deg", "-1"]) == 2
+    assert "'-1' is no number of 0 or more" in capsys.readouterr().err

@@ -4,6 +4,7 @@
 import json
 import os
 import shutil
+import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
@@ -11,9 +12,10 @@ import pytest
 
 from pam_orthosis.bag.verdict import judge
 from pam_orthosis.batch import executors
+from pam_orthosis.batch import unit as unit_module
 from pam_orthosis.batch.batch import RESULT, SUMMARY, Batch
 from pam_orthosis.batch.study import read_study
-from pam_orthosis.batch.unit import Unit
+from pam_orthosis.batch.unit import Unit, work
 from pam_orthosis.cli.batch import _named
 from pam_orthosis.cli.main import main
 from pam_orthosis.errors import OrthosisError
@@ -194,3 +196,44 @@ def test_bags_of_the_same_name_keep_apart():
     bags = [Path("/a/one/bag"), Path("/a/two/bag"), Path("/a/two/other")]
     assert list(_named(bags)) == ["one-bag", "two-bag", "other"]
     assert list(_named([bags[0], bags[0]])) == ["bag"]
+
+
+def test_bags_of_one_name_anywhere_have_names_of_their_own_below_the_folder():
+    paths = [Path(p) for p in ("/data/walk", "/backup/data/walk", "/a-b/c", "/a/b-c", "/walk")]
+    names = list(_named(paths))
+    assert len(set(names)) == len(paths)
+    assert not any("/" in name for name in names)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "random: {count: .inf, between: {leg.person.mass: [60, 90]}}",
+        "random: {count: 2.9, between: {leg.person.mass: [60, 90]}}",
+        "random: {count: 2, seed: -1, between: {leg.person.mass: [60, 90]}}",
+        "random: {count: 2, between: {leg.person.mass: [-1e308, 1e308]}}",
+        "random: {count: 2, between: {}}",
+        "grid: {1: [2]}",
+        "grid: {leg.person.mass: [60]}\nrandom: {count: 1, between: {leg.person.mass: [60, 90]}}",
+    ],
+)
+def test_studies_that_mean_nothing_are_refused_in_one_line(tmp_path, capsys, text):
+    study = tmp_path / "study.yaml"
+    study.write_text(text + "\n")
+    assert main(["batch", "study", str(study), "--out", str(tmp_path / "out")]) == 2
+    assert str(study) in capsys.readouterr().err
+
+
+def test_units_end_with_the_program():
+    waiting = python("long", "import time; time.sleep(60)")
+    began = time.monotonic()
+    future = None
+    try:
+        with executors.local(1) as (executor, _):
+            future = executor.submit(work, waiting)
+            while not unit_module._RUNNING:
+                time.sleep(0.01)
+            raise KeyboardInterrupt
+    except KeyboardInterrupt:
+        assert future.result().complaint
+    assert time.monotonic() - began < 30.0

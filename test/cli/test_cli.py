@@ -80,3 +80,19 @@ def test_an_existing_run_is_not_overwritten(tmp_path, capsys):
 )
 def test_values_of_parameters(text, value):
     assert _assignment(text) == ("a.b", value)
+
+
+def test_what_nobody_foresaw_is_one_line_and_no_answer(tmp_path, capsys, monkeypatch):
+    from pam_orthosis.bag import verdict
+
+    def failing(*_):
+        raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr(verdict, "judge_all", failing)
+    assert main(["check", str(tmp_path)]) == 3
+    said = capsys.readouterr().err
+    assert "unforeseen ZeroDivisionError in check.py:" in said
+    assert len(said.splitlines()) == 1
+    monkeypatch.setenv("PAM_ORTHOSIS_TRACEBACK", "1")
+    with pytest.raises(ZeroDivisionError):
+        main(["check", str(tmp_path)])

@@ -114,3 +114,20 @@ def test_a_model_file_changes_beliefs_only_and_not_what_is_given_beside_it(tmp_p
         assert entry.main(["run", "--model", str(model), "--param", "leg.shoe_mass=0.9", "--out", out]) == 2
         assert said in capsys.readouterr().err
     assert not (tmp_path / "walk").exists()
+
+
+def test_one_plan_is_not_followed_by_two_legs(tmp_path, capsys):
+    pytest.importorskip("rclpy")
+    model = tmp_path / "model.yaml"
+    model.write_text("scenario.plan.enabled: true\n")
+    assert entry.main(["run", "--legs", "2", "--model", str(model), "--out", str(tmp_path / "walk")]) == 2
+    assert "--legs 2: a plan is of one leg" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("075", 75), ("1e-4", 1e-4), ("30", 30), ("true", True), ("[1, 2]", [1, 2]), ("gait", "gait")],
+)
+def test_numbers_are_read_as_everybody_reads_them(text, value):
+    (read,) = run.assignments([f"key={text}"]).values()
+    assert (read, type(read)) == (value, type(value))

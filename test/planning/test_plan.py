@@ -222,7 +222,9 @@ def test_the_verb_writes_a_model_that_keeps_what_was_believed(tmp_path, capsys):
     assert main(["plan", "--scenario", "person", "--model", str(known), "--out", str(out)]) == 0
     written = patch.read(out)
     assert written["valve.conductance"] == 2.6e-8
-    assert load(written).scenario.plan.enabled
+    assert load(scenario_overrides("person") | written).scenario.plan.enabled
+    with pytest.raises(OrthosisError, match="for another motion, or for a leg with or without a person"):
+        load(written)
     assert "within 0.00 deg" in capsys.readouterr().out
     assert main(["plan", "--out", str(out)]) == 2
     assert "exists" in capsys.readouterr().err
@@ -265,3 +267,16 @@ def test_an_interrupted_search_writes_nothing(weak, monkeypatch):
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def test_a_plan_is_for_the_motion_and_the_leg_that_it_was_made_for(weak, plan):
+    assert weak.changed(plan.overrides).scenario.plan.made_for == plan.made_for
+    for other in (
+        {"leg.person.present": False},
+        {"scenario.start_phase": 0.5},
+        {"scenario.trajectory": "sine"},
+    ):
+        with pytest.raises(OrthosisError, match="for another motion"):
+            weak.changed(plan.overrides | other)
+    unknown = plan.overrides | {"scenario.plan.made_for": ""}
+    assert weak.changed(unknown | {"scenario.start_phase": 0.5}).scenario.plan.enabled

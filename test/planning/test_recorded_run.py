@@ -130,6 +130,13 @@ def test_a_run_without_a_whole_cycle_is_refused():
         recorded(time, dict.fromkeys(NEEDED, np.zeros(900)), load())
 
 
+def test_a_run_that_lacks_a_part_of_each_cycle_is_refused():
+    time = np.arange(STEPS) * load().scenario.control_period
+    time = time[(time < 3.2) | (time > 6.8)]
+    with pytest.raises(OrthosisError, match="part of each is missing"):
+        recorded(time, dict.fromkeys(NEEDED, np.zeros(len(time))), load())
+
+
 def test_a_knee_that_did_not_make_the_motion_tells_nothing_of_it():
     time = np.arange(STEPS) * load().scenario.control_period
     signals = dict.fromkeys(NEEDED, np.zeros(STEPS))
