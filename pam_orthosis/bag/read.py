@@ -261,8 +261,9 @@ def _series(path: Path, signal: Signal, stamps: list[int], values: list[float]) 
     bad = ~np.isfinite(value)
     if bad.any():
         where = stamp_ns[np.argmax(bad)] / SECOND_NS
+        joint = f" (of the joint {signal.joint})" if signal.joint else ""
         raise OrthosisError(
-            f"{path}: {signal.name} on {signal.topic} is missing or not finite at {where:.3f} s"
+            f"{path}: {signal.name} on {signal.topic}{joint} is missing or not finite at {where:.3f} s"
         )
     low, high = PLAUSIBLE.get(signal.unit, (-np.inf, np.inf))
     if value.min() < low or value.max() > high:

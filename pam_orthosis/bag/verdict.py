@@ -33,11 +33,12 @@ _USEFUL = ("estimate_velocity", "extensor_voltage", "flexor_voltage", *_REFERENC
 
 @dataclass(frozen=True)
 class Cycle:
-    """Tracking within one gait cycle, or within the rest before it; `start_s` of the run."""
+    """Tracking within one gait cycle, from 1, or within the rest before it, 0; `start_s` of the run."""
 
     start_s: float
     max_abs_error_deg: float
     rms_error_deg: float
+    number: int
 
 
 @dataclass(frozen=True)
@@ -205,7 +206,7 @@ def total_variation_rate(series: Series) -> float:
 
 
 def cycle_table(since_start: np.ndarray, error: np.ndarray, hold_s: float, cycle_s: float) -> list[Cycle]:
-    """Return the tracking of the rest at the start and of each cycle, where there are samples.
+    """Return the tracking of the rest at the start, as a whole, and of each cycle, where there are samples.
 
     Args:
         since_start: (n,) s.
@@ -213,9 +214,9 @@ def cycle_table(since_start: np.ndarray, error: np.ndarray, hold_s: float, cycle
         hold_s: duration of the rest.
         cycle_s: duration of a cycle.
     """
-    number = np.floor((since_start - hold_s) / cycle_s)
+    number = np.maximum(np.floor((since_start - hold_s) / cycle_s), -1)
     return [
-        Cycle(max(0.0, hold_s + k * cycle_s), float(np.abs(part).max()), _rms(part))
+        Cycle(0.0 if k < 0 else hold_s + k * cycle_s, float(np.abs(part).max()), _rms(part), int(k) + 1)
         for k in np.unique(number)
         for part in [error[number == k]]
     ]

@@ -14,7 +14,6 @@ import sys
 import time
 from pathlib import Path
 
-from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import write_text
 from pam_orthosis.model.parameters import load, scenario_overrides
 
@@ -69,7 +68,6 @@ def _progress():
 
 
 def _positive(text: str) -> int:
-    value = int(text)
-    if not 1 <= value <= 100:
-        raise OrthosisError(f"{text}: give a whole number from 1 to 100")
-    return value
+    if not text.isdecimal() or not 1 <= int(text) <= 100:
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number from 1 to 100")
+    return int(text)

@@ -160,7 +160,7 @@ def supervise(
             children.append(Child(name, command, environment, logs / f"{name.replace('/', '_')}.log"))
         _watch(children, progress)
     except KeyboardInterrupt:
-        raise RunFailed("interrupted; the bag holds what was recorded until then") from None
+        raise RunFailed("interrupted; what was recorded until then is in the bag") from None
     finally:
         _stop(children)
 

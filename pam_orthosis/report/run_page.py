@@ -66,10 +66,10 @@ def _cycles(verdict: Verdict) -> str:
     if not verdict.cycles:
         return ""
     rows = [
-        (str(number), f"{c.start_s:.2f}", f"{c.max_abs_error_deg:.3f}", f"{c.rms_error_deg:.3f}")
-        for number, c in enumerate(verdict.cycles)
+        (str(c.number or "rest"), f"{c.start_s:.2f}", f"{c.max_abs_error_deg:.3f}", f"{c.rms_error_deg:.3f}")
+        for c in verdict.cycles
     ]
-    head = ("cycle (0: rest)", "from / s", "maximum error / deg", "RMS error / deg")
+    head = ("cycle", "from / s", "maximum error / deg", "RMS error / deg")
     return "<h2>Cycle by cycle</h2>" + table(head, rows)
 
 

@@ -116,7 +116,20 @@ def test_total_variation_counts_every_step():
 def test_cycle_table_has_each_cycle_s_own_maximum():
     error = np.where(TIME < 2.0, 1.0, -3.0)
     table = cycle_table(TIME, error, hold_s=0.0, cycle_s=2.0)
-    assert [(row.start_s, row.max_abs_error_deg) for row in table] == [(0, 1), (2, 3), (4, 3)]
+    assert [(row.number, row.start_s, row.max_abs_error_deg) for row in table] == [
+        (1, 0, 1),
+        (2, 2, 3),
+        (3, 4, 3),
+    ]
+
+
+def test_the_rest_before_the_motion_is_one_row_however_long_it_is():
+    table = cycle_table(TIME, np.where(TIME < 0.3, 2.0, 1.0), hold_s=3.1, cycle_s=1.0)
+    assert [(row.number, row.start_s, row.max_abs_error_deg) for row in table[:2]] == [
+        (0, 0.0, 2.0),
+        (1, 3.1, 1.0),
+    ]
+    assert len(table) == 3
 
 
 def _two_rates(folder, wanted, angle, every=5, lost=()):
