@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Show a recorded run: one page that opens offline (plots, leg, verdict), and a picture of it."""
+"""Show a recorded run: one page that opens offline (plots, leg, verdict), a picture of it, or a CSV table."""
 
 from __future__ import annotations
 
@@ -15,21 +15,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, metavar="BAG", help="bag folder or .mcap file")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of page and picture (beside the bag)")
     parser.add_argument("--bound-deg", type=not_negative, default=3.0, help="bound on the largest error (3)")
-    parser.add_argument("--only", choices=("page", "picture"), help="make one of the two (both)")
+    parser.add_argument(
+        "--only", choices=("page", "picture", "table"), help="make one of them (page and picture)"
+    )
     parser.add_argument("--namespace", default="", metavar="NS", help="of the leg in the bag")
 
 
 def execute(arguments: argparse.Namespace) -> int:
-    """Write page and picture and say where."""
+    """Write what is asked for and say where."""
     bag = arguments.bag.resolve()
     folder = arguments.out or bag.parent
-    makers = {"page": ("html", _page), "picture": ("png", _picture)}
-    for name, (ending, make) in makers.items():
-        if arguments.only in (None, name):
-            leg = arguments.namespace.strip("/").replace("/", "-")
-            file = folder / f"{bag_name(bag)}{leg and '-'}{leg}.{ending}"
-            make(bag, file, arguments)
-            print(file)
+    leg = arguments.namespace.strip("/").replace("/", "-")
+    makers = {"page": ("html", _page), "picture": ("png", _picture), "table": ("csv", _table)}
+    for name in [arguments.only] if arguments.only else ["page", "picture"]:
+        ending, make = makers[name]
+        file = folder / f"{bag_name(bag)}{leg and '-'}{leg}.{ending}"
+        make(bag, file, arguments)
+        print(file)
     return 0
 
 
@@ -47,3 +49,9 @@ def _picture(bag: Path, file: Path, arguments: argparse.Namespace) -> None:
     from pam_orthosis.report.walk import write_walk  # matplotlib takes a second to load
 
     write_walk(bag, file, arguments.bound_deg, arguments.namespace)
+
+
+def _table(bag: Path, file: Path, arguments: argparse.Namespace) -> None:
+    from pam_orthosis.report.table import write_table
+
+    write_table(bag, file, arguments.namespace)

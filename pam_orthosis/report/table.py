@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recorded run as a CSV table, for programs that read no bags: one row a sample, SI units."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from pam_orthosis.bag.read import read_bag
+from pam_orthosis.bag.topics import SECOND_NS, SIGNALS
+from pam_orthosis.files import write_whole
+
+SAMPLED = "angle"
+
+
+def write_table(bag_path: Path, file: Path, namespace: str = "") -> None:
+    """Write all signals of a bag at the stamps of the measured angle; `time` is in s since the first.
+
+    A cell is empty where a topic has no message of that stamp. Names and units are those of
+    `bag.topics.SIGNALS`; `gap` reads such a table.
+
+    Raises:
+        OrthosisError: the bag is unusable, or the table cannot be written.
+    """
+    others = [name for name in SIGNALS if name != SAMPLED]
+    bag = read_bag(bag_path, [SAMPLED], others, namespace)
+    stamps = bag[SAMPLED].stamp_ns
+    names = [name for name in SIGNALS if name in bag.series]
+    time = [repr(second) for second in ((stamps - stamps[0]) / SECOND_NS).tolist()]
+    columns = [time, *(_cells(stamps, *bag[name]) for name in names)]
+
+    def write(part: Path) -> None:
+        with open(part, "w", encoding="utf-8", newline="") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(["time", *names])
+            writer.writerows(zip(*columns, strict=True))
+
+    write_whole(file, write)
+
+
+def _cells(stamps: np.ndarray, own: np.ndarray, value: np.ndarray) -> list[str]:
+    """Return the values at stamps as text that reads back to the bit."""
+    place = np.minimum(np.searchsorted(own, stamps), len(own) - 1)
+    there = own[place] == stamps
+    return [
+        repr(one) if known else "" for one, known in zip(value[place].tolist(), there.tolist(), strict=True)
+    ]
