@@ -105,7 +105,7 @@ class RealTime:
 
     def __init__(self, plant: PlantSimulator):
         self._plant = plant
-        self._first_ns: int | None = None
+        self._first_ns = 0
         self._passed = 0  # periods that the hardware has lived through
         self._sampled = 0  # period of the last sample
         self._skipped = self._late = self._silent = 0
@@ -116,8 +116,10 @@ class RealTime:
             plant.listen_to_numbers(topic, VOLTAGE, self._receiver(topic))
 
     def begin(self) -> None:
-        """Start the timer."""
+        """Take the first sample; start the timer, whose ticks are then never before their stamps."""
+        self._first_ns = self._plant.now_ns()
         self._plant.create_timer(self._plant.period_ns * 1e-9, self._tick)
+        self._sample(0)
 
     def health(self) -> dict[str, int]:
         """Count samples answered too late, samples not taken, periods without commands."""
@@ -139,10 +141,6 @@ class RealTime:
 
     def _tick(self) -> None:
         """Let the hardware live up to the nearest period, and if it is there take the sample."""
-        if self._first_ns is None:
-            self._first_ns = self._plant.now_ns()
-            self._sample(0)
-            return
         period_ns = self._plant.period_ns
         due = (self._plant.now_ns() - self._first_ns + period_ns // 2) // period_ns  # timers jitter
         for _ in range(min(due - self._passed, MAX_PERIODS_AT_ONCE)):

@@ -108,6 +108,17 @@ def test_valves_vent_when_one_of_them_was_never_told_anything(plant):
     assert plant.pace.health()["vented_without_commands"] > 0
 
 
+def test_no_stamp_is_later_than_its_sample(plant):
+    """Else answers would seem to leave before what they answer; a late first tick makes no later one early."""
+    taken = [1_000_000_000]
+    for late in (1_400_000, 0, 200_000):
+        plant.now = 1_000_000_000 + len(taken) * plant.period_ns + late
+        taken.append(plant.now)
+        plant.tick()
+    assert len(plant.samples) == 4
+    assert all(stamp <= instant for stamp, instant in zip(plant.samples, taken, strict=True))
+
+
 def test_an_answer_in_time_acts_over_its_own_period(plant):
     plant.answer(6.0, plant.samples[0])
     plant.now += plant.period_ns
