@@ -84,7 +84,7 @@ def _faults(result: Result, said: str, before: dict, after: dict):
         yield f"hangs: no end within {LIMIT_S:g} s of work or {PATIENCE_S:g} s"
     elif status not in trial.allowed:
         yield f"exit status {status}, expected {' or '.join(map(str, trial.allowed))}"
-    if "Traceback" in said:
+    if "Traceback" in said or "error: unforeseen" in said:
         yield "traceback: " + said.strip().splitlines()[-1]
     lines = said.strip().splitlines()
     errors = [line for line in lines if line.startswith(PREFIX)]

@@ -38,7 +38,7 @@ def _attempt(tmp_path, make, prepare=None):
 
 def test_a_missing_guard_is_found_as_a_traceback(tmp_path, monkeypatch):
     def unguarded(folder):
-        monkeypatch.setattr(read, "_damage_told", lambda path: nullcontext())
+        monkeypatch.setattr(read, "damage_told", lambda path: nullcontext())
 
     noise = bag_mutations.BYTES["nothing but noise"]
 

@@ -109,7 +109,7 @@ def test_valves_vent_when_one_of_them_was_never_told_anything(plant):
 
 
 def test_no_stamp_is_later_than_its_sample(plant):
-    """Else answers would seem to leave before what they answer; a late first tick makes no later one early."""
+    """Else answers would seem to leave before what they answer: a late tick makes no later one early."""
     taken = [1_000_000_000]
     for late in (1_400_000, 0, 200_000):
         plant.now = 1_000_000_000 + len(taken) * plant.period_ns + late
