@@ -27,7 +27,10 @@ def check_once(paths: Iterable[Path]) -> None:
     for path in paths:
         for file in data_files(path):
             if file in known:
-                raise OrthosisError(
-                    f"{path} and {known[file]} are the same recording, which would count twice; give it once"
-                )
+                told = f"{path} is given twice" if path == known[file] else _same(path, known[file])
+                raise OrthosisError(f"{told}, and would count twice; give it once")
         known |= dict.fromkeys(data_files(path), path)
+
+
+def _same(path: Path, other: Path) -> str:
+    return f"{path} and {other} are the same recording"

@@ -576,7 +576,7 @@ def test_voltages_that_were_recorded_more_rarely_than_they_changed_are_left_out(
     [
         (["a"], ["a/a_0.mcap"], "is given to fit and to judge by"),
         (["a/a_0.mcap"], ["a"], "is given to fit and to judge by"),
-        (["a", "a"], [], "are the same recording"),
+        (["a", "a"], [], "a is given twice, and would count twice"),
         (["a", "b", "a/../a/a_0.mcap"], [], "are the same recording"),
         (["b"], ["a", "a/a_0.mcap"], "are the same recording"),
     ],
