@@ -9,6 +9,7 @@ import os
 import sys
 import time
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from pam_orthosis.errors import OrthosisError
 
@@ -52,11 +53,13 @@ def execute(arguments: argparse.Namespace) -> int:
     _check_out(arguments)
     _check_apart(arguments.measured, arguments.held_out)
     given = patch.read(arguments.model) if arguments.model else {}
-    parameters, system, read = _system([*arguments.measured, *arguments.held_out], given)
+    parameters, system, read = _system([*arguments.measured, *arguments.held_out], given, arguments.namespace)
     training, held_out = (
         [read(path, system, arguments.namespace) for path in paths]
         for paths in (arguments.measured, arguments.held_out)
     )
+    if arguments.out:
+        _make(arguments.out)
     progress = _progress()
     start = begin(system, training, held_out, parameters.gap, progress)
     progress("looking at what these data can tell")
@@ -67,9 +70,11 @@ def execute(arguments: argparse.Namespace) -> int:
     outcome = search(start, parameters.gap, progress)
     told = {**as_dict(outcome), "data": told_as_dict(data)}
     words = f"{describe_data(data)}\n{describe(outcome)}"
-    if arguments.out:
-        _write(arguments.out, outcome, told, given, words)
-    print(json.dumps(told, indent=2) if arguments.json else words)
+    try:
+        if arguments.out:
+            _write(arguments.out, outcome, told, given, words)
+    finally:  # a file that cannot be written must not take the verdict with it
+        print(json.dumps(told, indent=2) if arguments.json else words)
     return 1 if outcome.verdict == "unexplained" else 0
 
 
@@ -85,7 +90,7 @@ def _stages(start, data, last: str) -> str:
     return "\n".join(parts)
 
 
-def _system(paths: list[Path], given):
+def _system(paths: list[Path], given, namespace: str):
     """Return what is believed, the system that the recordings are of, and how they are read."""
     from pam_orthosis.discrepancy import knee, rig
     from pam_orthosis.discrepancy.data import agreed_belief
@@ -96,8 +101,8 @@ def _system(paths: list[Path], given):
         names = ", ".join(sorted("the knee" if one is None else f"a rig with a {one}" for one in specimens))
         raise OrthosisError(f"recordings of different systems ({names}): one at a time")
     specimen = specimens.pop()
-    apparatus = knee.APPARATUS if specimen is None else rig.APPARATUS
-    parameters = load({**agreed_belief(paths, apparatus, given), **given})
+    apparatus, alone = (knee.APPARATUS, knee.ALONE) if specimen is None else (rig.APPARATUS, {})
+    parameters = load({**agreed_belief(paths, apparatus, given, namespace, alone), **given})
     if specimen is None:
         return parameters, knee.knee(parameters), _recording
     return parameters, rig.test_rig(parameters, specimen), rig.recording
@@ -119,9 +124,14 @@ def _progress():
 
 
 def _check_apart(measured: list[Path], held_out: list[Path]) -> None:
-    fitted = {path.resolve() for path in measured}
+    """Check that no recording is given twice, be it as a bag's folder and as the file in it."""
+    from pam_orthosis.identification.sources import check_once, data_files
+
+    check_once(measured)
+    check_once(held_out)
+    fitted = {file for path in measured for file in data_files(path)}
     for path in held_out:
-        if path.resolve() in fitted:
+        if data_files(path) & fitted:
             raise OrthosisError(f"{path} is given to fit and to judge by; leave it out of one of the two")
 
 
@@ -133,12 +143,21 @@ def _check_out(arguments: argparse.Namespace) -> None:
         raise OrthosisError(f"--out {folder} is a file; give a folder")
 
 
+def _make(folder: Path) -> None:
+    """Make the folder and try to write there, before the search takes its time."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise OrthosisError(f"cannot write to {folder}: {error.strerror or error}") from error
+
+
 def _write(folder: Path, outcome, told, given, words: str) -> None:
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.report.gap import write_page
 
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         (folder / "gap.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
         final = outcome.selection.final
         named = [one.name for one in outcome.effects]

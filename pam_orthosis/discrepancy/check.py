@@ -27,15 +27,25 @@ def check(system: System, recordings: Sequence[Recording], warm_up: float) -> li
     """
     remarks: list[str] = []
     for one in recordings:
-        if one.samples * one.period < 2 * warm_up + 1.0 or one.samples < LEAST_SAMPLES:
-            raise OrthosisError(
-                f"{one.name} lasts {one.duration:.1f} s: the search needs more than {2 * warm_up + 1.0:.0f} s"
-                " (gap.replay.warm_up is left out at the start)"
-            )
+        _check_length(one, warm_up)
         for channel in system.channels:
             _check_channel(one, channel.name)
         remarks += [*one.remarks, *_remarks_on_inputs(system, one)]
     return remarks
+
+
+def _check_length(one: Recording, warm_up: float) -> None:
+    least = 2 * warm_up + 1.0
+    if one.duration < least:
+        raise OrthosisError(
+            f"{one.name} lasts {one.duration:.1f} s: the search needs {least:.0f} s or more"
+            " (gap.replay.warm_up is left out at the start)"
+        )
+    if one.samples < LEAST_SAMPLES:
+        raise OrthosisError(
+            f"{one.name} has {one.samples} samples, one every {1e3 * one.period:.3g} ms: the search needs"
+            f" {LEAST_SAMPLES} or more; record at a higher rate, or for longer"
+        )
 
 
 def check_divisible(recordings: Sequence[Recording], share: float, warm_up: float) -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import csv
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from pam_orthosis.model.parameters import BELIEF
 
 HIGHEST_CUTOFF = 0.4  # of the sampling rate
 LONGEST_PERIOD = 0.1  # s, of samples: above it the time is in another unit
+RARELY = 1.5  # times the period in which inputs change: at it and above, samples are missing between
 LEAST_PRESSURE = 0.8e5  # Pa absolute, that a muscle open to the air cannot fall below
 
 
@@ -79,7 +80,7 @@ def from_arrays(name: str, system: System, arrays: Mapping[str, np.ndarray]) -> 
 
 
 def from_bag(path: Path, system: System, namespace: str = "") -> Recording:
-    """Return the recording of a bag; inputs that the bag does not have are absent.
+    """Return the recording of a bag; inputs that it does not have, or too rarely, are absent.
 
     Raises:
         OrthosisError: unreadable bag, missing channel, values not finite, not uniform in time, or that cannot
@@ -94,37 +95,64 @@ def from_bag(path: Path, system: System, namespace: str = "") -> Recording:
     arrays = {"time": (stamps - stamps[0]) * 1e-9, **dict(zip(names, values, strict=True))}
     recording = from_arrays(str(path), system, arrays)
     _check_units(recording, system)
-    return recording
+    return _with_prompt_inputs(recording, system, bag.parameters.get(system.input_period, recording.period))
 
 
-def believed(path: Path) -> dict:
-    """Return the belief that a bag of ours was recorded with, as overrides; empty for another file."""
+def _with_prompt_inputs(one: Recording, system: System, changed: float) -> Recording:
+    """Return a recording without inputs that changed more often (every so many s) than they were recorded."""
+    late = [name for name in system.inputs if name in one.signals]
+    if not late or one.period < RARELY * changed:
+        return one
+    kept = {key: values for key, values in one.signals.items() if key not in late}
+    remark = (
+        f"{one.name}: {', '.join(late)} changed every {1e3 * changed:.3g} ms and were recorded every"
+        f" {1e3 * one.period:.3g} ms"
+    )
+    return replace(one, signals=kept, remarks=(*one.remarks, remark))
+
+
+def believed(path: Path, namespace: str = "") -> dict:
+    """Return the belief that a bag of ours was recorded with, as overrides; empty for another file.
+
+    `namespace`: of the leg whose belief it is.
+    """
     if is_table(path):
         return {}
-    recorded = recorded_parameters(path, run_record(path))
+    recorded = recorded_parameters(path, run_record(path), namespace)
     return {key: value for key, value in recorded.items() if key.split(".", 1)[0] in (*BELIEF, "rig")}
 
 
-def agreed_belief(paths: Sequence[Path], apparatus: tuple[str, ...], given: Collection[str] = ()) -> dict:
+def agreed_belief(
+    paths: Sequence[Path],
+    apparatus: tuple[str, ...],
+    given: Collection[str] = (),
+    namespace: str = "",
+    alone: Mapping[str, str] | None = None,
+) -> dict:
     """Return the belief of the first bag that has one, as overrides; empty if none has.
 
     Args:
         apparatus: how the keys begin that must have one value in all bags.
         given: keys whose values the user gives.
+        namespace: of the leg in the bags.
+        alone: key -> why bags that differ in it cannot be used together, whatever the user gives.
 
     Raises:
         OrthosisError: bags of different apparatus.
     """
-    known = [(path, belief) for path in paths if (belief := believed(path))]
+    alone = alone or {}
+    known = [(path, belief) for path in paths if (belief := believed(path, namespace))]
     first, belief = known[0] if known else (None, {})
     for path, other in known[1:]:
         for key, value in belief.items():
-            if not key.startswith(apparatus) or key in given or _is_off(key, belief, other):
+            settled = key in given and key not in alone
+            if not key.startswith(apparatus) or settled or _is_off(key, belief, other):
                 continue
             if key in other and other[key] != value:
+                help_ = "give recordings of one, or the value that is right with --model"
                 raise OrthosisError(
                     f"recordings of different apparatus: {key} is {value} in {first}, {other[key]} in {path};"
-                    " give recordings of one, or the value that is right with --model"
+                    f" {alone.get(key, help_)}"
                 )
     return belief
 

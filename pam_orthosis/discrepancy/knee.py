@@ -19,6 +19,9 @@ from pam_orthosis.model.muscle import polynomial
 from pam_orthosis.model.parameters import BELIEF, Section
 
 APPARATUS = ("leg.", "muscle.", "valve.", "effects.")  # keys of the belief that recordings share
+# keys in which recordings that are used together must agree, whatever the user gives, and why
+ALONE = {"leg.joint.locked": "a locked knee's recording cannot be used together with others: leave it out"}
+LOCKED = "diagnostic-locked"  # the angle does not move, which leaves the torque equation nothing to fit
 MOST_SUPPLY = 1.5  # of what is believed, that a muscle can hold: beyond it the unit is another
 TABLE_ORDER = 16
 TABLE_MARGIN = 0.2  # rad beyond the joint's stops
@@ -57,6 +60,8 @@ def knee(parameters, catalogue: Mapping | None = None) -> System:
             "angle": (joint.minimum - TABLE_MARGIN, joint.maximum + TABLE_MARGIN),
             **dict.fromkeys(pressures, (0.0, MOST_SUPPLY * belief.valve.supply_pressure)),
         },
+        input_period="scenario.control_period",
+        unusable=(LOCKED,),
     )
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import casadi as ca
 
 from pam_orthosis.bag import rig_topics  # noqa: F401  makes the rig's signals known to the reader
-from pam_orthosis.bag.read import recorded_parameters, run_record
+from pam_orthosis.bag.read import run_record
 from pam_orthosis.discrepancy.data import Recording, from_bag, is_table
 from pam_orthosis.discrepancy.system import Assembled, Calibration, Channel, Equation, System
 from pam_orthosis.errors import OrthosisError
@@ -75,6 +75,7 @@ def test_rig(parameters, specimen: str) -> System:
         needs=dict.fromkeys(("gas", "valve", "supply"), VOLTAGES),
         equation_names={"torque": "carriage"},
         branch="rig.effects",
+        input_period="rig.control_period",
         simpler={name: partial(_without, parameters, name, specimen) for name in present},
     )
 
@@ -84,24 +85,15 @@ def _without(parameters, effect: str, specimen: str) -> System:
 
 
 def recording(path: Path, system: System, namespace: str = "") -> Recording:
-    """Return the recording of a rig bag; voltages that were recorded too rarely are left out.
+    """Return the recording of a rig bag.
 
     Raises:
         OrthosisError: as `from_bag`, or a test in which the rig was another one.
     """
-    run = run_record(path)
-    if run.get("test") in UNFIT_TESTS:
-        raise OrthosisError(f"{path}: {UNFIT_TESTS[run['test']]}; give bags of other tests")
-    one = from_bag(path, system, namespace)
-    control_period = recorded_parameters(path, run).get("rig.control_period", one.period)
-    if one.period < 1.5 * control_period:
-        return one
-    kept = {key: values for key, values in one.signals.items() if key not in VOLTAGES}
-    remark = (
-        f"{one.name}: the voltages changed every {1e3 * control_period:.3g} ms and were recorded every"
-        f" {1e3 * one.period:.3g} ms"
-    )
-    return replace(one, signals=kept, remarks=(remark,))
+    test = run_record(path).get("test")
+    if test in UNFIT_TESTS:
+        raise OrthosisError(f"{path}: {UNFIT_TESTS[test]}; give bags of other tests")
+    return from_bag(path, system, namespace)
 
 
 def specimen_of(path: Path) -> str | None:

@@ -411,6 +411,14 @@ def _eliminate(found: Selection, settings, tell) -> None:
             found.final_problem, left.effects, left.values, left.free
         )
         found.evidence.pop(weakest)
+        if len(found.final.effects) == 1:
+            _revalue(found)
+
+
+def _revalue(found: Selection) -> None:
+    """Give the only effect that is left its evidence anew: the last was that beside a dropped one."""
+    name = found.final.effects[0]
+    found.evidence[name] = _loss(found, name)[0]
 
 
 def _weakest(found: Selection, losses, settings) -> str | None:

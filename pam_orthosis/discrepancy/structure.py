@@ -108,7 +108,7 @@ def _coordinates(problem: Problem, equation, residual: np.ndarray):
 def signals_of(system, one) -> dict[str, np.ndarray]:
     """Return what a residual may depend on: channels, inputs, velocities, phase of the cycle, time.
 
-    Behind the recording's warm-up; a phase only where the motion repeats itself.
+    Behind the recording's warm-up, by the recording's clock; a phase only where the motion repeats itself.
     """
     signals = {c.name: one.run.smooth(c.name)[one.warm_up :] for c in system.channels}
     recorded = one.run.recording.signals
@@ -117,16 +117,20 @@ def signals_of(system, one) -> dict[str, np.ndarray]:
     for derived, parent in system.derived.items():
         if parent in measured_by:
             signals[derived] = np.gradient(signals[measured_by[parent]], one.run.period)
-    phase = _cycle_phase(signals[system.channels[0].name], one.run.period)
+    first, period = signals[system.channels[0].name], one.run.period
+    passed = round(one.run.recording.start / period) + one.warm_up
+    phase = _cycle_phase(first, period, passed)
     if phase is not None:
         signals["phase"] = phase
-    first = signals[system.channels[0].name]
-    signals["time"] = np.arange(len(first)) * one.run.period
+    signals["time"] = one.run.recording.start + (one.warm_up + np.arange(len(first))) * period
     return signals
 
 
-def _cycle_phase(signal: np.ndarray, period: float) -> np.ndarray | None:
-    """Return the phase (0 to 1 from the recording's start) of a signal that repeats itself, or None."""
+def _cycle_phase(signal: np.ndarray, period: float, passed: int) -> np.ndarray | None:
+    """Return the phase (0 to 1) of a signal that repeats itself, or None.
+
+    It is 0 at the zero of the recording's clock, so many samples before the signal's first.
+    """
     centred = signal - signal.mean()
     power = np.abs(np.fft.rfft(centred, 2 * len(centred))) ** 2
     correlation = np.fft.irfft(power)[: len(centred)]
@@ -141,7 +145,7 @@ def _cycle_phase(signal: np.ndarray, period: float) -> np.ndarray | None:
     best = low + int(np.argmax(correlation[low:high]))
     if correlation[best] < REPEATS:
         return None
-    return np.arange(len(signal)) % best / best
+    return (passed + np.arange(len(signal))) % best / best
 
 
 def _region(residual: np.ndarray, signal: np.ndarray) -> tuple[float, float, float]:

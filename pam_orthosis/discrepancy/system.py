@@ -98,6 +98,8 @@ class System:
         branch: of the parameters that switches effects on in the model.
         simpler: effects that the model has already -> makes the system without that one.
         limits: channel -> values that it cannot leave, in its unit.
+        input_period: parameter in a bag's metadata that tells how often the inputs changed, s.
+        unusable: experiments that effects name and whose recordings cannot be searched.
     """
 
     name: str
@@ -113,6 +115,8 @@ class System:
     branch: str = "effects"
     simpler: Mapping[str, Callable[[], System]] = field(default_factory=dict)
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    input_period: str = ""
+    unusable: tuple[str, ...] = ()
 
     def without(self, lacking: Collection[str]) -> System:
         """Return the system without equations and effects that need inputs which are lacking."""
@@ -150,6 +154,10 @@ class System:
         """Return the equation in which an effect shows, as reports call it."""
         equation = self.catalogue[effect].equation
         return self.equation_names.get(equation, equation)
+
+    def experiments(self, effect: str) -> tuple[str, ...]:
+        """Return the experiments that would show an effect, or part it from others, and can be searched."""
+        return tuple(one for one in self.catalogue[effect].separated_by if one not in self.unusable)
 
     def channel(self, name: str) -> Channel:
         """Return a channel by name."""

@@ -91,5 +91,5 @@ def _gram(projection: Projection, trials: list[Trial]) -> np.ndarray:
 
 def _experiments(system, invisible, alike) -> tuple[str, ...]:
     wanted = [*invisible, *(name for a, b, _ in alike for name in (a, b))]
-    votes = Counter(test for name in wanted for test in system.catalogue[name].separated_by)
+    votes = Counter(test for name in wanted for test in system.experiments(name))
     return tuple(name for name, _ in votes.most_common())

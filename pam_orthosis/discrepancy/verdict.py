@@ -58,6 +58,8 @@ def _effect(one: Named) -> dict[str, Any]:
         "equation": one.equation,
         "parameters": parameters,
         "evidence": _number(one.evidence),
+        "look_alikes": list(one.look_alikes),
+        "separated_by": list(one.separated_by),
     }
 
 
@@ -165,8 +167,21 @@ def describe(outcome: Outcome) -> str:
     lines += [f"best surrogate, no explanation: {one.name}" for one in outcome.surrogates]
     lines += _others(outcome)
     lines += [f"remark: {remark}" for remark in outcome.remarks]
+    lines += _left(outcome)
     lines.append(_answer(outcome))
     return "\n".join(lines)
+
+
+def _left(outcome: Outcome) -> list[str]:
+    """Return what is left although the gap is explained."""
+    if outcome.verdict != "explained":
+        return []
+    places = [one for one in outcome.left if one.strength >= one.noise]
+    lines = [f"left in the {one.equation} equation: {one.strength:.1f} times the noise" for one in places]
+    if not places and beyond(outcome.after, outcome.floor):
+        white = outcome.after.white[OVERALL] / outcome.floor.white[OVERALL]
+        lines.append(f"left in the held-out recordings: a gap of {white:.1f} times the noise")
+    return lines
 
 
 def _row(outcome: Outcome, channel) -> str:
@@ -201,14 +216,22 @@ def _told(one: Named) -> str:
 
 def _others(outcome: Outcome) -> list[str]:
     lines = []
-    if outcome.look_alikes:
-        lines.append(f"these data cannot tell it from: {', '.join(outcome.look_alikes)}")
-        if outcome.separated_by:
-            lines.append(f"what would: pam-orthosis run --scenario {outcome.separated_by[0]}")
-    elif outcome.runner_up is not None:
+    for one in (*outcome.effects, *outcome.surrogates):
+        lines += _alike(one, len(outcome.effects) + len(outcome.surrogates) > 1)
+    if not outcome.look_alikes and outcome.runner_up is not None:
         lines.append(f"runner-up: {outcome.runner_up[0]}, {outcome.runner_up[1]:.0f} behind in evidence")
     if outcome.strained:
         lines.append(_strain(outcome.strained))
+    return lines
+
+
+def _alike(one: Named, several: bool) -> list[str]:
+    """Return what an effect cannot be told from, and what would part them; nothing if it can."""
+    if not one.look_alikes:
+        return []
+    lines = [f"these data cannot tell {one.name if several else 'it'} from: {', '.join(one.look_alikes)}"]
+    if one.separated_by:
+        lines.append(f"what would: pam-orthosis run --scenario {one.separated_by[0]}")
     return lines
 
 

@@ -29,20 +29,26 @@ TELLING_STRAIN = 4.0  # deviations of an ordinary parameter over its tolerance t
 
 @dataclass(frozen=True)
 class Named:
-    """An effect that was found: parameters (name -> value, unit, lower, upper), evidence."""
+    """An effect that was found: parameters (name -> value, unit, lower, upper), evidence.
+
+    `look_alikes` are effects that nothing told from it when it was added, `separated_by` the experiments
+    that would.
+    """
 
     name: str
     equation: str
     parameters: Mapping[str, tuple[float, str, float, float]]
     evidence: float
+    look_alikes: tuple[str, ...] = ()
+    separated_by: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Outcome:
     """All that the workflow found; `report` and `cli` turn it into pages and files.
 
-    `from_configured` names the closures that count from the configured model, since recalibration closed
-    the gap already.
+    `look_alikes` and `separated_by` are those of the first effect. `from_configured` names the closures that
+    count from the configured model, since recalibration closed the gap already.
     """
 
     system: System
@@ -183,7 +189,7 @@ def prepared(replay: Replay, training, held_out, settings) -> tuple[Problem, Pro
     would make of a little noise a large offset.
     """
     system, cutoff = replay.system, settings.replay.cross_cutoff
-    bare = Replay(system.bare()) if system.simpler else replay
+    bare = _bare(replay)
     runs = [[Run(system, one, cutoff) for one in group] for group in (training, held_out)]
     _check_replayed(replay, [run for group in runs for run in group])
     noise = _noise(bare, runs[0], settings)
@@ -193,6 +199,11 @@ def prepared(replay: Replay, training, held_out, settings) -> tuple[Problem, Pro
     white = dict.fromkeys([*units, measure.OVERALL], 1.0)
     problems = [Problem(replay, [one for one, _ in group]) for group in scored]
     return problems[0], problems[1], measure.Gap(units, white)
+
+
+def _bare(replay: Replay) -> Replay:
+    """Return the replay without the effects that the model has already."""
+    return Replay(replay.system.bare()) if replay.system.simpler else replay
 
 
 def _check_replayed(replay: Replay, runs: Sequence[Run]) -> None:
@@ -231,9 +242,10 @@ def _floor(start: Beginning, found: Selection, settings) -> measure.Gap:
     """Return the noise floor as the final model shows it, in the recordings that judge.
 
     In a closed loop the inputs answer to the sensors' noise; a model that lacks a delay takes that for
-    its own doing, and its residuals tell a wrong level.
+    its own doing, and its residuals tell a wrong level. It is counted from the noise that the whiteners were
+    made with, which is the bare model's.
     """
-    replay, floor = found.problem.replay, start.floor
+    replay, floor = _bare(found.problem.replay), start.floor
     fitted = [one.run for one in found.problem.scored]
     first = _levels(replay, fitted, settings, (), replay.defaults(()))
     last = _last_levels(start, found, settings)
@@ -307,9 +319,9 @@ def _judged(start: Beginning, found: Selection, settings) -> Outcome:
     before, after = start.recalibrated(judged), measure.gap(judge, final, judged)
     left = structure.locate(judge, final)
     closed = _closures(configured, before, after, floor)
-    alike = _look_alikes(found, settings.evidence)
     verdict = _verdict(final, left, closed, beyond(after, floor))
-    named = tuple(_named(system, found, spread, name) for name in final.effects)
+    named = tuple(_named(system, found, spread, name, settings.evidence) for name in final.effects)
+    first = _first_named(found, named)
     share = closed[measure.OVERALL]
     # a name that leaves most of the gap open is no name, unless nothing else comes near
     trusted = _trusted(share) or _without_rival(found)
@@ -318,8 +330,8 @@ def _judged(start: Beginning, found: Selection, settings) -> Outcome:
         verdict=verdict,
         effects=named if trusted else (),
         surrogates=() if trusted else named,
-        look_alikes=alike,
-        separated_by=_separated_by(system, found, alike),
+        look_alikes=first.look_alikes if first else (),
+        separated_by=first.separated_by if first else (),
         runner_up=_runner_up(found),
         configured=configured,
         before=before,
@@ -382,7 +394,7 @@ def _verdict(final: Fit, left, closed, gap_left: bool) -> str:
     return "unexplained"
 
 
-def _named(system: System, found: Selection, spread, name: str) -> Named:
+def _named(system: System, found: Selection, spread, name: str, settings) -> Named:
     effect, final = system.catalogue[name], found.final
     parameters = {}
     known = {one.name for one in final.free}
@@ -391,18 +403,32 @@ def _named(system: System, found: Selection, spread, name: str) -> Named:
         if key not in known:
             continue
         parameters[q.name] = (final.values[key], q.unit, *intervals.interval(final, spread, key))
-    return Named(name, system.equation_of(name), parameters, found.evidence[name])
+    alike = _look_alikes(found, name, settings)
+    apart = _separated_by(system, (name, *alike)) if alike else ()
+    return Named(name, system.equation_of(name), parameters, found.evidence[name], alike, apart)
+
+
+def _first_named(found: Selection, named: Sequence[Named]) -> Named | None:
+    """Return the effect that was accepted first of those that stayed."""
+    order = [step.accepted for step in found.steps]
+    return min(named, key=lambda one: order.index(one.name), default=None)
 
 
 def _first_round(found: Selection) -> tuple[float, Sequence[tuple[str, float]]]:
-    """Return the evidence of the first accepted effect that stayed, and the others of its round with theirs.
+    """Return `_round_of` the first accepted effect that stayed."""
+    accepted = [step.accepted for step in found.steps if step.accepted in found.final.effects]
+    return _round_of(found, accepted[0]) if accepted else (0.0, ())
 
-    The best effect of a round may have been refused, and the next one accepted.
+
+def _round_of(found: Selection, name: str) -> tuple[float, Sequence[tuple[str, float]]]:
+    """Return the evidence of an effect when it was accepted, and those of its round that are not named.
+
+    The best effect of a round may have been refused, and the next one accepted. A round in silence ranks
+    by evidence of its own.
     """
-    for step in found.steps:
-        if step.accepted in found.final.effects:
-            return step.evidence, [item for item in step.ranked if item[0] != step.accepted]
-    return 0.0, ()
+    step = next(step for step in found.steps if step.accepted == name)
+    own = dict(step.ranked).get(name, step.evidence)
+    return own, [item for item in step.ranked if item[0] not in found.final.effects]
 
 
 def _runner_up(found: Selection) -> tuple[str, float] | None:
@@ -418,17 +444,16 @@ def _without_rival(found: Selection) -> bool:
     return len(found.final.effects) == 1 and all(own > LONE * evidence for _, evidence in others)
 
 
-def _look_alikes(found: Selection, settings) -> tuple[str, ...]:
-    own, others = _first_round(found)
+def _look_alikes(found: Selection, name: str, settings) -> tuple[str, ...]:
+    """Return the effects that were near in evidence when one was accepted, but for those that are named."""
+    own, others = _round_of(found, name)
     near = max(settings.ambiguous, settings.ambiguous_share * own)
-    return tuple(name for name, evidence in others if own - evidence < near)
+    return tuple(other for other, evidence in others if own - evidence < near)
 
 
-def _separated_by(system: System, found: Selection, names: Sequence[str]) -> tuple[str, ...]:
-    tests: list[str] = []
-    for name in (*found.final.effects[:1], *names) if names else ():
-        tests += [test for test in system.catalogue[name].separated_by if test not in tests]
-    return tuple(tests)
+def _separated_by(system: System, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the experiments that part some effects, those of the first one first."""
+    return tuple(dict.fromkeys(test for name in names for test in system.experiments(name)))
 
 
 def _strained(final: Fit) -> dict[str, float]:

@@ -11,7 +11,7 @@ sliding elements (Maxwell-slip, rate-independent) with slip distances from 0.25 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize, signal, stats
@@ -24,6 +24,9 @@ LEAST_SWING = 0.1  # of the first: smaller swings are friction rather than oscil
 CONTRACTION_POWERS, PRESSURE_POWERS = range(5), range(4)
 FILTER_SAMPLES = 11
 LEAST_SWINGS = 4
+LEAST_SAMPLES = 100
+LEFT = 0.01  # of the first swing: beyond it the mass has left its hold
+NO_HOLD = 0.1  # of the first half period: a shorter hold is none
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ def fit_damping(decays: list[Decay]) -> Damping:
     """Return the damping of one muscle from its free decays.
 
     Raises:
-        OrthosisError: a record without an oscillation.
+        OrthosisError: a record without an oscillation, or too short for one.
     """
     decrements, periods = zip(*(decrement(d) for d in decays), strict=True)
     values, errors = zip(*(viscous_part(d) for d in decays), strict=True)
@@ -61,7 +64,7 @@ def decrement(decay: Decay) -> tuple[float, float]:
     position touches; a swing lasts half a period.
 
     Raises:
-        OrthosisError: too few swings.
+        OrthosisError: too few samples or swings.
     """
     turns = turning_points(decay)
     swings = np.abs(np.diff(decay.position[turns]))
@@ -76,21 +79,54 @@ def decrement(decay: Decay) -> tuple[float, float]:
 
 
 def turning_points(decay: Decay) -> np.ndarray:
-    """Return the indices of the release and of all turning points after it."""
+    """Return the indices of the release and of all turning points after it.
+
+    Raises:
+        OrthosisError: too few samples.
+    """
+    if len(decay.position) < LEAST_SAMPLES:
+        raise OrthosisError(
+            f"a decay record holds {len(decay.position)} samples; at least {LEAST_SAMPLES} are needed"
+        )
     smooth = signal.savgol_filter(decay.position, FILTER_SAMPLES, 2)
-    least = 0.01 * np.ptp(smooth)
+    least = LEFT * np.ptp(smooth)
     peaks = [signal.find_peaks(side, prominence=least)[0] for side in (smooth, -smooth)]
-    return np.concatenate([[0], np.sort(np.concatenate(peaks))])
+    turns = np.sort(np.concatenate(peaks))
+    return np.concatenate([[_release(smooth, turns[0])], turns]) if len(turns) else np.array([0])
+
+
+def _release(smooth: np.ndarray, turn: int) -> int:
+    """Return the sample of the release, to which the first half period leads back from its turning point.
+
+    The half period is known from when the mass leaves its hold: a cosine has gone `LEFT` of its swing then.
+    """
+    start, end = np.median(smooth[: max(1, turn // 10)]), smooth[turn]
+    held = np.abs(smooth[:turn] - start) < LEFT * abs(end - start)
+    left = int(np.flatnonzero(held)[-1]) if held.any() else 0
+    half = (turn - left) / (1 - np.arccos(1 - 2 * LEFT) / np.pi)
+    return round(turn - half) if turn - half > NO_HOLD * half else 0
+
+
+def _released(decay: Decay) -> Decay:
+    """Return a decay from its release on."""
+    start = turning_points(decay)[0]
+    return replace(
+        decay, **{name: getattr(decay, name)[start:] for name in ("time", "position", "pressure", "force")}
+    )
 
 
 def viscous_part(decay: Decay) -> tuple[float, float]:
-    """Return D, N s/m, freed from rate-independent friction, and the RMS residual of the force, N."""
+    """Return D, N s/m, freed from rate-independent friction, and the RMS residual of the force, N.
+
+    Raises:
+        OrthosisError: too few samples.
+    """
+    decay = _released(decay)
     stamps = np.round(decay.time * 1e9)
     position = signal.savgol_filter(decay.position, FILTER_SAMPLES, 3)
     rate = differentiated(decay.position, stamps)
     x = (position - position.mean()) / np.ptp(position)
-    p = (decay.pressure - decay.pressure.mean()) / np.ptp(decay.pressure)
-    smooth = [x**k for k in CONTRACTION_POWERS] + [p * x**k for k in PRESSURE_POWERS]
+    smooth = [x**k for k in CONTRACTION_POWERS] + _with_pressure(decay.pressure, x)
     friction = [-slip_element(position, distance) for distance in SLIP_DISTANCES]
     matrix = np.column_stack([*smooth, -rate, *friction])
     scale = np.linalg.norm(matrix, axis=0)
@@ -99,6 +135,12 @@ def viscous_part(decay: Decay) -> tuple[float, float]:
     fit = optimize.lsq_linear((matrix / scale)[inner], decay.force[inner], (free, np.inf))
     residual = matrix[inner] @ (fit.x / scale) - decay.force[inner]
     return float(fit.x[len(smooth)] / scale[len(smooth)]), float(np.std(residual))
+
+
+def _with_pressure(pressure: np.ndarray, x: np.ndarray) -> list[np.ndarray]:
+    """Return the terms of the smooth force that grow with the pressure; none if it is constant."""
+    span = np.ptp(pressure)
+    return [(pressure - pressure.mean()) / span * x**k for k in PRESSURE_POWERS] if span > 0 else []
 
 
 def slip_element(position: np.ndarray, distance: float) -> np.ndarray:

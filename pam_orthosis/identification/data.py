@@ -24,6 +24,7 @@ from pam_orthosis.bag.read import (
 )
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.identification.sources import check_once
 from pam_orthosis.identification.table import read_table
 from pam_orthosis.model.muscle import composed_volume
 from pam_orthosis.model.parameters import Parameters, load
@@ -31,6 +32,7 @@ from pam_orthosis.model.parameters import Parameters, load
 MOVING = 2.0e-3  # m/s above which a sample belongs to a direction
 SETTLED = 1.0e4  # Pa between a pressure and its reference
 TAUT = 10.0  # N below which a muscle at the rig may hang slack
+UNEVEN = 0.1  # of the period, by which stamps of a decay may be off
 DERIVATIVE_SAMPLES = 9  # of the straight-line filter that differentiates the position
 
 
@@ -110,11 +112,13 @@ def read_data(paths: Iterable[Path], specimen: str | None = None, length: float 
         length: nominal length of a table's muscle, m; None: that of the specimen's measured map.
 
     Raises:
-        OrthosisError: nothing usable there, data of several muscles, or unusable numbers.
+        OrthosisError: nothing usable there, data of several muscles or of another one than `specimen`, the
+            same data twice, or unusable numbers.
     """
     bags, tables = _sources(paths)
     runs = {path: run_record(path) for path in bags}
     specimen = specimen or _one_specimen(runs, tables)
+    _check_specimen(runs, specimen)
     parameters = load()
     if not hasattr(parameters.muscle, specimen):
         raise OrthosisError(f"no muscle {specimen}; config/muscle.yaml has dmsp_20, dmsp_10")
@@ -151,6 +155,7 @@ def _sources(paths: Iterable[Path]) -> tuple[list[Path], list[Path]]:
             raise OrthosisError(f"{path} holds neither a bag nor a .csv table")
         tables += [p for p in found if p.suffix == ".csv"]
         bags += [p for p in found if p.suffix != ".csv"]
+    check_once([*bags, *tables])
     return bags, tables
 
 
@@ -163,10 +168,21 @@ def _one_specimen(runs, tables: Sequence[Path]) -> str:
     for path in tables:
         plain = path.stem.lower().replace("_", "").replace("-", "")
         names |= {name for name in ("dmsp_20", "dmsp_10") if name.replace("_", "") in plain}
-    if len(names) != 1:
-        told = f"data of {', '.join(sorted(names))}" if names else "the data do not name their muscle"
-        raise OrthosisError(f"{told}: give the data of one muscle, or --muscle")
+    if not names:
+        raise OrthosisError("the data do not name their muscle: give --muscle")
+    if len(names) > 1:
+        raise OrthosisError(f"data of {', '.join(sorted(names))}: give the data of one muscle at a time")
     return names.pop()
+
+
+def _check_specimen(runs, specimen: str) -> None:
+    """Check that no bag tells of another muscle: its rows would be wrong without a sign of it."""
+    for path, run in runs.items():
+        if run.get("specimen", specimen) != specimen:
+            raise OrthosisError(
+                f"{path} is of a {run['specimen']}, not of a {specimen}: leave it out, or give the data of"
+                f" the {run['specimen']} alone"
+            )
 
 
 def _bag_length(path: Path, run, specimen: str, parameters: Parameters) -> float:
@@ -226,10 +242,23 @@ def _table_samples(path: Path, length: float) -> Samples:
 
 def _decay(path: Path, specimen: str, parameters: Parameters) -> Decay:
     bag, stamps, values, ambient = _measured(path, ("position", "pressure", "force"), parameters)
+    _check_even(path, stamps)
     position, pressure, force = values
     weight = _value(bag, f"rig.decay.{specimen}.weight", parameters)
     mass = _value(bag, "rig.carriage_mass", parameters) + weight
     return Decay((stamps - stamps[0]) / SECOND_NS, position, pressure - ambient, force, mass)
+
+
+def _check_even(path: Path, stamps: np.ndarray) -> None:
+    """Check that a decay has no gaps: its period and its velocity come from the number of samples."""
+    steps = np.diff(stamps)
+    uneven = np.abs(steps - np.median(steps)) > UNEVEN * np.median(steps)
+    if uneven.any():
+        at = (stamps[int(np.argmax(uneven))] - stamps[0]) / SECOND_NS
+        raise OrthosisError(
+            f"{path}: the samples of the decay are not uniform in time, first at {at:.4f} s; record it"
+            " without gaps, or leave it out"
+        )
 
 
 def _volumes(path: Path, specimen: str, parameters: Parameters) -> Volumes:

@@ -77,6 +77,10 @@ def update(file: Path, found: Identified, source: str) -> list[str]:
         lines = file.read_text(encoding="utf-8").splitlines(keepends=True)
     except OSError as error:
         raise OrthosisError(f"cannot read {file}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise OrthosisError(
+            f"{file} is no text in UTF-8; give a file laid out as config/muscle.yaml"
+        ) from error
     parameters, places = load(), _places(lines)
     changed = []
     for key, value in values(found).items():

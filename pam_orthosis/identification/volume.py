@@ -15,6 +15,8 @@ from pam_orthosis.model.muscle import polynomial
 PRESSURE_DEGREE = 2
 # degree in the contraction: Eq. (16) and Eq. (17)
 CONTRACTION_DEGREE = {"dmsp_10": 1, "dmsp_20": 2}
+NEAR_CONTRACTION, NEAR_PRESSURE = 1e-3, 2e4  # m, Pa: measuring points that are nearer are one
+RANK_TOLERANCE = 1e-8  # of the largest singular value, columns of equal norm
 
 
 @dataclass(frozen=True)
@@ -36,9 +38,12 @@ def fit_volume(data: Volumes, specimen: str) -> VolumeFit:
     """Fit the product of polynomials; its scale goes to v, so that w_0 = 1.
 
     Raises:
-        OrthosisError: too few measuring points.
+        OrthosisError: too few measuring points, pressures or contractions, or such that the points cannot
+            tell the coefficients apart.
     """
     degree = CONTRACTION_DEGREE[specimen]
+    _check_spread("contractions", _apart(data.contraction, NEAR_CONTRACTION), degree)
+    _check_spread("pressures", _apart(data.pressure, NEAR_PRESSURE), PRESSURE_DEGREE)
     count = degree + 1 + PRESSURE_DEGREE
     points = len({(round(x, 3), round(p, -4)) for x, p in zip(data.contraction, data.pressure, strict=True)})
     if points <= count:
@@ -51,6 +56,7 @@ def fit_volume(data: Volumes, specimen: str) -> VolumeFit:
 
     start = np.concatenate([np.polynomial.polynomial.polyfit(x, volume, degree), np.zeros(PRESSURE_DEGREE)])
     fit = optimize.least_squares(error, start, method="lm", xtol=1e-14, ftol=1e-14)
+    _check_rank(fit.jac)
     scale = np.concatenate([
         size / length ** np.arange(degree + 1), 1 / level ** np.arange(1, PRESSURE_DEGREE + 1)
     ])  # fmt: skip
@@ -61,3 +67,31 @@ def fit_volume(data: Volumes, specimen: str) -> VolumeFit:
     w = np.concatenate([[1.0], theta[degree + 1 :]])
     rms = float(np.sqrt(np.mean(residual**2)))
     return VolumeFit(theta[: degree + 1], w, half, rms, float(np.abs(residual).max()))
+
+
+def _apart(values: np.ndarray, near: float) -> int:
+    """Return how many of some values lie apart from each other."""
+    count, last = 0, -np.inf
+    for value in np.sort(values):
+        if value - last >= near:
+            count, last = count + 1, value
+    return count
+
+
+def _check_spread(kind: str, there: int, degree: int) -> None:
+    if there <= degree:
+        raise OrthosisError(
+            f"the volume was measured at too few {kind} ({there}): a polynomial of degree {degree} needs"
+            f" {degree + 1}; measure more, or leave the volume's bags out"
+        )
+
+
+def _check_rank(jacobian: np.ndarray) -> None:
+    norm = np.linalg.norm(jacobian, axis=0)
+    singular = np.linalg.svd(jacobian / np.where(norm > 0, norm, 1.0), compute_uv=False)
+    rank, count = int((singular > RANK_TOLERANCE * singular[0]).sum()), jacobian.shape[1]
+    if rank < count:
+        raise OrthosisError(
+            f"the measuring points determine only {rank} of {count} coefficients of the volume: measure each"
+            " contraction at several pressures, or leave the volume's bags out"
+        )

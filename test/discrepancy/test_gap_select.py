@@ -96,3 +96,25 @@ def test_only_what_larger_effects_of_this_search_keep_out_is_looked_for_in_their
     found.apart["extensor_leak"] = frozenset({"valve_delay"})
     found.present.clear()
     assert asked(found, "extensor_leak") == SETTINGS.threshold
+
+
+def test_the_one_that_is_left_is_valued_without_the_dropped_one(monkeypatch):
+    found = found_so_far({"joint_friction": 9000.0, "muscle_hysteresis": 40.0}, {})
+    found.alike = {name: {} for name in found.evidence}
+    found.entered = dict(found.evidence)
+    both = tuple(found.evidence)
+    found.final = SimpleNamespace(effects=both)
+    losses = {both: dict(zip(both, (16.0, 4.0), strict=True)), both[:1]: {"joint_friction": 9050.0}}
+
+    def loss(found, name):
+        effects = tuple(one for one in found.final.effects if one != name)
+        return losses[found.final.effects][name], SimpleNamespace(effects=effects, values={}, free=[])
+
+    monkeypatch.setattr(select, "_loss", loss)
+    monkeypatch.setattr(select, "_seen_in_silence", lambda *_: False)
+    monkeypatch.setattr(
+        select, "fit_tempered", lambda problem, effects, *_: (problem, SimpleNamespace(effects=effects))
+    )
+    select._eliminate(found, SETTINGS, lambda _: None)
+    assert found.final.effects == ("joint_friction",)
+    assert found.evidence == {"joint_friction": 9050.0}

@@ -4,8 +4,9 @@
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy.fit import peak
-from pam_orthosis.discrepancy.structure import CLEAN, Where, _reach, clean
+from pam_orthosis.discrepancy.fit import Scored, peak
+from pam_orthosis.discrepancy.replay import Run
+from pam_orthosis.discrepancy.structure import CLEAN, Where, _reach, clean, signals_of
 
 
 @pytest.mark.parametrize("length", [200, 500, 750])
@@ -23,3 +24,18 @@ def test_noise_alone_is_clean_in_short_recordings(length):
 def test_long_recordings_are_held_to_the_bar_that_was_measured():
     assert _reach((6000, 6000, 20000, 20000)) == CLEAN
     assert _reach((1500, 1500, 6000)) == CLEAN
+
+
+def test_time_and_phase_go_by_the_clock_of_the_recording(bench):
+    """A part keeps the time of the whole, and both begin behind their warm-up."""
+    whole = bench.recording(1)
+    at, warm_up, cycle = 1234, 500, 1000
+    part = whole.part(at, whole.samples, "part")
+    of_whole, of_part = (
+        signals_of(bench.system, Scored(Run(bench.system, one, 40.0), None, warm_up)) for one in (whole, part)
+    )
+    assert of_whole["time"][0] == pytest.approx(warm_up * whole.period)
+    assert of_part["time"][0] == pytest.approx((at + warm_up) * whole.period)
+    assert of_part["time"][-1] == pytest.approx(of_whole["time"][-1])
+    assert of_whole["phase"][0] == pytest.approx(warm_up / cycle, abs=0.02)
+    assert of_part["phase"][0] == pytest.approx((at + warm_up) % cycle / cycle, abs=0.02)

@@ -11,6 +11,7 @@ import pytest
 
 from pam_orthosis.bag.arrays import write_arrays
 from pam_orthosis.bag.record import run_metadata
+from pam_orthosis.cli import gap as gap_verb
 from pam_orthosis.cli import main as cli
 from pam_orthosis.discrepancy import check, knee, patch, select, selection, structure, workflow
 from pam_orthosis.discrepancy.data import (
@@ -22,7 +23,7 @@ from pam_orthosis.discrepancy.data import (
     is_table,
 )
 from pam_orthosis.discrepancy.measure import Gap
-from pam_orthosis.discrepancy.telling import telling
+from pam_orthosis.discrepancy.telling import Telling, telling
 from pam_orthosis.discrepancy.verdict import _answer, as_dict, describe
 from pam_orthosis.discrepancy.workflow import begin, find_gap
 from pam_orthosis.errors import OrthosisError
@@ -74,7 +75,11 @@ def test_friction_is_named_measured_and_closes_the_gap(friction):
 def test_gap_json_keeps_its_contract(friction):
     told = json.loads(json.dumps(as_dict(friction)))
     assert told["verdict"] == "explained"
-    assert set(told["effects"][0]) == {"name", "equation", "parameters", "evidence"}
+    assert set(told["effects"][0]) == {
+        "name", "equation", "parameters", "evidence", "look_alikes", "separated_by"
+    }  # fmt: skip
+    assert told["look_alikes"] == told["effects"][0]["look_alikes"]
+    assert told["separated_by"] == told["effects"][0]["separated_by"]
     assert set(told["effects"][0]["parameters"]["coulomb"]) == {"value", "unit", "interval"}
     for key in ("gap_before", "gap_after", "noise_floor", "closure"):
         assert set(told[key]) == {"angle", "extensor_pressure", "flexor_pressure", "overall"}
@@ -134,6 +139,7 @@ def test_the_effect_added_to_the_model_leaves_nothing_to_find(friction, bench):
         known, [bench.recording(1, **FRICTION)], [bench.recording(3, 1.7, **FRICTION)], bench.parameters.gap
     )
     assert outcome.verdict == "none"
+    assert outcome.floor.white["overall"] == pytest.approx(1.0, abs=0.05)
     earned, equations = outcome.selection.present["joint_friction"]
     assert equations == {"torque"}
     assert earned > 0.2 * friction.selection.evidence["joint_friction"]
@@ -174,6 +180,27 @@ def test_the_noise_floor_is_that_of_the_recordings_that_judge(bench):
     for muscle in ("extensor_pressure", "flexor_pressure"):
         assert outcome.after.white[muscle] > 1.4
         assert outcome.floor.white[muscle] == pytest.approx(outcome.after.white[muscle], rel=0.05)
+
+
+def test_the_noise_floor_of_a_model_with_effects_counts_from_the_whiteners_noise(friction, monkeypatch):
+    """Whiteners and units are made with the bare model's noise; so is what the floor is divided by."""
+    seen, bare = [], SimpleNamespace(defaults=lambda _: {})
+
+    def levels(replay, runs, settings, effects, values):
+        seen.append(replay)
+        return dict.fromkeys(friction.floor.units, 2.0 if replay is bare else 3.0)
+
+    monkeypatch.setattr(workflow, "_levels", levels)
+    monkeypatch.setattr(workflow, "Replay", lambda system: system)
+    system = SimpleNamespace(simpler={"joint_friction": None}, bare=lambda: bare)
+    replay = SimpleNamespace(system=system, defaults=lambda _: {})
+    problem = SimpleNamespace(replay=replay, scored=[])
+    found = SimpleNamespace(problem=problem, final=SimpleNamespace(effects=(), values={}))
+    units = dict.fromkeys(friction.floor.units, 1.0)
+    start = SimpleNamespace(floor=Gap(units, {**units, "overall": 1.0}), held_out=SimpleNamespace(scored=[]))
+    floor = workflow._floor(start, found, None)
+    assert seen == [bare, replay]
+    assert floor.white["angle"] == pytest.approx(1.5)
 
 
 def test_the_page_draws_what_is_missing_over_every_signal(friction, monkeypatch):
@@ -228,6 +255,10 @@ def test_data_tell_what_they_can_show_and_what_looks_alike(bench):
     assert {"joint_friction", "valve_dead_band"} not in pairs
     assert not any(pair & set(told.invisible) for pair in pairs)
     assert all(scenario.startswith("diagnostic-") for scenario in told.experiments)
+    # the effects name it, but a recording of it cannot be searched
+    assert "diagnostic-locked" in bench.system.catalogue["valve_lag"].separated_by
+    assert "diagnostic-locked" not in told.experiments
+    assert workflow._separated_by(bench.system, ("valve_lag", "flexor_dead_volume")) == ("diagnostic-decay",)
 
 
 def test_held_out_data_without_excitation_are_refused(bench):
@@ -276,7 +307,11 @@ def broken(name, change):
         broken("hardly changes", lambda a: {**a, "flexor_pressure": np.full_like(a["time"], 3e5)}),
         broken("lower rate", lambda a: {**a, "angle": np.repeat(a["angle"][::20], 20)[: len(a["time"])]}),
         broken("no signal", lambda a: {k: v for k, v in a.items() if k != "angle"}),
-        broken("lasts", lambda a: {k: v[:1500] for k, v in a.items()}),
+        broken("lasts 3.0 s: the search needs 5 s", lambda a: {k: v[:1500] for k, v in a.items()}),
+        broken(
+            "has 280 samples, one every 50 ms: the search needs 500",
+            lambda a: {k: v[::25] for k, v in a.items()},
+        ),
     ],
 )
 def test_unfit_data_stop_with_the_reason(bench, reason, change):
@@ -302,10 +337,47 @@ def test_the_second_of_a_round_is_compared_with_the_others_not_with_itself(bench
     step = SimpleNamespace(accepted="backlash", ranked=ranked, evidence=400.0)
     found = SimpleNamespace(final=SimpleNamespace(effects=["backlash"]), steps=[step])
     settings = bench.parameters.gap.evidence
-    assert workflow._look_alikes(found, settings) == ("creep", "stretch_reflex")
+    assert workflow._look_alikes(found, "backlash", settings) == ("creep", "stretch_reflex")
     assert workflow._runner_up(found) == ("creep", -500.0)
     assert not workflow._without_rival(found)
-    assert workflow._look_alikes(SimpleNamespace(final=found.final, steps=[]), settings) == ()
+    nothing = SimpleNamespace(final=SimpleNamespace(effects=[]), steps=[])
+    assert workflow._runner_up(nothing) is None
+    assert workflow._first_named(nothing, ()) is None
+
+
+def test_each_effect_has_its_own_look_alikes_and_none_that_is_named(friction, bench):
+    rounds = [
+        ("backlash", (("backlash", 400.0), ("valve_lag", 398.0), ("creep", 395.0))),
+        # in silence the ranking has evidence of its own
+        ("valve_lag", (("valve_lag", 60.0), ("valve_delay", 58.0), ("backlash", 57.0))),
+    ]
+    steps = [SimpleNamespace(accepted=name, ranked=ranked, evidence=400.0) for name, ranked in rounds]
+    final = SimpleNamespace(effects=["backlash", "valve_lag"])
+    found = SimpleNamespace(final=final, steps=steps)
+    settings = bench.parameters.gap.evidence
+    assert workflow._look_alikes(found, "backlash", settings) == ("creep",)
+    assert workflow._look_alikes(found, "valve_lag", settings) == ("valve_delay",)
+    assert workflow._runner_up(found) == ("creep", 5.0)
+    first = replace(friction.effects[0], name="backlash", look_alikes=("creep",))
+    second = replace(
+        first, name="valve_lag", look_alikes=("valve_delay",), separated_by=("diagnostic-cocontraction",)
+    )
+    assert workflow._first_named(found, [second, first]) is first
+    told = describe(replace(friction, effects=(first, second), look_alikes=("creep",)))
+    assert "cannot tell backlash from: creep\n" in told
+    assert "cannot tell valve_lag from: valve_delay\n" in told
+    assert "--scenario diagnostic-cocontraction" in told
+
+
+def test_what_is_left_although_it_is_explained_is_told(friction):
+    left = [structure.Where("torque", 9.04, {}, {}), structure.Where("gas", 1.1, {}, {})]
+    told = describe(replace(friction, verdict="explained", left=left)).splitlines()
+    assert told[-2] == "left in the torque equation: 9.0 times the noise"
+    assert not any(line.startswith("left in the gas") for line in told)
+    quiet = {"left": left[1:], "after": Gap(friction.after.units, {**friction.after.white, "overall": 1.5})}
+    told = describe(replace(friction, verdict="explained", **quiet)).splitlines()
+    assert told[-2].startswith("left in the held-out recordings: a gap of 1.5 times")
+    assert "left in" not in describe(friction)
 
 
 def test_a_recording_that_is_too_short_to_divide_is_refused(bench):
@@ -462,3 +534,81 @@ def test_what_data_can_tell_does_not_follow_the_gap_that_is_there(bench):
     plain, same = (telling(*pair, settings.evidence.threshold) for pair in pairs)
     assert same.invisible == plain.invisible
     assert same.evidence["joint_friction"] == pytest.approx(plain.evidence["joint_friction"])
+
+
+def test_a_locked_knee_is_no_other_apparatus_that_a_model_file_could_unlock(tmp_path, capsys):
+    plain = bag_of(tmp_path / "plain")
+    locked = bag_of(tmp_path / "locked", leg__joint__locked=True)
+    model = tmp_path / "model.yaml"
+    patch.write(model, {"leg.joint.locked": False})
+    for options in ([], ["--model", str(model)]):
+        assert cli.main(["gap", str(plain), "--held-out", str(locked), *options]) == 2
+        said = capsys.readouterr().err
+        assert "locked knee's recording cannot be used together with others: leave it out" in said
+        assert "--model" not in said
+
+
+def test_the_belief_is_that_of_the_leg(tmp_path):
+    legs = json.dumps({"left": {}, "right": {"leg.shank.mass": 4.0}})
+    run = run_metadata(load().belief(), "test", legs)
+    write_arrays(tmp_path / "two", np.array([0, 2_000_000]), {"angle": np.zeros(2)}, run)
+    assert believed(tmp_path / "two", "right")["leg.shank.mass"] == 4.0
+    assert believed(tmp_path / "two", "/left")["leg.shank.mass"] == load().leg.shank.mass
+    belief = agreed_belief([tmp_path / "two"], knee.APPARATUS, namespace="/right")
+    assert belief["leg.shank.mass"] == 4.0
+    assert gap_verb._system([tmp_path / "two"], {}, "/right")[0].leg.shank.mass == 4.0
+
+
+@pytest.mark.parametrize(("every", "kept"), [(1, True), (5, False)])
+def test_voltages_that_were_recorded_more_rarely_than_they_changed_are_left_out(bench, tmp_path, every, kept):
+    """A controller of the position that is slower than the loop changes the voltages no less often."""
+    arrays = {name: bench.arrays(1)[name][::every] for name in COLUMNS}
+    stamps = np.round(arrays.pop("time") * 1e9).astype(np.int64)
+    told = bench.parameters.changed({"control.position.every": 2}).belief()
+    write_arrays(tmp_path / "bag", stamps, arrays, run_metadata(told, "test"))
+    one = from_bag(tmp_path / "bag", bench.system)
+    assert ("extensor_voltage" in one.signals) is kept
+    assert any("changed every 2 ms and were recorded every 10 ms" in said for said in one.remarks) is not kept
+
+
+@pytest.mark.parametrize(
+    ("measured", "held_out", "said"),
+    [
+        (["a"], ["a/a_0.mcap"], "is given to fit and to judge by"),
+        (["a/a_0.mcap"], ["a"], "is given to fit and to judge by"),
+        (["a", "a"], [], "a is given twice, and would count twice"),
+        (["a", "b", "a/../a/a_0.mcap"], [], "are the same recording"),
+        (["b"], ["a", "a/a_0.mcap"], "are the same recording"),
+    ],
+)
+def test_a_recording_counts_once(tmp_path, capsys, measured, held_out, said):
+    for name in "ab":
+        bag_of(tmp_path / name)
+    judging = ["--held-out", *(str(tmp_path / name) for name in held_out)] if held_out else []
+    assert cli.main(["gap", *(str(tmp_path / name) for name in measured), *judging]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_made_is_told_before_the_search(bench, tmp_path, capsys, monkeypatch):
+    file = table(tmp_path / "x.csv", bench.arrays(1))
+    monkeypatch.setattr(workflow, "begin", lambda *_: pytest.fail("the search has begun"))
+    assert cli.main(["gap", str(file), "--out", str(file / "out")]) == 2
+    assert f"cannot write to {file / 'out'}" in capsys.readouterr().err
+
+
+def test_a_page_that_cannot_be_written_does_not_take_the_verdict_with_it(
+    friction, bench, tmp_path, capsys, monkeypatch
+):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    nothing = SimpleNamespace(problem=None, null=None)
+    monkeypatch.setattr(workflow, "begin", lambda *_: nothing)
+    monkeypatch.setattr("pam_orthosis.discrepancy.telling.telling", lambda *_: Telling({}, (), (), ()))
+    monkeypatch.setattr(workflow, "search", lambda *_: friction)
+    monkeypatch.setattr(gap_page, "write_page", full)
+    file = table(tmp_path / "x.csv", bench.arrays(1))
+    assert cli.main(["gap", str(file), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr()
+    assert "EXPLAINED by joint friction" in said.out
+    assert "No space left on device" in said.err

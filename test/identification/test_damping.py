@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Damping from free decays, Eq. (18), with and without dry friction."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from pam_orthosis.bag.rig_record import record_rig
 from pam_orthosis.control.rig_loop import DecayRig
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification import damping
+from pam_orthosis.identification import data as reading
 from pam_orthosis.identification.data import Decay
 from pam_orthosis.model import parameters
 
@@ -73,3 +77,49 @@ def test_a_record_without_an_oscillation_is_refused():
     still = Decay(time, 0.05 + 1e-3 * np.exp(-time), np.full(500, 3e5), np.full(500, 400.0), MASS)
     with pytest.raises(OrthosisError, match="swings"):
         damping.decrement(still)
+
+
+def held_first(decay, samples):
+    """Return a decay whose first sample is held so long before the release, with noise on the position."""
+    noise = 1e-5 * np.random.default_rng(3).standard_normal(samples + len(decay.time))
+    columns = {
+        name: np.concatenate([np.full(samples, getattr(decay, name)[0]), getattr(decay, name)])
+        for name in ("position", "pressure", "force")
+    }
+    columns["position"] += noise
+    return Decay(0.002 * np.arange(len(noise)), mass=decay.mass, **columns)
+
+
+@pytest.mark.parametrize("samples", [0, 50, 200, 700])
+def test_a_hold_before_the_release_does_not_count(samples):
+    decay = oscillation(dry=12.0)
+    late = held_first(decay, samples)
+    assert damping.turning_points(late)[0] == pytest.approx(samples, abs=4)
+    for found, expected in zip(damping.decrement(late), damping.decrement(decay), strict=True):
+        assert found == pytest.approx(expected, rel=0.02)
+    assert damping.viscous_part(late)[0] == pytest.approx(D, rel=0.05)
+
+
+def test_a_decay_at_constant_pressure_needs_no_terms_of_the_pressure():
+    decay = oscillation()
+    constant = replace(decay, pressure=np.full_like(decay.pressure, 3e5))
+    assert damping.viscous_part(constant)[0] == pytest.approx(D, rel=0.02)
+
+
+@pytest.mark.parametrize("samples", [10, 99])
+def test_a_decay_of_few_samples_is_refused(samples):
+    decay = oscillation()
+    columns = ("time", "position", "pressure", "force")
+    short = replace(decay, **{name: getattr(decay, name)[:samples] for name in columns})
+    with pytest.raises(OrthosisError, match=f"holds {samples} samples; at least 100"):
+        damping.fit_damping([short])
+
+
+def test_a_decay_with_a_gap_is_refused(tmp_path):
+    p = parameters.load()
+    samples = list(DecayRig(p, "dmsp_20", 1).run(4e5))
+    record_rig(tmp_path / "whole", p, "dmsp_20", "decay", samples)
+    record_rig(tmp_path / "gap", p, "dmsp_20", "decay", samples[:300] + samples[340:])
+    assert len(reading._decay(tmp_path / "whole", "dmsp_20", p).time) == len(samples)
+    with pytest.raises(OrthosisError, match=r"not uniform in time, first at 0\.598"):
+        reading._decay(tmp_path / "gap", "dmsp_20", p)

@@ -4,6 +4,7 @@
 import json
 import shutil
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -189,3 +190,42 @@ def test_data_that_do_not_suffice_end_with_one_line(bags, capsys, chosen, messag
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+@pytest.fixture
+def of_the_small_muscle(tmp_path):
+    p = parameters.load()
+    samples = list(islice(force_procedure(Rig(p, "dmsp_10", 1), 3e5), 30))
+    record_rig(tmp_path / "small", p, "dmsp_10", "force", samples)
+    return str(tmp_path / "small")
+
+
+@pytest.mark.parametrize("muscle", [[], ["--muscle", "dmsp_20"], ["--muscle", "dmsp_10"]])
+def test_bags_of_another_muscle_are_refused_whatever_muscle_is_told(
+    bags, of_the_small_muscle, capsys, muscle
+):
+    assert main(["identify", str(bags), of_the_small_muscle, *muscle]) == 2
+    error = capsys.readouterr().err
+    assert "is of a dmsp_" in error if muscle else "data of dmsp_10, dmsp_20: give the data of one" in error
+    assert "--muscle" not in error
+
+
+@pytest.mark.parametrize(
+    ("inside", "said"),
+    [
+        ("", "is given twice"),
+        ("force-0", "is given twice"),
+        ("force-0/force-0_0.mcap", "are the same recording"),
+    ],
+)
+def test_the_same_bag_twice_is_refused(bags, capsys, inside, said):
+    assert main(["identify", str(bags / "force-0"), str(bags / inside)]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_file_to_update_that_is_no_text_is_refused(bags, tmp_path, capsys):
+    binary = tmp_path / "muscle.yaml"
+    binary.write_bytes(b"\xff\xfe\x00\x81")
+    assert main(["identify", str(bags), "--update", str(binary)]) == 2
+    assert "is no text in UTF-8" in capsys.readouterr().err
+    assert binary.read_bytes() == b"\xff\xfe\x00\x81"

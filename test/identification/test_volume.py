@@ -40,3 +40,39 @@ def test_a_dmsp_10_has_a_straight_line_in_the_contraction():
 def test_too_few_points_are_refused():
     with pytest.raises(OrthosisError, match="too few"):
         fit_volume(Volumes(*(v[:4] for v in vars(points()).values())), "dmsp_20")
+
+
+def where(keep):
+    """Return the exact points that a function of contraction and pressure keeps."""
+    data = points()
+    mask = keep(data.contraction, data.pressure)
+    return Volumes(*(values[mask] for values in vars(data).values()))
+
+
+@pytest.mark.parametrize(
+    ("keep", "said"),
+    [
+        (lambda x, p: p == 2e5, r"few pressures \(1\): a polynomial of degree 2 needs 3"),
+        (lambda x, p: p < 3e5, r"few pressures \(2\)"),
+        (lambda x, p: x < 0.03, r"few contractions \(2\): a polynomial of degree 2 needs 3"),
+    ],
+)
+def test_pressures_and_contractions_must_suffice_for_the_degrees(keep, said):
+    with pytest.raises(OrthosisError, match=said):
+        fit_volume(where(keep), "dmsp_20")
+
+
+def test_the_noise_of_one_pressure_makes_no_second_one():
+    data = where(lambda x, p: p < 3e5)
+    noise = 3e3 * np.random.default_rng(2).standard_normal(len(data.pressure))
+    with pytest.raises(OrthosisError, match=r"few pressures \(2\)"):
+        fit_volume(Volumes(data.pressure + noise, data.contraction, data.volume), "dmsp_20")
+
+
+def test_points_that_cannot_tell_the_coefficients_apart_are_refused():
+    """Three contractions at one pressure, all other pressures at a fourth one with nothing enclosed."""
+    x = np.array([0.0, 0.04, 0.08, 0.12, 0.12, 0.12])
+    p = np.array([2e5, 2e5, 2e5, 2e5, 4e5, 6e5])
+    volume = np.where(x < 0.1, 1e-4 * (1 - x / 0.12), 0.0)
+    with pytest.raises(OrthosisError, match="only 3 of 5 coefficients of the volume"):
+        fit_volume(Volumes(p, x, volume), "dmsp_20")

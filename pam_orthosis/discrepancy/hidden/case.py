@@ -256,6 +256,10 @@ MISFITS = {
 
 def _chosen(rng, table, effects) -> list[HiddenEffect]:
     if isinstance(effects, int):
+        if effects > len(table):
+            raise OrthosisError(
+                f"{effects} effects to hide; there are {len(table)}: {', '.join(sorted(table))}"
+            )
         names = rng.choice(sorted(table), size=effects, replace=False).tolist()
     else:
         names = [effects] if isinstance(effects, str) else list(effects)

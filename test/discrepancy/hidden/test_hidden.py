@@ -233,6 +233,7 @@ def test_a_case_is_not_overwritten(short_case, tmp_path):
     [
         (["--effect", "ghost"], "no effect 'ghost'"),
         (["--effect", "none", "--effect", "creep"], "give names"),
+        (["--outside", *["--effect", "random"] * 6], "6 effects to hide; there are 5"),
         (["--seed", "-1"], "whole number"),
         (["--size", "huge"], "invalid choice"),
     ],

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which files hold the data that a path stands for, and whether some are given twice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from pam_orthosis.errors import OrthosisError
+
+DATA = (".mcap", ".db3")
+
+
+def data_files(path: Path) -> frozenset[Path]:
+    """Return the files, resolved, that hold the data of a bag's folder, or the file itself."""
+    inside = [one for one in path.iterdir() if one.suffix in DATA] if path.is_dir() else []
+    return frozenset(one.resolve() for one in (inside or [path]))
+
+
+def check_once(paths: Iterable[Path]) -> None:
+    """Check that no data are given twice, as a bag's folder and its own file for example.
+
+    Raises:
+        OrthosisError: two paths stand for the same data.
+    """
+    known: dict[Path, Path] = {}
+    for path in paths:
+        for file in data_files(path):
+            if file in known:
+                told = f"{path} is given twice" if path == known[file] else _same(path, known[file])
+                raise OrthosisError(f"{told}, and would count twice; give it once")
+        known |= dict.fromkeys(data_files(path), path)
+
+
+def _same(path: Path, other: Path) -> str:
+    return f"{path} and {other} are the same recording"
