@@ -125,7 +125,7 @@ def _progress():
 
 def _check_apart(measured: list[Path], held_out: list[Path]) -> None:
     """Check that no recording is given twice, be it as a bag's folder and as the file in it."""
-    from pam_orthosis.identification.sources import check_once, data_files
+    from pam_orthosis.bag.sources import check_once, data_files
 
     check_once(measured)
     check_once(held_out)

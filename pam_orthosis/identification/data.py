@@ -22,9 +22,9 @@ from pam_orthosis.bag.read import (
     recorded_parameters,
     run_record,
 )
+from pam_orthosis.bag.sources import check_once
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.identification.sources import check_once
 from pam_orthosis.identification.table import read_table
 from pam_orthosis.model.muscle import composed_volume
 from pam_orthosis.model.parameters import Parameters, load

@@ -123,8 +123,8 @@ class BagRecorder(graph.GraphNode):
         return list(dict.fromkeys(leg.steps for leg in self._legs))
 
     def _record(self, topic: Topic, leg: RecordedLeg) -> None:
-        receive = self._receiver(topic, leg)
-        subscription = self.listen_to(topic.name, receive, leg=leg.name, depth=QUEUE_DEPTH, raw=True)
+        options = {"near": self._receiver(topic, leg, True), "depth": QUEUE_DEPTH, "raw": True}
+        subscription = self.listen_to(topic.name, self._receiver(topic, leg), leg=leg.name, **options)
         self._names[in_leg(topic.name, leg.name, self.legs)] = subscription.topic_name
         self._writer.add_topic(subscription.topic_name, topic.type)
 
@@ -136,7 +136,9 @@ class BagRecorder(graph.GraphNode):
         )
         self._viewed |= {in_leg(topic, leg.name, self.legs): (scene, topic) for topic in INPUTS}
 
-    def _receiver(self, topic: Topic, leg: RecordedLeg) -> Callable[[bytes], None]:
+    def _receiver(self, topic: Topic, leg: RecordedLeg, clean: bool = False) -> Callable[[bytes], None]:
+        """Return what takes the messages of a topic; they are `clean` if their padding is zero."""
+        clean = clean or self.realtime  # there no two runs are alike, and there is better use for the time
         name = in_leg(topic.name, leg.name, self.legs)
         tick = topic.name == "joint_states"
         answer = topic.rate == "answer"
@@ -150,8 +152,7 @@ class BagRecorder(graph.GraphNode):
                 leg.sampled(stamp_ns)
             if self.ended or not leg.within(stamp_ns):
                 return
-            # in real time no two runs are alike, and there is better use for the time
-            data = bytes(data) if self.realtime else canonical(data, topic.type)
+            data = bytes(data) if clean else canonical(data, topic.type)
             whole = leg.steps.add(Message(name, stamp_ns, data))
             if leg.unhurried(tick, answer) if self.realtime else whole:
                 self._write(leg.steps.complete(WRITTEN_A_SAMPLE if self.realtime else None))

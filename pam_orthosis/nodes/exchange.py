@@ -19,30 +19,35 @@ Listener = Callable[[bytes], None]
 class Outlet:
     """Sends serialised messages of a topic: straight to the listeners in its process, or to all who listen.
 
-    Each message goes one of the two ways, so that none comes twice. As soon as the middleware knows of a
-    listener elsewhere (`ros2 topic echo`, a recorder, a node in a process of its own) it carries them
-    all, to those in this process too.
+    Each message goes one of the two ways, so that none comes twice. From the turn on in which the middleware
+    knows of a listener elsewhere (`ros2 topic echo`, a recorder, a node in a process of its own) it carries
+    them all, to those in this process too.
     """
 
     def __init__(self, publisher: Publisher):
         self.topic = publisher.topic_name
         self._publisher = publisher
         self._listeners: Sequence[Listener] = ()
-        self._post: Callable[[Sequence[Listener], bytes], None] | None = None
+        self._exchange: Exchange | None = None
+        self._alone, self._turn = False, -1
 
-    def connect(
-        self, listeners: Sequence[Listener], post: Callable[[Sequence[Listener], bytes], None]
-    ) -> None:
+    def connect(self, listeners: Sequence[Listener], exchange: Exchange) -> None:
         """Know all listeners of the topic in this process, and who hands messages to them."""
-        self._listeners, self._post = listeners, post
+        self._listeners, self._exchange = listeners, exchange
 
     def send(self, data: bytes) -> None:
         """Send a message."""
-        near = self._listeners
-        if near and self._publisher.get_subscription_count() == len(near):
-            self._post(near, data)
+        if self._listeners and self._is_alone():
+            self._exchange.post(self._listeners, data)
         else:
             self._publisher.publish(data)
+
+    def _is_alone(self) -> bool:
+        """Return whether nobody else listens; that nobody does holds for a turn of the exchange."""
+        if not self._alone or self._turn != self._exchange.turn:
+            self._turn = self._exchange.turn
+            self._alone = self._publisher.get_subscription_count() == len(self._listeners)
+        return self._alone
 
 
 class Exchange:
@@ -52,12 +57,16 @@ class Exchange:
         executor: that runs the nodes.
         fail: takes what a listener raised. It must not leave a task: the events executor of Jazzy dies of
             that (ros2/rclpy, issue 1641).
+
+    Attributes:
+        turn: number of the turn in which messages are handed on.
     """
 
     def __init__(self, executor: Executor, fail: Callable[[Exception], None]):
         self._executor, self._fail = executor, fail
         self._waiting: deque[tuple[Sequence[Listener], bytes]] = deque()
         self._due = False
+        self.turn = 0
 
     def connect(self, outlets: Iterable[Outlet], inlets: Iterable[tuple[str, Listener]]) -> None:
         """Join what is sent to the listeners, each given with its topic's full name."""
@@ -65,7 +74,7 @@ class Exchange:
         for topic, listener in inlets:
             listening[topic].append(listener)
         for outlet in outlets:
-            outlet.connect(listening[outlet.topic], self.post)
+            outlet.connect(listening[outlet.topic], self)
 
     def post(self, listeners: Sequence[Listener], data: bytes) -> None:
         """Have a message handed on."""
@@ -76,6 +85,7 @@ class Exchange:
 
     def _hand_on(self) -> None:
         waiting = self._waiting
+        self.turn += 1
         try:
             for _ in range(AT_ONCE):
                 if not waiting:

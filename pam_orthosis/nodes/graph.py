@@ -196,12 +196,14 @@ class GraphNode(Node):
     def listen_to(self, topic: str, callback: Callable, leg: str = "", **options: Any) -> Subscription:
         """Subscribe to a topic of the table, and wait for its publishers before the start.
 
-        Options are `depth`, `latched` (quality of service) and `raw` (serialised messages). In real
-        time the measurements are taken as they come, as from any sensor, once all peers are there.
+        Options are `depth`, `latched` (quality of service), `raw` (serialised messages) and `near`, which
+        takes raw messages instead that come from this process, with zeros for padding. In real time the
+        measurements are taken as they come, as from any sensor, once all peers are there.
         """
         entry, name, raw = self.topics[topic], in_leg(topic, leg, self.legs), options.pop("raw", False)
+        near = options.pop("near", callback)
         if self.realtime and entry.rate == "step":
-            callback = self._once_ready(callback)
+            callback, near = self._once_ready(callback), self._once_ready(near)
             options["reliable"] = PLANT not in entry.producers
         count = len(entry.producers)
         callback, events = self._watched(topic, name, callback)
@@ -209,7 +211,7 @@ class GraphNode(Node):
             message_class(entry.type), name, callback, qos(**options), raw=raw, **events
         )
         if raw:
-            self.inlets.append((subscription.topic_name, callback))
+            self.inlets.append((subscription.topic_name, self._watched(topic, name, near)[0]))
         peer = f"{name} of {' and '.join(entry.producers)}"
         self.await_peer(peer, lambda: subscription.get_publisher_count() >= count)
         return subscription
