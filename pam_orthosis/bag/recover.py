@@ -42,12 +42,13 @@ def recover(bag: Path, out: Path) -> Recovered:
     Raises:
         OrthosisError: no MCAP file there, nothing readable in it, or `out` holds a bag.
     """
-    sources = [Salvage(source) for source in _sources(Path(bag))]
+    files = _sources(Path(bag))
+    sources = [Salvage(file) for file in files]
     known = _Known(sources)
     if not known.messages:
-        raise OrthosisError(f"{_sources(Path(bag))[0]} holds no readable message")
+        raise OrthosisError(f"{files[0]} holds no readable message")
     if not known.copied:
-        raise OrthosisError(f"{_sources(Path(bag))[0]} holds no message of a ROS topic")
+        raise OrthosisError(f"{files[0]} holds no message of a ROS topic")
     with BagWriter(out, known.run) as writer:
         for source, topics in zip(sources, known.topics, strict=True):
             _copy(source, topics, writer)
@@ -153,8 +154,13 @@ def _check_readable(bag: Path) -> None:
     """Let nothing remain that readers refuse: names and types have no checksum of their own."""
     try:
         with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            for connection, _, data in reader.messages():
-                reader.deserialize(data, connection.msgtype)
+            unseen = {connection.topic for connection in reader.connections if connection.msgcount}
+            for connection, _, data in reader.messages():  # one of each: a long bag would take minutes
+                if connection.topic in unseen:
+                    reader.deserialize(data, connection.msgtype)
+                    unseen.discard(connection.topic)
+                if not unseen:
+                    break
     except Exception as error:
         shutil.rmtree(bag)
         raise OrthosisError(

@@ -227,13 +227,16 @@ def test_studies_that_mean_nothing_are_refused_in_one_line(tmp_path, capsys, tex
 def test_units_end_with_the_program():
     waiting = python("long", "import time; time.sleep(60)")
     began = time.monotonic()
-    future = None
-    try:
+    futures = []
+
+    def interrupted():
         with executors.local(1) as (executor, _):
-            future = executor.submit(work, waiting)
+            futures.append(executor.submit(work, waiting))
             while not unit_module._RUNNING:
                 time.sleep(0.01)
             raise KeyboardInterrupt
-    except KeyboardInterrupt:
-        assert future.result().complaint
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert futures[0].result().complaint
     assert time.monotonic() - began < 30.0
