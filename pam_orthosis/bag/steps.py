@@ -46,6 +46,7 @@ class StepCollector:
         self._topics = table() if topics is None else topics
         self._order = {name: index for index, name in enumerate(self._topics)}
         self._of_many = {name for name, topic in self._topics.items() if len(topic.producers) > 1}
+        self._alone = {name: (place, b"") for name, place in self._order.items() if name not in self._of_many}
         self._late_ns = late_ns
         self._newest_ns = -1
         self._left: dict[int, list[tuple[int, bytes]]] = {}  # what came of the last instants in real time
@@ -69,11 +70,14 @@ class StepCollector:
         """
         topic, stamp_ns, data = message
         # several nodes report their health in one instant
-        key = self._order[topic], data if topic in self._of_many else b""
-        late = stamp_ns <= self.done_ns and self._late_ns is None
-        self._newest_ns = max(self._newest_ns, stamp_ns)
+        key = self._alone.get(topic) or (self._order[topic], data)
         instant = self._pending.get(stamp_ns)
-        if late or (instant and key in instant) or key in self._left.get(stamp_ns, ()):
+        if self._late_ns is None:
+            left = stamp_ns <= self.done_ns
+        else:
+            left = key in self._left.get(stamp_ns, ())
+            self._newest_ns = max(self._newest_ns, stamp_ns)
+        if left or (instant and key in instant):
             self.duplicates += 1
             return False
         if instant is None:
