@@ -52,10 +52,16 @@ class Pace:
 
 
 def _processor_seconds() -> float:
-    """Return what the children of this process, those that run, have used of the processors."""
-    pids = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
-    words = [Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split() for pid in pids]
+    """Return what the processes below this one, those that run, have used of the processors."""
+    words = [Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split() for pid in _below(os.getpid())]
     return sum(int(each[11]) + int(each[12]) for each in words) / HERTZ
+
+
+def _below(pid: int) -> list[int]:
+    """Return the children of a process, of all its threads, and theirs."""
+    threads = Path(f"/proc/{pid}/task").iterdir()
+    children = [int(each) for thread in threads for each in (thread / "children").read_text().split()]
+    return [*children, *(each for child in children for each in _below(child))]
 
 
 def watched(make_commands: Callable[[Path], Mapping[str, Sequence[str]]], period_ns: int, steps: int) -> Pace:

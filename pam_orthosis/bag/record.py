@@ -165,6 +165,11 @@ class BagWriter:
         else:
             self._writer.flush()
 
+    def flush(self) -> None:
+        """Write out what there is; OrthosisError if the disk takes no more."""
+        with told(self._file):
+            self._writer.flush()
+
     def close(self) -> None:
         """Finish the file and write `metadata.yaml`; OrthosisError if the disk takes no more."""
         self._seal()

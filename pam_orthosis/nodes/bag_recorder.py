@@ -13,6 +13,7 @@ from pathlib import Path
 
 from std_msgs.msg import String
 
+from pam_orthosis.bag.aside import BagWriterAside
 from pam_orthosis.bag.cdr import canonical, serialised_stamp_ns
 from pam_orthosis.bag.record import BagWriter, run_metadata
 from pam_orthosis.bag.steps import Message, StepCollector
@@ -45,11 +46,14 @@ class BagRecorder(graph.GraphNode):
         scenario = Setting("default", "name of the scenario, for the bag's metadata")
         silence = Setting(5.0, "wall time without a sample after which a run in real time fails [s]")
         legs = Setting("", "namespaces of the legs, and in which parameters each differs, as JSON; none: one")
+        aside = Setting(False, "another process writes the bag, and nobody here waits for it")
         settings = {"directory": folder, "scenario_name": scenario, "sample_timeout": silence, "legs": legs}
+        settings |= {"aside": aside}
         super().__init__(RECORDER, settings)
         self.run_ns = round(self.parameters.scenario.duration * 1e9 / self.period_ns) * self.period_ns
         run = run_metadata(self.parameters, self.settings["scenario_name"], self.settings["legs"])
-        self._writer = BagWriter(Path(self.settings["directory"]), run)
+        writer = BagWriterAside if self.settings["aside"] else BagWriter
+        self._writer = writer(Path(self.settings["directory"]), run)
         self._heard = False
         self._names: dict[str, str] = {}
         self._viewed: dict[str, tuple[RecordedScene, str]] = {}
@@ -134,7 +138,7 @@ class BagRecorder(graph.GraphNode):
         """Have what viewers need of a leg written beside its measurements."""
         names = {topic: self.resolve_topic_name(in_scene(topic, leg.name)) for topic in TYPES}
         scene = RecordedScene(
-            SampledScene(LegScene(self.parameters, leg.name, self.legs)), self._writer, names
+            SampledScene(LegScene(self.parameters, leg.name, self.legs)), self._writer.add_topic, names
         )
         self._viewed |= {in_leg(topic, leg.name, self.legs): (scene, topic) for topic in INPUTS}
 
@@ -168,12 +172,12 @@ class BagRecorder(graph.GraphNode):
         self._writer.write_all(self._with_scenes(recorded))
 
     def _with_scenes(self, recorded: Iterable[Message]) -> Iterator[tuple[str, int, bytes]]:
-        """Hand messages on under their absolute names; have written behind each what viewers need."""
+        """Hand messages on under their absolute names, behind each what viewers need of it."""
         for topic, stamp_ns, data in recorded:
             yield self._names[topic], stamp_ns, data
             if topic in self._viewed:
                 scene, viewed = self._viewed[topic]
-                scene.write(viewed, stamp_ns, data)
+                yield from scene.of(viewed, stamp_ns, data)
 
     def _look(self) -> None:
         """Acknowledge what is recorded; end the run when all of it is."""

@@ -54,6 +54,7 @@ def commands(
     recorder = {**told, "directory": str(bag), "scenario_name": scenario}
     specs = [spec for spec in LAYOUT.values() if mode.with_plant or spec.name != PLANT]
     if not mode.legs:
+        recorder["aside"] = mode.composed
         return _Group(work, parameters, specs, "", recorder).commands(mode.composed)
     recorder["legs"] = json.dumps(mode.legs)
     group = _Group(work, parameters, [LAYOUT[RECORDER]], "", recorder).commands(False)

@@ -10,6 +10,7 @@ from pam_orthosis.bag.record import BagWriter
 from pam_orthosis.bag.topics import BY_NAME, SECOND_NS, resolve
 
 PERIOD_NS = 5_000_000
+ANGLE_TYPE = BY_NAME["joint_states"].type
 STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -34,6 +35,10 @@ def reference(stamp_ns, *motions):
     point = _type("trajectory_msgs/msg/JointTrajectoryPoint")
     points = [point(*each, np.array([]), duration) for each in values]
     return _type("trajectory_msgs/msg/JointTrajectory")(header(stamp_ns), ["knee"], points)
+
+
+def serialised_angle(stamp_ns, angle):
+    return bytes(STORE.serialize_cdr(joint_state(stamp_ns, "knee", [angle]), ANGLE_TYPE))
 
 
 def write(writer, topic, stamp_ns, message):

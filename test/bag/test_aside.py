@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bag that another process writes is the same bag, and its errors arrive."""
+
+import io
+import pickle
+import resource
+
+import numpy as np
+import pytest
+
+from bags import ANGLE_TYPE, PERIOD_NS, serialised_angle
+from pam_orthosis.bag.aside import BagWriterAside, serve
+from pam_orthosis.bag.read import read_bag
+from pam_orthosis.bag.record import BagWriter
+from pam_orthosis.bag.recover import recover_in_place
+from pam_orthosis.errors import OrthosisError
+
+TOPIC, RUN = "/joint_states", {"scenario": "test"}
+STEPS = [[(TOPIC, k * PERIOD_NS, serialised_angle(k * PERIOD_NS, 0.01 * k))] for k in range(300)]
+
+
+def filled(writer, steps=STEPS):
+    writer.add_topic(TOPIC, ANGLE_TYPE)
+    for step in steps:
+        writer.write_all(step)
+    return writer
+
+
+def test_it_is_the_same_bag(tmp_path):
+    for folder, kind in (("here", BagWriter), ("there", BagWriterAside)):
+        filled(kind(tmp_path / folder / "walk", RUN)).close()
+    here, there = (sorted((tmp_path / name / "walk").iterdir()) for name in ("here", "there"))
+    assert [file.name for file in there] == [file.name for file in here] != []
+    assert [file.read_bytes() for file in there] == [file.read_bytes() for file in here]
+
+
+def test_the_error_comes_with_a_later_call_and_again(tmp_path):
+    filled(BagWriter(tmp_path, RUN)).close()
+    writer = BagWriterAside(tmp_path, RUN)
+    for _ in range(2):
+        with pytest.raises(OrthosisError, match="holds a bag already"):
+            filled(writer, STEPS * 20).close()
+
+
+def test_a_full_disk_is_told(tmp_path):
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+    try:
+        writer = BagWriterAside(tmp_path / "walk", RUN)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    with pytest.raises(OrthosisError, match=r"cannot write .*walk_0.mcap: File too large"):
+        filled(writer).close()
+
+
+def test_a_writer_that_was_killed_is_told(tmp_path):
+    writer = BagWriterAside(tmp_path / "walk", RUN)
+    writer._process.kill()
+    with pytest.raises(OrthosisError, match="the process that writes the bag died"):
+        filled(writer).close()
+
+
+@pytest.mark.parametrize("cut", [0, 7])
+def test_what_came_before_the_recorder_was_killed_is_kept(tmp_path, cut):
+    folder = tmp_path / "walk"
+    said = [(str(folder), RUN), ("add_topic", TOPIC, ANGLE_TYPE, False), *(("write_all", s) for s in STEPS)]
+    sent = b"".join(map(pickle.dumps, said))
+    assert serve(io.BytesIO(sent[: len(sent) - cut])) == ""
+    assert recover_in_place(folder) == len(STEPS) - (cut > 0)
+    angle = read_bag(folder, ["angle"])["angle"].value
+    np.testing.assert_array_equal(angle, 0.01 * np.arange(len(STEPS) - (cut > 0)))
