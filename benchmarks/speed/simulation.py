@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulation core: simulated seconds in a second of processor time, every effect of the catalogue on.
 
-Beside it: SciPy's `solve_ivp` on the same compiled equations, with the method and tolerance that are cheapest
-among those as accurate as our fixed step, and MuJoCo with one hinge and two muscles. It is processor time,
-which others on the machine disturb less than the time on the wall.
+Beside it: SciPy's `solve_ivp` on the same equations, compiled or in Python, with the method and tolerance
+that are cheapest among those as accurate as our fixed step, and MuJoCo with one hinge and two muscles. It is
+processor time, which others on the machine disturb less than the time on the wall.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pam_orthosis.model.plant import Plant
 from pam_orthosis.model.study import MEASURED, Study
 from speed.hinge import Hinge
 from speed.rows import Goal, Row, alternating, row
-from speed.solved import TIGHT, Solved, as_accurate, errors
+from speed.solved import TIGHT, Solved, as_accurate, errors, in_python
 
 STEP = 1e-3  # s; the plant's default is ten times finer
 SECONDS = 2.0  # of simulated time in one measurement
@@ -77,15 +77,18 @@ def _one_plant(parameters: Parameters, repeats: int) -> Generator[Row, None, tup
         f"largest error of the angle, SciPy {method} rtol {tolerance:g}", "rad", [error[0]], [theirs[0]]
     )
     yield add("largest error of the pressures, the same", "Pa", [error[1]], [theirs[1]])
-    ours, scipy, euler, fourth, periods = alternating(
+    script = Solved(parameters, voltages, in_python)
+    ours, scipy, by_script, euler, fourth, periods = alternating(
         repeats,
         partial(_rate, partial(study.simulate, ALONE, voltages, 1), SECONDS),
         partial(_rate, partial(solved.by, method, tolerance), SECONDS),
+        partial(_rate, partial(script.by, method, tolerance), SECONDS),
         partial(_rate, Hinge("Euler", STEP, SECONDS), SECONDS),
         partial(_rate, Hinge("RK4", STEP, SECONDS), SECONDS),
         partial(_rate, lambda: [plant.advance(*pair) for pair in voltages.tolist()], SECONDS),
     )
     yield add(f"one plant, beside SciPy {method} with no larger errors", RATE, ours, scipy, SCIPY)
+    yield add("one plant, beside the same with its equations in Python", RATE, ours, by_script, SCIPY)
     yield add("one plant, beside MuJoCo's RK4 at the same step", RATE, ours, fourth, MUJOCO)
     yield add("one plant, beside MuJoCo's Euler at the same step", RATE, ours, euler, MUJOCO)
     yield add("one plant, all periods in one call", RATE, ours, goal=REAL_TIME)

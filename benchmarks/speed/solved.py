@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SciPy's side: `solve_ivp` on the plant's equations, compiled as the plant's own are."""
+"""SciPy's side: `solve_ivp` on the plant's equations, compiled as the plant's own are or as a script."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
@@ -13,6 +14,7 @@ from pam_orthosis.model import orthosis
 from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant, true_hardware
+from speed.scripted import scripted
 
 TOLERANCES = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
 METHODS = ("RK23", "RK45", "DOP853", "LSODA")
@@ -28,12 +30,13 @@ class Solved:
 
     Args:
         voltages: (periods, 2), V.
+        made: makes something to be called with state and inputs of the function of the rates.
     """
 
-    def __init__(self, parameters: Parameters, voltages: np.ndarray):
+    def __init__(self, parameters: Parameters, voltages: np.ndarray, made: Callable = compiled):
         assembly = orthosis.assemble(true_hardware(parameters))
         given = [assembly.x, assembly.u]
-        self._rates = compiled(ca.Function("rates", given, ca.cse([assembly.rates])))
+        self._rates = made(ca.Function("rates", given, ca.cse([assembly.rates])))
         self._told = compiled(ca.Function("told", given, ca.cse([assembly.measured])))
         self._start = Plant(parameters).state.copy()
         self._closed, self._voltages = parameters.valve.closed_voltage, voltages
@@ -56,6 +59,12 @@ class Solved:
         span = (0.0, self._period)
         told = solve_ivp(rates, span, x, method, span[1:], rtol=tolerance, atol=tolerance * self._small)
         return told.y[:, -1]
+
+
+def in_python(function: ca.Function) -> Callable[[np.ndarray, np.ndarray], list[np.ndarray]]:
+    """Return a function of state and inputs as Python code, called as a compiled one is."""
+    evaluated = scripted(function)
+    return lambda x, u: [np.array(evaluated(x.tolist(), u.tolist()))]
 
 
 def errors(measured: np.ndarray, true: np.ndarray) -> tuple[float, float]:
