@@ -77,19 +77,20 @@ def serve(source: BinaryIO) -> str:
 
     Where nothing comes any more the bag stays unclosed.
     """
+    writer, name = None, ""
     try:
         folder, run = pickle.load(source)
         writer = BagWriter(Path(folder), run)
-        name = ""
         while name != "close":
-            try:
-                name, *arguments = pickle.load(source)
-            except CUT_SHORT:
-                writer.flush()
-                return ""
+            name, *arguments = pickle.load(source)
             getattr(writer, name)(*arguments)
     except OrthosisError as error:
         return str(error)
+    except CUT_SHORT:
+        with suppress(OrthosisError):  # nobody is there to be told
+            if writer:
+                writer.flush()
+        return ""
     return DONE
 
 

@@ -60,6 +60,12 @@ def test_a_writer_that_was_killed_is_told(tmp_path):
         filled(writer).close()
 
 
+def test_a_recorder_that_was_killed_at_once_leaves_nothing(tmp_path):
+    sent = pickle.dumps((str(tmp_path / "walk"), RUN))
+    assert [serve(io.BytesIO(sent[:length])) for length in (0, 9, len(sent) - 1)] == [""] * 3
+    assert not (tmp_path / "walk").exists()
+
+
 @pytest.mark.parametrize("cut", [0, 7])
 def test_what_came_before_the_recorder_was_killed_is_kept(tmp_path, cut):
     folder = tmp_path / "walk"
