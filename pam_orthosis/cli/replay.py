@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from pam_orthosis.bag.topics import SECOND_NS, SIGNALS
 from pam_orthosis.cli.check import titled
-from pam_orthosis.cli.run import Progress, assignments, need_ros, refuse_used
+from pam_orthosis.cli.run import Progress, assignments, need_ros, refuse_used, supervise_recorded
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.nodes import launch
@@ -90,7 +90,11 @@ def _replay(arguments: argparse.Namespace, namespace: str) -> list[TopicComparis
         stamps = script.messages["joint_states"]
         progress = Progress((max(stamps) - min(stamps)) / SECOND_NS, domain)
         commands = launch.replay_commands(work, parameters, script.nodes, player, _leg(bag, namespace))
-        supervise(commands, launch.environment(work, domain), work, progress)
+        environment = launch.environment(work, domain)
+        if arguments.out:
+            supervise_recorded(commands, environment, work, progress, answers)
+        else:
+            supervise(commands, environment, work, progress)
         topics = [topic for node in script.nodes for topic in script.outputs(node)]
         return compare(bag, answers, topics, namespace)
 

@@ -9,7 +9,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from importlib.util import find_spec
 from itertools import count
@@ -196,10 +196,21 @@ def _run(parameters: Parameters, bag: Path, scenario: str, mode: launch.Mode, vi
             domain = stack.enter_context(launch.free_domain())
             environment = launch.environment(work, domain)
         commands = launch.commands(work, parameters, bag, scenario, mode)
-        try:
-            supervise(commands, environment, work, Progress(parameters.scenario.duration, domain))
-        except RunFailed as error:
-            raise RunFailed(f"{error}; {_rescue(bag, work)}") from None
+        supervise_recorded(commands, environment, work, Progress(parameters.scenario.duration, domain), bag)
+
+
+def supervise_recorded(
+    commands: Mapping[str, Sequence[str]],
+    environment: Mapping[str, str],
+    work: Path,
+    progress: Progress,
+    bag: Path,
+) -> None:
+    """Supervise nodes that write a bag; RunFailed tells what is left in it, which can be read then."""
+    try:
+        supervise(commands, environment, work, progress)
+    except RunFailed as error:
+        raise RunFailed(f"{error}; {_rescue(bag, work)}") from None
 
 
 def _rescue(bag: Path, work: Path) -> str:

@@ -7,9 +7,12 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from pam_orthosis.bag.read import read_bag
 from pam_orthosis.bag.record import BagWriter
 from pam_orthosis.bag.script import Script
+from pam_orthosis.cli import run
 from pam_orthosis.cli.main import main
+from pam_orthosis.errors import RunFailed
 
 pytest.importorskip("rclpy")
 STEPS = 200
@@ -128,3 +131,22 @@ def test_samples_of_another_period_are_not_asked_of_a_bag(in_processes, capsys):
     for key, value in (("scenario.control_period", "0.002"), ("control.position.every", "2")):
         assert main(["replay", str(in_processes[1]), "--param", f"{key}={value}"]) == 2
         assert f"{key}: the bag holds inputs for" in capsys.readouterr().err
+
+
+def test_answers_of_a_replay_that_is_cut_short_can_be_read(in_processes, tmp_path, capsys, monkeypatch):
+    out = tmp_path / "answers"
+
+    def killed(*_arguments):
+        writer = BagWriter(out)
+        writer.add_topic("/joint_states", "sensor_msgs/msg/JointState")
+        with AnyReader([in_processes[1]]) as reader:
+            of_knee = [one for one in reader.connections if one.topic == "/joint_states"]
+            for connection, stamp_ns, data in reader.messages(of_knee):
+                writer.write(connection.topic, stamp_ns, bytes(data))
+        writer.flush()
+        raise RunFailed("node bag_player was killed by SIGKILL")
+
+    monkeypatch.setattr(run, "supervise", killed)
+    assert main(["replay", str(in_processes[1]), "--node", "plant_simulator", "--out", str(out)]) == 3
+    assert f"was killed by SIGKILL; the bag {out} holds the run up to there" in capsys.readouterr().err
+    assert len(read_bag(out, ["angle"])["angle"].value) == STEPS
