@@ -8,6 +8,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from pam_orthosis.nodes import launch
@@ -53,14 +54,20 @@ class Pace:
 
 def _processor_seconds() -> float:
     """Return what the processes below this one, those that run, have used of the processors."""
-    words = [Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split() for pid in _below(os.getpid())]
-    return sum(int(each[11]) + int(each[12]) for each in words) / HERTZ
+    ticks = 0
+    for pid in _below(os.getpid()):
+        with suppress(OSError):  # it has just ended
+            words = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+            ticks += int(words[11]) + int(words[12])
+    return ticks / HERTZ
 
 
 def _below(pid: int) -> list[int]:
     """Return the children of a process, of all its threads, and theirs."""
-    threads = Path(f"/proc/{pid}/task").iterdir()
-    children = [int(each) for thread in threads for each in (thread / "children").read_text().split()]
+    children: list[int] = []
+    for told in Path(f"/proc/{pid}/task").glob("*/children"):
+        with suppress(OSError):  # threads come and go
+            children += map(int, told.read_text().split())
     return [*children, *(each for child in children for each in _below(child))]
 
 

@@ -7,7 +7,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from functools import partial
 from pathlib import Path
 
@@ -46,7 +46,7 @@ class BagRecorder(graph.GraphNode):
         scenario = Setting("default", "name of the scenario, for the bag's metadata")
         silence = Setting(5.0, "wall time without a sample after which a run in real time fails [s]")
         legs = Setting("", "namespaces of the legs, and in which parameters each differs, as JSON; none: one")
-        aside = Setting(False, "another process writes the bag, and nobody here waits for it")
+        aside = Setting(False, "another process packs, compresses and writes the bag")
         settings = {"directory": folder, "scenario_name": scenario, "sample_timeout": silence, "legs": legs}
         settings |= {"aside": aside}
         super().__init__(RECORDER, settings)
@@ -64,6 +64,8 @@ class BagRecorder(graph.GraphNode):
             self._view(leg)
         if len(self.legs) > 1:
             self._await_all_legs()
+        if self.settings["aside"]:
+            self.await_peer("the process that writes the bag", self._begun)
         self.create_timer(LOOK_SECONDS, self._look)
 
     def served_legs(self) -> tuple[str, ...]:
@@ -103,7 +105,8 @@ class BagRecorder(graph.GraphNode):
             self._report_missing()
             for steps in self._collectors():
                 self._write(steps.rest())
-        self._writer.close()
+        with suppress(OrthosisError) if self.failure else nullcontext():  # that one is told
+            self._writer.close()
 
     def _await_all_legs(self) -> None:
         """Be ready after all others: a leg that is up would soon wait for the record of one that is not."""
@@ -168,8 +171,26 @@ class BagRecorder(graph.GraphNode):
 
         return receive
 
+    def _begun(self) -> bool:
+        """Whether the other process has begun the bag."""
+        try:
+            return self._writer.ready()
+        except OrthosisError as error:
+            self._fail(error)
+            return False
+
     def _write(self, recorded: Iterable[Message]) -> None:
-        self._writer.write_all(self._with_scenes(recorded))
+        if self.failure:
+            return
+        try:
+            self._writer.write_all(self._with_scenes(recorded))
+        except OrthosisError as error:
+            self._fail(error)
+
+    def _fail(self, error: OrthosisError) -> None:
+        """End the run: nothing can be written any more."""
+        self.failure = lambda: error
+        self.alarm()
 
     def _with_scenes(self, recorded: Iterable[Message]) -> Iterator[tuple[str, int, bytes]]:
         """Hand messages on under their absolute names, behind each what viewers need of it."""

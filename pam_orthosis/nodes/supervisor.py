@@ -8,6 +8,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from pam_orthosis.bag.topics import NODES, RECORDER
@@ -23,6 +24,7 @@ SILENCE_SECONDS, STARVED_SECONDS = 1.2, 20.0
 START_SECONDS, IDLE_START_SECONDS = 60.0, 5.0
 STOP_SECONDS, RECORDER_STOP_SECONDS = 0.6, 5.0  # a recorder that answers is not robbed of its data
 STOP_GRACE_SECONDS = 10.0
+HELPER_SECONDS = 1.0  # for what a node has started to write down what it got
 
 
 class Child:
@@ -122,6 +124,15 @@ class Child:
         reported = [line for line in lines if line.startswith(ERROR_PREFIX)]
         others = [line for line in lines if not line.startswith(NOTE_PREFIX)]
         return (reported or others or [""])[-1].removeprefix(ERROR_PREFIX)
+
+    def end_helpers(self, seconds: float) -> None:
+        """Wait for what the process has started, which is in its group, to end; after so long by force."""
+        deadline = time.monotonic() + seconds
+        with suppress(ProcessLookupError):  # there is nothing more
+            while time.monotonic() < deadline:
+                os.killpg(self.process.pid, 0)
+                time.sleep(POLL_SECONDS / 4)
+            os.killpg(self.process.pid, signal.SIGKILL)
 
     def release(self) -> None:
         """Close the pipe."""
@@ -230,4 +241,5 @@ def _end(children: Sequence[Child], seconds: float) -> None:
         if child.process.poll() is None:
             child.process.kill()
             child.process.wait()
+        child.end_helpers(HELPER_SECONDS)
         child.release()

@@ -2,14 +2,18 @@
 """A bag that another process writes is the same bag, and its errors arrive."""
 
 import io
+import os
 import pickle
 import resource
+import signal
+import threading
+import time
 
 import numpy as np
 import pytest
 
 from bags import ANGLE_TYPE, PERIOD_NS, serialised_angle
-from pam_orthosis.bag.aside import BagWriterAside, serve
+from pam_orthosis.bag.aside import READY, BagWriterAside, serve
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.bag.record import BagWriter
 from pam_orthosis.bag.recover import recover_in_place
@@ -42,6 +46,48 @@ def test_the_error_comes_with_a_later_call_and_again(tmp_path):
             filled(writer, STEPS * 20).close()
 
 
+def test_that_it_has_begun_or_cannot_is_known_before_anything_is_written(tmp_path):
+    writer = BagWriterAside(tmp_path / "walk", RUN)
+    assert _until(writer.ready)
+    filled(writer).close()
+    again = BagWriterAside(tmp_path / "walk", RUN)
+    with pytest.raises(OrthosisError, match="holds a bag already"):
+        _until(again.ready)
+
+
+def _until(true):
+    deadline = time.monotonic() + 30
+    while not true() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return true()
+
+
+def test_what_others_print_and_signals_to_all_do_it_no_harm(tmp_path, monkeypatch):
+    (tmp_path / "sitecustomize.py").write_text("print('hello from site')")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
+    writer = BagWriterAside(tmp_path / "walk", RUN)
+    assert _until(writer.ready)
+    writer._process.terminate()
+    filled(writer).close()
+    assert read_bag(tmp_path / "walk", ["angle"]).run["scenario"] == "test"
+
+
+def test_a_writer_that_stands_still_for_two_seconds_of_a_graph_holds_up_nobody(tmp_path):
+    writer = BagWriterAside(tmp_path / "walk", RUN)
+    assert _until(writer.ready)
+    writer.add_topic(TOPIC, ANGLE_TYPE)
+    rescue = threading.Timer(30, os.kill, (writer._process.pid, signal.SIGCONT))
+    os.kill(writer._process.pid, signal.SIGSTOP)
+    rescue.start()
+    for k in range(400):  # 14 messages of this size a step
+        writer.write_all([(TOPIC, k * PERIOD_NS, STEPS[0][0][2])] * 14)
+    waited = not rescue.is_alive()
+    rescue.cancel()
+    os.kill(writer._process.pid, signal.SIGCONT)
+    writer.close()
+    assert not waited
+
+
 def test_a_full_disk_is_told(tmp_path):
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
@@ -61,8 +107,10 @@ def test_a_writer_that_was_killed_is_told(tmp_path):
 
 
 def test_a_recorder_that_was_killed_at_once_leaves_nothing(tmp_path):
-    sent = pickle.dumps((str(tmp_path / "walk"), RUN))
-    assert [serve(io.BytesIO(sent[:length])) for length in (0, 9, len(sent) - 1)] == [""] * 3
+    sent, answers = pickle.dumps((str(tmp_path / "walk"), RUN)), []
+    for length in (0, 9, len(sent) - 1):
+        serve(io.BytesIO(sent[:length]), answers.append)
+    assert answers == []
     assert not (tmp_path / "walk").exists()
 
 
@@ -71,7 +119,9 @@ def test_what_came_before_the_recorder_was_killed_is_kept(tmp_path, cut):
     folder = tmp_path / "walk"
     said = [(str(folder), RUN), ("add_topic", TOPIC, ANGLE_TYPE, False), *(("write_all", s) for s in STEPS)]
     sent = b"".join(map(pickle.dumps, said))
-    assert serve(io.BytesIO(sent[: len(sent) - cut])) == ""
+    answers = []
+    serve(io.BytesIO(sent[: len(sent) - cut]), answers.append)
+    assert answers == [READY]
     assert recover_in_place(folder) == len(STEPS) - (cut > 0)
     angle = read_bag(folder, ["angle"])["angle"].value
     np.testing.assert_array_equal(angle, 0.01 * np.arange(len(STEPS) - (cut > 0)))

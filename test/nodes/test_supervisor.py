@@ -4,6 +4,7 @@
 import os
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -225,3 +226,11 @@ def test_a_process_with_other_nodes_says_its_last_words_and_goes():
     node = Listening(1, 2, 3)
     graph._abandon([node, Listening()], node, 0.1)
     assert node.turns == 2
+
+
+def test_what_a_process_has_started_ends_with_the_run(tmp_path):
+    starts = "import subprocess; print(subprocess.Popen(['sleep', '60']).pid, flush=True)"
+    with pytest.raises(RunFailed):
+        supervise({"node": [sys.executable, "-c", starts]}, dict(os.environ), tmp_path, lambda _: None)
+    helper = Path("/proc", (tmp_path / "node.log").read_text().strip(), "stat")
+    assert not helper.exists() or helper.read_text().rpartition(")")[2].split()[0] in "ZX"
