@@ -127,12 +127,12 @@ class Child:
 
     def end_helpers(self, seconds: float) -> None:
         """Wait for what the process has started, which is in its group, to end; after so long by force."""
-        deadline = time.monotonic() + seconds
         with suppress(ProcessLookupError):  # there is nothing more
-            while time.monotonic() < deadline:
-                os.killpg(self.process.pid, 0)
-                time.sleep(POLL_SECONDS / 4)
-            os.killpg(self.process.pid, signal.SIGKILL)
+            for number in (0, signal.SIGKILL):
+                deadline = time.monotonic() + seconds
+                while time.monotonic() < deadline:
+                    os.killpg(self.process.pid, number)
+                    time.sleep(POLL_SECONDS / 4)
 
     def release(self) -> None:
         """Close the pipe."""
