@@ -45,8 +45,8 @@ class StepCollector:
         self._period_ns, self._slow_ns = period_ns, every * period_ns
         self._topics = table() if topics is None else topics
         self._order = {name: index for index, name in enumerate(self._topics)}
-        self._of_many = {name for name, topic in self._topics.items() if len(topic.producers) > 1}
-        self._alone = {name: (place, b"") for name, place in self._order.items() if name not in self._of_many}
+        of_one = [name for name, topic in self._topics.items() if len(topic.producers) == 1]
+        self._alone = {name: (self._order[name], b"") for name in of_one}
         self._late_ns = late_ns
         self._newest_ns = -1
         self._left: dict[int, list[tuple[int, bytes]]] = {}  # what came of the last instants in real time
