@@ -41,12 +41,16 @@ class NotFound(OrthosisError):
 
 @dataclass(frozen=True)
 class Cycle:
-    """A periodic motion at N equidistant instants: rad, absolute Pa; `largest` is its error, rad."""
+    """A periodic motion at N equidistant instants: rad, absolute Pa; `largest` is its error, rad.
+
+    `solution` is, of a cycle that was found, states and flows as the search has them.
+    """
 
     angle: np.ndarray
     extensor_pressure: np.ndarray
     flexor_pressure: np.ndarray
     largest: float
+    solution: tuple[np.ndarray, np.ndarray] | None = None
 
 
 def nearest_cycle(
@@ -89,11 +93,15 @@ def nearest_cycle(
     cost = FLOW_WEIGHT * ca.sumsqr(change) + MEAN_WEIGHT * ca.sumsqr(mean) * period
     cost += ERROR_WEIGHT * ca.sumsqr(error * 180 / np.pi) * period
     opti.minimize(largest * 180 / np.pi + cost)
-    opti.set_initial(x[0, :], start.angle.reshape(1, -1))
-    opti.set_initial(x[1, :], velocity.reshape(1, -1))
-    opti.set_initial(x[2, :], start.extensor_pressure.reshape(1, -1) / BAR)
-    opti.set_initial(x[3, :], start.flexor_pressure.reshape(1, -1) / BAR)
-    opti.set_initial(largest, 0.1)
+    if start.solution:
+        opti.set_initial(x, start.solution[0])
+        opti.set_initial(flow, start.solution[1])
+    else:
+        opti.set_initial(x[0, :], start.angle.reshape(1, -1))
+        opti.set_initial(x[1, :], velocity.reshape(1, -1))
+        opti.set_initial(x[2, :], start.extensor_pressure.reshape(1, -1) / BAR)
+        opti.set_initial(x[3, :], start.flexor_pressure.reshape(1, -1) / BAR)
+    opti.set_initial(largest, start.largest or 0.1)
     limits = {"max_iter": ITERATIONS, "max_cpu_time": SECONDS, "tol": 1e-5, "mu_strategy": "adaptive"}
     opti.solver("ipopt", {"print_time": False}, {**limits, "print_level": 0, "sb": "yes"})
     try:
@@ -102,7 +110,7 @@ def nearest_cycle(
     except RuntimeError:
         raise NotFound(f"the search found no motion that these muscles can make; {HELPS}") from None
     states = value(x)
-    return Cycle(states[0], states[2] * BAR, states[3] * BAR, float(value(largest)))
+    return Cycle(states[0], states[2] * BAR, states[3] * BAR, float(value(largest)), (states, value(flow)))
 
 
 @contextmanager
