@@ -82,6 +82,9 @@ def _told(plan, recorded) -> str:
     lines.append(
         f"planned motion       within {change.max():.2f} deg of the wanted one (RMS {_rms(change):.2f})"
     )
+    if plan.early:
+        change = np.degrees(plan.early.largest)
+        lines.append(f"at the start         within {change:.2f} deg: what creeps has not settled there")
     if recorded and recorded.planned:
         more = np.degrees(np.abs(plan.asked - cycle.angle).max())
         lines.append(f"more is asked for    up to {more:.2f} deg: what the knee fell short of the last plan")

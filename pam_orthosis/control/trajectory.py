@@ -33,7 +33,7 @@ class Reference(NamedTuple):
 
 
 class Planned(NamedTuple):
-    """Shapes, over a cycle from where it starts, of what a plan asks for; see `planning`.
+    """Shapes, over the cycles from where it starts, of what a plan asks for; see `planning`.
 
     `change` is the planned less the desired angle, rad, `mean` the mean pressure, absolute Pa, `resting` at
     rest. Both were planned for one cycle time, s.
@@ -152,6 +152,22 @@ def fourier_shape(cosine, sine) -> Callable:
     return shape
 
 
+def settling_shape(settled: Callable, more: Callable, cycles: float) -> Callable:
+    """Return a shape to which is added at the start what dies away by a factor e within so many cycles."""
+
+    def shape(phase: float) -> tuple[float, float, float]:
+        angle, slope, bend = settled(phase)
+        a, s, b = more(phase)
+        left = math.exp(-phase / cycles)
+        return (
+            angle + left * a,
+            slope + left * (s - a / cycles),
+            bend + left * (b - 2 * s / cycles + a / cycles**2),
+        )
+
+    return shape
+
+
 def step_shape(low: float, high: float, rise: float) -> Callable:
     """Return the shape of steps up at phase 0 and down at phase 0.5, quintic within the phase `rise`, rad."""
 
@@ -179,7 +195,12 @@ def make_trajectory(parameters):
 
 def _plan(parameters) -> Planned:
     plan = parameters.scenario.plan
-    change, mean = (fourier_shape(each.cosine, each.sine) for each in (plan.angle, plan.pressure))
+    change, mean = (
+        settling_shape(
+            fourier_shape(s.cosine, s.sine), fourier_shape(more.cosine, more.sine), plan.start.settling
+        )
+        for s, more in ((plan.angle, plan.start.angle), (plan.pressure, plan.start.pressure))
+    )
     return Planned(change, mean, parameters.control.position.mean_pressure, plan.cycle_time)
 
 

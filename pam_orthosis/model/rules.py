@@ -176,14 +176,21 @@ def _plan_rule(values: Mapping[str, Any]) -> Iterator[str]:
     made_for = values.get("scenario.plan.made_for")
     if made_for and "leg.person.present" in values and made_for != motion_digest(values):
         yield "scenario.plan is for another motion, or for a leg with or without a person: plan again"
-    farthest = max(map(abs, _waves(values, "scenario.plan.angle")))
+    angles, pressures = (_settled_and_started(values, name) for name in ("angle", "pressure"))
+    farthest = max(map(abs, angles))
     if farthest >= FARTHEST_PLAN:
         yield f"scenario.plan.angle goes {farthest:.3g} rad away, {FARTHEST_PLAN} at most is wanted"
     low, high = (values.get(f"control.position.{end}_pressure") for end in ("minimum", "maximum"))
-    pressures = _waves(values, "scenario.plan.pressure")
     if low is not None and not low <= min(pressures) <= max(pressures) <= high:
         told = f"goes from {min(pressures):.3g} to {max(pressures):.3g} Pa"
         yield f"scenario.plan.pressure {told}, outside control.position's limits {low:.3g} .. {high:.3g} Pa"
+
+
+def _settled_and_started(values: Mapping[str, Any], name: str) -> list[float]:
+    """Return what a plan asks for over a cycle, when it has settled and at the start."""
+    settled = _waves(values, f"scenario.plan.{name}")
+    added = _waves(values, f"scenario.plan.start.{name}")
+    return settled + [value + more for value, more in zip(settled, added, strict=True)]
 
 
 def motion_digest(values: Mapping[str, Any]) -> str:

@@ -12,16 +12,16 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from pam_orthosis.control.effects import EffectTorque
 from pam_orthosis.control.knee import leg_mechanics
 from pam_orthosis.control.position import pressures_for_torque
-from pam_orthosis.control.trajectory import Reference, Trajectory, make_trajectory
+from pam_orthosis.control.trajectory import Trajectory, make_trajectory
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.rules import FARTHEST_PLAN, motion_digest
 from pam_orthosis.planning import RESERVE
 from pam_orthosis.planning.problem import HELPS, Cycle, NotFound, nearest_cycle
 from pam_orthosis.planning.recorded import Recorded
+from pam_orthosis.planning.settling import EARLY, along
 
 NODES = 200  # of a cycle
 _PHASES = np.arange(NODES) / NODES
@@ -40,7 +40,8 @@ class Plan:
     """What was planned: duration of the cycle, s, wanted angle, (N,) rad, and the planned cycle.
 
     `asked` is the angle that is asked for so that the knee makes the planned one, (N,) rad. `made_for` tells
-    the motion from others.
+    the motion from others. `early` is the planned cycle at the start, if it differs: creep takes `settling`
+    cycles, by a factor e, to find its own.
     """
 
     cycle_time: float
@@ -48,18 +49,38 @@ class Plan:
     cycle: Cycle
     asked: np.ndarray
     made_for: str = ""
+    early: Cycle | None = None
+    settling: float = 1.0
 
     @property
     def overrides(self) -> dict[str, Any]:
         """Return the parameters that let the trajectory publisher ask for the plan."""
-        change = self.asked - self.wanted
-        mean = (self.cycle.extensor_pressure + self.cycle.flexor_pressure) / 2
         told: dict[str, Any] = {"scenario.plan.enabled": True, "scenario.plan.cycle_time": self.cycle_time}
         told["scenario.plan.made_for"] = self.made_for
-        for name, values in (("angle", change), ("pressure", mean)):
-            cosine, sine = fourier(values)
-            told |= {f"scenario.plan.{name}.cosine": cosine, f"scenario.plan.{name}.sine": sine}
+        told |= _rows("scenario.plan", self.asked - self.wanted, _mean(self.cycle))
+        if self.early:
+            told |= _rows("scenario.plan.start", *self._at_the_start(self.early))
+            told["scenario.plan.start.settling"] = float(f"{self.settling:.{DIGITS}g}")
         return told
+
+    def _at_the_start(self, early: Cycle) -> tuple[np.ndarray, np.ndarray]:
+        """Return by what angle, rad, and mean pressure, Pa, differ at the start."""
+        growth = np.exp(EARLY / self.settling)  # it has died away by so much where it is planned
+        settled, then = _mean(self.cycle), _mean(early)
+        both = np.append(settled, then)
+        mean = np.clip(settled + growth * (then - settled), both.min(), both.max())
+        return growth * (early.angle - self.cycle.angle), mean - settled
+
+
+def _rows(group: str, angle: np.ndarray, pressure: np.ndarray) -> dict[str, list[float]]:
+    told = {}
+    for name, values in (("angle", angle), ("pressure", pressure)):
+        told[f"{group}.{name}.cosine"], told[f"{group}.{name}.sine"] = fourier(values)
+    return told
+
+
+def _mean(cycle: Cycle) -> np.ndarray:
+    return (cycle.extensor_pressure + cycle.flexor_pressure) / 2
 
 
 def fourier(values: np.ndarray) -> tuple[list[float], list[float]]:
@@ -96,20 +117,30 @@ def make_plan(
     lacking = np.zeros(NODES)
     if recorded:
         starts, lacking = [_cycle_of(recorded), *starts], recorded.lacking(_MIDDLES)
-    cycle = _nearest(belief, starts, angle, velocity, lacking, tell)
+    search = partial(_nearest, belief, angle=angle, velocity=velocity, lacking=lacking, tell=tell)
+    cycle = search(starts)
     if cycle.largest >= FARTHEST_PLAN:
         away = f"the nearest motion found is {np.degrees(cycle.largest):.0f} deg away"
         raise OrthosisError(f"{away} from the wanted one; {HELPS}")
     asked = cycle.angle + (_fell_short(recorded, belief.scenario.cycle_time) if recorded else 0.0)
-    return Plan(belief.scenario.cycle_time, angle, cycle, asked, motion_digest(belief.flat()))
+    settling, early = along(belief, angle, velocity, cycle).settling, None
+    if settling:
+        with suppress(NotFound):  # then the start is asked for what the settled cycle is
+            early = search([cycle], start_of_run=True)
+    return Plan(
+        belief.scenario.cycle_time, angle, cycle, asked, motion_digest(belief.flat()), early, settling or 1.0
+    )
 
 
-def _nearest(belief, starts: list[Cycle], angle, velocity, lacking, tell) -> Cycle:
+def _nearest(
+    belief, starts: list[Cycle], angle, velocity, lacking, tell, start_of_run: bool = False
+) -> Cycle:
     """Return the nearest cycle found, with the first of `SHARES` with which there is one."""
     period = belief.scenario.cycle_time / NODES
 
     def found(share: float, start: Cycle) -> Cycle:
-        torque = _effects(belief, angle, velocity, start) + lacking
+        effects = along(belief, angle, velocity, start)
+        torque = (effects.early if start_of_run else effects.settled) + lacking
         cycle = nearest_cycle(belief, start, angle, velocity, torque, period, share)
         tell(f"within {np.degrees(cycle.largest):.2f} deg")
         return cycle
@@ -179,23 +210,6 @@ def _fell_short(recorded: Recorded, cycle_time: float) -> np.ndarray:
     later = _PHASES + LEAD / cycle_time
     short = recorded.planned * (recorded.followed_angle(later) - recorded.angle(later))
     return short - short[0] * _NEAR_REST
-
-
-def _effects(belief, angle: np.ndarray, velocity: np.ndarray, cycle: Cycle) -> np.ndarray:
-    """Return the torque of the believed effects between the nodes, along the wanted motion, N m."""
-    step, count = belief.scenario.control_period, NODES
-    samples = round(belief.scenario.cycle_time / step)
-    at = np.arange(samples) * count / samples
-
-    def between(values: np.ndarray) -> np.ndarray:
-        return np.interp(at, np.arange(count + 1), np.append(values, values[0]))
-
-    rows = [between(each) for each in (angle, velocity, cycle.extensor_pressure, cycle.flexor_pressure)]
-    law, torque = EffectTorque(belief), np.zeros(samples)
-    for _ in range(2):  # the first time their states find their cycle
-        for i, (q, rate, extensor, flexor) in enumerate(zip(*rows, strict=True)):
-            torque[i] = law.step(Reference(q, rate, 0.0), extensor, flexor)
-    return np.interp(_MIDDLES * samples, np.arange(samples + 1), np.append(torque, torque[0]))
 
 
 def _rounded(values: np.ndarray) -> list[float]:
