@@ -192,7 +192,7 @@ def _row(case: str, controller: str, chosen: list[dict], share: str) -> str:
 def supply(path: Path) -> str:
     """Return which pressure the gait with 75 kg takes of each specimen, and which it has, as Markdown."""
     runs = {(r["specimen"], r["case"]): r for r in _results(path) if r.get("controller") == "learned"}
-    drawn_supply, full_supply = (case.name for case in CASES if case.everywhere and case.wearer == "person")
+    drawn_supply, full_supply = (case.name for case in CASES if case.everywhere and case.scenario == "person")
     lines = [SUPPLY_HEAD, "|" + "---|" * SUPPLY_HEAD[1:].count("|")]
     for specimen in sorted(number for number, case in runs if case == full_supply):
         parameters = load(drawn(specimen))
@@ -209,7 +209,7 @@ def figure(path: Path, file: Path) -> None:
     """Draw the largest error of each specimen in the tasks that all of them were asked."""
     from matplotlib.figure import Figure
 
-    drawing = Figure(figsize=(11, 3.6), layout="constrained")
+    drawing = Figure(figsize=(13, 3.6), layout="constrained")
     cases = [case for case in CASES if case.everywhere]
     runs = [r for r in _results(path) if "max_deg" in r]
     for axes, case in zip(drawing.subplots(1, len(cases), sharey=True), cases, strict=True):

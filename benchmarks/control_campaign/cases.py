@@ -49,6 +49,7 @@ SUPPLY = ("valve.supply_pressure", "control.position.maximum_pressure")
 CASES = (
     Case("gait 2 s", "default", everywhere=True),
     Case("gait 2 s, 75 kg", "person", everywhere=True),
+    Case("gait 2 s, 75 kg, begun bent", "person-bent", everywhere=True),
     Case("gait 2 s, 75 kg, supply of 7 bar", "person", FULL_SUPPLY, everywhere=True, otherwise=SUPPLY),
     Case("gait 1.25 s", "gait-fast", duration=7.0),
     Case("gait 4 s", "gait-slow", duration=13.0),
