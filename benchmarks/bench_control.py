@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 from control_campaign import learn, pid
-from control_campaign.cases import CASES, CONTROLLERS, SEED, SPECIMENS, Case, plan
+from control_campaign.cases import CASES, CONTROLLERS, RECORDED_SEED, SEED, SPECIMENS, Case, plan
 from control_campaign.hardware import drawn
 
 from pam_orthosis.control.loop import ClosedLoop
@@ -68,7 +68,8 @@ def _run(parameters: Parameters, case: Case, controller: str, belief: dict) -> d
     if controller == "planned":
         parameters = parameters.changed(make_plan(parameters).overrides)
     if controller == "replanned":
-        before = ClosedLoop(_planned_if_any(parameters), SEED).run(steps)
+        watched = round(parameters.scenario.duration / parameters.scenario.control_period)
+        before = ClosedLoop(_planned_if_any(parameters), RECORDED_SEED).run(watched)
         after = make_plan(parameters, recorded=recorded(before["time"], before, parameters))
         parameters = parameters.changed(after.overrides)
     return ClosedLoop(parameters, SEED).run(steps)

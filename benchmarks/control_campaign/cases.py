@@ -11,6 +11,7 @@ from pam_orthosis.model.parameters import scenario_overrides
 SPECIMENS = 10
 FEW = 3  # specimens of the further trajectories and people
 SEED = 1  # of the sensor noise
+RECORDED_SEED = 2  # of that in the run that a plan is made after: 20 s, as `pam-orthosis run` makes it
 CONTROLLERS = ("pid", "paper", "learned", "planned", "replanned")
 
 

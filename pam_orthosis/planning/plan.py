@@ -63,6 +63,14 @@ class Plan:
             told["scenario.plan.start.settling"] = float(f"{self.settling:.{DIGITS}g}")
         return told
 
+    @property
+    def farthest(self) -> float:
+        """Return the largest distance of the planned motion from the wanted one, rad."""
+        if not self.early:
+            return self.cycle.largest
+        begun = self.cycle.angle - self.wanted + self._at_the_start(self.early)[0]
+        return max(self.cycle.largest, float(np.abs(begun).max()))
+
     def _at_the_start(self, early: Cycle) -> tuple[np.ndarray, np.ndarray]:
         """Return by what angle, rad, and mean pressure, Pa, differ at the start."""
         growth = np.exp(EARLY / self.settling)  # it has died away by so much where it is planned
@@ -119,17 +127,22 @@ def make_plan(
         starts, lacking = [_cycle_of(recorded), *starts], recorded.lacking(_MIDDLES)
     search = partial(_nearest, belief, angle=angle, velocity=velocity, lacking=lacking, tell=tell)
     cycle = search(starts)
-    if cycle.largest >= FARTHEST_PLAN:
-        away = f"the nearest motion found is {np.degrees(cycle.largest):.0f} deg away"
-        raise OrthosisError(f"{away} from the wanted one; {HELPS}")
+    _check_near(cycle.largest)
     asked = cycle.angle + (_fell_short(recorded, belief.scenario.cycle_time) if recorded else 0.0)
     settling, early = along(belief, angle, velocity, cycle).settling, None
     if settling:
         with suppress(NotFound):  # then the start is asked for what the settled cycle is
             early = search([cycle], start_of_run=True)
-    return Plan(
-        belief.scenario.cycle_time, angle, cycle, asked, motion_digest(belief.flat()), early, settling or 1.0
-    )
+    made_for = motion_digest(belief.flat())
+    plan = Plan(belief.scenario.cycle_time, angle, cycle, asked, made_for, early, settling or 1.0)
+    _check_near(plan.farthest)
+    return plan
+
+
+def _check_near(away: float) -> None:
+    if away >= FARTHEST_PLAN:
+        told = f"the nearest motion found is {np.degrees(away):.0f} deg away from the wanted one"
+        raise OrthosisError(f"{told}; {HELPS}")
 
 
 def _nearest(

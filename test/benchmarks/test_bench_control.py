@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 import bench_control
 from control_campaign import learn, pid
-from control_campaign.cases import CASES, SPECIMENS, plan
+from control_campaign.cases import CASES, SEED, SPECIMENS, plan
 from control_campaign.hardware import drawn
 
 from pam_orthosis.control import effects
@@ -100,6 +100,22 @@ def test_where_no_plan_is_found_the_run_without_one_shows_what_the_model_lacks(m
     at = np.arange(10) / 10
     assert seen[0].followed_angle(at) == pytest.approx(seen[0].angle(at), abs=np.radians(1.0))
     assert np.degrees(np.abs(run["reference_angle"] - run["angle"]).max()) < 1.0
+
+
+def test_a_plan_is_made_after_a_longer_run_with_other_noise_than_the_one_that_is_judged(monkeypatch):
+    runs = []
+
+    def loop(_parameters, seed):
+        return SimpleNamespace(run=lambda steps: runs.append((seed, steps)) or {"time": None})
+
+    monkeypatch.setattr(bench_control, "ClosedLoop", loop)
+    monkeypatch.setattr(bench_control, "make_plan", lambda *_, **__: SimpleNamespace(overrides={}))
+    monkeypatch.setattr(bench_control, "recorded", lambda *_: None)
+    case = CASES[1]
+    bench_control._run(load(case.overrides()), case, "replanned", {})
+    (recorded_seed, recorded_steps), (judged_seed, judged_steps) = runs
+    assert recorded_seed != judged_seed == SEED
+    assert (recorded_steps, judged_steps) == (4000, 1800)
 
 
 def test_the_table_tells_the_worst_specimen(tmp_path):

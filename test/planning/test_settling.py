@@ -11,6 +11,7 @@ from pam_orthosis.control.trajectory import Reference, make_trajectory
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load, scenario_overrides
 from pam_orthosis.model.plant import with_belief
+from pam_orthosis.planning import plan as plan_module
 from pam_orthosis.planning.plan import NODES, make_plan
 from pam_orthosis.planning.problem import Cycle, NotFound, nearest_cycle
 from pam_orthosis.planning.settling import EARLY, along
@@ -125,6 +126,21 @@ def test_a_search_begins_where_the_one_before_ended(creeping, plan, monkeypatch)
     assert flows.shape == (2, NODES)
     assert np.abs(flows).max() > 1.0  # g/s
     assert largest == plan.cycle.largest
+
+
+def test_a_start_that_is_too_far_away_is_refused_as_such(creeping, monkeypatch):
+    """Planned within the limit, but at the beginning, before creep has died away so far, beyond it."""
+
+    settled = []
+
+    def nearest(_belief, start, angle, _velocity, torque, *_):
+        settled.append(torque)
+        away = 0.1 if np.array_equal(torque, settled[0]) else 0.3
+        return Cycle(angle + away, start.extensor_pressure, start.flexor_pressure, away)
+
+    monkeypatch.setattr(plan_module, "nearest_cycle", nearest)
+    with pytest.raises(OrthosisError, match=r"nearest motion found is 2\d deg away"):
+        make_plan(creeping)
 
 
 @pytest.mark.parametrize(
