@@ -76,10 +76,12 @@ class Child:
 
     def stopped(self) -> bool:
         """Whether somebody has stopped the process (SIGSTOP), at whatever stage it was."""
-        if self.process.poll() is not None:
+        if self.process.returncode is not None:
             return False
-        options = os.WSTOPPED | os.WNOHANG | os.WNOWAIT  # look only: it may be continued
-        return os.waitid(os.P_PID, self.process.pid, options) is not None
+        # look only: it may be continued; asked about its end as well, since it may end at any moment
+        options = os.WSTOPPED | os.WEXITED | os.WNOHANG | os.WNOWAIT
+        found = os.waitid(os.P_PID, self.process.pid, options)
+        return found is not None and found.si_code == os.CLD_STOPPED
 
     def silent(self) -> bool:
         """Whether the process has begun to beat, or should have, and does not.

@@ -152,6 +152,17 @@ def test_a_process_that_is_stopped_before_its_first_beat_is_named_at_once(tmp_pa
         run(tmp_path, stopped=STOPPED, mute=MUTE)
 
 
+def test_a_process_that_ends_just_while_it_is_looked_at_is_not_stopped(tmp_path, monkeypatch):
+    child = supervisor.Child("node", [sys.executable, "-c", "pass"], dict(os.environ), tmp_path / "log")
+    os.waitid(os.P_PID, child.process.pid, os.WEXITED | os.WNOWAIT)
+    with monkeypatch.context() as just_before:
+        just_before.setattr(child.process, "poll", lambda: None)
+        assert not child.stopped()
+    assert child.process.wait() == 0
+    assert not child.stopped()
+    child.release()
+
+
 def test_the_recorder_is_asked_to_end_when_all_others_have_ended(tmp_path):
     marks = tmp_path / "marks"
     marking = f"""
