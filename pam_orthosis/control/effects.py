@@ -51,19 +51,23 @@ def extra_foot_mass(belief):
     return assembled(belief, *known(belief, "body")).signals.extra_foot_mass
 
 
-def effect_torque(belief) -> ca.Function | None:
-    """Return (angle, velocity, absolute pressures (2,), own states, time) -> torque of the effects, N m.
+def added_by_effects(belief) -> ca.Function | None:
+    """Return (angle, velocity, absolute pressures (2,), own states, time) -> what the effects add.
 
-    It is what all of them together add to the muscles' torque. None if the belief has none.
+    It is the torque, N m, that all of them together add to the muscles', and the elastic forces of the
+    muscles (2,), N: those decide whether a muscle hangs slack, Eq. (13). None if the belief has none.
     """
     names = known(belief, *MECHANICAL)
     if not names:
         return None
     whole, plain = assembled(belief, *names), assembled(belief)
     plain_x, plain_u = ca.vertcat(plain.x, plain.u), ca.vertcat(whole.x[:PLAIN], whole.u)
-    without = ca.substitute(plain.signals.torque, plain_x, plain_u)
-    inputs, torque = _of_motion(belief, whole, whole.signals.torque - without)
-    return ca.Function("effect_torque", inputs, [torque])
+    with_them, without = (
+        ca.vertcat(s.torque, *(getattr(s, f"{name}_force") for name in orthosis.MUSCLES))
+        for s in (whole.signals, plain.signals)
+    )
+    inputs, added = _of_motion(belief, whole, with_them - ca.substitute(without, plain_x, plain_u))
+    return ca.Function("added_by_effects", inputs, [added[0], added[1:]])
 
 
 def effect_memory(belief) -> ca.Function:
@@ -100,15 +104,15 @@ class EffectTorque:
     """
 
     def __init__(self, belief, ahead: float = 0.0):
-        torque = effect_torque(belief)
-        self.active = torque is not None
+        added = added_by_effects(belief)
+        self.active = added is not None
         self.states = np.zeros(0)
         self.time = ahead
         self._period = belief.scenario.control_period
         self._motion: np.ndarray | None = None
-        if torque is not None:
-            self._torque, self._memory = compiled(torque), compiled(effect_memory(belief))
-            self.states = np.zeros(torque.size1_in(3))
+        if added is not None:
+            self._added, self._memory = compiled(added), compiled(effect_memory(belief))
+            self.states = np.zeros(added.size1_in(3))
 
     def step(
         self, reference: Reference, extensor_pressure: float, flexor_pressure: float, periods: int = 1
@@ -122,7 +126,7 @@ class EffectTorque:
             for left in range(periods - 1, -1, -1):
                 self._live_on(motion - change * (left / periods), pressures)
         self._motion = motion
-        return float(self._torque(motion[0], motion[1], pressures, self.states, self.time)[0][0])
+        return float(self._added(motion[0], motion[1], pressures, self.states, self.time)[0][0])
 
     def _live_on(self, motion: np.ndarray, pressures: np.ndarray) -> None:
         """Let a period pass, to this motion."""

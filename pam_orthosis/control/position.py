@@ -18,6 +18,7 @@ from pam_orthosis.model import muscle as muscle_model
 from pam_orthosis.model.compiled import compiled
 
 TAUT = Pair(0.0, 0.0)  # neither muscle is rid of the other one
+NOTHING_ADDED = Pair(0.0, 0.0)
 _OF_COMMAND = ("control.position.c1", "control.position.c2", "leg.person.mass")
 LIVE = tuple(dict.fromkeys((*_OF_COMMAND, *observer.LIVE)))
 
@@ -74,7 +75,9 @@ class Allocation(NamedTuple):
     let_go: Pair
 
 
-def pressures_for_torque(torque, q, velocity, mean_pressure, belief, let_go=TAUT) -> Allocation:
+def pressures_for_torque(
+    torque, q, velocity, mean_pressure, belief, let_go=TAUT, added_force=NOTHING_ADDED
+) -> Allocation:
     """Return the pressures that give a torque, N m.
 
     With both muscles taut, Eqs. (14) and (27) make the torque linear in both pressures: the pairs
@@ -82,6 +85,8 @@ def pressures_for_torque(torque, q, velocity, mean_pressure, belief, let_go=TAUT
     limits, the nearest pair inside them: stiffness gives way before torque. Where one muscle comes near
     its highest pressure the other should be let go slack: it pulls and drags no more. `let_go` is the share
     by which each muscle is rid of the other one; in between the torque is exceeded by less than that pull.
+    `added_force` is what effects add to the elastic force of each muscle, N: a taut one pulls with it and
+    without it.
     """
     settings, ambient = belief.control.position, belief.valve.ambient_pressure
     m = belief.muscle.dmsp_20
@@ -89,7 +94,8 @@ def pressures_for_torque(torque, q, velocity, mean_pressure, belief, let_go=TAUT
     area = _both(lambda dl: muscle_model.area(dl, m), contraction)
     counter = _both(lambda dl: muscle_model.counterforce(dl, m), contraction)
     damping = _both(lambda v: muscle_model.damping_force(v, m), rate)
-    low = _both(lambda *of: _lowest_pressure(*of, settings, ambient), area, counter, damping)
+    most_counter = _both(lambda force, added: force - ca.fmin(added, 0), counter, added_force)
+    low = _both(lambda *of: _lowest_pressure(*of, settings, ambient), area, most_counter, damping)
     high = settings.maximum_pressure - ambient
     mean = mean_pressure - ambient
     # area_f p_f - area_e p_e = level
@@ -121,13 +127,15 @@ def pressures_for_torque(torque, q, velocity, mean_pressure, belief, let_go=TAUT
 def pressures_with_effects(torque, estimate, reference, mean, effect, belief, let_go) -> Allocation:
     """Return what `pressures_for_torque` does, for the muscles and the believed effects together.
 
-    `effect` is (extensor, flexor gauge pressure) -> torque of the effects along the reference. It hardly
-    depends on the pressures, so that a few corrections find those at which both add up to the torque.
+    `effect` is (extensor, flexor gauge pressure) -> torque and forces that the effects add along the
+    reference. They hardly depend on the pressures, so that a few corrections find those at which both add up
+    to the torque.
     """
     allocated = pressures_for_torque(torque, estimate[0], estimate[1], mean, belief, let_go)
     for _ in range(0 if effect is None else effects.CORRECTIONS + 1):
-        rest = torque - effect(allocated[0], allocated[1])
-        allocated = pressures_for_torque(rest, estimate[0], estimate[1], mean, belief, let_go)
+        added, forces = effect(allocated[0], allocated[1])
+        rest, forces = torque - added, Pair(forces[0], forces[1])
+        allocated = pressures_for_torque(rest, estimate[0], estimate[1], mean, belief, let_go, forces)
     return allocated
 
 
@@ -140,7 +148,7 @@ def command_function(belief) -> ca.Function:
     """
     belief, tuned = live.with_symbols(belief, _OF_COMMAND)
     estimate, reference, mean = ca.SX.sym("estimate", 3), ca.SX.sym("reference", 3), ca.SX.sym("mean")
-    law, ambient = effects.effect_torque(belief), belief.valve.ambient_pressure
+    law, ambient = effects.added_by_effects(belief), belief.valve.ambient_pressure
     let_go = ca.SX.sym("let_go", 2)
     states, time = ca.SX.sym("states", law.size1_in(3) if law else 0), ca.SX.sym("time")
 

@@ -18,6 +18,7 @@ from pam_orthosis.control.pressure import PressureController
 from pam_orthosis.control.trajectory import Reference
 from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.effects.valve_dead_band import opened
+from pam_orthosis.model.orthosis import MUSCLES
 from pam_orthosis.model.parameters import load
 
 WALK = Path(__file__).parents[2] / "bags" / "walk"
@@ -96,19 +97,19 @@ def test_effects_that_are_off_change_no_bit():
 
 def test_a_torque_of_unknown_phase_is_left_to_the_observer():
     """By a phase that was another run's the controllers would double it."""
-    assert effects.effect_torque(believing("periodic_torque").belief()) is None
+    assert effects.added_by_effects(believing("periodic_torque").belief()) is None
 
 
 @pytest.mark.parametrize("name", MECHANICAL)
 def test_the_pressures_give_the_torque_together_with_the_effect(name):
     belief = believing(name).belief()
-    law, command = effects.effect_torque(belief), position.command_function(belief)
+    law, command = effects.added_by_effects(belief), position.command_function(belief)
     estimate, reference = [0.5, 1.2, 0.7], [0.51, 1.3, 4.0]
     size = law.size1_in(3)
     states = np.linspace(0.5, 0.2, size) * (CATALOGUE[name].scales or np.zeros(size))
     gains = [belief.flat()[key] for key in position._OF_COMMAND]
     pressures = command(estimate, reference, 3.6e5, [0.0, 0.0], states, 0.4, gains)[0].full()[:, 0]
-    added = float(law(*reference[:2], pressures, states, 0.4))
+    added = float(law(*reference[:2], pressures, states, 0.4)[0])
     q, velocity = ca.SX.sym("q"), ca.SX.sym("velocity")
     point = ca.vertcat(q, velocity, estimate[2])
     both = muscle_torque(q, velocity, *pressures, belief), position.required_torque(point, reference, belief)
@@ -117,6 +118,23 @@ def test_the_pressures_give_the_torque_together_with_the_effect(name):
     assert given == pytest.approx(wanted, abs=2e-3)
     if name != "extra_foot_mass":
         assert abs(added) > 1e-3
+
+
+@pytest.mark.parametrize("stretched", [0.045, -0.045])
+def test_both_muscles_stay_taut_with_what_an_effect_adds_to_their_forces(stretched):
+    """A muscle that an effect slackens pulls by jerks: its damping comes and goes with the elastic force."""
+    belief = believing("creep").belief()
+    law, command = effects.added_by_effects(belief), position.command_function(belief)
+    estimate, states = [0.03, 1.5, 0.0], [stretched, -stretched]  # creep's springs, m
+    gains = [belief.flat()[key] for key in position._OF_COMMAND]
+    pressures = command(estimate, [*estimate[:2], 0.0], 3.0e5, [0.0, 0.0], states, 0.0, gains)[0].full()[:, 0]
+    added = law(*estimate[:2], pressures, states, 0.0)[1].full()[:, 0]
+    plain = effects.assembled(belief)
+    forces = [getattr(plain.signals, f"{name}_force") for name in MUSCLES]
+    elastic = ca.Function("elastic", [plain.x], forces)(np.append(estimate[:2], pressures))
+    assert added.min() < -20.0
+    assert min(map(float, elastic)) > 3.0
+    assert min(float(force) + more for force, more in zip(elastic, added, strict=True)) > 3.0
 
 
 @pytest.mark.usefixtures("interpreted")
