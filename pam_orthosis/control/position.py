@@ -94,8 +94,9 @@ def pressures_for_torque(
     area = _both(lambda dl: muscle_model.area(dl, m), contraction)
     counter = _both(lambda dl: muscle_model.counterforce(dl, m), contraction)
     damping = _both(lambda v: muscle_model.damping_force(v, m), rate)
-    most_counter = _both(lambda force, added: force - ca.fmin(added, 0), counter, added_force)
-    low = _both(lambda *of: _lowest_pressure(*of, settings, ambient), area, most_counter, damping)
+    # without it, too: from there the torque of the effects is counted
+    slackening = _both(lambda force, added: force - ca.fmin(added, 0), counter, added_force)
+    low = _both(lambda *of: _lowest_pressure(*of, settings, ambient), area, slackening, damping)
     high = settings.maximum_pressure - ambient
     mean = mean_pressure - ambient
     # area_f p_f - area_e p_e = level
