@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -205,6 +206,10 @@ def _judge(child: Child) -> None:
         child.listen()  # its last words may have come since
     if code is not None and (code != 0 or child.status != "ended"):
         how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with {code}"
+        if code < 0 and child.has_nothing_to_lose():  # while it was taken apart
+            child.let_go = True
+            print(f"{NOTE_PREFIX}node {child.name} {how} when its run was over", file=sys.stderr)
+            return
         raise RunFailed(f"node {child.name} {how}{_quoted(child.last_words())}")
     if child.stopped():
         raise RunFailed(f"node {child.name} was stopped (SIGSTOP)")

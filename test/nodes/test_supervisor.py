@@ -80,6 +80,27 @@ def test_a_node_whose_run_is_over_and_that_does_not_go_is_let_go(tmp_path, monke
     run(tmp_path, plant_simulator=LINGERING)
 
 
+CRASHING_AT_THE_END = """
+import os, signal
+os.write(int(os.environ["PAM_ORTHOSIS_HEARTBEAT"]), b"%s\\n")
+os.kill(os.getpid(), signal.SIGSEGV)
+"""
+
+
+def test_a_node_that_crashes_when_its_run_is_over_spoils_nothing_and_is_named(tmp_path, capfd):
+    run(tmp_path, plant_simulator=CRASHING_AT_THE_END % "ended")
+    assert "node plant_simulator was killed by SIGSEGV when its run was over" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "status"),
+    [("plant_simulator", "running 5"), ("plant_simulator", "leaving"), ("bag_recorder", "ended")],
+)
+def test_a_node_that_crashes_before_that_or_writes_a_bag_fails_the_run(tmp_path, name, status):
+    with pytest.raises(RunFailed, match=f"node {name} was killed by SIGSEGV"):
+        run(tmp_path, **{name: CRASHING_AT_THE_END % status})
+
+
 @pytest.mark.parametrize("name", ["bag_recorder", "composed", "bag_player"])
 def test_who_writes_a_bag_is_not_let_go_before_it_is_closed(tmp_path, monkeypatch, name):
     monkeypatch.setattr(supervisor, "STOP_GRACE_SECONDS", 0.5)
