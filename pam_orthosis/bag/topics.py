@@ -50,6 +50,11 @@ class Topic:
         return self.rate != "event"
 
     @property
+    def shared(self) -> bool:
+        """Whether nodes of other programs may publish there too, as is the custom in ROS."""
+        return self.rate == "1 Hz"
+
+    @property
     def slow(self) -> bool:
         """Whether there is a message at each step of the position controller only.
 

@@ -11,19 +11,23 @@ from contextlib import nullcontext, suppress
 from functools import partial
 from pathlib import Path
 
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
 from pam_orthosis.bag.aside import BagWriterAside
-from pam_orthosis.bag.cdr import canonical, serialised_stamp_ns
+from pam_orthosis.bag.cdr import Reader, Unreadable, canonical, serialised_stamp_ns
 from pam_orthosis.bag.record import BagWriter, run_metadata
 from pam_orthosis.bag.steps import Message, StepCollector
-from pam_orthosis.bag.topics import RECORDER, Topic, in_leg
+from pam_orthosis.bag.topics import NODES, RECORDER, Topic, in_leg
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.nodes import graph
+from pam_orthosis.nodes.pace import INPUTS as COMMANDS
+from pam_orthosis.nodes.pace import VOLTAGE
 from pam_orthosis.nodes.parameters import Setting
 from pam_orthosis.nodes.recorded_leg import RecordedLeg
 from pam_orthosis.nodes.recorded_scene import RecordedScene
-from pam_orthosis.nodes.supervisor import NOTE_PREFIX
+from pam_orthosis.nodes.supervisor import ERROR_PREFIX, NOTE_PREFIX
 from pam_orthosis.scene.messages import TYPES, LegScene, in_scene
 from pam_orthosis.scene.sampled import INPUTS, SampledScene
 
@@ -31,6 +35,7 @@ QUEUE_DEPTH = 5000
 LATE_NS = 150_000_000
 WRITTEN_A_SAMPLE = 3  # instants, in real time: what waited for a late one must not hold up the graph
 LOOK_SECONDS, ACKNOWLEDGED_STEPS = 0.05, 10
+PATIENCE_SECONDS = 3.0  # with the others, when a stranger is here and no supervisor ends them
 
 
 class BagRecorder(graph.GraphNode):
@@ -55,6 +60,7 @@ class BagRecorder(graph.GraphNode):
         writer = BagWriterAside if self.settings["aside"] else BagWriter
         self._writer = writer(Path(self.settings["directory"]), run)
         self._heard = False
+        self._doubted: set[str] = set()
         self._names: dict[str, str] = {}
         self._viewed: dict[str, tuple[RecordedScene, str]] = {}
         self._legs = self._make_legs()
@@ -88,6 +94,18 @@ class BagRecorder(graph.GraphNode):
     def health(self) -> dict[str, int]:
         """Count messages that came twice."""
         return {"duplicates": sum(steps.duplicates for steps in self._collectors())}
+
+    def refuse(self, failure: Callable[[], OrthosisError]) -> None:
+        """Have the others ended first, so that the bag shows how they left the hardware."""
+        if self.ended or self.stranger:
+            return
+        self.stranger = True
+        print(f"{ERROR_PREFIX}{failure()}", file=sys.stderr, flush=True)
+        self.create_timer(PATIENCE_SECONDS, lambda: super(BagRecorder, self).refuse(failure))
+
+    def met_stranger(self, topic: str, leg: str) -> None:
+        """Record no more of a topic on which somebody else speaks too, but that the valves vent."""
+        self._doubted.add(in_leg(topic, leg, self.legs))
 
     def abandon(self) -> bool:
         """Stay to record the last words of the others."""
@@ -155,7 +173,11 @@ class BagRecorder(graph.GraphNode):
 
         def receive(data: bytes) -> None:
             self._heard = True
+            if name in self._doubted and not self._vents(topic, data):
+                return
             stamp_ns = serialised_stamp_ns(data)
+            if topic.shared and not self._of_the_run(leg, stamp_ns, data):
+                return
             if tick:
                 leg.sampled(stamp_ns)
             if self.ended or not leg.within(stamp_ns):
@@ -170,6 +192,20 @@ class BagRecorder(graph.GraphNode):
                 self.step_done(stamp_ns)
 
         return receive
+
+    def _vents(self, topic: Topic, data: bytes) -> bool:
+        """Whether a message lets a valve vent: who says so does no harm."""
+        if topic.name not in COMMANDS:
+            return False
+        with suppress(Unreadable):
+            return Reader(topic.type, VOLTAGE)(data)[1] == (self.parameters.valve.minimum_voltage,)
+        return False
+
+    @staticmethod
+    def _of_the_run(leg: RecordedLeg, stamp_ns: int, data: bytes) -> bool:
+        """Whether a health report is of a node of the run: others publish theirs on the same topic."""
+        reported = deserialize_message(data, DiagnosticArray).status
+        return {one.name for one in reported} <= set(NODES) and leg.is_near(stamp_ns)
 
     def _begun(self) -> bool:
         """Whether the other process has begun the bag."""
@@ -204,7 +240,7 @@ class BagRecorder(graph.GraphNode):
         """Acknowledge what is recorded; end the run when all of it is."""
         for leg in self._legs:
             leg.acknowledge()
-        if not self.ended:
+        if not self.ended and not self.stranger:  # it may have said what looks like the last step
             over = [leg.over() for leg in self._legs]  # each is asked: one without samples fails the run
             if all(over):
                 self._finish()

@@ -12,14 +12,13 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib import import_module
 from typing import Any
 
 import rclpy
 from builtin_interfaces.msg import Time
 from rclpy.duration import Duration
-from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -32,13 +31,23 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from pam_orthosis.bag.cdr import Reader, Template, Unreadable
-from pam_orthosis.bag.topics import PLANT, PUBLISHED_DEPTH, SECOND_NS, SLOW, in_leg, table
+from pam_orthosis.bag.topics import (
+    NODES,
+    PLANT,
+    PUBLISHED_DEPTH,
+    RECORDER,
+    SECOND_NS,
+    SLOW,
+    in_leg,
+    table,
+)
 from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import messages
 from pam_orthosis.nodes.exchange import Exchange, Outlet
 from pam_orthosis.nodes.join import HoldingJoin, Join
 from pam_orthosis.nodes.layout import LAYOUT
+from pam_orthosis.nodes.ownership import Ownership
 from pam_orthosis.nodes.parameters import (
     Setting,
     declare_rows,
@@ -57,7 +66,6 @@ SILENT_TURNS = 2  # after which there are no more: in one the machine may have s
 STUCK_SECONDS = 60.0  # without a beat, after which a process of a run ends itself
 ARM_SECONDS = 5.0
 LEAVING_SECONDS = 10.0  # the same for one whose supervisor is gone
-STRANGERS_NAME_SECONDS = 5.0
 ORPHAN_SECONDS = 0.6  # nobody sees to it that the recorder ends last
 QUEUE_DEPTH = 10
 MOST_PERIODS = 20  # of missed samples that controllers make up for
@@ -127,12 +135,14 @@ class GraphNode(Node):
         self.ended = False
         # found where none can be raised; ends the run, and is made when all is safe
         self.failure: Callable[[], OrthosisError] | None = None
+        self.stranger = False  # was met by a node that has to end last
         # `spin` looks around in both: now and then at each step, at once when something has happened
         self.pulse: Callable[[], None] = lambda: None
         self.alarm: Callable[[], None] = lambda: None
         self._ages = Ages(self.control_ns)  # a slow node holds up the others
         self._unreadable = 0
         self._peers: dict[str, Callable[[], bool]] = {}
+        self.ownership = Ownership(self, self.refuse)
         self.outlets: list[Outlet] = []
         self.inlets: list[tuple[str, Callable[[bytes], None]]] = []
         self.legs = self.served_legs()
@@ -156,8 +166,11 @@ class GraphNode(Node):
         entry, name = self.topics[topic], in_leg(topic, leg, self.legs)
         quality = qos(PUBLISHED_DEPTH, latched)
         publisher = self.create_publisher(message_class(entry.type), name, quality)
+        if len(self._owners(topic)) == 1 and entry.subscribers:
+            self.ownership.publishes(publisher.topic_name)
         count = len(entry.subscribers)
-        self.await_peer(f"a listener on {name}", lambda: publisher.get_subscription_count() >= count)
+        if not latched:  # who comes later gets it too
+            self.await_peer(f"a listener on {name}", lambda: publisher.get_subscription_count() >= count)
         return publisher
 
     def publish_numbers(self, topic: str, *examples: Any) -> Callable[..., None]:
@@ -205,51 +218,39 @@ class GraphNode(Node):
         if self.realtime and entry.rate == "step":
             callback, near = self._once_ready(callback), self._once_ready(near)
             options["reliable"] = PLANT not in entry.producers
+        if self.role != RECORDER:  # it records what comes until all have ended
+            callback, near = self._unless_failed(callback), self._unless_failed(near)
         count = len(entry.producers)
-        callback, events = self._watched(topic, name, callback)
+        events = None
+        if not entry.shared:
+            met = partial(self.met_stranger, topic, leg)
+            events = self.ownership.heard(name, self._owners(topic), met)
         subscription = self.create_subscription(
-            message_class(entry.type), name, callback, qos(**options), raw=raw, **events
+            message_class(entry.type), name, callback, qos(**options), raw=raw, event_callbacks=events
         )
         if raw:
-            self.inlets.append((subscription.topic_name, self._watched(topic, name, near)[0]))
+            self.inlets.append((subscription.topic_name, near))
         peer = f"{name} of {' and '.join(entry.producers)}"
         self.await_peer(peer, lambda: subscription.get_publisher_count() >= count)
         return subscription
 
-    def _watched(self, topic: str, name: str, callback: Callable) -> tuple[Callable, dict[str, Any]]:
-        """Return a callback and options of a subscription that stops at one publisher too many.
+    def _unless_failed(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return a callback that acts upon nothing once a stranger or another fault has ended the run."""
+        return lambda message: None if self.failure else callback(message)
 
-        A publisher is matched before its first message is delivered, so that none of them is acted upon.
-        """
-        entry = self.topics[topic]
-        if entry.rate != "step" or self.role not in entry.consumers:
-            return callback, {}
+    def met_stranger(self, topic: str, leg: str) -> None:
+        """Note that somebody who does not belong there publishes on a topic; the run is ended."""
 
-        def matched(status: QoSSubscriptionMatchedInfo) -> None:
-            # not the total: one that went and came again, a driver say, is no stranger
-            if status.current_count > len(entry.producers) and not self.ended:
-                self.failure = lambda: RunFailed(self._of_a_stranger(name, len(entry.producers)))
-                self.alarm()
+    def refuse(self, failure: Callable[[], OrthosisError]) -> None:
+        """End the run, but for one that is over."""
+        if not self.ended and not self.failure:
+            self.failure = failure
+            self.alarm()
 
-        def receive(message: Any) -> None:
-            if not self.failure:
-                callback(message)
-
-        return receive, {"event_callbacks": SubscriptionEventCallbacks(matched=matched)}
-
-    def _of_a_stranger(self, name: str, expected: int) -> str:
-        # a publisher is matched before the graph tells which node it belongs to
-        until = time.monotonic() + STRANGERS_NAME_SECONDS
-        while len(names := self._publishing(name)) <= expected and time.monotonic() < until:
-            time.sleep(0.01)
-        known = f": of {', '.join(names)} one does not belong here" if names else ""
-        return f"a stranger publishes on {name}{known}"
-
-    def _publishing(self, name: str) -> list[str]:
-        """Return the full names of the nodes that are known to publish on a topic."""
-        there = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
-        known = [one for one in there if "UNKNOWN" not in one.node_name]
-        return sorted({f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in known})
+    def _owners(self, topic: str) -> tuple[str, ...]:
+        """Return who publishes on a topic, by role; in a replay the nodes that are fed say of themselves."""
+        of_all = self.settings["replay"] and topic == "ready"
+        return NODES if of_all else self.topics[topic].producers
 
     def join_inputs(
         self, inputs: Mapping[str, Sequence[str]], step: Callable[..., None], newest: bool = False
@@ -287,6 +288,7 @@ class GraphNode(Node):
             return response
 
         self.create_service(Trigger, service, answer)
+        self.ownership.offers(service)
 
     def wait_until_delivered(self, seconds: float) -> None:
         """Wait until all listeners have what was published, for so long at most: one may be dead."""
@@ -423,8 +425,8 @@ class Ages:
 class Heartbeat:
     """Tells the supervisor through an inherited pipe that this process answers, and how far it is.
 
-    Each line is `starting`, `running <stamp in ns>`, `leaving` (cut short) or `ended`. Without a
-    supervisor it is silent.
+    Each line is `starting`, `running <stamp in ns>`, `refused` (a stranger is here; end the others first),
+    `leaving` (cut short) or `ended`. Without a supervisor it is silent.
     """
 
     def __init__(self) -> None:
@@ -476,6 +478,8 @@ class Heartbeat:
 def _status(nodes: Sequence[GraphNode], ended: bool) -> str:
     if ended:
         return "ended"
+    if any(node.stranger for node in nodes):
+        return "refused"
     if not all(node.ready for node in nodes):
         return "starting"
     return f"running {min(node.time_ns for node in nodes)}"

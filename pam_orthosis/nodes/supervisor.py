@@ -29,7 +29,7 @@ HELPER_SECONDS = 1.0  # for what a node has started to write down what it got
 
 
 class Child:
-    """A process of the run and what its heartbeat says: `starting`, `running <ns>`, `leaving`, `ended`."""
+    """A process of the run, and what its heartbeat says last (`graph.Heartbeat`)."""
 
     def __init__(self, name: str, command: Sequence[str], environment: Mapping[str, str], log: Path):
         self.name = name
@@ -211,6 +211,8 @@ def _judge(child: Child) -> None:
             print(f"{NOTE_PREFIX}node {child.name} {how} when its run was over", file=sys.stderr)
             return
         raise RunFailed(f"node {child.name} {how}{_quoted(child.last_words())}")
+    if child.status == "refused":
+        raise RunFailed(f"node {child.name} refused to go on{_quoted(child.last_words())}")
     if child.stopped():
         raise RunFailed(f"node {child.name} was stopped (SIGSTOP)")
     if code is None and child.silent() and child.has_nothing_to_lose():
