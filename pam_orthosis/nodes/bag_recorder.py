@@ -172,9 +172,9 @@ class BagRecorder(graph.GraphNode):
         first = leg.name == self.legs[0]
 
         def receive(data: bytes) -> None:
-            self._heard = True
             if name in self._doubted and not self._vents(topic, data):
                 return
+            self._heard = True
             stamp_ns = serialised_stamp_ns(data)
             if topic.shared and not self._of_the_run(leg, stamp_ns, data):
                 return

@@ -221,13 +221,13 @@ class GraphNode(Node):
         if self.role != RECORDER:  # it records what comes until all have ended
             callback, near = self._unless_failed(callback), self._unless_failed(near)
         count = len(entry.producers)
-        events = None
-        if not entry.shared:
+        kind, quality = message_class(entry.type), qos(**options)
+        subscribe = partial(self.create_subscription, kind, name, qos_profile=quality, raw=raw)
+        if entry.shared:
+            subscription = subscribe(callback)
+        else:
             met = partial(self.met_stranger, topic, leg)
-            events = self.ownership.heard(name, self._owners(topic), met)
-        subscription = self.create_subscription(
-            message_class(entry.type), name, callback, qos(**options), raw=raw, event_callbacks=events
-        )
+            subscription = self.ownership.listen(subscribe, callback, self._owners(topic), met)
         if raw:
             self.inlets.append((subscription.topic_name, near))
         peer = f"{name} of {' and '.join(entry.producers)}"

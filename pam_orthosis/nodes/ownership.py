@@ -2,16 +2,19 @@
 """Who may publish on a topic and answer a service of the graph; anybody else is a stranger.
 
 DDS takes anybody at his word, and a message does not tell who sent it. But a publisher is matched before
-its first message is delivered, so that one publisher too many is noticed before anything that it says.
+its first message is delivered, so that one publisher too many is noticed before anything that it says is
+acted upon.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Sequence
+from typing import Any
 
-from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node, NodeNameNonExistentError
+from rclpy.subscription import Subscription
 
 from pam_orthosis.errors import OrthosisError, RunFailed
 
@@ -44,31 +47,45 @@ class Ownership:
         """Note that this node alone offers a service."""
         self._services.append(self._node.resolve_service_name(service))
 
-    def heard(
-        self, name: str, owners: Collection[str], met: Callable[[], None]
-    ) -> SubscriptionEventCallbacks:
-        """Return the events of a subscription on which nobody but the owners, given by name, may publish.
+    def listen(
+        self,
+        subscribe: Callable[..., Subscription],
+        callback: Callable[[Any], None],
+        owners: Collection[str],
+        met: Callable[[], None],
+    ) -> Subscription:
+        """Subscribe where nobody but the owners, given by name, may publish.
 
-        `met` is called when somebody else is there, before its first message.
+        `met` is called when somebody else is there, before `callback` gets anything of his.
+
+        The executor may hand out a message before the event that its publisher was matched: the count of
+        publishers, which the middleware keeps, is asked for at each message.
         """
 
-        def matched(status: QoSSubscriptionMatchedInfo) -> None:
+        def look() -> None:
             # not the total: one that went and came again, a driver say, is no stranger
-            if status.current_count > len(owners):
+            if count() > most:
                 met()
-                self._refuse(lambda: RunFailed(self._publisher_too_many(name, owners)))
+                self._refuse(lambda: RunFailed(self._publisher_too_many(subscription.topic_name, owners)))
 
-        return SubscriptionEventCallbacks(matched=matched)
+        def receive(message: Any) -> None:
+            look()
+            callback(message)
+
+        events = SubscriptionEventCallbacks(matched=lambda _status: look())
+        subscription = subscribe(receive, event_callbacks=events)
+        count, most = subscription.handle.get_publisher_count, len(owners)
+        return subscription
 
     def _look(self) -> None:
         """Look for strangers where no message of theirs comes to this node."""
         own, node = self._full_name(), self._node
         for topic in self._topics:
             if node.count_publishers(topic) > 1 and (others := _without(own, self._publishing(topic))):
-                self._refuse_named(f"a stranger publishes on {_short(topic)}", others)
+                self._refuse_named(f"a stranger publishes on {topic}", others)
         for service in self._services:
             if node.count_services(service) > 1 and (others := _without(own, self._offering(service))):
-                self._refuse_named(f"a stranger offers the service {_short(service)}", others)
+                self._refuse_named(f"a stranger offers the service {service}", others)
         namesakes = self._all_names().count(own)
         if namesakes > self._namesakes:
             self._refuse(lambda: RunFailed(f"another node has the name {own}"))
@@ -77,12 +94,12 @@ class Ownership:
     def _refuse_named(self, what: str, others: Sequence[str]) -> None:
         self._refuse(lambda: RunFailed(f"{what}: {', '.join(others)}"))
 
-    def _publisher_too_many(self, name: str, owners: Collection[str]) -> str:
+    def _publisher_too_many(self, topic: str, owners: Collection[str]) -> str:
         """Name who publishes where it should not: a publisher is matched before its node is known."""
-        topic, until = self._node.resolve_topic_name(name), time.monotonic() + NAME_SECONDS
+        until = time.monotonic() + NAME_SECONDS
         while len(names := self._publishing(topic)) <= len(owners) and time.monotonic() < until:
             time.sleep(0.01)
-        what = f"a stranger publishes on {name}"
+        what = f"a stranger publishes on {topic}"
         others = [each for each in names if each.rpartition("/")[2] not in owners]
         if others and len(names) - len(others) == len(owners):
             return f"{what}: {', '.join(others)}"
@@ -120,5 +137,3 @@ def _joined(name: str, namespace: str) -> str:
     return f"{namespace.rstrip('/')}/{name}"
 
 
-def _short(name: str) -> str:
-    return name.lstrip("/")

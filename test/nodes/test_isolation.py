@@ -51,7 +51,7 @@ def test_a_stranger_on_a_command_topic_is_named_and_moves_no_valve(stranger, liv
     _fill_ahead(publisher)
     status, said, _ = run.ended()
     assert status == 3
-    assert "a stranger publishes on extensor/valve_voltage" in said
+    assert "a stranger publishes on /extensor/valve_voltage" in said
     assert "/stranger" in said
     recorded, expected = read_bag(run.bag, MEASURED), _expected(1)
     count = _regular(recorded["angle"].stamp_ns)
