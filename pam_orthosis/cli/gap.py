@@ -29,8 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="recordings that judge and are never fitted (the last quarter of each measured one)",
     )  # fmt: skip
     parser.add_argument(
-        "--model", type=Path, metavar="FILE", help="YAML of parameters that differ from the bag's"
-    )
+        "--model", type=Path, metavar="FILE",
+        help="YAML of parameters that differ from the bag's (of `gap`, `improve`, `plan` or `identify`)",
+    )  # fmt: skip
     parser.add_argument("--out", type=Path, metavar="DIR", help="write gap.json, model.yaml and a page")
     parser.add_argument(
         "--until", choices=("check", "replay", "where"),
@@ -46,14 +47,18 @@ def execute(arguments: argparse.Namespace) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # scipy and CasADi take a second to load
     from pam_orthosis.discrepancy import patch
+    from pam_orthosis.discrepancy.data import without_record
     from pam_orthosis.discrepancy.telling import telling
-    from pam_orthosis.discrepancy.verdict import as_dict, describe, describe_data, told_as_dict
+    from pam_orthosis.discrepancy.verdict import as_dict, assumed_words, describe, describe_data, told_as_dict
     from pam_orthosis.discrepancy.workflow import begin, search
 
     _check_out(arguments)
     _check_apart(arguments.measured, arguments.held_out)
     given = patch.read(arguments.model) if arguments.model else {}
-    parameters, system, read = _system([*arguments.measured, *arguments.held_out], given, arguments.namespace)
+    paths = [*arguments.measured, *arguments.held_out]
+    parameters, system, read = _system(paths, given, arguments.namespace)
+    assumed = without_record(paths, arguments.namespace)
+    heading = assumed_words(assumed, len(paths), arguments.model)
     training, held_out = (
         [read(path, system, arguments.namespace) for path in paths]
         for paths in (arguments.measured, arguments.held_out)
@@ -65,11 +70,13 @@ def execute(arguments: argparse.Namespace) -> int:
     progress("looking at what these data can tell")
     data = telling(start.problem, start.null, parameters.gap.evidence.threshold)
     if arguments.until:
-        print(_stages(start, data, arguments.until))
+        print(heading + _stages(start, data, arguments.until))
         return 0
     outcome = search(start, parameters.gap, progress)
-    told = {**as_dict(outcome), "data": told_as_dict(data)}
-    words = f"{describe_data(data)}\n{describe(outcome)}"
+    told = {
+        **as_dict(outcome), "apparatus_assumed": [str(path) for path in assumed], "data": told_as_dict(data)
+    }  # fmt: skip
+    words = f"{heading}{describe_data(data)}\n{describe(outcome)}"
     try:
         if arguments.out:
             _write(arguments.out, outcome, told, given, words)
@@ -86,7 +93,7 @@ def _stages(start, data, last: str) -> str:
     if last != "check":
         parts.append(describe_replay(start))
     if last == "where":
-        parts.append(describe_where(start.system, start.where()))
+        parts.append(describe_where(start))
     return "\n".join(parts)
 
 
@@ -94,6 +101,7 @@ def _system(paths: list[Path], given, namespace: str):
     """Return what is believed, the system that the recordings are of, and how they are read."""
     from pam_orthosis.discrepancy import knee, rig
     from pam_orthosis.discrepancy.data import agreed_belief
+    from pam_orthosis.discrepancy.patch import PLANNED
     from pam_orthosis.model.parameters import load
 
     specimens = {rig.specimen_of(path) for path in paths}
@@ -102,6 +110,8 @@ def _system(paths: list[Path], given, namespace: str):
         raise OrthosisError(f"recordings of different systems ({names}): one at a time")
     specimen = specimens.pop()
     apparatus, alone = (knee.APPARATUS, knee.ALONE) if specimen is None else (rig.APPARATUS, {})
+    # a plan is of one motion, which the recordings need not show, and no part of the apparatus
+    given = {key: value for key, value in given.items() if not key.startswith(PLANNED)}
     parameters = load({**agreed_belief(paths, apparatus, given, namespace, alone), **given})
     if specimen is None:
         return parameters, knee.knee(parameters), _recording
