@@ -40,7 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="D",
         help="N s/m, in place of the decays': for the fit, and written",
     )
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write the rows for config/muscle.yaml")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="write the rows, for --model or config/muscle.yaml"
+    )
     parser.add_argument("--update", type=Path, metavar="FILE", help="put the rows into such a file")
     parser.add_argument("--figures", type=Path, metavar="DIR", help="draw force, residuals and volume")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")

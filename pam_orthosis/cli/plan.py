@@ -23,8 +23,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     parser.add_argument("--scenario", default="person", metavar="NAME", help="what the knee does (person)")
     parser.add_argument(
-        "--model", type=Path, metavar="FILE", help="what the controllers believe (of `gap` or `improve`)"
-    )
+        "--model", type=Path, metavar="FILE",
+        help="what the controllers believe (of `gap`, `improve` or `identify`)",
+    )  # fmt: skip
     parser.add_argument(
         "--param", action="append", default=[], metavar="KEY=VALUE", help="set a parameter (repeatable)"
     )

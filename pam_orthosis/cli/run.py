@@ -63,7 +63,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--model", type=Path, metavar="FILE",
-        help="YAML of what the controllers believe instead (of `gap` or `improve`); the hardware stays",
+        help="YAML of what the controllers believe instead (of `gap`, `improve`, `plan` or `identify`); the"
+        " hardware stays",
     )  # fmt: skip
     add_verdict_arguments(parser)
 
