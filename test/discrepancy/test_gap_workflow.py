@@ -175,7 +175,9 @@ def test_the_verb_writes_json_model_and_page(bench, tmp_path, capsys, monkeypatc
     assert "<pre>the apparatus is assumed: " in page
     assert page.count("data:image/png;base64,") == 2
     assert "http" not in page.split("</style>")[0]
-    assert load(patch.read(out / "model.yaml")).effects.joint_friction.enabled
+    model = out / "model.yaml"
+    assert load(patch.read(model)).effects.joint_friction.enabled
+    assert cli.main(["gap", *files, "--model", str(model), "--until", "check"]) == 0
 
 
 def test_the_noise_floor_is_that_of_the_recordings_that_judge(bench):
