@@ -122,6 +122,15 @@ TOPICS = (
         "-",
         "1 Hz",
     ),
+    Topic(
+        "configuration",
+        "std_msgs/msg/String",
+        NODES,
+        NODES,
+        "what the node was started with, as JSON",
+        "-",
+        "event",
+    ),
     Topic("ready", "std_msgs/msg/String", NODES, (PLANT,), "the node's peers are there", "-", "event"),
     _topic("recorded", "builtin_interfaces/msg/Time", RECORDER, [PLANT], "recorded up to", "s", "event"),
     _topic("end", "builtin_interfaces/msg/Time", RECORDER, _OTHERS, "the run is over", "s", "event"),
@@ -154,7 +163,7 @@ def table(realtime: bool = False, with_plant: bool = True, replay: bool = False)
 
 
 def _replayed(topic: Topic) -> Topic:
-    if topic.name == "ready":
+    if topic.name in ("ready", "configuration"):
         return replace(topic, producers=(RECORDER,), consumers=(RECORDER,))
     return replace(topic, consumers=()) if topic.recorded else topic
 

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
@@ -21,6 +22,7 @@ from pam_orthosis.bag.record import BagWriter, run_metadata
 from pam_orthosis.bag.steps import Message, StepCollector
 from pam_orthosis.bag.topics import NODES, RECORDER, Topic, in_leg
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph
 from pam_orthosis.nodes.pace import INPUTS as COMMANDS
 from pam_orthosis.nodes.pace import VOLTAGE
@@ -76,6 +78,13 @@ class BagRecorder(graph.GraphNode):
 
     def served_legs(self) -> tuple[str, ...]:
         """Return the namespaces of the legs that are recorded."""
+        return tuple(self._differences())
+
+    def parameters_of(self, leg: str) -> Parameters:
+        """Return the parameters of a leg's nodes: those of the run but for what differs."""
+        return self.parameters.changed(self._differences()[leg])
+
+    def _differences(self) -> dict[str, dict[str, Any]]:
         try:
             legs = json.loads(self.settings["legs"] or '{"": {}}')
         except ValueError as error:
@@ -84,7 +93,7 @@ class BagRecorder(graph.GraphNode):
             raise OrthosisError(
                 'bag_recorder: legs must be like {"left": {}, "right": {"leg.shank.mass": 4.0}}'
             )
-        return tuple(legs)
+        return legs
 
     def started(self) -> None:
         """Expect samples from now on."""
@@ -102,6 +111,10 @@ class BagRecorder(graph.GraphNode):
         self.stranger = True
         print(f"{ERROR_PREFIX}{failure()}", file=sys.stderr, flush=True)
         self.create_timer(PATIENCE_SECONDS, lambda: super(BagRecorder, self).refuse(failure))
+
+    def fail(self, error: OrthosisError) -> None:
+        """End the run: nothing can be written any more, or nothing comes."""
+        super().refuse(lambda: error)
 
     def met_stranger(self, topic: str, leg: str) -> None:
         """Record no more of a topic on which somebody else speaks too, but that the valves vent."""
@@ -212,7 +225,7 @@ class BagRecorder(graph.GraphNode):
         try:
             return self._writer.ready()
         except OrthosisError as error:
-            self._fail(error)
+            self.fail(error)
             return False
 
     def _write(self, recorded: Iterable[Message]) -> None:
@@ -221,12 +234,7 @@ class BagRecorder(graph.GraphNode):
         try:
             self._writer.write_all(self._with_scenes(recorded))
         except OrthosisError as error:
-            self._fail(error)
-
-    def _fail(self, error: OrthosisError) -> None:
-        """End the run: nothing can be written any more."""
-        self.failure = lambda: error
-        self.alarm()
+            self.fail(error)
 
     def _with_scenes(self, recorded: Iterable[Message]) -> Iterator[tuple[str, int, bytes]]:
         """Hand messages on under their absolute names, behind each what viewers need of it."""
@@ -240,8 +248,13 @@ class BagRecorder(graph.GraphNode):
         """Acknowledge what is recorded; end the run when all of it is."""
         for leg in self._legs:
             leg.acknowledge()
-        if not self.ended and not self.stranger:  # it may have said what looks like the last step
+        if self.ended or self.stranger:  # who may have said what looks like the last step
+            return
+        try:
             over = [leg.over() for leg in self._legs]  # each is asked: one without samples fails the run
+        except OrthosisError as error:
+            self.fail(error)
+        else:
             if all(over):
                 self._finish()
 

@@ -44,6 +44,7 @@ from pam_orthosis.bag.topics import (
 from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import messages
+from pam_orthosis.nodes.agreement import ALIKE, Agreement
 from pam_orthosis.nodes.exchange import Exchange, Outlet
 from pam_orthosis.nodes.join import HoldingJoin, Join
 from pam_orthosis.nodes.layout import LAYOUT
@@ -59,7 +60,7 @@ from pam_orthosis.nodes.supervisor import ERROR_PREFIX, HEARTBEAT_VARIABLE
 
 HEARTBEAT_SECONDS = 0.1
 PEER_POLL_SECONDS = 0.02
-PEER_REPORT_SECONDS = 5.0
+PEER_SECONDS, PEER_REPORT_SECONDS = 5.0, 30.0  # until it is said who is waited for, and said again
 LAST_WORDS_SECONDS = 0.1
 LONGEST_LAST_WORDS_SECONDS = 2.0  # of a process of its own that still hears something
 SILENT_TURNS = 2  # after which there are no more: in one the machine may have stood still
@@ -148,14 +149,19 @@ class GraphNode(Node):
         self.legs = self.served_legs()
         self._diagnostics = [self.publish_to("diagnostics", leg=leg) for leg in self.legs]
         self._ready = [self.publish_to("ready", latched=True, leg=leg) for leg in self.legs]
+        self._agreements = [self._agree(leg) for leg in self.legs]
         if self.role in self.topics["end"].consumers:
             self.listen_to("end", self.on_end)
-        self._reported = time.monotonic()
+        self._report_due = time.monotonic() + PEER_SECONDS
         self._barrier = self.create_timer(PEER_POLL_SECONDS, self._wait_for_peers)
 
     def served_legs(self) -> tuple[str, ...]:
         """Return the namespaces, inside the node's own, of the legs that it serves."""
         return ("",)
+
+    def parameters_of(self, leg: str) -> Parameters:
+        """Return the parameters that the node has for one of its legs."""
+        return self.parameters
 
     def await_peer(self, peer: str, there: Callable[[], bool]) -> None:
         """Do not start before this one is there; `peer` names it in the log."""
@@ -230,8 +236,9 @@ class GraphNode(Node):
             subscription = self.ownership.listen(subscribe, callback, self._owners(topic), met)
         if raw:
             self.inlets.append((subscription.topic_name, near))
-        peer = f"{name} of {' and '.join(entry.producers)}"
-        self.await_peer(peer, lambda: subscription.get_publisher_count() >= count)
+        if not options.get("latched"):  # what is there comes by itself
+            peer = f"{name} of {' and '.join(entry.producers)}"
+            self.await_peer(peer, lambda: subscription.get_publisher_count() >= count)
         return subscription
 
     def _unless_failed(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
@@ -247,9 +254,13 @@ class GraphNode(Node):
             self.failure = failure
             self.alarm()
 
+    def fail(self, error: OrthosisError) -> None:
+        """End the run from a timer: what is raised in one goes into the log with a traceback."""
+        self.refuse(lambda: error)
+
     def _owners(self, topic: str) -> tuple[str, ...]:
         """Return who publishes on a topic, by role; in a replay the nodes that are fed say of themselves."""
-        of_all = self.settings["replay"] and topic == "ready"
+        of_all = self.settings["replay"] and topic in ("ready", "configuration")
         return NODES if of_all else self.topics[topic].producers
 
     def join_inputs(
@@ -306,6 +317,11 @@ class GraphNode(Node):
             self._reported_second = stamp_ns // SECOND_NS
             self._report_health(stamp_ns)
         self.pulse()
+
+    @property
+    def stepped(self) -> bool:
+        """Whether the node has done a step."""
+        return self._origin_ns is not None
 
     def periods_since(self, stamp_ns: int) -> int:
         """Return how many of the node's periods an instant is later than the step that was done last.
@@ -376,11 +392,24 @@ class GraphNode(Node):
     def _once_ready(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         return lambda message: callback(message) if self.ready else None
 
+    def _agree(self, leg: str) -> Agreement:
+        """Say what the node was started with, and hear it of the others: all have to before the start."""
+        values = {name: self.settings[name] for name in ALIKE} | self.parameters_of(leg).flat()
+        others = self.topics["configuration"].producers
+        agreement = Agreement(self.get_fully_qualified_name(), self.role, values, others)
+        self.listen_to("configuration", agreement.add, leg=leg, latched=True)
+        self.publish_to("configuration", latched=True, leg=leg).publish(agreement.message)
+        return agreement
+
     def _wait_for_peers(self) -> None:
-        missing = [peer for peer, there in self._peers.items() if not there()]
+        if contradiction := next((each for each in self._agreements if each.broken()), None):
+            self.fail(OrthosisError(contradiction.text))
+            return
+        absent = [role for agreement in self._agreements for role in agreement.absent]
+        missing = absent or [peer for peer, there in self._peers.items() if not there()]
         if missing:
-            if time.monotonic() - self._reported > PEER_REPORT_SECONDS:
-                self._reported = time.monotonic()
+            if time.monotonic() > self._report_due:
+                self._report_due = time.monotonic() + PEER_REPORT_SECONDS
                 self.get_logger().info(f"waiting for {', '.join(missing)}")
             return
         self._barrier.cancel()
@@ -485,6 +514,27 @@ def _status(nodes: Sequence[GraphNode], ended: bool) -> str:
     return f"running {min(node.time_ns for node in nodes)}"
 
 
+class RunLog:
+    """Says in the log of a process, once each, that the run begins and that it is over."""
+
+    def __init__(self) -> None:
+        self._begun = False
+
+    def look(self, nodes: Sequence[GraphNode]) -> None:
+        """Say that the run begins when it has."""
+        if not self._begun and any(node.stepped for node in nodes):
+            self._begun = True
+            nodes[0].get_logger().info("the run begins")
+
+    def end(self, nodes: Sequence[GraphNode]) -> None:
+        """Say how the run ended, where no error does."""
+        self.look(nodes)
+        if self._begun:
+            how = "is over" if all(node.ended for node in nodes) else "was cut short"
+            reached = max(node.time_ns for node in nodes) / SECOND_NS
+            nodes[0].get_logger().info(f"the run {how} at {reached:.3f} s")
+
+
 def spin(nodes: Sequence[GraphNode]) -> bool:
     """Run nodes until the run ends, SIGINT or SIGTERM comes or the supervisor is gone; close them.
 
@@ -494,7 +544,7 @@ def spin(nodes: Sequence[GraphNode]) -> bool:
     step: a timer alone has to queue behind all that has arrived, which is much on a busy machine. The
     events executor is the fast one; it needs a finite time-out to dispatch at all.
     """
-    over, signals, heartbeat = Future(), caught_signals(), Heartbeat()
+    over, signals, heartbeat, log = Future(), caught_signals(), Heartbeat(), RunLog()
     due = 0.0
 
     def pulse() -> None:
@@ -504,6 +554,7 @@ def spin(nodes: Sequence[GraphNode]) -> bool:
     def watch() -> None:
         nonlocal due
         due = time.monotonic() + HEARTBEAT_SECONDS
+        log.look(nodes)
         failed = signals or any(node.failure for node in nodes)
         if failed or not heartbeat.beat(nodes) or all(node.ended for node in nodes):
             over.set_result(None)
@@ -536,6 +587,7 @@ def spin(nodes: Sequence[GraphNode]) -> bool:
     for node in nodes:
         if node.failure:
             raise node.failure()
+    log.end(nodes)
     for node in nodes:
         node.destroy_node()
     return all(node.ended for node in nodes)

@@ -19,6 +19,7 @@ from pam_orthosis.nodes.launch import COMPOSED
 HEARTBEAT_VARIABLE = "PAM_ORTHOSIS_HEARTBEAT"
 ERROR_PREFIX = "pam-orthosis: error: "
 NOTE_PREFIX = "pam-orthosis: note: "
+INFO_PREFIX = "[INFO] "  # of ROS
 POLL_SECONDS = 0.02
 LOOK_SECONDS = 0.2  # no look counts for more: if none came for longer, the machine stood still
 SILENCE_SECONDS, STARVED_SECONDS = 1.2, 20.0
@@ -125,7 +126,7 @@ class Child:
         """Return the error that the process reported, or else the last line that it printed."""
         lines = [line for line in self.log.read_text(errors="replace").splitlines() if line.strip()]
         reported = [line for line in lines if line.startswith(ERROR_PREFIX)]
-        others = [line for line in lines if not line.startswith(NOTE_PREFIX)]
+        others = [line for line in lines if not line.startswith((NOTE_PREFIX, INFO_PREFIX))]
         return (reported or others or [""])[-1].removeprefix(ERROR_PREFIX)
 
     def end_helpers(self, seconds: float) -> None:
