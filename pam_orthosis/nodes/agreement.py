@@ -53,6 +53,6 @@ class Agreement:
             )
             self._found = time.monotonic()
 
-    def broken(self) -> bool:
-        """Whether there is a contradiction, of which the other has had the time to hear too."""
-        return bool(self.text) and time.monotonic() - self._found > OTHERS_SECONDS
+    def known_to_all(self) -> bool:
+        """Whether the other node has had the time to hear of the contradiction too."""
+        return time.monotonic() - self._found > OTHERS_SECONDS

@@ -402,8 +402,10 @@ class GraphNode(Node):
         return agreement
 
     def _wait_for_peers(self) -> None:
-        if contradiction := next((each for each in self._agreements if each.broken()), None):
-            self.fail(OrthosisError(contradiction.text))
+        broken = [each for each in self._agreements if each.text]
+        if broken:
+            if broken[0].known_to_all():
+                self.fail(OrthosisError(broken[0].text))
             return
         absent = [role for agreement in self._agreements for role in agreement.absent]
         missing = absent or [peer for peer, there in self._peers.items() if not there()]
