@@ -10,6 +10,7 @@ until it is closed.
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -17,7 +18,7 @@ from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 from mcap.writer import CompressionType, Writer
@@ -52,6 +53,14 @@ QOS = [
 LATCHED_QOS = [{**QOS[0], "durability": "transient_local"}]
 
 
+class OnDisk(NamedTuple):
+    """What of a bag does not die with the process that writes it: messages, last file, its size in bytes."""
+
+    messages: int
+    file: int
+    size: int
+
+
 class BagWriter:
     """A new bag in a folder; use it as a context manager or call `close`.
 
@@ -61,12 +70,14 @@ class BagWriter:
         folder: created if need be; must not hold a bag.
         run: run metadata (texts), kept in the MCAP file and, but for the parameters, in
             `metadata.yaml` as custom data.
+        behind: go on with the bag of another writer that was killed, in a file behind this; what that one
+            wrote later is cut off.
 
     Raises:
         OrthosisError: the folder holds a bag or cannot be written.
     """
 
-    def __init__(self, folder: Path, run: Mapping[str, str] | None = None):
+    def __init__(self, folder: Path, run: Mapping[str, str] | None = None, behind: OnDisk | None = None):
         self.folder = Path(folder)
         self.run = dict(run or {})
         self._channels: dict[str, int] = {}
@@ -77,9 +88,13 @@ class BagWriter:
         self._files: list[_File] = []
         self._flushed_ns = 0
         self._stream = None
+        self._first = behind.file + 1 if behind else 0
         self._made = make_folder(self.folder)
         try:
-            _check_empty(self.folder)
+            if behind:
+                self._cut(behind)
+            else:
+                _check_empty(self.folder)
             self._open()
         except OrthosisError:
             self.discard()
@@ -87,7 +102,7 @@ class BagWriter:
 
     def _open(self) -> None:
         """Begin the next file."""
-        self._file = self.folder / f"{self.folder.name}_{len(self._files)}.mcap"
+        self._file = self._numbered(self._first + len(self._files))
         self._stream = _create(self._file)
         self._files.append(_File(self._file.name))
         self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
@@ -97,9 +112,17 @@ class BagWriter:
             self._writer.start(profile="ros2", library=f"pam_orthosis {__version__}")
             if self.run:
                 self._writer.add_metadata(RUN_RECORD, self.run)
-                self._stream.flush()
+            self.flush()
         for topic, (msgtype, definition, metadata) in self._definitions.items():
             self._register(topic, msgtype, definition, metadata)
+
+    def _numbered(self, number: int) -> Path:
+        return self.folder / f"{self.folder.name}_{number}.mcap"
+
+    def _cut(self, behind: OnDisk) -> None:
+        with told(self.folder):
+            os.truncate(self._numbered(behind.file), behind.size)
+            self._numbered(behind.file + 1).unlink(missing_ok=True)
 
     def _seal(self) -> None:
         """Finish the file."""
@@ -163,12 +186,14 @@ class BagWriter:
             self._seal()
             self._open()
         else:
-            self._writer.flush()
+            self.flush()
 
     def flush(self) -> None:
         """Write out what there is; OrthosisError if the disk takes no more."""
         with told(self._file):
             self._writer.flush()
+            number = self._first + len(self._files) - 1
+            self.on_disk = OnDisk(self._counts.total(), number, self._stream.tell())
 
     def close(self) -> None:
         """Finish the file and write `metadata.yaml`; OrthosisError if the disk takes no more."""

@@ -210,8 +210,8 @@ def supervise_recorded(
     """Supervise nodes that write a bag; RunFailed tells what is left in it, which can be read then."""
     try:
         supervise(commands, environment, work, progress)
-    except RunFailed as error:
-        raise RunFailed(f"{error}; {_rescue(bag, work)}") from None
+    except (RunFailed, KeyboardInterrupt) as error:
+        raise RunFailed(f"{error or 'interrupted'}; {_rescue(bag, work)}") from None
 
 
 def _rescue(bag: Path, work: Path) -> str:

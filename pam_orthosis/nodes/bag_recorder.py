@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from functools import partial
 from pathlib import Path
@@ -59,8 +59,7 @@ class BagRecorder(graph.GraphNode):
         super().__init__(RECORDER, settings)
         self.run_ns = round(self.parameters.scenario.duration * 1e9 / self.period_ns) * self.period_ns
         run = run_metadata(self.parameters, self.settings["scenario_name"], self.settings["legs"])
-        writer = BagWriterAside if self.settings["aside"] else BagWriter
-        self._writer = writer(Path(self.settings["directory"]), run)
+        self._writer = self._made_writer(Path(self.settings["directory"]), run)
         self._heard = False
         self._doubted: set[str] = set()
         self._names: dict[str, str] = {}
@@ -138,6 +137,14 @@ class BagRecorder(graph.GraphNode):
                 self._write(steps.rest())
         with suppress(OrthosisError) if self.failure else nullcontext():  # that one is told
             self._writer.close()
+
+    def _made_writer(self, folder: Path, run: Mapping[str, str]) -> BagWriter | BagWriterAside:
+        if not self.settings["aside"]:
+            return BagWriter(folder, run)
+        return BagWriterAside(folder, run, self._beat)
+
+    def _beat(self) -> None:
+        self.pulse()
 
     def _await_all_legs(self) -> None:
         """Be ready after all others: a leg that is up would soon wait for the record of one that is not."""
@@ -229,12 +236,10 @@ class BagRecorder(graph.GraphNode):
             return False
 
     def _write(self, recorded: Iterable[Message]) -> None:
-        if self.failure:
-            return
         try:
             self._writer.write_all(self._with_scenes(recorded))
         except OrthosisError as error:
-            self.fail(error)
+            self.fail(error)  # the writer is given the last words nevertheless, and takes them if it can
 
     def _with_scenes(self, recorded: Iterable[Message]) -> Iterator[tuple[str, int, bytes]]:
         """Hand messages on under their absolute names, behind each what viewers need of it."""
@@ -245,7 +250,9 @@ class BagRecorder(graph.GraphNode):
                 yield from scene.of(viewed, stamp_ns, data)
 
     def _look(self) -> None:
-        """Acknowledge what is recorded; end the run when all of it is."""
+        """Look after the writer; acknowledge what is recorded; end the run when all of it is."""
+        if self.settings["aside"]:
+            self._begun()
         for leg in self._legs:
             leg.acknowledge()
         if self.ended or self.stranger:  # who may have said what looks like the last step

@@ -56,9 +56,8 @@ from pam_orthosis.nodes.parameters import (
     refuse_sim_time,
     take_changes,
 )
-from pam_orthosis.nodes.supervisor import ERROR_PREFIX, HEARTBEAT_VARIABLE
+from pam_orthosis.nodes.supervisor import ERROR_PREFIX, HEARTBEAT_SECONDS, HEARTBEAT_VARIABLE
 
-HEARTBEAT_SECONDS = 0.1
 PEER_POLL_SECONDS = 0.02
 PEER_SECONDS, PEER_REPORT_SECONDS = 5.0, 30.0  # until it is said who is waited for, and said again
 LAST_WORDS_SECONDS = 0.1
@@ -401,15 +400,18 @@ class GraphNode(Node):
         self.publish_to("configuration", latched=True, leg=leg).publish(agreement.message)
         return agreement
 
+    def missing_peers(self) -> list[str]:
+        """Return who or what must be there before the start and is not."""
+        absent = [role for agreement in self._agreements for role in agreement.absent]
+        return absent or [peer for peer, there in self._peers.items() if not there()]
+
     def _wait_for_peers(self) -> None:
         broken = [each for each in self._agreements if each.text]
         if broken:
             if broken[0].known_to_all():
                 self.fail(OrthosisError(broken[0].text))
             return
-        absent = [role for agreement in self._agreements for role in agreement.absent]
-        missing = absent or [peer for peer, there in self._peers.items() if not there()]
-        if missing:
+        if missing := self.missing_peers():
             if time.monotonic() > self._report_due:
                 self._report_due = time.monotonic() + PEER_REPORT_SECONDS
                 self.get_logger().info(f"waiting for {', '.join(missing)}")
@@ -456,8 +458,8 @@ class Ages:
 class Heartbeat:
     """Tells the supervisor through an inherited pipe that this process answers, and how far it is.
 
-    Each line is `starting`, `running <stamp in ns>`, `refused` (a stranger is here; end the others first),
-    `leaving` (cut short) or `ended`. Without a supervisor it is silent.
+    Each line is `starting <peers that are missing>`, `running <stamp in ns>`, `refused` (a stranger is here;
+    end the others first), `leaving` (cut short) or `ended`. Without a supervisor it is silent.
     """
 
     def __init__(self) -> None:
@@ -512,7 +514,7 @@ def _status(nodes: Sequence[GraphNode], ended: bool) -> str:
     if any(node.stranger for node in nodes):
         return "refused"
     if not all(node.ready for node in nodes):
-        return "starting"
+        return f"starting {sum(len(node.missing_peers()) for node in nodes)}"
     return f"running {min(node.time_ns for node in nodes)}"
 
 

@@ -129,7 +129,7 @@ class _Group:
         return file
 
     def _command(self, executable: str, names: Iterable[str], files: Iterable[Path]) -> list[str]:
-        command = [sys.executable, "-m", f"pam_orthosis.nodes.{executable}", *names, "--ros-args"]
+        command = [sys.executable, "-m", "pam_orthosis.nodes.entry", executable, *names, "--ros-args"]
         for file in files:
             command += ["--params-file", str(file)]
         return [*command, *(("-r", f"__ns:=/{self.leg}") if self.leg else ()), *self.remaps]
