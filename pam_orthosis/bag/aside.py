@@ -120,10 +120,10 @@ class BagWriterAside:
             self._say(HERE)
 
     def close(self) -> None:
-        """Have the bag finished, and wait until it is; one that went on here stays unclosed."""
+        """Have the bag finished, and wait until it is; RunFailed if it went on here, unclosed."""
         if self._here:
             self._here.flush()
-            return
+            raise self._loss
         self._say("close")
         while DONE not in self._answers:
             self._wait()
@@ -179,12 +179,13 @@ class BagWriterAside:
 
     def _lost(self, how: str) -> None:
         """Go on here, behind what is known to be on the disk, and say what has happened."""
+        self._loss = RunFailed(f"{NAME} {how}")
         self._process.kill()
         self._process.wait()
         self._hear()
         if READY in self._answers and not (self._folder / METADATA_FILE).exists():
             self._go_on_here()
-        raise RunFailed(f"{NAME} {how}")
+        raise self._loss
 
     def _go_on_here(self) -> None:
         self._here = BagWriter(self._folder, self._run, behind=self._on_disk)

@@ -188,7 +188,8 @@ def test_a_writer_that_is_lost_is_named_and_nothing_is_lost(tmp_path, fault, nam
         _look_until_it_fails(writer)
     for step in STEPS[200:]:
         writer.write_all(step)
-    writer.close()
+    with pytest.raises(RunFailed, match=f"bag_writer {named}"):
+        writer.close()
     _assert_holds(tmp_path / "walk", len(STEPS))
 
 
@@ -201,7 +202,6 @@ def test_a_writer_that_does_not_answer_is_named_and_nothing_is_lost(tmp_path, mo
         writer.write_all(step)
     with pytest.raises(RunFailed, match="bag_writer did not answer"):
         writer.close()
-    writer.close()
     _assert_holds(tmp_path / "walk", len(STEPS))
 
 
