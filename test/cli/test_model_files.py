@@ -12,7 +12,7 @@ from pam_orthosis.discrepancy import knee, patch, workflow
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.improvement import learned
 from pam_orthosis.model import muscle
-from pam_orthosis.model.parameters import load
+from pam_orthosis.model.parameters import config_folder, load
 from pam_orthosis.model.plant import Plant, with_belief
 from pam_orthosis.planning import plan as planning
 
@@ -123,3 +123,10 @@ def test_what_is_identified_changes_the_belief_and_not_the_hardware(tmp_path):
 def test_a_damping_of_nothing_cannot_be_made_up_for():
     with pytest.raises(OrthosisError, match=r"muscle\.dmsp_20\.force\.damping = 0"):
         with_belief(load(), {"muscle.dmsp_20.force.damping": 0.0})
+
+
+def test_a_file_that_identify_updates_is_read_as_a_whole():
+    """It is laid out as the shipped one."""
+    rows, known = patch.read(config_folder() / "muscle.yaml"), load().flat()
+    assert len(rows) > 40
+    assert {key: known[key] for key in rows} == rows
