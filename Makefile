@@ -28,7 +28,7 @@ test: setup
 	$(BIN)/python -m pytest
 
 picture: setup
-	$(BIN)/pam-orthosis report bags/walk --only picture --out docs/pictures
+	$(BIN)/pam-orthosis report bags/walk --only picture --out docs/pictures --overwrite
 
 bench: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[ros,bench]'

@@ -12,6 +12,9 @@ from pathlib import Path
 from tempfile import TemporaryFile
 
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import as_text, make_folder, output, refuse_existing, remove_empty, told, write_files
+
+FILES = "gap.json", "model.yaml", "gap.html"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--model", type=Path, metavar="FILE",
         help="YAML of parameters that differ from the bag's (of `gap`, `improve`, `plan` or `identify`)",
     )  # fmt: skip
-    parser.add_argument("--out", type=Path, metavar="DIR", help="write gap.json, model.yaml and a page")
+    parser.add_argument("--out", type=output, metavar="DIR", help="write gap.json, model.yaml and a page")
     parser.add_argument(
         "--until", choices=("check", "replay", "where"),
         help="stop after this stage: can these data tell; what is the gap; where is it",
@@ -64,7 +67,7 @@ def execute(arguments: argparse.Namespace) -> int:
         for paths in (arguments.measured, arguments.held_out)
     )
     if arguments.out:
-        _make(arguments.out)
+        _try(arguments.out)
     progress = _progress()
     start = begin(system, training, held_out, parameters.gap, progress)
     progress("looking at what these data can tell")
@@ -151,28 +154,25 @@ def _check_out(arguments: argparse.Namespace) -> None:
         raise OrthosisError("--until prints words only; leave --out and --json out")
     if folder is not None and folder.exists() and not folder.is_dir():
         raise OrthosisError(f"--out {folder} is a file; give a folder")
+    if folder:
+        refuse_existing(folder / name for name in FILES)
 
 
-def _make(folder: Path) -> None:
-    """Make the folder and try to write there, before the search takes its time."""
+def _try(folder: Path) -> None:
+    """Try to write into a folder, before the search takes its time."""
+    made = make_folder(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=folder):
+        with told(folder), TemporaryFile(dir=folder):
             pass
-    except OSError as error:
-        raise OrthosisError(f"cannot write to {folder}: {error.strerror or error}") from error
+    finally:
+        remove_empty(made)
 
 
 def _write(folder: Path, outcome, told, given, words: str) -> None:
     from pam_orthosis.discrepancy import patch
-    from pam_orthosis.report.gap import write_page
+    from pam_orthosis.report.gap import page
 
-    try:
-        (folder / "gap.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
-        final = outcome.selection.final
-        named = [one.name for one in outcome.effects]
-        added = patch.overrides(outcome.system, named, final.values)
-        patch.write(folder / "model.yaml", {**given, **added})
-        write_page(outcome, folder, words)
-    except OSError as error:
-        raise OrthosisError(f"cannot write to {folder}: {error.strerror or error}") from error
+    named = [one.name for one in outcome.effects]
+    added = patch.overrides(outcome.system, named, outcome.selection.final.values)
+    texts = json.dumps(told, indent=2) + "\n", patch.text({**given, **added}), page(outcome, words)
+    write_files({folder / name: as_text(text) for name, text in zip(FILES, texts, strict=True)})

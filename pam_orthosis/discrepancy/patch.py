@@ -33,10 +33,14 @@ def overrides(system: System, effects: Sequence[str], values: Mapping[str, float
     return changed
 
 
+def text(changed: Mapping[str, Any]) -> str:
+    """Return the text of a model file with overrides, merged over those that were given."""
+    return HEADING + yaml.safe_dump(dict(changed), sort_keys=False)
+
+
 def write(path: Path, changed: Mapping[str, Any]) -> None:
-    """Write overrides, merged over those that were given, as YAML."""
-    text = yaml.safe_dump(dict(changed), sort_keys=False)
-    write_text(path, HEADING + text)
+    """Write a model file; OrthosisError if it exists or cannot be written."""
+    write_text(path, text(changed))
 
 
 def read(path: Path) -> dict[str, Any]:

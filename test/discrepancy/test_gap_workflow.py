@@ -597,7 +597,7 @@ def test_a_folder_that_cannot_be_made_is_told_before_the_search(bench, tmp_path,
     file = table(tmp_path / "x.csv", bench.arrays(1))
     monkeypatch.setattr(workflow, "begin", lambda *_: pytest.fail("the search has begun"))
     assert cli.main(["gap", str(file), "--out", str(file / "out")]) == 2
-    assert f"cannot write to {file / 'out'}" in capsys.readouterr().err
+    assert f"{file} is no folder" in capsys.readouterr().err
 
 
 def test_a_page_that_cannot_be_written_does_not_take_the_verdict_with_it(
@@ -610,7 +610,7 @@ def test_a_page_that_cannot_be_written_does_not_take_the_verdict_with_it(
     monkeypatch.setattr(workflow, "begin", lambda *_: nothing)
     monkeypatch.setattr("pam_orthosis.discrepancy.telling.telling", lambda *_: Telling({}, (), (), ()))
     monkeypatch.setattr(workflow, "search", lambda *_: friction)
-    monkeypatch.setattr(gap_page, "write_page", full)
+    monkeypatch.setattr(gap_page, "page", full)
     file = table(tmp_path / "x.csv", bench.arrays(1))
     assert cli.main(["gap", str(file), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr()
