@@ -188,7 +188,7 @@ class BagRecorder(graph.GraphNode):
         clean = clean or self.realtime  # there no two runs are alike, and there is better use for the time
         name = in_leg(topic.name, leg.name, self.legs)
         tick = topic.name == "joint_states"
-        answer = topic.rate == "answer"
+        answer, shared = topic.rate == "answer", topic.shared
         first = leg.name == self.legs[0]
 
         def receive(data: bytes) -> None:
@@ -196,7 +196,7 @@ class BagRecorder(graph.GraphNode):
                 return
             self._heard = True
             stamp_ns = serialised_stamp_ns(data)
-            if topic.shared and not self._of_the_run(leg, stamp_ns, data):
+            if shared and not self._of_the_run(leg, stamp_ns, data):
                 return
             if tick:
                 leg.sampled(stamp_ns)
