@@ -143,7 +143,7 @@ def _holds_messages(file: Path) -> bool:
 
 def _faults(ending: Ending, bag: Path) -> Iterator[str]:
     forgery = ending.forgery
-    if ending.status != 3:
+    if ending.status != (2 if forgery.early else 3):  # refused, or ended
         yield f"exit status {ending.status}"
     culprit = NAME if forgery.kind != "call" else f"another node has the name /{forgery.name}"
     if culprit not in ending.message or forgery.name.lstrip("/") not in ending.message:

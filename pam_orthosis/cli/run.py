@@ -177,6 +177,7 @@ def _run(parameters: Parameters, bag: Path, scenario: str, mode: launch.Mode, vi
         work = Path(folder)
         if visible or not mode.with_plant:
             domain, environment = os.environ.get("ROS_DOMAIN_ID", "0"), launch.open_environment(work)
+            launch.refuse_used_domain(domain, environment, mode)
         else:
             domain = stack.enter_context(launch.free_domain())
             environment = launch.environment(work, domain)
