@@ -24,7 +24,8 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from pam_orthosis.bag.aside import NAME as WRITER
-from pam_orthosis.bag.read import METADATA_FILE, read_bag
+from pam_orthosis.bag.read import read_bag
+from pam_orthosis.bag.record import METADATA_FILE
 from pam_orthosis.bag.topics import NODES, PLANT, RECORDER, VALVE
 from pam_orthosis.control.legs import LEGS
 from pam_orthosis.errors import OrthosisError

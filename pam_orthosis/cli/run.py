@@ -201,7 +201,7 @@ def supervise_recorded(
 
 def _rescue(bag: Path, work: Path) -> str:
     """Make what there is of a bag readable, keep the nodes' output beside it, say so."""
-    from pam_orthosis.bag.read import METADATA_FILE
+    from pam_orthosis.bag.record import METADATA_FILE
     from pam_orthosis.bag.recover import recover, recover_in_place
     from pam_orthosis.bag.unclosed import Damaged
 
