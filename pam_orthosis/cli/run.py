@@ -16,14 +16,13 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from pam_orthosis.cli.check import add_verdict_arguments, show
-from pam_orthosis.errors import OrthosisError, RunFailed
+from pam_orthosis.errors import OrthosisError, RunFailed, naming
 from pam_orthosis.files import Used, claimed, output
 from pam_orthosis.model.parameters import Parameters, load, scenario_names, scenario_overrides
 from pam_orthosis.nodes import launch
 from pam_orthosis.nodes.supervisor import supervise
+from pam_orthosis.reading import from_yaml
 
 PROGRESS_SECONDS = 2.0
 
@@ -129,7 +128,8 @@ def _believing(parameters: Parameters, model: Path | None, given: Mapping[str, A
     changes = patch.read_belief(model)
     if twice := [key for key in given if changes.get(key, given[key]) != given[key]]:
         raise OrthosisError(f"{twice[0]}: --param and {model} give different values; leave one of them")
-    known = with_belief(parameters, changes)
+    with naming(model):
+        known = with_belief(parameters, changes)
     print("preparing the controllers of this model", file=sys.stderr)
     ClosedLoop(known)  # leaves its machine code for the nodes, whose time to be ready is limited
     return known
@@ -162,8 +162,8 @@ def _value(text: str) -> Any:
         with suppress(ValueError):
             return number(text)
     try:
-        return yaml.safe_load(text)
-    except yaml.YAMLError:
+        return from_yaml(text, "--param")
+    except OrthosisError:  # a text, which the row of the key refuses if it wants none
         return text
 
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -30,6 +29,7 @@ from pam_orthosis.nodes.parameters import Setting
 from pam_orthosis.nodes.recorded_leg import RecordedLeg
 from pam_orthosis.nodes.recorded_scene import RecordedScene
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX, NOTE_PREFIX
+from pam_orthosis.reading import from_json
 from pam_orthosis.scene.messages import TYPES, LegScene, in_scene
 from pam_orthosis.scene.sampled import INPUTS, SampledScene
 
@@ -84,10 +84,7 @@ class BagRecorder(graph.GraphNode):
         return self.parameters.changed(self._differences()[leg])
 
     def _differences(self) -> dict[str, dict[str, Any]]:
-        try:
-            legs = json.loads(self.settings["legs"] or '{"": {}}')
-        except ValueError as error:
-            raise OrthosisError(f"bag_recorder: legs is no JSON: {error}") from error
+        legs = from_json(self.settings["legs"] or '{"": {}}', "bag_recorder: legs")
         if not isinstance(legs, dict) or not all(isinstance(own, dict) for own in legs.values()) or not legs:
             raise OrthosisError(
                 'bag_recorder: legs must be like {"left": {}, "right": {"leg.shank.mass": 4.0}}'
