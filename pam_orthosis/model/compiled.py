@@ -91,7 +91,11 @@ def _library(function: ca.Function) -> Path | None:
 
 
 def shared_library(name: str, source: str, flags: tuple[str, ...]) -> Path | None:
-    """Return a library compiled from C source, cached by its content; None where that is not possible."""
+    """Return a library compiled from C source, cached by its content; None where that is not possible.
+
+    Raises:
+        Distrusted: others can write to the cache, or nothing can be loaded from it.
+    """
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None or os.environ.get("PAM_ORTHOSIS_NO_COMPILER"):
         return None
@@ -109,9 +113,6 @@ def shared_library(name: str, source: str, flags: tuple[str, ...]) -> Path | Non
         built = _compile([compiler, *flags], source, library)
         if built and not loads(library):
             raise Distrusted(f"{folder} lets no program run from it")
-    except Distrusted as error:
-        _tell_once(f"{error}: CasADi computes without it, slower; XDG_CACHE_HOME gives another folder")
-        return None
     except OSError:  # the disk is full
         return None
     return library if built else None
@@ -137,7 +138,12 @@ def best_library(
     name: str, source: str, flags: tuple[str, ...], options: Iterable[tuple[str, ...]]
 ) -> Path | None:
     """Return the library built with the first of some options that the compiler takes, beside the flags."""
-    return next((built for more in options if (built := shared_library(name, source, (*flags, *more)))), None)
+    try:
+        libraries = (shared_library(name, source, (*flags, *more)) for more in options)
+        return next(filter(None, libraries), None)
+    except Distrusted as error:
+        _tell_once(f"{error}: CasADi computes without it, slower; XDG_CACHE_HOME gives another folder")
+        return None
 
 
 def processor() -> str:

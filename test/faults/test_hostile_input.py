@@ -15,6 +15,7 @@ from hostile import BOMB, GIB, MIB, MOST_MEMORY, MOST_WORK_S, bag, command, zero
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import compiled
+from pam_orthosis.model.parameters import config_folder
 from pam_orthosis.reading import from_json, from_yaml
 
 WALK = Path(__file__).resolve().parents[2] / "bags" / "walk"
@@ -23,9 +24,10 @@ SPOILT = {
     **NESTED,
     "aliases": BOMB,
     "itself": "a: &a {b: *a}\n",
-    "no UTF-8": b"a: \xff\n",
+    "no text": b"a: \xff\n",
     "a number": "a: 9" + "9" * 5000,
 }
+IN_A_LINE = {"aliases": "{" + BOMB.replace("\n", ", ") + "}", **NESTED}
 
 
 def refused(*arguments, names=(), **options):
@@ -125,23 +127,21 @@ def test_files_that_people_write(verb, what, tmp_path):
     refused(*arguments[verb], names=[file])
 
 
-@pytest.mark.parametrize(
-    "value", ["{" + BOMB.replace("\n", ", ") + "}", *NESTED.values()], ids=["aliases", *NESTED]
-)
-def test_parameters_on_the_command_line(value, tmp_path):
-    arguments = ["--param", f"leg.shank.length={value}", "--out", tmp_path / "plan.yaml"]
+@pytest.mark.parametrize("what", IN_A_LINE)
+def test_parameters_on_the_command_line(what, tmp_path):
+    arguments = ["--param", f"leg.shank.length={IN_A_LINE[what]}", "--out", tmp_path / "plan.yaml"]
     refused("plan", *arguments, names=["leg.shank.length"])
 
 
 def test_a_scenario_file_with_a_bomb(tmp_path):
-    code = "from pathlib import Path; from pam_orthosis.model.parameters import read_yaml; read_yaml(Path('s.yaml'))"
-    for text in SPOILT.values():
-        _write(tmp_path / "s.yaml", text)
-        done = subprocess.run(
-            [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 1
-        assert "OrthosisError: s.yaml" in done.stderr
+    shutil.copytree(config_folder(), tmp_path / "config")
+    _write(tmp_path / "config" / "scenario.yaml", BOMB)
+    ours = "from pathlib import Path; from pam_orthosis.model import parameters;"
+    code = f"{ours} parameters.config_folder = lambda: Path('config'); parameters.scenario_names()"
+    call = [sys.executable, "-c", code]
+    done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "OrthosisError: config/scenario.yaml is not valid YAML: more than" in done.stderr
 
 
 @pytest.mark.parametrize("text", ["[" * 50_000, '{"a":' * 50_000, '{"a": 1, "a": 2}', "9" * 5000])
@@ -185,28 +185,34 @@ VERBS = {
 }
 
 
-@pytest.mark.parametrize("ending", [".mcap", ".csv", ".db3", ".yaml"])
-@pytest.mark.parametrize("verb", VERBS)
-def test_a_pipe_in_place_of_a_file(verb, ending, tmp_path):
-    os.mkfifo(tmp_path / f"pipe{ending}")
-    refused(
-        *(word.replace("{}", f"pipe{ending}") for word in VERBS[verb]), names=[f"pipe{ending}"], cwd=tmp_path
-    )
+ENDINGS = {
+    "identify": ".csv",
+    "report": ".db3",
+    "gap --model": ".yaml",
+    "plan --model": ".yaml",
+    "study": ".yaml",
+}
 
 
-@pytest.mark.parametrize("device", ["/dev/zero", "/dev/stdin"])
+@pytest.mark.parametrize("what", ["pipe", "device"])
 @pytest.mark.parametrize("verb", VERBS)
-def test_a_device_in_place_of_a_file(verb, device, tmp_path):
-    link = tmp_path / ("link.yaml" if "model" in verb or verb == "study" else "link.mcap")
-    link.symlink_to(device)
-    for name in (link.name, device):
-        arguments = [word.replace("{}", name) for word in VERBS[verb]]
-        read, write = os.pipe()  # that nobody writes to
-        try:
-            refused(*arguments, stdin=read, cwd=tmp_path)
-        finally:
-            os.close(read)
-            os.close(write)
+def test_a_pipe_or_a_device_in_place_of_a_file(verb, what, tmp_path):
+    file = tmp_path / f"data{ENDINGS.get(verb, '.mcap')}"
+    if what == "pipe":
+        os.mkfifo(file)
+    else:
+        file.symlink_to("/dev/zero")
+    refused(*(word.replace("{}", file.name) for word in VERBS[verb]), names=[file.name], cwd=tmp_path)
+
+
+@pytest.mark.parametrize("verb", ["check", "identify", "plan --model"])
+def test_what_is_typed_in_place_of_a_file(verb, tmp_path):
+    read, write = os.pipe()  # that nobody writes to
+    try:
+        refused(*(word.replace("{}", "/dev/stdin") for word in VERBS[verb]), stdin=read, cwd=tmp_path)
+    finally:
+        os.close(read)
+        os.close(write)
 
 
 def test_a_folder_and_a_loop_of_links_in_place_of_a_file(tmp_path):
@@ -254,11 +260,8 @@ MODELS = {
 def test_a_model_is_refused_by_name_and_key(verb, text, tmp_path):
     file = tmp_path / "model.yaml"
     file.write_text(text)
-    arguments = {
-        "gap": ["gap", WALK, "--model", file],
-        "plan": ["plan", "--model", file, "--out", "plan.yaml"],
-    }
-    refused(*arguments[verb], names=[file, MODELS[text]], cwd=tmp_path)
+    more = {"gap": [WALK], "plan": ["--out", "plan.yaml"]}
+    refused(verb, *more[verb], "--model", file, names=[file, MODELS[text]], cwd=tmp_path)
 
 
 @pytest.fixture
@@ -306,9 +309,8 @@ def test_machine_code_of_another_user_is_not_loaded(what, cache, capsys, monkeyp
 
 def test_a_cache_on_a_disk_that_runs_no_program(cache, capsys):
     cache.mkdir(mode=0o700)
-    if subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "noexec,mode=700", "none", cache], capture_output=True, check=False
-    ).returncode:
+    mount = ["mount", "-t", "tmpfs", "-o", "noexec,mode=700", "none", cache]
+    if subprocess.run(mount, capture_output=True, check=False).returncode:
         pytest.skip("no disk can be mounted here")
     try:
         assert square() == square() == 9.0
