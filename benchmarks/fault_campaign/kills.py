@@ -30,6 +30,7 @@ from pam_orthosis.bag.topics import NODES, PLANT, RECORDER, VALVE
 from pam_orthosis.control.legs import LEGS
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
+from pam_orthosis.processes import ENDING
 
 LIMIT_S = 90.0
 END_S, END_BESIDE_LOAD_S, LOST_MS = 2.0, 4.0, 500.0  # what is promised
@@ -121,7 +122,9 @@ def suffer(kill: Kill, folder: Path) -> Ending:
     }
     with open(folder / "said", "w+") as said:
         command = [*RUN, "--out", str(bag), *QUICK, *MODES[kill.mode]]
-        process = subprocess.Popen(command, env=environment, stdout=said, stderr=said)
+        process = subprocess.Popen(
+            command, env=environment, stdout=said, stderr=said, preexec_fn=_heed_signals
+        )
         status, ended = _awaited(process, notes)
         said.seek(0)
         lines = said.read().strip().splitlines()
@@ -129,6 +132,12 @@ def suffer(kill: Kill, folder: Path) -> Ending:
     ending.orphans = _end_orphans(notes)
     _judge(ending, ended, notes, bag)
     return ending
+
+
+def _heed_signals() -> None:
+    """Undo what a shell in the background or `nohup` has done: a run that is asked to end shall hear it."""
+    for number in ENDING:
+        signal.signal(number, signal.SIG_DFL)
 
 
 def _awaited(process: subprocess.Popen, notes: Path) -> tuple[int | None, float]:
