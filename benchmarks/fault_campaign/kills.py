@@ -30,14 +30,14 @@ from pam_orthosis.bag.topics import NODES, PLANT, RECORDER, VALVE
 from pam_orthosis.control.legs import LEGS
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
-from pam_orthosis.processes import ENDING
 
 LIMIT_S = 90.0
 END_S, END_BESIDE_LOAD_S, LOST_MS = 2.0, 4.0, 500.0  # what is promised
 SECONDS = 2.0  # of simulated walking at least, within which the fault comes
 INJECTED = Path(__file__).parent / "injected"
 CLI = [sys.executable, "-m", "pam_orthosis.cli.main"]
-RUN = [*CLI, "run", "--duration", "3600"]
+HEED = ["env", "--default-signal=HUP,INT,TERM"]  # also if this is started in the background or by `nohup`
+RUN = [*HEED, *CLI, "run", "--duration", "3600"]
 QUICK = ["--param", "scenario.start_hold=0.1", "--param", "scenario.start_ramp=0.5"]
 COMPOSED, TWO_LEGS = "composed", "two legs"
 MODES = {
@@ -122,9 +122,7 @@ def suffer(kill: Kill, folder: Path) -> Ending:
     }
     with open(folder / "said", "w+") as said:
         command = [*RUN, "--out", str(bag), *QUICK, *MODES[kill.mode]]
-        process = subprocess.Popen(
-            command, env=environment, stdout=said, stderr=said, preexec_fn=_heed_signals
-        )
+        process = subprocess.Popen(command, env=environment, stdout=said, stderr=said)
         status, ended = _awaited(process, notes)
         said.seek(0)
         lines = said.read().strip().splitlines()
@@ -132,12 +130,6 @@ def suffer(kill: Kill, folder: Path) -> Ending:
     ending.orphans = _end_orphans(notes)
     _judge(ending, ended, notes, bag)
     return ending
-
-
-def _heed_signals() -> None:
-    """Undo what a shell in the background or `nohup` has done: a run that is asked to end shall hear it."""
-    for number in ENDING:
-        signal.signal(number, signal.SIG_DFL)
 
 
 def _awaited(process: subprocess.Popen, notes: Path) -> tuple[int | None, float]:
