@@ -20,7 +20,10 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
+from mcap.exceptions import McapError
 from mcap.reader import make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
 from pam_orthosis.bag.aside import NAME as WRITER
@@ -197,7 +200,7 @@ def _recover(bag: Path) -> bool:
 
 def _unreadable(bag: Path) -> list[str]:
     """Return what readers that are not of this project have against a bag; none if nothing is in it."""
-    if not any(bag.glob("*.mcap")):
+    if not (bag / METADATA_FILE).exists() and not any(map(_holds_messages, bag.glob("*.mcap"))):
         return []
     try:
         with AnyReader([bag]) as reader:
@@ -209,6 +212,12 @@ def _unreadable(bag: Path) -> list[str]:
     except Exception as error:  # readers raise what they like
         return [f"unreadable: {type(error).__name__}: {error}"]
     return [] if of_rosbags == of_mcap else [f"rosbags reads {of_rosbags} messages, mcap {of_mcap}"]
+
+
+def _holds_messages(file: Path) -> bool:
+    with open(file, "rb") as stream, suppress(McapError):
+        return any(isinstance(record, Message) for record in StreamReader(stream).records)
+    return False
 
 
 def _left(kill: Kill, bag: Path, notes: Path) -> tuple[float, bool | None]:
