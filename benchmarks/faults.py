@@ -72,9 +72,9 @@ def run_strangers(work: Path, count: int, seed: int) -> dict:
 
 
 def run_soak(work: Path, count: int, seed: int) -> dict:
-    """So many seconds of walking."""
+    """So many seconds of walking, then all is killed."""
     told = soak.soak(work / "soak", float(count), ["--composed", "--seed", str(seed)])
-    return told | {"wrong": int(told["status"] != 0 or told.get("lost_messages") != 0)}
+    return told | {"wrong": int(soak.wrong(told))}
 
 
 class Campaign(NamedTuple):

@@ -107,6 +107,8 @@ def _soak(told: Told) -> str:
         "steps": "steps",
         "messages": "messages in the bag",
         "lost_messages": "messages missing",
+        "lost_at_the_end_s": "lost when all processes were killed in the end, s",
+        "close_s": "closing the bag then, s",
         "memory_start_mib": "memory of the nodes at the first look, MiB",
         "memory_end_mib": "at the end, MiB",
         "memory_growth_mib_per_hour": "growth, MiB in an hour of the run",

@@ -51,7 +51,7 @@ def check_bag(path: Path) -> None:
                 return
             if any(path.glob("*.mcap")):
                 raise OrthosisError(
-                    f"{path} was never closed (no {METADATA_FILE}); run `pam-orthosis recover {path}`"
+                    f"{path} was never closed (no {METADATA_FILE}); run `pam-orthosis recover {path} --in-place`"
                 )
             raise OrthosisError(f"{path} holds no bag (no {METADATA_FILE})")
         if not path.exists():
