@@ -7,6 +7,7 @@ run finds its folder used.
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import shutil
@@ -80,11 +81,10 @@ def _with_text(base: Bags, verb: str, data: bytes) -> Callable:
 def bag_trials(base: Bags, rng: np.random.Generator) -> Iterator[Trial]:
     """Yield, without end, bags whose bytes or messages are spoilt, for all verbs that read one."""
     searched = bags.content(base.source, SEARCHED_NS)
-    while True:
+    for spoil_name in itertools.cycle(BYTES):
         for verb in READERS:
-            for name, spoil in BYTES.items():
-                make = _with_bytes(base, verb, spoil, int(rng.integers(2**32)))
-                yield Trial("bag, deep", f"{verb}: {name}", make, ALLOWED, ("data",))
+            make = _with_bytes(base, verb, BYTES[spoil_name], int(rng.integers(2**32)))
+            yield Trial("bag, deep", f"{verb}: {spoil_name}", make, ALLOWED, ("data",))
             name = str(rng.choice(list(MESSAGES)))
             held = searched if verb == "gap" else base.walk
             make = _with_messages(base, verb, held, MESSAGES[name][0], int(rng.integers(2**32)))
@@ -170,9 +170,10 @@ def table_trials(base: Bags, rng: np.random.Generator) -> Iterator[Trial]:
     """Yield, without end, tables with which `identify` and `gap` begin in earnest, spoilt or slightly off."""
     tables = {"identify": rig_table(), "gap": walk_table(base.source)}
     while True:
-        for what, spoil in (TABLES | NUDGES).items():
+        for kinds in (NUDGES, TABLES):
             for verb, text in tables.items():
-                changed = spoil(text, rng)
+                what = str(rng.choice(list(kinds)))
+                changed = kinds[what](text, rng)
                 yield Trial(
                     "table, deep", f"{verb}: {what}", _with_table(base, verb, changed), ALLOWED, BY_NAME
                 )
