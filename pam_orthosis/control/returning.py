@@ -55,7 +55,8 @@ class Return:
 
     def __init__(self, pressures: tuple[float, float], belief):
         g, self._period = belief.control.guard, belief.scenario.control_period
-        self._begun = pressures
+        low, high = belief.valve.ambient_pressure, belief.control.position.maximum_pressure
+        self._begun = tuple(min(max(p, low), high) for p in pressures)
         self._rise_time, self._speed = g.rise_time, g.return_speed
         self._least = g.return_speed * g.rise_time / STEEPEST  # shorter ways take no less time
         self._raised = self._share = 0.0

@@ -66,6 +66,7 @@ SILENT_TURNS = 2  # after which there are no more: in one the machine may have s
 STUCK_SECONDS = 60.0  # without a beat, after which a process of a run ends itself
 ARM_SECONDS = 5.0
 LEAVING_SECONDS = 10.0  # the same for one whose supervisor is gone
+LEAVE_SECONDS = 1.0
 ORPHAN_SECONDS = 0.6  # nobody sees to it that the recorder ends last
 QUEUE_DEPTH = 10
 MOST_PERIODS = 20  # of missed samples that controllers make up for
@@ -232,7 +233,8 @@ class GraphNode(Node):
             subscription = subscribe(callback)
         else:
             met = partial(self.met_stranger, topic, leg)
-            subscription = self.ownership.listen(subscribe, callback, self._owners(topic), met)
+            speaks = topic != "end"  # is said once, whoever lives
+            subscription = self.ownership.listen(subscribe, callback, self._owners(topic), met, speaks)
         if raw:
             self.inlets.append((subscription.topic_name, near))
         if not options.get("latched"):  # what is there comes by itself
@@ -617,18 +619,32 @@ def _abandon(nodes: Sequence[GraphNode], executor: EventsExecutor, seconds: floa
 def run(make_nodes: Callable[[], Sequence[GraphNode]]) -> int:
     """Run the nodes of one process; return its exit status.
 
-    A run that was cut short has no time to take the process apart.
+    A run that was cut short has no time to take the process apart; it leaves the middleware, so that its
+    peers need not wait until they forget it.
     """
+    nodes: list[GraphNode] = []
     try:
         start_ros()
-        whole, status = spin(make_nodes()), 0
+        nodes += make_nodes()
+        whole, status = spin(nodes), 0
     except Exception as error:
         whole, status = False, _reported(error)
     if not whole:
         sys.stderr.flush()
+        leave(nodes)
         os._exit(status)
     rclpy.try_shutdown()
     return status
+
+
+def leave(nodes: Sequence[Node]) -> None:
+    """Tell all peers that these nodes are gone; end the process if the middleware does not come back."""
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_REAL, LEAVE_SECONDS)
+    for node in nodes:
+        node.destroy_node()
+    rclpy.try_shutdown()
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 def start_ros() -> None:
