@@ -233,8 +233,8 @@ class GraphNode(Node):
             subscription = subscribe(callback)
         else:
             met = partial(self.met_stranger, topic, leg)
-            speaks = topic != "end"  # is said once, whoever lives
-            subscription = self.ownership.listen(subscribe, callback, self._owners(topic), met, speaks)
+            back = partial(self._may_come_again, topic)
+            subscription = self.ownership.listen(subscribe, callback, self._owners(topic), met, back)
         if raw:
             self.inlets.append((subscription.topic_name, near))
         if not options.get("latched"):  # what is there comes by itself
@@ -245,6 +245,11 @@ class GraphNode(Node):
     def _unless_failed(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         """Return a callback that acts upon nothing once a stranger or another fault has ended the run."""
         return lambda message: None if self.failure else callback(message)
+
+    def _may_come_again(self, topic: str, nodes: set[str]) -> bool:
+        """Whether silent nodes of these names may have been killed: the end is said once, whoever lives."""
+        a_driver = not self.settings["with_plant"] and PLANT in self.topics[topic].producers
+        return topic != "end" and (a_driver or nodes <= set(self._owners(topic)))
 
     def met_stranger(self, topic: str, leg: str) -> None:
         """Note that somebody who does not belong there publishes on a topic; the run is ended."""

@@ -56,12 +56,12 @@ class Ownership:
         callback: Callable[[Any], None],
         owners: Collection[str],
         met: Callable[[], None],
-        speaks: bool = True,
+        replaceable: Callable[[set[str]], bool],
     ) -> Subscription:
         """Subscribe where nobody but the owners, given by name, may publish.
 
-        `met` is called when somebody else is there, before `callback` gets anything of his. `speaks` tells
-        that silence means something: owners who are there have spoken lately, or have no more to say.
+        `met` is called when somebody else is there, before `callback` gets anything of his. Nodes of
+        such names, whom nobody hears any more, were killed if one of the same name comes.
 
         The executor may hand out a message before the event that its publisher was matched: the count of
         publishers, which the middleware keeps, is asked for at each message.
@@ -78,7 +78,7 @@ class Ownership:
             place.heard = time.monotonic()
             callback(message)
 
-        place = _Place(len(owners), speaks, lambda: self._names(subscription.topic_name))
+        place = _Place(len(owners), replaceable, lambda: self._names(subscription.topic_name))
         events = SubscriptionEventCallbacks(matched=lambda _status: look())
         subscription = subscribe(receive, event_callbacks=events)
         count = subscription.handle.get_publisher_count
@@ -151,8 +151,10 @@ def _joined(name: str, namespace: str) -> str:
 class _Place:
     """Whether those who publish on a topic are its owners, one of them perhaps twice: killed, and back."""
 
-    def __init__(self, most: int, speaks: bool, names: Callable[[], Sequence[str]]):
-        self._most, self._speaks, self._names = most, speaks, names
+    def __init__(
+        self, most: int, replaceable: Callable[[set[str]], bool], names: Callable[[], Sequence[str]]
+    ):
+        self._most, self._replaceable, self._names = most, replaceable, names
         self._granted, self._until = most, 0.0
         self.heard = -SILENT_SECONDS
 
@@ -168,8 +170,9 @@ class _Place:
     def _is_taken_again(self, count: int) -> bool:
         """Whether nobody speaks, and no more different nodes are there than belong there."""
         now = time.monotonic()
-        if not self._speaks or now - self.heard < SILENT_SECONDS:
+        if now - self.heard < SILENT_SECONDS:
             return False
         while len(names := self._names()) < count and time.monotonic() < now + NAME_SECONDS:
             time.sleep(0.01)
-        return len(names) >= count and len(set(names)) <= self._most
+        nodes = {name.rpartition("/")[2] for name in names}
+        return len(names) >= count and len(set(names)) <= self._most and self._replaceable(nodes)
