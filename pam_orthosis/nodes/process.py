@@ -118,8 +118,8 @@ class RunLog:
             nodes[0].get_logger().info(f"the run {how} at {reached:.3f} s")
 
 
-def spin(nodes: Sequence[GraphNode]) -> bool:
-    """Run nodes until the run ends, SIGINT or SIGTERM comes or the supervisor is gone; close them.
+def spin(nodes: Sequence[GraphNode], signals: Sequence[int]) -> bool:
+    """Run nodes until the run ends, one of `caught_signals` is there or the supervisor is gone; close them.
 
     Returns whether the run came to its end.
 
@@ -127,7 +127,7 @@ def spin(nodes: Sequence[GraphNode]) -> bool:
     step: a timer alone has to queue behind all that has arrived, which is much on a busy machine. The
     events executor is the fast one; it needs a finite time-out to dispatch at all.
     """
-    over, signals, heartbeat, log = Future(), caught_signals(), Heartbeat(), RunLog()
+    over, heartbeat, log = Future(), Heartbeat(), RunLog()
     due = 0.0
 
     def pulse() -> None:
@@ -200,10 +200,11 @@ def run(make_nodes: Callable[[], Sequence[GraphNode]]) -> int:
     peers need not wait until they forget it.
     """
     nodes: list[GraphNode] = []
+    signals = caught_signals()  # who is asked to end while it is made leaves the middleware too
     try:
         start_ros()
         nodes += make_nodes()
-        whole, status = spin(nodes), 0
+        whole, status = spin(nodes, signals), 0
     except Exception as error:
         whole, status = False, _reported(error)
     if not whole:
