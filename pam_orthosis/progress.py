@@ -47,8 +47,11 @@ def counted(items: Sequence[Item], progress: Progress, what: str) -> Iterator[It
 def part(progress: Progress, what: str, at: float, size: float, of: float, unit: str = "") -> Progress:
     """Return the progress of a part of known size of some work, which begins when `at` is done."""
 
-    def told(_what: str, done: float = 0.0, amount: float = 0.0, _unit: str = "") -> None:
-        progress(what, at + (size * done / amount if amount else 0.0), of, unit)
+    def told(inner: str, done: float = 0.0, amount: float = 0.0, _unit: str = "") -> None:
+        if amount:
+            progress(what, at + size * done / amount, of, unit)
+        else:
+            progress(f"{what}, {inner}", at, of, unit)
 
     return told
 

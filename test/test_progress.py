@@ -78,7 +78,7 @@ def test_parts_add_up():
     whole = part(lambda *words: told.append(words), "recording", 20.0, 10.0, 40.0, " s")
     whole("compiling")
     whole("simulating", 5, 10)
-    assert told == [("recording", 20.0, 40.0, " s"), ("recording", 25.0, 40.0, " s")]
+    assert told == [("recording, compiling", 20.0, 40.0, " s"), ("recording", 25.0, 40.0, " s")]
 
 
 def test_a_terminal_gets_one_line_rewritten_and_cleared(monkeypatch):
