@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pam_orthosis.cli.check import not_negative
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.files import as_text, output, refuse_existing, write_files
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.specimens import SPECIMENS
@@ -72,7 +72,8 @@ def _identified(arguments: argparse.Namespace, progress: Progress) -> Identified
 
     data = read_data(arguments.data, arguments.muscle, arguments.nominal_length_m, progress)
     held_out = _held_out(arguments, data)
-    found = identify(data, held_out, tuple(arguments.degrees), arguments.damping, progress)
+    with naming(arguments.data[0]):
+        found = identify(data, held_out, tuple(arguments.degrees), arguments.damping, progress)
     rows.check(found)
     source = f"identified on {_origin(found)} by `pam-orthosis identify`"
     if arguments.update:
