@@ -116,7 +116,8 @@ def test_the_measured_map_of_a_dmsp_10_needs_its_force_free_end_for_nine_coeffic
 
 
 def test_data_that_cannot_be_fitted_are_named(tmp_path, capsys):
-    lines = ["p_Pa_gauge,dL_m,F_N", *(f"{bar}00000,0.01,{100 * bar}" for bar in range(1, 7) for _ in range(3))]
+    rows = (f"{bar}00000,0.01,{100 * bar}" for bar in range(1, 7) for _ in range(3))
+    lines = ["p_Pa_gauge,dL_m,F_N", *rows]
     path = table(tmp_path, lines)
     assert main(["identify", str(path), "--muscle", "dmsp_20", "--damping", "240"]) == 2
     assert capsys.readouterr().err.splitlines()[-1].startswith(f"pam-orthosis: error: {path}: ")
