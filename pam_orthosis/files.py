@@ -125,18 +125,27 @@ def make_folder(path: Path) -> list[Path]:
     """
     made: list[Path] = []
     with told(path):
-        for folder in (*reversed(path.parents), path):
-            try:
-                folder.mkdir()
-            except OSError as error:  # there already, perhaps on a disk that cannot be written to
-                if folder.is_dir():
-                    continue
-                remove_empty(made)
-                if os.path.lexists(folder):
-                    raise OrthosisError(f"{folder} is no folder; choose another --out") from error
-                raise
-            made.insert(0, folder)
+        try:
+            for folder in (*reversed(path.parents), path):
+                if _made(folder):
+                    made.insert(0, folder)
+        except BaseException:
+            remove_empty(made)
+            raise
     return made
+
+
+def _made(folder: Path) -> bool:
+    """Make a folder if it is not there; return whether it was made."""
+    try:
+        folder.mkdir()
+    except OSError as error:  # there already, perhaps on a disk that cannot be written to
+        if os.path.isdir(folder):
+            return False
+        if os.path.lexists(folder):
+            raise OrthosisError(f"{folder} is no folder; choose another --out") from error
+        raise
+    return True
 
 
 def remove_empty(folders: Iterable[Path]) -> None:

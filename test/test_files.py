@@ -61,6 +61,13 @@ def test_a_file_that_somebody_makes_meanwhile_stays_his(tmp_path):
     assert _state(tmp_path) == {"b": b"theirs"}
 
 
+def test_a_path_that_is_too_long_leaves_no_folders(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(OrthosisError, match="name too long"):
+        files.write_text(Path("x/" * 3000) / "model.yaml", "ours")
+    assert _state(tmp_path) == {}
+
+
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_no_link_is_followed_and_none_is_replaced(tmp_path, overwrite):
     victim, link = tmp_path / "victim.txt", tmp_path / "model.yaml"
