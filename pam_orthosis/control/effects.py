@@ -233,7 +233,7 @@ def corrected(inverse, function, wanted, corrections: int = CORRECTIONS):
 
 
 def command_lag(belief) -> float:
-    """Return the time between a sample and the slow flow that answers it, s: dead time and lag of the spool."""
+    """Return the time from a sample to the slow flow that answers it, s: dead time and lag of the spool."""
     names = known(belief, "command")
     late = [name for name in names if CATALOGUE[name].late is not None]
     delay = belief.valve.delay + sum(CATALOGUE[name].late(getattr(belief.effects, name)) for name in late)

@@ -190,7 +190,7 @@ class Plant:
         self._reported = None
 
     def _integrate(self, inputs: np.ndarray, lengths: np.ndarray) -> None:
-        """Take steps of these lengths, s, each under inputs of its own; there are as many or fewer at a time."""
+        """Take at most as many steps as are compiled, each of its length, s, and under its inputs."""
         self._inputs[: len(inputs)] = inputs
         self._lengths[:] = 0.0
         self._lengths[: len(lengths)] = lengths

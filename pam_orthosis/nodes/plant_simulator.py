@@ -54,12 +54,12 @@ class PlantSimulator(graph.GraphNode):
         return self._pace.health()
 
     def advance(self, extensor_voltage: float, flexor_voltage: float) -> None:
-        """Let one period pass, these voltages being its answer; a valve vents under none that it can follow."""
+        """Let one period pass that these voltages answer; a valve vents under none that it can follow."""
         valve = self.parameters.valve
         self._plant.advance(driven(extensor_voltage, valve), driven(flexor_voltage, valve))
 
     def take(self, line: int, voltage: float, at_ns: int) -> None:
-        """Take a voltage of the extensor's (0) or the flexor's (1) valve that comes at an instant of the run."""
+        """Take a voltage of the extensor's (0) or flexor's (1) valve that comes at an instant of the run."""
         self._plant.take(line, driven(voltage, self.parameters.valve), at_ns)
 
     def live_on(self) -> None:
