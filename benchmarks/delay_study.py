@@ -4,8 +4,8 @@
     python benchmarks/delay_study.py run [--out FILE] [--seeds 10] [--only NAME...] [--jobs 2]
     python benchmarks/delay_study.py table [--out FILE]
 
-Closed loop without ROS, all controllers as configured; one row a run. It says which gains it was made with, so that
-a row that is there already is not made again, and a change of the gains makes new ones.
+Closed loop without ROS, all controllers as configured; one row a run. It says which gains it was made with,
+so that a row that is there already is not made again, and a change of the gains makes new ones.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ CASCADES: dict[str, dict[str, Any]] = {"predictor": {}, "paper": {"valve.delay":
 
 
 def delayed(seconds: float) -> dict[str, Any]:
-    """Return the overrides that give the hardware this dead time in all, but for its sensors' in the valves."""
+    """Return the overrides that give the hardware this dead time in all: its valves, beside its sensors."""
     sensor = load().plant.effects.extensor_pressure_delay.delay
     return {
         **{f"plant.delay.{name}": 0.0 for name in ("computing", "converter", "hose_length")},

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A walk with 75 kg at too low a supply, with and without a plan; draws docs/pictures/plan.png.
 
-python docs/studies/plan.py
+    python docs/studies/plan.py
 """
 
 from pathlib import Path

@@ -29,8 +29,8 @@ EFFECTS = [
         ),
         expression=_expression,
         physics="Electronics, bus and coil answer only after a dead time. What is fitted is by how much "
-        "it is longer than the nominal one (shorter, if negative). Where a model needs differential equations "
-        "the pure delay is represented by its Pade approximation (2, 3).",
+        "it is longer than the nominal one (shorter, if negative). In differential equations the pure "
+        "delay is represented by its Pade approximation (2, 3).",
         source="dead times of 2 to 5 ms of proportional valves (assumption)",
         minimum_effect=3.0e-4,
         starts=({"delay": 1.0e-3}, {"delay": 1.2e-2}, {"delay": -2.0e-3}, {"delay": -6.0e-3}),
