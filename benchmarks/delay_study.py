@@ -43,7 +43,11 @@ GAINS = (
 )  # fmt: skip
 KEYS = ("hardware", "wearer", "seed", "cascade", "gains")
 # the controllers as configured, and the paper's cascade: no predictor, with gains of its own by margin
-CASCADES: dict[str, dict[str, Any]] = {"predictor": {}, "paper": {"valve.delay": 0.0}}
+PAPER = {
+    "valve.delay": 0.0, "control.observer.pole": 70.0, "control.observer.damping": 0.5,
+    "control.position.c1": 22.0, "control.position.c2": 22.0, "control.pressure.gain": 35.0,
+}  # fmt: skip
+CASCADES: dict[str, dict[str, Any]] = {"predictor": {}, "paper": PAPER}
 
 
 def delayed(seconds: float) -> dict[str, Any]:
