@@ -32,6 +32,7 @@ VERBS = {
     "report": "draw a recorded run",
     "paper": "compute the paper's figures and results again, side by side",
     "improve": "learn what the model lacks, let the controllers use it, show tracking before and after",
+    "margin": "how much worse the hardware may be before these gains lose the knee",
     "plan": "plan a gait within the reach of muscles and supply, by what the controllers believe",
     "batch": "do the same to many bags or parameter sets, on all cores or a cluster",
     "gap-hide": "record a blind test case of the gap workflow",
