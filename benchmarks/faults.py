@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Campaigns of faults: each adds what it found to docs/studies/faults.json, the source of docs/faults.md.
+"""Campaigns of faults: each adds what it found to benchmarks/results/faults.json.
 
 python benchmarks/faults.py all
 python benchmarks/faults.py input|signals|guards|kills|soak [--count N] [--seed N] [--out FILE]
@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
@@ -20,7 +19,7 @@ from typing import Any, NamedTuple
 from fault_campaign import inputs, kills, signals, soak
 
 ROOT = Path(__file__).resolve().parents[1]
-WALK, RESULTS = ROOT / "bags" / "walk", ROOT / "docs" / "studies" / "faults.json"
+WALK, RESULTS = ROOT / "bags" / "walk", ROOT / "benchmarks" / "results" / "faults.json"
 
 
 def run_input(work: Path, count: int, seed: int) -> dict:
@@ -100,8 +99,6 @@ def main() -> int:
     names = list(CAMPAIGNS) if arguments.campaign == "all" else [arguments.campaign]
     told = {name: carry_out(name, arguments) for name in names}
     print(json.dumps(told, indent=1))
-    if arguments.out == RESULTS:
-        subprocess.run([sys.executable, ROOT / "docs" / "generate.py"], check=True)
     return 1 if any(each["wrong"] for each in told.values()) else 0
 
 

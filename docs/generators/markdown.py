@@ -3,8 +3,6 @@
 
 from collections.abc import Iterable, Sequence
 
-NOTE = "<!-- written by `python docs/generate.py`; do not edit -->\n\n"
-
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table."""

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(arguments: argparse.Namespace) -> int:
     """Record and write the case; print where it is; return 0."""
     if find_spec("numba") is None:
-        raise OrthosisError("numba is not installed: pip install 'pam_orthosis[test]'")
+        raise OrthosisError("numba is not installed, which simulates the hidden plant: pip install numba")
     from pam_orthosis.discrepancy.hidden.case import make_case
     from pam_orthosis.discrepancy.hidden.write import write_case
 

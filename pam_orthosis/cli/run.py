@@ -26,14 +26,17 @@ from pam_orthosis.nodes import launch
 from pam_orthosis.nodes.supervisor import supervise
 
 PROGRESS_SECONDS = 2.0
+ROS_WHEELS = "pip install 'ros-jazzy-rclpy[fastrtps]==7.1.6' ros-jazzy-common-interfaces (Linux, x86-64)"
 CLAIM = ".claimed"  # in the folder of a run while it lasts
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
-    names = "; ".join(f"{name}: {meaning}" for name, meaning in scenario_names().items())
-    parser.add_argument("--scenario", default="default", metavar="NAME", help=names)
-    parser.add_argument("--duration", type=float, metavar="S", help="simulated seconds")
+    parser.add_argument(
+        "--scenario", default="default", metavar="NAME", help="motion, person and disturbance; see --list (default)"
+    )
+    parser.add_argument("--list", action="store_true", help="print the scenarios with their meaning")
+    parser.add_argument("--duration", type=float, metavar="S", help="simulated seconds (20)")
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the sensor noise")
     parser.add_argument("--out", type=Path, metavar="DIR", help="new bag (runs/SCENARIO-N)")
     parser.add_argument("--composed", action="store_true", help="all nodes in one process")
@@ -46,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--realtime", action="store_true", help="by the wall clock instead of in lockstep")
     parser.add_argument(
-        "--no-plant", action="store_true", help="with a hardware driver instead of the plant: docs/ros.md"
+        "--no-plant", action="store_true", help="with a hardware driver in place of the emulated hardware"
     )
     parser.add_argument(
         "--open",
@@ -59,11 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="set a parameter of config/, e.g. control.position.c1=30 (repeatable)",
+        help="set a parameter, e.g. control.position.c1=30 (repeatable)",
     )
     parser.add_argument(
         "--model", type=Path, metavar="FILE",
-        help="YAML of what the controllers believe instead (of `gap` or `improve`); the hardware stays",
+        help="YAML that changes the nominal model of the controllers (by `gap`, `improve` or `plan`);"
+        " the emulated hardware stays",
     )  # fmt: skip
     add_verdict_arguments(parser)
 
@@ -72,6 +76,9 @@ def execute(arguments: argparse.Namespace) -> int:
     """Run and judge; return 0 if the bound holds, 1 if not."""
     from pam_orthosis.bag.verdict import judge_all  # what reads bags takes its time to load
 
+    if arguments.list:
+        print("\n".join(f"{name:24s} {meaning}" for name, meaning in scenario_names().items()))
+        return 0
     need_ros()
     given = assignments(arguments.param)
     parameters = _believing(load(_overrides(arguments)), arguments.model, given)
@@ -119,7 +126,7 @@ def refuse_used(folder: Path) -> None:
 def need_ros() -> None:
     """Raise OrthosisError if there is no ROS."""
     if find_spec("rclpy") is None:
-        raise OrthosisError("rclpy is not installed: pip install '.[ros]' in the checkout")
+        raise OrthosisError(f"rclpy is not installed: source a ROS 2 installation, or {ROS_WHEELS}")
 
 
 def _mode(arguments: argparse.Namespace, parameters: Parameters) -> launch.Mode:

@@ -71,7 +71,7 @@ def test_each_group_is_a_module_with_rows(name):
 
 
 def test_the_page_shows_the_committed_table(tmp_path):
-    results = table.read(ROOT / "docs" / "studies" / "speed.json")
+    results = table.read(ROOT / "benchmarks" / "results" / "speed.json")
     page = (ROOT / "docs" / "speed.md").read_text(encoding="utf-8")
     shown = page.split(bench_speed.BEGIN)[1].split(bench_speed.END)[0].strip()
     assert shown == table.table(results)

@@ -110,7 +110,7 @@ def test_a_set_of_cases_does_not_depend_on_the_others(benchmark):
     assert list(plan(["pairs"], 3)) == [c for c in plan(["clean", "pairs"], 3) if c["set"] == "pairs"]
 
 
-CASES = sorted((BENCHMARKS.parent / "docs" / "studies").glob("gap_blind_*.jsonl"))
+CASES = sorted((BENCHMARKS / "results").glob("gap_blind_*.jsonl"))
 
 
 @pytest.mark.parametrize("file", CASES, ids=lambda file: file.stem)
@@ -122,7 +122,7 @@ def test_the_page_shows_what_the_committed_cases_say(benchmark, file):
 
 
 def test_the_page_shows_what_the_peer_said_of_the_same_cases(benchmark):
-    studies = BENCHMARKS.parent / "docs" / "studies"
+    studies = BENCHMARKS / "results"
     page = (BENCHMARKS.parent / "docs" / "gap.md").read_text(encoding="utf-8")
     shown = page.split("<!-- peer 626262 -->")[1].split("<!-- end -->")[0].strip()
     cases, peer = (benchmark[1].read(studies / f"gap_{name}_626262.jsonl") for name in ("blind", "peer"))

@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page of scenarios, from `config/scenario.yaml`."""
+
+from generators.markdown import table
+from pam_orthosis.model.parameters import scenario_names, scenario_overrides
+
+HEAD = """# Scenarios
+
+A scenario is a named set of parameters: the motion, the person, the disturbance. `pam-orthosis run --scenario
+NAME` runs one, `pam-orthosis run --list` prints them. [Parameters: scenario](parameters/scenario.md) lists what
+can be set beside.
+
+"""
+
+
+def pages() -> dict[str, str]:
+    """Return the page."""
+    rows = [(f"`{name}`", meaning, _set(name)) for name, meaning in scenario_names().items()]
+    return {"reference/scenarios.md": HEAD + table(("scenario", "meaning", "sets"), rows)}
+
+
+def _set(name: str) -> str:
+    return "<br>".join(f"`{key}` = {value}" for key, value in scenario_overrides(name).items()) or "-"
