@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A walk with 75 kg at too low a supply, with and without a plan; draws docs/pictures/plan.png.
+"""A walk with 75 kg at too low a supply, with and without a plan; draws plan.png here.
 
     python benchmarks/plan.py
 """
@@ -14,7 +14,7 @@ from pam_orthosis.model.parameters import load, scenario_overrides
 from pam_orthosis.model.plant import with_belief
 from pam_orthosis.planning.plan import make_plan
 
-PICTURE = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "plan.png"
+PICTURE = Path("plan.png")
 SUPPLY, MARGIN = 5.2e5, 1.5e4  # Pa
 KNOWN = ("joint_friction", "viscous_friction", "muscle_hysteresis", "valve_lag", "valve_dead_band")
 SECONDS, SHOWN = 9.0, (4.0, 6.0)

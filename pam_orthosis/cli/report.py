@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Show a recorded run: one page that opens offline (plots, leg, verdict), a picture of it, or a CSV table."""
+"""Show a recorded run: a page that opens offline (plots, leg, verdict), pictures, or a CSV table."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of page and picture (beside the bag)")
     parser.add_argument("--bound-deg", type=not_negative, default=3.0, help="bound on the largest error (3)")
     parser.add_argument(
-        "--only", choices=("page", "picture", "table"), help="make one of them (page and picture)"
+        "--only", choices=("page", "picture", "animation", "table"), help="make one of them (page and picture)"
     )
     parser.add_argument("--namespace", default="", metavar="NS", help="of the leg in the bag")
 
@@ -26,7 +26,8 @@ def execute(arguments: argparse.Namespace) -> int:
     bag = arguments.bag.resolve()
     folder = arguments.out or bag.parent
     leg = arguments.namespace.strip("/").replace("/", "-")
-    makers = {"page": ("html", _page), "picture": ("png", _picture), "table": ("csv", _table)}
+    makers = {"page": ("html", _page), "picture": ("png", _picture), "table": ("csv", _table),
+              "animation": ("gif", _animation)}  # fmt: skip
     for name in [arguments.only] if arguments.only else ["page", "picture"]:
         ending, make = makers[name]
         file = folder / f"{bag_name(bag)}{leg and '-'}{leg}.{ending}"
@@ -55,3 +56,9 @@ def _table(bag: Path, file: Path, arguments: argparse.Namespace) -> None:
     from pam_orthosis.report.table import write_table
 
     write_table(bag, file, arguments.namespace)
+
+
+def _animation(bag: Path, file: Path, arguments: argparse.Namespace) -> None:
+    from pam_orthosis.report.animation import write_animation
+
+    write_animation(bag, file, arguments.namespace)

@@ -22,9 +22,7 @@ PICTURES = {
 }
 _HEAD = """# The paper's results, side by side
 
-Everything on this page, tables and pictures, is written by one command, from runs that it makes itself:
-
-    pam-orthosis paper --out docs
+`pam-orthosis paper` writes this page, tables and pictures, from runs that it makes itself.
 
 """
 
