@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Make `bags/friction.npz`: the recordings of a knee with hidden joint friction, as small whole numbers.
 
-    python bags/pack_friction.py
+python bags/pack_friction.py
 """
 
 import json

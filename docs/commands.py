@@ -3,9 +3,9 @@
 
     python docs/commands.py [--program FILE] [--list] [--keep]
 
-Each tutorial runs to the letter in an empty folder of its own, all other pages share a further one. Exit status 1
-of a command is an answer, 2 and 3 are failures. What a tutorial shows as the end of an output must be its end;
-`--keep` replaces what is shown, and the pictures of pages. `--program` is the `pam-orthosis` to run.
+Each tutorial runs to the letter in an empty folder of its own, all other pages share a further one. Exit
+status 1 of a command is an answer, 2 and 3 are failures. The last line that a tutorial shows of an output
+must be its last; `--keep` replaces what is shown, and the pictures of pages.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 SHOWN = DOCS / "shown"
@@ -31,7 +30,7 @@ _FILE = re.compile(r"# ([a-z]+\.yaml)\b")  # the first line of a file that the r
 _PLACEHOLDER = re.compile(r"\b[A-Z]{2,}\b(?!=)|/\*")
 # these need another terminal, a ROS installation, hardware, a checkout, hours, or change the environment
 ELSEWHERE = (
-    r"ros2 ", r"make ", r"pip ", r"colcon ", r"\. ", r"python (benchmarks|docs)/", r".*--no-plant", r".*--duration 3600",
+    r"(ros2|make|pip|colcon|\.) ", r"python (benchmarks|docs)/", r".*--no-plant", r".*--duration 3600",
 )  # fmt: skip
 SHORT = (
     r"pam-orthosis (check|report|example|--help)",
@@ -146,7 +145,9 @@ def _carry_out(command: Command, folder: Path, program: Path, keep: bool) -> boo
 
 def main() -> int:
     """Run what can run here; return 1 if a command failed."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--program", type=Path, default=Path(sys.executable).with_name("pam-orthosis"))
     parser.add_argument("--list", action="store_true", help="print the commands and their kind")
     parser.add_argument("--keep", action="store_true", help="replace shown outputs and pictures")

@@ -9,7 +9,7 @@ from mkdocs.structure.files import File
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from generators import blocks, pages  # noqa: E402
+from generators import blocks, pages
 
 BLOCK = re.compile(r"^<!-- table: ([\w-]+) -->$", flags=re.M)
 FOLDER = "/*"  # ends an entry of the navigation that stands for all pages of a folder

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of pages that the tutorials write, made by the browser of the tests, with what they show beside them."""
+"""Pictures of the pages that tutorials write, made by the browser of the tests."""
 
 from __future__ import annotations
 
@@ -43,5 +43,3 @@ def verdict_in(picture: Path) -> str:
     """Return the verdict that a picture holds."""
     with Image.open(picture) as image:
         return image.text[KEY]
-
-

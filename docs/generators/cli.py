@@ -31,7 +31,12 @@ def _section(verb: str) -> str:
     parser = verb_parser(verb)
     parts = [f"\n## {verb}\n\n{parser.description}\n\n```text\n{_usage(parser)}\n```\n\n"]
     rows = [(_name(action), _words(action)) for action in parser._actions if action.dest != "help"]
-    parts += [table(("argument", "meaning"), rows), "\nExamples:\n\n```sh\n", "\n".join(EXAMPLES[verb]), "\n```\n"]
+    parts += [
+        table(("argument", "meaning"), rows),
+        "\nExamples:\n\n```sh\n",
+        "\n".join(EXAMPLES[verb]),
+        "\n```\n",
+    ]
     parts.append(f"\nExit status: {statuses(verb)}.\n")
     return "".join(parts)
 

@@ -30,9 +30,9 @@ def _index() -> str:
     ]  # fmt: skip
     words = (
         "# Catalogue of effects\n\n"
-        f"{len(rows)} physical effects. The emulated hardware, the controllers' model and the gap workflow use"
-        " the same objects. One parameter switches an effect on. [Extend the package](../../howto/extend.md)"
-        " shows how to add one.\n\n"
+        f"{len(rows)} physical effects. The emulated hardware, the controllers' model and the gap workflow"
+        " use the same objects. One parameter switches an effect on."
+        " [Extend the package](../../howto/extend.md) shows how to add one.\n\n"
     )
     head = ("effect", "stage", "equation", "on in the emulated hardware", "what the gap workflow estimates")
     return words + table(head, rows)

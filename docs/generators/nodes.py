@@ -63,8 +63,8 @@ EXECUTABLES = {
         (topics.TRAJECTORY,),
         ("control.trajectory",),
         trajectory.make_trajectory,
-        """Publishes the angle to follow, with velocity and acceleration, one step before the instant for which
-        it holds, at the steps of the position controller. The motion starts at rest; the cadence rises
+        """Publishes the angle to follow, with velocity and acceleration, one step before the instant for
+        which it holds, at the steps of the position controller. The motion starts at rest; the cadence rises
         smoothly and may change during the run.""",
     ),
     "position_controller": Described(

@@ -22,8 +22,9 @@ def pages() -> dict[str, str]:
     made = {f"{FOLDER}/{subject}.md": _page(subject) for subject in SUBJECTS}
     lines = [f"- [`{subject}`]({subject}.md): {ABOUT[subject]}" for subject in SUBJECTS]
     head = (
-        "# Parameters\n\nEach file of `config/` has a page here: every parameter with its shipped value, unit,"
-        " range, meaning and source. `--param KEY=VALUE` sets one for a run, `--model FILE` sets many.\n\n"
+        "# Parameters\n\nEach file of `config/` has a page here: every parameter with its shipped value,"
+        " unit, range, meaning and source. `--param KEY=VALUE` sets one for a run, `--model FILE` sets"
+        " many.\n\n"
     )
     return {f"{FOLDER}/index.md": head + "\n".join(lines) + "\n", **made}
 

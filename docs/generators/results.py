@@ -94,13 +94,23 @@ def gap() -> str:
     pairs = [r for r in blind_cases() if r["set"] == "pairs"]
     both = sum("found" in r and set(r["effects"]) <= set(gap_table.names(r)) for r in pairs)
     rows.append(("two effects", str(len(pairs)), f"both named: {_share(both, len(pairs))}", "-"))
-    for name, words in (("clean-none", "nothing hidden, clean"), ("realistic-none", "nothing hidden, realistic")):
+    for name, words in (
+        ("clean-none", "nothing hidden, clean"),
+        ("realistic-none", "nothing hidden, realistic"),
+    ):
         cases = [r for r in blind_cases() if r["set"] == name and "found" in r]
         quiet = sum(r["found"]["verdict"] == "none" for r in cases)
         rows.append((words, str(len(cases)), f"verdict none: {_share(quiet, len(cases))}", "-"))
     outside = [r for r in blind_cases() if r["set"] == "outside"]
     honest = sum(gap_table.outcome(r) in ("none", "failed") for r in outside)
-    rows.append(("an effect outside the catalogue", str(len(outside)), f"no name: {_share(honest, len(outside))}", "-"))
+    rows.append(
+        (
+            "an effect outside the catalogue",
+            str(len(outside)),
+            f"no name: {_share(honest, len(outside))}",
+            "-",
+        )
+    )
     return table(("hidden", "cases", "right", "a wrong name"), rows)
 
 
@@ -141,7 +151,9 @@ def _errors(runs: Iterable[dict[str, Any]]) -> list[str]:
         errors = [r["max_deg"] for r in listed if r["controller"] == controller]
         above = sum(error > BOUND for error in errors)
         cells.append(
-            f"{median(errors):.2f} / {max(errors):.2f} deg; {above} of {len(errors)} above 3 deg" if errors else "-"
+            f"{median(errors):.2f} / {max(errors):.2f} deg; {above} of {len(errors)} above 3 deg"
+            if errors
+            else "-"
         )
     return cells
 

@@ -6,9 +6,9 @@ from pam_orthosis.model.parameters import scenario_names, scenario_overrides
 
 HEAD = """# Scenarios
 
-A scenario is a named set of parameters: the motion, the person, the disturbance. `pam-orthosis run --scenario
-NAME` runs one, `pam-orthosis run --list` prints them. [Parameters: scenario](parameters/scenario.md) lists what
-can be set beside.
+A scenario is a named set of parameters: the motion, the person, the disturbance. `pam-orthosis run
+--scenario NAME` runs one, `pam-orthosis run --list` prints them. [Parameters](parameters/scenario.md) lists
+what else can be set.
 
 """
 

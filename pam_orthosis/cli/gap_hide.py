@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Make a blind test case of the gap workflow: bags of a plant with hidden effects, the answer apart."""
+"""Record a blind test case of the gap workflow: bags of a plant with hidden effects, the answer sealed."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--effect", action="append", metavar="NAME", help="effect to hide, `random` or `none`; repeatable"
         " (random)",
     )  # fmt: skip
-    parser.add_argument("--outside", action="store_true", help="effects that the catalogue does not know")
+    parser.add_argument("--outside", action="store_true", help="hide effects that are not in the catalogue")
     parser.add_argument(
-        "--seed", type=int, default=1, metavar="N", help="all that is drawn follows from it (1)"
+        "--seed", type=int, default=1, metavar="N", help="seed of everything that is drawn (1)"
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder of the case")
 

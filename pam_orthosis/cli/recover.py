@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     parser.add_argument("bag", type=Path, metavar="BAG", help="bag folder or .mcap file")
-    parser.add_argument("--out", type=Path, help="folder of the new bag (BAG-recovered)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the new bag (BAG-recovered)")
 
 
 def execute(arguments: argparse.Namespace) -> int:
@@ -28,7 +28,7 @@ def execute(arguments: argparse.Namespace) -> int:
     recovered = recover(bag, out)
     print(f"{recovered.messages} messages recovered into {out}")
     if recovered.left_out:
-        print(f"left out: {recovered.left_out} messages that are of no ROS topic (cdr, ros2msg)")
+        print(f"left out: {recovered.left_out} messages of topics that are not ROS 2 topics (cdr, ros2msg)")
     for loss in recovered.lost:
         print(f"lost: {_told(loss)}")
     return 0

@@ -38,13 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="node to feed (repeatable; all)",
     )
-    parser.add_argument("--namespace", metavar="NS", help="of the leg in the bag (all legs)")
+    parser.add_argument("--namespace", metavar="NS", help="namespace of the leg in the bag (all legs)")
     parser.add_argument(
         "--param",
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="what the nodes shall have otherwise than in the recorded run (repeatable)",
+        help="set a parameter to another value than in the recorded run (repeatable)",
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="keep the answers, as a new bag")
     parser.add_argument("--json", action="store_true", help="print the comparison as JSON")
@@ -81,7 +81,7 @@ def _replay(arguments: argparse.Namespace, namespace: str) -> list[TopicComparis
     script = Script(bag, namespace, arguments.node, held_ns(parameters))
     for node, topic in script.missing.items():
         if topic:
-            print(f"{node} is not fed: the bag lacks {topic}", file=sys.stderr)
+            print(f"{node} is not fed: {topic} is missing in the bag", file=sys.stderr)
     with tempfile.TemporaryDirectory(prefix="pam-orthosis-") as folder, ExitStack() as stack:
         work = Path(folder)
         answers = arguments.out.resolve() if arguments.out else work / "answers"
@@ -116,7 +116,7 @@ def _parameters(bag: Path, namespace: str, changes: Sequence[str]) -> Parameters
     if unknown := sorted(recorded.keys() - known.keys()):
         print(f"recorded by another version: it has no {', '.join(unknown)}", file=sys.stderr)
     if not recorded:
-        print("the bag tells no parameters: the nodes have those of config/", file=sys.stderr)
+        print("the bag holds no parameters: the nodes take the shipped ones", file=sys.stderr)
     kept = {key: value for key, value in recorded.items() if key in known}
     made = load(kept | assignments(changes))
     wanted = made.flat()

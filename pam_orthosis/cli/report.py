@@ -14,11 +14,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     parser.add_argument("bag", type=Path, metavar="BAG", help="bag folder or .mcap file")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of page and picture (beside the bag)")
-    parser.add_argument("--bound-deg", type=not_negative, default=3.0, help="bound on the largest error (3)")
     parser.add_argument(
-        "--only", choices=("page", "picture", "animation", "table"), help="make one of them (page and picture)"
+        "--bound-deg", type=not_negative, default=3.0, help="bound on the largest error, degrees (3)"
     )
-    parser.add_argument("--namespace", default="", metavar="NS", help="of the leg in the bag")
+    parser.add_argument(
+        "--only",
+        choices=("page", "picture", "animation", "table"),
+        help="make one of them (page and picture)",
+    )
+    parser.add_argument("--namespace", default="", metavar="NS", help="namespace of the leg in the bag")
 
 
 def execute(arguments: argparse.Namespace) -> int:

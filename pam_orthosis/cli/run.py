@@ -32,9 +32,8 @@ CLAIM = ".claimed"  # in the folder of a run while it lasts
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
-    parser.add_argument(
-        "--scenario", default="default", metavar="NAME", help="motion, person and disturbance; see --list (default)"
-    )
+    scenario = "motion, person and disturbance; see --list (default)"
+    parser.add_argument("--scenario", default="default", metavar="NAME", help=scenario)
     parser.add_argument("--list", action="store_true", help="print the scenarios with their meaning")
     parser.add_argument("--duration", type=float, metavar="S", help="simulated seconds (20)")
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the sensor noise")

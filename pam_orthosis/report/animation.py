@@ -17,7 +17,7 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import write_whole
 from pam_orthosis.model import parameters as tree
 from pam_orthosis.model.orthosis import MUSCLES
-from pam_orthosis.report.leg_shape import LegShape, Pose
+from pam_orthosis.report.leg_shape import LegShape
 
 FRAMES_PER_SECOND = 20
 MOST_SECONDS = 10.0
@@ -46,7 +46,9 @@ def write_animation(bag_path: Path, file: Path, namespace: str = "") -> None:
     leg_axes, angle_axes = figure.subplots(1, 2, width_ratios=(2.3, 1))
     leg = MovingLeg(leg_axes, _shape(bag), angle[shown], np.array(pressures)[:, shown] / 1e5)
     cursor = _draw_angle(angle_axes, time, np.degrees(angle), np.degrees(reference), instants)
-    figure.colorbar(_colours(), ax=leg_axes, label="absolute pressure / bar", location="bottom", shrink=0.5, aspect=30)
+    figure.colorbar(
+        _colours(), ax=leg_axes, label="absolute pressure / bar", location="bottom", shrink=0.5, aspect=30
+    )
 
     def draw(i: int) -> None:
         leg.show(i)
@@ -72,7 +74,9 @@ class MovingLeg:
     def __init__(self, axes, shape: LegShape, angles: np.ndarray, bars: np.ndarray):
         self._pose, self._bars = shape.pose(angles), bars
         pose = self._pose
-        self._sprocket = axes.add_patch(Circle((0, 0), shape.radius, facecolor="0.85", edgecolor="0.4", zorder=1))
+        self._sprocket = axes.add_patch(
+            Circle((0, 0), shape.radius, facecolor="0.85", edgecolor="0.4", zorder=1)
+        )
         (self._bones,) = axes.plot([], [], "-o", color=GREY, linewidth=5, markersize=7, zorder=2)
         self._chains = {name: axes.plot([], [], color="0.4", linewidth=1.5, zorder=3)[0] for name in MUSCLES}
         self._muscles = {name: axes.add_patch(Polygon(np.zeros((4, 2)), zorder=4)) for name in MUSCLES}
@@ -81,7 +85,9 @@ class MovingLeg:
         axes.axhline(pose.ankle[0, 1], color="0.8", linewidth=4, zorder=0)
         for end, set_limits in enumerate((axes.set_xlim, axes.set_ylim)):
             set_limits(points[:, end].min() - 0.05, points[:, end].max() + 0.05)
-        axes.text(pose.ankle[:, 0].mean(), pose.ankle[0, 1] - 0.045, "ankle on its bearing", ha="center", va="top")
+        axes.text(
+            pose.ankle[:, 0].mean(), pose.ankle[0, 1] - 0.045, "ankle on its bearing", ha="center", va="top"
+        )
         self._names = {name: axes.text(0, 0, name, ha="center", va="center", zorder=5) for name in MUSCLES}
         axes.set_aspect("equal")
         axes.set_axis_off()

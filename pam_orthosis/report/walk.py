@@ -93,4 +93,5 @@ def _draw_pressures(axes, bag: Bag, start_ns: int) -> None:
 
 def _legend_above(axes) -> None:
     """Put the legend above the axes, where it covers no curve."""
-    axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, frameon=False, fontsize="small", borderaxespad=0)
+    place = {"loc": "lower right", "bbox_to_anchor": (1, 1), "borderaxespad": 0}
+    axes.legend(**place, ncols=4, frameon=False, fontsize="small")
