@@ -94,7 +94,7 @@ setup(
         "console_scripts": [
             "pam-orthosis = pam_orthosis.cli.main:main",
             "run = pam_orthosis.cli.main:run_main",
-            *[f"{node} = pam_orthosis.nodes.{node}:main" for node in NODES],
+            *[f"{node} = pam_orthosis.nodes.entry:{node}" for node in NODES],
         ]
     },
 )

@@ -3,6 +3,9 @@
 
 python benchmarks/faults.py all
 python benchmarks/faults.py input|signals|guards|kills|soak [--count N] [--seed N] [--out FILE]
+python benchmarks/faults.py kills --count 120 --seed 26 --load 8 --out benchmarks/results/kills-load8.json
+
+The kills keep each as a row in a file of their own (`--out`) and go on behind the last.
 """
 
 from __future__ import annotations
@@ -19,7 +22,8 @@ from typing import Any, NamedTuple
 from fault_campaign import inputs, kills, signals, soak
 
 ROOT = Path(__file__).resolve().parents[1]
-WALK, RESULTS = ROOT / "bags" / "walk", ROOT / "benchmarks" / "results" / "faults.json"
+WALK, ROWS = ROOT / "bags" / "walk", ROOT / "benchmarks" / "results"
+RESULTS = ROWS / "faults.json"
 
 
 def run_input(work: Path, count: int, seed: int) -> dict:
@@ -46,10 +50,13 @@ def run_guards(_work: Path, count: int, seed: int) -> dict:
     return {"removed": told, "wrong": len(unseen)}
 
 
-def run_kills(work: Path, count: int, seed: int) -> dict:
-    """Nodes, recorder and entry script that die or stop at random instants."""
-    endings = kills.campaign(work, count, seed)
-    return {"kills": kills.summary(endings), "wrong": sum(bool(each.faults) for each in endings)}
+def run_kills(work: Path, count: int, seed: int, load: int = 0, rows: Path | None = None) -> dict:
+    """Nodes, recorder, bag writer and entry script that die or stop at random instants, beside a load."""
+    rows = rows or ROWS / f"kills-seed{seed}.json"
+    done = kills.campaign(work, count, seed, load, rows)
+    told = kills.summary(done)
+    print(kills.table(told))
+    return {"kills": told, "wrong": sum(bool(row["faults"]) or not row["in_time"] for row in done)}
 
 
 def run_soak(work: Path, count: int, seed: int) -> dict:
@@ -85,6 +92,14 @@ def carry_out(name: str, arguments: argparse.Namespace) -> dict[str, Any]:
     return told
 
 
+def count_kills(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Run the campaign of kills beside a load, with a file of rows of its own."""
+    with tempfile.TemporaryDirectory(prefix="pam-orthosis-faults-") as folder:
+        count = arguments.count or CAMPAIGNS["kills"].count
+        work = arguments.work or Path(folder)
+        return run_kills(work, count, arguments.seed, arguments.load, arguments.out)
+
+
 def main() -> int:
     """Run campaigns; return 0 if they found nothing wrong."""
     parser = argparse.ArgumentParser(
@@ -94,8 +109,12 @@ def main() -> int:
     parser.add_argument("--count", type=int, help="inputs, instants of each fault, kills, or seconds")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--work", type=Path, help="keep what the campaign works with here")
-    parser.add_argument("--out", type=Path, default=RESULTS, help="file of results")
+    parser.add_argument("--load", type=int, default=0, help="of kills: processes that want the processor")
+    parser.add_argument("--out", type=Path, help="file of results, of kills: of rows")
     arguments = parser.parse_args()
+    if arguments.campaign == "kills" and arguments.out:
+        return 1 if count_kills(arguments)["wrong"] else 0
+    arguments.out = arguments.out or RESULTS
     names = list(CAMPAIGNS) if arguments.campaign == "all" else [arguments.campaign]
     told = {name: carry_out(name, arguments) for name in names}
     print(json.dumps(told, indent=1))

@@ -1,15 +1,35 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that are whole or not there at all."""
+"""Where files and folders are made: whole or not at all, and never in the place of somebody else's.
+
+A file is written under a random name that is created exclusively and follows no link, then it takes its own
+name, which must be free. A folder for many files must be new or empty, and belongs to one process: its lock
+(`flock`) ends with that process, however it ends. What fails leaves all as it was.
+"""
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import os
-from collections.abc import Callable, Iterable, Iterator
+import secrets
+import shutil
+import stat
+from argparse import ArgumentTypeError
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from pam_orthosis.errors import OrthosisError
+
+UNFINISHED = ".pam-orthosis-"  # begins the name of what is not whole yet, or never will be
+NEW_FILE = os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_WRONLY | os.O_CLOEXEC
+
+Write = Callable[[BinaryIO], Any]
+
+
+class Used(OrthosisError):
+    """A folder is not empty, or another process has claimed it."""
 
 
 def bag_name(path: Path) -> str:
@@ -17,43 +37,101 @@ def bag_name(path: Path) -> str:
     return path.name.removesuffix(".mcap")
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text as a whole, its folder too if need be; all is as it was if that fails.
+def output(text: str) -> Path:
+    """Return the path of an --out: without `..`, so that it is the same before and after folders are made."""
+    if not text:
+        raise ArgumentTypeError("give a path, not an empty text")
+    path = Path(text)
+    return path.resolve() if ".." in path.parts else path
+
+
+def write_text(path: Path, text: str, overwrite: bool = False) -> None:
+    """Write a text as `write_files` writes."""
+    write_files({path: as_text(text)}, overwrite)
+
+
+def as_text(text: str) -> Write:
+    """Return what writes a text; bytes of a name that are no text are written as `\\udc..`."""
+    return lambda stream: stream.write(text.encode("utf-8", "backslashreplace"))
+
+
+def write_files(files: Mapping[Path, Write], overwrite: bool = False) -> None:
+    """Write files, and the folders that they need, all of them or none.
+
+    Args:
+        files: what fills each.
+        overwrite: whether a regular file of that name is replaced.
 
     Raises:
-        OrthosisError: it cannot be written.
+        OrthosisError: one exists (and is no regular file, if they are to be replaced) or cannot be written.
     """
-    write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
+    refuse_existing(files, overwrite)
+    made: list[Path] = []
+    parts: dict[Path, Path] = {}
+    placed: list[Path] = []
+    try:
+        for path, write in files.items():
+            made = make_folder(path.parent) + made
+            with told(path):
+                stream = _new_part(path.parent)
+                parts[path] = Path(stream.name)
+                with stream:
+                    write(stream)
+        for path, part in parts.items():
+            with told(path):
+                _place(part, path, overwrite)
+            placed.append(path)
+    except BaseException:
+        for path in [] if overwrite else placed:
+            path.unlink()
+        for part in parts.values():
+            part.unlink(missing_ok=True)
+        remove_empty(made)
+        raise
 
 
-def write_whole(path: Path, write: Callable[[Path], Any]) -> None:
-    """Let `write` fill a file beside the path, then put it in its place; make its folder if need be.
+def refuse_existing(paths: Iterable[Path], overwrite: bool = False) -> None:
+    """Raise OrthosisError if there is something where a file is to be; `overwrite`: but a regular file."""
+    for path in paths:
+        with told(path):
+            there = os.path.lexists(path)
+            replaceable = overwrite and there and stat.S_ISREG(path.lstat().st_mode)
+        if there and not replaceable:
+            why = "is no regular file" if overwrite else "exists"
+            raise OrthosisError(f"{path} {why}; choose another --out")
 
-    Raises:
-        OrthosisError: it cannot be written; all is as it was.
-    """
-    made = make_folder(path.parent)
-    part = path.with_name(f".{path.name}.part")
-    with told(path):
-        try:
-            write(part)
-            part.replace(path)
-        except BaseException:
-            if os.path.lexists(part):
-                part.unlink()
-            remove_empty(made)
-            raise
+
+def _new_part(folder: Path) -> BinaryIO:
+    part = folder / f"{UNFINISHED}{secrets.token_hex(8)}"
+    return open(part, "wb", opener=lambda name, _: os.open(name, NEW_FILE, 0o666))
+
+
+def _place(part: Path, path: Path, overwrite: bool) -> None:
+    """Give a finished file its name: over one that was there before only if that is wanted."""
+    if not overwrite:
+        os.close(os.open(path, NEW_FILE, 0o666))
+    part.replace(path)
 
 
 def make_folder(path: Path) -> list[Path]:
-    """Make a folder with those above it; return what was made, for `remove_empty`.
+    """Make a folder with those above it; return what was made, the innermost first, for `remove_empty`.
 
     Raises:
         OrthosisError: it cannot be made.
     """
+    made: list[Path] = []
     with told(path):
-        made = [folder for folder in (path, *path.parents) if not folder.exists()]
-        path.mkdir(parents=True, exist_ok=True)
+        for folder in (*reversed(path.parents), path):
+            try:
+                folder.mkdir()
+            except OSError as error:  # there already, perhaps on a disk that cannot be written to
+                if folder.is_dir():
+                    continue
+                remove_empty(made)
+                if os.path.lexists(folder):
+                    raise OrthosisError(f"{folder} is no folder; choose another --out") from error
+                raise
+            made.insert(0, folder)
     return made
 
 
@@ -65,9 +143,120 @@ def remove_empty(folders: Iterable[Path]) -> None:
 
 
 @contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Keep a folder for this process alone; make it if need be, remove what was made if nothing is in it.
+
+    Raises:
+        OrthosisError: another process has it, or it cannot be made.
+    """
+    made = make_folder(path)
+    try:
+        with told(path):
+            lock = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            _lock(lock, path)
+            yield
+        finally:
+            remove_empty(made)  # before the lock is: nobody finds a folder that is about to go
+            os.close(lock)
+    except BaseException:
+        remove_empty(made)
+        raise
+
+
+@contextmanager
+def claimed(path: Path) -> Iterator[None]:
+    """Keep a folder, a new or an empty one, as `locked` does; OrthosisError if something is in it."""
+    refuse_used(path)
+    with locked(path):
+        refuse_used(path)  # another process has just ended
+        yield
+
+
+def _lock(lock: int, path: Path) -> None:
+    taken = f"{path} belongs to another run; choose another --out"
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise Used(taken) from None
+    except OSError as error:  # some network file systems lock no folders
+        if error.errno not in (errno.EBADF, errno.ENOLCK, errno.ENOTSUP, errno.EINVAL):
+            raise
+    if not path.exists() or not os.path.samestat(os.fstat(lock), path.stat()):
+        raise Used(taken)
+
+
+def refuse_used(folder: Path) -> None:
+    """Raise OrthosisError if there is something where a folder is to be made or filled."""
+    with told(folder):
+        used = os.path.lexists(folder) and (not folder.is_dir() or any(_held(folder)))
+    if used:
+        raise Used(f"{folder} exists and is not an empty folder; choose another --out")
+
+
+def _held(folder: Path) -> Iterator[Path]:
+    """Yield what is in a folder, but for what a killed process did not finish."""
+    return (one for one in folder.iterdir() if not one.name.startswith(UNFINISHED))
+
+
+@contextmanager
+def filled(path: Path) -> Iterator[Path]:
+    """Yield a folder of the same name to fill; what is in it in the end goes to the path, at once.
+
+    Raises:
+        OrthosisError: as `claimed`; all is as it was.
+    """
+    with claimed(path):
+        unfinished = path / f"{UNFINISHED}{secrets.token_hex(8)}"
+        with told(path):
+            unfinished.mkdir()
+        try:
+            part = unfinished / path.resolve().name
+            with told(path):
+                part.mkdir()
+            yield part
+            with told(path):
+                _move(part, path)
+        finally:
+            shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def _move(source: Path, folder: Path) -> None:
+    """Move all that is in a folder into another one, or nothing."""
+    refuse_existing(folder / one.name for one in source.iterdir())
+    moved: list[Path] = []
+    try:
+        for one in sorted(source.iterdir(), key=lambda one: one.stat().st_mtime_ns):
+            moved.append(one.rename(folder / one.name))
+    except BaseException:
+        for one in moved:
+            one.rename(source / one.name)
+        raise
+
+
+def write_folder(path: Path, files: Mapping[str, Write]) -> None:
+    """Write a folder, a new or an empty one, that is there with all its files or not at all.
+
+    Raises:
+        OrthosisError: it is used or cannot be written.
+    """
+    refuse_used(path)
+    part = path.parent / f"{UNFINISHED}{secrets.token_hex(8)}"
+    write_files({part / name: write for name, write in files.items()})
+    try:
+        with told(path):
+            part.rename(path)
+    except BaseException:
+        shutil.rmtree(part, ignore_errors=True)
+        raise
+
+
+@contextmanager
 def told(path: Path) -> Iterator[None]:
     """Turn what the system says against writing to a path into the error of this program."""
     try:
         yield
+    except FileExistsError as error:
+        raise OrthosisError(f"{error.filename or path} exists; choose another --out") from error
     except OSError as error:
         raise OrthosisError(f"cannot write {path}: {error.strerror or error}") from error

@@ -6,110 +6,219 @@ from __future__ import annotations
 import fcntl
 import os
 import pickle
-import signal
+import select
 import subprocess
 import sys
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from pam_orthosis.bag.record import BagWriter
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.bag.record import METADATA_FILE, BagWriter, OnDisk
+from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.files import told
+from pam_orthosis.processes import (
+    SILENCE_SECONDS,
+    STARVED_SECONDS,
+    Idleness,
+    deaf_children,
+    go_on_without_parent,
+    how_it_ended,
+    stopped,
+)
 
+NAME = "bag_writer"
 MARK = "pam-orthosis bag: "  # before each answer: something else may print too
-READY, DONE = "ready", "done"
+READY, DONE, HERE, ON_DISK, ERROR = "ready", "done", "here", "on disk", "error"
 PIPE_BYTES = 1 << 20  # two seconds of a graph at 200 Hz, for which the disk may stand still
+SENT_BYTES = 1 << 13  # at once
+WAITING_BYTES = 1 << 22  # beside the pipe, before who records has to wait
+LOOK_SECONDS = 0.05
 CUT_SHORT = EOFError, pickle.UnpicklingError  # who sends was killed, perhaps in the midst of something
 
 
 class BagWriterAside:
     """Takes messages for a `BagWriter` in a process of its own.
 
-    What that one raises, as OrthosisError, comes with a later call, at the latest with `close`. If this
-    process is killed the other one writes down what it has got and leaves the bag unclosed, as a killed
+    What that one raises, as OrthosisError, comes with a later call, at the latest with `close`. If it dies,
+    is stopped or does not answer, RunFailed comes with the next call, and the bag goes on in another file
+    that this process writes: behind what is known to be on the disk, so that nothing is lost. If this
+    process is killed the other one writes down what it has got. Both leave the bag unclosed, as a killed
     recorder does.
 
     Args:
         folder: created if need be; must not hold a bag.
         run: run metadata.
+        waiting: called now and then while this process has to wait for the other one.
 
     Raises:
         OrthosisError: the system starts no process.
     """
 
-    def __init__(self, folder: Path, run: Mapping[str, str]):
+    def __init__(self, folder: Path, run: Mapping[str, str], waiting: Callable[[], None] = lambda: None):
+        self._folder, self._run, self._waiting = Path(folder).absolute(), dict(run), waiting
         command = [sys.executable, "-m", "pam_orthosis.bag.aside"]
-        with told(folder):
-            self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        with told(folder), deaf_children():  # it ends with what it is sent
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0
+            )
         with suppress(OSError):  # more than the system allows
             fcntl.fcntl(self._process.stdin, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
-        self._said = b""
-        self._tell(str(Path(folder).absolute()), dict(run))
+        for stream in (self._process.stdin, self._process.stdout):
+            os.set_blocking(stream.fileno(), False)
+        self._idleness, self._asked = Idleness(self._process.pid), False
+        self._topics: list[tuple[str, str, bool]] = []
+        self._unsent = bytearray()
+        self._count, self._unconfirmed = 0, deque[tuple[int, bytes]]()  # messages up to there, as sent
+        self._on_disk = OnDisk(0, 0, 0)
+        self._said, self._answers = b"", set[str]()
+        self._error: OrthosisError | None = None
+        self._here: BagWriter | None = None
+        self._say(str(self._folder), self._run)
 
     def ready(self) -> bool:
         """Return whether the bag is begun."""
-        self._flush()
-        return READY in self._answers()
+        self.look()
+        return READY in self._answers
 
     def add_topic(self, topic: str, msgtype: str, latched: bool = False) -> None:
         """Declare a topic (absolute name) of a standard ROS 2 type, once; `latched`: transient local."""
-        self._tell("add_topic", topic, msgtype, latched)
+        self._topics.append((topic, msgtype, latched))
+        self._say("add_topic", topic, msgtype, latched)
 
     def write_all(self, messages: Iterable[tuple[str, int, bytes]]) -> None:
         """Append messages: topic, stamp, data."""
-        if batch := [*messages]:
-            self._tell("write_all", batch)
+        if not (batch := [*messages]):
+            return
+        if self._here:
+            self._here.write_all(batch)
+        else:
+            self._say("write_all", batch, count=len(batch))
+
+    def look(self) -> None:
+        """Send what waits and hear what was answered.
+
+        Raises:
+            RunFailed: the other process died, was stopped or does not answer; told once.
+            OrthosisError: what it answered; from now on always.
+        """
+        if self._here:
+            return
+        self._send()
+        code = self._process.poll()
+        self._hear()
+        if code is None and stopped(self._process.pid):
+            self._lost("was stopped (SIGSTOP)")
+        if code is not None and DONE not in self._answers:
+            self._lost(how_it_ended(code))
+        self._idleness.look()
+        if self._idleness.asleep > SILENCE_SECONDS or self._idleness.passed > STARVED_SECONDS:
+            self._lost(f"did not answer for {SILENCE_SECONDS:g} s")
+        if not self._asked:
+            self._asked = True
+            self._say(HERE)
 
     def close(self) -> None:
-        """Have the bag finished, and wait until it is."""
-        self._tell("close")
-        self._flush()
-        self._answers(to_the_end=True)
+        """Have the bag finished, and wait until it is; RunFailed if it went on here, unclosed."""
+        if self._here:
+            self._here.flush()
+            raise self._loss
+        self._say("close")
+        while DONE not in self._answers:
+            self._wait()
         self._process.wait()
 
-    def _flush(self) -> None:
-        with suppress(BrokenPipeError):  # the answer says why
-            self._process.stdin.flush()
-
-    def _tell(self, *said: Any) -> None:
+    def _say(self, *said: Any, count: int = 0) -> None:
         """Send something, now or together with what follows."""
-        try:
-            pickle.dump(said, self._process.stdin, pickle.HIGHEST_PROTOCOL)
-        except BrokenPipeError:
-            self._answers(to_the_end=True)
+        if self._error:
+            raise self._error
+        data = pickle.dumps(said, pickle.HIGHEST_PROTOCOL)
+        self._unsent += data
+        if count:
+            self._count += count
+            self._unconfirmed.append((self._count, data))
+        if len(self._unsent) >= SENT_BYTES:
+            self._send()
+            while len(self._unsent) > WAITING_BYTES:
+                self._wait()
 
-    def _answers(self, to_the_end: bool = False) -> list[str]:
-        """Return what has been answered; OrthosisError if that is an error, or no more can come."""
-        os.set_blocking(self._process.stdout.fileno(), to_the_end)
-        more = self._process.stdout.read()  # None if nothing is there yet
-        self._said += more or b""
-        lines = self._said.decode("utf-8", "surrogateescape").splitlines()
-        answers = [line.removeprefix(MARK) for line in lines if line.startswith(MARK)]
-        for error in set(answers) - {READY, DONE}:
-            raise OrthosisError(error)
-        if (to_the_end or more == b"") and DONE not in answers:
-            raise OrthosisError("the process that writes the bag died")
-        return answers
+    def _send(self) -> None:
+        with suppress(BlockingIOError, BrokenPipeError):  # it stands still, or has ended: both are seen
+            while self._unsent:
+                del self._unsent[: os.write(self._process.stdin.fileno(), self._unsent)]
+
+    def _wait(self) -> None:
+        """Wait a moment for the other process."""
+        self.look()
+        writable = [self._process.stdin] if self._unsent else []
+        select.select([self._process.stdout], writable, [], LOOK_SECONDS)
+        self._waiting()
+
+    def _hear(self) -> None:
+        """Take in what was answered."""
+        self._said += self._process.stdout.read() or b""
+        *lines, self._said = self._said.split(b"\n")
+        for line in lines:
+            _, mark, answer = line.decode("utf-8", "surrogateescape").partition(MARK)
+            if mark:
+                self._take(*answer.partition(": ")[::2])
+        if self._error:
+            raise self._error
+
+    def _take(self, answer: str, more: str) -> None:
+        self._idleness.begin()
+        self._asked = False
+        self._answers.add(answer)
+        if answer == ERROR:
+            self._error = OrthosisError(more)
+        if answer == ON_DISK:
+            self._on_disk = OnDisk(*map(int, more.split()))
+            while self._unconfirmed and self._unconfirmed[0][0] <= self._on_disk.messages:
+                self._unconfirmed.popleft()
+
+    def _lost(self, how: str) -> None:
+        """Go on here, behind what is known to be on the disk, and say what has happened."""
+        self._loss = RunFailed(f"{NAME} {how}")
+        self._process.kill()
+        self._process.wait()
+        self._hear()
+        if READY in self._answers and not (self._folder / METADATA_FILE).exists():
+            self._go_on_here()
+        raise self._loss
+
+    def _go_on_here(self) -> None:
+        self._here = BagWriter(self._folder, self._run, behind=self._on_disk)
+        for topic in self._topics:
+            self._here.add_topic(*topic)
+        for up_to, data in self._unconfirmed:
+            _, batch = pickle.loads(data)
+            self._here.write_all(batch[max(0, self._on_disk.messages - up_to + len(batch)) :])
+        self._here.flush()
 
 
 def serve(source: BinaryIO, answer: Callable[[str], None]) -> None:
-    """Write the bag of a `BagWriterAside`; answer `READY` and `DONE`, or an error.
+    """Write the bag of a `BagWriterAside`; answer `READY`, how much is on the disk and `DONE`, or an error.
 
     Where nothing comes any more the bag stays unclosed.
     """
-    writer, name = None, ""
+    writer, name, known = None, "", None
     try:
         folder, run = pickle.load(source)
         writer = BagWriter(Path(folder), run)
         answer(READY)
         while name != "close":
+            if writer.on_disk != known:
+                known = writer.on_disk
+                answer(f"{ON_DISK}: {known.messages} {known.file} {known.size}")
             name, *arguments = pickle.load(source)
-            getattr(writer, name)(*arguments)
+            if name == HERE:
+                answer(HERE)
+            else:
+                getattr(writer, name)(*arguments)
         answer(DONE)
     except OrthosisError as error:
-        answer(str(error))
+        answer(f"{ERROR}: {error}")
     except CUT_SHORT:
         with suppress(OrthosisError):  # nobody is there to be told
             if writer:
@@ -122,6 +231,5 @@ def _print(answer: str) -> None:
 
 
 if __name__ == "__main__":
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # it ends with what it is sent
-        signal.signal(number, signal.SIG_IGN)
+    go_on_without_parent()
     serve(sys.stdin.buffer, _print)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.files import make_folder, remove_empty, told
+from pam_orthosis.files import claimed, told
 
 BAGS = {
     "walk": "gait without a person, 7 s (scenario default)",
@@ -45,14 +45,13 @@ def write_example(name: str, folder: Path) -> list[Path]:
     """
     if name not in {*BAGS, *CASES}:
         raise OrthosisError(f"no example {name!r}; there are: {', '.join([*BAGS, *CASES])}")
-    made = make_folder(folder)
-    try:
-        return _copied(name, folder) if name in BAGS else _unpacked(name, folder)
-    except BaseException:
-        for entry in folder.iterdir():
-            shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
-        remove_empty(made)
-        raise
+    with claimed(folder):
+        try:
+            return _copied(name, folder) if name in BAGS else _unpacked(name, folder)
+        except BaseException:
+            for entry in folder.iterdir():
+                shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
+            raise
 
 
 def _copied(name: str, folder: Path) -> list[Path]:

@@ -1,80 +1,101 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Make a readable bag of one that is damaged, or whose recorder was killed."""
+"""Save what is whole of a bag that is damaged, or whose recorder was killed."""
 
 from __future__ import annotations
 
-import shutil
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import yaml
 from mcap.records import Channel, Message, Metadata, Schema
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
+from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.metadata import parse_qos
 
-from pam_orthosis.bag.record import METADATA_FILE, RUN_RECORD, BagWriter
+from pam_orthosis.bag.close import close_bag
+from pam_orthosis.bag.information import NO_TYPE, RUN_RECORD
+from pam_orthosis.bag.record import BagWriter, Declared
 from pam_orthosis.bag.salvage import Loss, Salvage
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.files import write_text
+from pam_orthosis.files import filled
 
-ENCODINGS = ("cdr", "ros2msg")  # of the messages and of the schemas of ROS topics
+MESSAGES, DEFINITIONS = "cdr", ("ros2msg", "ros2idl", "omgidl", "")  # encodings that rosbag2's readers take
+QOS = "offered_qos_profiles"
+
+
+class LeftOut(NamedTuple):
+    """A topic whose messages were not copied, how many there are, and why."""
+
+    topic: str
+    messages: int
+    why: str
 
 
 @dataclass(frozen=True)
 class Recovered:
-    """What came of a bag: messages that were copied, those of no ROS topic that were not, what was lost."""
+    """What came of a bag: messages that were copied, topics that were not, what is lost."""
 
     messages: int
-    left_out: int
+    left_out: tuple[LeftOut, ...]
     lost: tuple[Loss, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as plain data for JSON."""
+        return {
+            "messages": self.messages,
+            "left_out": [one._asdict() for one in self.left_out],
+            "lost": [one._asdict() for one in self.lost],
+        }
 
 
 def recover(bag: Path, out: Path) -> Recovered:
-    """Copy all whole messages of a damaged MCAP bag into a new, closed bag.
+    """Copy all whole messages of a damaged MCAP bag, as bytes, into a new, closed bag.
 
-    A chunk of messages is whole if its checksum is right; those behind a damaged one are copied too.
+    A chunk of messages is whole if its checksum is right; those behind a damaged one are copied too. A topic
+    is left out only if one of it would keep readers from the whole bag.
 
     Args:
         bag: folder with `.mcap` files, or a file.
-        out: folder of the new bag.
+        out: folder of the new bag, new or empty; there with all of it in the end, or as it was.
 
     Raises:
-        OrthosisError: no MCAP file there, nothing readable in it, or `out` holds a bag.
+        OrthosisError: no MCAP file there, nothing readable in it, or `out` is used.
     """
-    files = _sources(Path(bag))
-    sources = [Salvage(file) for file in files]
-    known = _Known(sources)
-    if not known.messages:
-        raise OrthosisError(f"{files[0]} holds no readable message")
-    if not known.copied:
-        raise OrthosisError(f"{files[0]} holds no message of a ROS topic")
-    with BagWriter(out, known.run) as writer:
-        for source, topics in zip(sources, known.topics, strict=True):
-            _copy(source, topics, writer)
-    _check_readable(out)
-    lost = tuple(loss for source in sources for loss in source.lost)
-    return Recovered(known.copied, known.messages - known.copied, lost)
+    sources = [Salvage(file) for file in _sources(bag)]
+    with filled(out) as folder:
+        recovered = _copied(sources, folder)
+        _check_readable(folder)
+    return recovered
+
+
+def _copied(sources: Sequence[Salvage], folder: Path) -> Recovered:
+    found = [_Found(source) for source in sources]
+    left_out = tuple(one for each in found for one in each.left_out())
+    messages = sum(each.counts.total() for each in found)
+    if not messages:
+        raise OrthosisError(f"{sources[0].source} holds no readable message")
+    messages -= sum(one.messages for one in left_out)
+    if not messages:
+        raise OrthosisError(f"{sources[0].source} holds no message of a ROS topic ({left_out[0].why})")
+    run = next((each.run for each in found if each.run), {})
+    with BagWriter(folder, run) as writer:
+        for source, each in zip(sources, found, strict=True):
+            _copy(source, each, writer)
+    return Recovered(messages, left_out, tuple(loss for source in sources for loss in source.lost))
 
 
 def recover_in_place(bag: Path) -> int:
-    """Close the unfinished bag of a folder, keeping its name; return the number of messages."""
-    sources = _sources(Path(bag))
-    rescue = bag / "recovered"
-    count = recover(bag, rescue).messages
-    text = (rescue / METADATA_FILE).read_text()
-    rescued = sorted(rescue.glob("*.mcap"), key=_number)
-    names = [source.name for source in sources]
-    names += [f"{bag.name}_{number}.mcap" for number in range(len(sources), len(rescued))]
-    for file, name in zip(rescued, names, strict=False):
-        text = text.replace(file.name, name)
-        file.replace(bag / name)
-    for source in sources[len(rescued) :]:  # what it held is in those before
-        source.unlink()
-    write_text(bag / METADATA_FILE, text)
-    (rescue / METADATA_FILE).unlink()
-    rescue.rmdir()
-    return count
+    """Close a bag whose recorder was killed, where it is; return the number of messages.
+
+    Raises:
+        Damaged: more is missing than its end; nothing was changed.
+        OrthosisError: it holds nothing or cannot be written.
+    """
+    if not bag.is_dir():
+        raise OrthosisError(f"{bag} is no folder of a bag: it cannot be closed in place")
+    return close_bag(bag, _sources(bag))
 
 
 def _sources(bag: Path) -> list[Path]:
@@ -91,78 +112,99 @@ def _number(file: Path) -> tuple[int, str]:
     return int(digits) if digits.isdecimal() else 0, file.name
 
 
-class _Known:
-    """What is found in a first pass: run metadata, topics by channel of each file, numbers of messages.
+class _Found:
+    """What is found in a first pass: run metadata, channels with their schemas, numbers of messages.
 
     Channels may be told behind their messages, in the summary at the end of a file, if the chunk that told
     them is lost.
     """
 
-    def __init__(self, sources: Sequence[Salvage]):
+    def __init__(self, source: Salvage):
         self.run: dict[str, str] = {}
-        self.topics: list[dict[int, tuple[Channel, Schema]]] = []
-        self.messages = self.copied = 0
-        for source in sources:
-            self._look_through(source)
-
-    def _look_through(self, source: Salvage) -> None:
-        schemas: dict[int, Schema] = {}
-        channels: dict[int, Channel] = {}
-        counts: dict[int, int] = {}
+        self.counts: Counter[int] = Counter()
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
         for record in source.records():
             if isinstance(record, Message):
-                counts[record.channel_id] = counts.get(record.channel_id, 0) + 1
+                self.counts[record.channel_id] += 1
             elif isinstance(record, Schema):
-                schemas.setdefault(record.id, record)
+                self._schemas.setdefault(record.id, record)
             elif isinstance(record, Channel):
-                channels.setdefault(record.id, record)
+                self._channels.setdefault(record.id, record)
             elif isinstance(record, Metadata) and record.name == RUN_RECORD:
                 self.run = self.run or dict(record.metadata)
-        told = {
-            number: (one, schemas[one.schema_id])
-            for number, one in channels.items()
-            if one.schema_id in schemas
-        }
-        self.topics.append({number: one for number, one in told.items() if _of_ros(*one)})
-        self.messages += sum(counts.values())
-        self.copied += sum(count for number, count in counts.items() if number in self.topics[-1])
+
+    def declared(self) -> dict[int, Declared]:
+        """Return the channels that are copied."""
+        return {number: self._declared(number) for number in self._channels if not self._refused(number)}
+
+    def left_out(self) -> list[LeftOut]:
+        """Return the channels with messages that are not copied."""
+        return [
+            LeftOut(self._channels[number].topic if number in self._channels else "?", count, why)
+            for number, count in self.counts.items()
+            if (why := self._refused(number))
+        ]
+
+    def _declared(self, number: int) -> Declared:
+        channel = self._channels[number]
+        metadata = _metadata(channel)
+        schema = self._schemas.get(channel.schema_id) if channel.schema_id else None
+        if schema is None:
+            return Declared(channel.topic, NO_TYPE, None, b"", metadata)
+        return Declared(channel.topic, schema.name, schema.encoding, schema.data, metadata)
+
+    def _refused(self, number: int) -> str:
+        """Return why messages of a channel cannot be copied; nothing if they can."""
+        if number not in self._channels:
+            return f"channel {number} is nowhere declared"
+        channel = self._channels[number]
+        if channel.message_encoding != MESSAGES:
+            return f"its messages are {channel.message_encoding or 'of no encoding'}, not {MESSAGES}"
+        if not channel.schema_id:
+            return ""
+        if channel.schema_id not in self._schemas:
+            return f"its schema {channel.schema_id} is missing"
+        schema = self._schemas[channel.schema_id]
+        if schema.encoding not in DEFINITIONS:
+            return f"its type is defined in {schema.encoding}, which is not of ROS"
+        return "" if _is_text(schema.data) else "the definition of its type is no text"
 
 
-def _of_ros(channel: Channel, schema: Schema) -> bool:
-    return (channel.message_encoding, schema.encoding) == ENCODINGS
-
-
-def _copy(source: Salvage, topics: dict[int, tuple[Channel, Schema]], writer: BagWriter) -> None:
-    for channel, schema in topics.values():
-        writer.add_channel(channel.topic, schema.name, schema.data, _metadata(channel))
+def _copy(source: Salvage, found: _Found, writer: BagWriter) -> None:
+    channels = found.declared()
+    keys = {number: (*one[:-1], *sorted(one.metadata.items())) for number, one in channels.items()}
+    for number, one in channels.items():
+        writer.add_channel(keys[number], one)
     for record in source.records():
-        if isinstance(record, Message) and record.channel_id in topics:
-            writer.write(topics[record.channel_id][0].topic, record.log_time, record.data)
+        if isinstance(record, Message) and record.channel_id in channels:
+            writer.copy(keys[record.channel_id], record)
 
 
 def _metadata(channel: Channel) -> dict[str, str]:
     """Return a channel's metadata, without qualities of service that cannot be read."""
     metadata = dict(channel.metadata)
     try:
-        readable = isinstance(yaml.safe_load(metadata.get("offered_qos_profiles", "[]")), list)
-    except yaml.YAMLError:
+        text = metadata.get(QOS, "[]")
+        readable = isinstance(yaml.safe_load(text), list)
+        parse_qos(text)
+    except Exception:  # readers raise anything
         readable = False
-    return metadata if readable else {**metadata, "offered_qos_profiles": "[]"}
+    return metadata if readable else {**metadata, QOS: "[]"}
+
+
+def _is_text(data: bytes) -> bool:
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        return False
+    return True
 
 
 def _check_readable(bag: Path) -> None:
-    """Let nothing remain that readers refuse: names and types have no checksum of their own."""
+    """Let nothing remain that readers refuse."""
     try:
-        with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            unseen = {connection.topic for connection in reader.connections if connection.msgcount}
-            for connection, _, data in reader.messages():  # one of each: a long bag would take minutes
-                if connection.topic in unseen:
-                    reader.deserialize(data, connection.msgtype)
-                    unseen.discard(connection.topic)
-                if not unseen:
-                    break
+        with Reader(bag) as reader:
+            next(reader.messages())
     except Exception as error:
-        shutil.rmtree(bag)
-        raise OrthosisError(
-            f"what is left of the bag cannot be read ({error}); nothing was recovered"
-        ) from error
+        raise OrthosisError(f"what is left of the bag cannot be read ({error})") from error

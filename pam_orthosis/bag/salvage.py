@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 import mmap
+import os
 import struct
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
@@ -16,12 +17,15 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import breakup_chunk
 
-MAGIC_BYTES = 8
+MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # of a record: opcode, length of what follows
 TIMES = struct.Struct("<QQ")  # at the beginning of a chunk: first and last log time, ns
 NAME_AT, LEAST_CHUNK = 28, 40  # bytes of a chunk before the name of its compression, and at least
 COMPRESSIONS = (b"", b"lz4", b"zstd")
 OPCODES = range(Opcode.HEADER, Opcode.DATA_END + 1)
+
+
+Data = mmap.mmap | bytes
 
 
 class Loss(NamedTuple):
@@ -32,6 +36,17 @@ class Loss(NamedTuple):
     last_ns: int | None
 
 
+@contextmanager
+def mapped(source: Path) -> Iterator[Data]:
+    """Yield the bytes of a file, which are read when they are looked at; OSError if that is not possible."""
+    with open(source, "rb") as stream:
+        if not os.fstat(stream.fileno()).st_size:  # nothing can be mapped
+            yield b""
+            return
+        with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            yield data
+
+
 class Salvage:
     """Reads past damage: a chunk is whole if its checksum is right; behind a bad one the next is looked for.
 
@@ -40,26 +55,22 @@ class Salvage:
     """
 
     def __init__(self, source: Path):
-        self._source = source
+        self.source = source
         self.lost: list[Loss] = []
 
     def records(self) -> Iterator[McapRecord]:
         """Yield schemas, channels, messages and metadata; OSError if the file cannot be read."""
         self.lost.clear()
-        with open(self._source, "rb") as stream:
-            size = self._source.stat().st_size
-            if size <= MAGIC_BYTES:
-                return
-            with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-                yield from self._records(data, size)
+        with mapped(self.source) as data:
+            yield from self._records(data, len(data))
 
-    def _records(self, data: mmap.mmap, size: int) -> Iterator[McapRecord]:
-        at = MAGIC_BYTES
+    def _records(self, data: Data, size: int) -> Iterator[McapRecord]:
+        at = len(MAGIC)
         while at < size:
             try:
-                end, opcode, found = _read(data, size, at)
+                end, opcode, found = read_record(data, size, at)
             except Exception:  # damaged bytes make the readers raise anything
-                end = _next_chunk(data, size, at + 1)
+                end = next_chunk(data, size, at + 1)
                 self.lost.append(_loss(data, at, end))
                 at = end
                 continue
@@ -67,7 +78,7 @@ class Salvage:
             at = size if opcode == Opcode.FOOTER else end
 
 
-def _read(data: mmap.mmap, size: int, at: int) -> tuple[int, int, list[McapRecord]]:
+def read_record(data: Data, size: int, at: int) -> tuple[int, int, list[McapRecord]]:
     """Return the end of a record, its opcode and what is in it; raise if it is not whole."""
     opcode, length = HEAD.unpack_from(data, at)
     begin, end = at + HEAD.size, at + HEAD.size + length
@@ -86,19 +97,19 @@ READERS = {
 }
 
 
-def _next_chunk(data: mmap.mmap, size: int, start: int) -> int:
+def next_chunk(data: Data, size: int, start: int) -> int:
     """Return where the next whole chunk begins, or the end of the file."""
     at = data.find(bytes([Opcode.CHUNK]), start)
     while at >= 0:
         if _like_a_chunk(data, size, at):
             with suppress(Exception):
-                _read(data, size, at)
+                read_record(data, size, at)
                 return at
         at = data.find(bytes([Opcode.CHUNK]), at + 1)
     return size
 
 
-def _like_a_chunk(data: mmap.mmap, size: int, at: int) -> bool:
+def _like_a_chunk(data: Data, size: int, at: int) -> bool:
     if at + HEAD.size + LEAST_CHUNK > size:
         return False
     _, length = HEAD.unpack_from(data, at)
@@ -111,7 +122,7 @@ def _like_a_chunk(data: mmap.mmap, size: int, at: int) -> bool:
     return whole and data[name_at + 4 : name_at + 4 + name_length] in COMPRESSIONS
 
 
-def _loss(data: mmap.mmap, at: int, end: int) -> Loss:
+def _loss(data: Data, at: int, end: int) -> Loss:
     first_ns = last_ns = None
     if end - at >= HEAD.size + TIMES.size and data[at] == Opcode.CHUNK:
         first_ns, last_ns = TIMES.unpack_from(data, at + HEAD.size)

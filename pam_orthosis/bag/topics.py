@@ -50,6 +50,11 @@ class Topic:
         return self.rate != "event"
 
     @property
+    def shared(self) -> bool:
+        """Whether nodes of other programs may publish there too, as is the custom in ROS."""
+        return self.rate == "1 Hz"
+
+    @property
     def slow(self) -> bool:
         """Whether there is a message at each step of the position controller only.
 
@@ -117,6 +122,15 @@ TOPICS = (
         "-",
         "1 Hz",
     ),
+    Topic(
+        "configuration",
+        "std_msgs/msg/String",
+        NODES,
+        NODES,
+        "what the node was started with, as JSON",
+        "-",
+        "event",
+    ),
     Topic("ready", "std_msgs/msg/String", NODES, (PLANT,), "the node's peers are there", "-", "event"),
     _topic("recorded", "builtin_interfaces/msg/Time", RECORDER, [PLANT], "recorded up to", "s", "event"),
     _topic("end", "builtin_interfaces/msg/Time", RECORDER, _OTHERS, "the run is over", "s", "event"),
@@ -149,7 +163,7 @@ def table(realtime: bool = False, with_plant: bool = True, replay: bool = False)
 
 
 def _replayed(topic: Topic) -> Topic:
-    if topic.name == "ready":
+    if topic.name in ("ready", "configuration"):
         return replace(topic, producers=(RECORDER,), consumers=(RECORDER,))
     return replace(topic, consumers=()) if topic.recorded else topic
 

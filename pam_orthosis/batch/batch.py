@@ -11,7 +11,16 @@ from typing import Any
 
 from pam_orthosis.batch.unit import Answer, Unit, work
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.files import write_text, write_whole
+from pam_orthosis.files import (
+    Write,
+    as_text,
+    locked,
+    refuse_existing,
+    refuse_used,
+    write_files,
+    write_folder,
+    write_text,
+)
 
 RESULT, SUMMARY = "result.json", "batch.json"
 LOOK_SECONDS = 1.0  # how often it is looked whether the executor still lives
@@ -22,10 +31,11 @@ class Batch:
 
     Args:
         units: of different names.
-        folder: may hold the results of an earlier, unfinished batch of the same units.
+        folder: may hold the results of an earlier, unfinished batch of the same units. What a result lists as
+            its files is replaced if the unit is done again; nothing else is.
 
     Raises:
-        OrthosisError: the folder holds results of other units by the same names.
+        OrthosisError: the folder holds something else by the names of the summary or of a unit.
     """
 
     def __init__(self, units: Sequence[Unit], folder: Path):
@@ -34,6 +44,7 @@ class Batch:
         self.results = {unit.name: one for unit in units if (one := self._finished(unit)) is not None}
         self.failed: dict[str, dict[str, Any]] = {}
         self.skipped = tuple(self.results)
+        self._summary_is_ours()
 
     def run(
         self,
@@ -52,6 +63,12 @@ class Batch:
         Raises:
             OrthosisError: the executor is gone, or the results cannot be written.
         """
+        with locked(self.folder):
+            self._run(executor, lives, retries, tell)
+
+    def _run(
+        self, executor: Executor, lives: Callable[[], bool], retries: int, tell: Callable[[str], None]
+    ) -> None:
         tries = {unit.name: 0 for unit in self.units if unit.name not in self.results}
         waiting = {executor.submit(work, unit): unit for unit in self.units if unit.name in tries}
         try:
@@ -68,7 +85,7 @@ class Batch:
         finally:
             for future in waiting:
                 future.cancel()
-            write_text(self.folder / SUMMARY, json.dumps(self.summary(), indent=2) + "\n")
+            write_text(self.folder / SUMMARY, json.dumps(self.summary(), indent=2) + "\n", overwrite=True)
 
     def summary(self) -> dict[str, Any]:
         """Return what came of all units, as plain data: yes, no, failed (with the reason), missing."""
@@ -80,29 +97,44 @@ class Batch:
             "missing": [name for name in names if name not in self.results and name not in self.failed],
         }
 
+    def _summary_is_ours(self) -> None:
+        """Raise OrthosisError if there is a file of the summary's name that is no summary."""
+        file = self.folder / SUMMARY
+        if file.exists() and set(_object(file)) != set(self.summary()):
+            raise OrthosisError(f"{file} is no summary of a batch; give another --out")
+
     def _finished(self, unit: Unit) -> dict[str, Any] | None:
-        file = self.folder / unit.name / RESULT
-        if not file.exists():
-            return None
-        try:
-            result = json.loads(file.read_text(encoding="utf-8"))
-            same = {key: result.get(key) for key in unit.identity()} == unit.identity()
-        except (OSError, ValueError, AttributeError):
-            return None  # not of ours, or spoilt: it is done again
-        if not same:
-            raise OrthosisError(f"{file} is the result of another command: give another --out, or remove it")
-        return result if result.get("read", []) == self._states[unit.name] else None
+        result = self._earlier(unit)
+        return result if result and result.get("read", []) == self._states[unit.name] else None
+
+    def _earlier(self, unit: Unit) -> dict[str, Any]:
+        """Return the result that is there already, be what the unit reads as it was then or not."""
+        home = self.folder / unit.name
+        if not (home / RESULT).exists():
+            refuse_used(home)
+            return {}
+        result = _object(home / RESULT)
+        if {key: result.get(key) for key in unit.identity()} != unit.identity():
+            raise OrthosisError(f"{home / RESULT} is the result of another command: give another --out")
+        return result
 
     def _keep(self, unit: Unit, answer: Answer, tries: int) -> None:
         """Store an answer; the result's file, which says that the unit is done, comes last."""
+        home = self.folder / unit.name
+        files = {name: _bytes(data) for name, data in answer.files.items()}
+        earlier = self._earlier(unit)
         result = {
             "name": unit.name, **unit.identity(), "read": self._states[unit.name], "status": answer.status,
-            "tries": tries, "seconds": round(answer.seconds, 2), "answer": answer.told,
+            "tries": tries, "seconds": round(answer.seconds, 2), "files": sorted(files),
+            "answer": answer.told,
         }  # fmt: skip
-        home = self.folder / unit.name
-        for name, data in answer.files.items():
-            write_whole(home / name, lambda part, data=data: part.write_bytes(data))
-        write_text(home / RESULT, json.dumps(result, indent=2) + "\n")
+        files[RESULT] = as_text(json.dumps(result, indent=2) + "\n")
+        if earlier:
+            ours = {RESULT, *earlier.get("files", [])}
+            refuse_existing(home / name for name in files if name not in ours)
+            write_files({home / name: write for name, write in files.items()}, overwrite=True)
+        else:
+            write_folder(home, files)
         self.results[unit.name] = result
 
     def _line(self, unit: Unit, answer: Answer, tries: int) -> str:
@@ -131,3 +163,16 @@ def _answer(future: Future) -> Answer:
         return future.result()
     except (Exception, CancelledError) as error:
         return Answer(-1, None, f"{type(error).__name__}: {error}".splitlines()[0], 0.0)
+
+
+def _object(file: Path) -> dict[str, Any]:
+    """Return the JSON object in a file; empty if it holds none."""
+    try:
+        told = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return told if isinstance(told, dict) else {}
+
+
+def _bytes(data: bytes) -> Write:
+    return lambda stream: stream.write(data)

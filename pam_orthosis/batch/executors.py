@@ -25,6 +25,7 @@ def local(workers: int) -> Iterator[tuple[Executor, Callable[[], bool]]]:
     try:
         yield pool, lambda: True
     except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)  # or the next ones would be begun
         end_all()
         raise
     finally:

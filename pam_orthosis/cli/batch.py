@@ -14,6 +14,7 @@ from pathlib import Path
 
 from pam_orthosis.cli.check import not_negative
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import output
 
 PROGRAM = "pam_orthosis.cli.main"
 TASKS = {
@@ -29,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     tasks = "; ".join(f"{name}: {meaning}" for name, meaning in TASKS.items())
     parser.add_argument("task", choices=TASKS, metavar="TASK", help=tasks)
     parser.add_argument("inputs", type=Path, nargs="+", metavar="INPUT", help="bags, or the file of a study")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR",
+    parser.add_argument("--out", type=output, required=True, metavar="DIR",
                         help="results, one folder for each bag; finished bags are not repeated")  # fmt: skip
     where = parser.add_mutually_exclusive_group()
     where.add_argument(

@@ -7,15 +7,15 @@ import argparse
 from pathlib import Path
 
 from pam_orthosis.bag.examples import BAGS, CASES, write_example
-from pam_orthosis.cli.run import refuse_used
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import output
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     parser.add_argument("name", nargs="?", metavar="NAME", help=", ".join([*BAGS, *CASES]))
     parser.add_argument("--list", action="store_true", help="print the examples with their meaning")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="new folder (NAME)")
+    parser.add_argument("--out", type=output, metavar="DIR", help="new folder (NAME)")
 
 
 def execute(arguments: argparse.Namespace) -> int:
@@ -26,7 +26,6 @@ def execute(arguments: argparse.Namespace) -> int:
     if arguments.name is None:
         raise OrthosisError(f"give the name of an example ({', '.join([*BAGS, *CASES])}) or --list")
     folder = arguments.out or Path(arguments.name)
-    refuse_used(folder)
     for bag in write_example(arguments.name, folder):
         print(bag)
     return 0

@@ -12,6 +12,9 @@ from pathlib import Path
 from tempfile import TemporaryFile
 
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import as_text, make_folder, output, refuse_existing, remove_empty, told, write_files
+
+FILES = "gap.json", "model.yaml", "gap.html"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,12 +31,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="recordings that judge and are not fitted (the last quarter of each MEASURED)",
     )  # fmt: skip
     parser.add_argument(
-        "--model",
-        type=Path,
-        metavar="FILE",
-        help="YAML with parameters of the nominal model that differ from the bag's",
-    )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="write gap.json, model.yaml and a page")
+        "--model", type=Path, metavar="FILE",
+        help="YAML with parameters of the nominal model that differ from the bag's"
+        " (by `gap`, `improve`, `plan` or `identify`)",
+    )  # fmt: skip
+    parser.add_argument("--out", type=output, metavar="DIR", help="write gap.json, model.yaml and a page")
     parser.add_argument(
         "--until", choices=("check", "replay", "where"),
         help="stop after this stage: what the data can show; how large the gap is; where it is",
@@ -48,30 +50,36 @@ def execute(arguments: argparse.Namespace) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # scipy and CasADi take a second to load
     from pam_orthosis.discrepancy import patch
+    from pam_orthosis.discrepancy.data import without_record
     from pam_orthosis.discrepancy.telling import telling
-    from pam_orthosis.discrepancy.verdict import as_dict, describe, describe_data, told_as_dict
+    from pam_orthosis.discrepancy.verdict import as_dict, assumed_words, describe, describe_data, told_as_dict
     from pam_orthosis.discrepancy.workflow import begin, search
 
     _check_out(arguments)
     _check_apart(arguments.measured, arguments.held_out)
     given = patch.read(arguments.model) if arguments.model else {}
-    parameters, system, read = _system([*arguments.measured, *arguments.held_out], given, arguments.namespace)
+    paths = [*arguments.measured, *arguments.held_out]
+    parameters, system, read = _system(paths, given, arguments.namespace)
+    assumed = without_record(paths, arguments.namespace)
+    heading = assumed_words(assumed, len(paths), arguments.model)
     training, held_out = (
         [read(path, system, arguments.namespace) for path in paths]
         for paths in (arguments.measured, arguments.held_out)
     )
     if arguments.out:
-        _make(arguments.out)
+        _try(arguments.out)
     progress = _progress()
     start = begin(system, training, held_out, parameters.gap, progress)
     progress("looking at what these data can tell")
     data = telling(start.problem, start.null, parameters.gap.evidence.threshold)
     if arguments.until:
-        print(_stages(start, data, arguments.until))
+        print(heading + _stages(start, data, arguments.until))
         return 0
     outcome = search(start, parameters.gap, progress)
-    told = {**as_dict(outcome), "data": told_as_dict(data)}
-    words = f"{describe_data(data)}\n{describe(outcome)}"
+    told = {
+        **as_dict(outcome), "apparatus_assumed": [str(path) for path in assumed], "data": told_as_dict(data)
+    }  # fmt: skip
+    words = f"{heading}{describe_data(data)}\n{describe(outcome)}"
     try:
         if arguments.out:
             _write(arguments.out, outcome, told, given, words)
@@ -88,7 +96,7 @@ def _stages(start, data, last: str) -> str:
     if last != "check":
         parts.append(describe_replay(start))
     if last == "where":
-        parts.append(describe_where(start.system, start.where()))
+        parts.append(describe_where(start))
     return "\n".join(parts)
 
 
@@ -96,6 +104,7 @@ def _system(paths: list[Path], given, namespace: str):
     """Return what is believed, the system that the recordings are of, and how they are read."""
     from pam_orthosis.discrepancy import knee, rig
     from pam_orthosis.discrepancy.data import agreed_belief
+    from pam_orthosis.discrepancy.patch import PLANNED
     from pam_orthosis.model.parameters import load
 
     specimens = {rig.specimen_of(path) for path in paths}
@@ -104,6 +113,8 @@ def _system(paths: list[Path], given, namespace: str):
         raise OrthosisError(f"recordings of different systems ({names}): one at a time")
     specimen = specimens.pop()
     apparatus, alone = (knee.APPARATUS, knee.ALONE) if specimen is None else (rig.APPARATUS, {})
+    # a plan is of one motion, which the recordings need not show, and no part of the apparatus
+    given = {key: value for key, value in given.items() if not key.startswith(PLANNED)}
     parameters = load({**agreed_belief(paths, apparatus, given, namespace, alone), **given})
     if specimen is None:
         return parameters, knee.knee(parameters), _recording
@@ -143,28 +154,25 @@ def _check_out(arguments: argparse.Namespace) -> None:
         raise OrthosisError("--until prints words only; leave --out and --json out")
     if folder is not None and folder.exists() and not folder.is_dir():
         raise OrthosisError(f"--out {folder} is a file; give a folder")
+    if folder:
+        refuse_existing(folder / name for name in FILES)
 
 
-def _make(folder: Path) -> None:
-    """Make the folder and try to write there, before the search takes its time."""
+def _try(folder: Path) -> None:
+    """Try to write into a folder, before the search takes its time."""
+    made = make_folder(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=folder):
+        with told(folder), TemporaryFile(dir=folder):
             pass
-    except OSError as error:
-        raise OrthosisError(f"cannot write to {folder}: {error.strerror or error}") from error
+    finally:
+        remove_empty(made)
 
 
 def _write(folder: Path, outcome, told, given, words: str) -> None:
     from pam_orthosis.discrepancy import patch
-    from pam_orthosis.report.gap import write_page
+    from pam_orthosis.report.gap import page
 
-    try:
-        (folder / "gap.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
-        final = outcome.selection.final
-        named = [one.name for one in outcome.effects]
-        added = patch.overrides(outcome.system, named, final.values)
-        patch.write(folder / "model.yaml", {**given, **added})
-        write_page(outcome, folder, words)
-    except OSError as error:
-        raise OrthosisError(f"cannot write to {folder}: {error.strerror or error}") from error
+    named = [one.name for one in outcome.effects]
+    added = patch.overrides(outcome.system, named, outcome.selection.final.values)
+    texts = json.dumps(told, indent=2) + "\n", patch.text({**given, **added}), page(outcome, words)
+    write_files({folder / name: as_text(text) for name, text in zip(FILES, texts, strict=True)})

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import argparse
 from importlib.util import find_spec
-from pathlib import Path
 
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import filled, output, refuse_used
 
 CLASSES, SIZES = ("clean", "realistic"), ("small", "medium", "large")
 
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=int, default=1, metavar="N", help="seed of everything that is drawn (1)"
     )
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder of the case")
+    parser.add_argument("--out", type=output, required=True, metavar="DIR", help="new folder of the case")
 
 
 def execute(arguments: argparse.Namespace) -> int:
@@ -37,16 +37,16 @@ def execute(arguments: argparse.Namespace) -> int:
     from pam_orthosis.discrepancy.hidden.case import make_case
     from pam_orthosis.discrepancy.hidden.write import write_case
 
-    if arguments.out.exists() and any(arguments.out.iterdir()):
-        raise OrthosisError(f"{arguments.out} is not empty; choose another --out")
+    refuse_used(arguments.out)
     if arguments.seed < 0:
         raise OrthosisError("--seed: give a whole number from 0 on")
     effects = _effects(arguments.effect or ["random"])
     case = make_case(arguments.seed, arguments.class_, arguments.size, effects, arguments.outside)
-    training, held_out, truth = write_case(case, arguments.out)
-    print("training: ", *training)
-    print("held out: ", *held_out)
-    print("answer:   ", truth)
+    with filled(arguments.out) as folder:
+        training, held_out, truth = write_case(case, folder)
+    print("training: ", *(arguments.out / one.name for one in training))
+    print("held out: ", *(arguments.out / one.name for one in held_out))
+    print("answer:   ", arguments.out / truth.relative_to(folder))
     return 0
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from pam_orthosis.cli.check import not_negative
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.files import write_text
+from pam_orthosis.files import as_text, output, refuse_existing, write_files
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.specimens import SPECIMENS
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pam_orthosis.identification.data import Data
     from pam_orthosis.identification.identify import Identified
 
+FIGURES = ("force.png", "residual.png", "volume.png")  # of `report.identification`
 MOST_LEVELS = 12  # a table with more pressures is summed up
 
 
@@ -47,9 +48,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="D",
         help="damping in N s/m, instead of that of the decays",
     )
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write the rows for config/muscle.yaml")
+    parser.add_argument(
+        "--out", type=output, metavar="FILE", help="write the rows, for --model or config/muscle.yaml"
+    )
     parser.add_argument("--update", type=Path, metavar="FILE", help="put the rows into such a file")
-    parser.add_argument("--figures", type=Path, metavar="DIR", help="draw force, residuals and volume")
+    parser.add_argument("--figures", type=output, metavar="DIR", help="draw force, residuals and volume")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 
 
@@ -61,22 +64,22 @@ def execute(arguments: argparse.Namespace) -> int:
 
     if min(arguments.degrees) < 0 or arguments.degrees[0] > 3 or arguments.degrees[1] > 4:
         raise OrthosisError("--degrees: Eq. (14) has at most degrees 3 and 4")
-    if arguments.out and arguments.out.exists():
-        raise OrthosisError(f"{arguments.out} exists; choose another --out")
+    figures = [arguments.figures / name for name in FIGURES] if arguments.figures else []
+    refuse_existing([*([arguments.out] if arguments.out else []), *figures])
     if arguments.nominal_length_m == 0:
         raise OrthosisError("--nominal-length-m: a muscle is longer than 0 m")
     data = read_data(arguments.data, arguments.muscle, arguments.nominal_length_m)
     found = identify(data, _held_out(arguments, data), tuple(arguments.degrees), arguments.damping)
     rows.check(found)
     source = f"identified on {_origin(found)} by `pam-orthosis identify`"
-    if arguments.out:
-        write_text(arguments.out, rows.as_yaml(found, source))
+    written = {arguments.out: as_text(rows.as_yaml(found, source))} if arguments.out else {}
+    if arguments.figures:
+        from pam_orthosis.report.identification import drawn  # matplotlib takes its time to load
+
+        written |= drawn(found, arguments.figures)
+    write_files(written)
     if arguments.update:
         rows.update(arguments.update, found, source)
-    if arguments.figures:
-        from pam_orthosis.report.identification import draw  # matplotlib takes its time to load
-
-        draw(found, arguments.figures)
     print(json.dumps(found.as_dict(), indent=2) if arguments.json else describe(found))
     return 0
 

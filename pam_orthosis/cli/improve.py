@@ -14,7 +14,7 @@ import sys
 import time
 from pathlib import Path
 
-from pam_orthosis.files import write_text
+from pam_orthosis.files import as_text, claimed, output, write_files
 from pam_orthosis.model.parameters import load, scenario_overrides
 
 
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--rounds", type=_positive, default=3, metavar="N", help="rounds at most (3)")
     parser.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="folder of model, table, figure and bags"
+        "--out", type=output, required=True, metavar="DIR", help="folder of model, table, figure and bags"
     )
     parser.add_argument(
         "--param", action="append", default=[], metavar="KEY=VALUE", help="set a parameter (repeatable)"
@@ -38,14 +38,14 @@ def execute(arguments: argparse.Namespace) -> int:
     """Improve; return 0 if the knee follows better in the end, 1 if not."""
     # the search has threads of its own; set before numpy is loaded
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from pam_orthosis.cli.run import assignments, refuse_used
+    from pam_orthosis.cli.run import assignments
     from pam_orthosis.improvement.rounds import improve
 
-    refuse_used(arguments.out)
     parameters = load(scenario_overrides(arguments.scenario) | assignments(arguments.param))
     seeds = [parameters.scenario.seed + number for number in range(arguments.seeds)]
-    rounds = improve(parameters, arguments.scenario, arguments.out, seeds, arguments.rounds, _progress())
-    _write(arguments.out, rounds, arguments.json)
+    with claimed(arguments.out):
+        rounds = improve(parameters, arguments.scenario, arguments.out, seeds, arguments.rounds, _progress())
+        _write(arguments.out, rounds, arguments.json)
     return 0 if any(one.kept for one in rounds[1:]) else 1
 
 
@@ -55,10 +55,12 @@ def _write(folder: Path, rounds, as_json: bool) -> None:
 
     told = [one.as_dict() for one in rounds]
     table = improvement.table(told)
-    patch.write(folder / "model.yaml", rounds[-1].model)
-    write_text(folder / "improve.json", json.dumps(told, indent=2) + "\n")
-    write_text(folder / "improve.md", table)
-    improvement.draw(rounds, folder / "improve.png")
+    write_files({
+        folder / "model.yaml": as_text(patch.text(rounds[-1].model)),
+        folder / "improve.json": as_text(json.dumps(told, indent=2) + "\n"),
+        folder / "improve.md": as_text(table),
+        folder / "improve.png": lambda stream: improvement.draw(rounds, stream),
+    })  # fmt: skip
     print(json.dumps(told, indent=2) if as_json else table)
 
 

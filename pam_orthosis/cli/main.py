@@ -19,7 +19,8 @@ from typing import NoReturn
 
 from pam_orthosis import __version__
 from pam_orthosis.cli.help_texts import STATUSES, epilog
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.errors import OrthosisError, RunFailed
+from pam_orthosis.processes import ENDING
 
 VERBS = {
     "run": "start the node graph, record a bag, judge it",
@@ -51,8 +52,8 @@ class Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a verb; return the exit status."""
-    if current_thread() is main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-        signal.signal(signal.SIGTERM, _end_as_interrupted)
+    if current_thread() is main_thread():
+        _catch_signals()
     try:
         return _dispatch(sys.argv[1:] if arguments is None else list(arguments))
     except BrokenPipeError:  # nobody reads the rest
@@ -85,8 +86,20 @@ def _told(error: BaseException) -> str:
     return f"{type(error).__name__} in {os.path.basename(own[-1].filename)}:{own[-1].lineno}: {error}"
 
 
-def _end_as_interrupted(_number: int, _frame: FrameType | None) -> NoReturn:
-    """Let SIGTERM end a verb as SIGINT does: what was begun is tidied up."""
+def _catch_signals() -> None:
+    """Let all signals that ask for an end do what SIGINT does; what is ignored, as by `nohup`, stays so."""
+    for number in ENDING:
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+            signal.signal(number, _interrupt)
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    """End a verb: what was begun is tidied up, once, whatever comes meanwhile."""
+    error = sys.exc_info()[1]
+    while error:
+        if isinstance(error, (KeyboardInterrupt, RunFailed)):
+            return
+        error = error.__context__
     raise KeyboardInterrupt
 
 

@@ -10,32 +10,35 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pam_orthosis.files import told, write_text
+from pam_orthosis.cli.identify import FIGURES
+from pam_orthosis.files import as_text, output, refuse_existing, write_files
 from pam_orthosis.model.parameters import load
 
 if TYPE_CHECKING:
     from pam_orthosis.identification.identify import Identified
 
 MUSCLE = "dmsp_20"
+PICTURES = ("observer.png", "trade_off.png", "tracking.png", *FIGURES)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     parser.add_argument(
-        "--out", type=Path, metavar="DIR", default=Path("runs/paper"),
+        "--out", type=output, metavar="DIR", default=Path("runs/paper"),
         help="folder of paper.md and its pictures (runs/paper)",
     )  # fmt: skip
+    parser.add_argument("--overwrite", action="store_true", help="replace the page and its pictures")
     parser.add_argument("--json", action="store_true", help="print the numbers as JSON")
 
 
 def execute(arguments: argparse.Namespace) -> int:
     """Make the runs, draw, write the page."""
+    from pam_orthosis.report.identification import drawn
     from pam_orthosis.report.paper import figures, observer, table, tracking  # matplotlib takes a second
     from pam_orthosis.report.paper.observer import DAMPING, POLE
 
-    pictures = arguments.out / "pictures"
-    with told(pictures):
-        pictures.mkdir(parents=True, exist_ok=True)
+    page, pictures = arguments.out / "paper.md", arguments.out / "pictures"
+    refuse_existing([page, *(pictures / name for name in PICTURES)], arguments.overwrite)
     identified = _identified()
     _say("fig. 8: observer")
     observed = observer.observe()
@@ -45,12 +48,15 @@ def execute(arguments: argparse.Namespace) -> int:
     found = table.Results(
         identified, observed, on_hardware, points, tracking.track(), tracking.track(tuned)
     )  # fmt: skip
-    figures.draw_observer(observed, pictures / "observer.png")
-    figures.draw_trade_off(points, observed, pictures / "trade_off.png")
-    figures.draw_tracking(found.tracking, pictures / "tracking.png")
-    _draw_muscle(identified, pictures)
-    write_text(arguments.out / "paper.md", table.page(found))
-    print(json.dumps(found.as_dict(), indent=2) if arguments.json else arguments.out / "paper.md")
+    files = {
+        pictures / "observer.png": lambda stream: figures.draw_observer(observed, stream),
+        pictures / "trade_off.png": lambda stream: figures.draw_trade_off(points, observed, stream),
+        pictures / "tracking.png": lambda stream: figures.draw_tracking(found.tracking, stream),
+        **drawn(identified, pictures),
+        page: as_text(table.page(found)),
+    }
+    write_files(files, arguments.overwrite)
+    print(json.dumps(found.as_dict(), indent=2) if arguments.json else page)
     return 0
 
 
@@ -67,12 +73,6 @@ def _identified() -> Identified:
             _say(f"figs. 4 and 5: {test}")
             rig.record_test(parameters, MUSCLE, test, Path(folder))
         return identify(read_data([Path(folder)]), held_out)
-
-
-def _draw_muscle(found: Identified, folder: Path) -> None:
-    from pam_orthosis.report.identification import draw
-
-    draw(found, folder)
 
 
 def _say(words: str) -> None:

@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import output, refuse_existing
 from pam_orthosis.model.parameters import load, scenario_overrides
 from pam_orthosis.planning import RESERVE
 
@@ -22,7 +23,9 @@ BAR = 1.0e5
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     parser.add_argument("--scenario", default="person", metavar="NAME", help="motion and person (person)")
-    parser.add_argument("--model", type=Path, metavar="FILE", help="nominal model (by `gap` or `improve`)")
+    parser.add_argument(
+        "--model", type=Path, metavar="FILE", help="nominal model (by `gap`, `improve` or `identify`)"
+    )
     parser.add_argument(
         "--param", action="append", default=[], metavar="KEY=VALUE", help="set a parameter (repeatable)"
     )
@@ -41,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " and where the knee fell short of the last plan more is asked for",
     )
     parser.add_argument("--namespace", default="", metavar="NS", help="of the leg in that bag")
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="new model with the plan")
+    parser.add_argument("--out", type=output, required=True, metavar="FILE", help="new model with the plan")
 
 
 def execute(arguments: argparse.Namespace) -> int:
@@ -51,8 +54,7 @@ def execute(arguments: argparse.Namespace) -> int:
     from pam_orthosis.planning.plan import make_plan
     from pam_orthosis.planning.recorded import recorded_in
 
-    if arguments.out.exists():
-        raise OrthosisError(f"{arguments.out} exists; choose another --out")
+    refuse_existing([arguments.out])
     if not 0 <= arguments.reserve <= 1:
         raise OrthosisError(f"--reserve {arguments.reserve:g}: give 0 to 1 bar")
     known = patch.read_belief(arguments.model) if arguments.model else {}

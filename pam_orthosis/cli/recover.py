@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pam_orthosis.files import bag_name
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import bag_name, output
 
 if TYPE_CHECKING:
     from pam_orthosis.bag.salvage import Loss
@@ -16,19 +18,40 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     parser.add_argument("bag", type=Path, metavar="BAG", help="bag folder or .mcap file")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the new bag (BAG-recovered)")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--out", type=output, metavar="DIR", help="folder of the new bag (BAG-recovered, here)"
+    )
+    where.add_argument(
+        "--in-place",
+        action="store_true",
+        help="close a bag whose recorder was killed where it is, by cutting off the torn end;"
+        " quick, and needs no room",
+    )
+    parser.add_argument("--json", action="store_true", help="print what was recovered as JSON")
 
 
 def execute(arguments: argparse.Namespace) -> int:
     """Recover the bag."""
-    from pam_orthosis.bag.recover import recover  # what reads bags takes its time to load
+    from pam_orthosis.bag.recover import Recovered, recover, recover_in_place  # takes its time to load
+    from pam_orthosis.bag.unclosed import Damaged
 
     bag = arguments.bag.resolve()
-    out = arguments.out or bag.with_name(f"{bag_name(bag)}-recovered")
-    recovered = recover(bag, out)
+    if arguments.in_place:
+        out = arguments.bag
+        try:
+            recovered = Recovered(recover_in_place(bag), (), ())
+        except Damaged as error:
+            raise OrthosisError(f"{error}; leave --in-place out: what is whole is copied then") from error
+    else:
+        out = arguments.out or Path(f"{bag_name(bag)}-recovered")
+        recovered = recover(bag, out)
+    if arguments.json:
+        print(json.dumps({"bag": str(out), **recovered.as_dict()}, indent=2))
+        return 0
     print(f"{recovered.messages} messages recovered into {out}")
-    if recovered.left_out:
-        print(f"left out: {recovered.left_out} messages of topics that are not ROS 2 topics (cdr, ros2msg)")
+    for one in recovered.left_out:
+        print(f"left out: {one.messages} messages of {one.topic}: {one.why}")
     for loss in recovered.lost:
         print(f"lost: {_told(loss)}")
     return 0

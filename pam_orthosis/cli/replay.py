@@ -8,15 +8,16 @@ import json
 import sys
 import tempfile
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pam_orthosis.bag.topics import SECOND_NS, SIGNALS
 from pam_orthosis.cli.check import titled
-from pam_orthosis.cli.run import Progress, assignments, need_ros, refuse_used, supervise_recorded
+from pam_orthosis.cli.run import Progress, assignments, need_ros, supervise_recorded
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import claimed, output
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.nodes import launch
 from pam_orthosis.nodes.supervisor import supervise
@@ -46,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         help="set a parameter to another value than in the recorded run (repeatable)",
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="keep the answers, as a new bag")
+    parser.add_argument("--out", type=output, metavar="DIR", help="keep the answers, as a new bag")
     parser.add_argument("--json", action="store_true", help="print the comparison as JSON")
 
 
@@ -58,9 +59,8 @@ def execute(arguments: argparse.Namespace) -> int:
     legs = namespaces(arguments.bag) if arguments.namespace is None else [arguments.namespace]
     if arguments.out and len(legs) > 1:
         raise OrthosisError(f"--out holds one leg: give --namespace, one of {', '.join(legs)}")
-    if arguments.out:
-        refuse_used(arguments.out)
-    replayed = {leg.strip("/"): _replay(arguments, leg) for leg in legs}
+    with claimed(arguments.out) if arguments.out else nullcontext():
+        replayed = {leg.strip("/"): _replay(arguments, leg) for leg in legs}
     told = {leg: [_as_dict(one) for one in topics] for leg, topics in replayed.items()}
     compared = [one for topics in replayed.values() for one in topics]
     identical = all(one.identical and one.whole for one in compared)

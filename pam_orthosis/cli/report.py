@@ -4,16 +4,20 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from pam_orthosis.cli.check import describe, not_negative
-from pam_orthosis.files import bag_name, write_text
+from pam_orthosis.files import Write, as_text, bag_name, output, refuse_existing, refuse_used, write_files
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     parser.add_argument("bag", type=Path, metavar="BAG", help="bag folder or .mcap file")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of page and picture (beside the bag)")
+    parser.add_argument(
+        "--out", type=output, metavar="DIR", help="folder of page and picture (a new one, BAG-report, here)"
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier report of that name")
     parser.add_argument(
         "--bound-deg", type=not_negative, default=3.0, help="bound on the largest error, degrees (3)"
     )
@@ -28,41 +32,43 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(arguments: argparse.Namespace) -> int:
     """Write what is asked for and say where."""
     bag = arguments.bag.resolve()
-    folder = arguments.out or bag.parent
+    folder = arguments.out or Path(f"{bag_name(bag)}-report")
+    if not (arguments.out or arguments.overwrite):
+        refuse_used(folder)
     leg = arguments.namespace.strip("/").replace("/", "-")
+    name = f"{bag_name(bag)}{leg and '-'}{leg}"
     makers = {"page": ("html", _page), "picture": ("png", _picture), "table": ("csv", _table),
               "animation": ("gif", _animation)}  # fmt: skip
-    for name in [arguments.only] if arguments.only else ["page", "picture"]:
-        ending, make = makers[name]
-        file = folder / f"{bag_name(bag)}{leg and '-'}{leg}.{ending}"
-        make(bag, file, arguments)
-        print(file)
+    wanted = [makers[kind] for kind in ([arguments.only] if arguments.only else ["page", "picture"])]
+    refuse_existing([folder / f"{name}.{ending}" for ending, _ in wanted], arguments.overwrite)
+    files = {folder / f"{name}.{ending}": make(bag, arguments) for ending, make in wanted}
+    write_files(files, arguments.overwrite)
+    print(*files, sep="\n")
     return 0
 
 
-def _page(bag: Path, file: Path, arguments: argparse.Namespace) -> None:
+def _page(bag: Path, arguments: argparse.Namespace) -> Write:
     from pam_orthosis.bag.verdict import judge
     from pam_orthosis.report.run_data import read_run
     from pam_orthosis.report.run_page import run_page  # plotly takes a second to load
 
     verdict = judge(bag, arguments.bound_deg, namespace=arguments.namespace)
-    page = run_page(read_run(bag, arguments.namespace), verdict, describe(verdict))
-    write_text(file, page)
+    return as_text(run_page(read_run(bag, arguments.namespace), verdict, describe(verdict)))
 
 
-def _picture(bag: Path, file: Path, arguments: argparse.Namespace) -> None:
-    from pam_orthosis.report.walk import write_walk  # matplotlib takes a second to load
+def _picture(bag: Path, arguments: argparse.Namespace) -> Write:
+    from pam_orthosis.report.walk import draw_run  # matplotlib takes a second to load
 
-    write_walk(bag, file, arguments.bound_deg, arguments.namespace)
+    return partial(draw_run, bag, arguments.bound_deg, arguments.namespace)
 
 
-def _table(bag: Path, file: Path, arguments: argparse.Namespace) -> None:
+def _table(bag: Path, arguments: argparse.Namespace) -> Write:
     from pam_orthosis.report.table import write_table
 
-    write_table(bag, file, arguments.namespace)
+    return partial(write_table, bag, arguments.namespace)
 
 
-def _animation(bag: Path, file: Path, arguments: argparse.Namespace) -> None:
+def _animation(bag: Path, arguments: argparse.Namespace) -> Write:
     from pam_orthosis.report.animation import write_animation
 
-    write_animation(bag, file, arguments.namespace)
+    return partial(write_animation, bag, arguments.namespace)

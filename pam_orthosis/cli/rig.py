@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pam_orthosis.cli.run import refuse_used
+from pam_orthosis.files import filled, output
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.model.specimens import SPECIMENS
 
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--muscle", choices=SPECIMENS, default="dmsp_20", help="muscle under test (dmsp_20)"
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the bags (runs/rig-MUSCLE)")
+    parser.add_argument("--out", type=output, metavar="DIR", help="folder of the bags (runs/rig-MUSCLE)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of the sensor noise (1)")
     parser.add_argument(
         "--tests", nargs="+", choices=TESTS, default=IDENTIFICATION,
@@ -42,9 +42,9 @@ def execute(arguments: argparse.Namespace) -> int:
         overrides["plant.rig.load_cell.accuracy"] = arguments.load_cell
     parameters = load(overrides)
     out = arguments.out or Path("runs") / f"rig-{arguments.muscle}"
-    refuse_used(out)
-    for test in arguments.tests:
-        record_test(parameters, arguments.muscle, test, out)
+    with filled(out) as folder:
+        for test in arguments.tests:
+            record_test(parameters, arguments.muscle, test, folder)
     print(out)
     return 0
 
@@ -59,7 +59,7 @@ def record_test(parameters: Parameters, specimen: str, test: str, out: Path) -> 
         name = f"{test}-{pressure / 1e5:.1f}bar"
         samples = _samples(parameters, specimen, test, pressure, parameters.scenario.seed + number)
         count = record_rig(out / name, parameters, specimen, test, samples, every)
-        print(f"{out / name}: {count} samples", file=sys.stderr, flush=True)
+        print(f"{name}: {count} samples", file=sys.stderr, flush=True)
 
 
 def _pressures(rig, specimen: str, test: str) -> list[float]:

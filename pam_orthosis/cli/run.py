@@ -20,14 +20,13 @@ import yaml
 
 from pam_orthosis.cli.check import add_verdict_arguments, show
 from pam_orthosis.errors import OrthosisError, RunFailed
-from pam_orthosis.files import make_folder, remove_empty
+from pam_orthosis.files import Used, claimed, output
 from pam_orthosis.model.parameters import Parameters, load, scenario_names, scenario_overrides
 from pam_orthosis.nodes import launch
 from pam_orthosis.nodes.supervisor import supervise
 
 PROGRESS_SECONDS = 2.0
 ROS_WHEELS = "pip install 'ros-jazzy-rclpy[fastrtps]==7.1.6' ros-jazzy-common-interfaces (Linux, x86-64)"
-CLAIM = ".claimed"  # in the folder of a run while it lasts
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--list", action="store_true", help="print the scenarios with their meaning")
     parser.add_argument("--duration", type=float, metavar="S", help="simulated seconds (20)")
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the sensor noise")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="new bag (runs/SCENARIO-N)")
+    parser.add_argument("--out", type=output, metavar="DIR", help="new bag (runs/SCENARIO-N)")
     parser.add_argument("--composed", action="store_true", help="all nodes in one process")
     parser.add_argument(
         "--legs",
@@ -65,8 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--model", type=Path, metavar="FILE",
-        help="YAML that changes the nominal model of the controllers (by `gap`, `improve` or `plan`);"
-        " the emulated hardware stays",
+        help="YAML that changes the nominal model of the controllers (by `gap`, `improve`, `plan` or"
+        " `identify`); the emulated hardware stays",
     )  # fmt: skip
     add_verdict_arguments(parser)
 
@@ -82,44 +81,29 @@ def execute(arguments: argparse.Namespace) -> int:
     given = assignments(arguments.param)
     parameters = _believing(load(_overrides(arguments)), arguments.model, given)
     mode = _mode(arguments, parameters)
-    bag, made = claim(arguments.out, arguments.scenario)
-    try:
+    with ExitStack() as stack:
+        bag = claim(stack, arguments.out, arguments.scenario)
         _run(parameters, bag.resolve(), arguments.scenario, mode, arguments.open)
-    finally:
-        (bag / CLAIM).unlink(missing_ok=True)
-        remove_empty(made)  # if nothing was recorded
     print(f"recorded {bag}", file=sys.stderr)
     return show(judge_all(bag, arguments.bound_deg), arguments.json)
 
 
-def claim(out: Path | None, scenario: str) -> tuple[Path, list[Path]]:
-    """Take a folder, a new or an empty one, for this run alone; return it and what was made for it.
+def claim(stack: ExitStack, out: Path | None, scenario: str) -> Path:
+    """Take a folder, a new or an empty one, for this run alone until the stack is closed; return it.
 
-    Two runs may find the same folder empty: it belongs to the one whose file `CLAIM` is first there. Without
-    `out` the other takes the next number.
+    Two runs may find the same folder empty: without `out` the second takes the next number.
 
     Raises:
         OrthosisError: the folder is used or another run's, or cannot be made.
     """
-    folder = out or _unused(scenario)
-    refuse_used(folder)
-    made = make_folder(folder)
-    try:
-        (folder / CLAIM).touch(exist_ok=False)
-    except FileExistsError:
-        if not out:
-            return claim(out, scenario)
-        raise OrthosisError(f"{folder} belongs to another run; choose another --out") from None
-    if len(list(folder.iterdir())) > 1:  # the other has just ended
-        (folder / CLAIM).unlink()
-        refuse_used(folder)
-    return folder, made
-
-
-def refuse_used(folder: Path) -> None:
-    """Raise OrthosisError if there is something already where a bag is to be written."""
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise OrthosisError(f"{folder} exists and is not an empty folder; choose another --out")
+    if out:
+        stack.enter_context(claimed(out))
+        return out
+    while True:
+        folder = _unused(scenario)
+        with suppress(Used):
+            stack.enter_context(claimed(folder))
+            return folder
 
 
 def need_ros() -> None:
@@ -215,21 +199,27 @@ def supervise_recorded(
     """Supervise nodes that write a bag; RunFailed tells what is left in it, which can be read then."""
     try:
         supervise(commands, environment, work, progress)
-    except RunFailed as error:
-        raise RunFailed(f"{error}; {_rescue(bag, work)}") from None
+    except (RunFailed, KeyboardInterrupt) as error:
+        raise RunFailed(f"{error or 'interrupted'}; {_rescue(bag, work)}") from None
 
 
 def _rescue(bag: Path, work: Path) -> str:
     """Make what there is of a bag readable, keep the nodes' output beside it, say so."""
     from pam_orthosis.bag.read import METADATA_FILE
-    from pam_orthosis.bag.recover import recover_in_place
+    from pam_orthosis.bag.recover import recover, recover_in_place
+    from pam_orthosis.bag.unclosed import Damaged
 
     if not any(bag.glob("*.mcap")):
         return "nothing was recorded"
+    readable = bag
     try:
         if not (bag / METADATA_FILE).exists():
-            recover_in_place(bag)
-        told = f"the bag {bag} holds the run up to there"
+            try:
+                recover_in_place(bag)
+            except Damaged:
+                readable = bag.with_name(f"{bag.name}-recovered")
+                recover(bag, readable)
+        told = f"the bag {readable} holds the run up to there"
     except (OrthosisError, OSError) as error:
         told = str(error)
     with suppress(OSError):  # the disk may be full, which is perhaps why the run failed

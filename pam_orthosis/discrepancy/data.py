@@ -122,6 +122,11 @@ def believed(path: Path, namespace: str = "") -> dict:
     return {key: value for key, value in recorded.items() if key.split(".", 1)[0] in (*BELIEF, "rig")}
 
 
+def without_record(paths: Sequence[Path], namespace: str = "") -> list[Path]:
+    """Return the recordings that do not tell their apparatus: it is assumed."""
+    return [path for path in paths if not believed(path, namespace)]
+
+
 def agreed_belief(
     paths: Sequence[Path],
     apparatus: tuple[str, ...],

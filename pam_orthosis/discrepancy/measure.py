@@ -9,6 +9,7 @@ import numpy as np
 
 from pam_orthosis.discrepancy.expected import Samples
 from pam_orthosis.discrepancy.fit import Fit, Problem
+from pam_orthosis.discrepancy.system import System
 
 # a gap that exceeds the noise floor by less than this share says nothing about closure
 LEAST_EXCESS = 0.03
@@ -47,6 +48,14 @@ def gap_at(problem: Problem, effects, values, judged: Samples | None = None) -> 
             units[channel], white[channel] = _rms(raw), _rms(whitened)
     white[OVERALL] = float(np.sqrt(np.mean([value**2 for value in white.values()])))
     return Gap(units, white)
+
+
+def over_noise(system: System, gap: Gap, floor: Gap) -> dict[str, float]:
+    """Return equation -> root-mean-square residual over that of noise, of the channel where it is largest."""
+    return {
+        equation.name: max(gap.white[channel] / floor.white[channel] for channel in equation.channels)
+        for equation in system.equations
+    }
 
 
 def closure(before: float, after: float, floor: float) -> float | None:

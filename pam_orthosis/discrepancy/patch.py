@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The model file: overrides that switch effects on, read by `--model` and by the simulator."""
+"""The model file: overrides by dotted key, written and read by the verbs, and by the simulator."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from pam_orthosis.discrepancy.system import System
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import write_text
 from pam_orthosis.model.parameters import BELIEF, read_yaml
+from pam_orthosis.model.rules import MUSCLES
 
 HEADING = "# Model of the gap workflow: overrides by dotted key, for `--model` and `parameters.load`.\n"
 BELIEVED = tuple(f"{branch}." for branch in BELIEF if branch != "scenario")
 PLANNED = "scenario.plan."
+ROW = {"value", "meaning"}  # what a parameter's row has at least
 MOST_ROWS = 10_000  # aliases of YAML can stand for any number of rows
 
 
@@ -31,14 +33,18 @@ def overrides(system: System, effects: Sequence[str], values: Mapping[str, float
     return changed
 
 
+def text(changed: Mapping[str, Any]) -> str:
+    """Return the text of a model file with overrides, merged over those that were given."""
+    return HEADING + yaml.safe_dump(dict(changed), sort_keys=False)
+
+
 def write(path: Path, changed: Mapping[str, Any]) -> None:
-    """Write overrides, merged over those that were given, as YAML."""
-    text = yaml.safe_dump(dict(changed), sort_keys=False)
-    write_text(path, HEADING + text)
+    """Write a model file; OrthosisError if it exists or cannot be written."""
+    write_text(path, text(changed))
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Return the overrides of a model file: dotted keys, or nested sections.
+    """Return the overrides of a model file: dotted keys, nested sections, or rows as in `config/muscle.yaml`.
 
     Raises:
         OrthosisError: missing, malformed or not a mapping.
@@ -70,7 +76,11 @@ def read_belief(path: Path) -> dict[str, Any]:
 
 def _flat(prefix: str, node: Mapping):
     for key, value in node.items():
-        if isinstance(value, dict):
+        if not prefix and key in MUSCLES:  # a file of `identify`, whose rows are those of config/muscle.yaml
+            yield from _flat("muscle.", {key: value})
+        elif isinstance(value, dict) and value.keys() >= ROW:
+            yield f"{prefix}{key}", value["value"]
+        elif isinstance(value, dict):
             yield from _flat(f"{prefix}{key}.", value)
         else:
             yield f"{prefix}{key}", value

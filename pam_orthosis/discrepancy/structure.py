@@ -25,21 +25,27 @@ class Where:
 
     Attributes:
         equation: that has it.
-        strength: power density over white noise, where it is largest.
+        density: power density over white noise, where it is largest. It tells structure from noise; how large
+            a gap is, `measure.over_noise` tells.
         coordinates: signal -> share of the residual's slow part that it explains (correlation ratio).
         regions: signal -> range of its values in which the squared residuals are largest.
-        noise: strength that noise alone does not reach in recordings of this length.
+        noise: density that noise alone does not reach in recordings of this length.
     """
 
     equation: str
-    strength: float
+    density: float
     coordinates: dict[str, float]
     regions: dict[str, tuple[float, float]]
     noise: float = CLEAN
 
+    @property
+    def clean(self) -> bool:
+        """Whether nothing but noise is left."""
+        return self.density < self.noise
+
 
 def locate(problem: Problem, model: Fit) -> list[Where]:
-    """Return every equation with its strength and the signals that its residual depends on.
+    """Return every equation with its density and the signals that its residual depends on.
 
     What the fit knows only roughly follows the recordings as far as its uncertainty allows: a map that
     was fitted in one region is not a missing effect in the next.
@@ -49,10 +55,10 @@ def locate(problem: Problem, model: Fit) -> list[Where]:
     residuals = _followed(plain, model)
     for equation in problem.system.equations:
         residual = residuals[equation.name]
-        strength = misfit(plain, equation, residual)
+        density = misfit(plain, equation, residual)
         noise = _reach(_lengths(plain, equation))
-        found.append(Where(equation.name, strength, *_coordinates(plain, equation, residual), noise))
-    return sorted(found, key=lambda one: -one.strength)
+        found.append(Where(equation.name, density, *_coordinates(plain, equation, residual), noise))
+    return sorted(found, key=lambda one: -one.density)
 
 
 def _followed(problem: Problem, model: Fit) -> dict[str, np.ndarray]:
@@ -69,7 +75,7 @@ def _followed(problem: Problem, model: Fit) -> dict[str, np.ndarray]:
 
 def clean(places: list[Where]) -> bool:
     """Whether nothing but noise is left."""
-    return all(one.strength < one.noise for one in places)
+    return all(one.clean for one in places)
 
 
 def _lengths(problem: Problem, equation) -> tuple[int, ...]:
@@ -80,7 +86,7 @@ def _lengths(problem: Problem, equation) -> tuple[int, ...]:
 
 @lru_cache(maxsize=64)
 def _reach(lengths: tuple[int, ...]) -> float:
-    """Return the strength that white noise of some lengths does not reach: `CLEAN` unless they are short."""
+    """Return the density that white noise of some lengths does not reach: `CLEAN` unless they are short."""
     if lengths[0] >= LONG:
         return CLEAN
     rng = np.random.default_rng(0)

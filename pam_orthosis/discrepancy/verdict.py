@@ -3,16 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-from pam_orthosis.discrepancy.measure import OVERALL
+from pam_orthosis.discrepancy.measure import OVERALL, over_noise
 from pam_orthosis.discrepancy.structure import clean
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.telling import Telling
 from pam_orthosis.discrepancy.workflow import Beginning, Named, Outcome, beyond
 
 LABEL = 25  # characters of the first column, at least
+MOST_EMPTIED = 3  # parameters in one line
 FAR_STRAIN = 5.0  # tolerances: less likely hardware than a wrong zero or unit
 
 
@@ -36,8 +38,9 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
         "closure_baseline": {
             name: "configured" if name in outcome.from_configured else "before" for name in outcome.closure
         },
-        "where": [_place(one) for one in outcome.where],
-        "left": [_place(one) for one in outcome.left],
+        "where": _places(outcome, outcome.where, outcome.before),
+        "left": _places(outcome, outcome.left, outcome.after),
+        "empty_of_meaning": list(outcome.empty),
         "out_of_tolerance": {name: _number(value) for name, value in outcome.strained.items()},
         "rounds": [
             {"accepted": step.accepted, "reason": step.reason, "held_out_t": _number(step.held_out_t),
@@ -76,11 +79,17 @@ def _gap(outcome: Outcome, which: str) -> dict[str, Any]:
     return {**units, OVERALL: {"value": _number(gap.white[OVERALL]), "unit": "times the noise"}}
 
 
-def _place(one) -> dict[str, Any]:
+def _places(outcome: Outcome, places, gap) -> list[dict[str, Any]]:
+    kept = over_noise(outcome.system, gap, outcome.floor)
+    return [_place(one, kept[one.equation]) for one in places]
+
+
+def _place(one, kept: float) -> dict[str, Any]:
     told = list(one.coordinates.items())[:4]
     return {
         "equation": one.equation,
-        "over_noise": _number(one.strength),
+        "over_noise": _number(kept),
+        "density": _number(one.density),
         "coordinates": {name: _number(share) for name, share in told},
         "largest_where": {name: [_number(end) for end in one.regions[name]] for name, _ in told},
     }
@@ -94,6 +103,17 @@ def told_as_dict(told: Telling) -> dict[str, Any]:
         "alike": [[a, b, _number(cosine)] for a, b, cosine in told.alike],
         "experiments": list(told.experiments),
     }
+
+
+def assumed_words(files: Sequence[Path], count: int, model: Path | None) -> str:
+    """Return the line on files, of `count` recordings, that do not tell their apparatus; empty if all do."""
+    if not files:
+        return ""
+    more = f" and {len(files) - 1} more" if len(files) > 1 else ""
+    taken = "the default knee" if len(files) == count else "the apparatus of the other recordings"
+    changed = f" with what {model} changes" if model else ""
+    told = f"{files[0]}{more} without a record of parameters, read as {taken}{changed}"
+    return f"the apparatus is assumed: {told}\n"
 
 
 def describe_data(told: Telling) -> str:
@@ -125,12 +145,13 @@ def describe_replay(start: Beginning) -> str:
     return "\n".join(lines)
 
 
-def describe_where(system: System, places) -> str:
+def describe_where(start: Beginning) -> str:
     """Return each equation with what is left in it, and where that is largest."""
-    lines = []
-    for one in places:
-        kind = "above the noise" if one.strength >= one.noise else "noise"
-        lines.append(f"{one.equation} equation: {one.strength:.1f} times the noise ({kind})")
+    system, lines = start.system, []
+    kept = over_noise(system, start.recalibrated(), start.floor)
+    for one in start.where():
+        kind = "noise" if one.clean else "above the noise"
+        lines.append(f"{one.equation} equation: {kept[one.equation]:.1f} times the noise ({kind})")
         for name, share in list(one.coordinates.items())[:3]:
             lines.append(f"  {name} explains {share:.0%} of it; largest {_range(system, name, one.regions)}")
     return "\n".join(lines)
@@ -176,8 +197,9 @@ def _left(outcome: Outcome) -> list[str]:
     """Return what is left although the gap is explained."""
     if outcome.verdict != "explained":
         return []
-    places = [one for one in outcome.left if one.strength >= one.noise]
-    lines = [f"left in the {one.equation} equation: {one.strength:.1f} times the noise" for one in places]
+    kept = over_noise(outcome.system, outcome.after, outcome.floor)
+    places = [one.equation for one in outcome.left if not one.clean]
+    lines = [f"left in the {name} equation: {kept[name]:.1f} times the noise" for name in places]
     if not places and beyond(outcome.after, outcome.floor):
         white = outcome.after.white[OVERALL] / outcome.floor.white[OVERALL]
         lines.append(f"left in the held-out recordings: a gap of {white:.1f} times the noise")
@@ -260,9 +282,21 @@ def _answer(outcome: Outcome) -> str:
         return (
             "UNEXPLAINED: the held-out recordings leave what was fitted (the gap is"
             f" {outcome.after.white[OVERALL]:.1f} times the noise, and no fit knows better there); fit"
-            " recordings that reach as far" + (f"; {names} added" if names else "")
+            " recordings that reach as far" + (f"; {names} added{_emptied(outcome)}" if names else "")
         )
-    place = outcome.left[0]
-    return f"UNEXPLAINED: in the {place.equation} equation {place.strength:.1f} times the noise is left" + (
-        f", with {names} added" if names else f"; {_refusal(outcome)}"
-    )
+    kept = over_noise(outcome.system, outcome.after, outcome.floor)
+    worst = max(kept, key=kept.get)
+    left = f"UNEXPLAINED: in the {worst} equation {kept[worst]:.1f} times the noise is left"
+    if outcome.surrogates:
+        return f"{left}; no model of the catalogue closes half of the gap"
+    return left + (f", with {names} added{_emptied(outcome)}" if names else f"; {_refusal(outcome)}")
+
+
+def _emptied(outcome: Outcome) -> str:
+    """Return which parameters make named effects something else than their names say, if any does."""
+    if not outcome.empty:
+        return ""
+    values = outcome.selection.final.values
+    told = ", ".join(f"{key} = {values[key]:.4g}" for key in outcome.empty[:MOST_EMPTIED])
+    more = len(outcome.empty) - MOST_EMPTIED
+    return f", not what the name says: {told}" + (f" and {more} more" if more > 0 else "")

@@ -19,10 +19,10 @@ from pam_orthosis.discrepancy.whitening import noise_levels, noise_whitener
 from pam_orthosis.errors import OrthosisError
 
 HELD_SHARE = 0.25  # of each recording, at its end, where no recording is held out
-LEAST_CLOSURE = 0.9  # below it the named effects are no explanation
+LEAST_CLOSURE = 0.9  # below it named effects that leave a gap are no explanation
 MOST_LEFT = 1.3  # gap after over the noise floor above which the residual is not called clean
-LEAST_NAMED = 0.5  # closure of a model below which it names nothing, unless nothing else comes near
-LONE = 20.0  # evidence over that of the runner-up from which an effect has no rival
+MOST_KEPT = 3.0  # gap of an equation over the noise floor above which it is unexplained, whatever was closed
+LEAST_NAMED = 0.5  # closure of a model below which it names nothing
 WHOLE = 0.995  # share of the samples that are judged, above which none is said to be left out
 TELLING_STRAIN = 4.0  # deviations of an ordinary parameter over its tolerance that are worth a remark
 
@@ -48,7 +48,8 @@ class Outcome:
     """All that the workflow found; `report` and `cli` turn it into pages and files.
 
     `look_alikes` and `separated_by` are those of the first effect. `from_configured` names the closures that
-    count from the configured model, since recalibration closed the gap already.
+    count from the configured model, since recalibration closed the gap already. `empty` are parameters of
+    the effects (as `EFFECT.PARAMETER`) at values where these are not what their names say.
     """
 
     system: System
@@ -67,6 +68,7 @@ class Outcome:
     where: Sequence[structure.Where]
     left: Sequence[structure.Where]
     strained: Mapping[str, float]
+    empty: tuple[str, ...]
     steps: Sequence[Step]
     remarks: Sequence[str]
     selection: Selection = field(repr=False)
@@ -319,12 +321,11 @@ def _judged(start: Beginning, found: Selection, settings) -> Outcome:
     before, after = start.recalibrated(judged), measure.gap(judge, final, judged)
     left = structure.locate(judge, final)
     closed = _closures(configured, before, after, floor)
-    verdict = _verdict(final, left, closed, beyond(after, floor))
+    kept, empty = max(measure.over_noise(system, after, floor).values()), _empty(system, final)
+    verdict = _verdict(final, structure.clean(left) and not beyond(after, floor), closed, kept, empty)
     named = tuple(_named(system, found, spread, name, settings.evidence) for name in final.effects)
     first = _first_named(found, named)
-    share = closed[measure.OVERALL]
-    # a name that leaves most of the gap open is no name, unless nothing else comes near
-    trusted = _trusted(share) or _without_rival(found)
+    trusted = _trusted(closed[measure.OVERALL])  # a name that leaves most of the gap open is no name
     return Outcome(
         system=system,
         verdict=verdict,
@@ -342,6 +343,7 @@ def _judged(start: Beginning, found: Selection, settings) -> Outcome:
         where=start.where(),
         left=left,
         strained=_strained(final),
+        empty=empty if trusted else (),
         steps=tuple(found.steps),
         remarks=(*start.remarks, *_left_out(judged)),
         selection=found,
@@ -382,16 +384,29 @@ def beyond(after: measure.Gap, floor: measure.Gap) -> bool:
     return after.white[measure.OVERALL] > MOST_LEFT * floor.white[measure.OVERALL]
 
 
-def _verdict(final: Fit, left, closed, gap_left: bool) -> str:
+def _verdict(final: Fit, clean: bool, closed, kept: float, empty: Sequence[str]) -> str:
+    """Return the verdict on a model that leaves a `clean` residual or not.
+
+    Args:
+        kept: the gap over the noise, in the equation where it is largest.
+        empty: parameters at which effects of the model are not what their names say.
+    """
     share = closed[measure.OVERALL]
-    clean = structure.clean(left) and not gap_left
     if clean and not final.effects:
         return "none"
-    if clean and _trusted(share):
-        return "explained"
-    if final.effects and share is not None and share >= LEAST_CLOSURE:
-        return "explained"
-    return "unexplained"
+    if not final.effects or empty or kept > MOST_KEPT or not _trusted(share):
+        return "unexplained"
+    return "explained" if clean or (share is not None and share >= LEAST_CLOSURE) else "unexplained"
+
+
+def _empty(system: System, final: Fit) -> tuple[str, ...]:
+    """Return the parameters at which effects are not what their names say."""
+    return tuple(
+        f"{name}.{q.name}"
+        for name in final.effects
+        for q in system.catalogue[name].parameters
+        if q.is_empty(final.values[f"{name}.{q.name}"])
+    )
 
 
 def _named(system: System, found: Selection, spread, name: str, settings) -> Named:
@@ -436,12 +451,6 @@ def _runner_up(found: Selection) -> tuple[str, float] | None:
     own, others = _first_round(found)
     behind = [(name, own - evidence) for name, evidence in others]
     return min(behind, key=lambda item: item[1]) if behind else None
-
-
-def _without_rival(found: Selection) -> bool:
-    """Return whether a single effect is left, and the evidence of any other is tiny beside its own."""
-    own, others = _first_round(found)
-    return len(found.final.effects) == 1 and all(own > LONE * evidence for _, evidence in others)
 
 
 def _look_alikes(found: Selection, name: str, settings) -> tuple[str, ...]:

@@ -92,7 +92,7 @@ def update(file: Path, found: Identified, source: str) -> list[str]:
         line = re.sub(r"value: (\[[^\]]*\]|[^,}]+)", f"value: {_text(value)}", line, count=1)
         lines[places[full]] = re.sub(r"source: .*\}", f'source: "{source}"}}', line, count=1)
         changed.append(full)
-    write_text(file, "".join(lines))
+    write_text(file.resolve(), "".join(lines), overwrite=True)  # it is asked for
     return changed
 
 

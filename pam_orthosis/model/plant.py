@@ -67,7 +67,9 @@ def with_belief(parameters, changes):
     before, after = parameters.flat(), parameters.changed(changes).flat()
     deviations = {}
     for name, keys in DEVIATIONS.items():
-        ratios = [before[key] / after[key] for key in keys if after[key]]
+        if gone := [key for key in keys if before[key] and not after[key]]:
+            raise OrthosisError(f"{gone[0]} = 0: no deviation leads from nothing to the hardware's")
+        ratios = [before[key] / after[key] for key in keys if after[key]] or [1.0]
         if max(ratios) - min(ratios) > SAME_FACTOR * max(ratios):
             raise OrthosisError(f"{', '.join(keys)} deviate together: change them by one factor")
         if max(ratios) != 1.0:

@@ -152,10 +152,9 @@ class BagPlayer(graph.GraphNode):
         if self._now and not self.ended and time.monotonic() - self._progress > limit:
             topics = self._missing()
             producers = sorted({self.topics[topic].producers[0] for topic in topics})
-            raise RunFailed(
-                f"{' and '.join(producers)} did not answer on {' and '.join(topics)}"
-                f" at {self._now.stamp_ns / SECOND_NS:.3f} s for {limit:g} s"
-            )
+            who, what = " and ".join(producers), " and ".join(topics)
+            at = f"at {self._now.stamp_ns / SECOND_NS:.3f} s for {limit:g} s"
+            self.fail(RunFailed(f"{who} did not answer on {what} {at}"))
 
 
 def main() -> int:

@@ -6,24 +6,30 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
 from pam_orthosis.bag.aside import BagWriterAside
-from pam_orthosis.bag.cdr import canonical, serialised_stamp_ns
+from pam_orthosis.bag.cdr import Reader, Unreadable, canonical, serialised_stamp_ns
 from pam_orthosis.bag.record import BagWriter, run_metadata
 from pam_orthosis.bag.steps import Message, StepCollector
-from pam_orthosis.bag.topics import RECORDER, Topic, in_leg
+from pam_orthosis.bag.topics import NODES, RECORDER, Topic, in_leg
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph
+from pam_orthosis.nodes.pace import INPUTS as COMMANDS
+from pam_orthosis.nodes.pace import VOLTAGE
 from pam_orthosis.nodes.parameters import Setting
 from pam_orthosis.nodes.recorded_leg import RecordedLeg
 from pam_orthosis.nodes.recorded_scene import RecordedScene
-from pam_orthosis.nodes.supervisor import NOTE_PREFIX
+from pam_orthosis.nodes.supervisor import ERROR_PREFIX, NOTE_PREFIX
 from pam_orthosis.scene.messages import TYPES, LegScene, in_scene
 from pam_orthosis.scene.sampled import INPUTS, SampledScene
 
@@ -31,6 +37,7 @@ QUEUE_DEPTH = 5000
 LATE_NS = 150_000_000
 WRITTEN_A_SAMPLE = 3  # instants, in real time: what waited for a late one must not hold up the graph
 LOOK_SECONDS, ACKNOWLEDGED_STEPS = 0.05, 10
+PATIENCE_SECONDS = 3.0  # with the others, when a stranger is here and no supervisor ends them
 
 
 class BagRecorder(graph.GraphNode):
@@ -52,9 +59,9 @@ class BagRecorder(graph.GraphNode):
         super().__init__(RECORDER, settings)
         self.run_ns = round(self.parameters.scenario.duration * 1e9 / self.period_ns) * self.period_ns
         run = run_metadata(self.parameters, self.settings["scenario_name"], self.settings["legs"])
-        writer = BagWriterAside if self.settings["aside"] else BagWriter
-        self._writer = writer(Path(self.settings["directory"]), run)
+        self._writer = self._made_writer(Path(self.settings["directory"]), run)
         self._heard = False
+        self._doubted: set[str] = set()
         self._names: dict[str, str] = {}
         self._viewed: dict[str, tuple[RecordedScene, str]] = {}
         self._legs = self._make_legs()
@@ -70,6 +77,13 @@ class BagRecorder(graph.GraphNode):
 
     def served_legs(self) -> tuple[str, ...]:
         """Return the namespaces of the legs that are recorded."""
+        return tuple(self._differences())
+
+    def parameters_of(self, leg: str) -> Parameters:
+        """Return the parameters of a leg's nodes: those of the run but for what differs."""
+        return self.parameters.changed(self._differences()[leg])
+
+    def _differences(self) -> dict[str, dict[str, Any]]:
         try:
             legs = json.loads(self.settings["legs"] or '{"": {}}')
         except ValueError as error:
@@ -78,7 +92,7 @@ class BagRecorder(graph.GraphNode):
             raise OrthosisError(
                 'bag_recorder: legs must be like {"left": {}, "right": {"leg.shank.mass": 4.0}}'
             )
-        return tuple(legs)
+        return legs
 
     def started(self) -> None:
         """Expect samples from now on."""
@@ -88,6 +102,22 @@ class BagRecorder(graph.GraphNode):
     def health(self) -> dict[str, int]:
         """Count messages that came twice."""
         return {"duplicates": sum(steps.duplicates for steps in self._collectors())}
+
+    def refuse(self, failure: Callable[[], OrthosisError]) -> None:
+        """Have the others ended first, so that the bag shows how they left the hardware."""
+        if self.ended or self.stranger:
+            return
+        self.stranger = True
+        print(f"{ERROR_PREFIX}{failure()}", file=sys.stderr, flush=True)
+        self.create_timer(PATIENCE_SECONDS, lambda: super(BagRecorder, self).refuse(failure))
+
+    def fail(self, error: OrthosisError) -> None:
+        """End the run: nothing can be written any more, or nothing comes."""
+        super().refuse(lambda: error)
+
+    def met_stranger(self, topic: str, leg: str) -> None:
+        """Record no more of a topic on which somebody else speaks too, but that the valves vent."""
+        self._doubted.add(in_leg(topic, leg, self.legs))
 
     def abandon(self) -> bool:
         """Stay to record the last words of the others."""
@@ -107,6 +137,14 @@ class BagRecorder(graph.GraphNode):
                 self._write(steps.rest())
         with suppress(OrthosisError) if self.failure else nullcontext():  # that one is told
             self._writer.close()
+
+    def _made_writer(self, folder: Path, run: Mapping[str, str]) -> BagWriter | BagWriterAside:
+        if not self.settings["aside"]:
+            return BagWriter(folder, run)
+        return BagWriterAside(folder, run, self._beat)
+
+    def _beat(self) -> None:
+        self.pulse()
 
     def _await_all_legs(self) -> None:
         """Be ready after all others: a leg that is up would soon wait for the record of one that is not."""
@@ -154,8 +192,12 @@ class BagRecorder(graph.GraphNode):
         first = leg.name == self.legs[0]
 
         def receive(data: bytes) -> None:
+            if name in self._doubted and not self._vents(topic, data):
+                return
             self._heard = True
             stamp_ns = serialised_stamp_ns(data)
+            if topic.shared and not self._of_the_run(leg, stamp_ns, data):
+                return
             if tick:
                 leg.sampled(stamp_ns)
             if self.ended or not leg.within(stamp_ns):
@@ -171,26 +213,33 @@ class BagRecorder(graph.GraphNode):
 
         return receive
 
+    def _vents(self, topic: Topic, data: bytes) -> bool:
+        """Whether a message lets a valve vent: who says so does no harm."""
+        if topic.name not in COMMANDS:
+            return False
+        with suppress(Unreadable):
+            return Reader(topic.type, VOLTAGE)(data)[1] == (self.parameters.valve.minimum_voltage,)
+        return False
+
+    @staticmethod
+    def _of_the_run(leg: RecordedLeg, stamp_ns: int, data: bytes) -> bool:
+        """Whether a health report is of a node of the run: others publish theirs on the same topic."""
+        reported = deserialize_message(data, DiagnosticArray).status
+        return {one.name for one in reported} <= set(NODES) and leg.is_near(stamp_ns)
+
     def _begun(self) -> bool:
         """Whether the other process has begun the bag."""
         try:
             return self._writer.ready()
         except OrthosisError as error:
-            self._fail(error)
+            self.fail(error)
             return False
 
     def _write(self, recorded: Iterable[Message]) -> None:
-        if self.failure:
-            return
         try:
             self._writer.write_all(self._with_scenes(recorded))
         except OrthosisError as error:
-            self._fail(error)
-
-    def _fail(self, error: OrthosisError) -> None:
-        """End the run: nothing can be written any more."""
-        self.failure = lambda: error
-        self.alarm()
+            self.fail(error)  # the writer is given the last words nevertheless, and takes them if it can
 
     def _with_scenes(self, recorded: Iterable[Message]) -> Iterator[tuple[str, int, bytes]]:
         """Hand messages on under their absolute names, behind each what viewers need of it."""
@@ -201,11 +250,18 @@ class BagRecorder(graph.GraphNode):
                 yield from scene.of(viewed, stamp_ns, data)
 
     def _look(self) -> None:
-        """Acknowledge what is recorded; end the run when all of it is."""
+        """Look after the writer; acknowledge what is recorded; end the run when all of it is."""
+        if self.settings["aside"]:
+            self._begun()
         for leg in self._legs:
             leg.acknowledge()
-        if not self.ended:
+        if self.ended or self.stranger:  # who may have said what looks like the last step
+            return
+        try:
             over = [leg.over() for leg in self._legs]  # each is asked: one without samples fails the run
+        except OrthosisError as error:
+            self.fail(error)
+        else:
             if all(over):
                 self._finish()
 

@@ -12,14 +12,13 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib import import_module
 from typing import Any
 
 import rclpy
 from builtin_interfaces.msg import Time
 from rclpy.duration import Duration
-from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -32,13 +31,24 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from pam_orthosis.bag.cdr import Reader, Template, Unreadable
-from pam_orthosis.bag.topics import PLANT, PUBLISHED_DEPTH, SECOND_NS, SLOW, in_leg, table
+from pam_orthosis.bag.topics import (
+    NODES,
+    PLANT,
+    PUBLISHED_DEPTH,
+    RECORDER,
+    SECOND_NS,
+    SLOW,
+    in_leg,
+    table,
+)
 from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import messages
+from pam_orthosis.nodes.agreement import ALIKE, Agreement
 from pam_orthosis.nodes.exchange import Exchange, Outlet
 from pam_orthosis.nodes.join import HoldingJoin, Join
 from pam_orthosis.nodes.layout import LAYOUT
+from pam_orthosis.nodes.ownership import Ownership
 from pam_orthosis.nodes.parameters import (
     Setting,
     declare_rows,
@@ -46,18 +56,16 @@ from pam_orthosis.nodes.parameters import (
     refuse_sim_time,
     take_changes,
 )
-from pam_orthosis.nodes.supervisor import ERROR_PREFIX, HEARTBEAT_VARIABLE
+from pam_orthosis.nodes.supervisor import ERROR_PREFIX, HEARTBEAT_SECONDS, HEARTBEAT_VARIABLE
 
-HEARTBEAT_SECONDS = 0.1
 PEER_POLL_SECONDS = 0.02
-PEER_REPORT_SECONDS = 5.0
+PEER_SECONDS, PEER_REPORT_SECONDS = 5.0, 30.0  # until it is said who is waited for, and said again
 LAST_WORDS_SECONDS = 0.1
 LONGEST_LAST_WORDS_SECONDS = 2.0  # of a process of its own that still hears something
 SILENT_TURNS = 2  # after which there are no more: in one the machine may have stood still
 STUCK_SECONDS = 60.0  # without a beat, after which a process of a run ends itself
 ARM_SECONDS = 5.0
 LEAVING_SECONDS = 10.0  # the same for one whose supervisor is gone
-STRANGERS_NAME_SECONDS = 5.0
 ORPHAN_SECONDS = 0.6  # nobody sees to it that the recorder ends last
 QUEUE_DEPTH = 10
 MOST_PERIODS = 20  # of missed samples that controllers make up for
@@ -127,25 +135,32 @@ class GraphNode(Node):
         self.ended = False
         # found where none can be raised; ends the run, and is made when all is safe
         self.failure: Callable[[], OrthosisError] | None = None
+        self.stranger = False  # was met by a node that has to end last
         # `spin` looks around in both: now and then at each step, at once when something has happened
         self.pulse: Callable[[], None] = lambda: None
         self.alarm: Callable[[], None] = lambda: None
         self._ages = Ages(self.control_ns)  # a slow node holds up the others
         self._unreadable = 0
         self._peers: dict[str, Callable[[], bool]] = {}
+        self.ownership = Ownership(self, self.refuse)
         self.outlets: list[Outlet] = []
         self.inlets: list[tuple[str, Callable[[bytes], None]]] = []
         self.legs = self.served_legs()
         self._diagnostics = [self.publish_to("diagnostics", leg=leg) for leg in self.legs]
         self._ready = [self.publish_to("ready", latched=True, leg=leg) for leg in self.legs]
+        self._agreements = [self._agree(leg) for leg in self.legs]
         if self.role in self.topics["end"].consumers:
             self.listen_to("end", self.on_end)
-        self._reported = time.monotonic()
+        self._report_due = time.monotonic() + PEER_SECONDS
         self._barrier = self.create_timer(PEER_POLL_SECONDS, self._wait_for_peers)
 
     def served_legs(self) -> tuple[str, ...]:
         """Return the namespaces, inside the node's own, of the legs that it serves."""
         return ("",)
+
+    def parameters_of(self, leg: str) -> Parameters:
+        """Return the parameters that the node has for one of its legs."""
+        return self.parameters
 
     def await_peer(self, peer: str, there: Callable[[], bool]) -> None:
         """Do not start before this one is there; `peer` names it in the log."""
@@ -156,8 +171,11 @@ class GraphNode(Node):
         entry, name = self.topics[topic], in_leg(topic, leg, self.legs)
         quality = qos(PUBLISHED_DEPTH, latched)
         publisher = self.create_publisher(message_class(entry.type), name, quality)
+        if len(self._owners(topic)) == 1 and entry.subscribers:
+            self.ownership.publishes(publisher.topic_name)
         count = len(entry.subscribers)
-        self.await_peer(f"a listener on {name}", lambda: publisher.get_subscription_count() >= count)
+        if not latched:  # who comes later gets it too
+            self.await_peer(f"a listener on {name}", lambda: publisher.get_subscription_count() >= count)
         return publisher
 
     def publish_numbers(self, topic: str, *examples: Any) -> Callable[..., None]:
@@ -205,51 +223,44 @@ class GraphNode(Node):
         if self.realtime and entry.rate == "step":
             callback, near = self._once_ready(callback), self._once_ready(near)
             options["reliable"] = PLANT not in entry.producers
+        if self.role != RECORDER:  # it records what comes until all have ended
+            callback, near = self._unless_failed(callback), self._unless_failed(near)
         count = len(entry.producers)
-        callback, events = self._watched(topic, name, callback)
-        subscription = self.create_subscription(
-            message_class(entry.type), name, callback, qos(**options), raw=raw, **events
-        )
+        kind, quality = message_class(entry.type), qos(**options)
+        subscribe = partial(self.create_subscription, kind, name, qos_profile=quality, raw=raw)
+        if entry.shared:
+            subscription = subscribe(callback)
+        else:
+            met = partial(self.met_stranger, topic, leg)
+            subscription = self.ownership.listen(subscribe, callback, self._owners(topic), met)
         if raw:
-            self.inlets.append((subscription.topic_name, self._watched(topic, name, near)[0]))
-        peer = f"{name} of {' and '.join(entry.producers)}"
-        self.await_peer(peer, lambda: subscription.get_publisher_count() >= count)
+            self.inlets.append((subscription.topic_name, near))
+        if not options.get("latched"):  # what is there comes by itself
+            peer = f"{name} of {' and '.join(entry.producers)}"
+            self.await_peer(peer, lambda: subscription.get_publisher_count() >= count)
         return subscription
 
-    def _watched(self, topic: str, name: str, callback: Callable) -> tuple[Callable, dict[str, Any]]:
-        """Return a callback and options of a subscription that stops at one publisher too many.
+    def _unless_failed(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return a callback that acts upon nothing once a stranger or another fault has ended the run."""
+        return lambda message: None if self.failure else callback(message)
 
-        A publisher is matched before its first message is delivered, so that none of them is acted upon.
-        """
-        entry = self.topics[topic]
-        if entry.rate != "step" or self.role not in entry.consumers:
-            return callback, {}
+    def met_stranger(self, topic: str, leg: str) -> None:
+        """Note that somebody who does not belong there publishes on a topic; the run is ended."""
 
-        def matched(status: QoSSubscriptionMatchedInfo) -> None:
-            # not the total: one that went and came again, a driver say, is no stranger
-            if status.current_count > len(entry.producers) and not self.ended:
-                self.failure = lambda: RunFailed(self._of_a_stranger(name, len(entry.producers)))
-                self.alarm()
+    def refuse(self, failure: Callable[[], OrthosisError]) -> None:
+        """End the run, but for one that is over."""
+        if not self.ended and not self.failure:
+            self.failure = failure
+            self.alarm()
 
-        def receive(message: Any) -> None:
-            if not self.failure:
-                callback(message)
+    def fail(self, error: OrthosisError) -> None:
+        """End the run from a timer: what is raised in one goes into the log with a traceback."""
+        self.refuse(lambda: error)
 
-        return receive, {"event_callbacks": SubscriptionEventCallbacks(matched=matched)}
-
-    def _of_a_stranger(self, name: str, expected: int) -> str:
-        # a publisher is matched before the graph tells which node it belongs to
-        until = time.monotonic() + STRANGERS_NAME_SECONDS
-        while len(names := self._publishing(name)) <= expected and time.monotonic() < until:
-            time.sleep(0.01)
-        known = f": of {', '.join(names)} one does not belong here" if names else ""
-        return f"a stranger publishes on {name}{known}"
-
-    def _publishing(self, name: str) -> list[str]:
-        """Return the full names of the nodes that are known to publish on a topic."""
-        there = self.get_publishers_info_by_topic(self.resolve_topic_name(name))
-        known = [one for one in there if "UNKNOWN" not in one.node_name]
-        return sorted({f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in known})
+    def _owners(self, topic: str) -> tuple[str, ...]:
+        """Return who publishes on a topic, by role; in a replay the nodes that are fed say of themselves."""
+        of_all = self.settings["replay"] and topic in ("ready", "configuration")
+        return NODES if of_all else self.topics[topic].producers
 
     def join_inputs(
         self, inputs: Mapping[str, Sequence[str]], step: Callable[..., None], newest: bool = False
@@ -287,6 +298,7 @@ class GraphNode(Node):
             return response
 
         self.create_service(Trigger, service, answer)
+        self.ownership.offers(service)
 
     def wait_until_delivered(self, seconds: float) -> None:
         """Wait until all listeners have what was published, for so long at most: one may be dead."""
@@ -304,6 +316,11 @@ class GraphNode(Node):
             self._reported_second = stamp_ns // SECOND_NS
             self._report_health(stamp_ns)
         self.pulse()
+
+    @property
+    def stepped(self) -> bool:
+        """Whether the node has done a step."""
+        return self._origin_ns is not None
 
     def periods_since(self, stamp_ns: int) -> int:
         """Return how many of the node's periods an instant is later than the step that was done last.
@@ -374,11 +391,29 @@ class GraphNode(Node):
     def _once_ready(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         return lambda message: callback(message) if self.ready else None
 
+    def _agree(self, leg: str) -> Agreement:
+        """Say what the node was started with, and hear it of the others: all have to before the start."""
+        values = {name: self.settings[name] for name in ALIKE} | self.parameters_of(leg).flat()
+        others = self.topics["configuration"].producers
+        agreement = Agreement(self.get_fully_qualified_name(), self.role, values, others)
+        self.listen_to("configuration", agreement.add, leg=leg, latched=True)
+        self.publish_to("configuration", latched=True, leg=leg).publish(agreement.message)
+        return agreement
+
+    def missing_peers(self) -> list[str]:
+        """Return who or what must be there before the start and is not."""
+        absent = [role for agreement in self._agreements for role in agreement.absent]
+        return absent or [peer for peer, there in self._peers.items() if not there()]
+
     def _wait_for_peers(self) -> None:
-        missing = [peer for peer, there in self._peers.items() if not there()]
-        if missing:
-            if time.monotonic() - self._reported > PEER_REPORT_SECONDS:
-                self._reported = time.monotonic()
+        broken = [each for each in self._agreements if each.text]
+        if broken:
+            if broken[0].known_to_all():
+                self.fail(OrthosisError(broken[0].text))
+            return
+        if missing := self.missing_peers():
+            if time.monotonic() > self._report_due:
+                self._report_due = time.monotonic() + PEER_REPORT_SECONDS
                 self.get_logger().info(f"waiting for {', '.join(missing)}")
             return
         self._barrier.cancel()
@@ -423,8 +458,8 @@ class Ages:
 class Heartbeat:
     """Tells the supervisor through an inherited pipe that this process answers, and how far it is.
 
-    Each line is `starting`, `running <stamp in ns>`, `leaving` (cut short) or `ended`. Without a
-    supervisor it is silent.
+    Each line is `starting <peers that are missing>`, `running <stamp in ns>`, `refused` (a stranger is here;
+    end the others first), `leaving` (cut short) or `ended`. Without a supervisor it is silent.
     """
 
     def __init__(self) -> None:
@@ -476,9 +511,32 @@ class Heartbeat:
 def _status(nodes: Sequence[GraphNode], ended: bool) -> str:
     if ended:
         return "ended"
+    if any(node.stranger for node in nodes):
+        return "refused"
     if not all(node.ready for node in nodes):
-        return "starting"
+        return f"starting {sum(len(node.missing_peers()) for node in nodes)}"
     return f"running {min(node.time_ns for node in nodes)}"
+
+
+class RunLog:
+    """Says in the log of a process, once each, that the run begins and that it is over."""
+
+    def __init__(self) -> None:
+        self._begun = False
+
+    def look(self, nodes: Sequence[GraphNode]) -> None:
+        """Say that the run begins when it has."""
+        if not self._begun and any(node.stepped for node in nodes):
+            self._begun = True
+            nodes[0].get_logger().info("the run begins")
+
+    def end(self, nodes: Sequence[GraphNode]) -> None:
+        """Say how the run ended, where no error does."""
+        self.look(nodes)
+        if self._begun:
+            how = "is over" if all(node.ended for node in nodes) else "was cut short"
+            reached = max(node.time_ns for node in nodes) / SECOND_NS
+            nodes[0].get_logger().info(f"the run {how} at {reached:.3f} s")
 
 
 def spin(nodes: Sequence[GraphNode]) -> bool:
@@ -490,7 +548,7 @@ def spin(nodes: Sequence[GraphNode]) -> bool:
     step: a timer alone has to queue behind all that has arrived, which is much on a busy machine. The
     events executor is the fast one; it needs a finite time-out to dispatch at all.
     """
-    over, signals, heartbeat = Future(), caught_signals(), Heartbeat()
+    over, signals, heartbeat, log = Future(), caught_signals(), Heartbeat(), RunLog()
     due = 0.0
 
     def pulse() -> None:
@@ -500,6 +558,7 @@ def spin(nodes: Sequence[GraphNode]) -> bool:
     def watch() -> None:
         nonlocal due
         due = time.monotonic() + HEARTBEAT_SECONDS
+        log.look(nodes)
         failed = signals or any(node.failure for node in nodes)
         if failed or not heartbeat.beat(nodes) or all(node.ended for node in nodes):
             over.set_result(None)
@@ -532,6 +591,7 @@ def spin(nodes: Sequence[GraphNode]) -> bool:
     for node in nodes:
         if node.failure:
             raise node.failure()
+    log.end(nodes)
     for node in nodes:
         node.destroy_node()
     return all(node.ended for node in nodes)

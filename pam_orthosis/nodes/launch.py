@@ -9,7 +9,7 @@ import os
 import socket
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,6 +25,8 @@ COMPOSED = "composed"
 PLAYER, REPLAYED = "bag_player", "replayed"
 MODE_SETTINGS = ("realtime", "with_plant", "replay", "leg")
 DOMAINS = range(102)  # higher ids use ports that the system hands out to anybody
+FIRST_PORT, PORTS = 7400, 250  # of domain 0, and of each: the DDS wire protocol
+UDP_TABLES = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 PROFILE = "loopback.xml"
 # variables that send discovery elsewhere than the profile
 ELSEWHERE = ("ROS_DISCOVERY_SERVER", "ROS_SUPER_CLIENT", "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY")
@@ -127,7 +129,7 @@ class _Group:
         return file
 
     def _command(self, executable: str, names: Iterable[str], files: Iterable[Path]) -> list[str]:
-        command = [sys.executable, "-m", f"pam_orthosis.nodes.{executable}", *names, "--ros-args"]
+        command = [sys.executable, "-m", "pam_orthosis.nodes.entry", executable, *names, "--ros-args"]
         for file in files:
             command += ["--params-file", str(file)]
         return [*command, *(("-r", f"__ns:=/{self.leg}") if self.leg else ()), *self.remaps]
@@ -167,9 +169,20 @@ def free_domain() -> Iterator[int]:
 
 
 def _in_use(domain: int) -> bool:
-    """Whether a participant of any DDS program has the discovery port of a domain."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        return not _bound(probe, ("", 7400 + 250 * domain))
+    """Whether any DDS program on this host has a port of a domain.
+
+    Not that of discovery alone: who looks for its peers without multicast has only ports of its own.
+    """
+    first = FIRST_PORT + PORTS * domain
+    return any(first <= port < first + PORTS for port in _udp_ports())
+
+
+def _udp_ports() -> Iterator[int]:
+    """Yield the UDP ports of this host that are bound."""
+    for bound in UDP_TABLES:
+        with suppress(OSError):  # no IPv6
+            for line in bound.read_text().splitlines()[1:]:
+                yield int(line.split()[1].rpartition(":")[2], 16)
 
 
 def _bound(claim: socket.socket, address: Any) -> bool:

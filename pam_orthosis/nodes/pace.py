@@ -83,14 +83,11 @@ class Lockstep:
         if not self._begun or self._plant.ended or time.monotonic() - self._progress < limit:
             return
         at = f"at {self._stamp_ns / 1e9:.3f} s for {limit:g} s"
-        if self._waits:
-            raise RunFailed(f"plant_simulator waited {at}: bag_recorder does not keep up")
         topics = self._join.missing(self._stamp_ns)
         producers = {name for topic in topics for name in BY_NAME[topic].producers}
-        raise RunFailed(
-            f"plant_simulator waited {at}: {' and '.join(topics)} did not come from"
-            f" {' and '.join(sorted(producers))}"
-        )
+        missing = f"{' and '.join(topics)} did not come from {' and '.join(sorted(producers))}"
+        what = "bag_recorder does not keep up" if self._waits else missing
+        self._plant.fail(RunFailed(f"plant_simulator waited {at}: {what}"))
 
 
 class RealTime:

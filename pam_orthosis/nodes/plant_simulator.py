@@ -44,6 +44,9 @@ class PlantSimulator(graph.GraphNode):
         zeros = [0.0] * len(TRUE)
         self._truth = self.publish_numbers("truth", messages.joint_state(0, TRUE, zeros, zeros, zeros))
         self._pace = RealTime(self) if self.realtime else Lockstep(self)
+
+    def started(self) -> None:
+        """Hear who is ready; not before, so that it is said by those alone who are there now."""
         self.listen_to("ready", self._on_ready, latched=True)
 
     def health(self) -> dict[str, int]:

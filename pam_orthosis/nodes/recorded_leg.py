@@ -53,6 +53,10 @@ class RecordedLeg:
         """Whether an instant is of the run: references are published ahead, drivers do not end with it."""
         return self.end_ns is None or stamp_ns < self.end_ns
 
+    def is_near(self, stamp_ns: int) -> bool:
+        """Whether an instant is not much later than the newest sample."""
+        return not self._newest_ns or stamp_ns <= self._newest_ns + SECOND_NS
+
     def unhurried(self, sampled: bool, answered: bool) -> bool:
         """Whether what has just come leaves time to write, in real time.
 

@@ -24,6 +24,7 @@ from pam_orthosis.model import leg as leg_model
 from pam_orthosis.model import muscle as muscle_model
 from pam_orthosis.model import orthosis
 from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.processes import ENDING
 
 BAR, GRAM = 1.0e5, 1.0e-3
 SLACKENING = 15.0  # N over which a muscle goes slack: the law's edge has no second derivative
@@ -115,21 +116,24 @@ def nearest_cycle(
 
 @contextmanager
 def _interrupts() -> Iterator[None]:
-    """Raise KeyboardInterrupt behind a search in which SIGINT came, which CasADi takes for a failure."""
-    came, before = [], signal.getsignal(signal.SIGINT)
-    if before is not signal.default_int_handler or current_thread() is not main_thread():
+    """Raise KeyboardInterrupt behind a search that a signal was to end, which CasADi takes for a failure."""
+    if current_thread() is not main_thread():
         yield
         return
+    came: list[int] = []
+    before = {number: handler for number in ENDING if callable(handler := signal.getsignal(number))}
 
     def note(number: int, frame: FrameType | None) -> None:
         came.append(number)
-        signal.default_int_handler(number, frame)
+        before[number](number, frame)
 
-    signal.signal(signal.SIGINT, note)
+    for number in before:
+        signal.signal(number, note)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
         if came:
             raise KeyboardInterrupt
 

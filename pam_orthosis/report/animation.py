@@ -4,35 +4,33 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import BinaryIO
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
+from PIL import Image
 
 from pam_orthosis.bag.read import Bag, aligned, read_bag
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.files import write_whole
 from pam_orthosis.model import parameters as tree
 from pam_orthosis.model.orthosis import MUSCLES
 from pam_orthosis.report.leg_shape import LegShape
 
 FRAMES_PER_SECOND = 20
 MOST_SECONDS = 10.0
+COLOURS_IN_FILE = 64
 SIZE, DPI = (8.0, 3.2), 100  # inches
 COLOURS = mpl.colormaps["plasma"]
 LEAST, MOST = 1.0, 7.0  # bar, ends of the colours
 GREY = "#606060"
 
 
-def write_animation(bag_path: Path, file: Path, namespace: str = "") -> None:
-    """Write the last cycle of a bag as GIF.
-
-    Raises:
-        OrthosisError: the bag is unusable, or the picture cannot be written.
-    """
+def write_animation(bag_path: Path, namespace: str, stream: BinaryIO) -> None:
+    """Write the last cycle of a bag as GIF; OrthosisError if the bag is unusable."""
     needed = ("angle", "reference_angle", *(f"{name}_pressure" for name in MUSCLES))
     bag = read_bag(bag_path, needed, (), namespace)
     stamps, (angle, reference, *pressures) = aligned(*(bag[name] for name in needed))
@@ -42,7 +40,7 @@ def write_animation(bag_path: Path, file: Path, namespace: str = "") -> None:
     seconds = min(bag.parameters.get("scenario.cycle_time", time[-1]), time[-1], MOST_SECONDS)
     instants = time[-1] - seconds + np.arange(round(seconds * FRAMES_PER_SECOND)) / FRAMES_PER_SECOND
     shown = np.searchsorted(time, instants)
-    figure = Figure(figsize=SIZE, layout="constrained")
+    figure = Figure(figsize=SIZE, dpi=DPI, layout="constrained")
     leg_axes, angle_axes = figure.subplots(1, 2, width_ratios=(2.3, 1))
     leg = MovingLeg(leg_axes, _shape(bag), angle[shown], np.array(pressures)[:, shown] / 1e5)
     cursor = _draw_angle(angle_axes, time, np.degrees(angle), np.degrees(reference), instants)
@@ -50,22 +48,15 @@ def write_animation(bag_path: Path, file: Path, namespace: str = "") -> None:
         _colours(), ax=leg_axes, label="absolute pressure / bar", location="bottom", shrink=0.5, aspect=30
     )
 
-    def draw(i: int) -> None:
+    canvas, frames = FigureCanvasAgg(figure), []
+    for i, instant in enumerate(instants):
         leg.show(i)
-        cursor.set_xdata([instants[i], instants[i]])
-
-    animation = FuncAnimation(figure, draw, len(instants))
-    writer = PillowWriter(FRAMES_PER_SECOND)
-    write_whole(file, lambda part: _save(animation, part, writer))
-
-
-def _save(animation: FuncAnimation, part: Path, writer: PillowWriter) -> None:
-    gif = part.with_suffix(".gif")  # the writer chooses the format by the name
-    try:
-        animation.save(gif, writer, dpi=DPI)
-        gif.replace(part)
-    finally:
-        gif.unlink(missing_ok=True)
+        cursor.set_xdata([instant, instant])
+        canvas.draw()
+        frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").quantize(COLOURS_IN_FILE))
+    frames[0].save(
+        stream, "GIF", save_all=True, append_images=frames[1:], duration=1000 // FRAMES_PER_SECOND, loop=0
+    )
 
 
 class MovingLeg:

@@ -7,7 +7,6 @@ import base64
 import io
 from html import escape
 from itertools import takewhile
-from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
@@ -27,17 +26,15 @@ PER_ORDER = ("", "/s", "/s²")
 BEFORE, AFTER, MEASURED = "#d62728", "#1f77b4", "0.25"
 
 
-def write_page(outcome: Outcome, folder: Path, words: str) -> Path:
-    """Write `gap.html` with everything inside, headed by the last line of `words`; returns the file."""
+def page(outcome: Outcome, words: str) -> str:
+    """Return a page with everything inside, headed by the last line of `words`."""
     parts = [f"<h1>{escape(words.splitlines()[-1])}</h1>", f"<pre>{escape(words)}</pre>"]
     parts.append("<h2>Measured, before, after</h2>" + _image(_traces(outcome)))
     figure = _coordinate_figure(outcome)
     if figure is not None:
         parts.append("<h2>What the model misses</h2>" + _image(figure))
     parts += [_effect_words(outcome), _ranking(outcome)]
-    file = folder / "gap.html"
-    file.write_text(document("gap", "".join(parts)), encoding="utf-8")
-    return file
+    return document("gap", "".join(parts))
 
 
 def _image(figure: Figure) -> str:

@@ -3,15 +3,18 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
+from typing import BinaryIO
 
 import matplotlib as mpl
 import numpy as np
 
 mpl.use("Agg")  # no display
 from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
 
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import Write
 from pam_orthosis.identification.data import Samples
 from pam_orthosis.identification.identify import DIRECTIONS, Identified
 
@@ -21,23 +24,17 @@ DPI = 130
 MOST_CURVES = 12
 
 
-def draw(found: Identified, folder: Path) -> list[Path]:
-    """Draw what the data allow into a folder; returns the files.
-
-    Raises:
-        OrthosisError: the folder cannot be written.
-    """
+def drawn(found: Identified, folder: Path) -> dict[Path, Write]:
+    """Draw what the data allow; return what writes each figure of a folder."""
     figures = {FORCE: _force(found), RESIDUAL: _residual(found)}
     if found.volume:
         figures[VOLUME] = _volume(found)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, figure in figures.items():
-            figure.savefig(folder / name, dpi=DPI)
-            plt.close(figure)
-    except OSError as error:
-        raise OrthosisError(f"cannot write figures to {folder}: {error.strerror}") from error
-    return [folder / name for name in figures]
+    return {folder / name: partial(_save, figure) for name, figure in figures.items()}
+
+
+def _save(figure: Figure, stream: BinaryIO) -> None:
+    figure.savefig(stream, dpi=DPI)
+    plt.close(figure)
 
 
 def _force(found: Identified):

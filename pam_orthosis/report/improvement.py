@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import matplotlib as mpl
 import numpy as np
@@ -15,7 +14,6 @@ from matplotlib.figure import Figure
 
 from pam_orthosis.bag.read import aligned, read_bag
 from pam_orthosis.bag.topics import SECOND_NS
-from pam_orthosis.files import write_whole
 from pam_orthosis.improvement.rounds import Round, Tracking
 
 DPI = 110
@@ -48,7 +46,7 @@ def _end(last: Mapping[str, Any]) -> str:
     return "" if last["tracking"] else f"\nRound {last['round']}: {last['reason']}.\n"
 
 
-def draw(rounds: Sequence[Round], file: Path) -> None:
+def draw(rounds: Sequence[Round], stream: BinaryIO) -> None:
     """Draw reference and error over time, before and after, and the figures of each round."""
     judged = [one for one in rounds if one.tracking is not None]
     kept = [one for one in judged if one.kept]
@@ -63,7 +61,7 @@ def draw(rounds: Sequence[Round], file: Path) -> None:
     axes[1].set(ylabel="error / deg", xlabel="time / s")
     axes[1].legend(loc="lower left", fontsize=8)
     _bars(right.subplots(), judged)
-    write_whole(file, lambda part: figure.savefig(part, dpi=DPI, format="png"))
+    figure.savefig(stream, dpi=DPI, format="png")
 
 
 def _label(one: Round) -> str:

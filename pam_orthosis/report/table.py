@@ -4,25 +4,26 @@
 from __future__ import annotations
 
 import csv
+from io import TextIOWrapper
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.bag.topics import SECOND_NS, SIGNALS
-from pam_orthosis.files import write_whole
 
 SAMPLED = "angle"
 
 
-def write_table(bag_path: Path, file: Path, namespace: str = "") -> None:
+def write_table(bag_path: Path, namespace: str, stream: BinaryIO) -> None:
     """Write all signals of a bag at the stamps of the measured angle; `time` is in s since the first.
 
     A cell is empty where a topic has no message of that stamp. Names and units are those of
     `bag.topics.SIGNALS`; `gap` reads such a table.
 
     Raises:
-        OrthosisError: the bag is unusable, or the table cannot be written.
+        OrthosisError: the bag is unusable.
     """
     others = [name for name in SIGNALS if name != SAMPLED]
     bag = read_bag(bag_path, [SAMPLED], others, namespace)
@@ -30,14 +31,11 @@ def write_table(bag_path: Path, file: Path, namespace: str = "") -> None:
     names = [name for name in SIGNALS if name in bag.series]
     time = [repr(second) for second in ((stamps - stamps[0]) / SECOND_NS).tolist()]
     columns = [time, *(_cells(stamps, *bag[name]) for name in names)]
-
-    def write(part: Path) -> None:
-        with open(part, "w", encoding="utf-8", newline="") as stream:
-            writer = csv.writer(stream)
-            writer.writerow(["time", *names])
-            writer.writerows(zip(*columns, strict=True))
-
-    write_whole(file, write)
+    text = TextIOWrapper(stream, encoding="utf-8", newline="")
+    writer = csv.writer(text)
+    writer.writerow(["time", *names])
+    writer.writerows(zip(*columns, strict=True))
+    text.detach()  # flushes, and leaves the stream open
 
 
 def _cells(stamps: np.ndarray, own: np.ndarray, value: np.ndarray) -> list[str]:

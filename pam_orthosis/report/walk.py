@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import BinaryIO
 
 import matplotlib as mpl
 import numpy as np
@@ -12,7 +13,6 @@ from matplotlib.figure import Figure
 from pam_orthosis.bag.read import Bag, aligned, read_bag
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.files import write_whole
 from pam_orthosis.model import parameters as parameter_tree
 from pam_orthosis.report.leg_drawing import draw_walk
 
@@ -23,12 +23,8 @@ _USEFUL = tuple(f"{m}_pressure{kind}" for m in ("extensor", "flexor") for kind i
 _COLOURS = {"extensor": "tab:blue", "flexor": "tab:orange"}
 
 
-def write_walk(bag_path: Path, file: Path, bound_deg: float = 3.0, namespace: str = "") -> None:
-    """Write the picture of a bag as PNG.
-
-    Raises:
-        OrthosisError: the bag is unusable, or the picture cannot be written.
-    """
+def draw_run(bag_path: Path, bound_deg: float, namespace: str, stream: BinaryIO) -> None:
+    """Write the picture of a bag as PNG; OrthosisError if the bag is unusable."""
     bag = read_bag(bag_path, _NEEDED, _USEFUL, namespace)
     figure = Figure(figsize=(11, 8), layout="constrained")
     leg_axes, *time_axes = _axes(figure)
@@ -41,7 +37,7 @@ def write_walk(bag_path: Path, file: Path, bound_deg: float = 3.0, namespace: st
     _draw_error(time_axes[1], time, np.degrees(reference - angle), bound_deg)
     _draw_pressures(time_axes[2], bag, stamps[0])
     time_axes[2].set_xlabel("time / s")
-    write_whole(file, lambda part: figure.savefig(part, dpi=110, format="png"))
+    figure.savefig(stream, dpi=110, format="png")
 
 
 def _axes(figure):

@@ -6,6 +6,8 @@ import os
 import pickle
 import resource
 import signal
+import subprocess
+import sys
 import threading
 import time
 
@@ -13,11 +15,12 @@ import numpy as np
 import pytest
 
 from bags import ANGLE_TYPE, PERIOD_NS, serialised_angle
-from pam_orthosis.bag.aside import READY, BagWriterAside, serve
+from pam_orthosis.bag import aside
+from pam_orthosis.bag.aside import ON_DISK, READY, BagWriterAside, serve
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.bag.record import BagWriter
 from pam_orthosis.bag.recover import recover_in_place
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.errors import OrthosisError, RunFailed
 
 TOPIC, RUN = "/joint_states", {"scenario": "test"}
 STEPS = [[(TOPIC, k * PERIOD_NS, serialised_angle(k * PERIOD_NS, 0.01 * k))] for k in range(300)]
@@ -102,7 +105,7 @@ def test_a_full_disk_is_told(tmp_path):
 def test_a_writer_that_was_killed_is_told(tmp_path):
     writer = BagWriterAside(tmp_path / "walk", RUN)
     writer._process.kill()
-    with pytest.raises(OrthosisError, match="the process that writes the bag died"):
+    with pytest.raises(OrthosisError, match="bag_writer was killed by SIGKILL"):
         filled(writer).close()
 
 
@@ -121,7 +124,118 @@ def test_what_came_before_the_recorder_was_killed_is_kept(tmp_path, cut):
     sent = b"".join(map(pickle.dumps, said))
     answers = []
     serve(io.BytesIO(sent[: len(sent) - cut]), answers.append)
-    assert answers == [READY]
+    assert answers[0] == READY
+    assert {answer.partition(":")[0] for answer in answers[1:]} == {ON_DISK}
     assert recover_in_place(folder) == len(STEPS) - (cut > 0)
     angle = read_bag(folder, ["angle"])["angle"].value
     np.testing.assert_array_equal(angle, 0.01 * np.arange(len(STEPS) - (cut > 0)))
+
+
+def stopped_and_seen(writer):
+    os.kill(writer._process.pid, signal.SIGSTOP)
+    _until(lambda: aside.stopped(writer._process.pid))
+
+
+def stopped_and_not_seen(writer, monkeypatch):
+    stopped_and_seen(writer)
+    monkeypatch.setattr(aside, "stopped", lambda pid: False)
+    monkeypatch.setattr(aside, "SILENCE_SECONDS", 0.3)
+
+
+def stopped_then_killed(writer):
+    stopped_and_seen(writer)
+    os.kill(writer._process.pid, signal.SIGKILL)
+    os.waitid(os.P_PID, writer._process.pid, os.WEXITED | os.WNOWAIT)
+
+
+def killed(writer):
+    writer._process.kill()
+
+
+def _look_until_it_fails(writer):
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline:
+        writer.look()
+        time.sleep(0.01)
+
+
+def _assert_holds(folder, count):
+    recover_in_place(folder)
+    angle = read_bag(folder, ["angle"])["angle"]
+    np.testing.assert_array_equal(angle.stamp_ns, PERIOD_NS * np.arange(count))
+    np.testing.assert_array_equal(angle.value, 0.01 * np.arange(count))
+
+
+@pytest.mark.parametrize("settled", [0, 130])
+@pytest.mark.parametrize(
+    ("fault", "named"),
+    [
+        (killed, "was killed by SIGKILL"),
+        (stopped_and_seen, r"was stopped \(SIGSTOP\)"),
+        (stopped_then_killed, "was killed by SIGKILL"),
+    ],
+)
+def test_a_writer_that_is_lost_is_named_and_nothing_is_lost(tmp_path, fault, named, settled):
+    """What it had got, what was on its way and what comes afterwards, each once and in its order."""
+    writer = BagWriterAside(tmp_path / "walk", RUN)
+    assert _until(writer.ready)
+    filled(writer, STEPS[:settled])
+    _until(lambda: writer.look() or writer._on_disk.messages >= settled - 40)
+    fault(writer)
+    for step in STEPS[settled:200]:
+        writer.write_all(step)
+    with pytest.raises(RunFailed, match=f"bag_writer {named}"):
+        _look_until_it_fails(writer)
+    for step in STEPS[200:]:
+        writer.write_all(step)
+    with pytest.raises(RunFailed, match=f"bag_writer {named}"):
+        writer.close()
+    _assert_holds(tmp_path / "walk", len(STEPS))
+
+
+def test_a_writer_that_does_not_answer_is_named_and_nothing_is_lost(tmp_path, monkeypatch):
+    writer = BagWriterAside(tmp_path / "walk", RUN)
+    assert _until(writer.ready)
+    filled(writer, STEPS[:100])
+    stopped_and_not_seen(writer, monkeypatch)
+    for step in STEPS[100:]:
+        writer.write_all(step)
+    with pytest.raises(RunFailed, match="bag_writer did not answer"):
+        writer.close()
+    _assert_holds(tmp_path / "walk", len(STEPS))
+
+
+def test_who_records_waits_for_a_writer_that_is_far_behind_and_says_that_it_lives(tmp_path, monkeypatch):
+    waited = []
+    writer = BagWriterAside(tmp_path / "walk", RUN, lambda: waited.append(len(writer._unsent)))
+    assert _until(writer.ready)
+    monkeypatch.setattr(aside, "WAITING_BYTES", 20_000)
+    stopped_and_not_seen(writer, monkeypatch)
+    rescue = threading.Timer(0.15, os.kill, (writer._process.pid, signal.SIGCONT))
+    rescue.start()
+    filled(writer, STEPS * 60).close()
+    assert waited
+    assert recover_in_place(tmp_path / "walk") == 60 * len(STEPS)
+
+
+ORPHANED = """
+import os, signal, sys, time
+from pathlib import Path
+sys.path.insert(0, {tests!r})
+from test_aside import RUN, STEPS, BagWriterAside, _until, filled
+writer = BagWriterAside(Path({folder!r}), RUN)
+assert _until(writer.ready)
+os.kill(writer._process.pid, signal.SIGSTOP)
+filled(writer)
+writer._send()
+print(writer._process.pid, flush=True)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_writer_that_is_stopped_when_its_recorder_is_killed_writes_what_it_was_sent_and_ends(tmp_path):
+    text = ORPHANED.format(tests=os.path.dirname(__file__), folder=str(tmp_path / "walk"))
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False)
+    pid = int(done.stdout)
+    assert _until(lambda: not os.path.exists(f"/proc/{pid}"))
+    _assert_holds(tmp_path / "walk", len(STEPS))

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a killed recorder leaves becomes a bag that opens."""
 
+import json
 import re
 from contextlib import suppress
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from rosbags.rosbag2 import Reader
 
 from bags import PERIOD_NS, write_tracking_bag
 from pam_orthosis.bag import record
@@ -148,20 +150,117 @@ def test_a_folder_without_a_file_is_refused(tmp_path):
         recover(tmp_path, tmp_path / "new")
 
 
-def test_a_channel_without_a_schema_is_left_out(tmp_path):
-    """It is legal in MCAP, and no ROS topic."""
-    bag = write_tracking_bag(tmp_path / "own", STAMPS[:100], STAMPS[:100] * 1e-9, STAMPS[:100] * 1e-9)
-    mixed = tmp_path / "mixed.mcap"
-    with open(mixed, "wb") as stream, open(bag / "own_0.mcap", "rb") as source:
+EXTRA = {
+    "unknown type": ("acme_msgs/msg/Thing", "ros2msg", b"acme_msgs/Other x\n"),
+    "no readable definition": ("acme_msgs/msg/Thing", "ros2msg", b"%% ??"),
+    "empty definition": ("acme_msgs/msg/Thing", "ros2msg", b""),
+    "no encoding": ("acme_msgs/msg/Thing", "", b""),
+    "no schema": None,
+}
+
+
+def _mixed(file, schema, encoding="cdr"):
+    """Write the reference bag with one more topic."""
+    with open(file, "wb") as stream, open(next(WALK.glob("*.mcap")), "rb") as source:
         writer = Writer(stream)
         writer.start("ros2")
-        bare = writer.register_channel("/bare", "json", 0)
-        writer.add_message(bare, 0, b"{}", 0)
+        number = writer.register_schema(*schema) if schema else 0
+        extra = writer.register_channel("/extra", encoding, number)
+        for index in range(3):
+            writer.add_message(extra, index, b"\0\1\0\0abc", index + 5, sequence=7)
         _copy_messages(source, writer)
         writer.finish()
+    return file
+
+
+def _all(bag):
+    """Return all there is of all messages."""
+    with open(bag if bag.is_file() else next(bag.glob("*.mcap")), "rb") as stream:
+        return [
+            (
+                s and (s.name, s.encoding, s.data),
+                c.topic,
+                c.metadata,
+                m.log_time,
+                m.publish_time,
+                m.sequence,
+                m.data,
+            )
+            for s, c, m in make_reader(stream).iter_messages()
+        ]
+
+
+@pytest.mark.parametrize("what", EXTRA)
+def test_a_topic_of_an_unknown_or_empty_schema_is_copied_as_it_is(tmp_path, what):
+    mixed = _mixed(tmp_path / "mixed.mcap", EXTRA[what])
     recovered = recover(mixed, tmp_path / "new")
-    assert (recovered.messages, recovered.left_out) == (200, 1)
-    assert len(read_bag(tmp_path / "new", ["angle"])["angle"].value) == 100
+    assert (recovered.left_out, recovered.lost) == ((), ())
+    assert _all(tmp_path / "new") == _all(mixed)
+    with Reader(tmp_path / "new") as reader:
+        read = [(one.topic, data) for one, _, data in reader.messages()]
+    assert len(read) == recovered.messages
+    assert read.count(("/extra", b"\0\1\0\0abc")) == 3
+
+
+@pytest.mark.parametrize(
+    ("schema", "encoding", "why"),
+    [
+        (None, "json", "its messages are json, not cdr"),
+        (("Thing", "jsonschema", b"{}"), "cdr", "its type is defined in jsonschema, which is not of ROS"),
+        (("Thing", "ros2msg", b"\xff"), "cdr", "the definition of its type is no text"),
+    ],
+)
+def test_what_would_keep_readers_from_all_the_rest_is_left_out_and_listed(
+    tmp_path, capsys, schema, encoding, why
+):
+    mixed = _mixed(tmp_path / "mixed.mcap", schema, encoding)
+    assert main(["recover", str(mixed), "--out", str(tmp_path / "new")]) == 0
+    assert f"left out: 3 messages of /extra: {why}" in capsys.readouterr().out
+    assert main(["recover", str(mixed), "--out", str(tmp_path / "again"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["left_out"] == [{"topic": "/extra", "messages": 3, "why": why}]
+    rest = _all(mixed)
+    assert _all(tmp_path / "new") == [one for one in rest if one[1] != "/extra"]
+    with Reader(tmp_path / "new") as reader:
+        assert reader.message_count == len(rest) - 3 == told["messages"]
+
+
+def test_two_types_on_one_topic_keep_apart(tmp_path):
+    mixed = tmp_path / "mixed.mcap"
+    with open(mixed, "wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2")
+        for name in (b"A", b"B"):
+            schema = writer.register_schema("acme_msgs/msg/Thing", "ros2msg", b"int32 " + name)
+            writer.add_message(writer.register_channel("/same", "cdr", schema), 1, name, 1)
+        writer.finish()
+    recover(mixed, tmp_path / "new")
+    assert _all(tmp_path / "new") == _all(mixed)
+
+
+@pytest.mark.parametrize("out", [".", "mine", "bad"], ids=["here", "a used folder", "the bag itself"])
+def test_nothing_that_is_there_is_removed_even_if_nothing_can_be_recovered(
+    tmp_path, monkeypatch, capsys, out
+):
+    monkeypatch.chdir(tmp_path)
+    for name in ("mine", "bad"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("mine")
+    (tmp_path / "bad" / "bad_0.mcap").write_bytes(next(WALK.glob("*.mcap")).read_bytes()[:200])
+    before = sorted(tmp_path.rglob("*"))
+    assert main(["recover", "bad", "--out", out]) == 2
+    assert "exists and is not an empty folder" in capsys.readouterr().err
+    assert main(["recover", "bad", "--out", "new"]) == 2
+    assert "holds no readable message" in capsys.readouterr().err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_without_out_the_new_bag_is_made_here_and_not_beside_the_other(killed, tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    assert main(["recover", str(killed)]) == 0
+    _assert_beginning_of_the_run(tmp_path / "here" / "cut-recovered")
+    assert {one.name for one in tmp_path.iterdir()} == {"cut", "here"}
 
 
 def _copy_messages(source, writer):

@@ -3,9 +3,14 @@
 
 import errno
 import shutil
+import signal
+import subprocess
+import sys
+from contextlib import ExitStack
 
 import pytest
 
+from pam_orthosis import files
 from pam_orthosis.bag import recover
 from pam_orthosis.cli import main as entry
 from pam_orthosis.cli import run
@@ -46,29 +51,25 @@ def test_what_cannot_be_recovered_is_said_and_the_output_kept(unfinished, monkey
     assert (bag / "log" / "node.log").read_text() == "no air"
 
 
-def _both_find_it_free(monkeypatch):
-    """Let two runs look at a folder before either of them has it."""
-    monkeypatch.setattr(run, "refuse_used", lambda folder: None)
-
-
 @pytest.mark.parametrize("there", [True, False], ids=["an empty folder", "a new folder"])
-def test_a_folder_belongs_to_one_run(tmp_path, monkeypatch, there):
+def test_a_folder_belongs_to_one_run(tmp_path, there):
     out = tmp_path / "bag"
     if there:
         out.mkdir()
-    _both_find_it_free(monkeypatch)
-    assert run.claim(out, "default")[0] == out
-    with pytest.raises(OrthosisError, match="belongs to another run"):
-        run.claim(out, "default")
-    assert [one.name for one in out.iterdir()] == [run.CLAIM]
+    with ExitStack() as first, ExitStack() as second:
+        assert run.claim(first, out, "default") == out
+        with pytest.raises(OrthosisError, match="belongs to another run"):
+            run.claim(second, out, "default")
+        assert list(out.iterdir()) == []
+    assert out.exists() == there
 
 
 def test_without_out_the_second_run_takes_the_next_number(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    first = run.claim(None, "gait")[0]
-    _both_find_it_free(monkeypatch)
-    monkeypatch.setattr(run, "_unused", _late(run._unused, first))
-    assert [first.name, run.claim(None, "gait")[0].name] == ["gait-1", "gait-2"]
+    with ExitStack() as first, ExitStack() as second:
+        taken = run.claim(first, None, "gait")
+        monkeypatch.setattr(run, "_unused", _late(run._unused, taken))
+        assert [taken.name, run.claim(second, None, "gait").name] == ["gait-1", "gait-2"]
 
 
 def _late(unused, taken):
@@ -77,25 +78,73 @@ def _late(unused, taken):
     return lambda scenario: answers.pop() if answers else unused(scenario)
 
 
+def test_without_out_a_place_that_cannot_be_written_is_told(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs").write_text("mine")
+    with ExitStack() as stack, pytest.raises(OrthosisError, match="runs is no folder"):
+        run.claim(stack, None, "gait")
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGHUP], ids=lambda number: number.name)
+def test_the_claim_of_a_run_that_was_killed_is_gone(tmp_path, number):
+    """It leaves nothing, and the folder is free for the next run."""
+    out = tmp_path / "bag"
+    code = (
+        "import sys, time; from contextlib import ExitStack; from pathlib import Path\n"
+        "from pam_orthosis.cli import run\n"
+        "with ExitStack() as stack:\n"
+        "    run.claim(stack, Path(sys.argv[1]), 'default'); print('claimed', flush=True); time.sleep(60)"
+    )
+    with subprocess.Popen([sys.executable, "-c", code, out], stdout=subprocess.PIPE) as process:
+        assert process.stdout.readline() == b"claimed\n"
+        with ExitStack() as stack, pytest.raises(OrthosisError, match="belongs to another run"):
+            run.claim(stack, out, "default")
+        process.send_signal(number)
+    assert list(out.iterdir()) == []
+    with ExitStack() as stack:
+        assert run.claim(stack, out, "default") == out
+
+
 def test_a_run_that_another_has_just_ended_in_is_left_alone(tmp_path, monkeypatch):
     out = tmp_path / "bag"
-    refuse, looks = run.refuse_used, []
-    monkeypatch.setattr(run, "refuse_used", lambda folder: refuse(folder) if looks else looks.append(folder))
+    refuse, looks = files.refuse_used, []
+    monkeypatch.setattr(
+        files, "refuse_used", lambda folder: refuse(folder) if looks else looks.append(folder)
+    )
     out.mkdir()
     (out / "bag_0.mcap").write_bytes(b"theirs")
-    with pytest.raises(OrthosisError, match="not an empty folder"):
-        run.claim(out, "default")
+    with ExitStack() as stack, pytest.raises(OrthosisError, match="not an empty folder"):
+        run.claim(stack, out, "default")
     assert [one.name for one in out.iterdir()] == ["bag_0.mcap"]
 
 
-def test_what_failed_leaves_no_claim(tmp_path, monkeypatch):
-    out, parser = tmp_path / "bag", run.argparse.ArgumentParser()
+def test_what_failed_leaves_no_folder(tmp_path, monkeypatch):
+    out = tmp_path / "new" / "bag"
+    with pytest.raises(OrthosisError, match="no air"):
+        _execute(monkeypatch, _no_air, "--out", str(out))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_way_through_a_folder_that_is_not_there_is_the_same_before_and_after(tmp_path, monkeypatch):
+    """`x/rel/../rel2`: `rel` is made by nobody, so nobody removes it."""
+    seen = []
+    with pytest.raises(OrthosisError, match="no air"):
+        _execute(
+            monkeypatch,
+            lambda *given: seen.append(given[1]) or _no_air(),
+            "--out",
+            f"{tmp_path}/x/rel/../rel2",
+        )
+    assert seen == [tmp_path / "x" / "rel2"]
+    assert list(tmp_path.iterdir()) == []
+
+
+def _execute(monkeypatch, body, *arguments):
+    parser = run.argparse.ArgumentParser()
     run.add_arguments(parser)
     monkeypatch.setattr(run, "need_ros", lambda: None)
-    monkeypatch.setattr(run, "_run", _no_air)
-    with pytest.raises(OrthosisError, match="no air"):
-        run.execute(parser.parse_args(["--out", str(out)]))
-    assert not out.exists()
+    monkeypatch.setattr(run, "_run", body)
+    run.execute(parser.parse_args(arguments))
 
 
 def _no_air(*_arguments):

@@ -98,10 +98,16 @@ def test_gap_json_keeps_its_contract(friction):
     ],
 )
 def test_an_answer_without_a_name_tells_why(ranked, reason, said):
-    place = structure.Where("torque", 9.0, {}, {})
+    place = structure.Where("torque", 81.0, {}, {})
     step = SimpleNamespace(accepted=None, ranked=ranked, reason=reason)
-    outcome = SimpleNamespace(verdict="unexplained", effects=(), left=[place], steps=[step])
+    torque = SimpleNamespace(name="torque", channels=("angle",))
+    outcome = SimpleNamespace(
+        verdict="unexplained", effects=(), surrogates=(), left=[place], steps=[step],
+        system=SimpleNamespace(equations=[torque]), after=Gap({}, {"angle": 9.0}),
+        floor=Gap({}, {"angle": 1.0}),
+    )  # fmt: skip
     assert said in _answer(outcome)
+    assert "in the torque equation 9.0 times the noise is left" in _answer(outcome)
 
 
 def test_a_closure_tells_the_gap_that_it_counts_from(friction):
@@ -163,11 +169,15 @@ def test_the_verb_writes_json_model_and_page(bench, tmp_path, capsys, monkeypatc
     told = json.loads(capsys.readouterr().out)
     assert status == 0
     assert told == json.loads((out / "gap.json").read_text())
+    assert told["apparatus_assumed"] == files  # a table does not tell of what it is
     assert told["effects"][0]["name"] == "joint_friction"
     page = (out / "gap.html").read_text()
+    assert "<pre>the apparatus is assumed: " in page
     assert page.count("data:image/png;base64,") == 2
     assert "http" not in page.split("</style>")[0]
-    assert load(patch.read(out / "model.yaml")).effects.joint_friction.enabled
+    model = out / "model.yaml"
+    assert load(patch.read(model)).effects.joint_friction.enabled
+    assert cli.main(["gap", *files, "--model", str(model), "--until", "check"]) == 0
 
 
 def test_the_noise_floor_is_that_of_the_recordings_that_judge(bench):
@@ -233,6 +243,7 @@ def test_stages_can_be_read_one_by_one(bench, tmp_path, capsys):
     files = [str(table(tmp_path / f"{seed}.csv", bench.arrays(seed, **FRICTION))) for seed in (1, 2)]
     assert cli.main(["gap", files[0], "--held-out", files[1], "--until", "where"]) == 0
     told = capsys.readouterr().out
+    assert told.startswith(f"the apparatus is assumed: {files[0]} and 1 more without a record of parameters,")
     torque, gas = told[told.index("torque equation") :], told[told.index("gas equation") :]
     assert "above the noise" in torque.splitlines()[0]
     assert "above the noise" not in gas.splitlines()[0]
@@ -320,17 +331,6 @@ def test_unfit_data_stop_with_the_reason(bench, reason, change):
         find_gap(bench.system, [from_arrays("x", bench.system, arrays)], [], bench.parameters.gap)
 
 
-@pytest.mark.parametrize(
-    ("effects", "rival", "named"),
-    [(["backlash"], 19.0, True), (["backlash"], 21.0, False), (["backlash", "creep"], 1.0, False)],
-)
-def test_what_closes_little_is_named_only_without_a_rival(effects, rival, named):
-    ranked = (("backlash", 400.0), ("stretch_reflex", rival))
-    step = SimpleNamespace(accepted="backlash", ranked=ranked, evidence=400.0)
-    found = SimpleNamespace(final=SimpleNamespace(effects=effects), steps=[step])
-    assert workflow._without_rival(found) is named
-
-
 def test_the_second_of_a_round_is_compared_with_the_others_not_with_itself(bench):
     """The best effect of a round may be refused by held-out data and the next one accepted."""
     ranked = (("creep", 900.0), ("backlash", 400.0), ("stretch_reflex", 395.0), ("valve_lag", 5.0))
@@ -339,7 +339,6 @@ def test_the_second_of_a_round_is_compared_with_the_others_not_with_itself(bench
     settings = bench.parameters.gap.evidence
     assert workflow._look_alikes(found, "backlash", settings) == ("creep", "stretch_reflex")
     assert workflow._runner_up(found) == ("creep", -500.0)
-    assert not workflow._without_rival(found)
     nothing = SimpleNamespace(final=SimpleNamespace(effects=[]), steps=[])
     assert workflow._runner_up(nothing) is None
     assert workflow._first_named(nothing, ()) is None
@@ -371,8 +370,10 @@ def test_each_effect_has_its_own_look_alikes_and_none_that_is_named(friction, be
 
 def test_what_is_left_although_it_is_explained_is_told(friction):
     left = [structure.Where("torque", 9.04, {}, {}), structure.Where("gas", 1.1, {}, {})]
-    told = describe(replace(friction, verdict="explained", left=left)).splitlines()
-    assert told[-2] == "left in the torque equation: 9.0 times the noise"
+    white = {**friction.after.white, "angle": 2.0 * friction.floor.white["angle"]}
+    after = Gap(friction.after.units, white)
+    told = describe(replace(friction, verdict="explained", left=left, after=after)).splitlines()
+    assert told[-2] == "left in the torque equation: 2.0 times the noise"
     assert not any(line.startswith("left in the gas") for line in told)
     quiet = {"left": left[1:], "after": Gap(friction.after.units, {**friction.after.white, "overall": 1.5})}
     told = describe(replace(friction, verdict="explained", **quiet)).splitlines()
@@ -485,10 +486,13 @@ def test_a_gap_that_is_left_is_not_called_none(effects, closed, after, verdict):
     left = [structure.Where("torque", 1.2, {"angle": 0.1}, {"angle": (0.0, 1.0)})]
     gaps = Gap({}, {"overall": after}), Gap({}, {"overall": 1.0})
     final = SimpleNamespace(effects=effects)
-    told = workflow._verdict(final, left, {"overall": closed}, workflow.beyond(*gaps))
+    clean = structure.clean(left) and not workflow.beyond(*gaps)
+    told = workflow._verdict(final, clean, {"overall": closed}, after, ())
     assert told == verdict
     named = [SimpleNamespace(name=name) for name in effects]
-    outcome = SimpleNamespace(verdict=told, effects=named, left=left, after=gaps[0], floor=gaps[1])
+    outcome = SimpleNamespace(
+        verdict=told, effects=named, left=left, after=gaps[0], floor=gaps[1], empty=()
+    )
     if verdict == "unexplained":
         assert f"leave what was fitted (the gap is {after:.1f} times" in _answer(outcome)
 
@@ -593,7 +597,7 @@ def test_a_folder_that_cannot_be_made_is_told_before_the_search(bench, tmp_path,
     file = table(tmp_path / "x.csv", bench.arrays(1))
     monkeypatch.setattr(workflow, "begin", lambda *_: pytest.fail("the search has begun"))
     assert cli.main(["gap", str(file), "--out", str(file / "out")]) == 2
-    assert f"cannot write to {file / 'out'}" in capsys.readouterr().err
+    assert f"{file} is no folder" in capsys.readouterr().err
 
 
 def test_a_page_that_cannot_be_written_does_not_take_the_verdict_with_it(
@@ -606,7 +610,7 @@ def test_a_page_that_cannot_be_written_does_not_take_the_verdict_with_it(
     monkeypatch.setattr(workflow, "begin", lambda *_: nothing)
     monkeypatch.setattr("pam_orthosis.discrepancy.telling.telling", lambda *_: Telling({}, (), (), ()))
     monkeypatch.setattr(workflow, "search", lambda *_: friction)
-    monkeypatch.setattr(gap_page, "write_page", full)
+    monkeypatch.setattr(gap_page, "page", full)
     file = table(tmp_path / "x.csv", bench.arrays(1))
     assert cli.main(["gap", str(file), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr()

@@ -13,8 +13,6 @@ from fault_campaign import bag_mutations, bags, inputs, text_mutations, trial
 
 from pam_orthosis.bag import read
 from pam_orthosis.cli.main import main
-from pam_orthosis.errors import OrthosisError
-from pam_orthosis.files import write_text, write_whole
 
 WALK = Path(__file__).resolve().parents[2] / "bags" / "walk"
 SHARE = 60
@@ -85,20 +83,6 @@ def test_every_slip_and_every_contradiction_is_refused_by_name(tmp_path):
         folder = tmp_path / str(number)
         folder.mkdir()
         assert trial.attempt(one, folder).faults == [], one.what
-
-
-def test_a_file_is_whole_or_as_it_was(tmp_path):
-    file = tmp_path / "rows.yaml"
-    write_text(file, "before")
-
-    def fail_half_way(part):
-        part.write_text("half")
-        raise OSError(28, "No space left on device")
-
-    with pytest.raises(OrthosisError, match="No space left"):
-        write_whole(file, fail_half_way)
-    assert file.read_text() == "before"
-    assert list(tmp_path.iterdir()) == [file]
 
 
 def test_a_bag_with_parameters_of_another_version_gets_its_report(tmp_path):

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 import yaml
 
-from pam_orthosis.bag.read import read_bag, run_record
+from pam_orthosis.bag.read import read_bag, recorded_parameters, run_record
 from pam_orthosis.bag.rig_record import record_rig
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.rig_loop import DecayRig, Rig, RigTruth, force_procedure, volume_procedure
+from pam_orthosis.discrepancy import patch
 from pam_orthosis.identification.data import read_data
 from pam_orthosis.identification.identify import identify
+from pam_orthosis.improvement.experiments import record
 from pam_orthosis.model import parameters
 
 PRESSURES, HELD_OUT = (2e5, 3.5e5, 5e5, 7e5), (4.5e5, 6.5e5)
@@ -112,6 +114,26 @@ def test_the_command_writes_rows_that_config_takes(bags, found, tmp_path, capsys
     assert p.muscle.dmsp_20.force.a[0] == pytest.approx(told["a"][0], rel=1e-8)
     for name in ("force.png", "residual.png", "volume.png"):
         assert (figures / name).stat().st_size > 10_000
+
+
+def test_what_the_rig_identified_is_a_model_for_gap_plan_and_run(bags, tmp_path, capsys):
+    """From the rig's bags to the knee, by commands alone."""
+    rows, walk = tmp_path / "rows.yaml", tmp_path / "walk"
+    held = [str(p / 1e5) for p in HELD_OUT]
+    assert main(["identify", str(bags), "--out", str(rows), "--held-out-bar", *held]) == 0
+    changed = {"scenario.duration": 14.0, "scenario.seed": 3}
+    record(parameters.load(changed), 3, "default", walk)
+    capsys.readouterr()
+    for model in ([], ["--model", str(rows)]):
+        assert main(["gap", str(walk), *model, "--until", "replay"]) == 0
+    plain, known = (part.splitlines() for part in capsys.readouterr().out.split("angle [deg]")[1:])
+    assert plain[0] != known[0]  # another muscle is believed
+    pytest.importorskip("rclpy")
+    done = tmp_path / "done"
+    options = ["--composed", "--duration", "1", "--model", str(rows), "--out", str(done)]
+    assert main(["run", *options]) in (0, 1), capsys.readouterr().err
+    recorded, written = recorded_parameters(done, run_record(done)), patch.read(rows)
+    assert {key: recorded[key] for key in written} == written
 
 
 def test_a_damping_that_is_given_is_fitted_with_and_written(bags, tmp_path, capsys):

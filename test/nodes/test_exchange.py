@@ -183,7 +183,7 @@ def test_a_composed_node_that_breaks_is_named_and_the_leg_is_vented(tmp_path):
 
     parameters, bag = load({"scenario.duration": 2.0}), tmp_path / "walk"
     commands = launch.commands(tmp_path, parameters, bag, "default", launch.Mode(composed=True))
-    python, _, _, *words = commands["composed"]
+    python, _, _, _, *words = commands["composed"]
     commands["composed"] = [python, "-c", FAILING, *words]
     with launch.free_domain() as domain:
         environment = launch.environment(tmp_path, domain)

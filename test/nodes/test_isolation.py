@@ -51,7 +51,7 @@ def test_a_stranger_on_a_command_topic_is_named_and_moves_no_valve(stranger, liv
     _fill_ahead(publisher)
     status, said, _ = run.ended()
     assert status == 3
-    assert "a stranger publishes on extensor/valve_voltage" in said
+    assert "a stranger publishes on /extensor/valve_voltage" in said
     assert "/stranger" in said
     recorded, expected = read_bag(run.bag, MEASURED), _expected(1)
     count = _regular(recorded["angle"].stamp_ns)
@@ -80,7 +80,7 @@ def in_process(tmp_path, monkeypatch):
 def test_a_publisher_that_comes_again_is_no_stranger(in_process, monkeypatch):
     from rosgraph_msgs.msg import Clock
 
-    from pam_orthosis.nodes import graph
+    from pam_orthosis.nodes import ownership
 
     node, other, turn = in_process
     for _ in range(3):
@@ -91,8 +91,8 @@ def test_a_publisher_that_comes_again_is_no_stranger(in_process, monkeypatch):
     assert node.failure is None
     there = [other.create_publisher(Clock, "/clock", 10) for _ in range(2)]
     wait_for(lambda: turn() or node.failure)
-    monkeypatch.setattr(graph, "STRANGERS_NAME_SECONDS", 0.0)
-    monkeypatch.setattr(node, "_publishing", lambda name: [])
+    monkeypatch.setattr(ownership, "NAME_SECONDS", 0.0)
+    monkeypatch.setattr(node.ownership, "_publishing", lambda name: [])
     assert str(node.failure()) == "a stranger publishes on /clock"
     assert len(there) == 2
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from pam_orthosis import processes
 from pam_orthosis.errors import RunFailed
 from pam_orthosis.nodes import graph, supervisor
 from pam_orthosis.nodes.supervisor import supervise
@@ -40,24 +41,73 @@ def test_a_process_that_never_beats_is_named_once_the_graph_steps(tmp_path):
         run(tmp_path, stepping=STEPPING, mute=MUTE)
 
 
+@pytest.fixture
+def idleness(monkeypatch):
+    """Return a function: scheduler's letter, share of the processor, seconds -> idleness of that process."""
+    clock = [100.0]
+    monkeypatch.setattr(processes.time, "monotonic", lambda: clock[0])
+
+    def lasting(state, share, seconds):
+        told = processes.Idleness(0, of=lambda _: [processes.Turn(state, share * clock[0])])
+        for _ in range(round(seconds / 0.1) + 1):
+            clock[0] += 0.1 + 1e-9
+            told.look()
+        return told
+
+    return lasting
+
+
 @pytest.mark.parametrize(
-    ("state", "used", "since", "silent"),
-    [("R", 0.1, 2.0, False), ("R", 1.0, 2.0, True), ("S", 0.0, 2.0, True), ("R", 0.1, 99.0, True)],
-    ids=["waits for its turn", "spins", "sleeps", "waits for ever"],
+    ("state", "share", "seconds", "silent"),
+    [("R", 0.05, 10.0, False), ("R", 1.0, 2.0, True), ("S", 0.0, 2.0, True), ("D", 0.0, 10.0, False),
+     ("R", 0.01, 99.0, True)],
+    ids=["waits for its turn", "spins", "sleeps", "waits for the disk", "waits for ever"],
+)  # fmt: skip
+def test_time_in_which_a_process_waits_for_its_turn_is_not_its_own(idleness, state, share, seconds, silent):
+    assert idleness(state, share, seconds).silent(processes.SILENCE_SECONDS) is silent
+
+
+@pytest.mark.parametrize(
+    ("state", "share", "rests"), [("S", 0.001, True), ("S", 0.1, False), ("R", 0.0, False)]
 )
-def test_a_process_that_waits_for_its_turn_is_not_silent(tmp_path, monkeypatch, state, used, since, silent):
-    child = supervisor.Child("node", [sys.executable, "-c", "pass"], dict(os.environ), tmp_path / "log")
-    child.status, child._silence = "running 0", since
-    monkeypatch.setattr(supervisor, "_turn", lambda pid: (state, used))
-    assert child.silent() is silent
-    child.process.wait()
-    child.release()
+def test_a_process_that_works_now_and_then_does_not_rest(idleness, state, share, rests):
+    assert (idleness(state, share, 6.0).resting > supervisor.IDLE_START_SECONDS) is rests
 
 
 def test_a_process_that_hangs_before_its_first_beat_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(supervisor, "IDLE_START_SECONDS", 1.0)
     with pytest.raises(RunFailed, match="node mute hung while it was started"):
         run(tmp_path, mute=MUTE)
+
+
+def test_a_process_whose_compiler_works_at_its_start_does_not_hang(tmp_path, monkeypatch):
+    monkeypatch.setattr(supervisor, "IDLE_START_SECONDS", 0.5)
+    monkeypatch.setattr(supervisor, "START_SECONDS", 1.0)
+    spinning = f"import subprocess; subprocess.run([{sys.executable!r}, '-c', 'while True: pass'])"
+    with pytest.raises(RunFailed, match="not ready after 1 s: waiting"):
+        run(tmp_path, waiting=spinning)
+
+
+WAITING_FOR_PEERS = """
+import os, time
+pipe = int(os.environ["PAM_ORTHOSIS_HEARTBEAT"])
+for beat in range(400):
+    os.write(pipe, b"starting %d\\n" % max(5, 20 - beat // 10))
+    time.sleep(0.01)
+"""
+
+
+def test_a_start_that_comes_no_nearer_fails_after_so_many_beats(tmp_path, monkeypatch):
+    monkeypatch.setattr(supervisor, "START_SECONDS", 2.0)  # 20 beats; before it waits 10 for each peer
+    with pytest.raises(RunFailed, match="not ready after 2 s: waiting"):
+        run(tmp_path, waiting=WAITING_FOR_PEERS)
+
+
+def test_who_waits_for_one_that_still_loads_is_not_late(tmp_path, monkeypatch):
+    monkeypatch.setattr(supervisor, "START_SECONDS", 2.0)
+    loading = "import time; begun = time.process_time()\nwhile time.process_time() < begun + 1.5: pass\n1 / 0"
+    with pytest.raises(RunFailed, match="node loading ended with 1: ZeroDivisionError"):
+        run(tmp_path, waiting=WAITING_FOR_PEERS.replace("400", "100000"), loading=loading)
 
 
 def test_a_process_that_works_at_its_start_is_not_taken_for_one_that_hangs(tmp_path, monkeypatch):
@@ -110,10 +160,10 @@ def test_who_writes_a_bag_is_not_let_go_before_it_is_closed(tmp_path, monkeypatc
 
 def test_time_in_which_the_machine_stood_still_is_nobodys_silence(tmp_path):
     child = supervisor.Child("node", [sys.executable, "-c", MUTE], dict(os.environ), tmp_path / "log")
-    child.status, child._looked = "running 0", time.monotonic() - 30.0
+    child.status, child._idleness._looked = "running 0", time.monotonic() - 30.0
     child.listen()
     assert not child.silent()
-    child._silence = 30.0
+    child._idleness.asleep = 30.0
     assert child.silent()
     child.process.kill()
     child.process.wait()

@@ -30,7 +30,7 @@ def count_graph(work, every=1):
     parameters = load({"scenario.duration": duration, "control.position.every": every})
     with launch.free_domain() as domain:
         made = launch.commands(work, parameters, work / "bag", "default", launch.Mode(composed=True))
-        ((python, _, _, *rest),) = made.values()
+        ((python, _, _, _, *rest),) = made.values()
         command = [python, counted.__file__, str(FIRST), str(LAST), *rest]
         environment = launch.environment(work, domain)
         done = subprocess.run(

@@ -11,7 +11,7 @@ import numpy as np
 from pam_orthosis.bag.arrays import write_arrays
 from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.discrepancy.hidden.case import Case, Recording
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import write_text
 
 _WRITTEN = (
     "angle", "reference_angle", "reference_velocity", "reference_acceleration",
@@ -31,11 +31,7 @@ def write_case(case: Case, folder: Path) -> tuple[list[Path], list[Path], Path]:
     training = [_write(folder / f"training_{n}", r, case) for n, r in case.training.items()]
     held_out = [_write(folder / f"held_out_{n}", r, case) for n, r in case.held_out.items()]
     truth = folder / "sealed" / "truth.json"
-    try:
-        truth.parent.mkdir(exist_ok=True)
-        truth.write_text(json.dumps(case.answer, indent=2) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise OrthosisError(f"cannot write {truth}: {error.strerror}") from error
+    write_text(truth, json.dumps(case.answer, indent=2) + "\n")
     return training, held_out, truth
 
 

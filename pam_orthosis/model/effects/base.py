@@ -23,6 +23,8 @@ EQUATIONS = {
     "spool": "valve", "opening": "valve", "flow": "gas", "gas": "gas", "sensor": "sensor",
 }  # fmt: skip
 
+AT_BOUND = 1e-3  # of a bound, or of the typical value: nearer than that a parameter is at its bound
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -31,6 +33,9 @@ class Quantity:
     `neutral` is the value at which the whole effect vanishes; None for a parameter of its shape.
     `fitted` is false for shape details that the gap workflow holds at their typical value. `prior`
     is the standard deviation that a coefficient of a shape correction (`Effect.shape`) may have.
+    `meaningful` are the values, ends included, at which the effect is what its name says: a reflex without
+    a threshold is viscous friction. None: all inside the bounds, but not the bounds themselves, where a fit
+    asks for more than the effect can be.
     """
 
     name: str
@@ -42,6 +47,17 @@ class Quantity:
     neutral: float | None = None
     fitted: bool = True
     prior: float | None = None
+    meaningful: tuple[float, float] | None = None
+
+    def is_empty(self, value: float) -> bool:
+        """Return whether the effect is no longer what its name says at this value."""
+        if self.meaningful is not None:
+            low, high = self.meaningful
+            return not low <= value <= high
+        return any(
+            abs(value - bound) <= AT_BOUND * max(abs(bound), abs(self.typical))
+            for bound in (self.minimum, self.maximum)
+        )
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ EFFECTS = [
         parameters=(
             Quantity("amplitude", 1.0, "N m", 0.0, 50.0, "amplitude", 0.0),
             Quantity("frequency", 1.3, "Hz", 0.01, 20.0, "frequency"),
-            Quantity("phase", 0.0, "rad", -7.0, 7.0, "phase at the time 0"),
+            Quantity("phase", 0.0, "rad", -7.0, 7.0, "phase at the time 0", meaningful=(-7.0, 7.0)),
         ),
         expression=lambda s, p, _states: Contribution(
             {"torque": p.amplitude * ca.sin(2 * ca.pi * p.frequency * s.time + p.phase)}

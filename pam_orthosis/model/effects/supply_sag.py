@@ -23,7 +23,10 @@ EFFECTS = [
         stage="supply",
         parameters=(
             Quantity("resistance", 2.0e7, "Pa s/kg", 0.0, 1.0e9, "sag per mass flow drawn", 0.0),
-            Quantity("time_constant", 0.05, "s", 0.002, 20.0, "time constant of the supply line"),
+            Quantity(
+                "time_constant", 0.05, "s", 0.002, 20.0, "time constant of the supply line",
+                meaningful=(0.002, 10.0),  # slower, the supply falls and does not recover
+            ),
         ),
         expression=_expression,
         physics="Regulator, line and reservoir cannot hold the pressure while both valves draw air; it "

@@ -2,6 +2,7 @@
 """Misfit of the valves' curves: a smooth, bounded correction of the opening over the spool's stroke."""
 
 import math
+from dataclasses import replace
 
 import casadi as ca
 
@@ -47,7 +48,9 @@ def _expression(s, p, _states):
 def _coefficient(muscle: str, index: int) -> Quantity:
     place = SMALL_OPENING * math.sinh(index * SPACING)
     meaning = f"{muscle}: relative error of the opening about {place:+.2f}"
-    return Quantity(f"{muscle}_{knot_name(index)}", 0.03, "-", -0.5, 0.5, meaning, 0.0, prior=0.03)
+    q = Quantity(f"{muscle}_{knot_name(index)}", 0.03, "-", -0.5, 0.5, meaning, 0.0, prior=0.03)
+    # no valve opens as far as the last knot, of which only the flank is seen: its bound says nothing
+    return replace(q, meaningful=(q.minimum, q.maximum)) if abs(index) == SIDE else q
 
 
 EFFECTS = [

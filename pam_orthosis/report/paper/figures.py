@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
+from typing import BinaryIO
 
 import matplotlib as mpl
 import numpy as np
@@ -22,7 +22,7 @@ SHOWN = 7.0  # s of fig. 8
 PAPER_LAG, LAG_BOUND, ERROR_BOUND = 25.0, 20.0, 3.0  # ms, ms, deg
 
 
-def draw_observer(run: ObserverRun, file: Path) -> None:
+def draw_observer(run: ObserverRun, file: BinaryIO) -> None:
     """Draw angle, velocity and disturbance, true and estimated."""
     s, time = run.signals, run.signals["time"]
     figure = Figure(figsize=(9, 7), layout="constrained")
@@ -46,7 +46,7 @@ def draw_observer(run: ObserverRun, file: Path) -> None:
     figure.savefig(file, dpi=DPI)
 
 
-def draw_trade_off(points: Sequence[TradeOff], chosen: ObserverRun, file: Path) -> None:
+def draw_trade_off(points: Sequence[TradeOff], chosen: ObserverRun, file: BinaryIO) -> None:
     """Draw noise, valve activity and tracking error over the lag, for each pattern of the poles."""
     figure = Figure(figsize=(12, 4.2), layout="constrained")
     panels = (
@@ -72,7 +72,7 @@ def draw_trade_off(points: Sequence[TradeOff], chosen: ObserverRun, file: Path) 
     figure.savefig(file, dpi=DPI)
 
 
-def draw_tracking(found: Tracking, file: Path) -> None:
+def draw_tracking(found: Tracking, file: BinaryIO) -> None:
     """Draw angle and error over time on the left and over the gait cycle on the right."""
     figure = Figure(figsize=(12, 6), layout="constrained")
     axes = figure.subplots(2, 2, sharex="col", sharey="row", width_ratios=(3, 2))

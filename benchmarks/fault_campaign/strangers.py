@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Somebody else speaks on each topic, offers each service, takes a node's name: how do real runs end?
+
+How soon is told, and makes nothing wrong by itself: it depends on the load of the machine.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mcap.exceptions import McapError
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from pam_orthosis.bag.topics import in_leg, resolve, table
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import load
+from pam_orthosis.nodes import launch
+
+LIMIT_S, END_S = 90.0, 2.0
+NAME = "stranger"
+SPEAKER = [sys.executable, str(Path(__file__).with_name("stranger.py"))]
+RUN = [sys.executable, "-m", "pam_orthosis.cli.main", "run", "--open", "--duration", "3600"]
+QUICK = ["--param", "scenario.start_hold=0.1", "--param", "scenario.start_ramp=0.5"]
+MODES = {
+    "lockstep": [],
+    "composed": ["--composed"],
+    "real time": ["--realtime"],
+    "composed, real time": ["--composed", "--realtime"],
+    "two legs": ["--legs", "2", "--composed"],
+}
+SERVICES = ("start", "stop", "emergency_stop", "reset")
+LATCHED = ("ready", "configuration")
+EARLY = "before the run"
+
+
+@dataclass(frozen=True)
+class Forgery:
+    """How the run is made, what is forged (a topic, a service or a node), and whether before the run."""
+
+    mode: str
+    kind: str
+    name: str
+    early: bool = False
+
+    @property
+    def legs(self) -> tuple[str, ...]:
+        """Namespaces of the run's legs."""
+        return ("left", "right") if self.mode == "two legs" else ("",)
+
+    def command(self) -> list[str]:
+        """Return what starts the stranger; of two legs it speaks to the second."""
+        leg = self.legs[-1]
+        if self.kind != "publish":
+            return [*SPEAKER, self.kind, f"{leg}/{self.name}" if leg and self.kind == "serve" else self.name]
+        topic = _table(self.mode)[self.name]
+        durability = "latched" if self.name in LATCHED else "volatile"
+        return [*SPEAKER, "publish", in_leg(self.name, leg, self.legs), topic.type, durability]
+
+
+@dataclass
+class Ending:
+    """What came of it: exit status, message, s from the first word to the end, and what is wrong about it."""
+
+    forgery: Forgery
+    status: int | None
+    message: str
+    took_s: float
+    load: float
+    faults: list[str] = field(default_factory=list)
+
+
+def forgeries(modes: Sequence[str] = tuple(MODES)) -> Iterator[Forgery]:
+    """Yield everything that can be forged, in all modes."""
+    for mode in modes:
+        for name, topic in _table(mode).items():
+            if topic.subscribers and not topic.shared:
+                yield Forgery(mode, "publish", name)
+        yield from (Forgery(mode, "serve", name) for name in SERVICES)
+        if mode != "two legs":
+            yield Forgery(mode, "call", "position_controller")
+        yield from (Forgery(mode, "publish", name, early=True) for name in LATCHED if name in _table(mode))
+
+
+def suffer(forgery: Forgery, folder: Path) -> Ending:
+    """Start a run and the stranger, who waits for it unless he is early; look at what is left."""
+    folder.mkdir(parents=True, exist_ok=True)
+    bag = folder / "bag"
+    with launch.free_domain() as domain:
+        environment = {**launch.environment(folder, domain), "TMPDIR": str(folder)}
+    stranger = _spoken(forgery.command(), environment) if forgery.early else None
+    command = [*RUN, "--out", str(bag), *QUICK, *MODES[forgery.mode]]
+    run = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+    try:
+        if stranger is None:
+            _wait(lambda: run.poll() is not None or _holds_messages(bag / "bag_0.mcap"))
+            stranger = _spoken(forgery.command(), environment)
+        spoke = float(stranger.stdout.readline().split()[1])
+        said = run.communicate(timeout=LIMIT_S)[1].strip().splitlines()
+        took_s = time.time() - spoke
+    except subprocess.TimeoutExpired:
+        run.terminate()
+        said, took_s = run.communicate()[1].strip().splitlines(), LIMIT_S
+        return Ending(forgery, None, said[-1], took_s, os.getloadavg()[0], ["no end"])
+    finally:
+        if stranger is not None:
+            stranger.kill()
+            stranger.wait()
+    ending = Ending(forgery, run.returncode, said[-1] if said else "", took_s, os.getloadavg()[0])
+    ending.faults = list(_faults(ending, bag))
+    return ending
+
+
+def _table(mode: str) -> dict:
+    return table(realtime="real time" in mode)
+
+
+def _spoken(command: Sequence[str], environment: dict[str, str]) -> subprocess.Popen:
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+
+
+def _wait(condition) -> None:
+    deadline = time.monotonic() + LIMIT_S
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.02)
+
+
+def _holds_messages(file: Path) -> bool:
+    try:
+        with open(file, "rb") as stream:
+            return any(isinstance(record, Message) for record in StreamReader(stream).records)
+    except (OSError, McapError):
+        return False
+
+
+def _faults(ending: Ending, bag: Path) -> Iterator[str]:
+    forgery = ending.forgery
+    if ending.status != 3:
+        yield f"exit status {ending.status}"
+    culprit = NAME if forgery.kind != "call" else f"another node has the name /{forgery.name}"
+    if culprit not in ending.message or forgery.name.lstrip("/") not in ending.message:
+        yield f"not named: {ending.message}"
+    if forgery.early:
+        if _voltages(bag, forgery.legs):
+            yield "moved before everybody was there"
+        return
+    vent = load().valve.minimum_voltage
+    last = {name: values[-1] if values else None for name, values in _voltages(bag, forgery.legs).items()}
+    if set(last.values()) != {vent}:
+        yield f"last voltages {last}"
+
+
+def _voltages(bag: Path, legs: Sequence[str]) -> dict[str, list[float]]:
+    """Return the recorded voltages of each valve, in the order of their stamps; none without a bag."""
+    try:
+        names = [resolve(f"{m}/valve_voltage", leg) for leg in legs for m in ("extensor", "flexor")]
+        told: dict[str, list[float]] = {name: [] for name in names}
+        with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+            chosen = [one for one in reader.connections if one.topic in told]
+            for connection, _, data in reader.messages(chosen):
+                told[connection.topic].append(reader.deserialize(data, connection.msgtype).effort[0])
+    except (OrthosisError, Exception):
+        return {}
+    return told if any(told.values()) else {}

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Close a bag whose recorder was killed, where it is: cut behind the last whole chunk, add what is missing.
+
+No message is copied, so it costs about a second for an hour, and next to no room. On a full disk the torn end
+makes room; if that is too little the file gets no summary (readers go through it then), and if that is
+too little, too, its last chunk makes room.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import DataEnd, Footer, Header, Metadata, MetadataIndex, Statistics, SummaryOffset
+
+from pam_orthosis import __version__
+from pam_orthosis.bag.information import (
+    BAG_RECORD,
+    METADATA_FILE,
+    NO_TYPE,
+    information,
+    metadata_text,
+    serialised,
+    topic_row,
+)
+from pam_orthosis.bag.salvage import MAGIC
+from pam_orthosis.bag.unclosed import BagFile, Damaged, look, without_last_chunk
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import told, write_text
+
+FOOTER_HEAD = struct.Struct("<BQQQ")  # opcode, length, where summary and its offsets begin
+FOOTER_BYTES = 20
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+def close_bag(folder: Path, paths: Sequence[Path]) -> int:
+    """Close the unfinished bag of a folder; return its number of messages.
+
+    Args:
+        folder: of the bag.
+        paths: of its files, in the order in which they were written.
+
+    Raises:
+        Damaged: more is missing than the end of files; nothing was changed.
+        OrthosisError: it holds nothing or cannot be written.
+    """
+    files = [look(path) for path in paths]
+    if (folder / METADATA_FILE).exists():
+        if any(file.end is not None for file in files):
+            raise Damaged(f"{folder} was closed, and a file of it has no end")
+        return sum(file.counts.total() for file in files)
+    if not any(file.counts for file in files):
+        raise OrthosisError(f"{paths[0]} holds no readable message")
+    while not (_written(folder, files, brief=False) or _written(folder, files, brief=True)):
+        last = [file for file in files if file.end is not None][-1:]
+        if not last or len(last[0].chunks) < 2:
+            raise OrthosisError(f"cannot write {folder}: No space left on device")
+        without_last_chunk(last[0])
+    return sum(file.counts.total() for file in files)
+
+
+def _written(folder: Path, files: Sequence[BagFile], brief: bool) -> bool:
+    """Write the ends of files and `metadata.yaml`; return whether there was room."""
+    about = _information(files)
+    try:
+        for file in files:
+            if file.end is not None:
+                _put_end(file, about, brief)
+        write_text(folder / METADATA_FILE, metadata_text(about))
+    except OrthosisError as error:
+        if getattr(error.__cause__, "errno", None) in NO_ROOM:
+            return False
+        raise
+    return True
+
+
+def _put_end(file: BagFile, about: Mapping[str, Any], brief: bool) -> None:
+    begin = b"" if file.end else MAGIC + _header()
+    end = begin + (_brief_end() if brief else _end(file, len(begin), about))
+    with told(file.path), open(file.path, "r+b", buffering=0) as stream:
+        stream.truncate(file.end)
+        stream.seek(file.end)
+        while end:
+            end = end[stream.write(end) :]
+        os.fsync(stream.fileno())
+
+
+def _header() -> bytes:
+    builder = RecordBuilder()
+    Header("ros2", f"pam_orthosis {__version__}").write(builder)
+    return builder.end()
+
+
+def _brief_end() -> bytes:
+    builder = RecordBuilder()
+    DataEnd(0).write(builder)
+    Footer(0, 0, 0).write(builder)
+    return builder.end() + MAGIC
+
+
+def _end(file: BagFile, shift: int, about: Mapping[str, Any]) -> bytes:
+    """Return what the writer of an MCAP file would add behind its last chunk."""
+    builder, begin = RecordBuilder(), file.end + shift
+    for channel, index in file.index.items():
+        chunk = file.chunks[-1][0]
+        chunk.message_index_offsets[channel] = begin + builder.count
+        index.write(builder)
+        chunk.message_index_length = builder.count
+    bag_record = begin + builder.count
+    Metadata(BAG_RECORD, serialised(about)).write(builder)
+    metadata = [*file.metadata, MetadataIndex(bag_record, begin + builder.count - bag_record, BAG_RECORD)]
+    DataEnd(0).write(builder)
+    data = builder.end()
+    return data + _summary(file, metadata, begin + len(data))
+
+
+def _summary(file: BagFile, metadata: Sequence[MetadataIndex], begin: int) -> bytes:
+    """Return summary and footer, the former beginning at a byte of the file."""
+    statistics = Statistics(
+        attachment_count=0, channel_count=len(file.channels), channel_message_counts=file.counts,
+        chunk_count=len(file.chunks), message_count=file.counts.total(), message_end_time=file.last_ns,
+        message_start_time=file.first_ns if file.counts else 0, metadata_count=len(metadata),
+        schema_count=len(file.schemas),
+    )  # fmt: skip
+    groups = {
+        Opcode.SCHEMA: file.schemas.values(),
+        Opcode.CHANNEL: file.channels.values(),
+        Opcode.STATISTICS: [statistics],
+        Opcode.CHUNK_INDEX: [chunk for chunk, _ in file.chunks],
+        Opcode.ATTACHMENT_INDEX: [],
+        Opcode.METADATA_INDEX: metadata,
+    }
+    builder, offsets = RecordBuilder(), []
+    for opcode, records in groups.items():
+        group = builder.count
+        for record in records:
+            record.write(builder)
+        offsets.append(SummaryOffset(opcode, begin + group, builder.count - group))
+    offsets_begin = begin + builder.count
+    for offset in offsets:
+        offset.write(builder)
+    summary = builder.end()
+    head = FOOTER_HEAD.pack(Opcode.FOOTER, FOOTER_BYTES, begin, offsets_begin)
+    Footer(begin, offsets_begin, zlib.crc32(head, zlib.crc32(summary))).write(builder)
+    return summary + builder.end() + MAGIC
+
+
+def _information(files: Sequence[BagFile]) -> dict[str, Any]:
+    """Return what `metadata.yaml` tells; a topic has one row in all files."""
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    counts: Counter[tuple[str, str]] = Counter()
+    for file in files:
+        for channel in file.channels.values():
+            msgtype = file.schemas[channel.schema_id].name if channel.schema_id else NO_TYPE
+            key = channel.topic, msgtype
+            rows.setdefault(key, topic_row(*key, channel.metadata))
+            counts[key] += file.counts[channel.id]
+    run = next((file.run for file in files if file.run), {})
+    content = [file.content() for file in files]
+    return information(content, [(row, counts[key]) for key, row in rows.items()], run)

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What `metadata.yaml` tells of a bag, laid out as rosbag2_storage (metadata version 9) does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+import yaml
+
+METADATA_FILE = "metadata.yaml"
+RUN_RECORD, BAG_RECORD = "pam_orthosis", "rosbag2"  # metadata in an MCAP file: of the run, of the bag
+NO_TYPE = "__schemaless__"  # as rosbags calls the type of a channel without a schema
+
+
+class FileContent:
+    """What one file of a bag holds."""
+
+    def __init__(self, name: str, count: int = 0, first_ns: int = 2**63 - 1, last_ns: int = 0):
+        self.name = name
+        self.count = count
+        self.first_ns, self.last_ns = first_ns, last_ns
+
+    def include(self, other: FileContent) -> None:
+        """Count all of another file."""
+        self.count += other.count
+        self.first_ns = min(self.first_ns, other.first_ns)
+        self.last_ns = max(self.last_ns, other.last_ns)
+
+    def span(self) -> dict[str, Any]:
+        """Return time and number of messages as `metadata.yaml` tells them."""
+        first_ns, last_ns = (self.first_ns, self.last_ns) if self.count else (0, 0)
+        return {
+            "duration": {"nanoseconds": last_ns - first_ns},
+            "starting_time": {"nanoseconds_since_epoch": first_ns},
+            "message_count": self.count,
+        }
+
+
+def topic_row(topic: str, msgtype: str, metadata: Mapping[str, str]) -> dict[str, Any]:
+    """Return what `metadata.yaml` tells of a topic, from the metadata of its channel."""
+    return {
+        "name": topic,
+        "type": msgtype,
+        "serialization_format": "cdr",
+        "offered_qos_profiles": _qos_of(metadata.get("offered_qos_profiles", "[]")),
+        "type_description_hash": metadata.get("topic_type_hash", ""),
+    }
+
+
+def information(
+    files: Sequence[FileContent], topics: Iterable[tuple[Mapping[str, Any], int]], run: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return what is told of a bag: of its files, its topics with their numbers of messages, its run."""
+    whole = FileContent("")
+    for file in files:
+        whole.include(file)
+    custom = {key: value for key, value in run.items() if key != "parameters"}
+    return {
+        "version": 9,
+        "storage_identifier": "mcap",
+        **whole.span(),
+        "topics_with_message_count": [
+            {"topic_metadata": topic, "message_count": count} for topic, count in topics
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file.name for file in files],
+        "files": [{"path": file.name, **file.span()} for file in files],
+        "custom_data": custom or None,
+        "ros_distro": "jazzy",
+    }
+
+
+def metadata_text(told: Mapping[str, Any]) -> str:
+    """Return the text of `metadata.yaml`."""
+    return as_yaml({"rosbag2_bagfile_information": told})
+
+
+def serialised(told: Mapping[str, Any]) -> dict[str, str]:
+    """Return the same as the record `BAG_RECORD` of an MCAP file."""
+    return {"serialized_metadata": as_yaml(told)}
+
+
+class _PlainDumper(yaml.SafeDumper):
+    """Writes repeated values out instead of referring to them."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def as_yaml(data: Any) -> str:
+    """Return YAML in the order of the data."""
+    return yaml.dump(data, Dumper=_PlainDumper, sort_keys=False)
+
+
+@lru_cache
+def _qos_of(text: str) -> list[dict]:
+    return yaml.safe_load(text)

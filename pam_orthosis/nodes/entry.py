@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Entry points of the nodes, which take seconds to load: until then too they end without a traceback.
+
+python -m pam_orthosis.nodes.entry NODE ...
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+from functools import partial
+from importlib import import_module
+from types import FrameType
+from typing import NoReturn
+
+INTERRUPTED, STATUS = b"pam-orthosis: error: interrupted while it was started\n", 3
+
+
+def start(node: str) -> int:
+    """Load a node's module and run its `main`; return the exit status."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _end)
+    return import_module(f"pam_orthosis.nodes.{node}").main()
+
+
+def _end(_number: int, _frame: FrameType | None) -> NoReturn:
+    os.write(sys.__stderr__.fileno(), INTERRUPTED)
+    os._exit(STATUS)
+
+
+def __getattr__(node: str) -> Callable[[], int]:
+    """Return the function that starts a node: `entry:position_controller`."""
+    if node.startswith("_"):
+        raise AttributeError(node)
+    return partial(start, node)
+
+
+if __name__ == "__main__":
+    sys.exit(start(sys.argv.pop(1)))

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who may publish on a topic and answer a service of the graph; anybody else is a stranger.
+
+DDS takes anybody at his word, and a message does not tell who sent it. But a publisher is matched before
+its first message is delivered, so that one publisher too many is noticed before anything that it says is
+acted upon.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection, Sequence
+from typing import Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node, NodeNameNonExistentError
+from rclpy.subscription import Subscription
+
+from pam_orthosis.errors import OrthosisError, RunFailed
+
+NAME_SECONDS = 1.0  # at most, until the graph tells which node a publisher belongs to
+LOOK_SECONDS = 0.5
+
+Refuse = Callable[[Callable[[], OrthosisError]], None]
+
+
+class Ownership:
+    """Notices strangers beside the node's inputs, at once, and beside what it publishes and offers, soon.
+
+    Args:
+        node: whose topics and services these are.
+        refuse: takes what makes the error that names the stranger.
+    """
+
+    def __init__(self, node: Node, refuse: Refuse):
+        self._node, self._refuse = node, refuse
+        self._topics: list[str] = []
+        self._services: list[str] = []
+        self._namesakes = 1
+        node.create_timer(LOOK_SECONDS, self._look)
+
+    def publishes(self, topic: str) -> None:
+        """Note that this node alone publishes on a topic."""
+        self._topics.append(topic)
+
+    def offers(self, service: str) -> None:
+        """Note that this node alone offers a service."""
+        self._services.append(self._node.resolve_service_name(service))
+
+    def listen(
+        self,
+        subscribe: Callable[..., Subscription],
+        callback: Callable[[Any], None],
+        owners: Collection[str],
+        met: Callable[[], None],
+    ) -> Subscription:
+        """Subscribe where nobody but the owners, given by name, may publish.
+
+        `met` is called when somebody else is there, before `callback` gets anything of his.
+
+        The executor may hand out a message before the event that its publisher was matched: the count of
+        publishers, which the middleware keeps, is asked for at each message.
+        """
+
+        def look() -> None:
+            # not the total: one that went and came again, a driver say, is no stranger
+            if count() > most:
+                met()
+                self._refuse(lambda: RunFailed(self._publisher_too_many(subscription.topic_name, owners)))
+
+        def receive(message: Any) -> None:
+            look()
+            callback(message)
+
+        events = SubscriptionEventCallbacks(matched=lambda _status: look())
+        subscription = subscribe(receive, event_callbacks=events)
+        count, most = subscription.handle.get_publisher_count, len(owners)
+        return subscription
+
+    def _look(self) -> None:
+        """Look for strangers where no message of theirs comes to this node."""
+        own, node = self._full_name(), self._node
+        for topic in self._topics:
+            if node.count_publishers(topic) > 1 and (others := _without(own, self._publishing(topic))):
+                self._refuse_named(f"a stranger publishes on {topic}", others)
+        for service in self._services:
+            if node.count_services(service) > 1 and (others := _without(own, self._offering(service))):
+                self._refuse_named(f"a stranger offers the service {service}", others)
+        namesakes = self._all_names().count(own)
+        if namesakes > self._namesakes:
+            self._refuse(lambda: RunFailed(f"another node has the name {own}"))
+        self._namesakes = max(1, namesakes)
+
+    def _refuse_named(self, what: str, others: Sequence[str]) -> None:
+        self._refuse(lambda: RunFailed(f"{what}: {', '.join(others)}"))
+
+    def _publisher_too_many(self, topic: str, owners: Collection[str]) -> str:
+        """Name who publishes where it should not: a publisher is matched before its node is known."""
+        until = time.monotonic() + NAME_SECONDS
+        while len(names := self._publishing(topic)) <= len(owners) and time.monotonic() < until:
+            time.sleep(0.01)
+        what = f"a stranger publishes on {topic}"
+        others = [each for each in names if each.rpartition("/")[2] not in owners]
+        if others and len(names) - len(others) == len(owners):
+            return f"{what}: {', '.join(others)}"
+        return f"{what}: of {', '.join(names)} one does not belong here" if names else what
+
+    def _full_name(self) -> str:
+        return self._node.get_fully_qualified_name()
+
+    def _publishing(self, topic: str) -> list[str]:
+        """Return the full names of the nodes that are known to publish on a topic."""
+        there = self._node.get_publishers_info_by_topic(topic)
+        known = [one for one in there if "UNKNOWN" not in one.node_name]
+        return sorted({_joined(one.node_name, one.node_namespace) for one in known})
+
+    def _offering(self, service: str) -> list[str]:
+        """Return the full names of the nodes that are known to offer a service."""
+        nodes = set(self._node.get_node_names_and_namespaces())
+        return sorted(_joined(*each) for each in nodes if service in self._services_of(*each))
+
+    def _services_of(self, name: str, namespace: str) -> set[str]:
+        try:
+            return {one for one, _ in self._node.get_service_names_and_types_by_node(name, namespace)}
+        except NodeNameNonExistentError:  # it has just gone
+            return set()
+
+    def _all_names(self) -> list[str]:
+        return [_joined(*each) for each in self._node.get_node_names_and_namespaces()]
+
+
+def _without(own: str, names: Sequence[str]) -> list[str]:
+    return [name for name in names if name != own]
+
+
+def _joined(name: str, namespace: str) -> str:
+    return f"{namespace.rstrip('/')}/{name}"
+
+
