@@ -2,7 +2,7 @@
 """Campaigns of faults: each adds what it found to benchmarks/results/faults.json.
 
 python benchmarks/faults.py all
-python benchmarks/faults.py input|signals|guards|kills|soak [--count N] [--seed N] [--out FILE]
+python benchmarks/faults.py input|signals|guards|kills|strangers|soak [--count N] [--seed N] [--out FILE]
 python benchmarks/faults.py kills --count 120 --seed 26 --load 8 --out benchmarks/results/kills-load8.json
 
 The kills keep each as a row in a file of their own (`--out`) and go on behind the last.
@@ -19,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from fault_campaign import inputs, kills, signals, soak
+from fault_campaign import inputs, kills, signals, soak, strangers
 
 ROOT = Path(__file__).resolve().parents[1]
 WALK, ROWS = ROOT / "bags" / "walk", ROOT / "benchmarks" / "results"
@@ -59,6 +59,15 @@ def run_kills(work: Path, count: int, seed: int, load: int = 0, rows: Path | Non
     return {"kills": told, "wrong": sum(bool(row["faults"]) or not row["in_time"] for row in done)}
 
 
+def run_strangers(work: Path, count: int, seed: int) -> dict:
+    """Messages, services and names of nodes, forged by somebody else in the ROS domain of a run."""
+    done = strangers.campaign(work, count, seed, ROWS / f"strangers-seed{seed}.json")
+    return {
+        "strangers": strangers.summary(done),
+        "wrong": sum(bool(row["faults"]) or not row["in_time"] for row in done),
+    }
+
+
 def run_soak(work: Path, count: int, seed: int) -> dict:
     """So many seconds of walking."""
     told = soak.soak(work / "soak", float(count), ["--composed", "--seed", str(seed)])
@@ -77,6 +86,7 @@ CAMPAIGNS = {
     "signals": Campaign(run_signals, 3),
     "guards": Campaign(run_guards, 1),
     "kills": Campaign(run_kills, 63),
+    "strangers": Campaign(run_strangers, 200),
     "soak": Campaign(run_soak, 3600),
 }
 

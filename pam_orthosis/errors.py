@@ -1,6 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The errors that a user can cause or meet; the entry script turns each into one line."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 
 class OrthosisError(Exception):
     """Unusable input or usage: the message says what is wrong and what to do (exit status 2)."""
@@ -12,3 +18,14 @@ class RunFailed(OrthosisError):
     """A node died, did not answer or could not be started (exit status 3)."""
 
     exit_status = 3
+
+
+@contextmanager
+def naming(path: Path | None) -> Iterator[None]:
+    """Let a refusal begin with the file that what is refused came from, unless it names it already."""
+    try:
+        yield
+    except OrthosisError as error:
+        if path is None or str(path) in str(error):
+            raise
+        raise type(error)(f"{path}: {error}") from error

@@ -20,11 +20,15 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
+from mcap.exceptions import McapError
 from mcap.reader import make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
 from pam_orthosis.bag.aside import NAME as WRITER
-from pam_orthosis.bag.read import METADATA_FILE, read_bag
+from pam_orthosis.bag.read import read_bag
+from pam_orthosis.bag.record import METADATA_FILE
 from pam_orthosis.bag.topics import NODES, PLANT, RECORDER, VALVE
 from pam_orthosis.control.legs import LEGS
 from pam_orthosis.errors import OrthosisError
@@ -35,7 +39,8 @@ END_S, END_BESIDE_LOAD_S, LOST_MS = 2.0, 4.0, 500.0  # what is promised
 SECONDS = 2.0  # of simulated walking at least, within which the fault comes
 INJECTED = Path(__file__).parent / "injected"
 CLI = [sys.executable, "-m", "pam_orthosis.cli.main"]
-RUN = [*CLI, "run", "--duration", "3600"]
+HEED = ["env", "--default-signal=HUP,INT,TERM"]  # also if this is started in the background or by `nohup`
+RUN = [*HEED, *CLI, "run", "--duration", "3600"]
 QUICK = ["--param", "scenario.start_hold=0.1", "--param", "scenario.start_ramp=0.5"]
 COMPOSED, TWO_LEGS = "composed", "two legs"
 MODES = {
@@ -195,7 +200,7 @@ def _recover(bag: Path) -> bool:
 
 def _unreadable(bag: Path) -> list[str]:
     """Return what readers that are not of this project have against a bag; none if nothing is in it."""
-    if not any(bag.glob("*.mcap")):
+    if not (bag / METADATA_FILE).exists() and not any(map(_holds_messages, bag.glob("*.mcap"))):
         return []
     try:
         with AnyReader([bag]) as reader:
@@ -207,6 +212,12 @@ def _unreadable(bag: Path) -> list[str]:
     except Exception as error:  # readers raise what they like
         return [f"unreadable: {type(error).__name__}: {error}"]
     return [] if of_rosbags == of_mcap else [f"rosbags reads {of_rosbags} messages, mcap {of_mcap}"]
+
+
+def _holds_messages(file: Path) -> bool:
+    with open(file, "rb") as stream, suppress(McapError):
+        return any(isinstance(record, Message) for record in StreamReader(stream).records)
+    return False
 
 
 def _left(kill: Kill, bag: Path, notes: Path) -> tuple[float, bool | None]:

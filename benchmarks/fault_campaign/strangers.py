@@ -6,26 +6,28 @@ How soon is told, and makes nothing wrong by itself: it depends on the load of t
 
 from __future__ import annotations
 
+import json
 import os
+import random
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from mcap.exceptions import McapError
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
-from rosbags.highlevel import AnyReader
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.rosbag2 import ReaderError
 from rosbags.typesys import Stores, get_typestore
 
 from pam_orthosis.bag.topics import in_leg, resolve, table
-from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes import launch
 
-LIMIT_S, END_S = 90.0, 2.0
+LIMIT_S, END_S = 90.0, 2.0  # of patience; what is promised beside no load
 NAME = "stranger"
 SPEAKER = [sys.executable, str(Path(__file__).with_name("stranger.py"))]
 RUN = [sys.executable, "-m", "pam_orthosis.cli.main", "run", "--open", "--duration", "3600"]
@@ -90,6 +92,38 @@ def forgeries(modes: Sequence[str] = tuple(MODES)) -> Iterator[Forgery]:
         yield from (Forgery(mode, "publish", name, early=True) for name in LATCHED if name in _table(mode))
 
 
+def campaign(work: Path, count: int, seed: int, rows: Path) -> list[dict]:
+    """Forge so much, in an order of the seed; each is kept in a file, whose rows are not done again."""
+    chosen = list(forgeries())
+    random.Random(seed).shuffle(chosen)
+    told = json.loads(rows.read_text()) if rows.exists() else {"seed": seed, "rows": []}
+    if told["seed"] != seed:
+        raise SystemExit(f"{rows} holds rows of --seed {told['seed']}")
+    rows.parent.mkdir(parents=True, exist_ok=True)
+    for number, forgery in list(enumerate(chosen))[len(told["rows"]) : count]:
+        row = asdict(suffer(forgery, work / f"{number}"))
+        row |= row.pop("forgery")
+        in_time = row["early"] or row["took_s"] <= END_S  # who was there before has spoken long since
+        told["rows"].append(row | {"took_s": round(row["took_s"], 2), "in_time": in_time})
+        rows.write_text(json.dumps(told, indent=1) + "\n")
+        print(number, *told["rows"][-1].values(), sep=", ", file=sys.stderr, flush=True)
+    return told["rows"][:count]
+
+
+def summary(rows: Sequence[dict]) -> dict[str, dict]:
+    """Return, by mode: tried, ended in time, longest time to the end, what was wrong."""
+    told = {}
+    for mode in dict.fromkeys(row["mode"] for row in rows):
+        mine = [row for row in rows if row["mode"] == mode]
+        told[mode] = {
+            "tried": len(mine),
+            "in_time": sum(row["in_time"] for row in mine),
+            "longest_s": max((row["took_s"] for row in mine if not row["early"]), default=None),
+            "wrong": [f"{row['kind']} {row['name']}: {fault}" for row in mine for fault in row["faults"]],
+        }
+    return told
+
+
 def suffer(forgery: Forgery, folder: Path) -> Ending:
     """Start a run and the stranger, who waits for it unless he is early; look at what is left."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -143,7 +177,7 @@ def _holds_messages(file: Path) -> bool:
 
 def _faults(ending: Ending, bag: Path) -> Iterator[str]:
     forgery = ending.forgery
-    if ending.status != 3:
+    if ending.status != (2 if forgery.early else 3):  # refused, or ended
         yield f"exit status {ending.status}"
     culprit = NAME if forgery.kind != "call" else f"another node has the name /{forgery.name}"
     if culprit not in ending.message or forgery.name.lstrip("/") not in ending.message:
@@ -167,6 +201,6 @@ def _voltages(bag: Path, legs: Sequence[str]) -> dict[str, list[float]]:
             chosen = [one for one in reader.connections if one.topic in told]
             for connection, _, data in reader.messages(chosen):
                 told[connection.topic].append(reader.deserialize(data, connection.msgtype).effort[0])
-    except (OrthosisError, Exception):
+    except (OSError, AnyReaderError, ReaderError):  # nothing was recorded
         return {}
     return told if any(told.values()) else {}

@@ -5,10 +5,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
+from rosbags.rosbag2 import Reader
 
+from pam_orthosis.bag.bounded import open_bag
 from pam_orthosis.bag.topics import BY_NAME
+from pam_orthosis.errors import OrthosisError
 
 TELLING, LED = "joint_states", "reference"
 
@@ -21,14 +22,14 @@ def namespaces(path: Path) -> list[str]:
     signals tells what is wrong with it.
     """
     try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        with open_bag(path) as reader:
             topics = {name: _namespaces(reader, name) for name in (TELLING, LED)}
-    except Exception:  # a damaged file makes the readers raise anything
+    except OrthosisError:
         return [""]
     return sorted(topics[TELLING] & topics[LED] or topics[TELLING]) or [""]
 
 
-def _namespaces(reader: AnyReader, name: str) -> set[str]:
+def _namespaces(reader: Reader, name: str) -> set[str]:
     """Return where a topic of the table is, by its name and type."""
     kind = BY_NAME[name].type
     topics = {one.topic for one in reader.connections if one.msgtype == kind}

@@ -3,11 +3,9 @@
 
 from __future__ import annotations
 
-import json
 import struct
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import attrgetter
@@ -15,14 +13,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from mcap.reader import make_reader
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Reader
 
-from pam_orthosis.bag.record import METADATA_FILE, RUN_RECORD
+from pam_orthosis.bag.bounded import damage_told, open_bag
+from pam_orthosis.bag.cdr import store
+from pam_orthosis.bag.record import RUN_RECORD, message_definition
 from pam_orthosis.bag.topics import BY_NAME, SECOND_NS, SIGNALS, Signal, resolve
+from pam_orthosis.bag.unpack import metadata_records
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
+from pam_orthosis.reading import from_json, shown
 
 # what a signal in the right unit cannot leave
 PLAUSIBLE = {
@@ -74,9 +75,7 @@ def read_bag(path: Path, signals: Iterable[str], optional: Iterable[str] = (), n
             value not finite.
     """
     path = Path(path)
-    _check_path(path)
-    store = get_typestore(Stores.ROS2_JAZZY)
-    with damage_told(path), AnyReader([path], default_typestore=store) as reader:
+    with open_bag(path) as reader:
         series = _read(reader, path, list(signals), set(optional), namespace)
     run = run_record(path)
     return Bag(path, series, run, recorded_parameters(path, run, namespace))
@@ -89,11 +88,9 @@ def raw_messages(path: Path, topics: Iterable[str], namespace: str = "") -> dict
         OrthosisError: missing, unclosed or damaged bag; a topic of another type.
     """
     path = Path(path)
-    _check_path(path)
     names = {resolve(topic, namespace): topic for topic in topics}
     messages: dict[str, dict[int, bytes]] = {}
-    store = get_typestore(Stores.ROS2_JAZZY)
-    with damage_told(path), AnyReader([path], default_typestore=store) as reader:
+    with open_bag(path) as reader:
         connections = [one for one in reader.connections if one.topic in names]
         for one in connections:
             _check_type(path, one, BY_NAME[names[one.topic]].type)
@@ -105,12 +102,10 @@ def raw_messages(path: Path, topics: Iterable[str], namespace: str = "") -> dict
 def run_record(path: Path) -> dict[str, str]:
     """Return the run metadata of a bag of ours, empty for another; OrthosisError if it is damaged."""
     with damage_told(path):
-        for file in [path] if path.is_file() else sorted(path.glob("*.mcap")):
-            if file.suffix == ".mcap":
-                with open(file, "rb") as stream:
-                    for record in make_reader(stream).iter_metadata():
-                        if record.name == RUN_RECORD:
-                            return dict(record.metadata)
+        for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
+            for record in metadata_records(file) if file.suffix == ".mcap" else ():
+                if record.name == RUN_RECORD:
+                    return dict(record.metadata)
     return {}
 
 
@@ -122,8 +117,7 @@ def recorded_parameters(path: Path, run: Mapping[str, str], namespace: str = "")
     """
     recorded = _mapping(path, run.get("parameters", "{}"))
     if namespace and recorded:
-        legs = legs_of(path, run)
-        recorded |= _mapping(path, json.dumps(legs.get(namespace.strip("/"), {})))
+        recorded |= _checked(path, legs_of(path, run).get(namespace.strip("/"), {}))
     known = load() if recorded else None
     try:
         return {key: known.accepted(key, value) for key, value in recorded.items()}
@@ -141,27 +135,13 @@ def legs_of(path: Path, run: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _mapping(path: Path, text: str) -> dict[str, Any]:
-    try:
-        recorded = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise OrthosisError(f"{path}: the parameters in its run metadata are unreadable ({error})") from error
+    return _checked(path, from_json(text, f"{path}: what its run metadata tell of parameters"))
+
+
+def _checked(path: Path, recorded: Any) -> dict[str, Any]:
     if not isinstance(recorded, dict):
-        raise OrthosisError(f"{path}: the parameters in its run metadata are no mapping: {text[:40]}")
+        raise OrthosisError(f"{path}: the parameters in its run metadata are no mapping: {shown(recorded)}")
     return recorded
-
-
-@contextmanager
-def damage_told(path: Path) -> Iterator[None]:
-    """Turn whatever the readers raise over a damaged file into the error of this program."""
-    try:
-        yield
-    except OrthosisError:
-        raise
-    except Exception as error:
-        reason = str(error).splitlines()[0][:200] if str(error).strip() else type(error).__name__
-        raise OrthosisError(
-            f"{path} cannot be read as a bag ({reason}); try `pam-orthosis recover {path}`"
-        ) from error
 
 
 def aligned(*series: Series) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -170,27 +150,17 @@ def aligned(*series: Series) -> tuple[np.ndarray, list[np.ndarray]]:
     return stamps, [one.value[np.searchsorted(one.stamp_ns, stamps)] for one in series]
 
 
-def _check_path(path: Path) -> None:
-    if not path.exists():
-        raise OrthosisError(f"no bag at {path}")
-    if path.is_dir() and not (path / METADATA_FILE).exists():
-        if any(path.glob("*.mcap")):
-            raise OrthosisError(
-                f"{path} was never closed (no {METADATA_FILE}); run `pam-orthosis recover {path}`"
-            )
-        raise OrthosisError(f"{path} holds no bag (no {METADATA_FILE})")
-
-
 def _read(
-    reader: AnyReader, path: Path, signals: list[str], optional: set[str], namespace: str
+    reader: Reader, path: Path, signals: list[str], optional: set[str], namespace: str
 ) -> dict[str, Series]:
     wanted = defaultdict(list)
     for signal in map(SIGNALS.__getitem__, [*signals, *optional]):
         wanted[resolve(signal.topic, namespace)].append(signal)
     connections = _connections(reader, path, wanted, optional)
+    types = store()  # not those that the bag tells
     samples = {signal.name: ([], []) for signals in wanted.values() for signal in signals}
     for connection, _, data in reader.messages(connections):
-        message = reader.deserialize(data, connection.msgtype)
+        message = types.deserialize_cdr(data, connection.msgtype)
         stamp_ns = message.header.stamp.sec * SECOND_NS + message.header.stamp.nanosec
         for signal in wanted[connection.topic]:
             stamps, values = samples[signal.name]
@@ -204,7 +174,7 @@ def _read(
 
 
 def _connections(
-    reader: AnyReader, path: Path, wanted: Mapping[str, Sequence[Signal]], optional: set[str]
+    reader: Reader, path: Path, wanted: Mapping[str, Sequence[Signal]], optional: set[str]
 ) -> list:
     there = {connection.topic: connection for connection in reader.connections}
     for topic, signals in wanted.items():
@@ -223,11 +193,13 @@ def _legs_there(topics: Iterable[str]) -> str:
     return f"; it has the legs {', '.join(legs)}: give one by --namespace" if legs else ""
 
 
-def _check_type(path: Path, connection: Any, expected: str) -> None:
+def _check_type(path: Path, connection: Connection, expected: str) -> None:
     if connection.msgtype != expected:
         raise OrthosisError(
             f"{path}: topic {connection.topic} is of type {connection.msgtype}, not {expected}"
         )
+    if connection.digest not in ("", message_definition(expected)[1]):
+        raise OrthosisError(f"{path}: topic {connection.topic} is of another version of the type {expected}")
 
 
 def _stamp_ns(data: bytes) -> int:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
 from mcap.records import Channel, Message, Metadata, Schema
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.metadata import parse_qos
@@ -20,6 +19,7 @@ from pam_orthosis.bag.record import BagWriter, Declared
 from pam_orthosis.bag.salvage import Loss, Salvage
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import filled
+from pam_orthosis.reading import check_file, from_yaml
 
 MESSAGES, DEFINITIONS = "cdr", ("ros2msg", "ros2idl", "omgidl", "")  # encodings that rosbag2's readers take
 QOS = "offered_qos_profiles"
@@ -103,6 +103,8 @@ def _sources(bag: Path) -> list[Path]:
     files = [bag] if bag.is_file() else sorted(bag.glob("*.mcap"), key=_number)
     if not files:
         raise OrthosisError(f"{bag}: expected .mcap files to recover, found none")
+    for file in files:
+        check_file(file)
     return files
 
 
@@ -186,7 +188,7 @@ def _metadata(channel: Channel) -> dict[str, str]:
     metadata = dict(channel.metadata)
     try:
         text = metadata.get(QOS, "[]")
-        readable = isinstance(yaml.safe_load(text), list)
+        readable = isinstance(from_yaml(text, channel.topic), list)
         parse_qos(text)
     except Exception:  # readers raise anything
         readable = False

@@ -17,6 +17,9 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import breakup_chunk
 
+from pam_orthosis.bag.unpack import MOST_BYTES, unpacked
+from pam_orthosis.reading import open_file
+
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # of a record: opcode, length of what follows
 TIMES = struct.Struct("<QQ")  # at the beginning of a chunk: first and last log time, ns
@@ -39,7 +42,7 @@ class Loss(NamedTuple):
 @contextmanager
 def mapped(source: Path) -> Iterator[Data]:
     """Yield the bytes of a file, which are read when they are looked at; OSError if that is not possible."""
-    with open(source, "rb") as stream:
+    with open_file(source) as stream:
         if not os.fstat(stream.fileno()).st_size:  # nothing can be mapped
             yield b""
             return
@@ -84,6 +87,8 @@ def read_record(data: Data, size: int, at: int) -> tuple[int, int, list[McapReco
     begin, end = at + HEAD.size, at + HEAD.size + length
     if opcode not in OPCODES or end > size:
         raise ValueError("no record begins here")
+    if length > MOST_BYTES:
+        raise ValueError("a record that is too large")
     stream = ReadDataStream(BytesIO(data[begin:end])) if opcode in READERS else None
     return end, opcode, READERS[opcode](stream, length) if stream else []
 
@@ -93,7 +98,7 @@ READERS = {
     Opcode.CHANNEL: lambda stream, _: [Channel.read(stream)],
     Opcode.MESSAGE: lambda stream, length: [Message.read(stream, length)],
     Opcode.METADATA: lambda stream, _: [Metadata.read(stream)],
-    Opcode.CHUNK: lambda stream, _: breakup_chunk(Chunk.read(stream), validate_crc=True),
+    Opcode.CHUNK: lambda stream, _: breakup_chunk(unpacked(Chunk.read(stream)), validate_crc=True),
 }
 
 

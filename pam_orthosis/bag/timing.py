@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
 
-from pam_orthosis.bag.read import damage_told
+from pam_orthosis.bag.bounded import open_bag
+from pam_orthosis.bag.cdr import store
 from pam_orthosis.bag.topics import BY_NAME, SECOND_NS, resolve
 
 
@@ -64,12 +63,11 @@ def _instants(path: Path, topic: str) -> tuple[np.ndarray, np.ndarray]:
     """Return stamps, ns, and the instants that the messages name, or else their stamps again."""
     rows = []
     types = BY_NAME["joint_states"].type, BY_NAME["answered"].type
-    store = get_typestore(Stores.ROS2_JAZZY)
-    with damage_told(path), AnyReader([path], default_typestore=store) as reader:
+    with open_bag(path) as reader:
         connections = [one for one in reader.connections if one.topic == topic and one.msgtype in types]
         # without a connection the reader would give every message there is
         for connection, _, data in reader.messages(connections) if connections else ():
-            message = reader.deserialize(data, connection.msgtype)
+            message = store().deserialize_cdr(data, connection.msgtype)
             stamp = message.header.stamp
             rows.append([_ns(stamp), _ns(getattr(message, "time_ref", stamp))])
     table = np.array(sorted(rows), dtype=np.int64).reshape(-1, 2)

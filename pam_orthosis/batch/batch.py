@@ -21,6 +21,7 @@ from pam_orthosis.files import (
     write_folder,
     write_text,
 )
+from pam_orthosis.reading import from_json, read_text
 
 RESULT, SUMMARY = "result.json", "batch.json"
 LOOK_SECONDS = 1.0  # how often it is looked whether the executor still lives
@@ -168,8 +169,8 @@ def _answer(future: Future) -> Answer:
 def _object(file: Path) -> dict[str, Any]:
     """Return the JSON object in a file; empty if it holds none."""
     try:
-        told = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        told = from_json(read_text(file), str(file))
+    except OrthosisError:
         return {}
     return told if isinstance(told, dict) else {}
 

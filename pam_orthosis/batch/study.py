@@ -10,16 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import product
+from math import prod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model.parameters import load, read_yaml, scenario_overrides
+from pam_orthosis.model.parameters import load, scenario_overrides
+from pam_orthosis.reading import read_yaml, shown
 
 KINDS = {"scenario": str, "set": dict, "seeds": list, "sets": list, "grid": dict, "random": dict}
 DRAWN = {"count", "seed", "between"}
+MOST_WALKS = 100_000  # of a study: each is a process, and a folder of results
 
 
 def read_study(path: Path) -> list[dict[str, Any]]:
@@ -54,10 +57,20 @@ def _combined(path: Path, told: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         raise OrthosisError(f"{path}: {both[0]} is in grid and in random; leave it in one of them")
     if not all(isinstance(one, dict) for one in told.get("sets", [])):
         raise OrthosisError(f"{path}: sets is a list of parameter sets")
+    _check_count(path, told, grid)
     crossed = [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
     drawn = list(_drawn(path, told["random"])) if "random" in told else [{}]
     for parts in product(told.get("sets", []) or [{}], crossed, drawn, seeds):
         yield {key: value for part in parts for key, value in part.items()}
+
+
+def _check_count(path: Path, told: Mapping[str, Any], grid: Mapping[str, list]) -> None:
+    """Check how many walks the combinations come to, before one is made."""
+    draws = told.get("random", {}).get("count", 1)
+    lists = [told.get("seeds", []), told.get("sets", []), *grid.values()]
+    count = prod(max(1, len(one)) for one in lists) * (draws if isinstance(draws, int) else 1)
+    if count > MOST_WALKS:
+        raise OrthosisError(f"{path}: {shown(count)} walks, more than {MOST_WALKS}: give parts of it")
 
 
 def _drawn(path: Path, told: Mapping[str, Any]) -> Iterator[dict[str, float]]:
@@ -66,7 +79,8 @@ def _drawn(path: Path, told: Mapping[str, Any]) -> Iterator[dict[str, float]]:
         count, seed, between = told["count"], told.get("seed", 0), told["between"]
         low, high = np.array([between[key] for key in between], dtype=float).reshape(-1, 2).T
         whole = isinstance(count, int) and isinstance(seed, int) and count >= 1 and seed >= 0
-        ordered = np.isfinite(high - low).all() and (low <= high).all()
+        with np.errstate(over="ignore"):  # which is judged
+            ordered = np.isfinite(high - low).all() and (low <= high).all()
         if not whole or not between or set(told) - DRAWN or not ordered:
             raise ValueError
     except (KeyError, TypeError, ValueError, AttributeError):

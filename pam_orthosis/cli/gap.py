@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 from tempfile import TemporaryFile
 
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.files import as_text, make_folder, output, refuse_existing, remove_empty, told, write_files
 
 FILES = "gap.json", "model.yaml", "gap.html"
@@ -59,7 +59,7 @@ def execute(arguments: argparse.Namespace) -> int:
     _check_apart(arguments.measured, arguments.held_out)
     given = patch.read(arguments.model) if arguments.model else {}
     paths = [*arguments.measured, *arguments.held_out]
-    parameters, system, read = _system(paths, given, arguments.namespace)
+    parameters, system, read = _system(paths, given, arguments.namespace, arguments.model)
     assumed = without_record(paths, arguments.namespace)
     heading = assumed_words(assumed, len(paths), arguments.model)
     training, held_out = (
@@ -100,7 +100,7 @@ def _stages(start, data, last: str) -> str:
     return "\n".join(parts)
 
 
-def _system(paths: list[Path], given, namespace: str):
+def _system(paths: list[Path], given, namespace: str, model: Path | None = None):
     """Return what is believed, the system that the recordings are of, and how they are read."""
     from pam_orthosis.discrepancy import knee, rig
     from pam_orthosis.discrepancy.data import agreed_belief
@@ -115,7 +115,9 @@ def _system(paths: list[Path], given, namespace: str):
     apparatus, alone = (knee.APPARATUS, knee.ALONE) if specimen is None else (rig.APPARATUS, {})
     # a plan is of one motion, which the recordings need not show, and no part of the apparatus
     given = {key: value for key, value in given.items() if not key.startswith(PLANNED)}
-    parameters = load({**agreed_belief(paths, apparatus, given, namespace, alone), **given})
+    recorded = agreed_belief(paths, apparatus, given, namespace, alone)
+    with naming(model or paths[0]):
+        parameters = load({**recorded, **given})
     if specimen is None:
         return parameters, knee.knee(parameters), _recording
     return parameters, rig.test_rig(parameters, specimen), rig.recording

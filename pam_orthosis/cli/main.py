@@ -40,6 +40,7 @@ VERBS = {
 }
 LONGEST_ERROR = 900
 TRACEBACK = "PAM_ORTHOSIS_TRACEBACK"
+_interrupted: list[int] = []
 
 
 class Parser(argparse.ArgumentParser):
@@ -52,6 +53,7 @@ class Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a verb; return the exit status."""
+    _interrupted.clear()
     if current_thread() is main_thread():
         _catch_signals()
     try:
@@ -60,14 +62,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (Exception, KeyboardInterrupt) as error:
-        return _failed(*_failure(error))
+        status = _failed(*_failure(error))
+        if arguments is None:  # nothing is left of this process that could be interrupted
+            for number in ENDING:
+                signal.signal(number, signal.SIG_IGN)
+        return status
 
 
 def _failure(error: BaseException) -> tuple[str, int]:
     """Return what went wrong, and the exit status; raise what nobody foresaw if that is asked for."""
     if isinstance(error, OrthosisError):
         return str(error), error.exit_status
-    if isinstance(error, KeyboardInterrupt):
+    if isinstance(error, KeyboardInterrupt) or _interrupted:  # modules in C make something else of it
         return "interrupted", 3
     if isinstance(error, OSError):
         about = f"{error.filename!r}: " if error.filename else ""
@@ -93,13 +99,14 @@ def _catch_signals() -> None:
             signal.signal(number, _interrupt)
 
 
-def _interrupt(_number: int, _frame: FrameType | None) -> None:
+def _interrupt(number: int, _frame: FrameType | None) -> None:
     """End a verb: what was begun is tidied up, once, whatever comes meanwhile."""
     error = sys.exc_info()[1]
     while error:
         if isinstance(error, (KeyboardInterrupt, RunFailed)):
             return
         error = error.__context__
+    _interrupted.append(number)
     raise KeyboardInterrupt
 
 

@@ -12,7 +12,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.files import output, refuse_existing
 from pam_orthosis.model.parameters import load, scenario_overrides
 from pam_orthosis.planning import RESERVE
@@ -58,7 +58,9 @@ def execute(arguments: argparse.Namespace) -> int:
     if not 0 <= arguments.reserve <= 1:
         raise OrthosisError(f"--reserve {arguments.reserve:g}: give 0 to 1 bar")
     known = patch.read_belief(arguments.model) if arguments.model else {}
-    parameters = load(scenario_overrides(arguments.scenario) | assignments(arguments.param)).changed(known)
+    parameters = load(scenario_overrides(arguments.scenario) | assignments(arguments.param))
+    with naming(arguments.model):
+        parameters = parameters.changed(known)
     after = recorded_in(arguments.after, parameters, arguments.namespace) if arguments.after else None
     plan = make_plan(parameters, arguments.reserve * BAR, _progress, after)
     parameters.changed(plan.overrides)  # the rules of the configuration hold for it, or it is not written

@@ -16,14 +16,13 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from pam_orthosis.cli.check import add_verdict_arguments, show
-from pam_orthosis.errors import OrthosisError, RunFailed
+from pam_orthosis.errors import OrthosisError, RunFailed, naming
 from pam_orthosis.files import Used, claimed, output
 from pam_orthosis.model.parameters import Parameters, load, scenario_names, scenario_overrides
 from pam_orthosis.nodes import launch
 from pam_orthosis.nodes.supervisor import supervise
+from pam_orthosis.reading import from_yaml
 
 PROGRESS_SECONDS = 2.0
 ROS_WHEELS = "pip install 'ros-jazzy-rclpy[fastrtps]==7.1.6' ros-jazzy-common-interfaces (Linux, x86-64)"
@@ -134,7 +133,8 @@ def _believing(parameters: Parameters, model: Path | None, given: Mapping[str, A
     changes = patch.read_belief(model)
     if twice := [key for key in given if changes.get(key, given[key]) != given[key]]:
         raise OrthosisError(f"{twice[0]}: --param and {model} give different values; leave one of them")
-    known = with_belief(parameters, changes)
+    with naming(model):
+        known = with_belief(parameters, changes)
     print("preparing the controllers of this model", file=sys.stderr)
     ClosedLoop(known)  # leaves its machine code for the nodes, whose time to be ready is limited
     return known
@@ -167,8 +167,8 @@ def _value(text: str) -> Any:
         with suppress(ValueError):
             return number(text)
     try:
-        return yaml.safe_load(text)
-    except yaml.YAMLError:
+        return from_yaml(text, "--param")
+    except OrthosisError:  # a text, which the row of the key refuses if it wants none
         return text
 
 
@@ -182,6 +182,7 @@ def _run(parameters: Parameters, bag: Path, scenario: str, mode: launch.Mode, vi
         work = Path(folder)
         if visible or not mode.with_plant:
             domain, environment = os.environ.get("ROS_DOMAIN_ID", "0"), launch.open_environment(work)
+            launch.refuse_used_domain(domain, environment, mode)
         else:
             domain = stack.enter_context(launch.free_domain())
             environment = launch.environment(work, domain)
@@ -205,7 +206,7 @@ def supervise_recorded(
 
 def _rescue(bag: Path, work: Path) -> str:
     """Make what there is of a bag readable, keep the nodes' output beside it, say so."""
-    from pam_orthosis.bag.read import METADATA_FILE
+    from pam_orthosis.bag.record import METADATA_FILE
     from pam_orthosis.bag.recover import recover, recover_in_place
     from pam_orthosis.bag.unclosed import Damaged
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import csv
+from array import array
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +16,7 @@ from pam_orthosis.bag.read import PLAUSIBLE, aligned, read_bag, recorded_paramet
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import BELIEF
+from pam_orthosis.reading import csv_rows
 
 HIGHEST_CUTOFF = 0.4  # of the sampling rate
 LONGEST_PERIOD = 0.1  # s, of samples: above it the time is in another unit
@@ -192,20 +193,16 @@ def from_csv(path: Path, system: System) -> Recording:
 
 def _table(path: Path) -> tuple[list[str], np.ndarray]:
     """Return the names of the columns and the values, (rows, columns), of a CSV file without empty lines."""
-    try:
-        with open(path, encoding="utf-8-sig", newline="") as stream:
-            reader = csv.reader(stream)
-            rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
-    except OSError as error:
-        raise OrthosisError(f"cannot read {path}: {error.strerror or error}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise OrthosisError(f"{path} is not a table of numbers with one row of names: {error}") from error
-    header = [column.strip() for column in rows[0][1]] if rows else []
+    rows = ((line, row) for line, row in csv_rows(path) if any(cell.strip() for cell in row))
+    header = [column.strip() for column in next(rows, (0, []))[1]]
     if any(";" in column for column in header):
         raise OrthosisError(f"{path}: semicolons part its columns; write commas, and points in the numbers")
-    if len(rows) < 2:
+    values = array("d")  # row by row: as texts they would take ten times as much
+    for line, row in rows:
+        values.extend(_numbers(path, header, line, row))
+    if not values:
         raise OrthosisError(f"{path} holds no rows of numbers below its row of names")
-    return header, np.array([_numbers(path, header, *row) for row in rows[1:]])
+    return header, np.frombuffer(values).reshape(-1, len(header))
 
 
 def _numbers(path: Path, header: list[str], line: int, row: list[str]) -> list[float]:

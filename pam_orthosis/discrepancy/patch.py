@@ -4,23 +4,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from pam_orthosis.discrepancy.system import System
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.files import write_text
-from pam_orthosis.model.parameters import BELIEF, read_yaml
+from pam_orthosis.model.parameters import BELIEF, load
 from pam_orthosis.model.rules import MUSCLES
+from pam_orthosis.reading import read_yaml
 
 HEADING = "# Model of the gap workflow: overrides by dotted key, for `--model` and `parameters.load`.\n"
 BELIEVED = tuple(f"{branch}." for branch in BELIEF if branch != "scenario")
 PLANNED = "scenario.plan."
 ROW = {"value", "meaning"}  # what a parameter's row has at least
-MOST_ROWS = 10_000  # aliases of YAML can stand for any number of rows
 
 
 def overrides(system: System, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
@@ -47,17 +46,17 @@ def read(path: Path) -> dict[str, Any]:
     """Return the overrides of a model file: dotted keys, nested sections, or rows as in `config/muscle.yaml`.
 
     Raises:
-        OrthosisError: missing, malformed or not a mapping.
+        OrthosisError: missing, malformed, not a mapping, or a value that its parameter cannot have.
     """
     content = read_yaml(path) or {}
     if not isinstance(content, dict):
         raise OrthosisError(f"{path} is not a mapping of parameters to values")
-    try:
-        rows = dict(islice(_flat("", content), MOST_ROWS + 1))
-    except RecursionError:
-        raise OrthosisError(f"{path} refers to itself, or is nested too deeply") from None
-    if len(rows) > MOST_ROWS:
-        raise OrthosisError(f"{path} is no model file: it has more than {MOST_ROWS} parameters")
+    known, rows = load(), {}
+    with naming(path):
+        for key, value in _flat("", content):
+            if key in rows:
+                raise OrthosisError(f"{key} is there twice")
+            rows[key] = known.row(key).with_value(value).value
     return rows
 
 

@@ -15,13 +15,13 @@ from scipy import signal
 
 from pam_orthosis.bag import rig_topics  # noqa: F401  makes the rig's signals known to the reader
 from pam_orthosis.bag.read import (
-    METADATA_FILE,
     Bag,
     aligned,
     read_bag,
     recorded_parameters,
     run_record,
 )
+from pam_orthosis.bag.record import METADATA_FILE
 from pam_orthosis.bag.sources import check_once
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.errors import OrthosisError

@@ -13,6 +13,7 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import write_text
 from pam_orthosis.identification.identify import Identified
 from pam_orthosis.model.parameters import Row, load
+from pam_orthosis.reading import read_text
 
 # the lowest pressure is no finding: the force is linear in the pressure
 MEASURED_ENDS = ("minimum_contraction", "maximum_contraction", "maximum_pressure_gauge")
@@ -73,20 +74,13 @@ def update(file: Path, found: Identified, source: str) -> list[str]:
     Raises:
         OrthosisError: the file cannot be read or lacks a row.
     """
-    try:
-        lines = file.read_text(encoding="utf-8").splitlines(keepends=True)
-    except OSError as error:
-        raise OrthosisError(f"cannot read {file}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise OrthosisError(
-            f"{file} is no text in UTF-8; give a file laid out as config/muscle.yaml"
-        ) from error
+    lines = read_text(file).splitlines(keepends=True)
     parameters, places = load(), _places(lines)
     changed = []
     for key, value in values(found).items():
         full = f"{found.data.specimen}.{key}"
         if full not in places:
-            raise OrthosisError(f"{file} has no row {full}")
+            raise OrthosisError(f"{file} has no row {full}; give a file laid out as config/muscle.yaml")
         parameters.row(f"muscle.{full}").with_value(value)
         line = lines[places[full]]
         line = re.sub(r"value: (\[[^\]]*\]|[^,}]+)", f"value: {_text(value)}", line, count=1)

@@ -7,7 +7,8 @@ name; other columns are refused, so that no unit is ever guessed.
 
 from __future__ import annotations
 
-import csv
+import math
+from array import array
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
+from pam_orthosis.reading import csv_rows, shown
 
 AMBIENT = "ambient"  # what an absolute pressure is reduced by: `valve.ambient_pressure`
 # column -> quantity, factor to SI, what is taken off
@@ -87,43 +89,45 @@ def _force_free_end(slack: np.ndarray, columns) -> np.ndarray:
 
 
 def _columns(path: Path) -> dict[str, np.ndarray]:
-    rows = _rows(path)
-    if not rows:
+    rows = (one for one in csv_rows(path) if one[1] and not one[1][0].startswith("#"))
+    header = [name.strip() for name in next(rows, (0, []))[1]]
+    if not header:
         raise OrthosisError(f"{path} is empty")
-    header, body = [name.strip() for name in rows[0]], rows[1:]
-    if not body:
+    _check_header(path, header)
+    numbers = array("d")  # row by row: as texts they would take ten times as much
+    for line, row in rows:
+        numbers.extend(_numbers(path, header, line, row))
+    if not numbers:
         raise OrthosisError(f"{path} has a header but no rows")
+    table = np.frombuffer(numbers).reshape(-1, len(header))
     result: dict[str, np.ndarray] = {}
-    for index, name in enumerate(header):
-        if name not in COLUMNS:
-            raise OrthosisError(f"{path}: column {name!r} is unknown; there are {', '.join(COLUMNS)}")
+    for name, values in zip(header, table.T, strict=True):
         quantity, factor, reduced_by = COLUMNS[name]
-        if quantity in result:
-            raise OrthosisError(f"{path}: two columns give the {quantity}; leave one, in one unit")
         offset = load().valve.ambient_pressure if reduced_by == AMBIENT else 0.0
-        result[quantity] = factor * _numbers(path, name, [row[index] for row in body]) - offset
+        result[quantity] = factor * values - offset
     return result
 
 
-def _rows(path: Path) -> list[list[str]]:
-    try:
-        with open(path, encoding="utf-8", newline="") as stream:
-            rows = [row for row in csv.reader(stream) if row and not row[0].startswith("#")]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise OrthosisError(f"cannot read {path} as a table: {error}") from error
-    for number, row in enumerate(rows, start=1):
-        if len(row) != len(rows[0]):
-            raise OrthosisError(f"{path}: row {number} has {len(row)} fields, the header {len(rows[0])}")
-    return rows
+def _check_header(path: Path, header: list[str]) -> None:
+    quantities = set()
+    for name in header:
+        if name not in COLUMNS:
+            raise OrthosisError(f"{path}: column {shown(name)} is unknown; there are {', '.join(COLUMNS)}")
+        if COLUMNS[name][0] in quantities:
+            raise OrthosisError(f"{path}: two columns give the {COLUMNS[name][0]}; leave one, in one unit")
+        quantities.add(COLUMNS[name][0])
 
 
-def _numbers(path: Path, name: str, texts: list[str]) -> np.ndarray:
+def _numbers(path: Path, header: list[str], line: int, row: list[str]) -> list[float]:
+    if len(row) != len(header):
+        raise OrthosisError(f"{path}, line {line}: {len(row)} fields, the header has {len(header)}")
     try:
-        values = np.array([float(text) for text in texts])
+        values = [float(text) for text in row]
     except ValueError as error:
-        raise OrthosisError(f"{path}: column {name}: {error}") from error
-    if not np.isfinite(values).all():
-        raise OrthosisError(f"{path}: column {name} holds values that are not finite")
+        raise OrthosisError(f"{path}, line {line}: {error}") from error
+    for name, value in zip(header, values, strict=True):
+        if not math.isfinite(value):
+            raise OrthosisError(f"{path}, line {line}: column {name} holds a value that is not finite")
     return values
 
 

@@ -3,14 +3,18 @@
 
 from __future__ import annotations
 
+import _ctypes
 import ctypes
 import hashlib
 import os
 import platform
 import shutil
+import stat
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterable
+from functools import lru_cache
 from pathlib import Path
 
 import casadi as ca
@@ -59,6 +63,10 @@ class Compiled:
         return self.outputs
 
 
+class Distrusted(Exception):
+    """A cache of machine code that others can write to, or that cannot run: the message says why."""
+
+
 def compiled(function: ca.Function, use_compiler: bool = True) -> Compiled:
     """Return the function as machine code if gcc or cc is there, else on CasADi's virtual machine."""
     library = _library(function) if use_compiler else None
@@ -70,7 +78,7 @@ def compiled(function: ca.Function, use_compiler: bool = True) -> Compiled:
 def loads(library: Path) -> bool:
     """Return whether a cached library can be loaded; one that was cut short is removed, to be built anew."""
     try:
-        ctypes.CDLL(str(library))
+        _ctypes.dlclose(ctypes.CDLL(str(library))._handle)  # kept open, it hides what becomes of it
     except OSError:
         library.unlink(missing_ok=True)
         return False
@@ -83,7 +91,11 @@ def _library(function: ca.Function) -> Path | None:
 
 
 def shared_library(name: str, source: str, flags: tuple[str, ...]) -> Path | None:
-    """Return a library compiled from C source, cached by its content; None where that is not possible."""
+    """Return a library compiled from C source, cached by its content; None where that is not possible.
+
+    Raises:
+        Distrusted: others can write to the cache, or nothing can be loaded from it.
+    """
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None or os.environ.get("PAM_ORTHOSIS_NO_COMPILER"):
         return None
@@ -92,20 +104,46 @@ def shared_library(name: str, source: str, flags: tuple[str, ...]) -> Path | Non
     if folder is None:
         return None
     library = folder / f"{name}_{digest}.so"
-    if library.exists() and loads(library):
-        return library
     try:
+        _check_owned(folder)
+        if os.path.lexists(library):
+            _check_owned(library)
+            if loads(library):
+                return library
         built = _compile([compiler, *flags], source, library)
+        if built and not loads(library):
+            raise Distrusted(f"{folder} lets no program run from it")
     except OSError:  # the disk is full
         return None
     return library if built else None
+
+
+def _check_owned(path: Path) -> None:
+    """Check that nobody else can have put machine code there; Distrusted if somebody can."""
+    state = path.lstat() if path.suffix == ".so" else path.stat()
+    if state.st_uid != os.geteuid():
+        raise Distrusted(f"machine code in {path} is of another user (uid {state.st_uid}) and is not loaded")
+    if state.st_mode & (stat.S_IWGRP | stat.S_IWOTH) or stat.S_ISLNK(state.st_mode):
+        raise Distrusted(f"machine code in {path} can be written by others and is not loaded (chmod go-w)")
+    if os.statvfs(path).f_flag & os.ST_NOEXEC:
+        raise Distrusted(f"{path} is on a disk that lets no program run from it (noexec)")
+
+
+@lru_cache
+def _tell_once(line: str) -> None:
+    print(f"caution: {line}", file=sys.stderr)
 
 
 def best_library(
     name: str, source: str, flags: tuple[str, ...], options: Iterable[tuple[str, ...]]
 ) -> Path | None:
     """Return the library built with the first of some options that the compiler takes, beside the flags."""
-    return next((built for more in options if (built := shared_library(name, source, (*flags, *more)))), None)
+    try:
+        libraries = (shared_library(name, source, (*flags, *more)) for more in options)
+        return next(filter(None, libraries), None)
+    except Distrusted as error:
+        _tell_once(f"{error}: CasADi computes without it, slower; XDG_CACHE_HOME gives another folder")
+        return None
 
 
 def processor() -> str:
@@ -130,7 +168,8 @@ def _cache_folder() -> Path | None:
     base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     folder = Path(base) / "pam_orthosis"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, exist_ok=True)
     except OSError:
         return None
     return folder if os.access(folder, os.W_OK) else None
@@ -143,5 +182,6 @@ def _compile(command: list[str], source: str, library: Path) -> bool:
         whole = [*command, str(code), "-o", str(built), "-lm"]
         if subprocess.run(whole, capture_output=True, check=False).returncode != 0:
             return False
+        built.chmod(0o700)  # whatever the mask is: what others can write is not loaded
         os.replace(built, library)  # several processes may build the same library at once
     return True

@@ -16,17 +16,15 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.rules import broken_rules
+from pam_orthosis.reading import read_yaml, shown
 
 Value = float | int | bool | str | list
 
 SUBJECTS = ("muscle", "valve", "leg", "control", "rig", "plant", "scenario", "gap")
 # the knee's nodes know no rig; the rig's controllers know these and their rig
 BELIEF = ("muscle", "valve", "leg", "control", "effects", "scenario")
-_YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 @dataclass(frozen=True)
@@ -61,36 +59,36 @@ class Row:
 
     def _checked_list(self, value: Any) -> list[float]:
         if not isinstance(value, list) or len(value) != len(self.value):
-            raise OrthosisError(f"{self.key}: give a list of {len(self.value)} numbers, not {value!r}")
+            raise OrthosisError(f"{self.key}: give a list of {len(self.value)} numbers, not {shown(value)}")
         return [self._within(self._finite(item)) for item in value]
 
     def _checked_choice(self, value: str) -> str:
         if self.options and value not in self.options:
-            raise OrthosisError(f"{self.key}: {value!r} is not one of {', '.join(self.options)}")
+            raise OrthosisError(f"{self.key}: {shown(value)} is not one of {', '.join(self.options)}")
         return value
 
     def _same_type(self, value: Any, kind: type, words: str) -> Any:
         if not isinstance(value, kind) or not isinstance(self.value, kind):
             expected = words if isinstance(self.value, kind) else "a number or text as in config/"
-            raise OrthosisError(f"{self.key}: give {expected}, not {value!r}")
+            raise OrthosisError(f"{self.key}: give {expected}, not {shown(value)}")
         return value
 
     def _finite(self, value: Any) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise OrthosisError(f"{self.key}: give a number in {self.unit}, not {value!r}")
+            raise OrthosisError(f"{self.key}: give a number in {self.unit}, not {shown(value)}")
         try:
             number = float(value)
         except OverflowError:  # a whole number beyond all floating-point ones
             number = math.inf
         if not math.isfinite(number):
-            raise OrthosisError(f"{self.key}: {value!r} is not a finite number")
+            raise OrthosisError(f"{self.key}: {shown(value)} is not a finite number")
         return number
 
     def _checked_number(self, value: Any) -> float | int:
         number = self._within(self._finite(value))
         if isinstance(self.value, int):
             if number != int(number):
-                raise OrthosisError(f"{self.key}: give a whole number, not {value!r}")
+                raise OrthosisError(f"{self.key}: give a whole number, not {shown(value)}")
             return int(number)
         return number
 
@@ -217,18 +215,6 @@ def config_folder() -> Path:
     package = Path(__file__).resolve().parent.parent
     installed = package / "config"
     return installed if installed.is_dir() else package.parent / "config"
-
-
-def read_yaml(path: Path) -> Any:
-    """Read a YAML file safely; OrthosisError if it is missing or malformed."""
-    try:
-        with open(path, encoding="utf-8") as stream:
-            return yaml.load(stream, Loader=_YAML_LOADER)
-    except OSError as error:
-        raise OrthosisError(f"cannot read {path}: {error.strerror or error}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        reason = str(error).splitlines()[0]
-        raise OrthosisError(f"{path} is not valid YAML: {reason}") from error
 
 
 @lru_cache(maxsize=1)

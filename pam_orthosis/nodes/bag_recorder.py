@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -30,6 +29,7 @@ from pam_orthosis.nodes.parameters import Setting
 from pam_orthosis.nodes.recorded_leg import RecordedLeg
 from pam_orthosis.nodes.recorded_scene import RecordedScene
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX, NOTE_PREFIX
+from pam_orthosis.reading import from_json
 from pam_orthosis.scene.messages import TYPES, LegScene, in_scene
 from pam_orthosis.scene.sampled import INPUTS, SampledScene
 
@@ -84,10 +84,7 @@ class BagRecorder(graph.GraphNode):
         return self.parameters.changed(self._differences()[leg])
 
     def _differences(self) -> dict[str, dict[str, Any]]:
-        try:
-            legs = json.loads(self.settings["legs"] or '{"": {}}')
-        except ValueError as error:
-            raise OrthosisError(f"bag_recorder: legs is no JSON: {error}") from error
+        legs = from_json(self.settings["legs"] or '{"": {}}', "bag_recorder: legs")
         if not isinstance(legs, dict) or not all(isinstance(own, dict) for own in legs.values()) or not legs:
             raise OrthosisError(
                 'bag_recorder: legs must be like {"left": {}, "right": {"leg.shank.mass": 4.0}}'
@@ -188,7 +185,7 @@ class BagRecorder(graph.GraphNode):
         clean = clean or self.realtime  # there no two runs are alike, and there is better use for the time
         name = in_leg(topic.name, leg.name, self.legs)
         tick = topic.name == "joint_states"
-        answer = topic.rate == "answer"
+        answer, shared = topic.rate == "answer", topic.shared
         first = leg.name == self.legs[0]
 
         def receive(data: bytes) -> None:
@@ -196,7 +193,7 @@ class BagRecorder(graph.GraphNode):
                 return
             self._heard = True
             stamp_ns = serialised_stamp_ns(data)
-            if topic.shared and not self._of_the_run(leg, stamp_ns, data):
+            if shared and not self._of_the_run(leg, stamp_ns, data):
                 return
             if tick:
                 leg.sampled(stamp_ns)

@@ -7,6 +7,7 @@ import errno
 import json
 import os
 import socket
+import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -16,7 +17,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from pam_orthosis.bag.topics import PLANT, RECORDER, table
+from pam_orthosis.bag.topics import PLANT, RECORDER, resolve, table
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, config_folder
 from pam_orthosis.nodes.layout import EVERYTHING, LAYOUT, NodeSpec
@@ -150,6 +151,26 @@ def environment(work: Path, domain: int) -> dict[str, str]:
 def open_environment(work: Path) -> dict[str, str]:
     """Return the environment of nodes that others shall find: ROS settings as they are, logs in `work`."""
     return {**os.environ, "ROS_LOG_DIR": str(work / "ros")}
+
+
+def refuse_used_domain(domain: str, environment: Mapping[str, str], mode: Mode) -> None:
+    """Refuse a ROS domain in which somebody speaks on the topics of a run, before this one disturbs him.
+
+    Raises:
+        OrthosisError: that tells who.
+    """
+    if not domain.isdecimal() or not _in_use(int(domain)):
+        return
+    topics = [
+        resolve(topic.name, leg)
+        for leg in mode.legs or [""]
+        for topic in table(mode.realtime, mode.with_plant).values()
+        if not topic.shared and (mode.with_plant or PLANT not in topic.producers)
+    ]
+    command = [sys.executable, "-m", "pam_orthosis.nodes.neighbours", *topics]
+    done = subprocess.run(command, env=dict(environment), capture_output=True, text=True, check=False)
+    if found := done.stdout.strip():
+        raise OrthosisError(f"ROS domain {domain} is used: {found}; end that, or set another ROS_DOMAIN_ID")
 
 
 @contextmanager

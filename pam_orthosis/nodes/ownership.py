@@ -135,5 +135,3 @@ def _without(own: str, names: Sequence[str]) -> list[str]:
 
 def _joined(name: str, namespace: str) -> str:
     return f"{namespace.rstrip('/')}/{name}"
-
-

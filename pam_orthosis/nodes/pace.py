@@ -38,6 +38,7 @@ class Lockstep:
         self._longest_lead_ns = min(MAX_UNRECORDED_STEPS * plant.period_ns, MAX_UNRECORDED_NS)
         self._waits = False
         self._begun = False
+        self._early: tuple[Any, ...] = ()
         self._progress = time.monotonic()
         self._join = plant.join_inputs(dict.fromkeys(INPUTS, VOLTAGE), self._answered)
         plant.listen_to("recorded", self._on_recorded)
@@ -47,6 +48,8 @@ class Lockstep:
         """Take the first step."""
         self._begun = True
         self._publish()
+        if self._early:
+            self._answered(*self._early)
 
     def health(self) -> dict[str, int]:
         """Count lost inputs."""
@@ -57,7 +60,9 @@ class Lockstep:
         self._plant.publish_sample(self._stamp_ns)
 
     def _answered(self, stamp_ns: int, extensor: tuple, flexor: tuple) -> None:
-        if self._plant.abandoned:
+        if not self._begun:  # in a replay the answer may overtake the word that all are ready
+            self._early = (stamp_ns, extensor, flexor)
+        if not self._begun or self._plant.abandoned:
             return
         self._plant.advance(*extensor, *flexor)
         self._plant.step_done(stamp_ns)

@@ -231,7 +231,7 @@ def test_units_end_with_the_program():
 
     def interrupted():
         with executors.local(1) as (executor, _):
-            futures.append(executor.submit(work, waiting))
+            futures.extend(executor.submit(work, waiting) for _ in range(3))
             while not unit_module._RUNNING:
                 time.sleep(0.01)
             raise KeyboardInterrupt
@@ -239,4 +239,5 @@ def test_units_end_with_the_program():
     with pytest.raises(KeyboardInterrupt):
         interrupted()
     assert futures[0].result().complaint
+    assert all(future.cancelled() for future in futures[1:])
     assert time.monotonic() - began < 30.0

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from fault_campaign import bag_mutations, bags, inputs, text_mutations, trial
 
-from pam_orthosis.bag import read
+from pam_orthosis.bag import bounded
 from pam_orthosis.cli.main import main
 
 WALK = Path(__file__).resolve().parents[2] / "bags" / "walk"
@@ -36,7 +36,7 @@ def _attempt(tmp_path, make, prepare=None):
 
 def test_a_missing_guard_is_found_as_a_traceback(tmp_path, monkeypatch):
     def unguarded(folder):
-        monkeypatch.setattr(read, "damage_told", lambda path: nullcontext())
+        monkeypatch.setattr(bounded, "damage_told", lambda path: nullcontext())
 
     noise = bag_mutations.BYTES["nothing but noise"]
 

@@ -97,6 +97,38 @@ def test_a_publisher_that_comes_again_is_no_stranger(in_process, monkeypatch):
     assert len(there) == 2
 
 
+def test_a_second_run_in_an_open_domain_is_refused_and_disturbs_nobody(stranger, live_run, tmp_path):
+    first = live_run("--open", "--composed", *QUICK)
+    first.wait_until_it_records()
+    second = LiveRun(tmp_path / "second", "--open", "--composed", *QUICK)
+    status, said, _ = second.ended()
+    assert status == 2
+    assert "publishes on /" in said
+    assert "set another ROS_DOMAIN_ID" in said
+    assert not (tmp_path / "second").exists()
+    assert first.process.poll() is None
+
+
+def test_who_only_says_that_all_are_ready_starts_no_run(in_process):
+    from std_msgs.msg import String
+
+    from pam_orthosis.bag.topics import NODES
+    from pam_orthosis.nodes.graph import qos
+    from pam_orthosis.nodes.plant_simulator import PlantSimulator
+
+    _, other, turn = in_process
+    plant, executor = PlantSimulator(), rclpy.executors.SingleThreadedExecutor()
+    executor.add_node(plant)
+    publisher = other.create_publisher(String, "ready", qos(latched=True))
+    for name in NODES:
+        publisher.publish(String(data=name))
+    wait_for(lambda: turn() or plant.count_publishers("ready") == 3)  # of both nodes, and the stranger's
+    for _ in range(50):
+        executor.spin_once(timeout_sec=0.02)
+    assert not plant._pace._begun
+    plant.destroy_node()
+
+
 def test_two_runs_at_once_do_not_hear_each_other(tmp_path):
     runs = [LiveRun(tmp_path / f"seed{seed}", "--composed", "--seed", f"{seed}", *QUICK) for seed in (1, 2)]
     for run in runs:

@@ -158,7 +158,7 @@ def test_a_leg_that_is_up_waits_for_one_that_is_not(tmp_path):
     commands = launch.commands(tmp_path, parameters, tmp_path / "walk", "default", mode)
     impatient = tmp_path / "left_plant_simulator.yaml"
     impatient.write_text(f"{impatient.read_text()}    answer_timeout: 1.0\n")
-    python, _, _, *words = commands["right/composed"]
+    python, _, _, _, *words = commands["right/composed"]
     commands["right/composed"] = [python, "-c", LATE, *words]
     with launch.free_domain() as domain:
         supervise(commands, launch.environment(tmp_path, domain), tmp_path, lambda _: None)

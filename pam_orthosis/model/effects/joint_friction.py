@@ -24,7 +24,12 @@ EFFECTS = [
         parameters=(
             Quantity("coulomb", 0.8, "N m", 0.0, 20.0, "Coulomb torque", 0.0),
             Quantity(
-                "stribeck", 0.2, "-", 0.0, 2.0, "rise of the torque at low speed / Coulomb torque",
+                "stribeck",
+                0.2,
+                "-",
+                0.0,
+                2.0,
+                "rise of the torque at low speed / Coulomb torque",
                 meaningful=(0.0, 2.0),
             ),
             Quantity(
@@ -38,15 +43,33 @@ EFFECTS = [
                 meaningful=(0.005, 5.0),
             ),
             Quantity(
-                "transition_velocity", 0.02, "rad/s", 0.001, 1.0, "width of the change of sign", fitted=False,
+                "transition_velocity",
+                0.02,
+                "rad/s",
+                0.001,
+                1.0,
+                "width of the change of sign",
+                fitted=False,
                 meaningful=(0.001, 0.3),  # wider, most of a slow step has viscous friction
             ),
             Quantity(
-                "bristles", 0.0, "-", 0.0, 1.0, "share of the torque that sticks at standstill", fitted=False,
+                "bristles",
+                0.0,
+                "-",
+                0.0,
+                1.0,
+                "share of the torque that sticks at standstill",
+                fitted=False,
                 meaningful=(0.0, 1.0),
             ),
             Quantity(
-                "presliding", 5.0e-3, "rad", 2.0e-4, 0.1, "angle until what sticks slides", fitted=False,
+                "presliding",
+                5.0e-3,
+                "rad",
+                2.0e-4,
+                0.1,
+                "angle until what sticks slides",
+                fitted=False,
                 meaningful=(2.0e-4, 0.05),  # wider, it is an elasticity
             ),
         ),

@@ -51,7 +51,12 @@ EFFECTS = [
                 meaningful=(0.0, 1.0),
             ),
             Quantity(
-                "sliding_distance", 1.0e-3, "m", 5.0e-5, 0.02, "contraction until the fibres slide",
+                "sliding_distance",
+                1.0e-3,
+                "m",
+                5.0e-5,
+                0.02,
+                "contraction until the fibres slide",
                 meaningful=(5.0e-5, 0.01),  # wider, it is an elasticity
             ),
         ),

@@ -10,7 +10,13 @@ EFFECTS = [
         parameters=(
             Quantity("stiffness", 2.0, "N m/rad", -50.0, 200.0, "stiffness of the spring", 0.0),
             Quantity(
-                "rest_angle", 0.6, "rad", -1.0, 2.0, "knee angle at which it is free of load", fitted=False,
+                "rest_angle",
+                0.6,
+                "rad",
+                -1.0,
+                2.0,
+                "knee angle at which it is free of load",
+                fitted=False,
                 meaningful=(-1.0, 2.0),
             ),
         ),

@@ -21,7 +21,12 @@ EFFECTS = [
             Quantity("gain", 0.5, "N m s/rad", 0.0, 50.0, "torque per velocity above the threshold", 0.0),
             Quantity("threshold", 1.0, "rad/s", 0.0, 8.0, "velocity of stretch at which the reflex sets in"),
             Quantity(
-                "lag", 0.04, "s", 0.005, 0.3, "time constant of the reflex arc",
+                "lag",
+                0.04,
+                "s",
+                0.005,
+                0.3,
+                "time constant of the reflex arc",
                 meaningful=(0.005, 0.2),  # arcs over the cortex take 0.1 s
             ),
         ),

@@ -24,7 +24,12 @@ EFFECTS = [
         parameters=(
             Quantity("resistance", 2.0e7, "Pa s/kg", 0.0, 1.0e9, "sag per mass flow drawn", 0.0),
             Quantity(
-                "time_constant", 0.05, "s", 0.002, 20.0, "time constant of the supply line",
+                "time_constant",
+                0.05,
+                "s",
+                0.002,
+                20.0,
+                "time constant of the supply line",
                 meaningful=(0.002, 10.0),  # slower, the supply falls and does not recover
             ),
         ),

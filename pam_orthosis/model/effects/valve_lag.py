@@ -35,7 +35,13 @@ EFFECTS = [
         parameters=(
             Quantity("natural_frequency", 100.0, "Hz", 5.0, 1000.0, "natural frequency of the spool"),
             Quantity(
-                "damping_ratio", 0.8, "-", 0.3, 2.0, "damping ratio of the spool", fitted=False,
+                "damping_ratio",
+                0.8,
+                "-",
+                0.3,
+                2.0,
+                "damping ratio of the spool",
+                fitted=False,
                 meaningful=(0.3, 2.0),
             ),
         ),

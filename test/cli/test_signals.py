@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What asks a command to end does so in one line, at whatever stage it is, and once."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pam_orthosis.cli import main as entry
+from pam_orthosis.errors import OrthosisError, RunFailed
+
+ROOT = Path(__file__).resolve().parents[2]
+HEED = ["env", "--default-signal=HUP,INT,TERM"]
+CLI = "pam_orthosis.cli.main"
+WALK = str(ROOT / "bags" / "walk")
+VERBS = {
+    "check": [WALK],
+    "report": [WALK],
+    "recover": [WALK],
+    "replay": [WALK],
+    "gap": [WALK],
+    "identify": [WALK],
+    "batch": ["check", WALK],
+    "paper": [],
+    "rig": [],
+    "improve": [],
+    "plan": [],
+    "gap-hide": [],
+    "run": [],
+}
+
+
+def _interrupted(folder, module, arguments, at, by="SIGINT"):
+    environment = {**os.environ, "INTERRUPT_AT": at, "INTERRUPT_BY": by}
+    environment["PYTHONPATH"] = str(Path(__file__).parent / "interrupting")
+    command = [*HEED, sys.executable, "-m", module, *arguments]
+    return subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(
+    ("verb", "at"),
+    [*((verb, "") for verb in VERBS), ("check", "numpy"), ("gap", "scipy.linalg"), ("rig", "casadi")],
+)
+def test_a_verb_that_is_interrupted_while_it_loads_says_so_in_one_line(tmp_path, verb, at):
+    out = [] if verb in ("check", "replay", "identify") else ["--out", "out"]
+    at = at or f"pam_orthosis.cli.{verb.replace('-', '_')}"
+    done = _interrupted(tmp_path, CLI, [verb, *VERBS[verb], *out], at)
+    assert (done.returncode, done.stderr) == (3, "pam-orthosis: error: interrupted\n")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("by", ["SIGHUP", "SIGTERM"])
+def test_all_signals_that_ask_for_an_end_do_the_same(tmp_path, by):
+    done = _interrupted(tmp_path, CLI, ["check", WALK], "numpy", by)
+    assert (done.returncode, done.stderr) == (3, "pam-orthosis: error: interrupted\n")
+
+
+@pytest.mark.parametrize("node", ["position_controller", "bag_recorder", "composed", "dummy_driver"])
+@pytest.mark.parametrize("at", ["rclpy", "numpy"])
+def test_a_node_that_is_interrupted_while_it_loads_says_so_in_one_line(tmp_path, node, at):
+    pytest.importorskip("rclpy")
+    done = _interrupted(tmp_path, "pam_orthosis.nodes.entry", [node], at)
+    assert (done.returncode, done.stderr) == (3, "pam-orthosis: error: interrupted while it was started\n")
+
+
+def test_what_is_ignored_from_the_start_stays_ignored():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        entry._catch_signals()
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize("first", [KeyboardInterrupt(), RunFailed("node x was killed by SIGKILL")])
+def test_what_comes_while_the_end_is_dealt_with_changes_nothing(first):
+    try:
+        try:
+            raise first
+        except BaseException:
+            raise OSError("the disk is full")  # noqa: B904
+    except OSError:
+        entry._interrupt(signal.SIGINT, None)
+
+
+def test_another_failure_that_is_dealt_with_can_be_interrupted():
+    try:
+        raise OrthosisError("one of many")
+    except OrthosisError:
+        with pytest.raises(KeyboardInterrupt):
+            entry._interrupt(signal.SIGINT, None)
+
+
+def test_what_a_module_in_c_makes_of_an_interruption_is_told_as_one(monkeypatch, capsys):
+    def dispatch(_arguments):
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+        except KeyboardInterrupt:
+            raise ImportError("numpy.core.multiarray failed to import") from None
+
+    monkeypatch.setattr(entry, "_dispatch", dispatch)
+    assert entry.main([]) == 3
+    assert capsys.readouterr().err == "pam-orthosis: error: interrupted\n"

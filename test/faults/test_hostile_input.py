@@ -1,0 +1,327 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Input that is made to cost much: one line, exit status 2, at most 1 GiB and 5 s of work."""
+
+import json
+import os
+import shutil
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import casadi as ca
+import pytest
+from hostile import BOMB, GIB, MIB, MOST_MEMORY, MOST_WORK_S, bag, command, zeros
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model import compiled
+from pam_orthosis.model.parameters import config_folder
+from pam_orthosis.reading import from_json, from_yaml
+
+WALK = Path(__file__).resolve().parents[2] / "bags" / "walk"
+NESTED = {"20,000 lists": "[" * 20_000, "50,000 lists": "[" * 50_000, "50,000 mappings": "{a: " * 50_000}
+SPOILT = {
+    **NESTED,
+    "aliases": BOMB,
+    "itself": "a: &a {b: *a}\n",
+    "no text": b"a: \xff\n",
+    "a number": "a: 9" + "9" * 5000,
+}
+IN_A_LINE = {"aliases": "{" + BOMB.replace("\n", ", ") + "}", **NESTED}
+
+
+def refused(*arguments, names=(), **options):
+    """Check that a command refuses, in one line that names what it is about, within the bounds."""
+    ended = command(*arguments, **options)
+    assert ended.status == 2, ended
+    assert len(ended.lines) == 1, ended
+    assert ended.lines[0].startswith("pam-orthosis: error: ")
+    for name in names:
+        assert str(name) in ended.lines[0]
+    assert ended.memory < MOST_MEMORY, ended
+    assert ended.work_s < MOST_WORK_S, ended
+    return ended.lines[0]
+
+
+@pytest.mark.parametrize("verb", ["check", "report", "recover", "identify", "gap", "plan"])
+def test_a_chunk_that_unpacks_to_5_gib(verb, tmp_path):
+    file = bag(tmp_path / "bomb.mcap", zeros(5 * GIB), 5 * GIB)
+    assert file.stat().st_size < MIB
+    options = {"report": ["--out", tmp_path / "out"], "plan": ["--out", tmp_path / "plan.yaml", "--after"]}
+    if verb == "recover":  # which keeps what is whole
+        ended = command(verb, file, "--out", tmp_path / "out")
+        assert ended.status == 0
+        assert ended.memory < MOST_MEMORY
+        assert ended.work_s < MOST_WORK_S
+        return
+    refused(verb, *options.get(verb, []), file, names=[file])
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_chunk_that_says_less_than_it_unpacks_to(tmp_path):
+    refused("check", bag(tmp_path / "bomb.mcap", zeros(5 * GIB), 1000), names=["bomb.mcap", "another size"])
+
+
+def test_many_chunks_within_the_bound_of_one(tmp_path):
+    file = bag(tmp_path / "bomb.mcap", zeros(200 * MIB), 200 * MIB)
+    assert "no record" in refused("check", file, names=[file])
+
+
+def test_a_message_that_says_3_gib(tmp_path):
+    file = tmp_path / "said.mcap"
+    data = (WALK / "walk_0.mcap").read_bytes()
+    file.write_bytes(data[:-37] + struct.pack("<BQ", 5, 3 * GIB) + data[-37:])
+    refused("check", file, names=[file])
+
+
+@pytest.mark.parametrize("verb", ["check", "identify", "gap"])
+def test_a_message_of_3_gib(verb, tmp_path):
+    file = tmp_path / "long.mcap"
+    head = (WALK / "walk_0.mcap").read_bytes()[:200]
+    at = 8 + 9 + struct.unpack_from("<Q", head, 9)[0]
+    end = struct.pack("<BQI", 0x0F, 4, 0) + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + b"\x89MCAP0\r\n"
+    with open(file, "wb") as stream:  # a file with a hole takes no disk
+        stream.write(head[:at] + struct.pack("<BQ", 5, 3 * GIB))
+        stream.seek(3 * GIB, os.SEEK_CUR)
+        stream.write(end)
+    assert "3.0 GiB" in refused(verb, file, names=[file])
+
+
+def test_a_hole_in_place_of_records(tmp_path):
+    file = tmp_path / "hole.mcap"
+    data = (WALK / "walk_0.mcap").read_bytes()
+    with open(file, "wb") as stream:
+        stream.write(data[:8])
+        stream.seek(3 * GIB)
+        stream.write(data[-37:])
+    refused("check", file, names=[file])
+
+
+@pytest.mark.parametrize("quality", [BOMB, *NESTED.values()], ids=["aliases", *NESTED])
+def test_quality_of_service_in_a_bag(quality, tmp_path):
+    file = bag(tmp_path / "quality.mcap", b"", 0, "", quality)
+    refused("check", file, names=[file])
+
+
+@pytest.mark.parametrize("what", SPOILT)
+def test_the_metadata_of_a_folder(what, tmp_path):
+    folder = tmp_path / "bag"
+    shutil.copytree(WALK, folder)
+    _write(folder / "metadata.yaml", SPOILT[what])
+    refused("check", folder, names=[folder])
+
+
+@pytest.mark.parametrize("what", SPOILT)
+@pytest.mark.parametrize("verb", ["gap", "run", "plan", "study"])
+def test_files_that_people_write(verb, what, tmp_path):
+    if verb == "run":
+        pytest.importorskip("rclpy")
+    file = tmp_path / "file.yaml"
+    _write(file, SPOILT[what])
+    arguments = {
+        "gap": ["gap", WALK, "--model", file],
+        "run": ["run", "--model", file, "--out", tmp_path / "out"],
+        "plan": ["plan", "--model", file, "--out", tmp_path / "plan.yaml"],
+        "study": ["batch", "study", file, "--out", tmp_path / "out"],
+    }
+    refused(*arguments[verb], names=[file])
+
+
+@pytest.mark.parametrize("what", IN_A_LINE)
+def test_parameters_on_the_command_line(what, tmp_path):
+    arguments = ["--param", f"leg.shank.length={IN_A_LINE[what]}", "--out", tmp_path / "plan.yaml"]
+    refused("plan", *arguments, names=["leg.shank.length"])
+
+
+def test_a_scenario_file_with_a_bomb(tmp_path):
+    shutil.copytree(config_folder(), tmp_path / "config")
+    _write(tmp_path / "config" / "scenario.yaml", BOMB)
+    ours = "from pathlib import Path; from pam_orthosis.model import parameters;"
+    code = f"{ours} parameters.config_folder = lambda: Path('config'); parameters.scenario_names()"
+    call = [sys.executable, "-c", code]
+    done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "OrthosisError: config/scenario.yaml is not valid YAML: more than" in done.stderr
+
+
+@pytest.mark.parametrize("text", ["[" * 50_000, '{"a":' * 50_000, '{"a": 1, "a": 2}', "9" * 5000])
+def test_json(text):
+    with pytest.raises(OrthosisError, match="told is not valid JSON"):
+        from_json(text, "told")
+    assert from_json('{"a": "[[\\"[["}', "told") == {"a": '[["[['}
+
+
+def test_a_few_aliases_are_read():
+    assert from_yaml("a: &a {x: 1}\nb: {<<: *a, y: 2}\n", "file") == {"a": {"x": 1}, "b": {"x": 1, "y": 2}}
+    with pytest.raises(OrthosisError, match="file is not valid YAML: 'a' is there twice"):
+        from_yaml("a: 1\na: 2\n", "file")
+
+
+@pytest.mark.parametrize(
+    "study",
+    [
+        {"grid": {key: [1.0] * 10_000 for key in ("leg.person.mass", "leg.person.height", "leg.shank.mass")}},
+        {"random": {"count": 300_000_000, "between": {"leg.person.mass": [60, 80]}}},
+        {"random": {"count": 10**30, "between": {"leg.person.mass": [60, 80]}}, "seeds": [1, 2]},
+    ],
+    ids=["grid", "draws", "beyond"],
+)
+def test_studies_of_too_many_walks(study, tmp_path):
+    file = tmp_path / "study.yaml"
+    file.write_text(json.dumps(study))
+    refused("batch", "study", file, "--out", tmp_path / "out", names=[file, "walks"])
+
+
+VERBS = {
+    "check": ["check", "{}"],
+    "report": ["report", "{}", "--out", "out"],
+    "recover": ["recover", "{}", "--out", "out"],
+    "identify": ["identify", "{}"],
+    "gap": ["gap", "{}"],
+    "gap --model": ["gap", str(WALK), "--model", "{}"],
+    "plan --model": ["plan", "--model", "{}", "--out", "plan.yaml"],
+    "plan --after": ["plan", "--after", "{}", "--out", "plan.yaml"],
+    "study": ["batch", "study", "{}", "--out", "out"],
+}
+
+
+ENDINGS = {
+    "identify": ".csv",
+    "report": ".db3",
+    "gap --model": ".yaml",
+    "plan --model": ".yaml",
+    "study": ".yaml",
+}
+
+
+@pytest.mark.parametrize("what", ["pipe", "device"])
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_pipe_or_a_device_in_place_of_a_file(verb, what, tmp_path):
+    file = tmp_path / f"data{ENDINGS.get(verb, '.mcap')}"
+    if what == "pipe":
+        os.mkfifo(file)
+    else:
+        file.symlink_to("/dev/zero")
+    refused(*(word.replace("{}", file.name) for word in VERBS[verb]), names=[file.name], cwd=tmp_path)
+
+
+@pytest.mark.parametrize("verb", ["check", "identify", "plan --model"])
+def test_what_is_typed_in_place_of_a_file(verb, tmp_path):
+    read, write = os.pipe()  # that nobody writes to
+    try:
+        refused(*(word.replace("{}", "/dev/stdin") for word in VERBS[verb]), stdin=read, cwd=tmp_path)
+    finally:
+        os.close(read)
+        os.close(write)
+
+
+def test_a_folder_and_a_loop_of_links_in_place_of_a_file(tmp_path):
+    (tmp_path / "folder.yaml").mkdir()
+    (tmp_path / "loop.yaml").symlink_to(tmp_path / "loop.yaml")
+    for name in ("folder.yaml", "loop.yaml"):
+        refused("plan", "--model", tmp_path / name, "--out", tmp_path / "plan.yaml", names=[name])
+
+
+@pytest.mark.parametrize("name", ["metadata.yaml", "walk_0.mcap"])
+def test_a_pipe_within_a_bag(name, tmp_path):
+    shutil.copytree(WALK, tmp_path / "bag")
+    (tmp_path / "bag" / name).unlink()
+    os.mkfifo(tmp_path / "bag" / name)
+    refused("check", tmp_path / "bag", names=[name])
+
+
+@pytest.mark.parametrize("verb", ["identify", "gap"])
+def test_a_table_that_is_too_long(verb, tmp_path):
+    file = tmp_path / "dmsp20.csv"
+    with open(file, "wb") as stream:
+        stream.write(b"p_Pa_gauge,L_m,F_N\n" if verb == "identify" else b"time,angle\n")
+        stream.truncate(3 * GIB)
+    refused(verb, file, names=[file])
+
+
+def _write(file, content):
+    file.write_bytes(content if isinstance(content, bytes) else content.encode())
+
+
+MODELS = {
+    "leg.shank.lenght: 0.4\n": "leg.shank.lenght",
+    "leg.shank.length: long\n": "leg.shank.length",
+    "leg.shank.length: .nan\n": "leg.shank.length",
+    "leg.shank.length: 1.0e+9\n": "leg.shank.length",
+    f"leg.shank.length: 0x{'f' * 50_000}\n": "leg.shank.length",
+    "leg.joint.minimum: 1.0\nleg.joint.maximum: 0.9\n": "leg.joint",
+    "leg.shank.length: 0.4\nleg: {shank: {length: 0.4}}\n": "leg.shank.length",
+    "muscle.dmsp_20.force.a: [.inf, 1.0, 1.0, 1.0]\n": "muscle.dmsp_20.force.a",
+}
+
+
+@pytest.mark.parametrize("text", MODELS, ids=lambda text: text[:30])
+@pytest.mark.parametrize("verb", ["gap", "plan"])
+def test_a_model_is_refused_by_name_and_key(verb, text, tmp_path):
+    file = tmp_path / "model.yaml"
+    file.write_text(text)
+    more = {"gap": [WALK], "plan": ["--out", "plan.yaml"]}
+    refused(verb, *more[verb], "--model", file, names=[file, MODELS[text]], cwd=tmp_path)
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("PAM_ORTHOSIS_NO_COMPILER", raising=False)
+    if not shutil.which("gcc"):
+        pytest.skip("needs a compiler")
+    compiled._tell_once.cache_clear()
+    return tmp_path / "pam_orthosis"
+
+
+def square():
+    x = ca.SX.sym("x")
+    return compiled.compiled(ca.Function("square", [x], [x**2]))(3.0)[0][0]
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o777])
+@pytest.mark.parametrize("what", ["folder", "file"])
+def test_machine_code_that_others_can_write_is_not_loaded(what, mode, cache, capsys, monkeypatch):
+    assert square() == 9.0
+    (library,) = cache.glob("*.so")
+    before = library.read_bytes()
+    (cache if what == "folder" else library).chmod(mode)
+    monkeypatch.setattr(compiled, "loads", lambda _: pytest.fail("loaded"))
+    assert square() == square() == 9.0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert str(cache if what == "folder" else library) in line
+    assert library.read_bytes() == before
+
+
+@pytest.mark.parametrize("what", ["folder", "file"])
+def test_machine_code_of_another_user_is_not_loaded(what, cache, capsys, monkeypatch):
+    assert square() == 9.0
+    (library,) = cache.glob("*.so")
+    if os.geteuid():
+        monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
+    else:
+        os.chown(cache if what == "folder" else library, 12345, 12345)
+    monkeypatch.setattr(compiled, "loads", lambda _: pytest.fail("loaded"))
+    assert square() == 9.0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "of another user" in line
+
+
+def test_a_cache_on_a_disk_that_runs_no_program(cache, capsys):
+    cache.mkdir(mode=0o700)
+    mount = ["mount", "-t", "tmpfs", "-o", "noexec,mode=700", "none", cache]
+    if subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("no disk can be mounted here")
+    try:
+        assert square() == square() == 9.0
+    finally:
+        subprocess.run(["umount", cache], check=True)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "noexec" in line
+
+
+def test_a_library_that_cannot_be_loaded_once_built(cache, capsys, monkeypatch):
+    """As on a disk that does not say that it runs no program."""
+    monkeypatch.setattr(compiled, "loads", lambda _: False)
+    assert square() == 9.0
+    assert "lets no program run" in capsys.readouterr().err
