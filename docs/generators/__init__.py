@@ -16,7 +16,8 @@ def pages() -> dict[str, str]:
 
 def blocks() -> dict[str, Callable[[], str]]:
     """Return the generated tables: name -> what makes its Markdown."""
-    from generators import cli, faults, nodes, results
+    from generators import cli, faults, nodes, results, scenarios
 
     tables = {"topics": nodes.topic_table, "scene": nodes.scene_table, "exit": cli.exit_table}
+    tables["experiments"] = scenarios.experiment_table
     return {**tables, **faults.blocks(), **results.blocks()}

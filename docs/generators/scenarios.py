@@ -2,7 +2,7 @@
 """The page of scenarios, from `config/scenario.yaml`."""
 
 from generators.markdown import table
-from pam_orthosis.model.parameters import scenario_names, scenario_overrides
+from pam_orthosis.model.parameters import experiments, scenario_names, scenario_overrides
 
 HEAD = """# Scenarios
 
@@ -17,6 +17,13 @@ def pages() -> dict[str, str]:
     """Return the page."""
     rows = [(f"`{name}`", meaning, _set(name)) for name, meaning in scenario_names().items()]
     return {"reference/scenarios.md": HEAD + table(("scenario", "meaning", "sets"), rows)}
+
+
+def experiment_table() -> str:
+    """Return the diagnostic experiments: how they are done on an apparatus, and what they separate."""
+    meaning = scenario_names()
+    rows = ((words, meaning[name].rpartition(": ")[2], f"`{name}`") for name, words in experiments().items())
+    return table(("on the apparatus", "separates", "scenario"), rows)
 
 
 def _set(name: str) -> str:

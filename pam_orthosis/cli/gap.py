@@ -70,7 +70,7 @@ def execute(arguments: argparse.Namespace) -> int:
         _try(arguments.out)
     progress = _progress()
     start = begin(system, training, held_out, parameters.gap, progress)
-    progress("looking at what these data can tell")
+    progress("computing what these data can show")
     data = telling(start.problem, start.null, parameters.gap.evidence.threshold)
     if arguments.until:
         print(heading + _stages(start, data, arguments.until))

@@ -176,7 +176,7 @@ class Parameters(Section):
         try:
             broken = list(broken_rules(result.flat()))
         except (TypeError, IndexError, KeyError) as error:  # a row in config/ of another kind, or gone
-            raise OrthosisError(f"config/ holds a value of the wrong kind, or lacks one ({error})") from error
+            raise OrthosisError(f"config/ holds a value of the wrong kind, or one is missing ({error})") from error
         for message in broken:
             raise OrthosisError(message)
         return result
@@ -200,6 +200,11 @@ def load(overrides: Mapping[str, Any] | None = None) -> Parameters:
 def scenario_names() -> dict[str, str]:
     """Return scenario name -> what it shows."""
     return {name: entry["meaning"] for name, entry in _scenarios().items()}
+
+
+def experiments() -> dict[str, str]:
+    """Return scenario name -> how the same is done on an apparatus, for the diagnostic experiments."""
+    return {name: entry["apparatus"] for name, entry in _scenarios().items() if "apparatus" in entry}
 
 
 def scenario_overrides(name: str) -> dict[str, Any]:
@@ -252,7 +257,7 @@ def _scenarios() -> dict[str, dict]:
     for name, entry in scenarios.items():
         where = f"scenario {name} in scenario.yaml"
         if not isinstance(_mapping(entry, where).get("meaning"), str):
-            raise OrthosisError(f"{where} lacks its meaning")
+            raise OrthosisError(f"{where} has no meaning")
         _mapping(entry.get("set") or {}, f"set of {where}")
     return scenarios
 

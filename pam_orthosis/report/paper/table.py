@@ -94,7 +94,7 @@ def observer_rows(found: Results) -> list[Row]:
         ),
         Row(
             "the same on the emulated hardware", "-", f"{hardware.lag * 1e3:.1f} ms",
-            "against the torque that Eq. (26) lacks to explain the true motion: friction, hysteresis and "
+            "against the torque that is missing in Eq. (26) to explain the true motion: friction, hysteresis and "
             "misfit of the muscles included",
         ),
         Row(
