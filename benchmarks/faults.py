@@ -5,7 +5,7 @@ python benchmarks/faults.py all
 python benchmarks/faults.py input|signals|guards|kills|strangers|soak [--count N] [--seed N] [--out FILE]
 python benchmarks/faults.py kills --count 120 --seed 26 --load 8 --out benchmarks/results/kills-load8.json
 
-The kills keep each as a row in a file of their own (`--out`) and go on behind the last.
+Kills and input keep each as a row in a file of their own (`--out`) and go on behind the last.
 """
 
 from __future__ import annotations
@@ -26,11 +26,13 @@ WALK, ROWS = ROOT / "bags" / "walk", ROOT / "benchmarks" / "results"
 RESULTS = ROWS / "faults.json"
 
 
-def run_input(work: Path, count: int, seed: int) -> dict:
-    """Mutated bags, YAML, tables, options, folders."""
+def run_input(work: Path, count: int, seed: int, rows: Path | None = None) -> dict:
+    """Mutated bags, YAML, tables, options, folders, for every verb that reads a file."""
     (work / "base").mkdir(parents=True)
-    results = inputs.campaign(work, WALK, count, seed)
-    return {"kinds": inputs.summary(results), "wrong": sum(bool(each.faults) for each in results)}
+    rows = inputs.campaign(work, WALK, count, seed, rows or ROWS / f"input-seed{seed}.json")
+    told, verbs = inputs.summary(rows), inputs.summary(rows, by="verb")
+    print(inputs.table(told), inputs.table(verbs), sep="\n\n")
+    return {"kinds": told, "verbs": verbs, "wrong": sum(bool(row["faults"]) for row in rows)}
 
 
 def run_signals(_work: Path, count: int, seed: int) -> dict:
@@ -69,9 +71,9 @@ def run_strangers(work: Path, count: int, seed: int) -> dict:
 
 
 def run_soak(work: Path, count: int, seed: int) -> dict:
-    """So many seconds of walking."""
+    """So many seconds of walking, then all is killed."""
     told = soak.soak(work / "soak", float(count), ["--composed", "--seed", str(seed)])
-    return told | {"wrong": int(told["status"] != 0 or told.get("lost_messages") != 0)}
+    return told | {"wrong": int(soak.wrong(told))}
 
 
 class Campaign(NamedTuple):
@@ -120,8 +122,12 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--work", type=Path, help="keep what the campaign works with here")
     parser.add_argument("--load", type=int, default=0, help="of kills: processes that want the processor")
-    parser.add_argument("--out", type=Path, help="file of results, of kills: of rows")
+    parser.add_argument("--out", type=Path, help="file of results, of kills and input: of rows")
     arguments = parser.parse_args()
+    if arguments.campaign == "input" and arguments.out:
+        with tempfile.TemporaryDirectory(prefix="pam-orthosis-faults-") as folder:
+            count, work = arguments.count or CAMPAIGNS["input"].count, arguments.work or Path(folder)
+            return 1 if run_input(work, count, arguments.seed, arguments.out)["wrong"] else 0
     if arguments.campaign == "kills" and arguments.out:
         return 1 if count_kills(arguments)["wrong"] else 0
     arguments.out = arguments.out or RESULTS

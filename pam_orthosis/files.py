@@ -22,6 +22,7 @@ from typing import Any, BinaryIO
 
 from pam_orthosis.errors import OrthosisError
 
+REMAKE = ", or --overwrite to make it again"  # for what is made from other files
 UNFINISHED = ".pam-orthosis-"  # begins the name of what is not whole yet, or never will be
 NEW_FILE = os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_WRONLY | os.O_CLOEXEC
 
@@ -90,15 +91,18 @@ def write_files(files: Mapping[Path, Write], overwrite: bool = False) -> None:
         raise
 
 
-def refuse_existing(paths: Iterable[Path], overwrite: bool = False) -> None:
-    """Raise OrthosisError if there is something where a file is to be; `overwrite`: but a regular file."""
+def refuse_existing(paths: Iterable[Path], overwrite: bool = False, instead: str = "") -> None:
+    """Raise OrthosisError if there is something where a file is to be; `overwrite`: but a regular file.
+
+    `instead`: what to do, beside choosing another --out.
+    """
     for path in paths:
         with told(path):
             there = os.path.lexists(path)
             replaceable = overwrite and there and stat.S_ISREG(path.lstat().st_mode)
         if there and not replaceable:
             why = "is no regular file" if overwrite else "exists"
-            raise OrthosisError(f"{path} {why}; choose another --out")
+            raise OrthosisError(f"{path} {why}; choose another --out{instead}")
 
 
 def _new_part(folder: Path) -> BinaryIO:
@@ -186,12 +190,12 @@ def _lock(lock: int, path: Path) -> None:
         raise Used(taken)
 
 
-def refuse_used(folder: Path) -> None:
+def refuse_used(folder: Path, instead: str = "") -> None:
     """Raise OrthosisError if there is something where a folder is to be made or filled."""
     with told(folder):
         used = os.path.lexists(folder) and (not folder.is_dir() or any(_held(folder)))
     if used:
-        raise Used(f"{folder} exists and is not an empty folder; choose another --out")
+        raise Used(f"{folder} exists and is not an empty folder; choose another --out{instead}")
 
 
 def _held(folder: Path) -> Iterator[Path]:

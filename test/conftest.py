@@ -17,13 +17,13 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @pytest.fixture(scope="session")
 def documented(tmp_path_factory):
-    """Return a function: a command line of the documentation -> (exit status, folder it ran in)."""
-    folder = tmp_path_factory.mktemp("documented")
-    for name in ("bags", "config"):
-        shutil.copytree(ROOT / name, folder / name)
+    """Return a function: a command line of the documentation -> (exit status, the new folder it ran in)."""
 
     @cache
     def run(line):
+        folder = tmp_path_factory.mktemp("documented")
+        for name in ("bags", "config"):
+            shutil.copytree(ROOT / name, folder / name)
         program, *arguments = shlex.split(line)
         assert program == "pam-orthosis"
         if arguments[0] == "run":  # takes signals for its own process

@@ -212,7 +212,9 @@ def test_a_report_is_made_again_only_if_that_is_asked_for(tmp_path, monkeypatch,
     made = table.read_bytes()
     table.write_text("edited")
     assert main(command) == 2
-    assert "walk-report exists" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "walk-report exists" in said
+    assert "or --overwrite to make it again" in said
     assert table.read_text() == "edited"
     assert main([*command, "--overwrite"]) == 0
     assert table.read_bytes() == made

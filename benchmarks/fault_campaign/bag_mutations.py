@@ -25,6 +25,7 @@ class Bags:
     """The bags that are spoilt: half a second of walking and a short procedure of the rig."""
 
     def __init__(self, folder: Path, walk: Path):
+        self.source = walk
         self.walk = bags.content(walk, SECOND_NS // 2)
         self.file = bags.write(folder / "walk", self.walk)
         self.rig = bags.rig_bags(folder / "rig")

@@ -1,9 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A long walk: does memory grow, does a step get lost, does the knee drift away from its reference?"""
+"""A long walk whose processes are all killed in the end.
+
+Does memory grow, does a step get lost, does the knee drift away from its reference, how long does it take to
+close the bag?
+"""
 
 from __future__ import annotations
 
+import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -11,32 +17,57 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from mcap.reader import make_reader
+from rosbags.rosbag2 import Reader
 
 from pam_orthosis.bag.read import aligned, read_bag
+from pam_orthosis.bag.recover import recover_in_place
 from pam_orthosis.bag.topics import RECORDED
 
 PROGRESS = re.compile(r"ROS domain \d+: ([\d.]+) of")
+LEFT_S = 60.0  # of the run when it is killed
+MOST_LOST_S, MOST_CLOSE_S = 0.5, 2.0
 WINDOW_S = 60.0
 SETTLED_SHARE = 0.1  # of the run, in which everything is loaded that ever will be
 
 
 def walk(bag: Path, seconds: float, options: list[str]) -> dict:
-    """Let the knee walk; return exit status and the memory of the nodes (MiB) as the run goes on."""
+    """Let the knee walk, then kill all at once; return how far it came and the memory of the nodes (MiB)."""
     command = [sys.executable, "-m", "pam_orthosis.cli.main", "run", "--out", str(bag), *options]
-    began, memory = time.monotonic(), []
+    began, memory, reached_s = time.monotonic(), [], 0.0
     with subprocess.Popen(
-        [*command, "--duration", f"{seconds:g}"], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
+        [*command, "--duration", f"{seconds + LEFT_S:g}"],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
     ) as process:
         for line in process.stderr:
             reached = PROGRESS.search(line)
             used = _resident(process.pid) if reached else 0.0
             if used:
-                memory.append((float(reached[1]), used))
+                reached_s = float(reached[1])
+                memory.append((reached_s, used))
+            if reached_s >= seconds:
+                _kill(process.pid)
+                break
+        process.wait()
     return {
         "status": process.returncode,
         "wall_s": time.monotonic() - began,
+        "reached_s": reached_s,
         "memory": np.array(memory).reshape(-1, 2),
     }
+
+
+def _kill(pid: int) -> None:
+    """Kill a process and all that it has started, and wait until they are gone."""
+    family = [pid]
+    for one in family:
+        family += map(int, _text(Path(f"/proc/{one}/task/{one}/children")).split())
+    for one in family:
+        os.kill(one, signal.SIGKILL)
+    while any(_text(Path(f"/proc/{one}/cmdline")) for one in family[1:]):
+        time.sleep(0.01)
 
 
 def _resident(parent: int) -> float:
@@ -64,19 +95,38 @@ def growth(memory: np.ndarray) -> dict:
     }
 
 
-def lost(bag: Path, steps: int) -> dict:
-    """Return how many messages the bag lacks, over all topics that each step has."""
+def closed(bag: Path) -> dict:
+    """Close the bag where it is; return how long that takes and whether it can be read."""
+    began, busy = time.monotonic(), time.process_time()
+    messages = recover_in_place(bag)
+    told = {
+        "close_s": round(time.monotonic() - began, 2),
+        "close_cpu_s": round(time.process_time() - busy, 2),
+    }
+    with Reader(bag) as reader:
+        by_rosbags = reader.message_count
+    last = max(bag.glob("*.mcap"), key=lambda file: int(file.stem.rpartition("_")[2]))
+    with open(last, "rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        there = sum(1 for _ in reader.iter_messages())
+        whole = there == reader.get_summary().statistics.message_count and by_rosbags == messages
+    return told | {"messages": messages, "readable": whole}
+
+
+def lost(bag: Path, period_s: float) -> dict:
+    """Return how many messages are missing between others, over all topics that each step has.
+
+    The last step may have been cut in the middle: its topics differ by one message at most.
+    """
     told = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     counts = {
         one["topic_metadata"]["name"].lstrip("/"): one["message_count"]
         for one in told["topics_with_message_count"]
     }
     per_step = [topic.name.lstrip("/") for topic in RECORDED if topic.rate == "step"]
-    return {
-        "steps": steps,
-        "messages": told["message_count"],
-        "lost_messages": sum(steps - counts[name] for name in per_step),
-    }
+    steps = round(told["duration"]["nanoseconds"] * 1e-9 / period_s) + 1  # the bag begins with the first one
+    missing = [max(0, steps - 1 - counts[name]) for name in per_step]
+    return {"steps": steps, "recorded_s": steps * period_s, "lost_messages": sum(missing)}
 
 
 def drift(bag: Path, cycle_s: float, after_s: float) -> dict:
@@ -111,15 +161,26 @@ def drift(bag: Path, cycle_s: float, after_s: float) -> dict:
 
 
 def soak(bag: Path, seconds: float, options: list[str]) -> dict:
-    """Walk and judge."""
+    """Walk, kill, close, judge."""
     walked = walk(bag, seconds, options)
     told = {"seconds": seconds, "status": walked["status"], "wall_s": round(walked["wall_s"], 1)}
-    if walked["status"] not in (0, 1):
+    if walked["reached_s"] < seconds:
         return told
+    told |= closed(bag) | growth(walked["memory"])
     parameters = read_bag(bag, ["angle"]).parameters
     period, cycle = parameters["scenario.control_period"], parameters["scenario.cycle_time"]
     settled = parameters["scenario.start_hold"] + parameters["scenario.start_ramp"]
     after = np.ceil(settled / cycle) * cycle
+    told |= lost(bag, period)
+    told["lost_at_the_end_s"] = round(max(0.0, walked["reached_s"] - told["recorded_s"]), 3)
+    return told | drift(bag, cycle, float(after))
+
+
+def wrong(told: dict) -> bool:
+    """Whether the walk ended early, lost something, or its bag could not be closed in time."""
     return (
-        told | growth(walked["memory"]) | lost(bag, round(seconds / period)) | drift(bag, cycle, float(after))
+        told.get("lost_messages") != 0
+        or told["lost_at_the_end_s"] > MOST_LOST_S
+        or told["close_s"] > MOST_CLOSE_S
+        or not told["readable"]
     )

@@ -20,7 +20,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 LIMIT_S, PATIENCE_S = 30.0, 300.0  # of processor time, of any time
-MEMORY_BYTES = 6 << 30
+MEMORY_BYTES = 1 << 30  # of a command and of those that it starts
+DENIED_BYTES = 2 << 30  # beyond which a process gets none, lest it takes the machine's
 LONGEST_MESSAGE = 1000
 PREFIX = "pam-orthosis: error: "
 CANARY = "smuggled"  # a file of this name appears if something in an input is executed
@@ -51,12 +52,23 @@ class Trial:
 
 @dataclass
 class Result:
-    """What came of a trial: exit status (None: killed as a hang), what is wrong about it, its message."""
+    """What came of a trial.
+
+    Attributes:
+        status: of the command's end; None: killed as a hang.
+        took_s: processor time, s.
+        message: of its refusal.
+        memory: most that a process of it had, bytes.
+        verb: that was tried.
+        faults: what is wrong about it.
+    """
 
     trial: Trial
     status: int | None
     took_s: float
     message: str = ""
+    memory: int = 0
+    verb: str = ""
     faults: list[str] = field(default_factory=list)
 
 
@@ -64,16 +76,14 @@ def attempt(trial: Trial, folder: Path, console: bool = False) -> Result:
     """Carry a trial out in an empty folder; `console`: start a new interpreter instead of a fork."""
     arguments = [str(argument) for argument in trial.make(folder)]
     before = _contents(folder)
-    began = time.monotonic()
     with open(folder.with_suffix(".out"), "w+") as out, open(folder.with_suffix(".err"), "w+") as err:
         started = _spawned if console and not trial.prepare else _forked
-        status = _ended(started(trial, arguments, folder, out, err))
-        took_s = time.monotonic() - began
+        status, took_s, memory = _ended(started(trial, arguments, folder, out, err))
         err.seek(0)
         said = err.read()
     for stream in (out, err):
         os.unlink(stream.name)
-    result = Result(trial, status, took_s, _message(said))
+    result = Result(trial, status, took_s, _message(said), memory, arguments[0] if arguments else "")
     result.faults = list(_faults(result, said, before, _contents(folder)))
     return result
 
@@ -84,6 +94,8 @@ def _faults(result: Result, said: str, before: dict, after: dict):
         yield f"hangs: no end within {LIMIT_S:g} s of work or {PATIENCE_S:g} s"
     elif status not in trial.allowed:
         yield f"exit status {status}, expected {' or '.join(map(str, trial.allowed))}"
+    if result.memory > MEMORY_BYTES or "not enough memory" in said:
+        yield f"memory: {result.memory >> 20} MiB, at most {MEMORY_BYTES >> 20}"
     if "Traceback" in said or "error: unforeseen" in said:
         yield "traceback: " + said.strip().splitlines()[-1]
     lines = said.strip().splitlines()
@@ -135,7 +147,7 @@ def _forked(trial: Trial, arguments: list[str], folder: Path, out, err) -> int:
         os.dup2(out.fileno(), 1)
         os.dup2(err.fileno(), 2)
         sys.stdout, sys.stderr = os.fdopen(1, "w", closefd=False), os.fdopen(2, "w", closefd=False)
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+        _limit(0)
         os.chdir(folder)
         if trial.prepare:
             trial.prepare(folder)
@@ -161,25 +173,34 @@ def _main(arguments: list[str]) -> int:
 
 def _spawned(trial: Trial, arguments: list[str], folder: Path, out, err) -> int:
     """Start the command in a new interpreter, as the console script does; return its process id."""
-    return subprocess.Popen([*CONSOLE, *arguments], cwd=folder, stdout=out, stderr=err,
-                            start_new_session=True).pid  # fmt: skip
+    pid = subprocess.Popen([*CONSOLE, *arguments], cwd=folder, stdout=out, stderr=err,
+                           start_new_session=True).pid  # fmt: skip
+    _limit(pid)
+    return pid
 
 
-def _ended(pid: int) -> int | None:
-    """Wait for a process and return its status; kill its session and return None if it does not end."""
+def _limit(pid: int) -> None:
+    resource.prlimit(pid, resource.RLIMIT_DATA, (DENIED_BYTES, DENIED_BYTES))
+    resource.prlimit(pid, resource.RLIMIT_CPU, (round(LIMIT_S), round(LIMIT_S)))
+
+
+def _ended(pid: int) -> tuple[int | None, float, int]:
+    """Wait for a process; return its status, its processor time, s, and its most memory, bytes.
+
+    Processor time decides, so that a busy machine makes nothing a hang. What does not end is killed, its
+    session too; its status is None.
+    """
     began, pause = time.monotonic(), 0.002
-    while time.monotonic() - began < PATIENCE_S and _used(pid) < LIMIT_S:
-        done, status = os.waitpid(pid, os.WNOHANG)
+    while time.monotonic() - began < PATIENCE_S:
+        done, status, used = os.wait4(pid, os.WNOHANG)
         if done:
-            return os.waitstatus_to_exitcode(status)
+            code = os.waitstatus_to_exitcode(status)
+            return None if code in (-signal.SIGXCPU, -signal.SIGKILL) else code, *_spent(used)
         time.sleep(pause)
         pause = min(2 * pause, 0.05)
     os.killpg(pid, signal.SIGKILL)
-    os.waitpid(pid, 0)
-    return None
+    return None, *_spent(os.wait4(pid, 0)[2])
 
 
-def _used(pid: int) -> float:
-    """Return the processor time that a child has used, s: a busy machine makes nothing a hang."""
-    words = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+def _spent(used: resource.struct_rusage) -> tuple[float, int]:
+    return used.ru_utime + used.ru_stime, used.ru_maxrss * 1024

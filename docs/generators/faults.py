@@ -15,7 +15,9 @@ Found = Mapping[str, Any]
 def blocks() -> dict[str, Callable[[], str]]:
     """Return the tables by their names."""
     results = json.loads(RESULTS.read_text(encoding="utf-8"))
-    return {f"faults-{name}": lambda name=name: MAKERS[name](results[name]) for name in results}
+    return {
+        f"faults-{name}": lambda name=name: MAKERS[name](results[name]) for name in results if name in MAKERS
+    }
 
 
 def _head(what: str) -> str:
@@ -101,6 +103,8 @@ def _soak(found: Found) -> str:
         "steps": "steps",
         "messages": "messages in the bag",
         "lost_messages": "messages missing",
+        "lost_at_the_end_s": "lost when all processes were killed in the end, s",
+        "close_s": "closing the bag then, s",
         "memory_start_mib": "memory of the nodes at the first look, MiB",
         "memory_end_mib": "at the end, MiB",
         "memory_growth_mib_per_hour": "growth, MiB in an hour of the run",

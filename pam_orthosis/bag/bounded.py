@@ -50,9 +50,8 @@ def check_bag(path: Path) -> None:
                 read_text(path / METADATA_FILE)
                 return
             if any(path.glob("*.mcap")):
-                raise OrthosisError(
-                    f"{path} was never closed (no {METADATA_FILE}); run `pam-orthosis recover {path}`"
-                )
+                how = f"run `pam-orthosis recover {path} --in-place`"
+                raise OrthosisError(f"{path} was never closed (no {METADATA_FILE}); {how}")
             raise OrthosisError(f"{path} holds no bag (no {METADATA_FILE})")
         if not path.exists():
             raise OrthosisError(f"no bag at {path}")

@@ -85,12 +85,16 @@ def _written(folder: Path, files: Sequence[BagFile], brief: bool) -> bool:
 def _put_end(file: BagFile, about: Mapping[str, Any], brief: bool) -> None:
     begin = b"" if file.end else MAGIC + _header()
     end = begin + (_brief_end() if brief else _end(file, len(begin), about))
-    with told(file.path), open(file.path, "r+b", buffering=0) as stream:
+    with told(file.path), open(file.path, "r+b", buffering=0, opener=_no_link) as stream:
         stream.truncate(file.end)
         stream.seek(file.end)
         while end:
             end = end[stream.write(end) :]
         os.fsync(stream.fileno())
+
+
+def _no_link(name: str, flags: int) -> int:
+    return os.open(name, flags | os.O_NOFOLLOW)
 
 
 def _header() -> bytes:

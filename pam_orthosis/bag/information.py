@@ -9,6 +9,9 @@ from typing import Any
 
 import yaml
 
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.reading import from_yaml
+
 METADATA_FILE = "metadata.yaml"
 RUN_RECORD, BAG_RECORD = "pam_orthosis", "rosbag2"  # metadata in an MCAP file: of the run, of the bag
 NO_TYPE = "__schemaless__"  # as rosbags calls the type of a channel without a schema
@@ -97,4 +100,9 @@ def as_yaml(data: Any) -> str:
 
 @lru_cache
 def _qos_of(text: str) -> list[dict]:
-    return yaml.safe_load(text)
+    """Return qualities of service; none if they cannot be read."""
+    try:
+        read = from_yaml(text, "offered_qos_profiles")
+    except OrthosisError:
+        return []
+    return read if isinstance(read, list) else []

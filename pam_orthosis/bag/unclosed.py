@@ -30,6 +30,7 @@ from mcap.stream_reader import get_chunk_data_stream
 
 from pam_orthosis.bag.information import BAG_RECORD, RUN_RECORD, FileContent
 from pam_orthosis.bag.salvage import HEAD, MAGIC, OPCODES, Data, mapped, next_chunk
+from pam_orthosis.bag.unpack import MOST_BYTES, unpacked
 from pam_orthosis.errors import OrthosisError
 
 CHUNK_HEAD = struct.Struct("<QQQII")  # first and last log time, unpacked size, checksum, length of a name
@@ -150,7 +151,7 @@ def _records(data: Data) -> Iterator[tuple[int, int, int]]:
         opcode, length = HEAD.unpack_from(data, at)
         end = at + HEAD.size + length
         torn = end > size
-        if opcode not in OPCODES or (torn and next_chunk(data, size, at + 1) < size):
+        if length > MOST_BYTES or opcode not in OPCODES or (torn and next_chunk(data, size, at + 1) < size):
             raise Damaged(f"no whole record at byte {at}, and more behind it")
         if torn:
             return
@@ -202,7 +203,7 @@ def _unpack(file: BagFile, data: Data, number: int) -> dict[int, MessageIndex]:
     """Check and unpack a chunk; note what it declares, return the index of its messages."""
     there = file.chunks[number][0]
     begin = there.chunk_start_offset + HEAD.size
-    chunk = Chunk.read(_stream(data[begin : there.chunk_start_offset + there.chunk_length]))
+    chunk = unpacked(Chunk.read(_stream(data[begin : there.chunk_start_offset + there.chunk_length])))
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
     index: dict[int, MessageIndex] = {}
     while stream.count < size:

@@ -22,6 +22,7 @@ REST_FRACTION = 0.02
 REST_SECONDS = 0.1
 CATCH_UP_SECONDS = 2.0  # for a knee that was let go, to be back at its reference
 LONGEST_GAP_NS = SECOND_NS  # without a sample that can be judged, or missing at the end
+LEAST_SECONDS = 1.0  # of a run that was cut short, for a verdict on what is there
 LEAST_SHARE = 0.5  # of the samples that are there, which can be judged: in real time some get no answer
 ALWAYS_LED = ("gait", "sine", "steps", "hold")  # trajectories that never let the knee go
 PERIOD = "scenario.control_period"
@@ -85,14 +86,17 @@ def judge(
         bound_deg: passed if the largest |error| is at most this.
         skip_s: seconds at the start that are not judged.
         namespace: of the leg.
-        partial: what is there is judged as if it were all.
+        partial: what is there is judged as if it were all, if it lasts `LEAST_SECONDS`.
 
     Raises:
         OrthosisError: the bag is unusable or holds no sample after `skip_s`.
     """
     bag, remarks = _read(path, namespace)
     stamps, (angle, reference, velocity) = _kept(bag, skip_s)
-    incomplete = "" if partial else _incomplete(bag, stamps, skip_s)
+    incomplete = _incomplete(bag, stamps, skip_s)
+    if partial:
+        _check_enough(bag, stamps, incomplete)
+        incomplete = ""
     error = np.degrees(reference - angle)
     led = ~not_led(stamps, _closed(bag, stamps), np.abs(error) <= bound_deg)
     if not led.any():
@@ -253,6 +257,17 @@ def _incomplete(bag: Bag, judged: np.ndarray, skip_s: float) -> str:
     if len(judged) < LEAST_SHARE * most:
         return f"angle and reference share {len(judged)} of {most} stamps"
     return ""
+
+
+def _check_enough(bag: Bag, judged: np.ndarray, incomplete: str) -> None:
+    """Raise OrthosisError if too little of a run is there for any verdict."""
+    span_s = float(judged[-1] - judged[0]) / SECOND_NS
+    told_s = len(judged) * bag.parameters.get(PERIOD, span_s)
+    if incomplete and min(span_s, told_s) < LEAST_SECONDS:
+        raise OrthosisError(
+            f"{bag.path}: {len(judged)} samples in {span_s:.3f} s are too few to judge a run by;"
+            f" samples of {LEAST_SECONDS:g} s are needed"
+        )
 
 
 def _closed(bag: Bag, stamps: np.ndarray) -> np.ndarray:

@@ -72,14 +72,14 @@ def execute(arguments: argparse.Namespace) -> int:
     found = identify(data, _held_out(arguments, data), tuple(arguments.degrees), arguments.damping)
     rows.check(found)
     source = f"identified on {_origin(found)} by `pam-orthosis identify`"
+    if arguments.update:
+        rows.update(arguments.update, found, source)
     written = {arguments.out: as_text(rows.as_yaml(found, source))} if arguments.out else {}
     if arguments.figures:
         from pam_orthosis.report.identification import drawn  # matplotlib takes its time to load
 
         written |= drawn(found, arguments.figures)
     write_files(written)
-    if arguments.update:
-        rows.update(arguments.update, found, source)
     print(json.dumps(found.as_dict(), indent=2) if arguments.json else describe(found))
     return 0
 

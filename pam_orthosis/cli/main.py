@@ -13,6 +13,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
+from io import TextIOWrapper
 from threading import current_thread, main_thread
 from types import FrameType, ModuleType
 from typing import NoReturn
@@ -56,6 +57,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _interrupted.clear()
     if current_thread() is main_thread():
         _catch_signals()
+    for stream in (sys.stdout, sys.stderr):  # names of files need not be text
+        if isinstance(stream, TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
     try:
         return _dispatch(sys.argv[1:] if arguments is None else list(arguments))
     except BrokenPipeError:  # nobody reads the rest

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pam_orthosis.cli.identify import FIGURES
-from pam_orthosis.files import as_text, output, refuse_existing, write_files
+from pam_orthosis.files import REMAKE, as_text, output, refuse_existing, write_files
 from pam_orthosis.model.parameters import load
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def execute(arguments: argparse.Namespace) -> int:
     from pam_orthosis.report.paper.observer import DAMPING, POLE
 
     page, pictures = arguments.out / "paper.md", arguments.out / "pictures"
-    refuse_existing([page, *(pictures / name for name in PICTURES)], arguments.overwrite)
+    refuse_existing([page, *(pictures / name for name in PICTURES)], arguments.overwrite, REMAKE)
     identified = _identified()
     _say("fig. 8: observer")
     observed = observer.observe()

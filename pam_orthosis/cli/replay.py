@@ -85,7 +85,8 @@ def _replay(arguments: argparse.Namespace, namespace: str) -> list[TopicComparis
     with tempfile.TemporaryDirectory(prefix="pam-orthosis-") as folder, ExitStack() as stack:
         work = Path(folder)
         answers = arguments.out.resolve() if arguments.out else work / "answers"
-        player = {"bag": str(bag), "namespace": namespace, "directory": str(answers)}
+        player = {"bag": launch.as_parameter(bag), "directory": launch.as_parameter(answers)}
+        player["namespace"] = namespace
         domain = stack.enter_context(launch.free_domain())
         stamps = script.messages["joint_states"]
         progress = Progress((max(stamps) - min(stamps)) / SECOND_NS, domain)

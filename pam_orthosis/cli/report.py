@@ -8,7 +8,16 @@ from functools import partial
 from pathlib import Path
 
 from pam_orthosis.cli.check import describe, not_negative
-from pam_orthosis.files import Write, as_text, bag_name, output, refuse_existing, refuse_used, write_files
+from pam_orthosis.files import (
+    REMAKE,
+    Write,
+    as_text,
+    bag_name,
+    output,
+    refuse_existing,
+    refuse_used,
+    write_files,
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,13 +43,13 @@ def execute(arguments: argparse.Namespace) -> int:
     bag = arguments.bag.resolve()
     folder = arguments.out or Path(f"{bag_name(bag)}-report")
     if not (arguments.out or arguments.overwrite):
-        refuse_used(folder)
+        refuse_used(folder, REMAKE)
     leg = arguments.namespace.strip("/").replace("/", "-")
     name = f"{bag_name(bag)}{leg and '-'}{leg}"
     makers = {"page": ("html", _page), "picture": ("png", _picture), "table": ("csv", _table),
               "animation": ("gif", _animation)}  # fmt: skip
     wanted = [makers[kind] for kind in ([arguments.only] if arguments.only else ["page", "picture"])]
-    refuse_existing([folder / f"{name}.{ending}" for ending, _ in wanted], arguments.overwrite)
+    refuse_existing([folder / f"{name}.{ending}" for ending, _ in wanted], arguments.overwrite, REMAKE)
     files = {folder / f"{name}.{ending}": make(bag, arguments) for ending, make in wanted}
     write_files(files, arguments.overwrite)
     print(*files, sep="\n")

@@ -121,13 +121,14 @@ def _check_header(path: Path, header: list[str]) -> None:
 def _numbers(path: Path, header: list[str], line: int, row: list[str]) -> list[float]:
     if len(row) != len(header):
         raise OrthosisError(f"{path}, line {line}: {len(row)} fields, the header has {len(header)}")
-    try:
-        values = [float(text) for text in row]
-    except ValueError as error:
-        raise OrthosisError(f"{path}, line {line}: {error}") from error
-    for name, value in zip(header, values, strict=True):
-        if not math.isfinite(value):
-            raise OrthosisError(f"{path}, line {line}: column {name} holds a value that is not finite")
+    values = []
+    for name, cell in zip(header, row, strict=True):
+        try:
+            values.append(float(cell))
+        except ValueError as error:
+            raise OrthosisError(f"{path}, line {line}, column {name}: {shown(cell)} is no number") from error
+        if not math.isfinite(values[-1]):
+            raise OrthosisError(f"{path}, line {line}, column {name}: {shown(cell)} is not finite")
     return values
 
 

@@ -176,7 +176,7 @@ class Parameters(Section):
         try:
             broken = list(broken_rules(result.flat()))
         except (TypeError, IndexError, KeyError) as error:  # a row in config/ of another kind, or gone
-            raise OrthosisError(f"config/ holds a value of the wrong kind, or one is missing ({error})") from error
+            raise OrthosisError(f"config/: a value is of the wrong kind or missing ({error})") from error
         for message in broken:
             raise OrthosisError(message)
         return result

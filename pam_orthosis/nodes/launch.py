@@ -54,7 +54,7 @@ def commands(
     legs are so many groups of the same nodes, each in its namespace, and one recorder outside them.
     """
     told = {"realtime": mode.realtime, "with_plant": mode.with_plant, "replay": False, "leg": ""}
-    recorder = {**told, "directory": str(bag), "scenario_name": scenario}
+    recorder = {**told, "directory": as_parameter(bag), "scenario_name": scenario}
     specs = [spec for spec in LAYOUT.values() if mode.with_plant or spec.name != PLANT]
     if not mode.legs:
         recorder["aside"] = mode.composed
@@ -68,6 +68,17 @@ def commands(
         legs_group = _Group(work, parameters.changed(differences), there, leg, settings, own_clock)
         group |= legs_group.commands(mode.composed)
     return group
+
+
+def as_parameter(path: Path) -> str:
+    """Return a path as a parameter of a node; OrthosisError if its name is no text."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise OrthosisError(
+            f"{str(path)!a} is not UTF-8, and parameters of ROS nodes must be; choose another name"
+        ) from None
+    return str(path)
 
 
 def replay_commands(

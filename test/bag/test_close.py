@@ -140,6 +140,17 @@ def test_what_is_damaged_elsewhere_is_left_as_it_is_and_can_be_copied(killed, tm
     assert _contents(killed) == before
 
 
+def test_a_link_to_a_file_elsewhere_is_not_followed(killed, tmp_path, capsys):
+    last, elsewhere = killed / "bag_2.mcap", tmp_path / "theirs.mcap"
+    last.rename(elsewhere)
+    last.symlink_to(elsewhere)
+    before = elsewhere.read_bytes()
+    assert main(["recover", str(killed), "--in-place"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert elsewhere.read_bytes() == before
+    assert not (killed / "metadata.yaml").exists()
+
+
 def test_channels_that_are_declared_late_are_found(tmp_path):
     with Killed(tmp_path / "bag") as writer:
         for number in range(40):

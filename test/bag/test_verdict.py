@@ -177,7 +177,7 @@ def _tracking(folder, drop=(), **parameters):
     [
         (range(250, 1000), {}, "from 1.245 to 4.995 s angle and reference share no stamp"),
         (range(300, 600), {}, "from 1.495 to 3.000 s angle and reference share no stamp"),
-        ([k for k in range(1000) if k % 100], {}, "angle and reference share 10 of 1000 stamps"),
+        ([k for k in range(1000) if k % 4], {}, "angle and reference share 250 of 1000 stamps"),
         ((), {"scenario.duration": 60.0}, "the bag ends after 4.995 of 60 s"),
     ],
 )
@@ -190,6 +190,18 @@ def test_what_cannot_be_judged_does_not_pass(tmp_path, drop, parameters, said, c
     assert main(["check", str(bag)]) == 1
     assert f"INCOMPLETE: {said}; `check --partial`" in capsys.readouterr().out
     assert main(["check", str(bag), "--partial"]) == 0
+
+
+@pytest.mark.parametrize(
+    "drop",
+    [range(1, 1000), range(150, 1000), [k for k in range(1000) if k % 10]],
+    ids=["one", "0.75 s", "sparse"],
+)
+def test_too_few_samples_pass_nothing(tmp_path, drop, capsys):
+    """Those of less than a second are no run, however many there should be."""
+    bag = _tracking(tmp_path / "walk", drop)
+    assert main(["check", str(bag), "--partial"]) == 2
+    assert "too few to judge a run by" in capsys.readouterr().err
 
 
 def test_samples_that_are_lost_here_and_there_are_no_matter(tmp_path):

@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Usage, errors and exit status of the entry script."""
 
+import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from pam_orthosis.cli.main import VERBS, main
 from pam_orthosis.cli.run import _assignment
+
+WALK = Path(__file__).resolve().parents[2] / "bags" / "walk"
 
 
 def test_help_of_the_program_and_of_each_verb(capsys):
@@ -96,3 +101,27 @@ def test_what_nobody_foresaw_is_one_line_and_no_answer(tmp_path, capsys, monkeyp
     monkeypatch.setenv("PAM_ORTHOSIS_TRACEBACK", "1")
     with pytest.raises(ZeroDivisionError):
         main(["check", str(tmp_path)])
+
+
+ODD = os.fsdecode(b"b\xe4g")  # a name that is no UTF-8
+
+
+@pytest.mark.parametrize("arguments", [["check"], ["report", "--only", "table"], ["recover"]])
+def test_a_name_that_is_no_text_is_read_and_told(tmp_path, arguments):
+    verb, *options = arguments
+    shutil.copytree(WALK, tmp_path / ODD)
+    command = [sys.executable, "-m", "pam_orthosis.cli.main", verb, ODD, *options]
+    environment = {**os.environ, "PYTHONIOENCODING": "utf-8:strict"}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout
+
+
+@pytest.mark.parametrize("arguments", [["run", "--duration", "1", "--out"], ["replay", str(WALK), "--out"]])
+def test_a_name_that_no_node_can_be_told_is_refused_in_one_line(tmp_path, monkeypatch, capsys, arguments):
+    pytest.importorskip("rclpy")
+    monkeypatch.chdir(tmp_path)
+    assert main([*arguments, ODD]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert "b\\udce4g' is not UTF-8, and parameters of ROS nodes must be; choose another name" in said
+    assert list(tmp_path.iterdir()) == []

@@ -94,8 +94,8 @@ def observer_rows(found: Results) -> list[Row]:
         ),
         Row(
             "the same on the emulated hardware", "-", f"{hardware.lag * 1e3:.1f} ms",
-            "against the torque that is missing in Eq. (26) to explain the true motion: friction, hysteresis and "
-            "misfit of the muscles included",
+            "against the torque that is missing in Eq. (26) to explain the true motion: friction, hysteresis "
+            "and misfit of the muscles included",
         ),
         Row(
             "amplitude of the estimate / true", "-", f"{run.gain:.3f}", "at the same frequency",
