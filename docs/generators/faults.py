@@ -96,6 +96,20 @@ def _kills(found: Found) -> str:
     return _head(said) + table(head, rows)
 
 
+def _strangers(found: Found) -> str:
+    rows = [
+        (
+            mode,
+            str(each["tried"]),
+            f"{each['in_time']} of {each['tried']}",
+            "-" if each["longest_s"] is None else f"{each['longest_s']:.2f}",
+            "; ".join(each["wrong"]) or "-",
+        )
+        for mode, each in found["strangers"].items()
+    ]
+    return table(("run", "tried", "ended within 2 s", "longest, s", "wrong"), rows)
+
+
 def _soak(found: Found) -> str:
     units = {
         "seconds": "simulated, s",
@@ -121,5 +135,6 @@ MAKERS: dict[str, Callable[[Found], str]] = {
     "signals": _signals,
     "guards": _guards,
     "kills": _kills,
+    "strangers": _strangers,
     "soak": _soak,
 }

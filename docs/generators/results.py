@@ -102,15 +102,10 @@ def gap() -> str:
         quiet = sum(r["found"]["verdict"] == "none" for r in cases)
         rows.append((words, str(len(cases)), f"verdict none: {_share(quiet, len(cases))}", "-"))
     outside = [r for r in blind_cases() if r["set"] == "outside"]
-    honest = sum(gap_table.outcome(r) in ("none", "failed") for r in outside)
-    rows.append(
-        (
-            "an effect outside the catalogue",
-            str(len(outside)),
-            f"no name: {_share(honest, len(outside))}",
-            "-",
-        )
-    )
+    honest = sum("found" in r and r["found"]["verdict"] == "unexplained" for r in outside)
+    named = sum("found" in r and bool(gap_table.names(r)) for r in outside)
+    words = f"verdict unexplained: {_share(honest, len(outside))}"
+    rows.append(("an effect outside the catalogue", str(len(outside)), words, _share(named, len(outside))))
     return table(("hidden", "cases", "right", "a wrong name"), rows)
 
 
