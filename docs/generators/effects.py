@@ -58,18 +58,18 @@ def _source(e: Effect) -> str:
 def _parameters(e: Effect) -> str:
     rows = [
         (
-            f"`{q.name}`", value(q.typical), q.unit,
-            bounds(Row("", q.typical, q.unit, q.minimum, q.maximum, "", "")), q.meaning,
+            f"`{q.name}`", q.meaning, value(q.typical), q.unit,
+            bounds(Row("", q.typical, q.unit, q.minimum, q.maximum, "", "")),
             "-" if q.neutral is None else value(q.neutral), "yes" if q.fitted else "no",
         )
         for q in e.parameters
     ]  # fmt: skip
     head = (
         "parameter",
+        "meaning",
         "typical",
         "unit",
         "range",
-        "meaning",
         "the effect vanishes at",
         "estimated by `gap`",
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pam_orthosis
-from generators.markdown import table
+from generators.markdown import WIDE, table
 
 PACKAGE = Path(pam_orthosis.__file__).parent
 MEANING = {
@@ -128,4 +128,4 @@ def pages() -> dict[str, str]:
         " their docstrings say about it. [Model and equations](../explanation/model.md) puts them in"
         " order.\n\n"
     )
-    return {"reference/equations.md": head + table(("equation", "what it says", "where"), rows)}
+    return {"reference/equations.md": WIDE + head + table(("equation", "what it says", "where"), rows)}

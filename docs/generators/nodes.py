@@ -114,7 +114,7 @@ def pages() -> dict[str, str]:
 
 def topic_table() -> str:
     """Return all topics of a run as a table."""
-    head = ("topic", "type", "unit", "meaning", "published by", "subscribed by", "rate")
+    head = ("topic", "meaning", "type", "unit", "published by", "subscribed by", "rate")
     return table(head, (_topic_row(topic) for topic in topics.TOPICS))
 
 
@@ -122,7 +122,7 @@ def _topic_row(topic) -> tuple[str, ...]:
     listeners = [name for name in topic.subscribers if name != topics.RECORDER]
     to = "all other nodes" if len(listeners) > 3 else ", ".join(listeners)
     return (
-        f"`{topic.name}`", f"`{topic.type.replace('/msg/', '/')}`", topic.unit, topic.meaning,
+        f"`{topic.name}`", topic.meaning, f"`{topic.type.replace('/msg/', '/')}`", topic.unit,
         "every node" if len(topic.producers) > 1 else topic.producers[0],
         ", ".join(filter(None, [to, "recorder" if topic.recorded else ""])),
         RATES["slow" if topic.slow else topic.rate],

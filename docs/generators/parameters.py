@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A page for each file of `config/`: every parameter with unit, range, meaning and source."""
 
-from generators.markdown import parameter_rows
+from generators.markdown import WIDE, parameter_rows
 from pam_orthosis.model.parameters import SUBJECTS, load
 
 FOLDER = "reference/parameters"
@@ -33,7 +33,7 @@ def _page(subject: str) -> str:
     rows = [
         r for r in load().rows() if r.key.split(".")[0] == subject and not r.key.startswith("plant.effects.")
     ]
-    page = f"# Parameters: {subject}\n\n{ABOUT[subject]}\n\n{parameter_rows(rows)}"
+    page = f"{WIDE}# Parameters: {subject}\n\n{ABOUT[subject]}\n\n{parameter_rows(rows)}"
     if subject == "plant":
         page += "\nThe [catalogue of effects](../effects/index.md) lists `plant.effects.*`.\n"
     if subject == "scenario":

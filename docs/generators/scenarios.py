@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of scenarios, from `config/scenario.yaml`."""
 
-from generators.markdown import table
+from generators.markdown import WIDE, table
 from pam_orthosis.model.parameters import experiments, scenario_names, scenario_overrides
 
 HEAD = """# Scenarios
@@ -16,7 +16,7 @@ what else can be set.
 def pages() -> dict[str, str]:
     """Return the page."""
     rows = [(f"`{name}`", meaning, _set(name)) for name, meaning in scenario_names().items()]
-    return {"reference/scenarios.md": HEAD + table(("scenario", "meaning", "sets"), rows)}
+    return {"reference/scenarios.md": WIDE + HEAD + table(("scenario", "meaning", "sets"), rows)}
 
 
 def experiment_table() -> str:
