@@ -73,7 +73,7 @@ class Salvage:
             try:
                 end, opcode, found = read_record(data, size, at)
             except Exception:  # damaged bytes make the readers raise anything
-                end = next_chunk(data, size, at + 1)
+                end = _behind_too_large(data, size, at) or next_chunk(data, size, at + 1)
                 self.lost.append(_loss(data, at, end))
                 at = end
                 continue
@@ -91,6 +91,16 @@ def read_record(data: Data, size: int, at: int) -> tuple[int, int, list[McapReco
         raise ValueError("a record that is too large")
     stream = ReadDataStream(BytesIO(data[begin:end])) if opcode in READERS else None
     return end, opcode, READERS[opcode](stream, length) if stream else []
+
+
+def _behind_too_large(data: Data, size: int, at: int) -> int:
+    """Return the end of a record that is too large to be read but has another behind it, else 0."""
+    if at + HEAD.size > size:
+        return 0
+    opcode, length = HEAD.unpack_from(data, at)
+    end = at + HEAD.size + length
+    whole = opcode in OPCODES and length > MOST_BYTES and end < size and data[end] in OPCODES
+    return end if whole else 0
 
 
 READERS = {

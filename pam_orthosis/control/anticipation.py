@@ -22,6 +22,10 @@ class Pending:
         """Take the command of this step."""
         self._values.appendleft(value)
 
+    def clear(self) -> None:
+        """Forget all commands."""
+        self._values.clear()
+
     def hold(self, periods: int) -> None:
         """Have the last command given for so many periods instead of one: it was, if samples were missed."""
         for value in list(self._values)[:1]:
@@ -50,6 +54,11 @@ class Anticipation:
         self.horizon = lag + 0.5 * self._period if lag else 0.0
         self._last: float | None = None
         self._jerk = 0.0
+
+    def restart(self) -> None:
+        """Begin anew with the next reference."""
+        self._pending.clear()
+        self._last, self._jerk = None, 0.0
 
     def reference(self, now: Reference, periods: int = 1) -> Reference:
         """Return the reference at the horizon by its Taylor series; call it once a step.

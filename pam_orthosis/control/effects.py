@@ -114,6 +114,10 @@ class EffectTorque:
             self._added, self._memory = compiled(added), compiled(effect_memory(belief))
             self.states = np.zeros(added.size1_in(3))
 
+    def restart(self) -> None:
+        """Take the next reference as it comes, without a motion to it."""
+        self._motion = None
+
     def step(
         self, reference: Reference, extensor_pressure: float, flexor_pressure: float, periods: int = 1
     ) -> float:

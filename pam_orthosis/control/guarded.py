@@ -4,8 +4,8 @@
 Three reactions, the mildest that is safe: *hold* bridges some unusable samples with the last usable one,
 *limited* cuts what is asked for to what is allowed, *vent* lets the air out: for good when a signal is
 lost, for the time being while knee or pressure do not follow. The position controller asks for it by a
-reference pressure of the ambient, which every later controller understands. Without faults each returns
-what its controller returns, to the last bit.
+reference pressure of the ambient, which every later controller understands, and leads the knee back to its
+reference afterwards. Without faults each returns what its controller returns, to the last bit.
 """
 
 from __future__ import annotations
@@ -18,9 +18,11 @@ from pam_orthosis.control.inverse_valve import InverseValveModel
 from pam_orthosis.control.position import PositionCommand, PositionController
 from pam_orthosis.control.pressure import PressureController
 from pam_orthosis.control.rates import position_belief
+from pam_orthosis.control.returning import Release, Return, vented
 from pam_orthosis.control.trajectory import VALVES_CLOSED, Reference
 
 NEAR = 0.2  # of the largest error: what is followed is caught up with
+SILENT_PERIODS = 20  # without a sample, after which valves have vented by themselves
 VENT_FLOW = -1.0  # kg/s: far more than a valve can pass, so that it opens fully
 
 
@@ -77,10 +79,12 @@ class GuardedPosition(_Guarded):
     """The position controller behind guards of its measurements and its reference.
 
     A reference beyond the joint's limits is limited to them, an unusable one held. It vents for good when
-    a signal is lost, and while the knee is far from its reference, or much faster or slower, for too long.
+    a signal is lost. It releases the knee when that is far from its reference, or much faster or slower, or
+    when a muscle has not the pressure that was asked for, for too long. A knee that was released, and one
+    that is found vented or far from its reference at the start, is led back (`Return`). When so many
+    returns in a row have failed it stays released, until something else has vented the muscles meanwhile:
+    an emergency stop, say.
     """
-
-    RELEASED = "knee does not follow"
 
     def __init__(self, parameters, controller: PositionController):
         belief = position_belief(parameters)
@@ -88,12 +92,21 @@ class GuardedPosition(_Guarded):
         guards |= {f"{name} pressure": guard.pressure_guard(belief) for name in ("extensor", "flexor")}
         super().__init__(belief, guards)
         g, joint = belief.control.guard, belief.leg.joint
-        self._controller = controller
+        self._belief, self._controller = belief, controller
         self._low, self._high = joint.minimum, joint.maximum
         self._reference = Reference(belief.scenario.start_angle, 0.0, 0.0)
-        self._distance, self._far = g.tracking_error, guard.overdue(g.tracking_time, belief)
-        self._speed, self._swings = g.velocity_error, guard.overdue(g.hold_time, belief)
+        self._distance, self._speed = g.tracking_error, g.velocity_error
+        self._pressure_error = g.pressure_error
         self._ambient = belief.valve.ambient_pressure
+        self._watch_anew()
+        self._begun, self._trusted = False, guard.overdue(g.trust_time, belief)
+        self._most, self._failed, self._returns = g.returns, 0, 0
+        self._release: Release | None = None
+        self._return: Return | None = None
+
+    def health(self) -> dict[str, Any]:
+        """Return what the guards did, and how often the knee was led back or is just now."""
+        return {**super().health(), "returns": self._returns, "returning": self._return is not None}
 
     def retune(self, parameters) -> None:
         """Pass new values on to the controller."""
@@ -111,26 +124,97 @@ class GuardedPosition(_Guarded):
 
         It is so many of the position controller's periods later than the last one.
         """
+        desired = reference.angle
         if reference.planned_angle is not None:
             reference = reference.followed()
         reference = self._usable(reference)
-        angle = self._guards["angle"].step(angle, reference.angle, periods)
+        follows = self._release is None and self._return is None
+        angle = self._guards["angle"].step(angle, reference.angle if follows else None, periods)
         extensor = self._guards["extensor pressure"].step(extensor_pressure, periods=periods)
         flexor = self._guards["flexor pressure"].step(flexor_pressure, periods=periods)
-        command = self._controller.step(angle, extensor, flexor, reference, periods)
+        pressures = extensor, flexor
+        driven = reference.mean_pressure != VALVES_CLOSED
+        away = min(abs(aim - angle) for aim in (reference.angle, desired))  # a plan begins anywhere near
+        if driven and self._is_astray(away, pressures, periods):
+            self._lead_back(pressures)
+        wanted = self._way(reference, angle, periods)
+        command = self._controller.step(angle, *pressures, wanted, periods)
         if not self._finite("estimate", *command[:6]):
             command = PositionCommand(self._ambient, self._ambient, angle, 0.0, 0.0, 0.0, False, False)
-        self._watch_motion(reference, angle, command.velocity, periods)
+        if driven:
+            command = self._judged(command, wanted, angle, pressures, periods)
         if self._venting():
-            return command._replace(extensor_pressure=self._ambient, flexor_pressure=self._ambient)
+            asked = self._ambient if self._vent or self._release is None else self._release.asked
+            return command._replace(extensor_pressure=asked, flexor_pressure=asked)
         return command
 
-    def _watch_motion(self, reference: Reference, angle: float, velocity: float, periods: int) -> None:
-        driven = reference.mean_pressure != VALVES_CLOSED
-        away, faster = abs(reference.angle - angle), abs(velocity - reference.velocity)
-        far = self._far.step(driven and away > self._distance, periods)
-        swings = self._swings.step(driven and faster > self._speed)
-        self._watch(far or swings, away < NEAR * self._distance and faster < NEAR * self._speed)
+    def _is_astray(self, away: float, pressures, periods: int) -> bool:
+        """Whether the knee may be anywhere, at the start or after a long silence, and is not at its place."""
+        first, self._begun = not self._begun, True
+        if self._release is not None or not (first or periods >= SILENT_PERIODS):
+            return False
+        return vented(pressures, self._belief) or away > NEAR * self._distance
+
+    def _way(self, reference: Reference, angle: float, periods: int) -> Reference:
+        """Return what the controller is to follow."""
+        if reference.mean_pressure == VALVES_CLOSED:
+            return reference
+        if self._release is not None:
+            return Reference(angle, 0.0, 0.0, reference.mean_pressure)
+        return reference if self._return is None else self._return.reference(angle, reference, periods)
+
+    def _judged(
+        self, command: PositionCommand, wanted: Reference, angle: float, pressures, periods: int
+    ) -> PositionCommand:
+        """Return the command as it rises, after a look at knee and muscles; release what does not follow."""
+        if self._release is not None:
+            if self._release.step(pressures, command.velocity, periods):
+                self._try_again(pressures)
+            elif self._release.held_empty:
+                self._failed = 0  # what fails is not the return
+            return command
+        if self._return is not None:
+            extensor, flexor = self._return.pressures(command[:2])
+            command = command._replace(extensor_pressure=extensor, flexor_pressure=flexor)
+        self._watch_motion(wanted, angle, command, pressures, periods)
+        if self._return is not None and self._return.over:
+            self._return = None
+        if self._trusted.step(self._failed > 0 and self._return is None, periods):
+            self._failed = 0
+        return command
+
+    def _watch_motion(self, wanted: Reference, angle: float, command, pressures, periods: int) -> None:
+        away, faster = abs(wanted.angle - angle), abs(command.velocity - wanted.velocity)
+        far = self._far.step(away > self._distance, periods)
+        swings = self._swings.step(faster > self._speed)
+        short = any(map(self._is_short, command[:2], pressures))
+        if far or swings or self._unfilled.step(short, periods):
+            self.RELEASED = "knee does not follow" if far or swings else "pressure does not follow"
+            self._loose, self._release, self._return = True, Release(self._belief), None
+            self._failed += 1
+
+    def _is_short(self, asked: float, pressure: float) -> bool:
+        """Whether a muscle has not what is asked for: of a low pressure half is missed already."""
+        least = 0.5 * (asked + self._ambient)
+        return abs(asked - pressure) > self._pressure_error or pressure < least
+
+    def _try_again(self, pressures) -> None:
+        if self._failed > self._most:
+            self.RELEASED = f"knee does not follow, given up after {self._most} returns"
+        else:
+            self._lead_back(pressures)
+
+    def _lead_back(self, pressures) -> None:
+        self._controller.restart()
+        self._watch_anew()
+        self._loose, self._release, self._return = False, None, Return(pressures, self._belief)
+        self._returns += 1
+
+    def _watch_anew(self) -> None:
+        g = self._belief.control.guard
+        self._far = guard.overdue(g.tracking_time, self._belief)
+        self._swings = guard.overdue(g.hold_time, self._belief)
+        self._unfilled = guard.overdue(g.pressure_time, self._belief)
 
     def _usable(self, reference: Reference) -> Reference:
         if self._command_held(number for number in reference[:4] if number is not None):

@@ -122,6 +122,10 @@ class Observer:
         """Take the values of `LIVE`; the estimate goes on from where it is."""
         self._tuned = live.values(parameters, LIVE)
 
+    def restart(self) -> None:
+        """Begin anew at the next measurement."""
+        self._state = None
+
     def step(
         self,
         angle: float,

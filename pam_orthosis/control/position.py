@@ -198,6 +198,14 @@ class PositionController:
         self._tuned = live.values(parameters, _OF_COMMAND)
         self._observer.retune(parameters)
 
+    def restart(self) -> None:
+        """Begin anew at the next sample, wherever the knee is then; what lives in the leg goes on."""
+        self._observer.restart()
+        self._let_go = [0.0, 0.0]
+        self._ahead.restart()
+        self._now.restart()
+        self._then.restart()
+
     def step(
         self,
         angle: float,

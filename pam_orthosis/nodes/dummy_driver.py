@@ -11,7 +11,6 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-import rclpy
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
@@ -126,7 +125,7 @@ def main() -> int:
             executor.spin_once(timeout_sec=SPIN_SECONDS)
     finally:  # whatever has happened
         driver.vent()
-        rclpy.try_shutdown()
+        graph.leave([driver])
     return 0
 
 

@@ -66,6 +66,7 @@ SILENT_TURNS = 2  # after which there are no more: in one the machine may have s
 STUCK_SECONDS = 60.0  # without a beat, after which a process of a run ends itself
 ARM_SECONDS = 5.0
 LEAVING_SECONDS = 10.0  # the same for one whose supervisor is gone
+LEAVE_SECONDS = 1.0
 ORPHAN_SECONDS = 0.6  # nobody sees to it that the recorder ends last
 QUEUE_DEPTH = 10
 MOST_PERIODS = 20  # of missed samples that controllers make up for
@@ -232,7 +233,8 @@ class GraphNode(Node):
             subscription = subscribe(callback)
         else:
             met = partial(self.met_stranger, topic, leg)
-            subscription = self.ownership.listen(subscribe, callback, self._owners(topic), met)
+            back = partial(self._may_come_again, topic)
+            subscription = self.ownership.listen(subscribe, callback, self._owners(topic), met, back)
         if raw:
             self.inlets.append((subscription.topic_name, near))
         if not options.get("latched"):  # what is there comes by itself
@@ -243,6 +245,11 @@ class GraphNode(Node):
     def _unless_failed(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         """Return a callback that acts upon nothing once a stranger or another fault has ended the run."""
         return lambda message: None if self.failure else callback(message)
+
+    def _may_come_again(self, topic: str, nodes: set[str]) -> bool:
+        """Whether silent nodes of these names may have been killed: the end is said once, whoever lives."""
+        a_driver = not self.settings["with_plant"] and PLANT in self.topics[topic].producers
+        return topic != "end" and (a_driver or nodes <= set(self._owners(topic)))
 
     def met_stranger(self, topic: str, leg: str) -> None:
         """Note that somebody who does not belong there publishes on a topic; the run is ended."""
@@ -617,18 +624,32 @@ def _abandon(nodes: Sequence[GraphNode], executor: EventsExecutor, seconds: floa
 def run(make_nodes: Callable[[], Sequence[GraphNode]]) -> int:
     """Run the nodes of one process; return its exit status.
 
-    A run that was cut short has no time to take the process apart.
+    A run that was cut short has no time to take the process apart; it leaves the middleware, so that its
+    peers need not wait until they forget it.
     """
+    nodes: list[GraphNode] = []
     try:
         start_ros()
-        whole, status = spin(make_nodes()), 0
+        nodes += make_nodes()
+        whole, status = spin(nodes), 0
     except Exception as error:
         whole, status = False, _reported(error)
     if not whole:
         sys.stderr.flush()
+        leave(nodes)
         os._exit(status)
     rclpy.try_shutdown()
     return status
+
+
+def leave(nodes: Sequence[Node]) -> None:
+    """Tell all peers that these nodes are gone; end the process if the middleware does not come back."""
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_REAL, LEAVE_SECONDS)
+    for node in nodes:
+        node.destroy_node()
+    rclpy.try_shutdown()
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 def start_ros() -> None:

@@ -21,12 +21,15 @@ MUSCLES = ("extensor", "flexor")
 class InverseValveModelNode(graph.GraphNode):
     """Publishes each step's voltage of each valve as soon as its own inputs are there.
 
-    The service `emergency_stop` makes it vent both muscles, whatever is asked of it, until `reset`.
+    The service `emergency_stop` makes it vent both muscles, whatever is asked of it, until `reset`, and for
+    so long at least that the position controller notices: it leads the knee back afterwards.
     """
 
     def __init__(self) -> None:
         super().__init__(VALVE)
         self._venting, self._vented = False, self.parameters.valve.minimum_voltage
+        self._stopped_ns, self._reset_asked = 0, False
+        self._shortest_ns = round(self.parameters.control.guard.rest_time * 1e9)
         self.offer("emergency_stop", self._vent)
         self.offer("reset", self._reset)
         self._both = Join(MUSCLES, self._answered)
@@ -53,20 +56,21 @@ class InverseValveModelNode(graph.GraphNode):
 
     def abandon(self) -> bool:
         """Tell both valves to vent: nobody controls them any more."""
-        self._venting = True
+        self._venting, self._reset_asked = True, False
         for muscle, stamp_ns in self._answered_ns.items():
             self._publish(muscle, stamp_ns + self.period_ns, self._vented)
         return True
 
     def _vent(self) -> str:
-        self._venting = True
+        self._venting, self._reset_asked, self._stopped_ns = True, False, self.time_ns
         return "both muscles are vented until reset"
 
     def _reset(self) -> str:
         if not self._venting:
             raise OrthosisError("there is no emergency stop to reset")
-        self._venting = False
-        return "the valves follow their controllers again"
+        self._reset_asked = True
+        least = f"{self._shortest_ns * 1e-9:g} s"
+        return f"the valves follow their controllers again, {least} after the stop at the earliest"
 
     def _answered(self, stamp_ns: int, *_: float) -> None:
         if self._answer:
@@ -79,6 +83,8 @@ class InverseValveModelNode(graph.GraphNode):
 
     def _step(self, muscle: str, stamp_ns: int, flow: tuple, pressure: tuple) -> None:
         asked = self._models[muscle].step(*flow, *pressure, self.periods_since(stamp_ns))
+        if self._reset_asked and self.time_ns - self._stopped_ns >= self._shortest_ns:
+            self._venting = self._reset_asked = False
         voltage = self._vented if self._venting else asked
         self._publish(muscle, stamp_ns, voltage)
         self._both.add(muscle, stamp_ns, voltage)

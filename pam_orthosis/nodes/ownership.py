@@ -3,7 +3,8 @@
 
 DDS takes anybody at his word, and a message does not tell who sent it. But a publisher is matched before
 its first message is delivered, so that one publisher too many is noticed before anything that it says is
-acted upon.
+acted upon. A node that was killed stays known until its lease ends: one of its name that comes while it is
+silent takes its place.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from pam_orthosis.errors import OrthosisError, RunFailed
 
 NAME_SECONDS = 1.0  # at most, until the graph tells which node a publisher belongs to
 LOOK_SECONDS = 0.5
+SILENT_SECONDS = 0.25  # five control periods of the longest kind, after which an owner that speaks is gone
+LEASE_SECONDS = 25.0  # at most, until the middleware forgets who was killed: 20 s if nothing else is set
 
 Refuse = Callable[[Callable[[], OrthosisError]], None]
 
@@ -53,10 +56,12 @@ class Ownership:
         callback: Callable[[Any], None],
         owners: Collection[str],
         met: Callable[[], None],
+        replaceable: Callable[[set[str]], bool],
     ) -> Subscription:
         """Subscribe where nobody but the owners, given by name, may publish.
 
-        `met` is called when somebody else is there, before `callback` gets anything of his.
+        `met` is called when somebody else is there, before `callback` gets anything of his. Nodes of
+        such names, whom nobody hears any more, were killed if one of the same name comes.
 
         The executor may hand out a message before the event that its publisher was matched: the count of
         publishers, which the middleware keeps, is asked for at each message.
@@ -64,17 +69,19 @@ class Ownership:
 
         def look() -> None:
             # not the total: one that went and came again, a driver say, is no stranger
-            if count() > most:
+            if not place.is_right(count()):
                 met()
                 self._refuse(lambda: RunFailed(self._publisher_too_many(subscription.topic_name, owners)))
 
         def receive(message: Any) -> None:
             look()
+            place.heard = time.monotonic()
             callback(message)
 
+        place = _Place(len(owners), replaceable, lambda: self._names(subscription.topic_name))
         events = SubscriptionEventCallbacks(matched=lambda _status: look())
         subscription = subscribe(receive, event_callbacks=events)
-        count, most = subscription.handle.get_publisher_count, len(owners)
+        count = subscription.handle.get_publisher_count
         return subscription
 
     def _look(self) -> None:
@@ -110,9 +117,13 @@ class Ownership:
 
     def _publishing(self, topic: str) -> list[str]:
         """Return the full names of the nodes that are known to publish on a topic."""
+        return sorted(set(self._names(topic)))
+
+    def _names(self, topic: str) -> list[str]:
+        """Return the full name of the node of each publisher on a topic that is known."""
         there = self._node.get_publishers_info_by_topic(topic)
         known = [one for one in there if "UNKNOWN" not in one.node_name]
-        return sorted({_joined(one.node_name, one.node_namespace) for one in known})
+        return [_joined(one.node_name, one.node_namespace) for one in known]
 
     def _offering(self, service: str) -> list[str]:
         """Return the full names of the nodes that are known to offer a service."""
@@ -135,3 +146,33 @@ def _without(own: str, names: Sequence[str]) -> list[str]:
 
 def _joined(name: str, namespace: str) -> str:
     return f"{namespace.rstrip('/')}/{name}"
+
+
+class _Place:
+    """Whether those who publish on a topic are its owners, one of them perhaps twice: killed, and back."""
+
+    def __init__(
+        self, most: int, replaceable: Callable[[set[str]], bool], names: Callable[[], Sequence[str]]
+    ):
+        self._most, self._replaceable, self._names = most, replaceable, names
+        self._granted, self._until = most, 0.0
+        self.heard = -SILENT_SECONDS
+
+    def is_right(self, count: int) -> bool:
+        """Whether so many publishers belong there."""
+        if count <= self._most:
+            self._granted = self._most
+            return True
+        if count > self._granted and self._is_taken_again(count):
+            self._granted, self._until = count, time.monotonic() + LEASE_SECONDS
+        return count <= self._granted and time.monotonic() < self._until
+
+    def _is_taken_again(self, count: int) -> bool:
+        """Whether nobody speaks, and no more different nodes are there than belong there."""
+        now = time.monotonic()
+        if now - self.heard < SILENT_SECONDS:
+            return False
+        while len(names := self._names()) < count and time.monotonic() < now + NAME_SECONDS:
+            time.sleep(0.01)
+        nodes = {name.rpartition("/")[2] for name in names}
+        return len(names) >= count and len(set(names)) <= self._most and self._replaceable(nodes)

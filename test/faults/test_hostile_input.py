@@ -91,6 +91,20 @@ def test_a_message_of_3_gib(verb, tmp_path):
     assert "3.0 GiB" in refused(verb, file, names=[file])
 
 
+def test_what_is_beside_a_message_of_3_gib_is_recovered(tmp_path):
+    data, file = (WALK / "walk_0.mcap").read_bytes(), tmp_path / "long.mcap"
+    at = 8 + 9 + struct.unpack_from("<Q", data, 9)[0]
+    with open(file, "wb") as stream:
+        stream.write(data[:at] + struct.pack("<BQ", 5, 3 * GIB))
+        stream.seek(3 * GIB, os.SEEK_CUR)
+        stream.write(data[at:])
+    ended = command("recover", file, "--out", tmp_path / "out")
+    assert ended.status == 0
+    assert ended.memory < MOST_MEMORY, ended
+    assert ended.work_s < MOST_WORK_S, ended
+    assert command("check", tmp_path / "out").status == 0
+
+
 def test_a_hole_in_place_of_records(tmp_path):
     file = tmp_path / "hole.mcap"
     data = (WALK / "walk_0.mcap").read_bytes()

@@ -17,7 +17,8 @@ from pam_orthosis.nodes.launch import free_domain
 
 RUN = [sys.executable, "-m", "pam_orthosis.cli.main", "run"]
 QUICK = ["--param", "scenario.start_hold=0.1", "--param", "scenario.start_ramp=0.2"]
-LIMIT_S = 60.0
+HEED = ["env", "--default-signal=HUP,INT,TERM"]  # a shell in the background has children ignore SIGINT
+LIMIT_S = 600.0  # after which a test counts as hung: no test is about speed
 
 
 @pytest.fixture(scope="session")
@@ -45,7 +46,7 @@ class LiveRun:
 
     def __init__(self, bag, *options):
         self.bag = bag
-        command = [*RUN, "--out", str(bag), "--duration", "3600", *options]
+        command = [*HEED, *RUN, "--out", str(bag), "--duration", "3600", *options]
         environment = {**os.environ, "TMPDIR": str(bag.parent)}
         self.process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
 
@@ -66,7 +67,7 @@ class LiveRun:
 
 
 def wait_for(condition):
-    """Wait for a condition, at most for a minute."""
+    """Wait for a condition, for ten minutes at most."""
     deadline = time.monotonic() + LIMIT_S
     while not condition():
         assert time.monotonic() < deadline, "waited in vain"

@@ -31,7 +31,7 @@ def _started(tmp_path, node, *arguments):
         ("dummy_driver", ["-p", "scenario.period:=0.01"], "has no parameter scenario.period"),
         ("dummy_driver", ["-p", "scenario.control_period:=50.0"], "scenario.control_period"),
         ("bag_recorder", ["-p", "legs:='5'"], "legs must be like"),
-        ("bag_recorder", ["-p", "legs:='left'"], "legs is no JSON"),
+        ("bag_recorder", ["-p", "legs:='left'"], "legs is not valid JSON"),
         ("bag_recorder", ["-p", "sample_timeout:=-1.0"], "sample_timeout must be a positive number"),
         ("plant_simulator", ["-p", "answer_timeout:=.nan"], "answer_timeout must be a positive number"),
     ],

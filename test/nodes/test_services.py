@@ -2,6 +2,7 @@
 """Start, stop, emergency stop and reset in a running graph, seen in its bag."""
 
 import os
+from functools import reduce
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from pam_orthosis.bag.read import read_bag
 from pam_orthosis.model.parameters import load
 
 rclpy = pytest.importorskip("rclpy")
+FOLLOWS_DEG = 3.0
 
 
 class Caller:
@@ -90,7 +92,7 @@ def test_services_and_live_parameters_act_in_a_running_graph(caller, live_run):
     caller.let_pass(0.5)
     assert caller.trigger("reset").success
     assert caller.trigger("start").success
-    caller.let_pass(ramp)
+    caller.let_pass(10.0)
     run.process.terminate()
     run.ended()
     _assert_story(run.bag)
@@ -98,7 +100,8 @@ def test_services_and_live_parameters_act_in_a_running_graph(caller, live_run):
 
 def _assert_story(bag):
     """The reference moves, rests, moves; the muscles are vented once, both, without a gap."""
-    recorded = read_bag(bag, ["reference_velocity", "extensor_voltage", "flexor_voltage"])
+    signals = ["reference_angle", "reference_velocity", "angle", "extensor_voltage", "flexor_voltage"]
+    recorded = read_bag(bag, signals)
     speed = np.abs(recorded["reference_velocity"].value)
     resting = np.flatnonzero(speed < 1e-9)
     middle = resting[resting > np.flatnonzero(speed > 0.1)[0]]
@@ -111,3 +114,22 @@ def _assert_story(bag):
     assert len(longest) > 50
     pressure = read_bag(bag, ["truth_extensor_pressure"])["truth_extensor_pressure"].value
     assert pressure[longest[-1]] < 1.3 * load().valve.ambient_pressure
+    _assert_followed(recorded, recorded["extensor_voltage"].stamp_ns[longest[-1]])
+
+
+def _assert_followed(recorded, vented_ns):
+    """The knee is led back after the stop, and follows the motion until the run is cut short."""
+    stamps, angles = common(recorded["reference_angle"], recorded["angle"])
+    error = np.rad2deg(np.abs(angles[0] - angles[1]))
+    last = stamps[-1] - 500_000_000  # then the run was cut short, and vented
+    assert error[(stamps > vented_ns) & (stamps < last)].max() > FOLLOWS_DEG
+    settled = (stamps > vented_ns + 7_000_000_000) & (stamps < last)
+    assert settled.sum() > 200
+    assert np.ptp(angles[0][settled]) > 0.5
+    assert error[settled].max() < FOLLOWS_DEG
+
+
+def common(*series):
+    """Return the stamps that all series have, and their values there."""
+    stamps = reduce(np.intersect1d, [each.stamp_ns for each in series])
+    return stamps, [each.value[np.searchsorted(each.stamp_ns, stamps)] for each in series]

@@ -34,7 +34,7 @@ def count_graph(work, every=1):
         command = [python, counted.__file__, str(FIRST), str(LAST), *rest]
         environment = launch.environment(work, domain)
         done = subprocess.run(
-            command, env=environment, capture_output=True, text=True, timeout=120, check=False
+            command, env=environment, capture_output=True, text=True, timeout=600, check=False
         )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout.splitlines()[-1])

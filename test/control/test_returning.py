@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The knee that was released, or is found somewhere, follows again: whatever vented it, wherever it hangs."""
+
+import numpy as np
+import pytest
+
+from pam_orthosis.control.loop import ClosedLoop
+from pam_orthosis.control.trajectory import make_trajectory
+from pam_orthosis.model.parameters import load, scenario_overrides
+from pam_orthosis.model.plant import Plant
+
+P = load()
+# s: a hand takes the knee after the stop, has it where it wants it, and frees it after the reset
+GRAB, REACH, LET_GO = 0.5, 1.0, 1.0
+BOUND_DEG = 1.0
+STOP, RESET = 2.0, 4.0
+ANGLES = np.linspace(P.leg.joint.minimum, P.leg.joint.maximum, 7)
+
+
+class Stopped:
+    """The plant, its valves vented for a time whatever is asked; meanwhile a hand may carry the knee."""
+
+    def __init__(self, parameters, vented, held=(), angle=0.0):
+        self._plant, self._vent = Plant(parameters, 1), parameters.valve.minimum_voltage
+        self._vented, self._held, self._angle, self._from = vented, held, angle, None
+        self.period_ns, self._steps = self._plant.period_ns, 0
+
+    def measure(self):
+        return self._plant.measure()
+
+    def truth(self):
+        return self._plant.truth()
+
+    def advance(self, *voltages):
+        time = self._steps * self.period_ns * 1e-9
+        self._steps += 1
+        if self._vented[0] <= time < self._vented[1]:
+            voltages = self._vent, self._vent
+        if self._held and self._held[0] <= time < self._held[1]:
+            self._from = self._plant.state[0] if self._from is None else self._from
+            carried = min((time - self._held[0]) / REACH, 1.0)
+            self._plant.state[:2] = self._from + carried * (self._angle - self._from), 0.0
+        self._plant.advance(*voltages)
+
+
+def _stopped(scenario, seconds, held=(), angle=0.0, vented=(STOP, RESET), **overrides):
+    p = load({**scenario_overrides(scenario), **overrides})
+    loop = ClosedLoop(p, plant=Stopped(p, vented, held, angle))
+    return p, loop, loop.run(round(seconds / p.scenario.control_period))
+
+
+def _assert_led_back(p, run, since, settled):
+    """From an instant on: pressures and speed within what is stated; the knee follows, and stays there."""
+    error = np.rad2deg(np.abs(run["reference_angle"] - run["true_angle"]))
+    assert error[run["time"] > settled].max() < BOUND_DEG
+    way = (run["time"] > since) & (run["time"] <= settled)
+    speed, own = np.abs(run["true_velocity"][way]), np.abs(run["reference_velocity"][way])
+    assert speed.max() <= own.max() + 1.2 * p.control.guard.return_speed
+    for muscle in ("extensor", "flexor"):
+        assert run[f"{muscle}_pressure_reference"].max() <= p.control.position.maximum_pressure
+        assert run[f"{muscle}_pressure"].max() < p.valve.supply_pressure
+        voltage = run[f"{muscle}_voltage"]
+        assert p.valve.minimum_voltage <= voltage.min() <= voltage.max() <= p.valve.maximum_voltage
+
+
+@pytest.mark.parametrize("scenario", ["default", "person"])
+@pytest.mark.parametrize("angle", ANGLES)
+def test_after_a_stop_the_knee_follows_again_from_any_angle(scenario, angle):
+    free = RESET + LET_GO
+    p, loop, run = _stopped(scenario, 12.0, (STOP + GRAB, free), angle)
+    _assert_led_back(p, run, free, 9.5)
+    assert np.abs(run["true_angle"] - angle)[np.searchsorted(run["time"], free) - 1] < 0.02
+    health = loop.health()["position"]
+    assert (health["vent"], health["returns"], health["returning"]) == ("", 1, False)
+
+
+@pytest.mark.parametrize("scenario", ["default", "person"])
+@pytest.mark.parametrize("last", [0.5, 2.0])
+@pytest.mark.parametrize("stop", [2.25, 3.1, 3.8])
+def test_a_stop_at_any_phase_of_the_gait_short_or_long(scenario, stop, last):
+    p, _, run = _stopped(scenario, stop + last + 8.0, vented=(stop, stop + last))
+    _assert_led_back(p, run, stop + last + 0.5, stop + last + 5.0)
+
+
+@pytest.mark.parametrize("scenario", ["default", "person"])
+@pytest.mark.parametrize("angle", ANGLES[:-1])
+def test_a_controller_that_starts_far_from_its_reference_leads_the_knee_there(scenario, angle):
+    trajectory = make_trajectory(load(scenario_overrides(scenario)))
+    p = load({**scenario_overrides(scenario), "scenario.start_angle": float(angle)})
+    run = ClosedLoop(p, 1, trajectory=trajectory).run(round(9.0 / p.scenario.control_period))
+    _assert_led_back(p, run, 0.0, 7.0)
+
+
+def test_a_knee_that_is_blocked_is_given_up_and_follows_after_the_next_stop():
+    p = load()
+    freed, second = 30.0, (31.0, 32.0)
+    plant = Stopped(p, (STOP, RESET), (STOP + GRAB, freed), 0.4)
+    loop = ClosedLoop(p, plant=plant)
+    first = loop.run(round(freed / p.scenario.control_period))
+    health = loop.health()["position"]
+    assert health["vent"] == f"knee does not follow, given up after {p.control.guard.returns} returns"
+    assert health["returns"] == p.control.guard.returns
+    late = first["time"] > 25.0
+    lowest = p.control.position.minimum_pressure
+    for muscle in ("extensor", "flexor"):
+        assert (first[f"{muscle}_pressure_reference"][late] == lowest).all()
+        assert first[f"{muscle}_pressure"][late].max() < 1.05 * lowest
+    plant._vented = second
+    rest = loop.run(round(12.0 / p.scenario.control_period))
+    error = np.rad2deg(np.abs(rest["reference_angle"] - rest["true_angle"]))
+    assert error[-400:].max() < BOUND_DEG
+    assert loop.health()["position"]["vent"] == ""
