@@ -2,10 +2,10 @@
 """Campaigns of faults: each adds what it found to benchmarks/results/faults.json.
 
 python benchmarks/faults.py all
-python benchmarks/faults.py input|signals|guards|kills|strangers|soak [--count N] [--seed N] [--out FILE]
+python benchmarks/faults.py input|signals|guards|kills|returns|strangers|soak [--count N] [--seed N]
 python benchmarks/faults.py kills --count 120 --seed 26 --load 8 --out benchmarks/results/kills-load8.json
 
-Kills and input keep each as a row in a file of their own (`--out`) and go on behind the last.
+Kills, returns and input keep each as a row in a file of their own (`--out`) and go on behind the last.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from fault_campaign import inputs, kills, signals, soak, strangers
+from fault_campaign import inputs, kills, returns, signals, soak, strangers
 
 ROOT = Path(__file__).resolve().parents[1]
 WALK, ROWS = ROOT / "bags" / "walk", ROOT / "benchmarks" / "results"
@@ -61,6 +61,12 @@ def run_kills(work: Path, count: int, seed: int, load: int = 0, rows: Path | Non
     return {"kills": told, "wrong": sum(bool(row["faults"]) or not row["in_time"] for row in done)}
 
 
+def run_returns(work: Path, count: int, _seed: int, rows: Path | None = None) -> dict:
+    """Nodes and the driver that leave, or are killed, and come again while the others go on."""
+    done = returns.campaign(work, count, rows or ROWS / "returns.json")
+    return {"returns": done, "wrong": sum(bool(row["faults"]) for row in done)}
+
+
 def run_strangers(work: Path, count: int, seed: int) -> dict:
     """Messages, services and names of nodes, forged by somebody else in the ROS domain of a run."""
     done = strangers.campaign(work, count, seed, ROWS / f"strangers-seed{seed}.json")
@@ -88,6 +94,7 @@ CAMPAIGNS = {
     "signals": Campaign(run_signals, 3),
     "guards": Campaign(run_guards, 1),
     "kills": Campaign(run_kills, 63),
+    "returns": Campaign(run_returns, 24),
     "strangers": Campaign(run_strangers, 200),
     "soak": Campaign(run_soak, 3600),
 }
@@ -122,12 +129,13 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--work", type=Path, help="keep what the campaign works with here")
     parser.add_argument("--load", type=int, default=0, help="of kills: processes that want the processor")
-    parser.add_argument("--out", type=Path, help="file of results, of kills and input: of rows")
+    parser.add_argument("--out", type=Path, help="file of results, of kills, returns and input: of rows")
     arguments = parser.parse_args()
-    if arguments.campaign == "input" and arguments.out:
+    if arguments.campaign in ("input", "returns") and arguments.out:
+        campaign = CAMPAIGNS[arguments.campaign]
         with tempfile.TemporaryDirectory(prefix="pam-orthosis-faults-") as folder:
-            count, work = arguments.count or CAMPAIGNS["input"].count, arguments.work or Path(folder)
-            return 1 if run_input(work, count, arguments.seed, arguments.out)["wrong"] else 0
+            count, work = arguments.count or campaign.count, arguments.work or Path(folder)
+            return 1 if campaign.run(work, count, arguments.seed, arguments.out)["wrong"] else 0
     if arguments.campaign == "kills" and arguments.out:
         return 1 if count_kills(arguments)["wrong"] else 0
     arguments.out = arguments.out or RESULTS

@@ -225,6 +225,28 @@ def filled(path: Path) -> Iterator[Path]:
             shutil.rmtree(unfinished, ignore_errors=True)
 
 
+@contextmanager
+def placed(path: Path) -> Iterator[Path]:
+    """Yield where to make a folder of this name; it is at the path in the end, whole, or not at all.
+
+    Raises:
+        OrthosisError: there is something, or nothing can be made there.
+    """
+    refuse_existing([path])
+    made = make_folder(path.parent)
+    unfinished = path.parent / f"{UNFINISHED}{secrets.token_hex(8)}"
+    try:
+        with told(path):
+            unfinished.mkdir()
+        yield unfinished / path.name
+        refuse_existing([path])
+        with told(path):
+            (unfinished / path.name).rename(path)
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        remove_empty(made)
+
+
 def _move(source: Path, folder: Path) -> None:
     """Move all that is in a folder into another one, or nothing."""
     refuse_existing(folder / one.name for one in source.iterdir())

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What several rooms of the tests share: commands of the documentation, each run once."""
 
+import os
 import shlex
 import shutil
 import subprocess
@@ -11,8 +12,10 @@ from pathlib import Path
 import pytest
 
 from pam_orthosis.cli.main import main
+from pam_orthosis.progress import OFF
 
 ROOT = Path(__file__).resolve().parents[1]
+os.environ.setdefault(OFF, "1")  # what a command prints must not depend on how fast the machine is
 
 
 @pytest.fixture(scope="session")

@@ -53,13 +53,14 @@ def read_trials(base: Bags, rng: np.random.Generator) -> Iterator[Trial]:
                     ("identify", "rows"),
                 ):
                     data = bytes(spoil(bytearray(texts[kind].encode()), rng))
-                    yield Trial(
-                        "text, deep", f"{verb}: {name}", _with_text(base, verb, data), ALLOWED, BY_NAME
-                    )
+                    yield _text_trial(base, verb, name, data)
                     what, whole = spoilt[number]
-                    yield Trial(
-                        "text, deep", f"{verb}: {what}", _with_text(base, verb, whole(None)), ALLOWED, BY_NAME
-                    )
+                    yield _text_trial(base, verb, what, whole(None))
+
+
+def _text_trial(base: Bags, verb: str, what: str, data: bytes) -> Trial:
+    make, updated = _with_text(base, verb, data), "data.yaml" if verb == "identify" else ""
+    return Trial("text, deep", f"{verb}: {what}", make, ALLOWED, BY_NAME, updated=updated)
 
 
 def _with_text(base: Bags, verb: str, data: bytes) -> Callable:

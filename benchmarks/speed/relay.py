@@ -37,9 +37,9 @@ from pam_orthosis.bag.record import CHUNK_BYTES, message_definition
 from pam_orthosis.bag.topics import PLANT, RECORDER, SLOW, TRAJECTORY, VALVE, Topic
 from pam_orthosis.control.trajectory import Reference
 from pam_orthosis.nodes import messages
-from pam_orthosis.nodes.graph import message_class, qos
 from pam_orthosis.nodes.pace import MAX_UNRECORDED_STEPS
 from pam_orthosis.nodes.supervisor import HEARTBEAT_VARIABLE
+from pam_orthosis.nodes.transport import message_class, qos
 
 STEP = [topic for topic in topics.TOPICS if topic.rate == "step"]
 REALTIME, AGES, KEPT_AGES = "realtime", "ages.json", 50

@@ -19,10 +19,12 @@ from pam_orthosis.bag.record import BagWriter, Declared
 from pam_orthosis.bag.salvage import Loss, Salvage
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import filled
+from pam_orthosis.progress import Progress, part, silent
 from pam_orthosis.reading import check_file, from_yaml
 
 MESSAGES, DEFINITIONS = "cdr", ("ros2msg", "ros2idl", "omgidl", "")  # encodings that rosbag2's readers take
 QOS = "offered_qos_profiles"
+MEGABYTE = 1.0e6  # bytes
 
 
 class LeftOut(NamedTuple):
@@ -50,7 +52,7 @@ class Recovered:
         }
 
 
-def recover(bag: Path, out: Path) -> Recovered:
+def recover(bag: Path, out: Path, progress: Progress = silent) -> Recovered:
     """Copy all whole messages of a damaged MCAP bag, as bytes, into a new, closed bag.
 
     A chunk of messages is whole if its checksum is right; those behind a damaged one are copied too. A topic
@@ -59,19 +61,21 @@ def recover(bag: Path, out: Path) -> Recovered:
     Args:
         bag: folder with `.mcap` files, or a file.
         out: folder of the new bag, new or empty; there with all of it in the end, or as it was.
+        progress: told how much of the bag is read.
 
     Raises:
         OrthosisError: no MCAP file there, nothing readable in it, or `out` is used.
     """
     sources = [Salvage(file) for file in _sources(bag)]
     with filled(out) as folder:
-        recovered = _copied(sources, folder)
+        recovered = _copied(sources, folder, progress)
         _check_readable(folder)
     return recovered
 
 
-def _copied(sources: Sequence[Salvage], folder: Path) -> Recovered:
-    found = [_Found(source) for source in sources]
+def _copied(sources: Sequence[Salvage], folder: Path, progress: Progress) -> Recovered:
+    looks, copies = _passes(sources, progress)
+    found = [_Found(source, look) for source, look in zip(sources, looks, strict=True)]
     left_out = tuple(one for each in found for one in each.left_out())
     messages = sum(each.counts.total() for each in found)
     if not messages:
@@ -81,9 +85,21 @@ def _copied(sources: Sequence[Salvage], folder: Path) -> Recovered:
         raise OrthosisError(f"{sources[0].source} holds no message of a ROS topic ({left_out[0].why})")
     run = next((each.run for each in found if each.run), {})
     with BagWriter(folder, run) as writer:
-        for source, each in zip(sources, found, strict=True):
-            _copy(source, each, writer)
+        for source, each, told in zip(sources, found, copies, strict=True):
+            _copy(source, each, writer, told)
     return Recovered(messages, left_out, tuple(loss for source in sources for loss in source.lost))
+
+
+def _passes(sources: Sequence[Salvage], progress: Progress) -> tuple[list[Progress], list[Progress]]:
+    """Return the progress of each file's reading: first what is in it is looked for, then it is copied."""
+    sizes = [source.source.stat().st_size / MEGABYTE for source in sources]
+    whole, begins = sum(sizes), [sum(sizes[:number]) for number in range(len(sizes))]
+    places = list(zip(begins, sizes, strict=True))
+
+    def passed(what: str, start: float) -> list[Progress]:
+        return [part(progress, what, start + at, size, 2 * whole, " MB") for at, size in places]
+
+    return passed("looking for what is whole", 0.0), passed("copying what is whole", whole)
 
 
 def recover_in_place(bag: Path) -> int:
@@ -121,12 +137,12 @@ class _Found:
     them is lost.
     """
 
-    def __init__(self, source: Salvage):
+    def __init__(self, source: Salvage, progress: Progress):
         self.run: dict[str, str] = {}
         self.counts: Counter[int] = Counter()
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
-        for record in source.records():
+        for record in source.records(progress):
             if isinstance(record, Message):
                 self.counts[record.channel_id] += 1
             elif isinstance(record, Schema):
@@ -173,12 +189,12 @@ class _Found:
         return "" if _is_text(schema.data) else "the definition of its type is no text"
 
 
-def _copy(source: Salvage, found: _Found, writer: BagWriter) -> None:
+def _copy(source: Salvage, found: _Found, writer: BagWriter, progress: Progress) -> None:
     channels = found.declared()
     keys = {number: (*one[:-1], *sorted(one.metadata.items())) for number, one in channels.items()}
     for number, one in channels.items():
         writer.add_channel(keys[number], one)
-    for record in source.records():
+    for record in source.records(progress):
         if isinstance(record, Message) and record.channel_id in channels:
             writer.copy(keys[record.channel_id], record)
 

@@ -18,6 +18,7 @@ from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import breakup_chunk
 
 from pam_orthosis.bag.unpack import MOST_BYTES, unpacked
+from pam_orthosis.progress import Progress, silent
 from pam_orthosis.reading import open_file
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -61,15 +62,19 @@ class Salvage:
         self.source = source
         self.lost: list[Loss] = []
 
-    def records(self) -> Iterator[McapRecord]:
-        """Yield schemas, channels, messages and metadata; OSError if the file cannot be read."""
+    def records(self, progress: Progress = silent) -> Iterator[McapRecord]:
+        """Yield schemas, channels, messages and metadata; OSError if the file cannot be read.
+
+        `progress` is told of each byte at which one is looked for.
+        """
         self.lost.clear()
         with mapped(self.source) as data:
-            yield from self._records(data, len(data))
+            yield from self._records(data, len(data), progress)
 
-    def _records(self, data: Data, size: int) -> Iterator[McapRecord]:
+    def _records(self, data: Data, size: int, progress: Progress) -> Iterator[McapRecord]:
         at = len(MAGIC)
         while at < size:
+            progress("reading", at, size)
             try:
                 end, opcode, found = read_record(data, size, at)
             except Exception:  # damaged bytes make the readers raise anything

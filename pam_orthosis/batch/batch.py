@@ -88,6 +88,11 @@ class Batch:
                 future.cancel()
             write_text(self.folder / SUMMARY, json.dumps(self.summary(), indent=2) + "\n", overwrite=True)
 
+    @property
+    def done(self) -> int:
+        """Number of units that need no more work."""
+        return len(self.results) + len(self.failed)
+
     def summary(self) -> dict[str, Any]:
         """Return what came of all units, as plain data: yes, no, failed (with the reason), missing."""
         names = [unit.name for unit in self.units]
@@ -139,12 +144,12 @@ class Batch:
         self.results[unit.name] = result
 
     def _line(self, unit: Unit, answer: Answer, tries: int) -> str:
-        done = len(self.results) + len(self.failed)
         outcome = (
             {0: "yes", 1: "no"}[answer.status] if not answer.complaint else f"failed: {answer.complaint}"
         )
         again = ", is tried again" if answer.complaint and unit.name not in self.failed else ""
-        return f"{done}/{len(self.units)} {unit.name}: {outcome} ({answer.seconds:.1f} s, try {tries}{again})"
+        told = f"{unit.name}: {outcome} ({answer.seconds:.1f} s, try {tries}{again})"
+        return f"{self.done}/{len(self.units)} {told}"
 
 
 def _as_done(waiting: dict[Future, Unit], lives: Callable[[], bool]) -> Iterator[Future]:

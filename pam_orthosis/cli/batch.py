@@ -15,6 +15,7 @@ from pathlib import Path
 from pam_orthosis.cli.check import not_negative
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import output
+from pam_orthosis.progress import shown
 
 PROGRAM = "pam_orthosis.cli.main"
 TASKS = {
@@ -66,8 +67,14 @@ def execute(arguments: argparse.Namespace) -> int:
     where = (
         cluster(arguments.cluster) if arguments.cluster else local(arguments.workers or os.cpu_count() or 1)
     )
-    with where as (executor, lives):
-        batch.run(executor, lives, arguments.retries, lambda line: print(line, file=sys.stderr, flush=True))
+    with shown("starting") as progress, where as (executor, lives):
+
+        def told(line: str) -> None:
+            progress.note(line)
+            progress("working", batch.done, len(batch.units))
+
+        progress("working", batch.done, len(batch.units))
+        batch.run(executor, lives, arguments.retries, told)
     summary = batch.summary()
     print(json.dumps(summary, indent=2) if arguments.json else describe(summary))
     return 3 if summary["failed"] else 1 if summary["no"] else 0

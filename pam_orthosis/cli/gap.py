@@ -6,13 +6,18 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
-import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryFile
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.files import as_text, make_folder, output, refuse_existing, remove_empty, told, write_files
+from pam_orthosis.progress import Progress, counted, shown
+
+if TYPE_CHECKING:
+    from pam_orthosis.discrepancy.telling import Telling
+    from pam_orthosis.discrepancy.workflow import Beginning, Outcome
 
 FILES = "gap.json", "model.yaml", "gap.html"
 
@@ -48,44 +53,72 @@ def execute(arguments: argparse.Namespace) -> int:
     """Run the workflow; return 0 if the gap is explained or there is none, 1 if not."""
     # the search has threads of its own; set before numpy is loaded
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    _check_out(arguments)
+    with shown("loading the search") as progress:
+        _check_apart(arguments.measured, arguments.held_out)
+        case = _begun(arguments, progress)
+        outcome = None if arguments.until else _searched(case, progress)
+    if outcome is None:
+        print(case.heading + _stages(case.start, case.data, arguments.until))
+        return 0
+    told, words = _told(case, outcome)
+    try:
+        if arguments.out:
+            with shown(f"writing {arguments.out}"):
+                _write(arguments.out, outcome, told, case.given, words)
+    finally:  # a file that cannot be written must not take the verdict with it
+        print(json.dumps(told, indent=2) if arguments.json else words)
+    return 1 if outcome.verdict == "unexplained" else 0
+
+
+class Case(NamedTuple):
+    """What was asked: settings, stages before the search, parameters of --model, bags without a record."""
+
+    settings: Any
+    start: Beginning
+    data: Telling
+    given: Mapping[str, Any]
+    assumed: Sequence[Path]
+    heading: str
+
+
+def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
+    """Read the recordings and pass the stages before the search."""
     # scipy and CasADi take a second to load
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.discrepancy.data import without_record
     from pam_orthosis.discrepancy.telling import telling
-    from pam_orthosis.discrepancy.verdict import as_dict, assumed_words, describe, describe_data, told_as_dict
-    from pam_orthosis.discrepancy.workflow import begin, search
+    from pam_orthosis.discrepancy.verdict import assumed_words
+    from pam_orthosis.discrepancy.workflow import begin
 
-    _check_out(arguments)
-    _check_apart(arguments.measured, arguments.held_out)
     given = patch.read(arguments.model) if arguments.model else {}
     paths = [*arguments.measured, *arguments.held_out]
     parameters, system, read = _system(paths, given, arguments.namespace, arguments.model)
     assumed = without_record(paths, arguments.namespace)
     heading = assumed_words(assumed, len(paths), arguments.model)
-    training, held_out = (
-        [read(path, system, arguments.namespace) for path in paths]
-        for paths in (arguments.measured, arguments.held_out)
-    )
+    every = [read(path, system, arguments.namespace) for path in counted(paths, progress, "reading")]
+    training, held_out = every[: len(arguments.measured)], every[len(arguments.measured) :]
     if arguments.out:
         _try(arguments.out)
-    progress = _progress()
     start = begin(system, training, held_out, parameters.gap, progress)
     progress("computing what these data can show")
-    data = telling(start.problem, start.null, parameters.gap.evidence.threshold)
-    if arguments.until:
-        print(heading + _stages(start, data, arguments.until))
-        return 0
-    outcome = search(start, parameters.gap, progress)
-    told = {
-        **as_dict(outcome), "apparatus_assumed": [str(path) for path in assumed], "data": told_as_dict(data)
-    }  # fmt: skip
-    words = f"{heading}{describe_data(data)}\n{describe(outcome)}"
-    try:
-        if arguments.out:
-            _write(arguments.out, outcome, told, given, words)
-    finally:  # a file that cannot be written must not take the verdict with it
-        print(json.dumps(told, indent=2) if arguments.json else words)
-    return 1 if outcome.verdict == "unexplained" else 0
+    data = telling(start.problem, start.null, parameters.gap.evidence.threshold, progress)
+    return Case(parameters.gap, start, data, given, assumed, heading)
+
+
+def _searched(case: Case, progress: Progress) -> Outcome:
+    from pam_orthosis.discrepancy.workflow import search
+
+    return search(case.start, case.settings, progress)
+
+
+def _told(case: Case, outcome: Outcome) -> tuple[dict[str, Any], str]:
+    """Return the outcome as plain data and in words."""
+    from pam_orthosis.discrepancy.verdict import as_dict, describe, describe_data, told_as_dict
+
+    assumed = [str(path) for path in case.assumed]
+    told = {**as_dict(outcome), "apparatus_assumed": assumed, "data": told_as_dict(case.data)}
+    return told, f"{case.heading}{describe_data(case.data)}\n{describe(outcome)}"
 
 
 def _stages(start, data, last: str) -> str:
@@ -127,15 +160,6 @@ def _recording(path: Path, system, namespace: str):
     from pam_orthosis.discrepancy.data import from_bag, from_csv, is_table
 
     return from_csv(path, system) if is_table(path) else from_bag(path, system, namespace)
-
-
-def _progress():
-    start = time.monotonic()
-
-    def tell(line: str) -> None:
-        print(f"[{time.monotonic() - start:5.1f} s] {line}", file=sys.stderr, flush=True)
-
-    return tell
 
 
 def _check_apart(measured: list[Path], held_out: list[Path]) -> None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import argparse
 from importlib.util import find_spec
+from pathlib import Path
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import filled, output, refuse_used
+from pam_orthosis.progress import Progress, shown
 
 CLASSES, SIZES = ("clean", "realistic"), ("small", "medium", "large")
 
@@ -34,20 +36,32 @@ def execute(arguments: argparse.Namespace) -> int:
     """Record and write the case; print where it is; return 0."""
     if find_spec("numba") is None:
         raise OrthosisError("numba is not installed, which simulates the hidden plant: pip install numba")
-    from pam_orthosis.discrepancy.hidden.case import make_case
-    from pam_orthosis.discrepancy.hidden.write import write_case
-
     refuse_used(arguments.out)
     if arguments.seed < 0:
         raise OrthosisError("--seed: give a whole number from 0 on")
     effects = _effects(arguments.effect or ["random"])
-    case = make_case(arguments.seed, arguments.class_, arguments.size, effects, arguments.outside)
-    with filled(arguments.out) as folder:
-        training, held_out, truth = write_case(case, folder)
+    with shown("loading the simulation") as progress:
+        training, held_out, truth = _recorded(arguments, effects, progress)
     print("training: ", *(arguments.out / one.name for one in training))
     print("held out: ", *(arguments.out / one.name for one in held_out))
-    print("answer:   ", arguments.out / truth.relative_to(folder))
+    print("answer:   ", arguments.out / truth)
     return 0
+
+
+def _recorded(
+    arguments: argparse.Namespace, effects: int | list[str], progress: Progress
+) -> tuple[list[Path], list[Path], Path]:
+    """Record the case; return its bags and the file of its answer, below its folder."""
+    from pam_orthosis.discrepancy.hidden.case import make_case
+    from pam_orthosis.discrepancy.hidden.write import write_case
+
+    case = make_case(
+        arguments.seed, arguments.class_, arguments.size, effects, arguments.outside, progress=progress
+    )
+    progress("writing the bags")
+    with filled(arguments.out) as folder:
+        training, held_out, truth = write_case(case, folder)
+        return training, held_out, truth.relative_to(folder)
 
 
 def _effects(names: list[str]) -> int | list[str]:

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pam_orthosis.cli.check import not_negative
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.files import as_text, output, refuse_existing, write_files
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.specimens import SPECIMENS
+from pam_orthosis.progress import Progress, shown
 
 if TYPE_CHECKING:
     from pam_orthosis.identification.data import Data
@@ -58,30 +59,40 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Identify, write what was asked for, print the result."""
-    from pam_orthosis.identification import rows  # scipy takes a second to load
-    from pam_orthosis.identification.data import read_data
-    from pam_orthosis.identification.identify import identify
-
     if min(arguments.degrees) < 0 or arguments.degrees[0] > 3 or arguments.degrees[1] > 4:
         raise OrthosisError("--degrees: Eq. (14) has at most degrees 3 and 4")
     figures = [arguments.figures / name for name in FIGURES] if arguments.figures else []
     refuse_existing([*([arguments.out] if arguments.out else []), *figures])
     if arguments.nominal_length_m == 0:
         raise OrthosisError("--nominal-length-m: a muscle is longer than 0 m")
-    data = read_data(arguments.data, arguments.muscle, arguments.nominal_length_m)
-    found = identify(data, _held_out(arguments, data), tuple(arguments.degrees), arguments.damping)
+    with shown("loading the identification") as progress:
+        found = _identified(arguments, progress)
+    print(json.dumps(found.as_dict(), indent=2) if arguments.json else describe(found))
+    return 0
+
+
+def _identified(arguments: argparse.Namespace, progress: Progress) -> Identified:
+    """Identify, write what was asked for."""
+    from pam_orthosis.identification import rows  # scipy takes a second to load
+    from pam_orthosis.identification.data import read_data
+    from pam_orthosis.identification.identify import identify
+
+    data = read_data(arguments.data, arguments.muscle, arguments.nominal_length_m, progress)
+    held_out = _held_out(arguments, data)
+    with naming(arguments.data[0]):
+        found = identify(data, held_out, tuple(arguments.degrees), arguments.damping, progress)
     rows.check(found)
     source = f"identified on {_origin(found)} by `pam-orthosis identify`"
     if arguments.update:
         rows.update(arguments.update, found, source)
     written = {arguments.out: as_text(rows.as_yaml(found, source))} if arguments.out else {}
     if arguments.figures:
+        progress("drawing the figures")
         from pam_orthosis.report.identification import drawn  # matplotlib takes its time to load
 
         written |= drawn(found, arguments.figures)
     write_files(written)
-    print(json.dumps(found.as_dict(), indent=2) if arguments.json else describe(found))
-    return 0
+    return found
 
 
 def describe(found: Identified) -> str:

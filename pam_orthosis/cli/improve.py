@@ -10,12 +10,18 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
-import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from pam_orthosis.files import as_text, claimed, output, write_files
+from pam_orthosis.files import as_text, locked, output, refuse_used, write_files
 from pam_orthosis.model.parameters import load, scenario_overrides
+from pam_orthosis.progress import Shown, shown
+
+if TYPE_CHECKING:
+    from pam_orthosis.improvement.rounds import Round
+
+RESULTS = "model.yaml", "improve.json", "improve.md", "improve.png"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,39 +44,46 @@ def execute(arguments: argparse.Namespace) -> int:
     """Improve; return 0 if the knee follows better in the end, 1 if not."""
     # the search has threads of its own; set before numpy is loaded
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with shown("compiling the model") as progress:
+        rounds, table = _improved(arguments, progress)
+    print(json.dumps([one.as_dict() for one in rounds], indent=2) if arguments.json else table)
+    return 0 if any(one.kept for one in rounds[1:]) else 1
+
+
+def _improved(arguments: argparse.Namespace, progress: Shown) -> tuple[Sequence[Round], str]:
+    """Make what is missing of the rounds and the files; return the rounds and their table."""
     from pam_orthosis.cli.run import assignments
+    from pam_orthosis.improvement import resumed
     from pam_orthosis.improvement.rounds import improve
 
     parameters = load(scenario_overrides(arguments.scenario) | assignments(arguments.param))
     seeds = [parameters.scenario.seed + number for number in range(arguments.seeds)]
-    with claimed(arguments.out):
-        rounds = improve(parameters, arguments.scenario, arguments.out, seeds, arguments.rounds, _progress())
-        _write(arguments.out, rounds, arguments.json)
-    return 0 if any(one.kept for one in rounds[1:]) else 1
+    given = parameters.flat() | {"seeds": seeds, "rounds": arguments.rounds, "scenario": arguments.scenario}
+    if not (arguments.out / resumed.STATE).exists():
+        refuse_used(arguments.out)
+    with locked(arguments.out):
+        if resumed.begin(arguments.out, resumed.digest(given), RESULTS):
+            progress.note(f"continuing what was begun in {arguments.out}")
+        rounds = improve(parameters, arguments.scenario, arguments.out, seeds, arguments.rounds, progress)
+        progress("writing the results")
+        return rounds, _write(arguments.out, rounds)
 
 
-def _write(folder: Path, rounds, as_json: bool) -> None:
+def _write(folder: Path, rounds: Sequence[Round]) -> str:
+    """Write model, rounds, table and figure; return the table."""
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.report import improvement
 
     told = [one.as_dict() for one in rounds]
     table = improvement.table(told)
-    write_files({
-        folder / "model.yaml": as_text(patch.text(rounds[-1].model)),
-        folder / "improve.json": as_text(json.dumps(told, indent=2) + "\n"),
-        folder / "improve.md": as_text(table),
-        folder / "improve.png": lambda stream: improvement.draw(rounds, stream),
-    })  # fmt: skip
-    print(json.dumps(told, indent=2) if as_json else table)
-
-
-def _progress():
-    start = time.monotonic()
-
-    def tell(line: str) -> None:
-        print(f"[{time.monotonic() - start:5.1f} s] {line}", file=sys.stderr, flush=True)
-
-    return tell
+    contents = (
+        as_text(patch.text(rounds[-1].model)),
+        as_text(json.dumps(told, indent=2) + "\n"),
+        as_text(table),
+        lambda stream: improvement.draw(rounds, stream),
+    )
+    write_files({folder / name: write for name, write in zip(RESULTS, contents, strict=True)})
+    return table
 
 
 def _positive(text: str) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,9 +12,11 @@ from typing import TYPE_CHECKING
 from pam_orthosis.cli.identify import FIGURES
 from pam_orthosis.files import REMAKE, as_text, output, refuse_existing, write_files
 from pam_orthosis.model.parameters import load
+from pam_orthosis.progress import Progress, shown
 
 if TYPE_CHECKING:
     from pam_orthosis.identification.identify import Identified
+    from pam_orthosis.report.paper.table import Results
 
 MUSCLE = "dmsp_20"
 PICTURES = ("observer.png", "trade_off.png", "tracking.png", *FIGURES)
@@ -33,18 +34,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Make the runs, draw, write the page."""
+    page, pictures = arguments.out / "paper.md", arguments.out / "pictures"
+    refuse_existing([page, *(pictures / name for name in PICTURES)], arguments.overwrite, REMAKE)
+    with shown("compiling the model") as progress:
+        found = _made(page, pictures, arguments.overwrite, progress)
+    print(json.dumps(found.as_dict(), indent=2) if arguments.json else page)
+    return 0
+
+
+def _made(page: Path, pictures: Path, overwrite: bool, progress: Progress) -> Results:
+    """Make all results, the page and its pictures."""
     from pam_orthosis.report.identification import drawn
     from pam_orthosis.report.paper import figures, observer, table, tracking  # matplotlib takes a second
     from pam_orthosis.report.paper.observer import DAMPING, POLE
 
-    page, pictures = arguments.out / "paper.md", arguments.out / "pictures"
-    refuse_existing([page, *(pictures / name for name in PICTURES)], arguments.overwrite, REMAKE)
-    identified = _identified()
-    _say("fig. 8: observer")
+    identified = _identified(progress)
+    progress("fig. 8: observer")
     observed = observer.observe()
     tuned = {key: observed.parameters.flat()[key] for key in (POLE, DAMPING)}
-    on_hardware, points = observer.observe(exact=False), observer.trade_off()
-    _say("fig. 9: tracking")
+    on_hardware, points = observer.observe(exact=False), observer.trade_off(progress=progress)
+    progress("fig. 9: tracking")
     found = table.Results(
         identified, observed, on_hardware, points, tracking.track(), tracking.track(tuned)
     )  # fmt: skip
@@ -55,12 +64,12 @@ def execute(arguments: argparse.Namespace) -> int:
         **drawn(identified, pictures),
         page: as_text(table.page(found)),
     }
-    write_files(files, arguments.overwrite)
-    print(json.dumps(found.as_dict(), indent=2) if arguments.json else page)
-    return 0
+    progress("drawing the figures")
+    write_files(files, overwrite)
+    return found
 
 
-def _identified() -> Identified:
+def _identified(progress: Progress) -> Identified:
     """Record the procedure of sections 2.4 and 2.5 on the emulated rig and identify the muscle from it."""
     from pam_orthosis.cli import rig
     from pam_orthosis.identification.data import read_data
@@ -69,11 +78,5 @@ def _identified() -> Identified:
     parameters = load()
     held_out = [p - parameters.valve.ambient_pressure for p in parameters.rig.procedure.held_out_pressures]
     with tempfile.TemporaryDirectory() as folder:
-        for test in rig.IDENTIFICATION:
-            _say(f"figs. 4 and 5: {test}")
-            rig.record_test(parameters, MUSCLE, test, Path(folder))
-        return identify(read_data([Path(folder)]), held_out)
-
-
-def _say(words: str) -> None:
-    print(words, file=sys.stderr, flush=True)
+        rig.record_tests(parameters, MUSCLE, rig.IDENTIFICATION, Path(folder), progress)
+        return identify(read_data([Path(folder)], progress=progress), held_out, progress=progress)

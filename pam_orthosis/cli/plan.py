@@ -9,13 +9,13 @@ wanted motion as ever.
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.files import output, refuse_existing
 from pam_orthosis.model.parameters import load, scenario_overrides
 from pam_orthosis.planning import RESERVE
+from pam_orthosis.progress import Progress, shown
 
 BAR = 1.0e5
 
@@ -49,28 +49,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Plan; return 0 if there is a motion that the muscles can make."""
+    refuse_existing([arguments.out])
+    if not 0 <= arguments.reserve <= 1:
+        raise OrthosisError(f"--reserve {arguments.reserve:g}: give 0 to 1 bar")
+    with shown("compiling the model") as progress:
+        plan, after = _planned(arguments, progress)
+    print(_told(plan, after))
+    return 0
+
+
+def _planned(arguments: argparse.Namespace, progress: Progress):
+    """Plan and write it; return the plan and the recorded run that it was made after, if there is one."""
     from pam_orthosis.cli.run import assignments
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.planning.plan import make_plan
     from pam_orthosis.planning.recorded import recorded_in
 
-    refuse_existing([arguments.out])
-    if not 0 <= arguments.reserve <= 1:
-        raise OrthosisError(f"--reserve {arguments.reserve:g}: give 0 to 1 bar")
     known = patch.read_belief(arguments.model) if arguments.model else {}
     parameters = load(scenario_overrides(arguments.scenario) | assignments(arguments.param))
     with naming(arguments.model):
         parameters = parameters.changed(known)
     after = recorded_in(arguments.after, parameters, arguments.namespace) if arguments.after else None
-    plan = make_plan(parameters, arguments.reserve * BAR, _progress, after)
+    plan = make_plan(parameters, arguments.reserve * BAR, progress, after)
     parameters.changed(plan.overrides)  # the rules of the configuration hold for it, or it is not written
     patch.write(arguments.out, known | plan.overrides)
-    print(_told(plan, after))
-    return 0
-
-
-def _progress(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
+    return plan, after
 
 
 def _told(plan, recorded) -> str:

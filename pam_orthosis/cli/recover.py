@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import bag_name, output
+from pam_orthosis.progress import Progress, shown
 
 if TYPE_CHECKING:
+    from pam_orthosis.bag.recover import Recovered
     from pam_orthosis.bag.salvage import Loss
 
 
@@ -33,19 +35,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Recover the bag."""
-    from pam_orthosis.bag.recover import Recovered, recover, recover_in_place  # takes its time to load
-    from pam_orthosis.bag.unclosed import Damaged
-
     bag = arguments.bag.resolve()
-    if arguments.in_place:
-        out = arguments.bag
-        try:
-            recovered = Recovered(recover_in_place(bag), (), ())
-        except Damaged as error:
-            raise OrthosisError(f"{error}; leave --in-place out: what is whole is copied then") from error
-    else:
-        out = arguments.out or Path(f"{bag_name(bag)}-recovered")
-        recovered = recover(bag, out)
+    out = arguments.bag if arguments.in_place else arguments.out or Path(f"{bag_name(bag)}-recovered")
+    with shown(f"reading {arguments.bag}") as progress:
+        recovered = _recovered(bag, None if arguments.in_place else out, progress)
     if arguments.json:
         print(json.dumps({"bag": str(out), **recovered.as_dict()}, indent=2))
         return 0
@@ -55,6 +48,19 @@ def execute(arguments: argparse.Namespace) -> int:
     for loss in recovered.lost:
         print(f"lost: {_told(loss)}")
     return 0
+
+
+def _recovered(bag: Path, out: Path | None, progress: Progress) -> Recovered:
+    """Recover a bag into a new one, or close it where it is."""
+    from pam_orthosis.bag.recover import Recovered, recover, recover_in_place  # takes its time to load
+    from pam_orthosis.bag.unclosed import Damaged
+
+    if out:
+        return recover(bag, out, progress)
+    try:
+        return Recovered(recover_in_place(bag), (), ())
+    except Damaged as error:
+        raise OrthosisError(f"{error}; leave --in-place out: what is whole is copied then") from error
 
 
 def _told(loss: Loss) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import tempfile
 from collections.abc import Sequence
 from contextlib import ExitStack, nullcontext
@@ -15,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 from pam_orthosis.bag.topics import SECOND_NS, SIGNALS
 from pam_orthosis.cli.check import titled
-from pam_orthosis.cli.run import Progress, assignments, need_ros, supervise_recorded
+from pam_orthosis.cli.run import assignments, need_ros, simulated, supervise_recorded
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import claimed, output
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.nodes import launch
-from pam_orthosis.nodes.supervisor import supervise
+from pam_orthosis.progress import Shown, shown
 
 if TYPE_CHECKING:
     from pam_orthosis.bag.compare import TopicComparison
@@ -59,8 +58,9 @@ def execute(arguments: argparse.Namespace) -> int:
     legs = namespaces(arguments.bag) if arguments.namespace is None else [arguments.namespace]
     if arguments.out and len(legs) > 1:
         raise OrthosisError(f"--out holds one leg: give --namespace, one of {', '.join(legs)}")
-    with claimed(arguments.out) if arguments.out else nullcontext():
-        replayed = {leg.strip("/"): _replay(arguments, leg) for leg in legs}
+    claim = claimed(arguments.out) if arguments.out else nullcontext()
+    with claim, shown(f"reading {arguments.bag}") as progress:
+        replayed = {leg.strip("/"): _replay(arguments, leg, progress) for leg in legs}
     told = {leg: [_as_dict(one) for one in topics] for leg, topics in replayed.items()}
     compared = [one for topics in replayed.values() for one in topics]
     identical = all(one.identical and one.whole for one in compared)
@@ -72,16 +72,17 @@ def execute(arguments: argparse.Namespace) -> int:
     return 0 if identical else 1
 
 
-def _replay(arguments: argparse.Namespace, namespace: str) -> list[TopicComparison]:
+def _replay(arguments: argparse.Namespace, namespace: str, progress: Shown) -> list[TopicComparison]:
     from pam_orthosis.bag.compare import compare
     from pam_orthosis.bag.script import Script, held_ns
+    from pam_orthosis.nodes.supervisor import supervise
 
     bag = arguments.bag.resolve()
-    parameters = _parameters(bag, namespace, arguments.param)
+    parameters = _parameters(bag, namespace, arguments.param, progress)
     script = Script(bag, namespace, arguments.node, held_ns(parameters))
     for node, topic in script.missing.items():
         if topic:
-            print(f"{node} is not fed: {topic} is missing in the bag", file=sys.stderr)
+            progress.note(f"{node} is not fed: {topic} is missing in the bag")
     with tempfile.TemporaryDirectory(prefix="pam-orthosis-") as folder, ExitStack() as stack:
         work = Path(folder)
         answers = arguments.out.resolve() if arguments.out else work / "answers"
@@ -89,13 +90,15 @@ def _replay(arguments: argparse.Namespace, namespace: str) -> list[TopicComparis
         player["namespace"] = namespace
         domain = stack.enter_context(launch.free_domain())
         stamps = script.messages["joint_states"]
-        progress = Progress((max(stamps) - min(stamps)) / SECOND_NS, domain)
+        progress(f"ROS domain {domain}: starting the nodes")
+        reached = simulated(progress, (max(stamps) - min(stamps)) / SECOND_NS, domain)
         commands = launch.replay_commands(work, parameters, script.nodes, player, _leg(bag, namespace))
         environment = launch.environment(work, domain)
         if arguments.out:
-            supervise_recorded(commands, environment, work, progress, answers)
+            supervise_recorded(commands, environment, work, reached, answers)
         else:
-            supervise(commands, environment, work, progress)
+            supervise(commands, environment, work, reached)
+        progress("comparing the answers")
         topics = [topic for node in script.nodes for topic in script.outputs(node)]
         return compare(bag, answers, topics, namespace)
 
@@ -108,16 +111,16 @@ def _leg(bag: Path, namespace: str) -> str:
     return name if name in legs_of(bag, run_record(bag)) else ""
 
 
-def _parameters(bag: Path, namespace: str, changes: Sequence[str]) -> Parameters:
+def _parameters(bag: Path, namespace: str, changes: Sequence[str], progress: Shown) -> Parameters:
     """Return the parameters of the recorded run, as far as this version knows them, with changes."""
     from pam_orthosis.bag.read import recorded_parameters, run_record
 
     recorded = recorded_parameters(bag, run_record(bag), namespace)
     known = load().flat()
     if unknown := sorted(recorded.keys() - known.keys()):
-        print(f"recorded by another version: it has no {', '.join(unknown)}", file=sys.stderr)
+        progress.note(f"recorded by another version: it has no {', '.join(unknown)}")
     if not recorded:
-        print("the bag holds no parameters: the nodes take the shipped ones", file=sys.stderr)
+        progress.note("the bag holds no parameters: the nodes take the shipped ones")
     kept = {key: value for key, value in recorded.items() if key in known}
     made = load(kept | assignments(changes))
     wanted = made.flat()

@@ -18,6 +18,7 @@ from pam_orthosis.files import (
     refuse_used,
     write_files,
 )
+from pam_orthosis.progress import counted, shown
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,11 +49,14 @@ def execute(arguments: argparse.Namespace) -> int:
     name = f"{bag_name(bag)}{leg and '-'}{leg}"
     makers = {"page": ("html", _page), "picture": ("png", _picture), "table": ("csv", _table),
               "animation": ("gif", _animation)}  # fmt: skip
-    wanted = [makers[kind] for kind in ([arguments.only] if arguments.only else ["page", "picture"])]
-    refuse_existing([folder / f"{name}.{ending}" for ending, _ in wanted], arguments.overwrite, REMAKE)
-    files = {folder / f"{name}.{ending}": make(bag, arguments) for ending, make in wanted}
-    write_files(files, arguments.overwrite)
-    print(*files, sep="\n")
+    kinds = [arguments.only] if arguments.only else ["page", "picture"]
+    paths = {kind: folder / f"{name}.{makers[kind][0]}" for kind in kinds}
+    refuse_existing(paths.values(), arguments.overwrite, REMAKE)
+    with shown(f"reading {arguments.bag}") as progress:
+        made = [makers[kind][1](bag, arguments) for kind in counted(kinds, progress, "drawing")]
+        progress(f"writing {folder}")
+        write_files(dict(zip(paths.values(), made, strict=True)), arguments.overwrite)
+    print(*paths.values(), sep="\n")
     return 0
 
 

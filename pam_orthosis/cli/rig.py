@@ -4,14 +4,14 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pam_orthosis.files import filled, output
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.model.specimens import SPECIMENS
+from pam_orthosis.progress import Progress, shown, silent
 
 if TYPE_CHECKING:
     from pam_orthosis.control.rig_loop import RigSample
@@ -42,24 +42,36 @@ def execute(arguments: argparse.Namespace) -> int:
         overrides["plant.rig.load_cell.accuracy"] = arguments.load_cell
     parameters = load(overrides)
     out = arguments.out or Path("runs") / f"rig-{arguments.muscle}"
-    with filled(out) as folder:
-        for test in arguments.tests:
-            record_test(parameters, arguments.muscle, test, folder)
+    with shown("compiling the model") as progress, filled(out) as folder:
+        record_tests(parameters, arguments.muscle, arguments.tests, folder, progress)
     print(out)
     return 0
 
 
-def record_test(parameters: Parameters, specimen: str, test: str, out: Path) -> None:
-    """Record one bag for each pressure of one of `TESTS` into a folder."""
+def record_tests(
+    parameters: Parameters, specimen: str, tests: Sequence[str], out: Path, progress: Progress = silent
+) -> None:
+    """Record one bag for each pressure of some of `TESTS` into a folder."""
+    levels = [
+        (test, number, pressure)
+        for test in tests
+        for number, pressure in enumerate(_pressures(parameters.rig, specimen, test))
+    ]
+    for done, (test, number, pressure) in enumerate(levels):
+        name = f"{test}-{pressure / 1e5:.1f}bar"
+        progress(f"recording {name}", done, len(levels), " bags")
+        samples = _samples(parameters, specimen, test, pressure, parameters.scenario.seed + number)
+        _record(out / name, parameters, specimen, test, samples)
+
+
+def _record(
+    bag: Path, parameters: Parameters, specimen: str, test: str, samples: Iterator[RigSample]
+) -> None:
     from pam_orthosis.bag.rig_record import record_rig
 
     rig = parameters.rig
     every = 1 if test in EVERY_SAMPLE else round(rig.record_period / rig.control_period)
-    for number, pressure in enumerate(_pressures(rig, specimen, test)):
-        name = f"{test}-{pressure / 1e5:.1f}bar"
-        samples = _samples(parameters, specimen, test, pressure, parameters.scenario.seed + number)
-        count = record_rig(out / name, parameters, specimen, test, samples, every)
-        print(f"{name}: {count} samples", file=sys.stderr, flush=True)
+    record_rig(bag, parameters, specimen, test, samples, every)
 
 
 def _pressures(rig, specimen: str, test: str) -> list[float]:

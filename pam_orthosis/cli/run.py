@@ -8,23 +8,22 @@ import os
 import shutil
 import sys
 import tempfile
-import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
 from typing import Any
 
+from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.cli.check import add_verdict_arguments, show
 from pam_orthosis.errors import OrthosisError, RunFailed, naming
 from pam_orthosis.files import Used, claimed, output
 from pam_orthosis.model.parameters import Parameters, load, scenario_names, scenario_overrides
 from pam_orthosis.nodes import launch
-from pam_orthosis.nodes.supervisor import supervise
+from pam_orthosis.progress import Progress, shown
 from pam_orthosis.reading import from_yaml
 
-PROGRESS_SECONDS = 2.0
 ROS_WHEELS = "pip install 'ros-jazzy-rclpy[fastrtps]==7.1.6' ros-jazzy-common-interfaces (Linux, x86-64)"
 
 
@@ -135,8 +134,8 @@ def _believing(parameters: Parameters, model: Path | None, given: Mapping[str, A
         raise OrthosisError(f"{twice[0]}: --param and {model} give different values; leave one of them")
     with naming(model):
         known = with_belief(parameters, changes)
-    print("preparing the controllers of this model", file=sys.stderr)
-    ClosedLoop(known)  # leaves its machine code for the nodes, whose time to be ready is limited
+    with shown("preparing the controllers of this model"):
+        ClosedLoop(known)  # leaves its machine code for the nodes, whose time to be ready is limited
     return known
 
 
@@ -187,17 +186,21 @@ def _run(parameters: Parameters, bag: Path, scenario: str, mode: launch.Mode, vi
             domain = stack.enter_context(launch.free_domain())
             environment = launch.environment(work, domain)
         commands = launch.commands(work, parameters, bag, scenario, mode)
-        supervise_recorded(commands, environment, work, Progress(parameters.scenario.duration, domain), bag)
+        with shown(f"ROS domain {domain}: starting the nodes") as progress:
+            reached = simulated(progress, parameters.scenario.duration, domain)
+            supervise_recorded(commands, environment, work, reached, bag)
 
 
 def supervise_recorded(
     commands: Mapping[str, Sequence[str]],
     environment: Mapping[str, str],
     work: Path,
-    progress: Progress,
+    progress: Callable[[int], None],
     bag: Path,
 ) -> None:
     """Supervise nodes that write a bag; RunFailed tells what is left in it, which can be read then."""
+    from pam_orthosis.nodes.supervisor import supervise  # --help needs none of it
+
     try:
         supervise(commands, environment, work, progress)
     except (RunFailed, KeyboardInterrupt) as error:
@@ -228,19 +231,13 @@ def _rescue(bag: Path, work: Path) -> str:
     return told
 
 
-class Progress:
-    """Prints how far the run is, every two seconds, on stderr."""
+def simulated(progress: Progress, duration_s: float, domain: int | str) -> Callable[[int], None]:
+    """Return what takes the simulated time, ns, of nodes of a run."""
+    reached = 0.0
 
-    def __init__(self, duration_s: float, domain: int | str):
-        self._duration_s = duration_s
-        self._domain = domain
-        self._reached_ns = 0
-        self._next = time.monotonic() + PROGRESS_SECONDS
+    def told(time_ns: int) -> None:
+        nonlocal reached
+        reached = max(reached, time_ns / SECOND_NS)  # nodes that have ended tell none
+        progress(f"ROS domain {domain}", reached, duration_s, " s")
 
-    def __call__(self, time_ns: int) -> None:
-        """Take the simulated time."""
-        self._reached_ns = max(self._reached_ns, time_ns)  # nodes that have ended tell none
-        if time.monotonic() >= self._next:
-            self._next += PROGRESS_SECONDS
-            done = f"{self._reached_ns * 1e-9:.1f} of {self._duration_s:g} s"
-            print(f"ROS domain {self._domain}: {done}", file=sys.stderr, flush=True)
+    return told

@@ -18,7 +18,7 @@ from pam_orthosis.control.inverse_valve import InverseValveModel
 from pam_orthosis.control.position import PositionCommand, PositionController
 from pam_orthosis.control.pressure import PressureController
 from pam_orthosis.control.rates import position_belief
-from pam_orthosis.control.returning import Release, Return, vented
+from pam_orthosis.control.returning import Release, Return, empty_below, vented
 from pam_orthosis.control.trajectory import VALVES_CLOSED, Reference
 
 NEAR = 0.2  # of the largest error: what is followed is caught up with
@@ -230,8 +230,9 @@ class GuardedPosition(_Guarded):
 class GuardedPressure(_Guarded):
     """The pressure controller of one muscle behind guards.
 
-    A reference beyond the limits is limited. It vents for good when its signal is lost, and while the
-    pressure is far from its reference for too long.
+    A reference beyond the limits is limited, and that of the ambient vents, whatever the sensor shows. It
+    vents for good when its signal is lost, and while the pressure is far from its reference for too long.
+    An empty muscle's pressure that stands still is no lost signal: something else may keep it vented.
     """
 
     RELEASED = "pressure does not follow"
@@ -243,6 +244,7 @@ class GuardedPressure(_Guarded):
         self._controller = controller
         self._low, self._high = belief.valve.ambient_pressure, belief.control.position.maximum_pressure
         self._distance, self._far = g.pressure_error, guard.overdue(g.pressure_time, belief)
+        self._empty = empty_below(belief)
         self._wanted = (VALVES_CLOSED, belief.scenario.start_angle, 0.0)
 
     def retune(self, parameters) -> None:
@@ -264,12 +266,14 @@ class GuardedPressure(_Guarded):
         """
         wanted = self._usable(reference, angle, velocity)
         followed = None if wanted[0] == VALVES_CLOSED else wanted[0]
-        pressure = self._guards["pressure"].step(pressure, followed, periods)
+        pressure = self._guards["pressure"].step(
+            pressure, None if pressure < self._empty else followed, periods
+        )
         away = 0.0 if followed is None else abs(followed - pressure)
         self._watch(self._far.step(away > self._distance, periods), away < NEAR * self._distance)
         flow = self._controller.step(pressure, *wanted, periods, age)
         good = self._finite("mass flow", flow)
-        return VENT_FLOW if self._venting() or not good else flow
+        return VENT_FLOW if self._venting() or not good or followed == self._low else flow
 
     def _usable(self, *wanted: float) -> tuple[float, ...]:
         if self._command_held(wanted):

@@ -15,6 +15,9 @@ from pam_orthosis.control.pressure import PressureController
 from pam_orthosis.control.trajectory import make_trajectory
 from pam_orthosis.model.orthosis import MUSCLES
 from pam_orthosis.model.plant import Plant
+from pam_orthosis.progress import Progress, silent
+
+TOLD = 200  # steps between two words on the progress
 
 SIGNALS = (
     "time", "reference_angle", "reference_velocity", "reference_acceleration", "followed_angle",
@@ -53,13 +56,15 @@ class ClosedLoop:
         guarded |= {f"{m} valve": each for m, each in zip(MUSCLES, self._valves, strict=True)}
         return {name: each.health() for name, each in guarded.items()}
 
-    def run(self, steps: int) -> dict[str, np.ndarray]:
+    def run(self, steps: int, progress: Progress = silent) -> dict[str, np.ndarray]:
         """Advance; returns an array of `steps` samples for each of `SIGNALS`, SI units.
 
         What the position controller says is held between its steps; the reference is that of each instant.
         """
         table = np.empty((steps, len(SIGNALS)))
         for index in range(steps):
+            if not index % TOLD:
+                progress("simulating", index, steps)
             table[index] = self._step(index)
         return dict(zip(SIGNALS, table.T, strict=True))
 

@@ -16,33 +16,47 @@ STEEPEST = 1.875  # slope of the quintic step at its middle
 class Release:
     """Both muscles are vented until the knee rests; then the lowest reference pressure is asked for.
 
-    `asked` is the pressure to ask for, absolute Pa. `held_empty` tells that the muscles have not answered
-    it: something else vents them.
+    `asked` is the pressure to ask for, absolute Pa. `held_empty` tells that the muscles did not answer
+    when they were last asked: something else vents them.
     """
 
     def __init__(self, belief):
         g, self._ambient = belief.control.guard, belief.valve.ambient_pressure
         self._lowest = belief.control.position.minimum_pressure
-        self._slow = g.return_speed
-        self._rests = guard.overdue(g.rest_time, belief)
-        self._silent = guard.overdue(g.pressure_time, belief)
-        self.asked, self.held_empty = self._ambient, False
+        self._empty, self._slow = empty_below(belief), g.return_speed
+        self._belief, self.held_empty = belief, False
+        self._rest()
 
     def step(self, pressures: tuple[float, float], velocity: float, periods: int) -> bool:
-        """Take a sample; return whether the knee rests and both muscles answer."""
-        half = 0.5 * (self._ambient + self._lowest)
+        """Take a sample; return whether the knee rests and both muscles answer.
+
+        A muscle whose sensor is blind would be filled for ever: it is asked for a moment only, and again.
+        """
         if self.asked == self._ambient:
-            if self._rests.step(max(pressures) < half and abs(velocity) < self._slow, periods):
+            if self._rests.step(max(pressures) < self._empty and abs(velocity) < self._slow, periods):
                 self.asked = self._lowest
             return False
-        answered = min(pressures) > half
+        answered = min(pressures) > self._empty
         self.held_empty = self._silent.step(not answered, periods)
+        if self.held_empty:
+            self._rest()
         return answered
+
+    def _rest(self) -> None:
+        g = self._belief.control.guard
+        self.asked = self._ambient
+        self._rests = guard.overdue(g.rest_time, self._belief)
+        self._silent = guard.overdue(g.pressure_time, self._belief)
+
+
+def empty_below(belief) -> float:
+    """Return the absolute pressure, Pa, below which a muscle is empty: no controller lets it fall so low."""
+    return 0.5 * (belief.valve.ambient_pressure + belief.control.position.minimum_pressure)
 
 
 def vented(pressures: tuple[float, float], belief) -> bool:
-    """Whether both muscles are empty: no controller lets them fall so low."""
-    return max(pressures) < 0.5 * (belief.valve.ambient_pressure + belief.control.position.minimum_pressure)
+    """Whether both muscles are empty."""
+    return max(pressures) < empty_below(belief)
 
 
 class Return:

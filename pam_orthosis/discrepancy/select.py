@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from pam_orthosis.discrepancy import quiet, selection
@@ -31,6 +29,7 @@ from pam_orthosis.discrepancy.fit import (
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.selection import Selection, Step
 from pam_orthosis.discrepancy.together import together
+from pam_orthosis.progress import Progress, silent
 
 ASKED_IN_SILENCE = 3
 LEFT_OVER = 1.3  # power density over noise that an effect leaves: its details are refined
@@ -54,7 +53,7 @@ def search(
     problem: Problem,
     held_out: Problem,
     settings,
-    tell: Callable[[str], None] = lambda _: None,
+    tell: Progress = silent,
     present: tuple[str, ...] = (),
 ) -> Selection:
     """Return the effects that recordings ask for, with the fit of all of them together.
@@ -69,7 +68,7 @@ def search(
 
 
 def recalibrated(
-    problem: Problem, tell: Callable[[str], None] = lambda _: None, present: tuple[str, ...] = ()
+    problem: Problem, tell: Progress = silent, present: tuple[str, ...] = ()
 ) -> tuple[Problem, Fit]:
     """Return the weighted problem and the model with its ordinary parameters fitted within tolerances."""
     free = free_parameters(problem.system, present)
@@ -99,7 +98,7 @@ def _better(problem: Problem, fits: list[tuple[Problem, Fit]]) -> tuple[Problem,
     return min(fits, key=lambda one: score(common, one[1])) if len(fits) > 1 else fits[0]
 
 
-def extended(problem: Problem, base: Fit, held_out: Problem, settings, tell=lambda _: None) -> Selection:
+def extended(problem: Problem, base: Fit, held_out: Problem, settings, tell: Progress = silent) -> Selection:
     """Return what the search adds to a recalibrated model; arguments as for `search`."""
     found = Selection(problem, base, problem, base, present=_earned(problem, base, tell))
     while len(found.final.effects) < settings.effects:
@@ -253,8 +252,6 @@ def fitted_candidates(
     touched = problem.replay.touched
     names = [name for name in problem.system.candidates if name not in base.effects and touched(name)]
     shapes = [name for name in problem.system.shapes if name not in base.effects and touched(name)]
-    tell(f"screening {len(names)} effects")
-
     def screen(name):
         trial = Trial(projection, name)
         starts = trial.starts()
@@ -263,19 +260,16 @@ def fitted_candidates(
         kept = [starts[i] for i in order if gains[i] >= SECOND_START * gains[order[0]]]
         return gains[order[0]], trial, kept
 
-    screened = sorted(together(screen, names), key=lambda item: -item[0])
+    screened = sorted(together(screen, names, tell, "screening effects"), key=lambda item: -item[0])
     least = max(LEAST_SCREEN, LEAST_SHARE * screened[0][0])
     kept = [
         (gain, trial, starts)
         for gain, trial, starts in screened[:most]
         if gain > least and gain * _room(problem, trial.name) > LEAST_OF_BAR * bars[trial.name]
     ]
-    tell(
-        f"fitting {len(kept)}: {', '.join(trial.name for _, trial, _ in kept)}"
-        if kept
-        else "none is worth a fit"
+    found = together(
+        lambda item: candidate(projection, item[1], item[2], item[0]), kept, tell, "fitting candidates"
     )
-    found = together(lambda item: candidate(projection, item[1], item[2], item[0]), kept)
     found += [widened_shape(projection, name) for name in shapes]
     gains = {trial.name: gain for gain, trial, _ in screened} | {one.name: one.gain for one in found}
     return sorted((one for one in found if one.gain > least), key=lambda one: -one.evidence), gains
@@ -400,7 +394,8 @@ def _eliminate(found: Selection, settings, tell) -> None:
     """Drop effects that no longer earn their place beside the others."""
     while len(found.final.effects) > 1:
         effects = found.final.effects
-        losses = dict(zip(effects, together(lambda name: _loss(found, name), effects), strict=True))
+        lost = together(lambda name: _loss(found, name), effects, tell, "refitting without each effect")
+        losses = dict(zip(effects, lost, strict=True))
         found.evidence.update({name: evidence for name, (evidence, _) in losses.items()})
         weakest = _weakest(found, losses, settings)
         if weakest is None:

@@ -16,6 +16,7 @@ import numpy as np
 from pam_orthosis.discrepancy.candidates import Projection, Trial, penalty
 from pam_orthosis.discrepancy.fit import Block, Fit, Problem
 from pam_orthosis.discrepancy.together import together
+from pam_orthosis.progress import Progress, silent
 
 ALIKE = 0.95  # cosine of two signatures above which they are one
 
@@ -37,7 +38,7 @@ class Telling:
     experiments: tuple[str, ...]
 
 
-def telling(problem: Problem, model: Fit, threshold: float) -> Telling:
+def telling(problem: Problem, model: Fit, threshold: float, progress: Progress = silent) -> Telling:
     """Return what recordings can tell, seen from a recalibrated model; `threshold` of evidence.
 
     What is wrong with the model at present is no property of the recordings: each residual counts fully.
@@ -47,7 +48,7 @@ def telling(problem: Problem, model: Fit, threshold: float) -> Telling:
     touched = problem.replay.touched
     names = [name for name in problem.system.candidates if name not in model.effects and touched(name)]
     trials = [Trial(projection, name) for name in names]
-    gram = _gram(projection, trials)
+    gram = _gram(projection, trials, progress)
     size = np.sqrt(np.maximum(np.diag(gram), 0.0))
     evidence = {
         trial.name: float(g**2 - penalty(model, len(trial.free)))
@@ -72,7 +73,7 @@ def _untempered(problem: Problem, model: Fit) -> tuple[Problem, Fit]:
     return problem.weighted(dict.fromkeys(problem.weights, 1.0)), replace(model, blocks=blocks)
 
 
-def _gram(projection: Projection, trials: list[Trial]) -> np.ndarray:
+def _gram(projection: Projection, trials: list[Trial], progress: Progress) -> np.ndarray:
     """Return the inner products of the signatures with the ordinary parameters projected out."""
     level = projection.best(*projection.state({}))[1]
     base = projection.base.blocks
@@ -85,7 +86,7 @@ def _gram(projection: Projection, trials: list[Trial]) -> np.ndarray:
                 rows[name][i] = residual - base[name].residual
                 shared[:, i] += projection.correlated(name, rows[name][i])
 
-    together(seen, range(len(trials)))
+    together(seen, range(len(trials)), progress, "computing what these data can show")
     return sum(row @ row.T for row in rows.values()) - shared.T @ level.solve(shared)
 
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,6 +17,7 @@ from pam_orthosis.discrepancy.selection import Selection, Step
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.whitening import noise_levels, noise_whitener
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.progress import Progress, silent
 
 HELD_SHARE = 0.25  # of each recording, at its end, where no recording is held out
 LEAST_CLOSURE = 0.9  # below it named effects that leave a gap are no explanation
@@ -116,7 +117,7 @@ def begin(
     training: Sequence[Recording],
     held_out: Sequence[Recording],
     settings,
-    tell: Callable[[str], None] = lambda _: None,
+    tell: Progress = silent,
     replay: Replay | None = None,
 ) -> Beginning:
     """Check recordings and recalibrate the model's ordinary parameters: the stages before the search.
@@ -135,6 +136,7 @@ def begin(
         remarks.append("no recording is held out: the last quarter of each one judges")
     check.check_motion(system, training, "the fit")
     check.check_motion(system, held_out, "the judgement")
+    tell("compiling the model")
     problem, judge, floor = prepared(replay or Replay(system), training, held_out, settings)
     return Beginning(system, *select.recalibrated(problem, tell), judge, floor, tuple(remarks))
 
@@ -144,7 +146,7 @@ def find_gap(
     training: Sequence[Recording],
     held_out: Sequence[Recording],
     settings,
-    tell: Callable[[str], None] = lambda _: None,
+    tell: Progress = silent,
     replay: Replay | None = None,
 ) -> Outcome:
     """Find where recordings and the model disagree, and which effects explain it.
@@ -153,7 +155,7 @@ def find_gap(
         training: recordings to fit.
         held_out: recordings to judge by; if empty, the last quarter of each training recording.
         settings: the branch `gap` of the parameters.
-        tell: gets a line on each stage.
+        tell: told what is worked on.
         replay: kept kernels of the same system, to save time over many calls.
 
     Raises:
@@ -162,7 +164,7 @@ def find_gap(
     return search(begin(system, training, held_out, settings, tell, replay), settings, tell)
 
 
-def search(start: Beginning, settings, tell: Callable[[str], None] = lambda _: None) -> Outcome:
+def search(start: Beginning, settings, tell: Progress = silent) -> Outcome:
     """Return which effects explain what a recalibrated model leaves."""
     found = select.extended(start.problem, start.null, start.held_out, settings.evidence, tell)
     tell("measuring the gap on held-out recordings")

@@ -28,6 +28,7 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.table import read_table
 from pam_orthosis.model.muscle import composed_volume
 from pam_orthosis.model.parameters import Parameters, load
+from pam_orthosis.progress import Progress, counted, silent
 
 MOVING = 2.0e-3  # m/s above which a sample belongs to a direction
 SETTLED = 1.0e4  # Pa between a pressure and its reference
@@ -103,13 +104,19 @@ class Data:
     volumes: Volumes | None = None
 
 
-def read_data(paths: Iterable[Path], specimen: str | None = None, length: float | None = None) -> Data:
+def read_data(
+    paths: Iterable[Path],
+    specimen: str | None = None,
+    length: float | None = None,
+    progress: Progress = silent,
+) -> Data:
     """Read rig bags and tables, or folders of them, of one muscle.
 
     Args:
         paths: bags, `.csv` tables, or folders that hold some.
         specimen: section of `config/muscle.yaml`; None: as bags or file names say.
         length: nominal length of a table's muscle, m; None: that of the specimen's measured map.
+        progress: told of each bag and table.
 
     Raises:
         OrthosisError: nothing usable there, data of several muscles or of another one than `specimen`, the
@@ -128,7 +135,7 @@ def read_data(paths: Iterable[Path], specimen: str | None = None, length: float 
         raise OrthosisError(f"muscles of different nominal lengths ({_texts(lengths)} m): one at a time")
     nominal = lengths.pop()
     samples, decays, volumes = [], [], []
-    for serial, path in enumerate(bags):
+    for serial, path in enumerate(counted(bags, progress, "reading bags")):
         test = runs[path].get("test", "force")
         if test == "diagnostic":
             continue  # for the gap workflow: pressures change, moves are too fast for static force
@@ -138,7 +145,7 @@ def read_data(paths: Iterable[Path], specimen: str | None = None, length: float 
             volumes.append(_volumes(path, specimen, parameters))
         else:
             samples.append(_bag_samples(path, serial, parameters))
-    samples += [_table_samples(path, nominal) for path in tables]
+    samples += [_table_samples(path, nominal) for path in counted(tables, progress, "reading tables")]
     if not samples:
         raise OrthosisError("no force measurement among the data: give bags of `rig` or a table")
     return Data(specimen, nominal, _joined(Samples, samples), not bags, decays, _joined(Volumes, volumes))

@@ -20,6 +20,7 @@ from scipy import fft, stats
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.data import Samples
 from pam_orthosis.model.muscle import polynomial
+from pam_orthosis.progress import Progress, counted, silent
 
 RANK_TOLERANCE = 1.0e-9  # of a singular value, relative to the largest (columns of equal norm)
 CONFIDENCE = 0.95
@@ -171,14 +172,14 @@ def _runs(residual: np.ndarray, serial: np.ndarray) -> list[np.ndarray]:
 
 
 def leave_one_out(
-    s: Samples, group: np.ndarray, fit: Callable[[Samples], ForceFit]
+    s: Samples, group: np.ndarray, fit: Callable[[Samples], ForceFit], progress: Progress = silent
 ) -> dict[float, tuple[float, float] | None]:
     """Return for each value of `group` RMS and maximum error, N, of a fit without it.
 
     None where the rest cannot determine the coefficients.
     """
     errors: dict[float, tuple[float, float] | None] = {}
-    for value in np.unique(group).tolist():
+    for value in counted(np.unique(group).tolist(), progress, "fitting without each length"):
         try:
             model = fit(s.where(group != value)).model
         except OrthosisError:

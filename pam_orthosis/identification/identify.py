@@ -14,6 +14,7 @@ from pam_orthosis.identification.damping import Damping, fit_damping
 from pam_orthosis.identification.data import Data, Samples
 from pam_orthosis.identification.force import ForceFit, fit_force, leave_one_out, rms_and_max
 from pam_orthosis.identification.volume import VolumeFit, fit_volume
+from pam_orthosis.progress import Progress, silent
 
 MOST_TOLD = 12  # pressures of the data
 LEVEL_TOLERANCE = 2.0e3  # Pa between a pressure that is asked for and the one of a run
@@ -106,6 +107,7 @@ def identify(
     held_out: Sequence[float] = (),
     degrees: tuple[int, int] = (3, 4),
     damping: float | None = None,
+    progress: Progress = silent,
 ) -> Identified:
     """Identify a muscle.
 
@@ -114,10 +116,12 @@ def identify(
         held_out: gauge pressures, Pa, of runs that judge and do not enter the fit.
         degrees: of area function and counterforce, Eq. (14).
         damping: D, N s/m, in place of the decays'; None: theirs, zero if there are none.
+        progress: told what is fitted.
 
     Raises:
         OrthosisError: the data do not determine the parameters, or all of them are held out.
     """
+    progress("fitting the damping")
     told = fit_damping(data.decays) if data.decays else None
     d = damping if damping is not None else (told.value if told else 0.0)
     judged = np.zeros(len(data.samples), dtype=bool)
@@ -126,12 +130,14 @@ def identify(
     training = data.samples.where(~judged)
     if not len(training):
         raise OrthosisError("all data are held out: nothing is left to fit")
+    progress("fitting the force")
     force = fit_force(training, d, degrees)
     by_length = {}
     if data.static:
         lengths = np.round(training.contraction, 6)
-        by_length = leave_one_out(training, lengths, lambda s: fit_force(s, d, degrees))
+        by_length = leave_one_out(training, lengths, lambda s: fit_force(s, d, degrees), progress)
     box = _box(training)
+    progress("fitting the volume")
     return Identified(
         data, training, data.samples.where(judged), force, told,
         fit_volume(data.volumes, data.specimen) if data.volumes else None,

@@ -13,25 +13,16 @@ from pam_orthosis.discrepancy.data import from_bag
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.verdict import as_dict
 from pam_orthosis.discrepancy.workflow import find_gap
+from pam_orthosis.files import placed
 from pam_orthosis.improvement import learned
 from pam_orthosis.improvement.experiments import Experiment, programme, record
+from pam_orthosis.improvement.resumed import Found, read_found, write_found
 from pam_orthosis.model.parameters import BELIEF, Parameters
 from pam_orthosis.model.plant import with_belief
+from pam_orthosis.progress import Progress, counted, silent
 
 # of the evidence of another effect for which it could pass, which a further one needs (`gap.evidence.share`)
 SHARE_KEY, SHARE = "gap.evidence.share", 0.01
-
-Tell = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Found:
-    """What a search for the gap gave: effects, values of all parameters, verdict, all of it for a file."""
-
-    effects: tuple[str, ...]
-    values: Mapping[str, float]
-    verdict: str
-    told: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -89,7 +80,7 @@ class Round:
 
 
 Bags = Mapping[str, tuple[Experiment, Path]]
-Find = Callable[[Parameters, Bags, Tell], Found]
+Find = Callable[[Parameters, Bags, Progress], Found]
 
 
 def improve(
@@ -98,11 +89,12 @@ def improve(
     folder: Path,
     seeds: Sequence[int],
     most: int,
-    tell: Tell = lambda _: None,
+    tell: Progress = silent,
     find: Find | None = None,
 ) -> list[Round]:
     """Return the rounds, the first (0) without anything learned; bags and reports go below `folder`.
 
+    What the folder holds already is not made again: an earlier call with the same arguments was cut short.
     The search gets the recordings and the belief, never the plant's parameters. An effect stays if the
     search names it and the worst run with it tracks better than without.
 
@@ -112,23 +104,23 @@ def improve(
         most: rounds at most.
         find: another search than the gap workflow.
     """
-    tell("running with what is believed")
-    before = judged(parameters, scenario, folder / "round-0", seeds)
+    before = judged(parameters, scenario, folder / "round-0", seeds, tell)
     rounds = [Round(0, None, True, before, {}, "nothing learned")]
     known: dict[str, Any] = {}
     for number in range(1, most + 1):
         place, last = folder / f"round-{number}", rounds[-1]
-        tell(f"round {number}: recording experiments")
-        bags = recorded(with_belief(parameters, last.model), scenario, place)
+        bags = recorded(with_belief(parameters, last.model), scenario, place, tell)
         belief = parameters.changed(known).only(*BELIEF, "gap")  # the search cannot see the plant
-        found = (find or find_effects)(belief, bags, tell)
+        found = read_found(place)
+        if found is None:
+            found = (find or find_effects)(belief, bags, tell)
+            write_found(place, found)
         if not found.effects:
             rounds.append(Round(number, found, False, None, last.model, "no further effect is found"))
             break
         effects = learned.named(belief, found.effects, found.values)
         model = {**known, **learned.calibrated(belief, found.effects, found.values), **effects}
-        tell(f"round {number}: running with {', '.join(found.effects)}")
-        after = judged(with_belief(parameters, model), scenario, place, seeds)
+        after = judged(with_belief(parameters, model), scenario, place, seeds, tell)
         kept = after.largest < last.tracking.largest
         words = "kept" if kept else "the knee follows no better: not kept"
         rounds.append(Round(number, found, kept, after, model if kept else last.model, words))
@@ -138,25 +130,34 @@ def improve(
     return rounds
 
 
-def judged(parameters: Parameters, scenario: str, folder: Path, seeds: Sequence[int]) -> Tracking:
+def judged(
+    parameters: Parameters, scenario: str, folder: Path, seeds: Sequence[int], tell: Progress = silent
+) -> Tracking:
     """Record a run for each seed and judge it from its bag."""
     bags = tuple(folder / f"run-{seed}" for seed in seeds)
-    for bag, seed in zip(bags, seeds, strict=True):
-        record(parameters, seed, scenario, bag)
+    for bag, seed in counted(list(zip(bags, seeds, strict=True)), tell, f"{folder.name}: runs that judge"):
+        _record_once(parameters, seed, scenario, bag)
     return Tracking(bags, tuple(judge(bag) for bag in bags))
 
 
-def recorded(parameters: Parameters, scenario: str, folder: Path) -> Bags:
+def recorded(parameters: Parameters, scenario: str, folder: Path, tell: Progress = silent) -> Bags:
     """Record the experiments of a round; return name -> experiment and bag."""
     made = {}
-    for experiment in programme(parameters):
+    for experiment in counted(programme(parameters), tell, f"{folder.name}: experiments to learn from"):
         bag = folder / experiment.name
-        record(parameters.changed(experiment.changes), experiment.seed, scenario, bag)
+        _record_once(parameters.changed(experiment.changes), experiment.seed, scenario, bag)
         made[experiment.name] = experiment, bag
     return made
 
 
-def find_effects(parameters: Parameters, bags: Bags, tell: Tell) -> Found:
+def _record_once(parameters: Parameters, seed: int, scenario: str, bag: Path) -> None:
+    """Record a bag, unless it is there: it appears whole or not at all."""
+    if not bag.exists():
+        with placed(bag) as unfinished:
+            record(parameters, seed, scenario, unfinished)
+
+
+def find_effects(parameters: Parameters, bags: Bags, tell: Progress) -> Found:
     """Return what the gap workflow finds in the bags; `parameters` is the belief and `gap`.
 
     Effects count here whether or not they close enough of the gap to be called its explanation, and beside

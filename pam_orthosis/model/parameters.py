@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model.rules import broken_rules
 from pam_orthosis.reading import read_yaml, shown
 
 Value = float | int | bool | str | list
@@ -167,6 +166,8 @@ class Parameters(Section):
         Raises:
             OrthosisError: unknown key, unusable value or a broken rule between values.
         """
+        from pam_orthosis.model.rules import broken_rules  # --help needs none of them
+
         rows = dict(self._rows)
         for key, value in overrides.items():
             if key not in rows:

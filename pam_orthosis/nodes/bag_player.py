@@ -23,7 +23,7 @@ from pam_orthosis.bag.record import BagWriter
 from pam_orthosis.bag.script import Instant, Script, held_ns
 from pam_orthosis.bag.topics import CLOCK, NODES, RECORDER, SECOND_NS
 from pam_orthosis.errors import RunFailed
-from pam_orthosis.nodes import graph, messages
+from pam_orthosis.nodes import graph, messages, process, transport
 from pam_orthosis.nodes.launch import PLAYER, REPLAYED
 from pam_orthosis.nodes.pace import MAX_UNRECORDED_NS
 from pam_orthosis.nodes.parameters import Setting
@@ -64,7 +64,7 @@ class BagPlayer(graph.GraphNode):
         self._absent = set(self._script.nodes)
         self.listen_to("ready", self._on_ready, latched=True)
         # the nodes wait for a listener; the player waits for none of them, since it may feed a few only
-        self.create_subscription(DiagnosticArray, "diagnostics", lambda _report: None, graph.qos())
+        self.create_subscription(DiagnosticArray, "diagnostics", lambda _report: None, transport.qos())
         self._progress = time.monotonic()
         self.create_timer(WATCH_SECONDS, self._watch)
 
@@ -79,23 +79,23 @@ class BagPlayer(graph.GraphNode):
         self._writer.close()
 
     def _feed_to(self, topic: str, listeners: int):
-        kind = graph.message_class(self.topics[topic].type)
-        publisher = self.create_publisher(kind, topic, graph.qos())
+        kind = transport.message_class(self.topics[topic].type)
+        publisher = self.create_publisher(kind, topic, transport.qos())
         there = lambda: publisher.get_subscription_count() >= listeners  # noqa: E731
         self._peers[f"a listener on {topic}"] = there
         return publisher
 
     def _tell(self, topic: str):
-        return self.create_publisher(graph.message_class(self.topics[topic].type), topic, graph.qos())
+        return self.create_publisher(transport.message_class(self.topics[topic].type), topic, transport.qos())
 
     def _hear(self, topic: str) -> None:
         self._listen_aside(topic, self._receiver(topic))
         self._writer.add_topic(f"/{topic.lstrip('/')}", self.topics[topic].type)
 
     def _listen_aside(self, topic: str, receive: Callable[[bytes], None]) -> None:
-        kind = graph.message_class(self.topics[topic].type)
+        kind = transport.message_class(self.topics[topic].type)
         name = f"{REPLAYED}/{topic.lstrip('/')}"
-        self.create_subscription(kind, name, receive, graph.qos(), raw=True)
+        self.create_subscription(kind, name, receive, transport.qos(), raw=True)
 
     def _receiver(self, topic: str) -> Callable[[bytes], None]:
         def receive(data: bytes) -> None:
@@ -159,7 +159,7 @@ class BagPlayer(graph.GraphNode):
 
 def main() -> int:
     """Run the node."""
-    return graph.run(lambda: [BagPlayer()])
+    return process.run(lambda: [BagPlayer()])
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from pam_orthosis.bag.steps import Message, StepCollector
 from pam_orthosis.bag.topics import NODES, RECORDER, Topic, in_leg
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
-from pam_orthosis.nodes import graph
+from pam_orthosis.nodes import graph, process
 from pam_orthosis.nodes.pace import INPUTS as COMMANDS
 from pam_orthosis.nodes.pace import VOLTAGE
 from pam_orthosis.nodes.parameters import Setting
@@ -296,7 +296,7 @@ def let_others_first() -> None:
 def main() -> int:
     """Run the node."""
     let_others_first()  # before the middleware has threads, which take it over
-    return graph.run(lambda: [BagRecorder()])
+    return process.run(lambda: [BagRecorder()])
 
 
 if __name__ == "__main__":

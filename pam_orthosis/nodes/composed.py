@@ -9,7 +9,7 @@ from rclpy.utilities import remove_ros_args
 
 from pam_orthosis.bag import topics
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.nodes import graph
+from pam_orthosis.nodes import process
 from pam_orthosis.nodes.bag_recorder import BagRecorder
 from pam_orthosis.nodes.inverse_valve_model import InverseValveModelNode
 from pam_orthosis.nodes.plant_simulator import PlantSimulator
@@ -36,7 +36,7 @@ def main() -> int:
     if unknown:
         print(f"{ERROR_PREFIX}no node {unknown[0]}: give some of {', '.join(NODES)}", file=sys.stderr)
         return OrthosisError.exit_status
-    return graph.run(lambda: [NODES[name]() for name in names])
+    return process.run(lambda: [NODES[name]() for name in names])
 
 
 if __name__ == "__main__":

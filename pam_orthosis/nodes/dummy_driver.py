@@ -20,7 +20,7 @@ from pam_orthosis.control.guard import driven
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
-from pam_orthosis.nodes import graph, messages
+from pam_orthosis.nodes import messages, process
 from pam_orthosis.nodes.layout import EVERYTHING
 from pam_orthosis.nodes.parameters import declare_rows
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX
@@ -111,9 +111,9 @@ class DummyDriver(Node):
 
 def main() -> int:
     """Run the driver until SIGINT or SIGTERM."""
-    caught = graph.caught_signals()
+    caught = process.caught_signals()
     try:
-        graph.start_ros()
+        process.start_ros()
         driver = DummyDriver()
     except OrthosisError as error:
         print(f"{ERROR_PREFIX}{error}", file=sys.stderr)
@@ -125,7 +125,7 @@ def main() -> int:
             executor.spin_once(timeout_sec=SPIN_SECONDS)
     finally:  # whatever has happened
         driver.vent()
-        graph.leave([driver])
+        process.leave([driver])
     return 0
 
 

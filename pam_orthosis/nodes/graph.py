@@ -1,51 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all nodes share: topics of the table, start barrier, health, end of the run, spinning."""
+"""What all nodes share: topics of the table, start barrier, parameters, health, end of the run."""
 
 from __future__ import annotations
 
-import faulthandler
 import gc
-import os
-import re
-import signal
-import sys
 import time
-import traceback
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache, partial
-from importlib import import_module
+from functools import partial
 from typing import Any
 
-import rclpy
 from builtin_interfaces.msg import Time
 from rclpy.duration import Duration
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.serialization import serialize_message
-from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
-from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from pam_orthosis.bag.cdr import Reader, Template, Unreadable
-from pam_orthosis.bag.topics import (
-    NODES,
-    PLANT,
-    PUBLISHED_DEPTH,
-    RECORDER,
-    SECOND_NS,
-    SLOW,
-    in_leg,
-    table,
-)
-from pam_orthosis.errors import OrthosisError, RunFailed
+from pam_orthosis.bag.topics import NODES, PLANT, PUBLISHED_DEPTH, RECORDER, SECOND_NS, SLOW, in_leg, table
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import messages
+from pam_orthosis.nodes.ages import Ages
 from pam_orthosis.nodes.agreement import ALIKE, Agreement
-from pam_orthosis.nodes.exchange import Exchange, Outlet
+from pam_orthosis.nodes.exchange import Outlet
 from pam_orthosis.nodes.join import HoldingJoin, Join
 from pam_orthosis.nodes.layout import LAYOUT
 from pam_orthosis.nodes.ownership import Ownership
@@ -56,19 +36,10 @@ from pam_orthosis.nodes.parameters import (
     refuse_sim_time,
     take_changes,
 )
-from pam_orthosis.nodes.supervisor import ERROR_PREFIX, HEARTBEAT_SECONDS, HEARTBEAT_VARIABLE
+from pam_orthosis.nodes.transport import QUEUE_DEPTH, message_class, qos
 
 PEER_POLL_SECONDS = 0.02
 PEER_SECONDS, PEER_REPORT_SECONDS = 5.0, 30.0  # until it is said who is waited for, and said again
-LAST_WORDS_SECONDS = 0.1
-LONGEST_LAST_WORDS_SECONDS = 2.0  # of a process of its own that still hears something
-SILENT_TURNS = 2  # after which there are no more: in one the machine may have stood still
-STUCK_SECONDS = 60.0  # without a beat, after which a process of a run ends itself
-ARM_SECONDS = 5.0
-LEAVING_SECONDS = 10.0  # the same for one whose supervisor is gone
-LEAVE_SECONDS = 1.0
-ORPHAN_SECONDS = 0.6  # nobody sees to it that the recorder ends last
-QUEUE_DEPTH = 10
 MOST_PERIODS = 20  # of missed samples that controllers make up for
 MODE = {
     "realtime": Setting(False, "samples come by the wall clock; otherwise in lockstep with the voltages"),
@@ -76,24 +47,6 @@ MODE = {
     "replay": Setting(False, "a player stands in for all peers, and feeds a recorded bag"),
     "leg": Setting("", "name of the leg if it is one of several: the prefix of its frames"),
 }
-
-
-def qos(depth: int = QUEUE_DEPTH, latched: bool = False, reliable: bool = True) -> QoSProfile:
-    """Return the quality of service of a topic: keep last; volatile and reliable if not said otherwise."""
-    reliability = QoSReliabilityPolicy.RELIABLE if reliable else QoSReliabilityPolicy.BEST_EFFORT
-    return QoSProfile(
-        history=QoSHistoryPolicy.KEEP_LAST,
-        depth=depth,
-        reliability=reliability,
-        durability=QoSDurabilityPolicy.TRANSIENT_LOCAL if latched else QoSDurabilityPolicy.VOLATILE,
-    )
-
-
-@lru_cache
-def message_class(type_name: str) -> type:
-    """Return the class of `package/msg/Type`."""
-    package, _, name = type_name.split("/")
-    return getattr(import_module(f"{package}.msg"), name)
 
 
 class GraphNode(Node):
@@ -439,255 +392,3 @@ def _told(values: Mapping[str, Any]) -> str:
 
 def _adder(join: Join, topic: str) -> Callable[..., None]:
     return lambda stamp_ns, *numbers: join.add(topic, stamp_ns, numbers)
-
-
-class Ages:
-    """How old samples are when a node is done with them, since the last report, and how many were too old."""
-
-    def __init__(self, deadline_ns: int):
-        self._deadline_ns = deadline_ns
-        self._ages: list[int] = []
-        self.missed = 0
-
-    def add(self, age_ns: int) -> None:
-        """Count a sample."""
-        self._ages.append(age_ns)
-        self.missed += age_ns > self._deadline_ns
-
-    def figures(self) -> dict[str, float]:
-        """Return mean and largest age, ms, and begin anew."""
-        ages, self._ages = self._ages, []
-        if not ages:
-            return {}
-        return {"latency_mean_ms": sum(ages) / len(ages) / 1e6, "latency_max_ms": max(ages) / 1e6}
-
-
-class Heartbeat:
-    """Tells the supervisor through an inherited pipe that this process answers, and how far it is.
-
-    Each line is `starting <peers that are missing>`, `running <stamp in ns>`, `refused` (a stranger is here;
-    end the others first), `leaving` (cut short) or `ended`. Without a supervisor it is silent.
-    """
-
-    def __init__(self) -> None:
-        descriptor = os.environ.get(HEARTBEAT_VARIABLE)
-        self._pipe = int(descriptor) if descriptor else None
-        self._last = 0.0
-        self._armed = 0.0
-        self.orphaned = False
-        if self._pipe is not None:
-            os.set_blocking(self._pipe, False)
-
-    def beat(self, nodes: Sequence[GraphNode]) -> bool:
-        """Write a line if one is due; return whether the supervisor still lives."""
-        ended = all(node.ended for node in nodes)
-        now = time.monotonic()
-        if self._pipe is None or (now - self._last < HEARTBEAT_SECONDS and not ended):
-            return True
-        self._last = now
-        if now - self._armed > ARM_SECONDS:  # each time costs a thread
-            self._armed = now
-            self.ends_within(STUCK_SECONDS)
-        return self.tell(_status(nodes, ended))
-
-    def ends_within(self, seconds: float | None) -> None:
-        """Let the process end itself, in whatever call it is stuck, if nothing is heard for so long.
-
-        None takes that back. A peer that was killed can leave the middleware waiting for ever; where the
-        process was stuck is then in its log.
-        """
-        if self._pipe is None:
-            return
-        if seconds is None:
-            faulthandler.cancel_dump_traceback_later()
-        else:
-            faulthandler.dump_traceback_later(seconds, exit=True)
-
-    def tell(self, status: str) -> bool:
-        """Write a line; return whether the supervisor still lives."""
-        try:
-            if self._pipe is not None:
-                os.write(self._pipe, f"{status}\n".encode())
-        except BlockingIOError:  # the supervisor sleeps: nothing is lost
-            pass
-        except BrokenPipeError:
-            self.orphaned = True
-        return not self.orphaned
-
-
-def _status(nodes: Sequence[GraphNode], ended: bool) -> str:
-    if ended:
-        return "ended"
-    if any(node.stranger for node in nodes):
-        return "refused"
-    if not all(node.ready for node in nodes):
-        return f"starting {sum(len(node.missing_peers()) for node in nodes)}"
-    return f"running {min(node.time_ns for node in nodes)}"
-
-
-class RunLog:
-    """Says in the log of a process, once each, that the run begins and that it is over."""
-
-    def __init__(self) -> None:
-        self._begun = False
-
-    def look(self, nodes: Sequence[GraphNode]) -> None:
-        """Say that the run begins when it has."""
-        if not self._begun and any(node.stepped for node in nodes):
-            self._begun = True
-            nodes[0].get_logger().info("the run begins")
-
-    def end(self, nodes: Sequence[GraphNode]) -> None:
-        """Say how the run ended, where no error does."""
-        self.look(nodes)
-        if self._begun:
-            how = "is over" if all(node.ended for node in nodes) else "was cut short"
-            reached = max(node.time_ns for node in nodes) / SECOND_NS
-            nodes[0].get_logger().info(f"the run {how} at {reached:.3f} s")
-
-
-def spin(nodes: Sequence[GraphNode]) -> bool:
-    """Run nodes until the run ends, SIGINT or SIGTERM comes or the supervisor is gone; close them.
-
-    Returns whether the run came to its end.
-
-    Signals are looked at between callbacks, so that a step is never cut in two, by a timer and at each
-    step: a timer alone has to queue behind all that has arrived, which is much on a busy machine. The
-    events executor is the fast one; it needs a finite time-out to dispatch at all.
-    """
-    over, signals, heartbeat, log = Future(), caught_signals(), Heartbeat(), RunLog()
-    due = 0.0
-
-    def pulse() -> None:
-        if signals or time.monotonic() >= due:
-            watch()
-
-    def watch() -> None:
-        nonlocal due
-        due = time.monotonic() + HEARTBEAT_SECONDS
-        log.look(nodes)
-        failed = signals or any(node.failure for node in nodes)
-        if failed or not heartbeat.beat(nodes) or all(node.ended for node in nodes):
-            over.set_result(None)
-
-    nodes[0].create_timer(HEARTBEAT_SECONDS, watch)
-    for node in nodes:
-        node.pulse, node.alarm = pulse, watch
-    executor = EventsExecutor()
-    for node in nodes:
-        executor.add_node(node)
-    errors: list[Exception] = []
-
-    def fail(error: Exception) -> None:
-        errors.append(error)
-        over.set_result(None)
-
-    _connect(nodes, Exchange(executor, fail))
-    try:
-        while not over.done():
-            executor.spin_until_future_complete(over, timeout_sec=3600.0)
-        if errors:
-            raise errors[0]
-    finally:
-        heartbeat.ends_within(LEAVING_SECONDS if heartbeat.orphaned else None)
-        if not all(node.ended for node in nodes):
-            heartbeat.tell("leaving")
-            _abandon(nodes, executor, ORPHAN_SECONDS if heartbeat.orphaned else LAST_WORDS_SECONDS)
-        for node in nodes:
-            node.close()
-    for node in nodes:
-        if node.failure:
-            raise node.failure()
-    log.end(nodes)
-    for node in nodes:
-        node.destroy_node()
-    return all(node.ended for node in nodes)
-
-
-def _connect(nodes: Sequence[GraphNode], exchange: Exchange) -> None:
-    """Let the nodes of a process hand messages to each other."""
-    outlets = [outlet for node in nodes for outlet in node.outlets]
-    exchange.connect(outlets, [inlet for node in nodes for inlet in node.inlets])
-
-
-def _abandon(nodes: Sequence[GraphNode], executor: EventsExecutor, seconds: float) -> None:
-    """Let nodes say and hear last words."""
-    stay = [node.abandon() for node in nodes]
-    until = time.monotonic() + LONGEST_LAST_WORDS_SECONDS
-    silent = 0 if any(stay) else SILENT_TURNS
-    while silent < SILENT_TURNS:
-        executor.spin_until_future_complete(Future(), timeout_sec=seconds)
-        heard = len(nodes) == 1 and nodes[0].hears()
-        silent = 0 if heard and time.monotonic() < until else silent + 1
-
-
-def run(make_nodes: Callable[[], Sequence[GraphNode]]) -> int:
-    """Run the nodes of one process; return its exit status.
-
-    A run that was cut short has no time to take the process apart; it leaves the middleware, so that its
-    peers need not wait until they forget it.
-    """
-    nodes: list[GraphNode] = []
-    try:
-        start_ros()
-        nodes += make_nodes()
-        whole, status = spin(nodes), 0
-    except Exception as error:
-        whole, status = False, _reported(error)
-    if not whole:
-        sys.stderr.flush()
-        leave(nodes)
-        os._exit(status)
-    rclpy.try_shutdown()
-    return status
-
-
-def leave(nodes: Sequence[Node]) -> None:
-    """Tell all peers that these nodes are gone; end the process if the middleware does not come back."""
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    signal.setitimer(signal.ITIMER_REAL, LEAVE_SECONDS)
-    for node in nodes:
-        node.destroy_node()
-    rclpy.try_shutdown()
-    signal.setitimer(signal.ITIMER_REAL, 0.0)
-
-
-def start_ros() -> None:
-    """Start ROS with the arguments of the command line and without its handlers of signals.
-
-    Raises:
-        OrthosisError: ROS cannot use them.
-    """
-    try:
-        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # rclpy's errors have no narrower ancestor
-        said = re.sub(r", at [^ ]+:\d+", "", str(error).removeprefix("failed to initialize rcl: "))
-        raise OrthosisError(f"cannot use the arguments behind --ros-args: {said}") from error
-
-
-def _reported(error: Exception) -> int:
-    """Tell an error in one line, after the traceback if nobody foresaw it; return the exit status."""
-    if isinstance(error, OrthosisError):
-        print(f"{ERROR_PREFIX}{error}", file=sys.stderr)
-        return error.exit_status
-    traceback.print_exception(error)
-    print(f"{ERROR_PREFIX}{_culprit(error)}{type(error).__name__}: {error}", file=sys.stderr)
-    return RunFailed.exit_status
-
-
-def _culprit(error: Exception) -> str:
-    """Return whose callback failed: several nodes may share the process."""
-    frames = [frame.f_locals.get("self") for frame, _ in traceback.walk_tb(error.__traceback__)]
-    roles = [each.role for each in frames if isinstance(each, GraphNode)]
-    return f"in {roles[-1]}: " if roles else ""
-
-
-def caught_signals() -> list[int]:
-    """Return the list to which SIGINT and SIGTERM are appended from now on.
-
-    rclpy's own handlers would end the context under a callback that is about to publish.
-    """
-    caught: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _frame: caught.append(number))
-    return caught

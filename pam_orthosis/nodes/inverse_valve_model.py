@@ -12,7 +12,7 @@ from pam_orthosis.bag.topics import VALVE
 from pam_orthosis.control.guarded import GuardedValve
 from pam_orthosis.control.inverse_valve import InverseValveModel
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.nodes import graph, messages
+from pam_orthosis.nodes import graph, messages, process
 from pam_orthosis.nodes.join import Join
 
 MUSCLES = ("extensor", "flexor")
@@ -96,7 +96,7 @@ class InverseValveModelNode(graph.GraphNode):
 
 def main() -> int:
     """Run the node."""
-    return graph.run(lambda: [InverseValveModelNode()])
+    return process.run(lambda: [InverseValveModelNode()])
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from rclpy.qos import qos_profile_sensor_data
 from pam_orthosis.bag.cdr import serialised_stamp_ns
 from pam_orthosis.bag.topics import BY_NAME
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.nodes import graph
+from pam_orthosis.nodes import process, transport
 from pam_orthosis.nodes.parameters import Setting, declare_rows, declare_settings
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX
 from pam_orthosis.scene.messages import DESCRIPTION, LATCHED, TYPES, LegScene
@@ -48,17 +48,17 @@ class LegStatePublisher(Node):
         self._outputs = {topic: self._publisher(topic) for topic in TYPES}
         self.declare_parameter(DESCRIPTION, scene.description)
         for topic in INPUTS:
-            kind = graph.message_class(BY_NAME[topic].type)
+            kind = transport.message_class(BY_NAME[topic].type)
             receive = self._receiver(topic)
             self.create_subscription(kind, topic, receive, qos_profile_sensor_data, raw=True)
 
     def _publisher(self, topic: str) -> Publisher | None:
         try:
-            kind = graph.message_class(TYPES[topic])
+            kind = transport.message_class(TYPES[topic])
         except ModuleNotFoundError as error:
             self.get_logger().warning(f"{topic} is not published: {error.name} is not installed")
             return None
-        return self.create_publisher(kind, topic, graph.qos(latched=topic in LATCHED))
+        return self.create_publisher(kind, topic, transport.qos(latched=topic in LATCHED))
 
     def _receiver(self, topic: str) -> Callable[[bytes], None]:
         def receive(data: bytes) -> None:
@@ -72,9 +72,9 @@ class LegStatePublisher(Node):
 
 def main() -> int:
     """Run the node until SIGINT or SIGTERM."""
-    signals = graph.caught_signals()
+    signals = process.caught_signals()
     try:
-        graph.start_ros()
+        process.start_ros()
         executor: Any = EventsExecutor()
         executor.add_node(LegStatePublisher())
         while not signals:

@@ -10,6 +10,7 @@ silent takes its place.
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
@@ -19,10 +20,13 @@ from rclpy.subscription import Subscription
 
 from pam_orthosis.errors import OrthosisError, RunFailed
 
-NAME_SECONDS = 1.0  # at most, until the graph tells which node a publisher belongs to
+NAME_SECONDS = 1.0  # at most, until the graph tells which node a stranger's publisher belongs to
+PATIENCE_SECONDS = 5.0  # the same for one who may have come again: a starved machine tells late
 LOOK_SECONDS = 0.5
 SILENT_SECONDS = 0.25  # five control periods of the longest kind, after which an owner that speaks is gone
 LEASE_SECONDS = 25.0  # at most, until the middleware forgets who was killed: 20 s if nothing else is set
+
+MOST_WAITING = 1000  # messages of a topic
 
 Refuse = Callable[[Callable[[], OrthosisError]], None]
 
@@ -39,6 +43,7 @@ class Ownership:
         self._node, self._refuse = node, refuse
         self._topics: list[str] = []
         self._services: list[str] = []
+        self._inputs: list[Callable[[], None]] = []
         self._namesakes = 1
         node.create_timer(LOOK_SECONDS, self._look)
 
@@ -49,6 +54,11 @@ class Ownership:
     def offers(self, service: str) -> None:
         """Note that this node alone offers a service."""
         self._services.append(self._node.resolve_service_name(service))
+
+    def absent(self, nodes: Sequence[str]) -> list[str]:
+        """Return which of these nodes are not known here, nor in the root as one that serves all legs."""
+        here, known = self._node.get_namespace(), self._all_names()
+        return [node for node in nodes if not {_joined(node, here), f"/{node}"}.intersection(known)]
 
     def listen(
         self,
@@ -64,28 +74,40 @@ class Ownership:
         such names, whom nobody hears any more, were killed if one of the same name comes.
 
         The executor may hand out a message before the event that its publisher was matched: the count of
-        publishers, which the middleware keeps, is asked for at each message.
+        publishers, which the middleware keeps, is asked for at each message. What comes before it is known
+        who came again waits.
         """
 
-        def look() -> None:
+        def look() -> bool:
             # not the total: one that went and came again, a driver say, is no stranger
-            if not place.is_right(count()):
+            right = place.is_right(count())
+            if right is False:
                 met()
                 self._refuse(lambda: RunFailed(self._publisher_too_many(subscription.topic_name, owners)))
+            return right is not None
+
+        def settle() -> None:
+            if look() and waiting:
+                place.heard = time.monotonic()
+                while waiting:
+                    callback(waiting.popleft())
 
         def receive(message: Any) -> None:
-            look()
-            place.heard = time.monotonic()
-            callback(message)
+            waiting.append(message)
+            settle()
 
+        waiting: deque[Any] = deque(maxlen=MOST_WAITING)
         place = _Place(len(owners), replaceable, lambda: self._names(subscription.topic_name))
-        events = SubscriptionEventCallbacks(matched=lambda _status: look())
+        self._inputs.append(settle)
+        events = SubscriptionEventCallbacks(matched=lambda _status: settle())
         subscription = subscribe(receive, event_callbacks=events)
         count = subscription.handle.get_publisher_count
         return subscription
 
     def _look(self) -> None:
-        """Look for strangers where no message of theirs comes to this node."""
+        """Look for strangers where no message of theirs comes to this node, or just now none."""
+        for settle in self._inputs:
+            settle()
         own, node = self._full_name(), self._node
         for topic in self._topics:
             if node.count_publishers(topic) > 1 and (others := _without(own, self._publishing(topic))):
@@ -156,23 +178,30 @@ class _Place:
     ):
         self._most, self._replaceable, self._names = most, replaceable, names
         self._granted, self._until = most, 0.0
+        self._since: float | None = None  # somebody is there whose name is not known yet
         self.heard = -SILENT_SECONDS
 
-    def is_right(self, count: int) -> bool:
-        """Whether so many publishers belong there."""
+    def is_right(self, count: int) -> bool | None:
+        """Whether so many publishers belong there; None: not known yet."""
         if count <= self._most:
-            self._granted = self._most
+            self._granted, self._since = self._most, None
             return True
-        if count > self._granted and self._is_taken_again(count):
-            self._granted, self._until = count, time.monotonic() + LEASE_SECONDS
-        return count <= self._granted and time.monotonic() < self._until
+        if count > self._granted:
+            again = self._is_taken_again(count)
+            if not again:
+                return again
+            self._granted, self._until, self._since = count, time.monotonic() + LEASE_SECONDS, None
+        return time.monotonic() < self._until
 
-    def _is_taken_again(self, count: int) -> bool:
-        """Whether nobody speaks, and no more different nodes are there than belong there."""
+    def _is_taken_again(self, count: int) -> bool | None:
+        """Whether nobody spoke, and no more different nodes are there than belong there."""
         now = time.monotonic()
-        if now - self.heard < SILENT_SECONDS:
-            return False
-        while len(names := self._names()) < count and time.monotonic() < now + NAME_SECONDS:
-            time.sleep(0.01)
+        if self._since is None:
+            if now - self.heard < SILENT_SECONDS or not self._replaceable(set()):
+                return False
+            self._since = now
+        names = self._names()
+        if len(names) < count:
+            return None if now - self._since < PATIENCE_SECONDS else False
         nodes = {name.rpartition("/")[2] for name in names}
-        return len(names) >= count and len(set(names)) <= self._most and self._replaceable(nodes)
+        return len(set(names)) <= self._most and self._replaceable(nodes)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from builtin_interfaces.msg import Time
 
-from pam_orthosis.bag.topics import BY_NAME
+from pam_orthosis.bag.topics import BY_NAME, NODES
 from pam_orthosis.errors import RunFailed
 from pam_orthosis.nodes import messages
 
@@ -88,11 +88,18 @@ class Lockstep:
         if not self._begun or self._plant.ended or time.monotonic() - self._progress < limit:
             return
         at = f"at {self._stamp_ns / 1e9:.3f} s for {limit:g} s"
+        self._plant.fail(RunFailed(f"plant_simulator waited {at}: {self._cause()}"))
+
+    def _cause(self) -> str:
+        """Return who is gone, or else what did not come: who sends that may wait for somebody himself."""
+        fed = self._plant.settings["replay"]
+        if absent := [] if fed else self._plant.ownership.absent(NODES):
+            return f"{' and '.join(absent)} {'is' if len(absent) == 1 else 'are'} gone"
+        if self._waits:
+            return "bag_recorder does not keep up"
         topics = self._join.missing(self._stamp_ns)
         producers = {name for topic in topics for name in BY_NAME[topic].producers}
-        missing = f"{' and '.join(topics)} did not come from {' and '.join(sorted(producers))}"
-        what = "bag_recorder does not keep up" if self._waits else missing
-        self._plant.fail(RunFailed(f"plant_simulator waited {at}: {what}"))
+        return f"{' and '.join(topics)} did not come from {' and '.join(sorted(producers))}"
 
 
 class RealTime:

@@ -13,7 +13,7 @@ from pam_orthosis.control.guard import driven
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant, Truth
-from pam_orthosis.nodes import graph, messages
+from pam_orthosis.nodes import graph, messages, process
 from pam_orthosis.nodes.pace import Lockstep, RealTime
 from pam_orthosis.nodes.parameters import Setting
 
@@ -105,7 +105,7 @@ def true_numbers(truth: Truth) -> tuple[float, ...]:
 
 def main() -> int:
     """Run the node."""
-    return graph.run(lambda: [PlantSimulator()])
+    return process.run(lambda: [PlantSimulator()])
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from pam_orthosis.control.position import PositionController
 from pam_orthosis.control.trajectory import Reference
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
-from pam_orthosis.nodes import graph, messages
+from pam_orthosis.nodes import graph, messages, process
 
 INPUTS = {
     "joint_states": ["position[0]"],
@@ -82,7 +82,7 @@ def _mass_changed(before: Parameters, after: Parameters) -> bool:
 
 def main() -> int:
     """Run the node."""
-    return graph.run(lambda: [PositionControllerNode()])
+    return process.run(lambda: [PositionControllerNode()])
 
 
 if __name__ == "__main__":

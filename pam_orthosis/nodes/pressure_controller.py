@@ -9,7 +9,7 @@ from typing import Any
 from pam_orthosis.control.guarded import GuardedPressure
 from pam_orthosis.control.pressure import PressureController
 from pam_orthosis.model.parameters import Parameters
-from pam_orthosis.nodes import graph, messages
+from pam_orthosis.nodes import graph, messages, process
 from pam_orthosis.nodes.parameters import Setting
 
 
@@ -47,7 +47,7 @@ class PressureControllerNode(graph.GraphNode):
 
 def main() -> int:
     """Run the node; the parameter `muscle` says for which muscle."""
-    return graph.run(lambda: [PressureControllerNode()])
+    return process.run(lambda: [PressureControllerNode()])
 
 
 if __name__ == "__main__":

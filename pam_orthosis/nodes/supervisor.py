@@ -39,7 +39,7 @@ HELPER_SECONDS = 1.0  # for what a node has started to write down what it got
 
 
 class Child:
-    """A process of the run, and what its heartbeat says last (`graph.Heartbeat`), at first nothing.
+    """A process of the run, and what its heartbeat says last (`process.Heartbeat`), at first nothing.
 
     Time in which the process waits for its turn on a busy machine is not held against it.
     """

@@ -9,7 +9,7 @@ from pam_orthosis.bag.topics import CLOCK, TRAJECTORY
 from pam_orthosis.control.trajectory import Reference, Trajectory, make_trajectory
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
-from pam_orthosis.nodes import graph, messages
+from pam_orthosis.nodes import graph, messages, process
 
 
 class TrajectoryPublisher(graph.GraphNode):
@@ -81,7 +81,7 @@ class TrajectoryPublisher(graph.GraphNode):
 
 def main() -> int:
     """Run the node."""
-    return graph.run(lambda: [TrajectoryPublisher()])
+    return process.run(lambda: [TrajectoryPublisher()])
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from pam_orthosis.planning import RESERVE
 from pam_orthosis.planning.problem import HELPS, Cycle, NotFound, nearest_cycle
 from pam_orthosis.planning.recorded import Recorded
 from pam_orthosis.planning.settling import EARLY, along
+from pam_orthosis.progress import Progress, silent
 
 NODES = 200  # of a cycle
 _PHASES = np.arange(NODES) / NODES
@@ -101,14 +102,14 @@ def fourier(values: np.ndarray) -> tuple[list[float], list[float]]:
 def make_plan(
     parameters: Parameters,
     reserve: float = RESERVE,
-    tell: Callable[[str], None] = lambda _: None,
+    tell: Progress = silent,
     recorded: Recorded | None = None,
 ) -> Plan:
     """Return the plan of the scenario's cycle by what the controllers believe.
 
     Args:
         reserve: by how much less than they believe supply and highest pressure are taken for, Pa.
-        tell: called with a line after each round.
+        tell: told what is worked on.
         recorded: what a run of it showed: the torque that their model lacks is planned for, the search begins
             at the cycle that the knee made, and by what it fell short of an earlier plan more is asked for.
 
@@ -120,6 +121,7 @@ def make_plan(
     if not isinstance(trajectory, Trajectory):
         raise OrthosisError(f"{belief.scenario.trajectory} has no cycle to plan: take gait, sine or steps")
     angle, velocity, acceleration = _cycle(trajectory, belief)
+    tell("searching the nearest motion")
     mean = np.full(NODES, belief.control.position.mean_pressure)
     starts = [_unhurried(belief, angle, velocity, acceleration), Cycle(angle, mean, mean, 0.0)]
     lacking = np.zeros(NODES)
@@ -155,7 +157,7 @@ def _nearest(
         effects = along(belief, angle, velocity, start)
         torque = (effects.early if start_of_run else effects.settled) + lacking
         cycle = nearest_cycle(belief, start, angle, velocity, torque, period, share)
-        tell(f"within {np.degrees(cycle.largest):.2f} deg")
+        tell(f"searching the nearest motion, so far within {np.degrees(cycle.largest):.2f} deg")
         return cycle
 
     return _first(lambda share: _settled(partial(found, share), starts), SHARES)

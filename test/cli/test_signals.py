@@ -66,6 +66,29 @@ def test_a_node_that_is_interrupted_while_it_loads_says_so_in_one_line(tmp_path,
     assert (done.returncode, done.stderr) == (3, "pam-orthosis: error: interrupted while it was started\n")
 
 
+@pytest.mark.parametrize("at", ["rclpy", "numpy"])
+def test_a_node_that_is_asked_to_end_while_it_loads_does(tmp_path, at):
+    pytest.importorskip("rclpy")
+    done = _interrupted(tmp_path, "pam_orthosis.nodes.entry", ["position_controller"], at, "SIGTERM")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+MADE = """
+import os, sys
+from pam_orthosis.nodes import position_controller, process
+process.leave = lambda nodes: print("left", [node.role for node in nodes])
+sys.exit(process.run(lambda: os.kill(os.getpid(), 15) or [position_controller.PositionControllerNode()]))
+"""
+
+
+def test_a_node_that_is_asked_to_end_while_it_is_made_leaves_the_middleware(tmp_path):
+    pytest.importorskip("rclpy")
+    environment = {**os.environ, "ROS_LOG_DIR": str(tmp_path), "ROS_DOMAIN_ID": str(os.getpid() % 100)}
+    command = [*HEED, sys.executable, "-u", "-c", MADE]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "left ['position_controller']\n")
+
+
 def test_what_is_ignored_from_the_start_stays_ignored():
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:

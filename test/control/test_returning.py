@@ -91,6 +91,42 @@ def test_a_controller_that_starts_far_from_its_reference_leads_the_knee_there(sc
     _assert_led_back(p, run, 0.0, 7.0)
 
 
+@pytest.mark.parametrize("scenario", ["default", "person"])
+@pytest.mark.parametrize("last", [0.5, 2.0, 10.0])
+def test_after_a_stop_the_knee_follows_again_though_empty_muscles_read_the_same_for_long(scenario, last):
+    still = {"plant.sensor.pressure_noise": 0.0, "plant.sensor.angle_noise": 0.0}
+    p, loop, run = _stopped(scenario, STOP + last + 8.0, vented=(STOP, STOP + last), **still)
+    _assert_led_back(p, run, STOP + last + 0.5, STOP + last + 6.5)
+    assert {each["vent"] for each in loop.health().values()} == {""}
+
+
+class Blind(Stopped):
+    """The extensor's pressure sensor shows that of the stop for ever after."""
+
+    seen = None
+
+    def measure(self):
+        measured = super().measure()
+        if self._steps * self.period_ns * 1e-9 > RESET - 0.5:
+            self.seen = measured[1] if self.seen is None else self.seen
+            measured = measured._replace(extensor_pressure=self.seen)
+        return measured
+
+
+def test_a_muscle_whose_sensor_shows_it_empty_for_ever_is_not_filled():
+    p = load()
+    plant, true = Blind(p, (STOP, RESET)), []
+    measure = plant.measure
+    plant.measure = lambda: true.append(plant.truth().extensor_pressure) or measure()
+    loop = ClosedLoop(p, plant=plant)
+    run = loop.run(round((RESET + 10.0) / p.scenario.control_period))
+    since = run["time"] - RESET
+    first, last = np.array(true)[(since > 0.0) & (since < 3.0)], np.array(true)[since > 7.0]
+    assert last.max() < 1.05 * first.max()  # asked for a moment, again and again
+    assert last.min() < 1.01 * p.valve.ambient_pressure
+    assert loop.health()["position"]["vent"]
+
+
 def test_a_knee_that_is_blocked_is_given_up_and_follows_after_the_next_stop():
     p = load()
     freed, second = 30.0, (31.0, 32.0)

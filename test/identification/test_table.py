@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pam_orthosis.cli.main import main
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.data import read_data
 from pam_orthosis.identification.identify import identify
@@ -112,3 +113,11 @@ def test_the_measured_map_of_a_dmsp_10_needs_its_force_free_end_for_nine_coeffic
     with pytest.raises(OrthosisError, match="only 8 of 9"):
         identify(type(data)(data.specimen, data.length, data.samples.where(data.samples.force > 0), True))
     assert np.isclose(identify(data, degrees=(3, 3)).force.rank, 8)
+
+
+def test_data_that_cannot_be_fitted_are_named(tmp_path, capsys):
+    rows = (f"{bar}00000,0.01,{100 * bar}" for bar in range(1, 7) for _ in range(3))
+    lines = ["p_Pa_gauge,dL_m,F_N", *rows]
+    path = table(tmp_path, lines)
+    assert main(["identify", str(path), "--muscle", "dmsp_20", "--damping", "240"]) == 2
+    assert capsys.readouterr().err.splitlines()[-1].startswith(f"pam-orthosis: error: {path}: ")

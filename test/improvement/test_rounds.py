@@ -12,6 +12,7 @@ from pam_orthosis.discrepancy import patch
 from pam_orthosis.improvement import experiments, rounds
 from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.parameters import load
+from pam_orthosis.progress import silent
 
 SHORT = {"scenario.duration": 2.0, "scenario.start_hold": 0.1, "scenario.start_ramp": 0.3,
          "plant.simulation.step": 5e-4}  # fmt: skip
@@ -81,7 +82,7 @@ def test_the_search_finds_friction_in_bags_of_its_own(tmp_path, monkeypatch):
     made = [experiments.Experiment("gait", {}, 7), experiments.Experiment("unseen", {}, 8, True)]
     monkeypatch.setattr(rounds, "programme", lambda _: made)
     parameters = load(exact)
-    answer = rounds.find_effects(parameters, rounds.recorded(parameters, "default", tmp_path), lambda _: None)
+    answer = rounds.find_effects(parameters, rounds.recorded(parameters, "default", tmp_path), silent)
     assert answer.effects == ("joint_friction",)
     assert answer.values["joint_friction.coulomb"] == pytest.approx(0.8, rel=0.05)
 
@@ -98,3 +99,110 @@ def test_the_verb_writes_model_table_and_figure(tmp_path, short, monkeypatch, ca
     assert patch.read(out / "model.yaml")["effects.joint_friction.enabled"] is True
     assert (out / "improve.png").read_bytes().startswith(b"\x89PNG")
     assert main(["improve", "--out", str(out)]) == 2
+
+
+def _counted(monkeypatch, answers, cut=None):
+    """Count recordings and searches; the search of this number is interrupted."""
+    calls, record = {"bags": [], "searches": 0}, rounds.record
+
+    def counted(parameters, seed, scenario, bag):
+        calls["bags"].append(bag.name)
+        record(parameters, seed, scenario, bag)
+
+    def find(*_):
+        calls["searches"] += 1
+        if calls["searches"] == cut:
+            raise KeyboardInterrupt
+        return answers.pop(0)
+
+    monkeypatch.setattr(rounds, "record", counted)
+    monkeypatch.setattr(rounds, "find_effects", find)
+    return calls
+
+
+def _files(folder):
+    return {one.relative_to(folder): one.read_bytes() for one in sorted(folder.rglob("*")) if one.is_file()}
+
+
+def _command(out, *more):
+    settings = [word for key, value in SHORT.items() for word in ("--param", f"{key}={value}")]
+    return ["improve", "--seeds", "1", "--out", str(out), *settings, *more]
+
+
+def test_what_was_cut_short_continues_to_the_same_result(tmp_path, short, monkeypatch, capsys):
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    with monkeypatch.context() as patch_:
+        counts = _counted(patch_, [found("joint_friction"), found()])
+        assert main(_command(whole)) == 0
+    assert len(counts["bags"]) == 6  # two runs that judge, two experiments in each of two rounds
+    with monkeypatch.context() as patch_:
+        begun = _counted(patch_, [found("joint_friction")], cut=2)
+        assert main(_command(cut)) == 3
+    before = _files(cut)
+    assert not (cut / "model.yaml").exists()
+    with monkeypatch.context() as patch_:
+        again = _counted(patch_, [found()])
+        assert main(_command(cut)) == 0
+    assert begun["bags"] + again["bags"] == counts["bags"]
+    assert (again["bags"], again["searches"]) == ([], 1)
+    assert "continuing" in capsys.readouterr().err
+    assert _files(cut) == _files(whole)
+    assert before.items() <= _files(cut).items()
+
+
+def test_a_bag_that_was_cut_short_is_made_again(tmp_path, short, monkeypatch):
+    def dies(_parameters, _seed, _scenario, bag):
+        bag.mkdir()
+        (bag / "half.mcap").write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch_:
+        patch_.setattr(rounds, "record", dies)
+        assert main(_command(tmp_path / "out")) == 3
+    assert not list((tmp_path / "out").rglob("half.mcap"))
+    calls = _counted(monkeypatch, [found()])
+    assert main(_command(tmp_path / "out")) == 1
+    assert len(calls["bags"]) == 3
+
+
+@pytest.mark.parametrize("more", [("--rounds", "2"), ("--seeds", "2"), ("--param", "control.position.c1=25")])
+def test_other_arguments_do_not_continue_what_was_begun(tmp_path, short, monkeypatch, capsys, more):
+    calls = _counted(monkeypatch, [], cut=1)
+    assert main(_command(tmp_path / "out")) == 3
+    made, before = list(calls["bags"]), _files(tmp_path / "out")
+    capsys.readouterr()
+    assert main(_command(tmp_path / "out", *more)) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "other arguments" in line
+    assert calls["bags"] == made
+    assert _files(tmp_path / "out") == before
+
+
+def test_a_folder_of_somebody_else_and_finished_results_stay(tmp_path, short, monkeypatch, capsys):
+    (tmp_path / "foreign").mkdir()
+    (tmp_path / "foreign" / "file").write_text("mine")
+    assert main(_command(tmp_path / "foreign")) == 2
+    assert set(_files(tmp_path / "foreign").values()) == {b"mine"}
+    calls = _counted(monkeypatch, [found()])
+    assert main(_command(tmp_path / "out")) == 1
+    made, before = list(calls["bags"]), _files(tmp_path / "out")
+    assert main(_command(tmp_path / "out")) == 2
+    assert "model.yaml exists" in capsys.readouterr().err
+    assert (calls["bags"], _files(tmp_path / "out")) == (made, before)
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"effects": 1, "values": {}, "verdict": "", "told": {}}', "{}"])
+def test_findings_that_are_none_are_refused_in_one_line(tmp_path, short, monkeypatch, capsys, text):
+    _counted(monkeypatch, [], cut=1)
+    assert main(_command(tmp_path / "out")) == 3
+    (tmp_path / "out" / "round-1" / "found.json").write_text(text)
+    capsys.readouterr()
+    assert main(_command(tmp_path / "out")) == 2
+    assert "found.json" in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_each_recording_of_a_round_is_told(tmp_path, short):
+    told = []
+    rounds.improve(short, "default", tmp_path, [1, 2], 1, lambda *words: told.append(words),
+                   find=lambda *_: found())  # fmt: skip
+    assert [words[1:3] for words in told] == [(0, 2), (1, 2), (0, 2), (1, 2)]

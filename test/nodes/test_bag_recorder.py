@@ -11,8 +11,8 @@ pytest.importorskip("rclpy")
 
 TOLD = """
 import os
-from pam_orthosis.nodes import bag_recorder, graph
-graph.run = lambda make_nodes: print(os.sched_getscheduler(0))
+from pam_orthosis.nodes import bag_recorder, process
+process.run = lambda make_nodes: print(os.sched_getscheduler(0))
 os.sched_setscheduler(0, {before}, os.sched_param(0))
 bag_recorder.main()
 """

@@ -113,8 +113,8 @@ def test_who_only_says_that_all_are_ready_starts_no_run(in_process):
     from std_msgs.msg import String
 
     from pam_orthosis.bag.topics import NODES
-    from pam_orthosis.nodes.graph import qos
     from pam_orthosis.nodes.plant_simulator import PlantSimulator
+    from pam_orthosis.nodes.transport import qos
 
     _, other, turn = in_process
     plant, executor = PlantSimulator(), rclpy.executors.SingleThreadedExecutor()

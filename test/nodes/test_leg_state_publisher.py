@@ -18,7 +18,7 @@ from visualization_msgs.msg import MarkerArray
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import leg as leg_model
 from pam_orthosis.model.parameters import load
-from pam_orthosis.nodes import graph, messages
+from pam_orthosis.nodes import messages, transport
 from pam_orthosis.nodes.leg_state_publisher import LegStatePublisher
 from pam_orthosis.scene.messages import PERIOD_NS
 
@@ -38,12 +38,13 @@ class Stage:
             self.executor.add_node(node)
         self.seen = {"leg_joints": [], "markers": [], "robot_description": []}
         for topic, kind in zip(self.seen, (JointState, MarkerArray, String), strict=True):
-            latched = topic == "robot_description"
-            self.other.create_subscription(kind, topic, self.seen[topic].append, graph.qos(latched=latched))
+            quality = transport.qos(latched=topic == "robot_description")
+            self.other.create_subscription(kind, topic, self.seen[topic].append, quality)
         self.sent = 0
         self._joint = self.other.create_publisher(JointState, "joint_states", 10)
+        pressure = transport.message_class("sensor_msgs/msg/FluidPressure")
         self._pressures = {
-            name: self.other.create_publisher(graph.message_class("sensor_msgs/msg/FluidPressure"), name, 10)
+            name: self.other.create_publisher(pressure, name, 10)
             for name in ("extensor/pressure", "flexor/pressure")
         }
 
@@ -115,11 +116,11 @@ def test_tf_is_published_where_its_type_is_installed(stage):
 
 def test_tf_goes_out_as_it_is_serialised(stage, monkeypatch):
     """PyPI has no tf2_msgs: another type stands in for it, and the bytes are looked at."""
-    real = graph.message_class
-    monkeypatch.setattr(graph, "message_class", lambda name: String if "tf2_msgs" in name else real(name))
+    real = transport.message_class
+    monkeypatch.setattr(transport, "message_class", lambda name: String if "tf2_msgs" in name else real(name))
     there = stage()
     there.seen["/tf"] = []
-    there.other.create_subscription(String, "/tf", there.seen["/tf"].append, graph.qos(), raw=True)
+    there.other.create_subscription(String, "/tf", there.seen["/tf"].append, transport.qos(), raw=True)
     there.wait_until_seen(0.4)
     store = get_typestore(Stores.ROS2_JAZZY)
     transforms = store.deserialize_cdr(there.seen["/tf"][-1], "tf2_msgs/msg/TFMessage").transforms

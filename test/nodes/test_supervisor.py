@@ -10,7 +10,7 @@ import pytest
 
 from pam_orthosis import processes
 from pam_orthosis.errors import RunFailed
-from pam_orthosis.nodes import graph, supervisor
+from pam_orthosis.nodes import process, supervisor
 from pam_orthosis.nodes.supervisor import supervise
 
 STEPPING = """
@@ -23,7 +23,7 @@ while True:
 STOPPED = "import os, signal, time; os.kill(os.getpid(), signal.SIGSTOP); time.sleep(60)"
 STUCK = """
 import os
-from pam_orthosis.nodes.graph import Heartbeat
+from pam_orthosis.nodes.process import Heartbeat
 Heartbeat().ends_within(0.2)
 os.read(os.pipe()[0], 1)
 """
@@ -271,8 +271,8 @@ def test_a_process_that_is_stuck_in_a_call_ends_itself_and_its_log_tells_where(t
 def test_without_a_supervisor_nothing_ends_a_process(monkeypatch):
     monkeypatch.delenv(supervisor.HEARTBEAT_VARIABLE, raising=False)
     armed = []
-    monkeypatch.setattr(graph.faulthandler, "dump_traceback_later", lambda *a, **k: armed.append(a))
-    graph.Heartbeat().ends_within(1.0)
+    monkeypatch.setattr(process.faulthandler, "dump_traceback_later", lambda *a, **k: armed.append(a))
+    process.Heartbeat().ends_within(1.0)
     assert not armed
 
 
@@ -294,19 +294,19 @@ class Listening:
 
 def test_a_recorder_listens_until_nothing_comes_any_more():
     node = Listening(1, 2, 3)
-    graph._abandon([node], node, 0.1)
+    process._abandon([node], node, 0.1)
     assert node.turns == 5
 
 
 def test_a_turn_in_which_the_machine_stood_still_is_not_the_end_of_the_last_words():
     node = Listening(1, 3)
-    graph._abandon([node], node, 0.1)
+    process._abandon([node], node, 0.1)
     assert node.turns == 5
 
 
 def test_a_process_with_other_nodes_says_its_last_words_and_goes():
     node = Listening(1, 2, 3)
-    graph._abandon([node, Listening()], node, 0.1)
+    process._abandon([node, Listening()], node, 0.1)
     assert node.turns == 2
 
 

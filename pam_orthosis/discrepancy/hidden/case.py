@@ -24,6 +24,7 @@ from pam_orthosis.discrepancy.hidden.physics import Hidden
 from pam_orthosis.discrepancy.hidden.plant import HiddenPlant
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, Section, load
+from pam_orthosis.progress import Progress, part, silent
 
 CLASSES = ("clean", "realistic")
 TOLERANCE_SHARE = 0.7  # of the stated standard deviation, by which ordinary parameters are off
@@ -79,6 +80,7 @@ def make_case(
     effects: int | str | Sequence[str] = 1,
     outside: bool = False,
     alone: str | None = None,
+    progress: Progress = silent,
 ) -> Case:
     """Draw a case and record it.
 
@@ -89,6 +91,7 @@ def make_case(
         effects: how many effects are drawn, or their names.
         outside: draw from the effects outside the catalogue.
         alone: of the effects that are drawn the only one to hide; everything else stays as it is.
+        progress: told how many seconds of the recordings are done.
 
     Raises:
         OrthosisError: unknown class, size or effect.
@@ -99,10 +102,19 @@ def make_case(
     training, held_out = trajectories(rng, parameters), trajectories(rng, parameters, held_out=True)
     seeds = iter(rng.integers(2**31, size=len(training) + len(held_out)).tolist())
 
-    def recorded(runs):
-        return {name: record(parameters, secret, run, next(seeds)) for name, run in runs.items()}
+    whole, begun = sum(seconds for _, seconds in (*training.values(), *held_out.values())), 0.0
 
-    return Case(recorded(training), recorded(held_out), parameters, {"seed": seed, **secret.answer})
+    def recorded(kind, runs):
+        nonlocal begun
+        made = {}
+        for name, run in runs.items():
+            watched = part(progress, f"recording {kind}_{name}", begun, run[1], whole, " s")
+            made[name] = record(parameters, secret, run, next(seeds), watched)
+            begun += run[1]
+        return made
+
+    made = recorded("training", training), recorded("held_out", held_out)
+    return Case(*made, parameters, {"seed": seed, **secret.answer})
 
 
 def draw(rng, parameters, class_: str, size: str, effects, outside=False, alone=None) -> Secret:
@@ -138,13 +150,16 @@ def draw(rng, parameters, class_: str, size: str, effects, outside=False, alone=
     return Secret(Hidden(**fields), deviations, misfits, answer)
 
 
-def record(parameters, secret: Secret, run: tuple[Any, float], seed: int) -> Recording:
+def record(
+    parameters, secret: Secret, run: tuple[Any, float], seed: int, progress: Progress = silent
+) -> Recording:
     """Return one recording in closed loop of a trajectory over its duration."""
     trajectory, duration = run
+    progress("compiling the model")
     parameters = started(parameters, trajectory)
     plant = HiddenPlant(parameters, secret.hidden, secret.deviations, secret.misfits, seed)
     loop = ClosedLoop(parameters, plant=plant, trajectory=trajectory)
-    recording = loop.run(round(duration / parameters.scenario.control_period))
+    recording = loop.run(round(duration / parameters.scenario.control_period), progress)
     return {name: values for name, values in recording.items() if not name.startswith("true_")}
 
 

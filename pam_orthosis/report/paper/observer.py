@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import casadi as ca
@@ -15,6 +16,7 @@ from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model import leg as leg_model
 from pam_orthosis.model import parameters as tree
 from pam_orthosis.model.plant import Plant
+from pam_orthosis.progress import Progress, counted, silent
 
 SCENARIO, GAIT = "observer", "default"
 SETTLING = 4.0  # s, not judged: the sine rises, and the observer does not know the disturbance yet
@@ -104,9 +106,11 @@ def observe(overrides: Mapping[str, Any] | None = None, exact: bool = True, seed
     return _judged(p, signals, instants, true)
 
 
-def trade_off(poles: Iterable[float] = POLES) -> list[TradeOff]:
+def trade_off(poles: Iterable[float] = POLES, progress: Progress = silent) -> list[TradeOff]:
     """Return lag, noise and the tracking of the gait for each pattern and distance of the poles."""
-    return [_one(pole, damping) for damping in PATTERNS for pole in poles]
+    settings = list(product(PATTERNS, poles))
+    watched = counted(settings, progress, "fig. 8: trade-off of the observer")
+    return [_one(pole, damping) for damping, pole in watched]
 
 
 def fundamental(
