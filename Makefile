@@ -3,6 +3,8 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+OWNER := $(VENV)/.made-by-make
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 # blind cases for the gap workflow; resumable, hours: see benchmarks/bench_gap.py
 BENCH ?= bench_gap.jsonl
@@ -10,14 +12,22 @@ BENCH ?= bench_gap.jsonl
 BENCH_CONTROL ?= bench_control.jsonl
 # how fast it is, in ratios; minutes: see benchmarks/bench_speed.py
 BENCH_SPEED ?= bench_speed.json
-.PHONY: bench bench-gap bench-control setup run test picture docs docs-commands clean
+.PHONY: bench bench-gap bench-control setup run test paper docs docs-commands constraints clean
 
 setup: $(READY)
 
-$(READY): setup.py pyproject.toml
+# an environment that `make` did not create for this checkout is not changed
+define GUARD
+	@test ! -e $(VENV) || test "$$(cat $(OWNER) 2>/dev/null)" = "$(CURDIR)" || test $(VENV) = .venv -a -e $(READY) || \
+	    { echo "$(VENV): make did not create this environment for this checkout; give another VENV" >&2; exit 2; }
+endef
+
+$(READY): setup.py pyproject.toml constraints.txt
+	$(GUARD)
 	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 10) and 'Python 3.10 or newer is needed')"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[ros,test]'
+	echo "$(CURDIR)" > $(OWNER)
+	$(PIP) --editable '.[ros,test]'
 	touch $@
 
 run: setup
@@ -27,11 +37,9 @@ test: setup
 	$(BIN)/ruff check .
 	$(BIN)/python -m pytest
 
-picture: setup
-	$(BIN)/pam-orthosis report bags/walk --only picture --out docs/pictures --overwrite
-
 bench: setup
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[ros,bench]'
+	$(GUARD)
+	$(PIP) --editable '.[ros,bench]'
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_speed.py run --out $(BENCH_SPEED)
 	$(BIN)/python benchmarks/bench_speed.py table $(BENCH_SPEED)
 
@@ -43,14 +51,27 @@ bench-control: setup
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_control.py run --out $(BENCH_CONTROL)
 	$(BIN)/python benchmarks/bench_control.py table $(BENCH_CONTROL)
 
-# generated pages, then the site in site/, without a warning
+# figures and pictures of the page on the paper's results
+paper: setup
+	$(BIN)/pam-orthosis paper --out build/paper --overwrite --json > benchmarks/results/paper.json
+	cp build/paper/pictures/force.png build/paper/pictures/observer.png build/paper/pictures/tracking.png docs/pictures
+
+# the site in site/, without a warning; generated pages are made on the way
 docs: setup
 	$(BIN)/python docs/generate.py
-	$(BIN)/mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-# every command of the documentation that can run by itself; takes long
+# every command of the documentation that can run by itself, with the wheel in a fresh environment; takes long
 docs-commands: setup
-	$(BIN)/python docs/commands.py
+	rm -rf build/wheel build/fresh
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir build/wheel .
+	$(PYTHON) -m venv build/fresh
+	build/fresh/bin/python -m pip install --quiet --constraint constraints.txt "$$(echo build/wheel/*.whl)[ros]"
+	$(BIN)/python docs/commands.py --program build/fresh/bin/pam-orthosis $(COMMANDS)
+
+constraints: setup
+	$(BIN)/python .ci/constraints.py > constraints.new && mv constraints.new constraints.txt
 
 clean:
+	$(GUARD)
 	rm -rf $(VENV) site build install log

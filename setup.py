@@ -3,6 +3,7 @@
 
 import sys
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -26,14 +27,16 @@ ROS = [
     "ros-jazzy-common-interfaces; sys_platform == 'linux' and platform_machine == 'x86_64'",
 ]
 CLUSTER = ["distributed>=2024.1"]
+DOCS = ["mkdocs>=1.6", "mkdocs-material>=9.5"]
+HIDE = ["numba>=0.59"]
 TEST = [
     *CLUSTER,
+    *DOCS,
+    *HIDE,
     "catkin_pkg>=1.0",
     "colcon-common-extensions>=0.3",
     "hypothesis>=6",
     "mcap-ros2-support>=0.5",
-    "mkdocs>=1.6",
-    "numba>=0.59",
     "playwright>=1.40",
     "ament-lint-pep257>=0.14",
     "flake8>=6",
@@ -49,11 +52,17 @@ setup(
     name=PACKAGE,
     version="0.1.0",
     description="Emulated knee orthosis with two antagonistic fluidic muscles, as ROS 2 nodes",
+    long_description=Path("README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
     license="Apache-2.0",
+    license_files=["LICENSE"],
     python_requires=">=3.10",
-    packages=[*find_packages(exclude=["test", "test.*"]), "pam_orthosis.config"],
-    package_dir={"pam_orthosis.config": "config"},
-    package_data={"pam_orthosis.config": ["*.json", "*.xml", "*.yaml"]},
+    packages=[*find_packages(exclude=["test", "test.*"]), "pam_orthosis.config", "pam_orthosis.examples"],
+    package_dir={"pam_orthosis.config": "config", "pam_orthosis.examples": "bags"},
+    package_data={
+        "pam_orthosis.config": ["*.json", "*.py", "*.xml", "*.yaml"],
+        "pam_orthosis.examples": ["*.npz", "*/metadata.yaml", "*/*.mcap"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -74,6 +83,8 @@ setup(
     extras_require={
         "bench": ["mujoco>=3.1"],
         "cluster": CLUSTER,
+        "docs": DOCS,
+        "hide": HIDE,
         "peer": ["pysindy>=2.0"],
         "ros": ROS,
         "test": TEST,

@@ -2,7 +2,7 @@
 """How fast the program is, in ratios to what stands beside it, measured side by side.
 
     python benchmarks/bench_speed.py run [--only GROUP ...] [--repeats N] --out FILE.json
-    python benchmarks/bench_speed.py table FILE.json [--into PAGE.md]
+    python benchmarks/bench_speed.py table FILE.json
     python benchmarks/bench_speed.py curves FILE.json --out PICTURE.png
 
 Groups are measured one after the other, and what a results file held of them before is replaced. A group
@@ -24,8 +24,6 @@ from speed.curves import draw
 from speed.machine import Load, machine
 from speed.rows import as_text
 from speed.table import read, table, write
-
-BEGIN, END = "<!-- table -->", "<!-- end -->"
 
 
 def measured(name: str, repeats: int) -> dict:
@@ -52,13 +50,6 @@ def run(names: list[str], repeats: int, out: Path) -> None:
         write(out, {known: results[known] for known in GROUPS if known in results})
 
 
-def put_into(page: Path, text: str) -> None:
-    """Replace what stands between the marks of a page."""
-    before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
-    _, _, after = rest.partition(END)
-    page.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")
-
-
 def main() -> int:
     """Measure, or print the table of what was measured."""
     parser = argparse.ArgumentParser(
@@ -74,14 +65,11 @@ def main() -> int:
     drawing.add_argument("--out", type=Path, required=True, metavar="PNG")
     showing = verbs.add_parser("table", help="print a results file as Markdown")
     showing.add_argument("file", type=Path, metavar="FILE")
-    showing.add_argument("--into", type=Path, metavar="PAGE", help="put it between the marks of a page")
     arguments = parser.parse_args()
     if arguments.verb == "run":
         run(arguments.only, arguments.repeats, arguments.out)
     elif arguments.verb == "curves":
         draw(read(arguments.file), arguments.out)
-    elif arguments.into:
-        put_into(arguments.into, table(read(arguments.file)))
     else:
         print(table(read(arguments.file)))
     return 0

@@ -1,40 +1,54 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What `mkdocs` does beside the plain thing: order of the pages, names of the repository's files."""
+"""What `mkdocs` does beside the plain thing: generated pages, generated tables in pages, their navigation."""
 
 import re
+import sys
 from pathlib import Path
 
-DOCS = Path(__file__).resolve().parent
-FIRST = ("index", "tutorial", "paper", "control", "identification")
-FOLDERS = {"nodes": "Nodes", "effects": "Effects", "parameters": "Parameters"}
-_OUTSIDE = re.compile(r"\[([^\]]+)\]\((\.\./[^)#]+)\)")
+from mkdocs.structure.files import File
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from generators import blocks, pages
+
+BLOCK = re.compile(r"^<!-- table: ([\w-]+) -->$", flags=re.M)
+FOLDER = "/*"  # ends an entry of the navigation that stands for all pages of a folder
 
 
 def on_config(config):
-    """Order the navigation: the pages by hand, the generated folders last."""
-    pages = sorted(path.stem for path in DOCS.glob("*.md"))
-    ordered = [name for name in FIRST if name in pages] + [name for name in pages if name not in FIRST]
-    config.nav = [f"{name}.md" for name in ordered]
-    for folder, title in FOLDERS.items():
-        names = sorted(path.name for path in (DOCS / folder).glob("*.md") if path.stem != "index")
-        config.nav.append({title: [f"{folder}/index.md", *(f"{folder}/{name}" for name in names)]})
+    """Put the generated pages of a folder where the navigation names it."""
+    config.made = pages()
+    config.nav = _expanded(config.nav, sorted(config.made))
     return config
 
 
+def on_files(files, config):
+    """Add the generated pages."""
+    for path, text in config.made.items():
+        files.append(File.generated(config, path, content=text))
+    return files
+
+
 def on_page_markdown(markdown, page, **_):
-    """Turn links to files outside of docs/ into their names: they are not part of the site.
+    """Put generated tables where the page names them.
 
     Raises:
-        FileNotFoundError: there is no such file.
+        KeyError: there is no such table.
     """
-    here = (DOCS / page.file.src_uri).parent
+    makers = blocks()
+    return BLOCK.sub(lambda found: makers[found[1]](), markdown)
 
-    def named(found):
-        target = (here / found[2]).resolve()
-        if target.is_relative_to(DOCS):
-            return found[0]
-        if not target.exists():
-            raise FileNotFoundError(f"{page.file.src_uri} speaks of {found[2]}")
-        return f"{found[1]} (`{target.relative_to(DOCS.parent)}`)"
 
-    return _OUTSIDE.sub(named, markdown)
+def _expanded(entry, made):
+    if isinstance(entry, dict):
+        return {title: _expanded(one, made) for title, one in entry.items()}
+    if not isinstance(entry, list):
+        return entry
+    found = []
+    for one in entry:
+        if isinstance(one, str) and one.endswith(FOLDER):
+            folder = one.removesuffix("*")
+            found += [path for path in made if path.startswith(folder) and path != f"{folder}index.md"]
+        else:
+            found.append(_expanded(one, made))
+    return found

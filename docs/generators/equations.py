@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pam_orthosis
-from generators.markdown import NOTE, table
+from generators.markdown import WIDE, table
 
 PACKAGE = Path(pam_orthosis.__file__).parent
 MEANING = {
@@ -123,5 +123,9 @@ def pages() -> dict[str, str]:
         (f"({number})", MEANING[number], "<br>".join(f"`{one.place}`: {one.words}" for one in found))
         for number, found in citations().items()
     ]
-    head = "# The paper's equations in the code\n\nWhere each is used, from the docstrings that cite it.\n\n"
-    return {"equations.md": NOTE + head + table(("equation", "what it says", "where"), rows)}
+    head = (
+        "# The paper's equations in the code\n\nThe functions and classes that use each equation, with what"
+        " their docstrings say about it. [Model and equations](../explanation/model.md) puts them in"
+        " order.\n\n"
+    )
+    return {"reference/equations.md": WIDE + head + table(("equation", "what it says", "where"), rows)}

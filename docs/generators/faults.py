@@ -1,42 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tables of `faults.md`, from what the campaigns of `benchmarks/faults.py` found."""
+"""Tables of what the campaigns of `benchmarks/faults.py` found."""
 
 import json
-import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from generators.markdown import table
 
-DOCS = Path(__file__).resolve().parents[1]
-Told = Mapping[str, Any]
+RESULTS = Path(__file__).resolve().parents[2] / "benchmarks" / "results" / "faults.json"
+Found = Mapping[str, Any]
 
 
-def pages() -> dict[str, str]:
-    """Return the page with each block between its two markers made anew."""
-    text = (DOCS / "faults.md").read_text(encoding="utf-8")
-    results = json.loads((DOCS / "studies" / "faults.json").read_text(encoding="utf-8"))
-    for name, make in ((name, BLOCKS[name]) for name in results):
-        pattern = rf"<!-- {name} -->.*?<!-- /{name} -->"
-        block = f"<!-- {name} -->\n\n{make(results[name])}\n<!-- /{name} -->"
-        text = re.sub(pattern, lambda _, block=block: block, text, flags=re.S)
-    return {"faults.md": text}
+def blocks() -> dict[str, Callable[[], str]]:
+    """Return the tables by their names."""
+    results = json.loads(RESULTS.read_text(encoding="utf-8"))
+    return {
+        f"faults-{name}": lambda name=name: MAKERS[name](results[name]) for name in results if name in MAKERS
+    }
 
 
-def _head(told: Told, what: str) -> str:
-    return f"`--count {told['count']} --seed {told['seed']}`: {what}\n\n"
+def _head(what: str) -> str:
+    return f"{what}\n\n"
 
 
-def _input(told: Told) -> str:
+def _input(found: Found) -> str:
     counted = ("tried", "refused", "judged", "tracebacks", "hangs", "other_faults")
-    rows = [(kind, *(str(each[key]) for key in counted)) for kind, each in told["kinds"].items()]
-    total = [str(sum(each[key] for each in told["kinds"].values())) for key in counted]
+    rows = [(kind, *(str(each[key]) for key in counted)) for kind, each in found["kinds"].items()]
+    total = [str(sum(each[key] for each in found["kinds"].values())) for key in counted]
     head = ("input", "tried", "refused", "answered", "tracebacks", "hangs", "other faults")
-    return _head(told, f"{total[0]} inputs.") + table(head, [*rows, ("**all**", *total)])
+    return _head(f"{total[0]} inputs.") + table(head, [*rows, ("**all**", *total)])
 
 
-def _signals(told: Told) -> str:
+def _signals(found: Found) -> str:
     rows = [
         (
             name,
@@ -48,18 +44,18 @@ def _signals(told: Told) -> str:
             str(each["bad_voltages"]),
             "; ".join(each["wrong"]) or "-",
         )
-        for name, each in told["faults"].items()
+        for name, each in found["faults"].items()
     ]
     head = ("fault", "of", "tried", "reaction", "pressure, bar", "knee, degrees", "bad voltages", "wrong")
-    tried = sum(each["tried"] for each in told["faults"].values())
-    return _head(told, f"{tried} runs, {told['wrong']} with anything wrong.") + table(head, rows)
+    tried = sum(each["tried"] for each in found["faults"].values())
+    return _head(f"{tried} runs, {found['wrong']} with anything wrong.") + table(head, rows)
 
 
 def _counted(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{word} {count}" for word, count in sorted(counts.items()))
 
 
-def _guards(told: Told) -> str:
+def _guards(found: Found) -> str:
     rows = [
         (
             f"{guard} taken out",
@@ -67,13 +63,13 @@ def _guards(told: Told) -> str:
             f"{len(each['wrong'])} of {each['tried']}",
             "; ".join(each["wrong"]) or "-",
         )
-        for guard, faults in told["removed"].items()
+        for guard, faults in found["removed"].items()
         for fault, each in faults.items()
     ]
     return table(("broken on purpose", "fault", "runs found wrong", "what the campaign says"), rows)
 
 
-def _kills(told: Told) -> str:
+def _kills(found: Found) -> str:
     rows = [
         (
             name.split(", ", 1)[0],
@@ -86,21 +82,35 @@ def _kills(told: Told) -> str:
             f"{each['vented']} of {each['asked_to_vent']}" if each["asked_to_vent"] else "-",
             "; ".join(each["wrong"]) or "-",
         )
-        for name, each in told["kills"].items()
+        for name, each in found["kills"].items()
     ]
     head = (
         "run", "fault", "tried", "ended within 2 s", "median, s", "longest, s", "data lost, ms at most",
         "valves at the vent", "wrong",
     )  # fmt: skip
-    tried = sum(each["tried"] for each in told["kills"].values())
-    in_time = sum(each["in_time"] for each in told["kills"].values())
+    tried = sum(each["tried"] for each in found["kills"].values())
+    in_time = sum(each["in_time"] for each in found["kills"].values())
     said = (
-        f"{tried} faults, {in_time} runs ended within 2 s, load average {told['load_average']} on two cores."
+        f"{tried} faults, {in_time} runs ended within 2 s, load average {found['load_average']} on two cores."
     )
-    return _head(told, said) + table(head, rows)
+    return _head(said) + table(head, rows)
 
 
-def _soak(told: Told) -> str:
+def _strangers(found: Found) -> str:
+    rows = [
+        (
+            mode,
+            str(each["tried"]),
+            f"{each['in_time']} of {each['tried']}",
+            "-" if each["longest_s"] is None else f"{each['longest_s']:.2f}",
+            "; ".join(each["wrong"]) or "-",
+        )
+        for mode, each in found["strangers"].items()
+    ]
+    return table(("run", "tried", "ended within 2 s", "longest, s", "wrong"), rows)
+
+
+def _soak(found: Found) -> str:
     units = {
         "seconds": "simulated, s",
         "wall_s": "took, s",
@@ -117,13 +127,14 @@ def _soak(told: Told) -> str:
         "largest_error_first_minute_deg": "largest error in the first minute, degrees",
         "largest_error_last_minute_deg": "in the last minute, degrees",
     }
-    return table(("figure", "value"), [(units[key], str(told[key])) for key in units if key in told])
+    return table(("figure", "value"), [(units[key], str(found[key])) for key in units if key in found])
 
 
-BLOCKS: dict[str, Callable[[Told], str]] = {
+MAKERS: dict[str, Callable[[Found], str]] = {
     "input": _input,
     "signals": _signals,
     "guards": _guards,
     "kills": _kills,
+    "strangers": _strangers,
     "soak": _soak,
 }

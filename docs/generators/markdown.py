@@ -3,7 +3,7 @@
 
 from collections.abc import Iterable, Sequence
 
-NOTE = "<!-- written by `python docs/generate.py`; do not edit -->\n\n"
+WIDE = "---\nhide: [toc]\n---\n\n"  # begins a page of wide tables
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -19,9 +19,9 @@ def first_sentence(docstring: str) -> str:
 
 def parameter_rows(rows: Iterable) -> str:
     """Return a table of `model.parameters.Row`s."""
-    head = ("parameter", "shipped value", "unit", "range", "meaning", "source")
+    head = ("parameter", "meaning", "shipped value", "unit", "range", "source")
     return table(head, [
-        (f"`{r.key}`", value(r.value), r.unit, bounds(r), r.meaning, r.source) for r in rows
+        (f"`{r.key}`", r.meaning, value(r.value), r.unit, bounds(r), r.source) for r in rows
     ])  # fmt: skip
 
 

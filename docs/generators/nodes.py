@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A page for each node: what it does, equations, topics, services, and the parameters that it uses."""
+"""A page for each node: what it does, equations, topics, services, parameters; and the page of topics."""
 
 import ast
 import inspect
@@ -10,16 +10,17 @@ from typing import NamedTuple
 
 import pam_orthosis
 from generators import equations
-from generators.markdown import NOTE, first_sentence, parameter_rows, table, value
+from generators.markdown import first_sentence, parameter_rows, table, value
 from pam_orthosis.bag import topics
 from pam_orthosis.control import inverse_valve, position, pressure, trajectory
 from pam_orthosis.model import plant
-from pam_orthosis.model.parameters import Section, load
+from pam_orthosis.model.parameters import SUBJECTS, Section, load
 from pam_orthosis.nodes.layout import LIVE_KEYS
 from pam_orthosis.scene import messages as scene
 from pam_orthosis.scene import sampled
 
 NODES = Path(pam_orthosis.__file__).parent / "nodes"
+FOLDER = "reference/nodes"
 RATES = {
     "step": "each control period",
     "slow": "each step of the position controller",
@@ -62,50 +63,76 @@ EXECUTABLES = {
         (topics.TRAJECTORY,),
         ("control.trajectory",),
         trajectory.make_trajectory,
-        """Publishes the angle to follow, with velocity and acceleration, one step before the instant that it
-        is valid for, at the steps of the position controller. It starts at rest; the cadence rises smoothly,
-        and may change while it runs.""",
+        """Publishes the angle to follow, with velocity and acceleration, one step before the instant for
+        which it holds, at the steps of the position controller. The motion starts at rest; the cadence rises
+        smoothly and may change during the run.""",
     ),
     "position_controller": Described(
         (topics.POSITION,),
         ("control.observer", "control.position", "control.knee"),
         position.PositionController,
         """Observer and backstepping controller of the knee angle: from the measured angle and both pressures
-        it estimates velocity and disturbance torque, and from the reference the pressures that both muscles
-        shall have.""",
+        it estimates velocity and disturbance torque, and from these and the reference it computes the
+        pressures that both muscles are to have.""",
     ),
     "pressure_controller": Described(
         (topics.EXTENSOR, topics.FLEXOR),
         ("control.pressure", "model.pneumatics"),
         lambda p: pressure.PressureController(p, "extensor"),
-        """Backstepping controller of one muscle's pressure: the mass flow that makes the pressure follow,
-        with the change of volume that the motion causes. One process for each muscle.""",
+        """Backstepping controller of one muscle's pressure. It computes the mass flow that makes the pressure
+        follow its reference, the change of volume by the motion included. Each muscle has one.""",
     ),
     "inverse_valve_model": Described(
         (topics.VALVE,),
         ("control.inverse_valve", "model.pneumatics"),
         lambda p: inverse_valve.InverseValveModel(p, "extensor"),
-        """From the wanted mass flow and the pressure to the voltage of each valve: the orifice's flow
-        inverted, hose and dead band compensated.""",
+        """Computes the voltage of each valve from the wanted mass flow and the pressure: it inverts the flow
+        law of the orifice and compensates hose and dead band.""",
     ),
     "bag_recorder": Described(
         (topics.RECORDER,),
         (),
         None,
-        """Records all topics but those that manage the graph into an MCAP bag: messages as they came, log
-        time = stamp, with all parameters in the bag's metadata. It says how far it is, and ends the run.""",
+        """Records all topics except those that manage the graph into an MCAP bag: messages as they came, log
+        time = stamp, all parameters in the bag's metadata. It reports progress and ends the run.""",
     ),
 }
 
 
 def pages() -> dict[str, str]:
     """Return the pages."""
-    made = {f"nodes/{name}.md": _page(name, one) for name, one in EXECUTABLES.items()}
+    made = {f"{FOLDER}/{name}.md": _page(name, one) for name, one in EXECUTABLES.items()}
     beside = [name for name in executables() if name not in EXECUTABLES]
-    made |= {f"nodes/{name}.md": _page_beside(name) for name in beside}
+    made |= {f"{FOLDER}/{name}.md": _page_beside(name) for name in beside}
     lines = [f"- [{name}]({name}.md): {_module_words(name)}" for name in (*EXECUTABLES, *beside)]
-    index = "# Nodes\n\nThe first six make one leg; each runs in a process of its own, or all in one.\n\n"
-    return {"nodes/index.md": NOTE + index + "\n".join(lines) + "\n", **made}
+    index = (
+        "# Nodes\n\nThe first six make one leg. Each runs in a process of its own, or all run in one process"
+        " (`run --composed`).\n\n"
+    )
+    return {f"{FOLDER}/index.md": index + "\n".join(lines) + "\n", **made}
+
+
+def topic_table() -> str:
+    """Return all topics of a run as a table."""
+    head = ("topic", "meaning", "type", "unit", "published by", "subscribed by", "rate")
+    return table(head, (_topic_row(topic) for topic in topics.TOPICS))
+
+
+def _topic_row(topic) -> tuple[str, ...]:
+    listeners = [name for name in topic.subscribers if name != topics.RECORDER]
+    to = "all other nodes" if len(listeners) > 3 else ", ".join(listeners)
+    return (
+        f"`{topic.name}`", topic.meaning, f"`{topic.type.replace('/msg/', '/')}`", topic.unit,
+        "every node" if len(topic.producers) > 1 else topic.producers[0],
+        ", ".join(filter(None, [to, "recorder" if topic.recorded else ""])),
+        RATES["slow" if topic.slow else topic.rate],
+    )  # fmt: skip
+
+
+def scene_table() -> str:
+    """Return the topics for viewers as a table."""
+    rows = [(f"`{t}`", f"`{scene.TYPES[t].replace('/msg/', '/')}`", *SHOWN[t]) for t in scene.TYPES]
+    return table(("topic", "type", "meaning", "rate"), rows)
 
 
 def executables() -> list[str]:
@@ -126,26 +153,25 @@ def _page(name: str, one: Described) -> str:
     cited = equations.of_modules(one.modules)
     if cited:
         rows = [(f"({number})", f"`{c.place}`", c.words) for number, c in cited]
-        parts.append("\n## Equations\n\n" + table(("equation", "where", "what"), rows))
-    parts += ["\n## It listens to\n\n", _topics(heard), "\n## It publishes\n\n", _topics(published)]
+        parts.append("\n## Equations\n\n" + table(("equation", "function", "use"), rows))
+    parts += ["\n## Subscriptions\n\n", _topics(heard), "\n## Publications\n\n", _topics(published)]
     parts.append(_services(name))
-    parts.append("\n## Its own parameters\n\n" + _settings(name))
+    parts.append("\n## Settings of the node\n\n" + _settings(name))
     if one.core:
         parts.append(_used(name, one.core))
-    return NOTE + "".join(parts)
+    return "".join(parts)
 
 
 def _page_beside(name: str) -> str:
     """Return the page of a node that is none of a leg's own: what it says of itself."""
     parts = [f"# {name}\n\n{_module_docstring(name)}\n"]
     if name == "leg_state_publisher":
-        parts += ["\n## It listens to\n\n", _topics(topics.BY_NAME[topic] for topic in sampled.INPUTS)]
-        shown = [(f"`{t}`", f"`{scene.TYPES[t].replace('/msg/', '/')}`", *SHOWN[t]) for t in scene.TYPES]
-        parts += ["\n## It publishes\n\n", table(("topic", "type", "what", "how often"), shown)]
+        parts += ["\n## Subscriptions\n\n", _topics(topics.BY_NAME[topic] for topic in sampled.INPUTS)]
+        parts += ["\n## Publications\n\n", scene_table()]
     settings = _setting_rows(_calls(name, "Setting"))
     if settings:
-        parts.append("\n## Its own parameters\n\n" + table(("parameter", "default", "meaning"), settings))
-    return NOTE + "".join(parts)
+        parts.append("\n## Settings of the node\n\n" + table(("parameter", "default", "meaning"), settings))
+    return "".join(parts)
 
 
 def _topics(some) -> str:
@@ -159,7 +185,7 @@ def _topics(some) -> str:
         )
         for t in some
     ]
-    return table(("topic", "type", "unit", "what", "how often"), rows)
+    return table(("topic", "type", "unit", "meaning", "rate"), rows)
 
 
 def _used(name: str, core: Callable) -> str:
@@ -167,11 +193,19 @@ def _used(name: str, core: Callable) -> str:
     with accessed() as keys:
         core(tree)
     live = LIVE_KEYS.get(name, ())
-    used = [row for row in tree.rows() if row.key in keys or row.key in live]
-    words = "\n## Parameters that it uses\n\nAll are declared as ROS parameters under these names."
+    rows = {row.key: row for row in tree.rows()}
+    fixed: dict[str, list[str]] = {}
+    for key in (key for key in rows if key in keys and key not in live):
+        fixed.setdefault(key.split(".")[0], []).append(f"`{key}`")
+    words = "\n## Parameters\n\nThe node declares them as ROS parameters under these names.\n"
     if live:
-        words += f" While it runs these may be set: {', '.join(f'`{key}`' for key in live)}."
-    return f"{words}\n\n{parameter_rows(used)}"
+        words += f"\nThese may be set while the node runs:\n\n{parameter_rows(rows[key] for key in live)}"
+    lines = [f"- [{subject}](../{_page_of(subject)}): {', '.join(names)}" for subject, names in fixed.items()]
+    return f"{words}\nThese are fixed when it starts:\n\n" + "\n".join(lines) + "\n"
+
+
+def _page_of(subject: str) -> str:
+    return f"parameters/{subject}.md" if subject in SUBJECTS else "effects/index.md"
 
 
 @contextmanager

@@ -1,48 +1,41 @@
 # SPDX-License-Identifier: Apache-2.0
 """A page for each file of `config/`: every parameter with unit, range, meaning and source."""
 
-from generators.markdown import NOTE, parameter_rows, table
-from pam_orthosis.model.parameters import SUBJECTS, config_folder, load, read_yaml, scenario_names
+from generators.markdown import WIDE, parameter_rows
+from pam_orthosis.model.parameters import SUBJECTS, load
 
+FOLDER = "reference/parameters"
 ABOUT = {
-    "muscle": "Fluidic muscles as the controllers believe them: Eqs. (14), (16), (17).",
-    "valve": "Air, supply, valves and hoses as the controllers believe them.",
-    "leg": "Orthosis and person as the controllers believe them.",
-    "control": "Observer and controllers.",
-    "rig": "The test rig and its procedure.",
-    "plant": "The truth: how the emulated hardware deviates from the controllers' belief, and its sensors.",
+    "muscle": "Fluidic muscles in the nominal model of the controllers: Eqs. (14), (16), (17).",
+    "valve": "Air, supply, valves and hoses in the nominal model of the controllers.",
+    "leg": "Orthosis and person in the nominal model of the controllers.",
+    "control": "Observer, controllers and guards.",
+    "rig": "The muscle test rig and its procedure.",
+    "plant": "The emulated hardware: how it deviates from the nominal model, and its sensors.",
     "scenario": "What a run does.",
-    "gap": "The gap workflow.",
+    "gap": "The gap workflow: tolerances, thresholds, catalogue.",
 }
 
 
 def pages() -> dict[str, str]:
     """Return the pages."""
-    made = {f"parameters/{subject}.md": _page(subject) for subject in SUBJECTS}
-    lines = [f"- [{subject}]({subject}.md): {ABOUT[subject]}" for subject in SUBJECTS]
-    index = "# Parameters\n\nOne page for each file of `config/`. Set one by `--param KEY=VALUE`.\n\n"
-    return {"parameters/index.md": NOTE + index + "\n".join(lines) + "\n", **made}
+    made = {f"{FOLDER}/{subject}.md": _page(subject) for subject in SUBJECTS}
+    lines = [f"- [`{subject}`]({subject}.md): {ABOUT[subject]}" for subject in SUBJECTS]
+    head = (
+        "# Parameters\n\nEach file of `config/` has a page here: every parameter with its shipped value,"
+        " unit, range, meaning and source. `--param KEY=VALUE` sets one for a run, `--model FILE` sets"
+        " many.\n\n"
+    )
+    return {f"{FOLDER}/index.md": head + "\n".join(lines) + "\n", **made}
 
 
 def _page(subject: str) -> str:
     rows = [
         r for r in load().rows() if r.key.split(".")[0] == subject and not r.key.startswith("plant.effects.")
     ]
-    page = f"{NOTE}# Parameters: {subject}\n\n{ABOUT[subject]}\n\n{parameter_rows(rows)}"
+    page = f"{WIDE}# Parameters: {subject}\n\n{ABOUT[subject]}\n\n{parameter_rows(rows)}"
     if subject == "plant":
-        page += "\n`plant.effects.*`: the [catalogue of effects](../effects/index.md).\n"
+        page += "\nThe [catalogue of effects](../effects/index.md) lists `plant.effects.*`.\n"
     if subject == "scenario":
-        page += f"\n## Scenarios\n\n{_scenarios()}"
+        page += "\nNamed sets of these parameters: [scenarios](../scenarios.md).\n"
     return page
-
-
-def _scenarios() -> str:
-    changes = read_yaml(config_folder() / "scenario.yaml")["scenarios"]
-    rows = [
-        (
-            f"`{name}`", meaning,
-            ", ".join(f"`{k}` = {v}" for k, v in (changes[name].get("set") or {}).items()) or "-",
-        )
-        for name, meaning in scenario_names().items()
-    ]  # fmt: skip
-    return table(("scenario", "what it shows", "sets"), rows)

@@ -129,10 +129,10 @@ class Script:
             if node not in self.missing:
                 raise OrthosisError(f"no node {node}: choose of {', '.join(self.missing)}")
             if self.missing[node]:
-                raise OrthosisError(f"{path} cannot be fed to {node}: it lacks {self.missing[node]}")
+                raise OrthosisError(f"{path} cannot be fed to {node}: {self.missing[node]} is missing in it")
         if not self.nodes:
             lacking = "; ".join(f"{topic} for {node}" for node, topic in self.missing.items())
-            raise OrthosisError(f"{path} cannot be fed to any node: it lacks {lacking}")
+            raise OrthosisError(f"{path} cannot be fed to any node: {lacking} is missing in it")
 
 
 def _chosen(node: str, nodes: Collection[str]) -> bool:

@@ -40,7 +40,7 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], bool]]]:
         OrthosisError: Dask is not installed, nobody answers at the address, or there are no workers.
     """
     if find_spec("distributed") is None:
-        raise OrthosisError("a cluster needs Dask: pip install 'pam_orthosis[cluster]'")
+        raise OrthosisError("a cluster needs Dask: pip install 'distributed>=2024.1'")
     from distributed import Client
 
     for name in ("distributed", "tornado", "asyncio"):  # what they say of a lost connection is said below

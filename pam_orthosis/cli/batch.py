@@ -20,7 +20,7 @@ from pam_orthosis.progress import shown
 PROGRAM = "pam_orthosis.cli.main"
 TASKS = {
     "check": "judge the tracking of each bag",
-    "gap": "find what the model lacks, bag by bag",
+    "gap": "find missing effects, bag by bag",
     "report": "a page of each bag",
     "study": "walk with each parameter set and seed of a study (YAML), without ROS; judge each walk",
 }
@@ -32,17 +32,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("task", choices=TASKS, metavar="TASK", help=tasks)
     parser.add_argument("inputs", type=Path, nargs="+", metavar="INPUT", help="bags, or the file of a study")
     parser.add_argument("--out", type=output, required=True, metavar="DIR",
-                        help="results, a folder a bag; what they hold already is not done again")  # fmt: skip
+                        help="results, one folder for each bag; finished bags are not repeated")  # fmt: skip
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
-        "--workers", type=_at_least_1, metavar="N", help="at a time (as many as there are cores)"
+        "--workers", type=_at_least_1, metavar="N", help="processes at a time (number of cores)"
     )
-    where.add_argument("--cluster", metavar="ADDRESS", help="of a Dask scheduler, e.g. tcp://host:8786")
-    parser.add_argument("--retries", type=_whole, default=1, metavar="N", help="of a bag that fails (1)")
+    where.add_argument(
+        "--cluster", metavar="ADDRESS", help="address of a Dask scheduler, e.g. tcp://host:8786"
+    )
     parser.add_argument(
-        "--timeout", type=not_negative, metavar="S", help="after which a bag counts as failed"
+        "--retries", type=_whole, default=1, metavar="N", help="further tries for a bag that fails (1)"
     )
-    parser.add_argument("--bound-deg", type=not_negative, default=3.0, help="of check and study (3)")
+    parser.add_argument(
+        "--timeout", type=not_negative, metavar="S", help="seconds after which a bag counts as failed"
+    )
+    parser.add_argument(
+        "--bound-deg", type=not_negative, default=3.0, help="bound of check and study, degrees (3)"
+    )
     parser.add_argument("--with", dest="more", default="", metavar="ARGUMENTS",
                         help="more arguments for the task, e.g. --with='--skip-s 2'")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")

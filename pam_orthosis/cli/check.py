@@ -19,20 +19,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     parser.add_argument("bag", type=Path, metavar="BAG", help="bag folder or .mcap file")
     parser.add_argument(
-        "--skip-s", type=not_negative, default=0.0, help="seconds at the start not to judge (0)"
+        "--skip-s", type=not_negative, default=0.0, help="seconds at the start that are not judged (0)"
     )
     parser.add_argument(
         "--partial",
         action="store_true",
-        help="judge what is there of a run that was cut short or lacks samples",
+        help="judge a run that was cut short or has missing samples",
     )
-    parser.add_argument("--namespace", metavar="NS", help="of the leg in the bag (all legs)")
+    parser.add_argument("--namespace", metavar="NS", help="namespace of the leg in the bag (all legs)")
     add_verdict_arguments(parser)
 
 
 def add_verdict_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what `check` and `run` have in common."""
-    parser.add_argument("--bound-deg", type=not_negative, default=3.0, help="bound on the largest error (3)")
+    parser.add_argument(
+        "--bound-deg", type=not_negative, default=3.0, help="bound on the largest error, degrees (3)"
+    )
     parser.add_argument("--json", action="store_true", help="print the verdict as JSON")
 
 
@@ -75,7 +77,9 @@ def describe(verdict: Verdict) -> str:
     told = [f"{name:26s} {value:8.3f} {unit}" for name, value, unit in rows if value is not None]
     told += _timing(verdict.timing) if verdict.timing else []
     if verdict.not_led:
-        told.append(f"not judged                 {verdict.not_led} samples: the scenario had let the knee go")
+        told.append(
+            f"not judged                 {verdict.not_led} samples: the scenario leaves the knee free"
+        )
     told += [f"left out                   {remark}" for remark in verdict.remarks]
     if verdict.incomplete:
         told.append(f"INCOMPLETE: {verdict.incomplete}; `check --partial` judges what is there")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Find where recordings and the model disagree, name the missing effect, add it, show the gap shrink."""
+"""Find where recordings and model disagree, name the missing effect, and show how much it explains."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="+",
         metavar="MEASURED",
-        help="bags of the knee or of the test rig (told"
-        " by their metadata), or .csv tables of the knee, to fit",
+        help="recordings to fit: bags of the knee or of the test rig, or .csv tables of the knee",
     )
     parser.add_argument(
         "--held-out", type=Path, nargs="+", default=[], metavar="BAG",
-        help="recordings that judge and are never fitted (the last quarter of each measured one)",
+        help="recordings that judge and are not fitted (the last quarter of each MEASURED)",
     )  # fmt: skip
     parser.add_argument(
         "--model", type=Path, metavar="FILE",
-        help="YAML of parameters that differ from the bag's (of `gap`, `improve`, `plan` or `identify`)",
+        help="YAML with parameters of the nominal model that differ from the bag's"
+        " (by `gap`, `improve`, `plan` or `identify`)",
     )  # fmt: skip
     parser.add_argument("--out", type=output, metavar="DIR", help="write gap.json, model.yaml and a page")
     parser.add_argument(
         "--until", choices=("check", "replay", "where"),
-        help="stop after this stage: can these data tell; what is the gap; where is it",
+        help="stop after this stage: what the data can show; how large the gap is; where it is",
     )  # fmt: skip
     parser.add_argument("--namespace", default="", metavar="NS", help="of the leg in the bags")
     parser.add_argument("--json", action="store_true", help="print gap.json instead of words")
@@ -101,7 +101,7 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     if arguments.out:
         _try(arguments.out)
     start = begin(system, training, held_out, parameters.gap, progress)
-    progress("looking at what these data can tell")
+    progress("computing what these data can show")
     data = telling(start.problem, start.null, parameters.gap.evidence.threshold, progress)
     return Case(parameters.gap, start, data, given, assumed, heading)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Make a blind test case of the gap workflow: bags of a plant with hidden effects, the answer apart."""
+"""Record a blind test case of the gap workflow: bags of a plant with hidden effects, the answer sealed."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--effect", action="append", metavar="NAME", help="effect to hide, `random` or `none`; repeatable"
         " (random)",
     )  # fmt: skip
-    parser.add_argument("--outside", action="store_true", help="effects that the catalogue does not know")
+    parser.add_argument("--outside", action="store_true", help="hide effects that are not in the catalogue")
     parser.add_argument(
-        "--seed", type=int, default=1, metavar="N", help="all that is drawn follows from it (1)"
+        "--seed", type=int, default=1, metavar="N", help="seed of everything that is drawn (1)"
     )
     parser.add_argument("--out", type=output, required=True, metavar="DIR", help="new folder of the case")
 
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(arguments: argparse.Namespace) -> int:
     """Record and write the case; print where it is; return 0."""
     if find_spec("numba") is None:
-        raise OrthosisError("numba is not installed: pip install 'pam_orthosis[test]'")
+        raise OrthosisError("numba is not installed, which simulates the hidden plant: pip install numba")
     refuse_used(arguments.out)
     if arguments.seed < 0:
         raise OrthosisError("--seed: give a whole number from 0 on")

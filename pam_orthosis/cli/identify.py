@@ -27,20 +27,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     data = "rig bags, .csv tables (columns such as p_Pa_gauge,L_m,F_N,slack), or folders of them"
     parser.add_argument("data", type=Path, nargs="+", metavar="DATA", help=data)
-    parser.add_argument("--muscle", choices=SPECIMENS, help="which muscle (told by bags and file names)")
-    parser.add_argument("--nominal-length-m", type=not_negative, metavar="M", help="of a table's muscle")
+    parser.add_argument("--muscle", choices=SPECIMENS, help="which muscle (named by bags and file names)")
+    parser.add_argument(
+        "--nominal-length-m", type=not_negative, metavar="M", help="nominal length of the muscle in a table"
+    )
     parser.add_argument(
         "--held-out-bar", type=not_negative, nargs="*", metavar="P",
-        help="absolute pressures that judge and never enter the fit (rig.procedure.held_out_pressures)",
+        help="absolute pressures that judge and are not fitted (rig.procedure.held_out_pressures)",
     )  # fmt: skip
     parser.add_argument(
-        "--degrees", type=int, nargs=2, default=(3, 4), metavar=("A", "B"), help="of Eq. (14) (3 4)"
+        "--degrees",
+        type=int,
+        nargs=2,
+        default=(3, 4),
+        metavar=("A", "B"),
+        help="degrees of the polynomials of Eq. (14) (3 4)",
     )
     parser.add_argument(
         "--damping",
         type=not_negative,
         metavar="D",
-        help="N s/m, in place of the decays': for the fit, and written",
+        help="damping in N s/m, instead of that of the decays",
     )
     parser.add_argument(
         "--out", type=output, metavar="FILE", help="write the rows, for --model or config/muscle.yaml"

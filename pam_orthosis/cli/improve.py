@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run, find what the controllers' model lacks, add it, run again with the same gains, and so on.
+"""Walk, find the effects that are missing in the nominal model, add them, walk again with the same gains.
 
-Recordings are made in one process without ROS; `run --model DIR/model.yaml` lets the real nodes walk with
-what was learned.
+Recordings are made in one process without ROS; `run --model DIR/model.yaml` lets the real nodes walk with the
+improved model.
 """
 
 from __future__ import annotations
@@ -26,10 +26,14 @@ RESULTS = "model.yaml", "improve.json", "improve.md", "improve.png"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
-    parser.add_argument("--scenario", default="default", metavar="NAME", help="what the knee does (default)")
-    parser.add_argument("--seeds", type=_positive, default=3, metavar="N", help="runs that judge (3)")
+    parser.add_argument("--scenario", default="default", metavar="NAME", help="motion and person (default)")
+    parser.add_argument(
+        "--seeds", type=_positive, default=3, metavar="N", help="noise seeds of the runs that judge (3)"
+    )
     parser.add_argument("--rounds", type=_positive, default=3, metavar="N", help="rounds at most (3)")
-    parser.add_argument("--out", type=output, required=True, metavar="DIR", help="new folder for all of it")
+    parser.add_argument(
+        "--out", type=output, required=True, metavar="DIR", help="folder of model, table, figure and bags"
+    )
     parser.add_argument(
         "--param", action="append", default=[], metavar="KEY=VALUE", help="set a parameter (repeatable)"
     )

@@ -15,10 +15,11 @@ from collections.abc import Sequence
 from importlib import import_module
 from io import TextIOWrapper
 from threading import current_thread, main_thread
-from types import FrameType
+from types import FrameType, ModuleType
 from typing import NoReturn
 
 from pam_orthosis import __version__
+from pam_orthosis.cli.help_texts import STATUSES, epilog
 from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.processes import ENDING
 
@@ -31,12 +32,13 @@ VERBS = {
     "gap": "find where model and recordings disagree, name the missing effect, add it",
     "report": "draw a recorded run",
     "paper": "compute the paper's figures and results again, side by side",
-    "improve": "learn what the model lacks, let the controllers use it, show tracking before and after",
+    "improve": "learn missing effects, let the controllers use them, show tracking before and after",
     "margin": "how much worse the hardware may be before these gains lose the knee",
-    "plan": "plan a gait within the reach of muscles and supply, by what the controllers believe",
+    "plan": "plan a gait within the reach of muscles and supply, by the nominal model",
     "batch": "do the same to many bags or parameter sets, on all cores or a cluster",
     "gap-hide": "record a blind test case of the gap workflow",
     "recover": "make a readable bag of one whose recorder was killed",
+    "example": "write recordings that come with the package: bags to look at, a case for gap",
 }
 LONGEST_ERROR = 900
 TRACEBACK = "PAM_ORTHOSIS_TRACEBACK"
@@ -131,10 +133,24 @@ def _dispatch(arguments: list[str]) -> int:
     verb = arguments[0] if arguments else "--help"
     if verb not in VERBS:
         _top_parser().parse_args([verb])
-    module = import_module(f"pam_orthosis.cli.{verb.replace('-', '_')}")
-    parser = Parser(prog=f"pam-orthosis {verb}", description=module.__doc__)
+    return _module(verb).execute(verb_parser(verb).parse_args(arguments[1:]))
+
+
+def verb_parser(verb: str) -> Parser:
+    """Return the parser of a verb: its arguments, and help with examples and exit statuses."""
+    module = _module(verb)
+    parser = Parser(
+        prog=f"pam-orthosis {verb}",
+        description=(module.__doc__ or "").strip(),
+        epilog=epilog(verb),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     module.add_arguments(parser)
-    return module.execute(parser.parse_args(arguments[1:]))
+    return parser
+
+
+def _module(verb: str) -> ModuleType:
+    return import_module(f"pam_orthosis.cli.{verb.replace('-', '_')}")
 
 
 def _top_parser() -> Parser:
@@ -142,8 +158,8 @@ def _top_parser() -> Parser:
     parser = Parser(
         prog="pam-orthosis",
         description="Emulated knee orthosis with two antagonistic fluidic muscles.",
-        epilog=f"verbs:\n{verbs}\n\n`pam-orthosis VERB --help` tells more."
-        " Exit status: 0 good, 1 no, 2 unusable input or usage, 3 run failed.",
+        epilog=f"verbs:\n{verbs}\n\n`pam-orthosis VERB --help` shows arguments and"
+        f" examples.\n{STATUSES}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("verb", choices=VERBS, metavar="VERB", help="what to do")

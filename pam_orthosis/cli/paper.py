@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compute the paper's figures 4, 5, 8 and 9 again and set its results beside ours."""
+"""Compute the paper's figures 4, 5, 8 and 9 again and show its results beside those of the emulation."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pam_orthosis.cli import rig
 from pam_orthosis.cli.identify import FIGURES
 from pam_orthosis.files import REMAKE, as_text, output, refuse_existing, write_files
 from pam_orthosis.model.parameters import load
@@ -72,6 +71,7 @@ def _made(page: Path, pictures: Path, overwrite: bool, progress: Progress) -> Re
 
 def _identified(progress: Progress) -> Identified:
     """Record the procedure of sections 2.4 and 2.5 on the emulated rig and identify the muscle from it."""
+    from pam_orthosis.cli import rig
     from pam_orthosis.identification.data import read_data
     from pam_orthosis.identification.identify import identify
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plan a gait within the reach of muscles, valves and supply, by what the controllers believe.
+"""Plan a gait within the reach of muscles, valves and supply, by the nominal model.
 
-Where the wanted motion asks for more than they can give, the nearest motion that they can make is planned,
-and both muscles are filled ahead of need. `run --model FILE` lets the knee follow it; errors count from the
+Where the wanted motion needs more than they can give, the nearest motion that they can make is planned,
+with both muscles filled ahead of need. `run --model FILE` lets the knee follow it; errors count from the
 wanted motion as ever.
 """
 
@@ -22,11 +22,10 @@ BAR = 1.0e5
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
-    parser.add_argument("--scenario", default="person", metavar="NAME", help="what the knee does (person)")
+    parser.add_argument("--scenario", default="person", metavar="NAME", help="motion and person (person)")
     parser.add_argument(
-        "--model", type=Path, metavar="FILE",
-        help="what the controllers believe (of `gap`, `improve` or `identify`)",
-    )  # fmt: skip
+        "--model", type=Path, metavar="FILE", help="nominal model (by `gap`, `improve` or `identify`)"
+    )
     parser.add_argument(
         "--param", action="append", default=[], metavar="KEY=VALUE", help="set a parameter (repeatable)"
     )
@@ -41,8 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--after",
         type=Path,
         metavar="BAG",
-        help="recorded run of this scenario by this model: planned is what it showed of what the model lacks,"
-        " and, if it followed a plan, more is asked for where the knee fell short",
+        help="recorded run of this scenario with this model: its disturbance torque becomes part of the plan,"
+        " and where the knee fell short of the last plan more is asked for",
     )
     parser.add_argument("--namespace", default="", metavar="NS", help="of the leg in that bag")
     parser.add_argument("--out", type=output, required=True, metavar="FILE", help="new model with the plan")
@@ -83,7 +82,7 @@ def _told(plan, recorded) -> str:
     cycle, lines = plan.cycle, []
     if recorded:
         torque = recorded.lacking(np.arange(len(plan.wanted)) / len(plan.wanted))
-        lines.append(f"torque not explained {torque.min():.2f} .. {torque.max():.2f} N m")
+        lines.append(f"unexplained torque   {torque.min():.2f} .. {torque.max():.2f} N m")
     change = np.degrees(np.abs(cycle.angle - plan.wanted))
     lines.append(
         f"planned motion       within {change.max():.2f} deg of the wanted one (RMS {_rms(change):.2f})"

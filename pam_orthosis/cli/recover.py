@@ -21,7 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     parser.add_argument("bag", type=Path, metavar="BAG", help="bag folder or .mcap file")
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--out", type=output, help="folder of the new bag (BAG-recovered, here)")
+    where.add_argument(
+        "--out", type=output, metavar="DIR", help="folder of the new bag (BAG-recovered, here)"
+    )
     where.add_argument(
         "--in-place",
         action="store_true",

@@ -19,7 +19,6 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import claimed, output
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.nodes import launch
-from pam_orthosis.nodes.supervisor import supervise
 from pam_orthosis.progress import Shown, shown
 
 if TYPE_CHECKING:
@@ -39,13 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="node to feed (repeatable; all)",
     )
-    parser.add_argument("--namespace", metavar="NS", help="of the leg in the bag (all legs)")
+    parser.add_argument("--namespace", metavar="NS", help="namespace of the leg in the bag (all legs)")
     parser.add_argument(
         "--param",
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="what the nodes shall have otherwise than in the recorded run (repeatable)",
+        help="set a parameter to another value than in the recorded run (repeatable)",
     )
     parser.add_argument("--out", type=output, metavar="DIR", help="keep the answers, as a new bag")
     parser.add_argument("--json", action="store_true", help="print the comparison as JSON")
@@ -76,13 +75,14 @@ def execute(arguments: argparse.Namespace) -> int:
 def _replay(arguments: argparse.Namespace, namespace: str, progress: Shown) -> list[TopicComparison]:
     from pam_orthosis.bag.compare import compare
     from pam_orthosis.bag.script import Script, held_ns
+    from pam_orthosis.nodes.supervisor import supervise
 
     bag = arguments.bag.resolve()
     parameters = _parameters(bag, namespace, arguments.param, progress)
     script = Script(bag, namespace, arguments.node, held_ns(parameters))
     for node, topic in script.missing.items():
         if topic:
-            progress.note(f"{node} is not fed: the bag lacks {topic}")
+            progress.note(f"{node} is not fed: {topic} is missing in the bag")
     with tempfile.TemporaryDirectory(prefix="pam-orthosis-") as folder, ExitStack() as stack:
         work = Path(folder)
         answers = arguments.out.resolve() if arguments.out else work / "answers"
@@ -120,7 +120,7 @@ def _parameters(bag: Path, namespace: str, changes: Sequence[str], progress: Sho
     if unknown := sorted(recorded.keys() - known.keys()):
         progress.note(f"recorded by another version: it has no {', '.join(unknown)}")
     if not recorded:
-        progress.note("the bag tells no parameters: the nodes have those of config/")
+        progress.note("the bag holds no parameters: the nodes take the shipped ones")
     kept = {key: value for key, value in recorded.items() if key in known}
     made = load(kept | assignments(changes))
     wanted = made.flat()

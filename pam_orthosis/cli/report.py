@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Show a recorded run: one page that opens offline (plots, leg, verdict), a picture of it, or a CSV table."""
+"""Show a recorded run: a page that opens offline (plots, leg, verdict), pictures, or a CSV table."""
 
 from __future__ import annotations
 
@@ -28,11 +28,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=output, metavar="DIR", help="folder of page and picture (a new one, BAG-report, here)"
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier report of that name")
-    parser.add_argument("--bound-deg", type=not_negative, default=3.0, help="bound on the largest error (3)")
     parser.add_argument(
-        "--only", choices=("page", "picture", "table"), help="make one of them (page and picture)"
+        "--bound-deg", type=not_negative, default=3.0, help="bound on the largest error, degrees (3)"
     )
-    parser.add_argument("--namespace", default="", metavar="NS", help="of the leg in the bag")
+    parser.add_argument(
+        "--only",
+        choices=("page", "picture", "animation", "table"),
+        help="make one of them (page and picture)",
+    )
+    parser.add_argument("--namespace", default="", metavar="NS", help="namespace of the leg in the bag")
 
 
 def execute(arguments: argparse.Namespace) -> int:
@@ -43,7 +47,8 @@ def execute(arguments: argparse.Namespace) -> int:
         refuse_used(folder, REMAKE)
     leg = arguments.namespace.strip("/").replace("/", "-")
     name = f"{bag_name(bag)}{leg and '-'}{leg}"
-    makers = {"page": ("html", _page), "picture": ("png", _picture), "table": ("csv", _table)}
+    makers = {"page": ("html", _page), "picture": ("png", _picture), "table": ("csv", _table),
+              "animation": ("gif", _animation)}  # fmt: skip
     kinds = [arguments.only] if arguments.only else ["page", "picture"]
     paths = {kind: folder / f"{name}.{makers[kind][0]}" for kind in kinds}
     refuse_existing(paths.values(), arguments.overwrite, REMAKE)
@@ -74,3 +79,9 @@ def _table(bag: Path, arguments: argparse.Namespace) -> Write:
     from pam_orthosis.report.table import write_table
 
     return partial(write_table, bag, arguments.namespace)
+
+
+def _animation(bag: Path, arguments: argparse.Namespace) -> Write:
+    from pam_orthosis.report.animation import write_animation
+
+    return partial(write_animation, bag, arguments.namespace)

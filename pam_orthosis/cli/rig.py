@@ -24,15 +24,15 @@ EVERY_SAMPLE = ("decay", "diagnostic")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     parser.add_argument(
-        "--muscle", choices=SPECIMENS, default="dmsp_20", help="investigated muscle (dmsp_20)"
+        "--muscle", choices=SPECIMENS, default="dmsp_20", help="muscle under test (dmsp_20)"
     )
     parser.add_argument("--out", type=output, metavar="DIR", help="folder of the bags (runs/rig-MUSCLE)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of the sensor noise (1)")
     parser.add_argument(
         "--tests", nargs="+", choices=TESTS, default=IDENTIFICATION,
-        help="which tests (those that `identify` wants); diagnostic: for `gap`, at the full rate",
+        help="tests to record (those that `identify` needs); diagnostic: for `gap`, at the full rate",
     )  # fmt: skip
-    parser.add_argument("--load-cell", type=float, metavar="N", help="class of the load cell, N (50)")
+    parser.add_argument("--load-cell", type=float, metavar="N", help="accuracy of the load cell, N (50)")
 
 
 def execute(arguments: argparse.Namespace) -> int:

@@ -21,16 +21,18 @@ from pam_orthosis.errors import OrthosisError, RunFailed, naming
 from pam_orthosis.files import Used, claimed, output
 from pam_orthosis.model.parameters import Parameters, load, scenario_names, scenario_overrides
 from pam_orthosis.nodes import launch
-from pam_orthosis.nodes.supervisor import supervise
 from pam_orthosis.progress import Progress, shown
 from pam_orthosis.reading import from_yaml
+
+ROS_WHEELS = "pip install 'ros-jazzy-rclpy[fastrtps]==7.1.6' ros-jazzy-common-interfaces (Linux, x86-64)"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
-    names = "; ".join(f"{name}: {meaning}" for name, meaning in scenario_names().items())
-    parser.add_argument("--scenario", default="default", metavar="NAME", help=names)
-    parser.add_argument("--duration", type=float, metavar="S", help="simulated seconds")
+    scenario = "motion, person and disturbance; see --list (default)"
+    parser.add_argument("--scenario", default="default", metavar="NAME", help=scenario)
+    parser.add_argument("--list", action="store_true", help="print the scenarios with their meaning")
+    parser.add_argument("--duration", type=float, metavar="S", help="simulated seconds (20)")
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the sensor noise")
     parser.add_argument("--out", type=output, metavar="DIR", help="new bag (runs/SCENARIO-N)")
     parser.add_argument("--composed", action="store_true", help="all nodes in one process")
@@ -43,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--realtime", action="store_true", help="by the wall clock instead of in lockstep")
     parser.add_argument(
-        "--no-plant", action="store_true", help="with a hardware driver instead of the plant: docs/ros.md"
+        "--no-plant", action="store_true", help="with a hardware driver in place of the emulated hardware"
     )
     parser.add_argument(
         "--open",
@@ -56,12 +58,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="set a parameter of config/, e.g. control.position.c1=30 (repeatable)",
+        help="set a parameter, e.g. control.position.c1=30 (repeatable)",
     )
     parser.add_argument(
         "--model", type=Path, metavar="FILE",
-        help="YAML of what the controllers believe instead (of `gap`, `improve`, `plan` or `identify`); the"
-        " hardware stays",
+        help="YAML that changes the nominal model of the controllers (by `gap`, `improve`, `plan` or"
+        " `identify`); the emulated hardware stays",
     )  # fmt: skip
     add_verdict_arguments(parser)
 
@@ -70,6 +72,9 @@ def execute(arguments: argparse.Namespace) -> int:
     """Run and judge; return 0 if the bound holds, 1 if not."""
     from pam_orthosis.bag.verdict import judge_all  # what reads bags takes its time to load
 
+    if arguments.list:
+        print("\n".join(f"{name:24s} {meaning}" for name, meaning in scenario_names().items()))
+        return 0
     need_ros()
     given = assignments(arguments.param)
     parameters = believing(load(_overrides(arguments)), arguments.model, given)
@@ -102,7 +107,7 @@ def claim(stack: ExitStack, out: Path | None, scenario: str) -> Path:
 def need_ros() -> None:
     """Raise OrthosisError if there is no ROS."""
     if find_spec("rclpy") is None:
-        raise OrthosisError("rclpy is not installed: pip install '.[ros]' in the checkout")
+        raise OrthosisError(f"rclpy is not installed: source a ROS 2 installation, or {ROS_WHEELS}")
 
 
 def _mode(arguments: argparse.Namespace, parameters: Parameters) -> launch.Mode:
@@ -194,6 +199,8 @@ def supervise_recorded(
     bag: Path,
 ) -> None:
     """Supervise nodes that write a bag; RunFailed tells what is left in it, which can be read then."""
+    from pam_orthosis.nodes.supervisor import supervise  # --help needs none of it
+
     try:
         supervise(commands, environment, work, progress)
     except (RunFailed, KeyboardInterrupt) as error:

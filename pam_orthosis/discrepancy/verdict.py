@@ -12,6 +12,7 @@ from pam_orthosis.discrepancy.structure import clean
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.telling import Telling
 from pam_orthosis.discrepancy.workflow import Beginning, Named, Outcome, beyond
+from pam_orthosis.model.parameters import experiments
 
 LABEL = 25  # characters of the first column, at least
 MOST_EMPTIED = 3  # parameters in one line
@@ -122,16 +123,25 @@ def describe_data(told: Telling) -> str:
     if told.invisible:
         lines.append(f"these data would not show, at typical size: {', '.join(told.invisible)}")
     for a, b, cosine in told.alike:
-        lines.append(f"these data hardly tell {a} from {b} (signatures {cosine:.2f} alike)")
+        lines.append(f"confounded in these data: {a} and {b} (cosine of their sensitivities {cosine:.2f})")
     if told.experiments:
-        lines.append(f"what would help most: pam-orthosis run --scenario {told.experiments[0]}")
+        lines += _experiment("most useful next experiment", told.experiments[0])
     return "\n".join(lines) or "these data show and separate all effects of the catalogue"
 
 
+def _experiment(purpose: str, scenario: str) -> list[str]:
+    """Return how an experiment is done on an apparatus, and what emulates it."""
+    emulated = f"pam-orthosis run --scenario {scenario}"
+    known = experiments()
+    if scenario not in known:
+        return [f"{purpose}: {emulated}"]
+    return [f"{purpose}: {known[scenario]}", f"  emulated by: {emulated}"]
+
+
 def describe_replay(start: Beginning) -> str:
-    """Return the gaps before any effect is added, and the ordinary parameters that had to move far."""
+    """Return the gaps before any effect is added, and the nuisance parameters that had to move far."""
     width = _width(start.system)
-    lines = [f"{'channel':{width}s} {'configured':>11s} {'recalibrated':>13s} {'noise':>9s}"]
+    lines = [f"{'channel':{width}s} {'nominal':>11s} {'recalibrated':>13s} {'noise':>9s}"]
     gaps = (start.configured(), start.recalibrated(), start.floor)
     for name in start.floor.units:
         channel = start.system.channel(name)
@@ -159,9 +169,15 @@ def describe_where(start: Beginning) -> str:
 
 def _range(system: System, name: str, regions) -> str:
     channel = next((c for c in system.channels if c.name == name), None)
-    factor, unit = (1.0, "SI") if channel is None else (channel.report_factor, channel.report_unit)
+    factor, unit = (1.0, _unit(name)) if channel is None else (channel.report_factor, channel.report_unit)
     low, high = (factor * end for end in regions[name])
     return f"between {low:.4g} and {high:.4g} {unit}"
+
+
+def _unit(coordinate: str) -> str:
+    """Return the unit of what explains a residual and is no channel."""
+    units = {"velocity": "rad/s", "rig_velocity": "m/s", "phase": "of the cycle", "time": "s"}
+    return "V" if coordinate.endswith("voltage") else units.get(coordinate, "(SI)")
 
 
 def _number(value: float | None) -> float | None:
@@ -171,7 +187,7 @@ def _number(value: float | None) -> float | None:
 def describe(outcome: Outcome) -> str:
     """Return the outcome as a few lines of text."""
     width = _width(outcome.system)
-    lines = [f"{'channel':{width}s} {'configured':>11s} {'before':>9s} {'after':>9s} {'noise':>9s}  closed"]
+    lines = [f"{'channel':{width}s} {'nominal':>11s} {'before':>9s} {'after':>9s} {'noise':>9s}  explained"]
     for channel in outcome.system.channels:
         if channel.name in outcome.after.units:
             lines.append(_row(outcome, channel))
@@ -179,7 +195,7 @@ def describe(outcome: Outcome) -> str:
     numbers = " ".join(f"{gap.white[OVERALL]:9.2f}" for gap in overall)
     lines.append(f"{'times the noise':{width + 2}s} {numbers}  {_share(outcome, OVERALL)}")
     if outcome.from_configured:
-        lines.append("* of the configured model's gap; recalibration had closed it")
+        lines.append("* of the nominal model's gap, which recalibration alone explains")
     worst = outcome.where[0]
     if outcome.verdict != "none":
         seen = ", ".join(f"{name} {share:.0%}" for name, share in list(worst.coordinates.items())[:3])
@@ -251,15 +267,15 @@ def _alike(one: Named, several: bool) -> list[str]:
     """Return what an effect cannot be told from, and what would part them; nothing if it can."""
     if not one.look_alikes:
         return []
-    lines = [f"these data cannot tell {one.name if several else 'it'} from: {', '.join(one.look_alikes)}"]
+    lines = [f"these data do not separate {one.name if several else 'it'} from: {', '.join(one.look_alikes)}"]
     if one.separated_by:
-        lines.append(f"what would: pam-orthosis run --scenario {one.separated_by[0]}")
+        lines += _experiment("an experiment that separates them", one.separated_by[0])
     return lines
 
 
 def _strain(strained: Mapping[str, float]) -> str:
     told = ", ".join(f"{name} {value:+.1f}" for name, value in strained.items())
-    said = f"ordinary parameters outside their tolerance (multiples of it): {told}"
+    said = f"nuisance parameters outside their tolerance (multiples of it): {told}"
     far = max(map(abs, strained.values())) > FAR_STRAIN
     return f"{said}; check units, zeros (absolute pressure?) and calibration first" if far else said
 
@@ -288,7 +304,7 @@ def _answer(outcome: Outcome) -> str:
     worst = max(kept, key=kept.get)
     left = f"UNEXPLAINED: in the {worst} equation {kept[worst]:.1f} times the noise is left"
     if outcome.surrogates:
-        return f"{left}; no model of the catalogue closes half of the gap"
+        return f"{left}; no model of the catalogue explains half of the gap"
     return left + (f", with {names} added{_emptied(outcome)}" if names else f"; {_refusal(outcome)}")
 
 

@@ -116,7 +116,7 @@ def improve(
             found = (find or find_effects)(belief, bags, tell)
             write_found(place, found)
         if not found.effects:
-            rounds.append(Round(number, found, False, None, last.model, "no effect earns its place"))
+            rounds.append(Round(number, found, False, None, last.model, "no further effect is found"))
             break
         effects = learned.named(belief, found.effects, found.values)
         model = {**known, **learned.calibrated(belief, found.effects, found.values), **effects}

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model.rules import broken_rules
 from pam_orthosis.reading import read_yaml, shown
 
 Value = float | int | bool | str | list
@@ -167,6 +166,8 @@ class Parameters(Section):
         Raises:
             OrthosisError: unknown key, unusable value or a broken rule between values.
         """
+        from pam_orthosis.model.rules import broken_rules  # --help needs none of them
+
         rows = dict(self._rows)
         for key, value in overrides.items():
             if key not in rows:
@@ -176,7 +177,7 @@ class Parameters(Section):
         try:
             broken = list(broken_rules(result.flat()))
         except (TypeError, IndexError, KeyError) as error:  # a row in config/ of another kind, or gone
-            raise OrthosisError(f"config/ holds a value of the wrong kind, or lacks one ({error})") from error
+            raise OrthosisError(f"config/: a value is of the wrong kind or missing ({error})") from error
         for message in broken:
             raise OrthosisError(message)
         return result
@@ -200,6 +201,11 @@ def load(overrides: Mapping[str, Any] | None = None) -> Parameters:
 def scenario_names() -> dict[str, str]:
     """Return scenario name -> what it shows."""
     return {name: entry["meaning"] for name, entry in _scenarios().items()}
+
+
+def experiments() -> dict[str, str]:
+    """Return scenario name -> how the same is done on an apparatus, for the diagnostic experiments."""
+    return {name: entry["apparatus"] for name, entry in _scenarios().items() if "apparatus" in entry}
 
 
 def scenario_overrides(name: str) -> dict[str, Any]:
@@ -252,7 +258,7 @@ def _scenarios() -> dict[str, dict]:
     for name, entry in scenarios.items():
         where = f"scenario {name} in scenario.yaml"
         if not isinstance(_mapping(entry, where).get("meaning"), str):
-            raise OrthosisError(f"{where} lacks its meaning")
+            raise OrthosisError(f"{where} has no meaning")
         _mapping(entry.get("set") or {}, f"set of {where}")
     return scenarios
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node: an example of a hardware driver for `run --realtime --no-plant`; docs/ros.md has the contract.
+"""Node: an example of a hardware driver for `run --realtime --no-plant` (contract: docs/howto/driver.md).
 
 It is no node of the graph, as a driver outside this package is none. Replace `EmulatedHardware` by calls
 to the devices; the rest is what the controllers expect of any driver. Its parameters are those of

@@ -38,7 +38,7 @@ def _row(one: Mapping[str, Any]) -> str:
 
 def _model(number: int, effects: Sequence[str]) -> str:
     if not number:
-        return "as believed"
+        return "nominal model"
     return f"round {number}: + {', '.join(name.replace('_', ' ') for name in effects)}"
 
 

@@ -29,7 +29,7 @@ def draw_walk(axes, angles: np.ndarray, leg, colours) -> None:
     axes.plot(0, 0, "ko", markersize=10)
     below = leg.bearing_height - 0.045
     axes.text(0, -0.045, "hip", ha="center")
-    axes.text(positions[:, 2, 0].mean(), below, "ankle on its bearing", ha="center")
+    axes.text(positions[:, 2, 0].max(), below, "ankle on its bearing", ha="right")
     axes.text(positions[:, 1, 0].mean(), positions[:, 1, 1].max() + 0.015, "knee", ha="center")
     axes.set_ylim(min(-0.06, below - 0.015), max(0.06, positions[:, 1, 1].max() + 0.05))
     axes.set_aspect("equal")

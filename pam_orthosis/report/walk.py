@@ -62,7 +62,7 @@ def _draw_angle(axes, time, angle, reference) -> None:
     axes.plot(time, np.degrees(reference), color="0.5", linewidth=2.5, label="reference")
     axes.plot(time, np.degrees(angle), color="tab:red", linewidth=1, label="measured")
     axes.set_ylabel("knee angle / deg")
-    axes.legend(loc="upper left", ncols=2)
+    _legend_above(axes)
 
 
 def _draw_error(axes, time, error, bound_deg: float) -> None:
@@ -84,4 +84,10 @@ def _draw_pressures(axes, bag: Bag, start_ns: int) -> None:
                           linewidth=1, label=label)  # fmt: skip
     axes.set_ylabel("absolute pressure / bar")
     if axes.lines:
-        axes.legend(loc="upper left", ncols=2, fontsize="x-small")
+        _legend_above(axes)
+
+
+def _legend_above(axes) -> None:
+    """Put the legend above the axes, where it covers no curve."""
+    place = {"loc": "lower right", "bbox_to_anchor": (1, 1), "borderaxespad": 0}
+    axes.legend(**place, ncols=4, frameon=False, fontsize="small")

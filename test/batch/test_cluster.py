@@ -76,4 +76,4 @@ def test_without_dask_it_says_how_to_get_it(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(executors, "find_spec", lambda _: None)
     out = str(tmp_path / "out")
     assert main(["batch", "check", str(WALK), "--out", out, "--cluster", "tcp://127.0.0.1:1"]) == 2
-    assert "pip install 'pam_orthosis[cluster]'" in capsys.readouterr().err
+    assert "pip install 'distributed>=2024.1'" in capsys.readouterr().err

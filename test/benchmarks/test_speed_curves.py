@@ -55,8 +55,8 @@ def test_the_recording_moves_the_knee_and_is_uniform():
 
 
 def test_the_command_draws_the_committed_results(tmp_path):
-    root = Path(__file__).resolve().parents[2]
-    command = [root / "benchmarks" / "bench_speed.py", "curves", root / "docs" / "studies" / "speed.json"]
+    benchmarks = Path(__file__).resolve().parents[2] / "benchmarks"
+    command = [benchmarks / "bench_speed.py", "curves", benchmarks / "results" / "speed.json"]
     done = subprocess.run([sys.executable, *command, "--out", tmp_path / "curves.png"], check=False)
     assert done.returncode == 0
     assert (tmp_path / "curves.png").stat().st_size > 10_000

@@ -238,7 +238,7 @@ def test_readings_lose_their_believed_errors():
 
 
 def test_known_effects_lower_the_error_without_chatter():
-    """Maps and masses stay as believed; what also learning these gives is measured in docs/benchmark.md."""
+    """Maps and masses stay as believed; what learning these gives: benchmarks/results/control.jsonl."""
     _, before, rms_before, nervous = tracking(load())
     run, after, rms, variation = tracking(believing(*HARDWARE))
     assert after <= 0.6 * before

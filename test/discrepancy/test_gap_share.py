@@ -108,26 +108,3 @@ def test_pairs_count_by_what_was_found_of_each_effect_alone(benchmark):
 def test_a_set_of_cases_does_not_depend_on_the_others(benchmark):
     plan = benchmark[0].plan
     assert list(plan(["pairs"], 3)) == [c for c in plan(["clean", "pairs"], 3) if c["set"] == "pairs"]
-
-
-CASES = sorted((BENCHMARKS.parent / "docs" / "studies").glob("gap_blind_*.jsonl"))
-
-
-@pytest.mark.parametrize("file", CASES, ids=lambda file: file.stem)
-def test_the_page_shows_what_the_committed_cases_say(benchmark, file):
-    page = (BENCHMARKS.parent / "docs" / "gap.md").read_text(encoding="utf-8")
-    seed = file.stem.rpartition("_")[2]
-    shown = page.split(f"<!-- table {seed} -->")[1].split("<!-- end -->")[0].strip()
-    assert shown == benchmark[1].table(benchmark[1].read(file))
-
-
-def test_the_page_shows_what_the_peer_said_of_the_same_cases(benchmark):
-    studies = BENCHMARKS.parent / "docs" / "studies"
-    page = (BENCHMARKS.parent / "docs" / "gap.md").read_text(encoding="utf-8")
-    shown = page.split("<!-- peer 626262 -->")[1].split("<!-- end -->")[0].strip()
-    cases, peer = (benchmark[1].read(studies / f"gap_{name}_626262.jsonl") for name in ("blind", "peer"))
-    assert shown == benchmark[1].beside(cases, peer)
-
-
-def test_there_are_committed_cases():
-    assert CASES

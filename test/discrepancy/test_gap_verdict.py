@@ -92,7 +92,7 @@ def test_a_model_that_closes_less_than_half_names_nothing(friction, monkeypatch)
         assert [one.name for one in told.effects] == names
         assert [one.name for one in told.surrogates] == ([] if names else ["joint_friction"])
     told = describe(replace(outcome, verdict="unexplained", effects=(), surrogates=outcome.effects))
-    assert told.splitlines()[-1].endswith("no model of the catalogue closes half of the gap")
+    assert told.splitlines()[-1].endswith("no model of the catalogue explains half of the gap")
 
 
 def test_an_effect_at_a_bound_that_empties_it_is_no_explanation(friction):

@@ -121,7 +121,7 @@ def test_a_closure_tells_the_gap_that_it_counts_from(friction):
     assert as_dict(marked)["closure_baseline"]["angle"] == "configured"
     rows = {line.split()[0]: line for line in describe(marked).splitlines()}
     assert rows["angle"].endswith(" % *")
-    assert "of the configured model's gap" in rows["*"]
+    assert "of the nominal model's gap" in rows["*"]
     assert not rows["times"].endswith("*")
 
 
@@ -363,8 +363,8 @@ def test_each_effect_has_its_own_look_alikes_and_none_that_is_named(friction, be
     )
     assert workflow._first_named(found, [second, first]) is first
     told = describe(replace(friction, effects=(first, second), look_alikes=("creep",)))
-    assert "cannot tell backlash from: creep\n" in told
-    assert "cannot tell valve_lag from: valve_delay\n" in told
+    assert "do not separate backlash from: creep\n" in told
+    assert "do not separate valve_lag from: valve_delay\n" in told
     assert "--scenario diagnostic-cocontraction" in told
 
 

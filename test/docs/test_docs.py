@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The documentation: its site builds without a warning, its commands and examples run, no row is empty."""
+"""The documentation: its generated pages, its commands and examples, its words."""
 
-import os
 import re
-import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -11,7 +9,8 @@ from pathlib import Path
 import pytest
 
 import pam_orthosis
-from pam_orthosis.cli.main import VERBS, Parser
+from pam_orthosis.cli.help_texts import ANSWERS, EXAMPLES
+from pam_orthosis.cli.main import VERBS, verb_parser
 from pam_orthosis.model import parameters
 from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.plant import Plant
@@ -21,15 +20,23 @@ DOCS = ROOT / "docs"
 sys.path.insert(0, str(DOCS))
 
 import commands as shown  # noqa: E402
+import generators  # noqa: E402
+import pictures  # noqa: E402
 from generators import equations, nodes  # noqa: E402
 
-COMMANDS = shown.commands()
-CHEAP = [command for command in COMMANDS if command.kind == "cheap"]
+BY_HAND = sorted(DOCS.rglob("*.md"))
+COMMANDS = [command for command in shown.all_commands() if command.line.startswith("pam-orthosis")]
+MOST_WORDS = 14_000
+
+
+@pytest.fixture(scope="module")
+def pages():
+    return generators.pages()
 
 
 def examples():
     """Return the Python examples of the page on extending."""
-    return re.findall(r"```python\n(.*?)```", (DOCS / "extending.md").read_text(), flags=re.S)
+    return re.findall(r"```python\n(.*?)```", (DOCS / "howto" / "extend.md").read_text(), flags=re.S)
 
 
 def _thing(place):
@@ -43,13 +50,13 @@ def _thing(place):
     return thing
 
 
-def test_every_equation_is_cited_where_it_is_used():
+def test_every_equation_is_cited_where_it_is_used(pages):
     found = equations.citations()
     assert list(found) == list(range(1, 38))
     assert [number for number, places in found.items() if not places] == []
     things = {place.place for places in found.values() for place in places}
     assert all(callable(_thing(place)) for place in things)
-    page = (DOCS / "equations.md").read_text()
+    page = pages["reference/equations.md"]
     assert re.findall(r"^\| \((\d+)\) \| [^|]+ \| `", page, flags=re.M) == [str(n) for n in range(1, 38)]
 
 
@@ -61,58 +68,85 @@ def test_a_citation_is_found_in_ranges_and_lists():
     )
 
 
-def test_every_node_and_every_effect_has_a_page():
-    assert {path.stem for path in (DOCS / "nodes").glob("*.md")} == {"index", *nodes.executables()}
-    assert {path.stem for path in (DOCS / "effects").glob("*.md")} == {"index", *CATALOGUE}
+def test_every_node_effect_verb_and_scenario_is_in_the_reference(pages):
+    def names(folder):
+        return {
+            path.split("/")[-1].removesuffix(".md")
+            for path in pages
+            if path.startswith(f"reference/{folder}/")
+        }
+
+    assert names("nodes") == {"index", *nodes.executables()}
+    assert names("effects") == {"index", *CATALOGUE}
+    assert names("parameters") == {"index", *parameters.SUBJECTS}
+    assert re.findall(r"^## (\S+)$", pages["reference/cli.md"], flags=re.M) == list(VERBS)
+    scenarios = re.findall(r"^\| `([\w-]+)` \|", pages["reference/scenarios.md"], flags=re.M)
+    assert scenarios == list(parameters.scenario_names())
 
 
-def test_the_parameters_of_a_node_are_those_that_it_reads():
+def test_the_parameters_of_a_node_are_those_that_it_reads(pages):
     tree = parameters.load()
     with nodes.accessed() as keys:
         assert tree.leg.person.mass > 0
         tree.leg.items()
     assert keys == {"leg.person.mass"}
-    page = (DOCS / "nodes" / "position_controller.md").read_text()
+    page = pages["reference/nodes/position_controller.md"]
     assert "`control.observer.pole`" in page
     assert "`plant." not in page.split("## Parameters")[1]
 
 
-def test_the_site_builds_without_a_warning(tmp_path):
-    pytest.importorskip("mkdocs", reason="mkdocs is not installed")
-    built = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)],
-        cwd=ROOT, capture_output=True, text=True, check=False, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
-    )  # fmt: skip
-    assert built.returncode == 0, built.stderr
-    assert "WARNING" not in built.stderr
-    assert (tmp_path / "effects" / "backlash.html").exists()
-    assert (tmp_path / "css" / "tables.css").exists()  # strict or not, mkdocs does not look
-    assert 'href="css/tables.css"' in (tmp_path / "speed.html").read_text()
-    assert not list(tmp_path.rglob("*.py"))
+def test_every_verb_has_examples_that_its_parser_takes():
+    assert list(EXAMPLES) == list(ANSWERS) == list(VERBS)
+    for verb, lines in EXAMPLES.items():
+        assert lines
+        for line in lines:
+            program, first, *rest = line.split()
+            assert (program, first) == ("pam-orthosis", verb)
+            verb_parser(verb).parse_args(rest)
 
 
-@pytest.mark.parametrize("command", COMMANDS, ids=lambda c: c.line)
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.line)
 def test_every_command_is_one_that_the_program_takes(command):
-    first, *arguments = command.line.split()
-    if first != "pam-orthosis" or arguments == ["--help"]:
+    _, verb, *rest = command.line.split()
+    if verb == "VERB" or "--help" in rest:
         return
-    verb, *rest = arguments
     assert verb in VERBS
-    parser = Parser(prog=verb)
-    import_module(f"pam_orthosis.cli.{verb.replace('-', '_')}").add_arguments(parser)
-    if "--help" not in rest:
-        parser.parse_args(rest)
+    verb_parser(verb).parse_args(rest)
 
 
-@pytest.mark.parametrize("line", sorted({command.line for command in CHEAP}))
-def test_cheap_commands_run(line, documented):
-    if line.startswith("pam-orthosis run"):
-        pytest.importorskip("rclpy")
-    if line.endswith("--help"):
-        with pytest.raises(SystemExit, match="0"):
-            documented(line)
-    else:
-        assert documented(line)[0] in (0, 1)
+def test_commands_are_found_in_their_order_and_each_once():
+    first = shown.commands(DOCS / "tutorials" / "first-walk.md")
+    assert [command.line for command in first[:2]] == [
+        "pam-orthosis run --duration 10 --out walk",
+        "pam-orthosis check walk",
+    ]
+    assert first[1].shown == "check.txt"
+    lines = [command.line for command in shown.all_commands()]
+    assert len(lines) == len(set(lines)) > 60
+    (study,) = (c for c in shown.commands(DOCS / "howto" / "batches.md") if "study.yaml" in c.line)
+    assert study.file[0] == "study.yaml"
+    assert "grid:" in study.file[1]
+
+
+def test_a_command_that_fails_is_counted(tmp_path, capsys):
+    program = Path(sys.executable).with_name("pam-orthosis")
+    failing = shown.Command("page", "pam-orthosis check nowhere")
+    assert shown._carry_out(failing, tmp_path, program, keep=False)
+    assert "exit 2" in capsys.readouterr().out
+    other = shown.Command("page", "echo failed", shown="check.txt")
+    assert shown._carry_out(other, tmp_path, program, keep=False)
+    assert "does not end with 'PASSED" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("picture", pictures.PAGES)
+def test_a_picture_shows_the_verdict_that_stands_beside_it(picture):
+    text = (shown.SHOWN / pictures.PAGES[picture][1]).read_text(encoding="utf-8")
+    assert pictures.verdict_in(DOCS / "pictures" / picture) == text
+
+
+def test_the_pages_by_hand_are_short():
+    words = sum(len(page.read_text(encoding="utf-8").split()) for page in BY_HAND)
+    assert 8_000 < words <= MOST_WORDS
 
 
 def test_a_new_effect_is_one_file(monkeypatch):

@@ -24,6 +24,12 @@ def test_every_command_is_a_verb_and_every_verb_is_shown():
     assert set(VERBS) <= shown
 
 
+def test_it_is_short_and_its_picture_small():
+    assert len(README.splitlines()) <= 150
+    (picture,) = re.findall(r"!\[[^]]*\]\(([^)]+)\)", README)
+    assert (ROOT / picture).stat().st_size < 2_000_000
+
+
 def test_every_linked_file_exists():
     for target in re.findall(r"\]\((?!http)([^)#]+)\)", README):
         assert (ROOT / target).exists(), target

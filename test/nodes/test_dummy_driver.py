@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The example of a driver keeps the contract of docs/ros.md: it vents whenever it is not told what to do."""
+"""The example of a driver keeps the contract of docs/howto/driver.md: without a command it vents."""
 
 import math
 import os

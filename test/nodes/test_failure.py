@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node that dies or hangs ends the run, by name, with a bag that opens; how soon: docs/faults.md."""
+"""A node that dies or hangs ends the run, by name, with a bag that opens."""
 
 import os
 import signal

@@ -10,9 +10,9 @@ from rosbags.typesys import Stores, get_typestore
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.bag.record import BagWriter
 from pam_orthosis.bag.script import Script
-from pam_orthosis.cli import run
 from pam_orthosis.cli.main import main
 from pam_orthosis.errors import RunFailed
+from pam_orthosis.nodes import supervisor
 
 pytest.importorskip("rclpy")
 STEPS = 200
@@ -103,7 +103,7 @@ def test_a_node_is_given_only_what_it_answered(in_processes, tmp_path):
 def test_what_a_bag_has_not_is_said(in_processes, tmp_path, capsys):
     bag = _changed(in_processes[1], tmp_path / "less", lambda topic, _: "mass_flow" not in topic)
     assert main(["replay", str(bag), "--node", "inverse_valve_model"]) == 2
-    assert "it lacks extensor/mass_flow" in capsys.readouterr().err
+    assert "extensor/mass_flow is missing" in capsys.readouterr().err
     assert main(["replay", str(bag), "--node", "nobody"]) == 2
     assert "plant_simulator" in capsys.readouterr().err
 
@@ -146,7 +146,7 @@ def test_answers_of_a_replay_that_is_cut_short_can_be_read(in_processes, tmp_pat
         writer.flush()
         raise RunFailed("node bag_player was killed by SIGKILL")
 
-    monkeypatch.setattr(run, "supervise", killed)
+    monkeypatch.setattr(supervisor, "supervise", killed)
     assert main(["replay", str(in_processes[1]), "--node", "plant_simulator", "--out", str(out)]) == 3
     assert f"was killed by SIGKILL; the bag {out} holds the run up to there" in capsys.readouterr().err
     assert len(read_bag(out, ["angle"])["angle"].value) == STEPS

@@ -160,7 +160,7 @@ def test_a_run_of_something_else_is_refused(changes, told):
 def test_the_verb_takes_a_bag_of_the_graph(tmp_path, capsys):
     out = tmp_path / "plan.yaml"
     assert main(["plan", "--scenario", "default", "--after", str(WALK), "--out", str(out)]) == 0
-    assert "torque not explained" in capsys.readouterr().out
+    assert "unexplained torque" in capsys.readouterr().out
     assert load(patch.read(out)).scenario.plan.enabled
     assert main(["plan", "--after", str(tmp_path / "none"), "--out", str(tmp_path / "b.yaml")]) == 2
     assert capsys.readouterr().err.strip().splitlines()[-1].endswith(f"no bag at {tmp_path / 'none'}")

@@ -84,8 +84,8 @@ def test_package_xml_names_every_message_package_that_is_imported():
 
 def test_every_library_comes_from_rosdep_or_from_the_pip_line_of_the_page():
     named = {dependency.name for dependency in parse_package(str(ROOT / "package.xml")).exec_depends}
-    page = (ROOT / "docs" / "ros.md").read_text()
-    (line,) = re.findall(r"^    pip install (casadi .*)$", page, re.MULTILINE)
+    page = (ROOT / "docs" / "install.md").read_text()
+    (line,) = re.findall(r"^pip install (casadi .*)$", page, re.MULTILINE)
     setup = (ROOT / "setup.py").read_text()
     needed = re.findall(
         r'"([a-z]+)>=', setup[setup.index("install_requires") : setup.index("extras_require")]

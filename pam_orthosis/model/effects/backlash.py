@@ -36,7 +36,7 @@ EFFECTS = [
             Quantity("half_width", 6.0e-3, "rad", 0.0, 0.1, "half the angle that the knee moves freely", 0.0),
         ),
         expression=_expression,
-        physics="Chain links, keys and the arbor have clearance: when the knee reverses, the cogwheel stays "
+        physics="Chain links, keys and the arbor have clearance: when the knee reverses, the sprocket stays "
         "until the clearance is used up, and with it the muscles.",
         source="assumption, 0.3 to 1.5 degrees of an unloaded chain drive",
         minimum_effect=5.0e-4,

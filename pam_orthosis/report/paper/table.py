@@ -22,9 +22,7 @@ PICTURES = {
 }
 _HEAD = """# The paper's results, side by side
 
-Everything on this page, tables and pictures, is written by one command, from runs that it makes itself:
-
-    pam-orthosis paper --out docs --overwrite
+`pam-orthosis paper` writes this page, tables and pictures, from runs that it makes itself.
 
 """
 
@@ -96,8 +94,8 @@ def observer_rows(found: Results) -> list[Row]:
         ),
         Row(
             "the same on the emulated hardware", "-", f"{hardware.lag * 1e3:.1f} ms",
-            "against the torque that Eq. (26) lacks to explain the true motion: friction, hysteresis and "
-            "misfit of the muscles included",
+            "against the torque that is missing in Eq. (26) to explain the true motion: friction, hysteresis "
+            "and misfit of the muscles included",
         ),
         Row(
             "amplitude of the estimate / true", "-", f"{run.gain:.3f}", "at the same frequency",

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Summary tables of `benchmarks/results/`, and of the reference bags."""
+
+import json
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from generators.markdown import table
+from pam_orthosis.bag.verdict import judge
+from pam_orthosis.model.parameters import scenario_names
+from pam_orthosis.report import improvement
+
+ROOT = Path(__file__).resolve().parents[2]
+RESULTS = ROOT / "benchmarks" / "results"
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+import gap_table  # noqa: E402
+from speed.rows import as_text  # noqa: E402
+
+BOUND = 3.0  # deg
+BAGS = {"walk": "default", "person": "person"}  # reference bag -> its scenario
+TASKS = ("gait 2 s", "gait 2 s, 75 kg", "gait 2 s, 75 kg, supply of 7 bar")
+CONTROLLERS = ("pid", "paper", "learned", "planned")
+SPEED = {
+    "graph": (
+        "simulated time at 500 Hz, processes, recorder included, beside that of the relays",
+        "simulated time at 500 Hz, one process, recorder included, beside that of the relays",
+    ),
+    "start": ("time to the first step, processes", "time to the first step, one process"),
+    "bags": ("a simulated minute at 200 Hz, beside the bare messages",),
+    "latency": (
+        "latency at 200 Hz, processes: median",
+        "latency at 200 Hz, processes: 99th percentile",
+        "latency at 200 Hz, one process: median",
+        "latency at 200 Hz, one process: 99th percentile",
+    ),
+    "simulation": (
+        "one plant, beside SciPy LSODA with no larger errors",
+        "one plant, beside MuJoCo's Euler at the same step",
+        "1,000 random sets of 8 parameters, beside SciPy LSODA with one",
+    ),
+    "scaling": (
+        "gap workflow, 60 s recorded, by the clock on the wall",
+        "gap workflow: time per size, 600 s recorded beside 60",
+        "identification: time per size, 619710 samples beside 61971",
+    ),
+}
+
+
+def blocks() -> dict[str, Callable[[], str]]:
+    """Return the tables by their names."""
+    return {
+        "tracking": tracking,
+        "gap": gap,
+        "gap-peer": gap_peer,
+        "control": control,
+        "improve-default": lambda: improve("default"),
+        "improve-person": lambda: improve("person"),
+        "speed": speed,
+        "paper": paper,
+        "paper-observer": paper_observer,
+    }
+
+
+def tracking() -> str:
+    """Return the tracking of the reference bags beside the paper's figures."""
+    rows = [("paper: device without a person, delay not stated", "about 3 deg", "-", "below 1 deg", "-")]
+    for name, scenario in BAGS.items():
+        v = judge(ROOT / "bags" / name)
+        variation = ", ".join(f"{value:.0f}" for value in v.voltage_variation_per_s.values())
+        rows.append((
+            f"emulation, `{name}`: {scenario_names()[scenario]}", f"{v.max_abs_error_deg:.2f} deg",
+            f"{v.rms_error_deg:.2f} deg", f"{v.steady_state_error_deg:.2f} deg", f"{variation} V/s",
+        ))  # fmt: skip
+    return table(("run", "maximum error", "RMS error", "steady state", "voltage variation"), rows)
+
+
+@cache
+def blind_cases() -> list[dict[str, Any]]:
+    """Return the results of all blind cases of the gap workflow."""
+    return [case for file in sorted(RESULTS.glob("gap_blind_*.jsonl")) for case in gap_table.read(file)]
+
+
+def gap() -> str:
+    """Return what became of all blind cases."""
+    rows = [
+        (f"one effect, {size}, {name}", *_named(_chosen(name, size)))
+        for size in gap_table.SIZES for name in ("clean", "realistic") if _chosen(name, size)
+    ]  # fmt: skip
+    pairs = [r for r in blind_cases() if r["set"] == "pairs"]
+    both = sum("found" in r and set(r["effects"]) <= set(gap_table.names(r)) for r in pairs)
+    rows.append(("two effects", str(len(pairs)), f"both named: {_share(both, len(pairs))}", "-"))
+    for name, words in (
+        ("clean-none", "nothing hidden, clean"),
+        ("realistic-none", "nothing hidden, realistic"),
+    ):
+        cases = [r for r in blind_cases() if r["set"] == name and "found" in r]
+        quiet = sum(r["found"]["verdict"] == "none" for r in cases)
+        rows.append((words, str(len(cases)), f"verdict none: {_share(quiet, len(cases))}", "-"))
+    outside = [r for r in blind_cases() if r["set"] == "outside"]
+    honest = sum("found" in r and r["found"]["verdict"] == "unexplained" for r in outside)
+    named = sum("found" in r and bool(gap_table.names(r)) for r in outside)
+    words = f"verdict unexplained: {_share(honest, len(outside))}"
+    rows.append(("an effect outside the catalogue", str(len(outside)), words, _share(named, len(outside))))
+    return table(("hidden", "cases", "right", "a wrong name"), rows)
+
+
+def _chosen(name: str, size: str) -> list[dict[str, Any]]:
+    return [r for r in blind_cases() if (r["set"], r["size"]) == (name, size)]
+
+
+def _named(cases: Sequence[dict[str, Any]]) -> tuple[str, str, str]:
+    outcomes = [gap_table.judged(case) for case in cases]
+    right = sum(one in ("right", "set") for one in outcomes)
+    wrong = sum(one in ("wrong", "extra") for one in outcomes)
+    return str(len(cases)), f"named: {_share(right, len(cases))}", _share(wrong, len(cases))
+
+
+def _share(part: int, whole: int) -> str:
+    return f"{part} of {whole} ({part / max(whole, 1):.0%})"
+
+
+def gap_peer() -> str:
+    """Return the same cases solved by the workflow and by PySINDy."""
+    cases, peer = (gap_table.read(RESULTS / f"gap_{name}_626262.jsonl") for name in ("blind", "peer"))
+    return gap_table.beside(cases, peer) + "\n"
+
+
+def control() -> str:
+    """Return median and largest maximum error of each controller over the drawn specimens."""
+    runs = _lines(RESULTS / "control.jsonl")
+    drawn = [r for r in runs if r.get("specimen") and "max_deg" in r]
+    rows = [(task, *_errors(r for r in drawn if r["case"] == task)) for task in TASKS]
+    rows.append(("all tasks", *_errors(drawn)))
+    return table(("task", *(f"`{name}`" for name in CONTROLLERS)), rows)
+
+
+def _errors(runs: Iterable[dict[str, Any]]) -> list[str]:
+    listed = list(runs)
+    cells = []
+    for controller in CONTROLLERS:
+        errors = [r["max_deg"] for r in listed if r["controller"] == controller]
+        above = sum(error > BOUND for error in errors)
+        cells.append(
+            f"{median(errors):.2f} / {max(errors):.2f} deg; {above} of {len(errors)} above 3 deg"
+            if errors
+            else "-"
+        )
+    return cells
+
+
+def improve(scenario: str) -> str:
+    """Return the table of a run of `improve`."""
+    return improvement.table(json.loads((RESULTS / f"improve-{scenario}.json").read_text(encoding="utf-8")))
+
+
+def speed() -> str:
+    """Return the rows of `SPEED`; KeyError if the results lack one."""
+    results = json.loads((RESULTS / "speed.json").read_text(encoding="utf-8"))
+    rows = []
+    for group, wanted in SPEED.items():
+        by_name = {row["what"]: row for row in results[group]["rows"]}
+        rows += [as_text(by_name[what])[:4] for what in wanted]
+    return table(("measured", "pam_orthosis", "beside it", "ratio"), rows)
+
+
+def paper() -> str:
+    """Return the paper's results beside ours."""
+    rows = [tuple(row.values()) for row in _paper()["rows"]]
+    return table(("result", "paper", "here", "how measured"), rows)
+
+
+def paper_observer() -> str:
+    """Return what less lag of the observer costs."""
+    head = ("damping", "poles", "lag", "velocity noise", "gait, maximum", "gait, RMS", "voltage variation")
+    return table(head, [
+        (
+            f"{one['damping']:g}", f"{one['pole']:g} /s", f"{one['lag'] * 1e3:.1f} ms",
+            f"{57.29578 * one['velocity_noise']:.2f} deg/s", f"{one['max_error_deg']:.2f} deg",
+            f"{one['rms_error_deg']:.3f} deg", f"{one['voltage_variation']:.0f} V/s",
+        )
+        for one in _paper()["trade_off"]
+    ])  # fmt: skip
+
+
+def _paper() -> dict[str, Any]:
+    return json.loads((RESULTS / "paper.json").read_text(encoding="utf-8"))
+
+
+def _lines(file: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines() if line]

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The summary tables of the results say what the committed results say."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "docs"))
+
+import generators  # noqa: E402
+from generators import results  # noqa: E402
+
+
+def _rows(text):
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line][2:]
+
+
+@pytest.mark.parametrize("name", generators.blocks())
+def test_every_table_has_rows_of_one_width_and_no_empty_first_cell(name):
+    lines = [line for line in generators.blocks()[name]().splitlines() if line.startswith("|")]
+    assert len(lines) > 2
+    assert len({line.replace("\\|", "").count("|") for line in lines}) == 1
+    assert all(cells[0] for cells in _rows("\n".join(lines)))
+
+
+def test_the_table_of_the_gap_workflow_counts_all_blind_cases():
+    cases = results.blind_cases()
+    counted = sum(int(row[1]) for row in _rows(results.gap()))
+    alone = [case for case in cases if case["set"] == "alone"]
+    failed = [c for c in cases if c["set"].endswith("-none") and "found" not in c]
+    assert counted == len(cases) - len(alone) - len(failed) > 300
+    medium = [c for c in cases if (c["set"], c["size"]) == ("realistic", "medium")]
+    right = sum(
+        "found" in c and {e["name"] for e in c["found"]["effects"]} == set(c["effects"]) for c in medium
+    )
+    (row,) = (row for row in _rows(results.gap()) if row[0] == "one effect, medium, realistic")
+    shown = int(row[2].split()[1])
+    assert right <= shown <= right + 3  # a set of two counts too
+
+
+def test_the_table_of_controllers_shows_the_worst_runs():
+    lines = (results.RESULTS / "control.jsonl").read_text(encoding="utf-8").splitlines()
+    runs = [json.loads(line) for line in lines]
+    paper = [r["max_deg"] for r in runs if r.get("specimen") and r.get("controller") == "paper"]
+    (row,) = (row for row in _rows(results.control()) if row[0] == "all tasks")
+    cell = row[1 + results.CONTROLLERS.index("paper")]
+    assert f"/ {max(paper):.2f} deg" in cell
+    assert f"{sum(error > 3.0 for error in paper)} of {len(paper)} above" in cell

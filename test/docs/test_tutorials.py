@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The tutorials to the letter, each in an empty folder, with the wheel and not the checkout.
+
+Commands that take minutes are left to `make docs-commands`, which runs all in a fresh environment.
+"""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "docs"))
+
+import commands as shown  # noqa: E402
+
+TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory):
+    """Return `pam-orthosis` of the wheel, installed apart from the checkout."""
+    folder = tmp_path_factory.mktemp("wheel")
+    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
+    subprocess.run(
+        [*pip, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, ROOT], check=True
+    )
+    (wheel,) = folder.glob("*.whl")
+    subprocess.run([*pip, "install", "--no-deps", "--target", folder / "site", wheel], check=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(folder / "site"))
+        yield folder / "site" / "bin" / "pam-orthosis"
+
+
+def test_the_program_is_that_of_the_wheel(program, tmp_path):
+    found = shown.run("python -c 'import pam_orthosis; print(pam_orthosis.__file__)'", tmp_path, program)
+    assert found.stdout.startswith(str(program.parents[1]))
+
+
+@pytest.mark.parametrize("tutorial", TUTORIALS, ids=lambda page: page.stem)
+def test_a_tutorial_works_from_an_empty_folder(tutorial, program, tmp_path):
+    pytest.importorskip("rclpy")
+    listed = [command for command in shown.commands(tutorial) if command.kind == "short"]
+    assert listed
+    assert not list(tmp_path.iterdir())
+    for command in listed:
+        done = shown.run(command.line, tmp_path, program)
+        assert done.returncode in (0, 1), f"{command.line}\n{done.stderr}"
+        if command.shown:
+            page = (shown.SHOWN / command.shown).read_text(encoding="utf-8")
+            assert shown.as_shown(done.stdout) == page, (
+                f"run `python docs/commands.py --keep --only {tutorial.stem}`"
+            )
