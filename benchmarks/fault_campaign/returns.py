@@ -72,8 +72,8 @@ class Outcome:
 
 def leavings() -> Iterator[Leaving]:
     """Yield who leaves how, without end."""
-    numbers = ("SIGKILL", "SIGTERM")
-    return cycle([Leaving(who, number, s) for s in (0.5, 4.0) for number in numbers for who in LEFT])
+    ways = (("SIGKILL", 0.5), ("SIGTERM", 4.0), ("SIGKILL", 4.0), ("SIGTERM", 0.5))
+    return cycle([Leaving(who, *way) for way in ways for who in LEFT])
 
 
 def _driver(angle: float) -> list[str]:
