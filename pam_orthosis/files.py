@@ -94,12 +94,16 @@ def write_files(files: Mapping[Path, Write], overwrite: bool = False) -> None:
 def refuse_existing(paths: Iterable[Path], overwrite: bool = False, instead: str = "") -> None:
     """Raise OrthosisError if there is something where a file is to be; `overwrite`: but a regular file.
 
+    So it does where a folder is to be made in a place that is none: before anything is computed.
     `instead`: what to do, beside choosing another --out.
     """
     for path in paths:
         with told(path):
             there = os.path.lexists(path)
             replaceable = overwrite and there and stat.S_ISREG(path.lstat().st_mode)
+            above = next((one for one in path.parents if os.path.lexists(one)), Path())
+        if not os.path.isdir(above):
+            raise OrthosisError(f"{above} is no folder; choose another --out")
         if there and not replaceable:
             why = "is no regular file" if overwrite else "exists"
             raise OrthosisError(f"{path} {why}; choose another --out{instead}")

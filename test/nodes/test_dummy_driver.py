@@ -93,7 +93,7 @@ def test_it_vents_at_its_end_whatever_ended_it(hardware, monkeypatch):
 
     monkeypatch.setattr(dummy_driver, "EventsExecutor", Failing)
     monkeypatch.setattr(sys, "argv", ["dummy_driver"])
-    monkeypatch.setattr(dummy_driver.graph, "caught_signals", list)
+    monkeypatch.setattr(dummy_driver.process, "caught_signals", list)
     with pytest.raises(ValueError, match="a callback failed"):
         dummy_driver.main()
     assert hardware.set == [VENT, VENT]
