@@ -12,12 +12,13 @@ import errno
 import fcntl
 import os
 import struct
+import time
 import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any
+from typing import Any, BinaryIO
 
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -42,6 +43,7 @@ from pam_orthosis.reading import open_file
 FOOTER_HEAD = struct.Struct("<BQQQ")  # opcode, length, where summary and its offsets begin
 FOOTER_BYTES = 20
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
+WRITER_SECONDS, LOOK_SECONDS = 5.0, 0.05  # for a bag writer whose recorder was killed
 BLOCKS = 2 * 4096  # bytes: what a file and its folder take beside what is in them
 
 
@@ -73,15 +75,25 @@ def close_bag(folder: Path, paths: Sequence[Path]) -> int:
 
 
 def _check_at_rest(path: Path) -> None:
-    """Raise OrthosisError if a process has a file open for writing: a lease is refused then."""
+    """Wait for a writer that is left behind to end; OrthosisError if the file is still being written."""
+    until = time.monotonic() + WRITER_SECONDS
     with open_file(path) as stream:
-        try:
-            fcntl.fcntl(stream, fcntl.F_SETLEASE, fcntl.F_RDLCK)
-            fcntl.fcntl(stream, fcntl.F_SETLEASE, fcntl.F_UNLCK)
-        except BlockingIOError as error:
-            raise OrthosisError(f"{path} is being written; wait until its recorder has ended") from error
-        except OSError:  # on a file system without leases
-            return
+        while _being_written(stream):
+            if time.monotonic() > until:
+                raise OrthosisError(f"{path} is being written; wait until its recorder has ended")
+            time.sleep(LOOK_SECONDS)
+
+
+def _being_written(stream: BinaryIO) -> bool:
+    """Return whether a process has a file open for writing: a lease is refused then."""
+    try:
+        fcntl.fcntl(stream, fcntl.F_SETLEASE, fcntl.F_RDLCK)
+        fcntl.fcntl(stream, fcntl.F_SETLEASE, fcntl.F_UNLCK)
+    except BlockingIOError:
+        return True
+    except OSError:  # on a file system without leases
+        return False
+    return False
 
 
 def _written_at_all(folder: Path, files: Sequence[BagFile]) -> bool:
