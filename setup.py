@@ -76,7 +76,7 @@ setup(
         "numpy>=1.24",
         "plotly>=6.0",
         "pyyaml>=6.0",
-        "rosbags>=0.10",
+        "rosbags>=0.11.6,<0.12",  # bag/bounded.py puts bounds into its readers
         "scipy>=1.10",
         "threadpoolctl>=3.1",
     ],

@@ -94,12 +94,16 @@ def write_files(files: Mapping[Path, Write], overwrite: bool = False) -> None:
 def refuse_existing(paths: Iterable[Path], overwrite: bool = False, instead: str = "") -> None:
     """Raise OrthosisError if there is something where a file is to be; `overwrite`: but a regular file.
 
+    So it does where a folder is to be made in a place that is none: before anything is computed.
     `instead`: what to do, beside choosing another --out.
     """
     for path in paths:
         with told(path):
             there = os.path.lexists(path)
             replaceable = overwrite and there and stat.S_ISREG(path.lstat().st_mode)
+            above = next((one for one in path.parents if os.path.lexists(one)), Path())
+        if not os.path.isdir(above):
+            raise OrthosisError(f"{above} is no folder; choose another --out")
         if there and not replaceable:
             why = "is no regular file" if overwrite else "exists"
             raise OrthosisError(f"{path} {why}; choose another --out{instead}")
@@ -125,18 +129,27 @@ def make_folder(path: Path) -> list[Path]:
     """
     made: list[Path] = []
     with told(path):
-        for folder in (*reversed(path.parents), path):
-            try:
-                folder.mkdir()
-            except OSError as error:  # there already, perhaps on a disk that cannot be written to
-                if folder.is_dir():
-                    continue
-                remove_empty(made)
-                if os.path.lexists(folder):
-                    raise OrthosisError(f"{folder} is no folder; choose another --out") from error
-                raise
-            made.insert(0, folder)
+        try:
+            for folder in (*reversed(path.parents), path):
+                if _made(folder):
+                    made.insert(0, folder)
+        except BaseException:
+            remove_empty(made)
+            raise
     return made
+
+
+def _made(folder: Path) -> bool:
+    """Make a folder if it is not there; return whether it was made."""
+    try:
+        folder.mkdir()
+    except OSError as error:  # there already, perhaps on a disk that cannot be written to
+        if os.path.isdir(folder):
+            return False
+        if os.path.lexists(folder):
+            raise OrthosisError(f"{folder} is no folder; choose another --out") from error
+        raise
+    return True
 
 
 def remove_empty(folders: Iterable[Path]) -> None:

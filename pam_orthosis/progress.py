@@ -77,8 +77,8 @@ class Watch:
         with self._lock:
             left = self._left()
             if left >= LEAST_LEFT:
-                return f"{self._what}{self._amount()}, about {_duration(left)} left"
-            return f"{self._what}{self._amount()}, {_duration(self._now() - self._start)} so far"
+                return f"{self._what}{self._amount()}, about {_rounded(left)} left"
+            return f"{self._what}{self._amount()}, {self._now() - self._start:.0f} s so far"
 
     def _amount(self) -> str:
         if not self._of:
@@ -94,7 +94,7 @@ class Watch:
         return pace * (self._of - self._done) - (self._now() - self._last)
 
 
-def _duration(seconds: float) -> str:
+def _rounded(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < MINUTES else f"{seconds / 60:.0f} min"
 
 

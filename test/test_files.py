@@ -61,6 +61,20 @@ def test_a_file_that_somebody_makes_meanwhile_stays_his(tmp_path):
     assert _state(tmp_path) == {"b": b"theirs"}
 
 
+def test_a_file_in_place_of_a_folder_is_refused_before_anything_is_computed(tmp_path):
+    (tmp_path / "file").touch()
+    for place in (tmp_path / "file" / "page.html", tmp_path / "file" / "pictures" / "a.png"):
+        with pytest.raises(OrthosisError, match="file is no folder; choose another --out"):
+            files.refuse_existing([place], overwrite=True)
+
+
+def test_a_path_that_is_too_long_leaves_no_folders(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(OrthosisError, match="name too long"):
+        files.write_text(Path("new", "folder", 300 * "x", "model.yaml"), "ours")
+    assert _state(tmp_path) == {}
+
+
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_no_link_is_followed_and_none_is_replaced(tmp_path, overwrite):
     victim, link = tmp_path / "victim.txt", tmp_path / "model.yaml"

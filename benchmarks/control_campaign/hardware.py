@@ -34,10 +34,11 @@ def drawn(seed: int) -> dict[str, Any]:
         "direction_dependent_damping": {"asymmetry": damping * (faster - slower) / 2},
         "valve_lag": {"natural_frequency": u(70.0, 120.0)},
         "valve_dead_band": {"half_width": u(0.05, 0.3)},
-        "valve_delay": {"delay": u(1e-3, 3e-3) + 2.9e-3 * hose_length},
+        "valve_delay": {"delay": u(1e-3, 3e-3)},
         "supply_sag": {"resistance": u(0.5e7, 2.5e7)},
         **{f"{m}_leak": {"coefficient": _leak(u(300.0, 5000.0))} for m in ("extensor", "flexor")},
     }
+    delay = {"valve": effects.pop("valve_delay")["delay"], "hose_length": hose_length}
     deviation = {
         "moving_mass": u(0.96, 1.04), "person_mass": u(0.97, 1.03),
         "muscle_damping": damping * (faster + slower) / 2 / believed.muscle.dmsp_20.force.damping,
@@ -49,7 +50,7 @@ def drawn(seed: int) -> dict[str, Any]:
     }  # fmt: skip
     sensor = {"angle_noise": math.radians(u(0.01, 0.05)), "pressure_noise": u(300.0, 1000.0)}
     mounting = {muscle: u(-1e-3, 1e-3) for muscle in ("extensor", "flexor")}
-    groups = {"deviation": deviation, "sensor": sensor, "mounting": mounting}
+    groups = {"delay": delay, "deviation": deviation, "sensor": sensor, "mounting": mounting}
     return {
         **{f"{plant}.{group}.{key}": value for group, rows in groups.items() for key, value in rows.items()},
         **{f"{plant}.effects.{name}.{key}": v for name, rows in effects.items() for key, v in rows.items()},

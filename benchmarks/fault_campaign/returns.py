@@ -14,7 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field
 from itertools import cycle, islice
 from pathlib import Path
@@ -72,8 +72,8 @@ class Outcome:
 
 def leavings() -> Iterator[Leaving]:
     """Yield who leaves how, without end."""
-    numbers = ("SIGKILL", "SIGTERM")
-    return cycle([Leaving(who, number, s) for s in (0.5, 4.0) for number in numbers for who in LEFT])
+    ways = (("SIGKILL", 0.5), ("SIGTERM", 4.0), ("SIGKILL", 4.0), ("SIGTERM", 0.5))
+    return cycle([Leaving(who, *way) for way in ways for who in LEFT])
 
 
 def _driver(angle: float) -> list[str]:
@@ -87,8 +87,8 @@ class Graph:
 
     def __init__(self, folder: Path, mode: Mode):
         folder.mkdir(parents=True, exist_ok=True)
-        with free_domain() as domain:
-            self._environment = environment(folder, domain)
+        self._claim = ExitStack()  # of the domain, for as long as the graph is there
+        self._environment = environment(folder, self._claim.enter_context(free_domain()))
         self.bag, self._folder = folder / "walk", folder
         self._commands = commands(folder, load(SLOW), self.bag, "default", mode)
         self._commands[RECORDER] += PATIENT
@@ -139,6 +139,7 @@ class Graph:
         for name in sorted(self._processes, key=lambda name: name == RECORDER):
             if self._processes[name].poll() is None:
                 self.end(name, signal.SIGTERM)
+        self._claim.close()
         ends = {name: process.returncode for name, process in self._processes.items()}
         return [f"{name} ended with {status}" for name, status in ends.items() if status]
 

@@ -121,13 +121,16 @@ class BagWriterAside:
 
     def close(self) -> None:
         """Have the bag finished, and wait until it is; RunFailed if it went on here, unclosed."""
-        if self._here:
-            self._here.flush()
-            raise self._loss
-        self._say("close")
-        while DONE not in self._answers:
-            self._wait()
-        self._process.wait()
+        try:
+            if self._here:
+                raise self._loss
+            self._say("close")
+            while DONE not in self._answers:
+                self._wait()
+            self._process.wait()
+        finally:
+            if self._here:
+                self._here.leave()
 
     def _say(self, *said: Any, count: int = 0) -> None:
         """Send something, now or together with what follows."""

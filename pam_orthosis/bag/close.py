@@ -3,18 +3,20 @@
 
 No message is copied, so it costs about a second for an hour, and next to no room. On a full disk the torn end
 makes room; if that is too little the file gets no summary (readers go through it then), and if that is
-too little, too, its last chunk makes room.
+too little, too, its last chunk makes room: never more than what is added needs.
 """
 
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
 import struct
 import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 from mcap.data_stream import RecordBuilder
@@ -35,10 +37,12 @@ from pam_orthosis.bag.salvage import MAGIC
 from pam_orthosis.bag.unclosed import BagFile, Damaged, look, without_last_chunk
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import told, write_text
+from pam_orthosis.reading import open_file
 
 FOOTER_HEAD = struct.Struct("<BQQQ")  # opcode, length, where summary and its offsets begin
 FOOTER_BYTES = 20
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
+BLOCKS = 2 * 4096  # bytes: what a file and its folder take beside what is in them
 
 
 def close_bag(folder: Path, paths: Sequence[Path]) -> int:
@@ -52,6 +56,8 @@ def close_bag(folder: Path, paths: Sequence[Path]) -> int:
         Damaged: more is missing than the end of files; nothing was changed.
         OrthosisError: it holds nothing or cannot be written.
     """
+    for path in paths:
+        _check_at_rest(path)
     files = [look(path) for path in paths]
     if (folder / METADATA_FILE).exists():
         if any(file.end is not None for file in files):
@@ -59,12 +65,39 @@ def close_bag(folder: Path, paths: Sequence[Path]) -> int:
         return sum(file.counts.total() for file in files)
     if not any(file.counts for file in files):
         raise OrthosisError(f"{paths[0]} holds no readable message")
-    while not (_written(folder, files, brief=False) or _written(folder, files, brief=True)):
-        last = [file for file in files if file.end is not None][-1:]
-        if not last or len(last[0].chunks) < 2:
-            raise OrthosisError(f"cannot write {folder}: No space left on device")
-        without_last_chunk(last[0])
+    with told(folder), TemporaryFile(dir=folder):  # before anything is cut
+        pass
+    if not _written_at_all(folder, files):
+        _make_room(folder, files)
     return sum(file.counts.total() for file in files)
+
+
+def _check_at_rest(path: Path) -> None:
+    """Raise OrthosisError if a process has a file open for writing: a lease is refused then."""
+    with open_file(path) as stream:
+        try:
+            fcntl.fcntl(stream, fcntl.F_SETLEASE, fcntl.F_RDLCK)
+            fcntl.fcntl(stream, fcntl.F_SETLEASE, fcntl.F_UNLCK)
+        except BlockingIOError as error:
+            raise OrthosisError(f"{path} is being written; wait until its recorder has ended") from error
+        except OSError:  # on a file system without leases
+            return
+
+
+def _written_at_all(folder: Path, files: Sequence[BagFile]) -> bool:
+    return _written(folder, files, brief=False) or _written(folder, files, brief=True)
+
+
+def _make_room(folder: Path, files: Sequence[BagFile]) -> None:
+    """Cut off as many chunks as the end needs room; OrthosisError if it has none even then."""
+    last = next((file for file in reversed(files) if file.end is not None), None)
+    missing = len(metadata_text(_information(files))) + BLOCKS
+    while last and missing > 0 and len(last.chunks) > 1:
+        missing -= last.end - last.chunks[-1][0].chunk_start_offset
+        without_last_chunk(last)
+        if _written_at_all(folder, files):
+            return
+    raise OrthosisError(f"cannot write {folder}: No space left on device")
 
 
 def _written(folder: Path, files: Sequence[BagFile], brief: bool) -> bool:
@@ -76,7 +109,8 @@ def _written(folder: Path, files: Sequence[BagFile], brief: bool) -> bool:
                 _put_end(file, about, brief)
         write_text(folder / METADATA_FILE, metadata_text(about))
     except OrthosisError as error:
-        if getattr(error.__cause__, "errno", None) in NO_ROOM:
+        number = getattr(error.__cause__, "errno", None)
+        if number in NO_ROOM or (number == errno.EFBIG and not brief):
             return False
         raise
     return True

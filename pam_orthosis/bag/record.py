@@ -224,6 +224,12 @@ class BagWriter:
         self._seal()
         write_text(self.folder / METADATA_FILE, metadata_text(self._information()))
 
+    def leave(self) -> None:
+        """Write out what there is and leave the bag unclosed; OrthosisError if the disk takes no more."""
+        if not self._stream.closed:
+            self.flush()
+            self._stream.close()
+
     def discard(self) -> None:
         """Remove what was written."""
         if self._stream:

@@ -128,10 +128,10 @@ def _scanned(path: Path, data: Data) -> BagFile:
             file.chunks.append((_chunk_index(data, at, end), {}))
         elif opcode == Opcode.METADATA:
             told = Metadata.read(_stream(data[body:end]))
-            if told.name == BAG_RECORD:  # it was being closed
-                break
             file.metadata.append(MetadataIndex(at, end - at, told.name))
             file.run = file.run or (dict(told.metadata) if told.name == RUN_RECORD else {})
+            if told.name == BAG_RECORD:  # it was being closed, unless more follows (ros2 bag begins with one)
+                continue
         elif opcode == Opcode.SCHEMA:
             _declare(file, Schema.read(_stream(data[body:end])))
         elif opcode == Opcode.CHANNEL:
@@ -178,8 +178,11 @@ def _settled(file: BagFile, data: Data) -> BagFile:
         chunk.message_index_length = 0
         counts.clear()
         counts |= {channel: len(one.records) for channel, one in file.index.items()}
+    file.metadata = [one for one in file.metadata if one.offset < file.end]
     file.counts = Counter()
     for number, (_, counts) in enumerate(file.chunks):
+        if not counts and _unpack(file, data, number):
+            raise Damaged(f"{file.path}: messages without an index")
         file.counts.update(counts)
         _find_declared(file, data, number)
     if any(one.schema_id and one.schema_id not in file.schemas for one in file.channels.values()):

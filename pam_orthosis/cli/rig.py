@@ -59,7 +59,7 @@ def record_tests(
     ]
     for done, (test, number, pressure) in enumerate(levels):
         name = f"{test}-{pressure / 1e5:.1f}bar"
-        progress(f"recording {name}", done, len(levels), " bags")
+        progress(f"recording {name}", done, len(levels))
         samples = _samples(parameters, specimen, test, pressure, parameters.scenario.seed + number)
         _record(out / name, parameters, specimen, test, samples)
 

@@ -77,7 +77,7 @@ def execute(arguments: argparse.Namespace) -> int:
         return 0
     need_ros()
     given = assignments(arguments.param)
-    parameters = _believing(load(_overrides(arguments)), arguments.model, given)
+    parameters = believing(load(_overrides(arguments)), arguments.model, given)
     mode = _mode(arguments, parameters)
     with ExitStack() as stack:
         bag = claim(stack, arguments.out, arguments.scenario)
@@ -121,7 +121,7 @@ def _mode(arguments: argparse.Namespace, parameters: Parameters) -> launch.Mode:
     return launch.Mode(arguments.composed, arguments.realtime, not arguments.no_plant, legs)
 
 
-def _believing(parameters: Parameters, model: Path | None, given: Mapping[str, Any]) -> Parameters:
+def believing(parameters: Parameters, model: Path | None, given: Mapping[str, Any]) -> Parameters:
     """Return the parameters with the belief of a model file, if there is one, about the same hardware."""
     if model is None:
         return parameters

@@ -233,8 +233,15 @@ def corrected(inverse, function, wanted, corrections: int = CORRECTIONS):
 
 
 def command_lag(belief) -> float:
-    """Return the delay of slow signals between commanded voltage and spool, s: -G'(0) / G(0)."""
+    """Return the time from a sample to the slow flow that answers it, s: dead time and lag of the spool."""
     names = known(belief, "command")
+    late = [name for name in names if CATALOGUE[name].late is not None]
+    delay = belief.valve.delay + sum(CATALOGUE[name].late(getattr(belief.effects, name)) for name in late)
+    return max(0.0, delay + _lag(belief, *(name for name in names if name not in late)))
+
+
+def _lag(belief, *names: str) -> float:
+    """Return the delay of slow signals between voltage and spool by these effects, s: -G'(0) / G(0)."""
     if not names:
         return 0.0
     whole = assembled(belief, *names)

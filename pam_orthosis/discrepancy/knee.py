@@ -61,6 +61,7 @@ def knee(parameters, catalogue: Mapping | None = None) -> System:
             **dict.fromkeys(pressures, (0.0, MOST_SUPPLY * belief.valve.supply_pressure)),
         },
         input_period="scenario.control_period",
+        late=belief.valve.delay + sum(_lateness(belief).values()),
         unusable=(LOCKED,),
     )
 
@@ -105,6 +106,12 @@ def _learned(belief) -> list:
     return [effect for effect in present if not effect.shape and effect.late is None]
 
 
+def _lateness(belief) -> dict[str, float]:
+    """Return the dead times that the model has learned beside its nominal one, by effect, s."""
+    late = {name: CATALOGUE[name].late for name in enabled(belief.effects)}
+    return {name: of(getattr(belief.effects, name)) for name, of in late.items() if of is not None}
+
+
 def _deviations(effect) -> dict[str, str]:
     """Return, for each parameter of a learned effect, the name of its relative deviation."""
     return {q.name: f"{effect.name}_{q.name}" for q in effect.parameters}
@@ -144,6 +151,7 @@ def _hardware(belief, effects, symbols, tables) -> orthosis.Hardware:
     true = belief.substituted(deviating)
     mechanics = tabulated(belief.leg.joint, tables, symbols["moving_mass"], symbols.get("person_mass", 0.0))
     settings = dict(belief.effects.items())
+    settings |= {name: Section(f"effects.{name}", {"enabled": False}) for name in _lateness(belief)}
     for effect in _learned(belief):
         own = {q: values[f"effects.{effect.name}.{q}"] for q in _deviations(effect)}
         moved = {q: own[q] * (1 + symbols[name]) for q, name in _deviations(effect).items()}

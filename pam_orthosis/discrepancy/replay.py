@@ -132,6 +132,7 @@ class Replay:
 
     def __init__(self, system: System):
         self.system = system
+        self._nominal = Shift(inputs=system.late)
         self._parts: dict = {}
         self._kernels: dict = {}
         self._touched: dict[str, frozenset[str]] = {}
@@ -231,7 +232,7 @@ class Replay:
         if known is not None:
             return known
         kernel = self._kernel(part, wrt)
-        data = self._rows(run, equation) if shift == UNSHIFTED else run.data(equation, shift)
+        data = self._rows(run, equation) if shift == self._nominal else run.data(equation, shift)
         # the base states of most models are slow; states of an effect need not be
         fast = equation.stiff or not set(part.own) <= set(equation.states)
         substeps = self._substeps(run, part, data, theta) if fast else 1
@@ -246,12 +247,12 @@ class Replay:
     def _rows(self, run: Run, equation: Equation) -> np.ndarray:
         key = (run.serial, equation.name)
         if key not in self._data:
-            self._data[key] = run.data(equation)
+            self._data[key] = run.data(equation, self._nominal)
         return self._data[key]
 
     def _shift(self, equation: Equation, effects, values) -> Shift:
         advance: dict[str, float] = {}
-        own = late = 0.0
+        own, late = 0.0, self.system.late
         for name in effects:
             if not self.shifts(name, equation):
                 continue
@@ -271,7 +272,7 @@ class Replay:
     def _parts_of(self, equation: Equation, effects: tuple[str, ...]) -> tuple[Part, ...]:
         """Return the parts of an equation that do not feel each other."""
         others = sorted(set(effects) - set(self.system.shapes))
-        shifts = any(self.shifts(name, equation) for name in others)
+        shifts = bool(self.system.late) or any(self.shifts(name, equation) for name in others)
         kept = [n for n in others if equation.name in self.touched(n) and not self.shifts(n, equation)]
         return self._cut(equation, (*self.system.shapes, *kept), shifts)
 

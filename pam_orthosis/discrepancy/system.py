@@ -99,6 +99,7 @@ class System:
         simpler: effects that the model has already -> makes the system without that one.
         limits: channel -> values that it cannot leave, in its unit.
         input_period: parameter in a bag's metadata that tells how often the inputs changed, s.
+        late: s, by which the model's inputs act later than recorded; effects with `late` count from there.
         unusable: experiments that effects name and whose recordings cannot be searched.
     """
 
@@ -116,6 +117,7 @@ class System:
     simpler: Mapping[str, Callable[[], System]] = field(default_factory=dict)
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     input_period: str = ""
+    late: float = 0.0
     unusable: tuple[str, ...] = ()
 
     def without(self, lacking: Collection[str]) -> System:

@@ -26,3 +26,18 @@ def period_map(name: str, right_hand_side: ca.Function, step: float, steps: int)
     start, held = ca.MX.sym("x", x.shape[0]), ca.MX.sym("u", u.shape[0])
     folded = one.fold(steps)
     return ca.Function(name, [start, held], [folded(start, ca.repmat(held, 1, steps))])
+
+
+def steps_map(name: str, right_hand_side: ca.Function, steps: int) -> ca.Function:
+    """Return (x, inputs of one step after the other, lengths of the steps) -> x after Runge-Kutta steps."""
+    x, u = (ca.SX.sym(name, right_hand_side.size1_in(i)) for i, name in enumerate("xu"))
+    step = ca.SX.sym("step")
+    after = runge_kutta_4(lambda state: right_hand_side(state, u)[0], x, step)
+    folded = ca.Function(f"{name}_step", [x, u, step], [after]).fold(steps)
+    start, inputs, lengths = (
+        ca.MX.sym("x", x.shape[0]),
+        ca.MX.sym("u", u.shape[0] * steps),
+        ca.MX.sym("h", steps),
+    )
+    after = folded(start, ca.reshape(inputs, u.shape[0], steps), lengths.T)
+    return ca.Function(name, [start, inputs, lengths], [after])

@@ -12,6 +12,7 @@ import numpy as np
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import integrate, orthosis
 from pam_orthosis.model.compiled import compiled
+from pam_orthosis.model.delay import Line, computing_ns, line_ns
 from pam_orthosis.model.deviations import DEVIATIONS
 
 BISECTIONS = 60  # until the knee rests
@@ -113,14 +114,18 @@ class Plant:
         self.states = assembly.states
         inputs = [assembly.x, ca.vertcat(assembly.u, mass)]
         right_hand_side = ca.Function("plant_rates", inputs, ca.cse([assembly.rates, assembly.outputs]))
-        step = parameters.plant.simulation.step
         self.period_ns = round(parameters.scenario.control_period * 1e9)
-        substeps = round(parameters.scenario.control_period / step)
-        self._advance = compiled(integrate.period_map("plant_period", right_hand_side, step, substeps))
+        self._grid = np.arange(0, self.period_ns, round(parameters.plant.simulation.step * 1e9))
+        self._steps = len(self._grid) + 1  # a voltage changes within one of them
+        self._advance = compiled(integrate.steps_map("plant_steps", right_hand_side, self._steps))
         self._outputs = compiled(ca.Function("plant_outputs", inputs, [assembly.outputs]))
         self._noise = np.random.default_rng(seed)
-        self.state, self._held = self._advance.inputs
-        self._held[:] = [parameters.valve.closed_voltage] * 2 + [0.0, 0.0, parameters.leg.person.mass]
+        closed = parameters.valve.closed_voltage
+        self._held = np.array([closed, closed, 0.0, 0.0, parameters.leg.person.mass])
+        self.state, inputs_of_steps, self._lengths = self._advance.inputs
+        self._inputs = inputs_of_steps.reshape(self._steps, -1)
+        self._computing_ns = computing_ns(parameters)
+        self.lines = tuple(Line(closed, line_ns(parameters)) for _ in orthosis.MUSCLES)
         self._index = 0
         self._reported: dict[str, float] | None = None
         self.state[:] = self._resting_state(ca.Function("acceleration", inputs, [assembly.rates[1]]))
@@ -145,24 +150,52 @@ class Plant:
         )
 
     def advance(self, extensor_voltage: float, flexor_voltage: float) -> None:
-        """Integrate one control period with the voltages held.
+        """Let a control period pass; the voltages answer the sample at its start.
+
+        They come when they have been computed, and act when they have gone through converter, valve and hose.
 
         Raises:
             OrthosisError: a voltage is not finite.
         """
-        if not (math.isfinite(extensor_voltage) and math.isfinite(flexor_voltage)):
+        at_ns = self.time_ns + self._computing_ns
+        for line, voltage in enumerate((extensor_voltage, flexor_voltage)):
+            self.take(line, voltage, at_ns)
+        self.live_on()
+
+    def take(self, line: int, voltage: float, at_ns: int) -> None:
+        """Take a voltage of the extensor's (0) or flexor's (1) valve that comes at an instant of the plant.
+
+        Raises:
+            OrthosisError: a voltage is not finite.
+        """
+        if not math.isfinite(voltage):
             raise OrthosisError("the plant was given a valve voltage that is not finite")
-        resolution = self._p.plant.voltage_resolution
-        self._held[:4] = (
-            quantised(extensor_voltage, resolution),
-            quantised(flexor_voltage, resolution),
-            self._external_torque(),
-            self._time(),
-        )
-        self._advance.evaluate()
-        self.state[:] = self._advance.outputs[0]
+        self.lines[line].put(quantised(voltage, self._p.plant.voltage_resolution), at_ns)
+
+    def live_on(self) -> None:
+        """Integrate one control period with the voltages that act in it; a step begins where one changes."""
+        begin_ns = self.time_ns
+        end_ns = begin_ns + self.period_ns
+        self._held[2:4] = self._external_torque(), begin_ns * 1e-9
+        coming = {max(instant, begin_ns) for line in self.lines for instant in line.changes(end_ns)}
+        starts = np.union1d(self._grid, [instant - begin_ns for instant in coming])
+        inputs = np.tile(self._held, (len(starts), 1))
+        for instant in sorted(coming):
+            inputs[np.searchsorted(starts, instant - begin_ns) :, :2] = self._acting(instant)
+        lengths = np.diff(starts, append=self.period_ns) / 1e9
+        for first in range(0, len(starts), self._steps):
+            self._integrate(inputs[first : first + self._steps], lengths[first : first + self._steps])
+        self._held[:] = inputs[-1]
         self._index += 1
         self._reported = None
+
+    def _integrate(self, inputs: np.ndarray, lengths: np.ndarray) -> None:
+        """Take at most as many steps as are compiled, each of its length, s, and under its inputs."""
+        self._inputs[: len(inputs)] = inputs
+        self._lengths[:] = 0.0
+        self._lengths[: len(lengths)] = lengths
+        self._advance.evaluate()
+        self.state[:] = self._advance.outputs[0]
 
     def truth(self) -> Truth:
         """Return the true state (for the recorder and for tests, never for a controller)."""
@@ -185,12 +218,16 @@ class Plant:
             self._reported = dict(zip(orthosis.OUTPUTS, values, strict=True))
         return self._reported
 
-    def _external_torque(self) -> float:
-        return external_torque(self._p, self._time(), math.sin)
+    def _acting(self, instant_ns: int) -> list[float]:
+        return [line.at(instant_ns) for line in self.lines]
 
-    def _time(self) -> float:
-        """Return the start of the present period, s."""
-        return self._index * self.period_ns * 1e-9
+    def _external_torque(self) -> float:
+        return external_torque(self._p, self.time_ns * 1e-9, math.sin)
+
+    @property
+    def time_ns(self) -> int:
+        """The present instant, ns since the start."""
+        return self._index * self.period_ns
 
     def _resting_state(self, accelerate: ca.Function) -> np.ndarray:
         """Return the state at rest at the starting angle, valves closed, muscles near the mean pressure."""

@@ -34,6 +34,7 @@ ALIKE = (
 SLIP = 8.0
 BRAID_SHARE = (0.3, 5.0)  # what identified coefficients and the braid's geometry differ by at most
 PHASES = 60
+LEAST_DELAY = 5.0e-4  # s, of a Pade approximation: its states have less than a quarter of it
 LONGEST_PERIOD = 0.05  # s, of the position controller: as long as a control period may be
 FARTHEST_PLAN = 0.35  # rad: beyond it guards would take the knee for one that does not follow
 
@@ -56,6 +57,7 @@ def broken_rules(values: Mapping[str, Any]) -> Iterator[str]:
     yield from _linkage_rule(values)
     yield from _reach_rule(values)
     yield from _plan_rule(values)
+    yield from _delay_rule(values)
 
 
 def _period_rule(values: Mapping[str, Any]) -> Iterator[str]:
@@ -68,6 +70,13 @@ def _period_rule(values: Mapping[str, Any]) -> Iterator[str]:
             f"scenario.control_period = {period} s must be a whole multiple of"
             f" plant.simulation.step = {step} s"
         )
+
+
+def _delay_rule(values: Mapping[str, Any]) -> Iterator[str]:
+    """Check that a dead time of the hardware, whose differential equations have it as a divisor, is one."""
+    effect, delay = "plant.effects.valve_delay", values.get("plant.effects.valve_delay.delay")
+    if values.get(f"{effect}.enabled") and delay < LEAST_DELAY:
+        yield f"{effect}.delay = {delay} s must be at least {LEAST_DELAY} s: hardware is never early"
 
 
 def _every_rule(values: Mapping[str, Any]) -> Iterator[str]:

@@ -21,6 +21,7 @@ import numpy as np
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import lanes, orthosis
+from pam_orthosis.model.delay import computing_ns, line_ns
 from pam_orthosis.model.leg_table import NODES, ORDER, TERMS, LegTable
 from pam_orthosis.model.plant import BISECTIONS, STILL, Plant, external_torque, true_hardware
 from pam_orthosis.model.rules import broken_rules
@@ -29,6 +30,7 @@ LANES = 8  # sets that are advanced together: one vector of the widest registers
 MEASURED = ("measured_angle", "measured_extensor_pressure", "measured_flexor_pressure")
 # what decides over grid and structure of a study: the same for all of its sets
 COMMON = ("scenario.control_period", "scenario.duration", "plant.simulation.step", "plant.voltage_resolution")
+DELAY = "plant.delay."
 LOOP = """
 static void rk4(lane* x, const lane* u, const lane* theta, const lane* held, double h) {{
   lane k[{states}], sum[{states}], y[{states}];
@@ -83,8 +85,8 @@ static lane rest(lane* x, const lane* u, const lane* theta, const lane* fixed) {
   return k[1];
 }}
 
-void study(long periods, long substeps, double period, double step, const double* sets,
-           const double* voltages, double* result, double* unrest) {{
+void study(long periods, long steps, double period, const double* lengths, const long* ages,
+           const double* sets, const double* voltages, double* result, double* unrest) {{
   lane x[{states}], u[4], theta[{theta}], fixed[{fixed}], held[{held}], told[{told}];
   for (int i = 0; i < {keys}; i++) theta[i] = *(const loose*)(sets + {lanes} * i);
   tabulate(theta, theta + {keys});
@@ -94,12 +96,17 @@ void study(long periods, long substeps, double period, double step, const double
   for (long n = 0; n < periods; n++) {{
     study_told(x, u, theta, told);
     for (int i = 0; i < {told}; i++) *(loose*)(result + {lanes} * (n * {told} + i)) = told[i];
-    u[0] = all(voltages[2 * n]);
-    u[1] = all(voltages[2 * n + 1]);
     u[3] = all(n * period);
     study_torque(theta, u + 3, u + 2);
-    study_held(u, theta, fixed, held);
-    for (long s = 0; s < substeps; s++) rk4(x, u, theta, held, step);
+    for (long s = 0; s < steps; s++) {{
+      long given = n - ages[s];
+      if (given >= 0) {{
+        u[0] = all(voltages[2 * given]);
+        u[1] = all(voltages[2 * given + 1]);
+      }}
+      if (s == 0 || ages[s] != ages[s - 1]) study_held(u, theta, fixed, held);
+      rk4(x, u, theta, held, lengths[s]);
+    }}
   }}
 }}
 """
@@ -204,9 +211,9 @@ class _Kernel:
     """A study's machine code for some sets at once."""
 
     def __init__(self, study: Study, width: int):
-        scenario, self._step = study.parameters.scenario, study.parameters.plant.simulation.step
-        self._period = round(scenario.control_period * 1e9) * 1e-9
-        self._substeps = round(scenario.control_period / self._step)
+        period_ns = round(study.parameters.scenario.control_period * 1e9)
+        self._period = period_ns * 1e-9
+        self._lengths, self._ages = _steps(study.parameters, period_ns)
         self._width, self._told = width, len(study.signals)
         self._keys = max(1, len(study.keys))
         path = lanes.library("study", _source(study, width))
@@ -224,16 +231,25 @@ class _Kernel:
         result = np.empty((len(voltages), self._told, self._width))
         unrest = np.empty(self._width)
         self._library.study(
-            ctypes.c_long(len(voltages)), ctypes.c_long(self._substeps), ctypes.c_double(self._period),
-            ctypes.c_double(self._step), *map(_pointer, (full, voltages, result, unrest)),
+            ctypes.c_long(len(voltages)), ctypes.c_long(len(self._ages)), ctypes.c_double(self._period),
+            *map(_pointer, (self._lengths, self._ages, full, voltages, result, unrest)),
         )  # fmt: skip
         result[:, :, ~(np.abs(unrest) <= STILL)] = np.nan
         return result.transpose(2, 0, 1)[: len(sets)]
 
 
+def _steps(parameters, period_ns: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lengths of a period's integration steps, s, and how many periods old their voltages are."""
+    count, rest = divmod(computing_ns(parameters) + line_ns(parameters), period_ns)
+    grid = np.arange(0, period_ns, round(parameters.plant.simulation.step * 1e9))
+    starts = np.union1d(grid, [rest])
+    ages = count + (starts < rest)
+    return np.diff(starts, append=period_ns) / 1e9, ages.astype(ctypes.c_long)
+
+
 def _check_key(parameters, key: str) -> None:
     value = parameters.row(key).value
-    if key in COMMON or not isinstance(value, float):
+    if key in COMMON or key.startswith(DELAY) or not isinstance(value, float):
         raise OrthosisError(f"{key} cannot differ between the sets of one study: it shapes all of them")
 
 
@@ -306,4 +322,4 @@ def _numbers(values: np.ndarray) -> str:
 
 
 def _pointer(array: np.ndarray):
-    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+    return ctypes.c_void_p(array.ctypes.data)

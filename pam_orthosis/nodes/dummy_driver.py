@@ -36,7 +36,6 @@ class EmulatedHardware:
 
     def __init__(self, parameters: Parameters):
         self.period_ns = round(parameters.scenario.control_period * 1e9)
-        self.closed_voltage = parameters.valve.closed_voltage
         self._valve = parameters.valve
         self._plant = Plant(parameters)
 
@@ -44,19 +43,23 @@ class EmulatedHardware:
         """Return knee angle, rad, and absolute pressures of extensor and flexor, Pa."""
         return tuple(self._plant.measure())
 
-    def write(self, extensor_voltage: float, flexor_voltage: float, periods: int) -> None:
-        """Set both valves within their range; emulated time passes only here, where devices just live on."""
-        voltages = driven(extensor_voltage, self._valve), driven(flexor_voltage, self._valve)
-        for _ in range(periods):
-            self._plant.advance(*voltages)
+    def write(self, muscle: str, voltage: float, at_ns: int) -> None:
+        """Set a valve within its range, at an instant since the start."""
+        self._plant.take(MUSCLES.index(muscle), driven(voltage, self._valve), at_ns)
 
-    def vent(self, periods: int = 1) -> None:
+    def vent(self) -> None:
         """Let the air out of both muscles."""
-        self.write(self._valve.minimum_voltage, self._valve.minimum_voltage, periods)
+        for muscle in MUSCLES:
+            self.write(muscle, self._valve.minimum_voltage, self._plant.time_ns)
+
+    def live_on(self, periods: int) -> None:
+        """Let emulated time pass; devices just live on."""
+        for _ in range(periods):
+            self._plant.live_on()
 
 
 class DummyDriver(Node):
-    """Publishes a sample each period; sets the valves to the newest voltages, vents if none come."""
+    """Publishes a sample each period; sets a valve as soon as its voltage comes, vents if none come."""
 
     def __init__(self) -> None:
         super().__init__("dummy_driver")
@@ -66,7 +69,6 @@ class DummyDriver(Node):
             muscle: self.create_publisher(FluidPressure, f"{muscle}/pressure", qos_profile_sensor_data)
             for muscle in MUSCLES
         }
-        self._voltage = dict.fromkeys(MUSCLES, self._hardware.closed_voltage)
         self._silent: dict[str, int] = {}  # periods since each muscle's last voltage; none has come yet
         for muscle in MUSCLES:
             self.create_subscription(JointState, f"{muscle}/valve_voltage", self._receiver(muscle), 10)
@@ -76,7 +78,7 @@ class DummyDriver(Node):
     def _receiver(self, muscle: str):
         def receive(message: JointState) -> None:
             if message.effort and abs(message.effort[0]) < INFINITE:  # nor is NaN
-                self._voltage[muscle] = message.effort[0]
+                self._hardware.write(muscle, message.effort[0], self._elapsed_ns())
                 self._silent = {**dict.fromkeys(MUSCLES, 0), **self._silent, muscle: 0}
 
         return receive
@@ -87,12 +89,14 @@ class DummyDriver(Node):
 
     def _tick(self) -> None:
         """Take the sample of the nearest period; skip those that are overdue, whose time has passed."""
-        elapsed = self.get_clock().now().nanoseconds - self._first_ns
-        due = (elapsed + self._hardware.period_ns // 2) // self._hardware.period_ns
+        due = (self._elapsed_ns() + self._hardware.period_ns // 2) // self._hardware.period_ns
         if due > self._passed:
             self._act(due - self._passed)
             self._passed = due
             self._publish(self._first_ns + due * self._hardware.period_ns)
+
+    def _elapsed_ns(self) -> int:
+        return self.get_clock().now().nanoseconds - self._first_ns
 
     def _publish(self, stamp_ns: int) -> None:
         angle, *pressures = self._hardware.read()
@@ -101,12 +105,11 @@ class DummyDriver(Node):
             self._pressure[muscle].publish(messages.fluid_pressure(stamp_ns, muscle, pressure))
 
     def _act(self, periods: int) -> None:
-        """Set the newest voltages; vent both muscles when those of either have stopped coming."""
+        """Let periods pass; vent both muscles when the voltages of either have stopped coming."""
         self._silent = {muscle: count + periods for muscle, count in self._silent.items()}
         if max(self._silent.values(), default=0) > SILENCE_PERIODS:
-            self._hardware.vent(periods)
-        else:
-            self._hardware.write(*self._voltage.values(), periods)
+            self._hardware.vent()
+        self._hardware.live_on(periods)
 
 
 def main() -> int:

@@ -103,13 +103,14 @@ class Lockstep:
 
 
 class RealTime:
-    """A sample each period of the wall clock; over each period act the last voltages that have come.
+    """A sample each period of the wall clock; a voltage counts from the instant at which it came.
 
+    From then on it goes through converter, valve and hose, as in lockstep. What lies between a sample and its
+    answer is the machine's own time: the row of the computing delay stands for it in lockstep only.
     Voltages that do not come any more are replaced by those of the vent after `SILENCE_SAMPLES`.
-    An answer that comes before the next sample acts over its whole period, as in lockstep: a run
-    without a missed deadline gives the numbers of lockstep. Time passes for the hardware whether
-    anybody looks or not: a sample that is overdue by a period is skipped and counted, never made up
-    for, so that a machine that is too slow answers fewer samples instead of ever older ones.
+    Time passes for the hardware whether anybody looks or not: a sample that is overdue by a period is
+    skipped and counted, never made up for, so that a machine that is too slow answers fewer samples
+    instead of ever older ones.
     """
 
     def __init__(self, plant: PlantSimulator):
@@ -118,11 +119,9 @@ class RealTime:
         self._passed = 0  # periods that the hardware has lived through
         self._sampled = 0  # period of the last sample
         self._skipped = self._late = self._silent = 0
-        self._vented = dict.fromkeys(INPUTS, plant.parameters.valve.minimum_voltage)
         self._answered_ns, self._unanswered = dict.fromkeys(INPUTS, 0), dict.fromkeys(INPUTS, 0)
-        self._voltages = dict.fromkeys(INPUTS, plant.parameters.valve.closed_voltage)
-        for topic in INPUTS:
-            plant.listen_to_numbers(topic, VOLTAGE, self._receiver(topic))
+        for line, topic in enumerate(INPUTS):
+            plant.listen_to_numbers(topic, VOLTAGE, self._receiver(line, topic))
 
     def begin(self) -> None:
         """Take the first sample; start the timer, whose ticks are then never before their stamps."""
@@ -138,9 +137,9 @@ class RealTime:
             "vented_without_commands": self._silent,
         }
 
-    def _receiver(self, topic: str) -> Any:
+    def _receiver(self, line: int, topic: str) -> Any:
         def receive(stamp_ns: int, voltage: float) -> None:
-            self._voltages[topic] = voltage
+            self._plant.take(line, voltage, self._plant.now_ns() - self._first_ns)
             if not any(self._answered_ns.values()):  # nobody was silent before there was anybody
                 self._unanswered = dict.fromkeys(INPUTS, 0)
             self._unanswered[topic] = 0
@@ -153,7 +152,8 @@ class RealTime:
         period_ns = self._plant.period_ns
         due = (self._plant.now_ns() - self._first_ns + period_ns // 2) // period_ns  # timers jitter
         for _ in range(min(due - self._passed, MAX_PERIODS_AT_ONCE)):
-            self._plant.advance(*self._acting().values())
+            self._vent_in_silence()
+            self._plant.live_on()
             self._passed += 1
         over = self._plant.ended or self._plant.abandoned
         if self._passed == due > self._sampled and not over:
@@ -161,11 +161,13 @@ class RealTime:
             self._skipped += due - self._sampled - 1
             self._sample(due)
 
-    def _acting(self) -> dict[str, float]:
-        """Return the voltages of the next period."""
-        silent = max(self._unanswered.values()) > SILENCE_SAMPLES and any(self._answered_ns.values())
-        self._silent += silent
-        return self._vented if silent else self._voltages
+    def _vent_in_silence(self) -> None:
+        """Have both valves vent in the next period where either gets no commands any more."""
+        if max(self._unanswered.values()) > SILENCE_SAMPLES and any(self._answered_ns.values()):
+            self._silent += 1
+            for line in range(len(INPUTS)):
+                vented = self._plant.parameters.valve.minimum_voltage
+                self._plant.take(line, vented, self._passed * self._plant.period_ns)
 
     def _sample(self, period: int) -> None:
         self._sampled = period

@@ -54,9 +54,17 @@ class PlantSimulator(graph.GraphNode):
         return self._pace.health()
 
     def advance(self, extensor_voltage: float, flexor_voltage: float) -> None:
-        """Let one period pass under these voltages; a valve vents under none that it can follow."""
+        """Let one period pass that these voltages answer; a valve vents under none that it can follow."""
         valve = self.parameters.valve
         self._plant.advance(driven(extensor_voltage, valve), driven(flexor_voltage, valve))
+
+    def take(self, line: int, voltage: float, at_ns: int) -> None:
+        """Take a voltage of the extensor's (0) or flexor's (1) valve that comes at an instant of the run."""
+        self._plant.take(line, driven(voltage, self.parameters.valve), at_ns)
+
+    def live_on(self) -> None:
+        """Let one period pass under the voltages that have come."""
+        self._plant.live_on()
 
     def abandon(self) -> bool:
         """Let the hardware live on alone: valves without commands vent, as the last samples show."""

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import IndexType, Writer
 from rosbags.rosbag2 import Reader
 
 import bags
@@ -249,6 +250,94 @@ def test_where_files_may_not_grow_the_bag_is_closed_without_a_summary(killed):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert len(_messages(killed)) == count > 0.95 * 2 * len(STAMPS)
+
+
+def _foreign(path: Path, **options) -> int:
+    """Write an unclosed file as `ros2 bag record` does, beginning with its metadata; return its messages."""
+    with open(path, "wb") as stream:
+        writer = Writer(stream, chunk_size=4096, **options)
+        writer.start(profile="ros2")
+        writer.add_metadata("rosbag2", {"serialized_metadata": "version: 9"})
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data\n")
+        channel = writer.register_channel("/said", "cdr", schema)
+        for number in range(1000):
+            writer.add_message(channel, number, b"\0\1\0\0\1\0\0\0\0", number)
+        writer.flush()
+    return 1000
+
+
+def test_a_file_that_begins_with_the_metadata_of_an_open_bag_keeps_its_messages(tmp_path):
+    """ros2 bag writes them when it opens a file, and again when it closes it."""
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    count = sum(_foreign(bag / f"bag_{number}.mcap") for number in range(2))
+    recover_in_place(shutil.copytree(bag, tmp_path / "other"))
+    (tmp_path / "other/bag_0.mcap").replace(bag / "bag_0.mcap")  # closed, as of a bag that was split
+    before = (bag / "bag_1.mcap").read_bytes()
+    assert recover_in_place(bag) == count == len(_messages(bag))
+    assert (bag / "bag_1.mcap").read_bytes().startswith(before[: unclosed.HEAD.size])
+
+
+def test_chunks_without_an_index_are_not_closed_without_their_messages(tmp_path):
+    count = _foreign(tmp_path / "bag_0.mcap", index_types=IndexType.ALL & ~IndexType.MESSAGE)
+    before = _contents(tmp_path)
+    with pytest.raises(unclosed.Damaged, match="without an index"):
+        recover_in_place(tmp_path)
+    assert _contents(tmp_path) == before
+    assert recover(tmp_path, tmp_path / "new").messages == count
+
+
+def test_a_bag_that_is_being_written_is_left_alone(killed, capsys):
+    before = _contents(killed)
+    with open(killed / "bag_2.mcap", "ab"):
+        assert main(["recover", str(killed), "--in-place"]) == 2
+    assert "bag_2.mcap is being written; wait" in capsys.readouterr().err
+    assert _contents(killed) == before
+    assert main(["recover", str(killed), "--in-place"]) == 0
+
+
+def test_room_that_cannot_be_made_costs_no_more_than_what_is_added_needs(killed, monkeypatch):
+    """Somebody else takes what is cut off: this must not go on until nothing is left."""
+    last = killed / "bag_2.mcap"
+    end = unclosed.look(last).end
+    full = OSError(errno.ENOSPC, "No space left on device")
+
+    def no_room(*_):
+        raise full
+
+    monkeypatch.setattr(close.os, "fsync", no_room)
+    monkeypatch.setattr(close, "_brief_end", lambda: b"\x0f")  # torn, so that it can be looked at
+    monkeypatch.setattr(close, "_end", lambda *_: b"\x0f")
+    with pytest.raises(OrthosisError, match="No space left"):
+        recover_in_place(killed)
+    cut = end - unclosed.look(last).end
+    assert 0 < cut < 25_000 < end / 2  # metadata, a block each for file and folder, a chunk
+
+
+def test_without_room_for_another_file_nothing_is_cut(killed, monkeypatch):
+    """A file system has a number of files, too; no cutting helps then."""
+    before = _contents(killed)
+
+    def none_left(**_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(close, "TemporaryFile", none_left)
+    with pytest.raises(OrthosisError, match="No space left"):
+        recover_in_place(killed)
+    assert _contents(killed) == before
+
+
+def test_a_limit_of_files_that_no_cutting_meets_costs_no_message(killed):
+    last = killed / "bag_2.mcap"
+    count = unclosed.look(last).counts.total()
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+    try:
+        with pytest.raises(OrthosisError, match="File too large"):
+            recover_in_place(killed)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert unclosed.look(last).counts.total() == count
 
 
 def test_the_command_closes_in_place_and_says_so(killed, capsys):

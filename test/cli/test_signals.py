@@ -28,6 +28,7 @@ VERBS = {
     "rig": [],
     "improve": [],
     "plan": [],
+    "margin": [],
     "gap-hide": [],
     "run": [],
 }

@@ -17,6 +17,8 @@ BELIEVED = {
     "plant.muscle_law": "polynomial",
     "plant.simulation.step": 5e-5,
     "valve.dead_band": 0.0,
+    "valve.delay": 0.0,
+    **{f"plant.delay.{part}": 0.0 for part in ("computing", "converter", "valve", "hose_length")},
     "scenario.control_period": 0.002,
     "scenario.start_hold": 0.3,
     "scenario.start_ramp": 0.7,

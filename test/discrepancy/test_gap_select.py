@@ -9,6 +9,7 @@ from pam_orthosis.discrepancy import select, selection
 from pam_orthosis.discrepancy.candidates import Candidate
 from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.parameters import load
+from pam_orthosis.progress import silent
 
 SETTINGS = load().gap.evidence
 TORQUE = ("muscle_hysteresis", "joint_friction", "extra_foot_mass", "backlash")
@@ -115,6 +116,6 @@ def test_the_one_that_is_left_is_valued_without_the_dropped_one(monkeypatch):
     monkeypatch.setattr(
         select, "fit_tempered", lambda problem, effects, *_: (problem, SimpleNamespace(effects=effects))
     )
-    select._eliminate(found, SETTINGS, lambda _: None)
+    select._eliminate(found, SETTINGS, silent)
     assert found.final.effects == ("joint_friction",)
     assert found.evidence == {"joint_friction": 9050.0}

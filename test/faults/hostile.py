@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inputs that are small and ask for much, and a command on one of them under limits of memory and work."""
 
+import json
 import os
 import struct
 import subprocess
 import sys
+import tempfile
+from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,19 +23,26 @@ BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]\n" for a, b in zip("abcdefghijk", "bcdefghijkl", strict=True)
 )
 JOINT = "sensor_msgs/msg/JointState"
-# the entry script in a process that cannot take more memory or work than it may
-COMMAND = f"""
-import resource, sys
+# the entry script, call by call, in a process that cannot take more memory or work than it may
+COMMANDS = f"""
+import contextlib, io, json, os, resource, sys
 resource.setrlimit(resource.RLIMIT_DATA, ({3 * GIB // 2}, {3 * GIB // 2}))
-resource.setrlimit(resource.RLIMIT_CPU, (60, 60))
+resource.setrlimit(resource.RLIMIT_CPU, (120, 120))
 resource.setrlimit(resource.RLIMIT_FSIZE, ({GIB}, {GIB}))
 from pam_orthosis.cli.main import main
-sys.exit(main(sys.argv[1:]))
+told = open(3, "w")
+for call in json.loads(sys.argv[1]):
+    before, said = sum(os.times()[:4]), io.StringIO()
+    with contextlib.redirect_stderr(said):
+        status = main(call)
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    lines = said.getvalue().strip().splitlines()
+    print(json.dumps([status, lines, memory, sum(os.times()[:4]) - before]), file=told, flush=True)
 """
 
 
 class Ended(NamedTuple):
-    """What came of a command: exit status, lines on stderr, most memory, bytes, processor time, s."""
+    """What came of a command: exit status, lines on stderr, most memory till then (bytes), work (s)."""
 
     status: int
     lines: list[str]
@@ -39,17 +50,26 @@ class Ended(NamedTuple):
     work_s: float
 
 
-def command(*arguments, stdin=subprocess.DEVNULL, cwd=None) -> Ended:
-    """Run a verb under limits."""
-    call = [sys.executable, "-c", COMMAND, *map(str, arguments)]
-    with subprocess.Popen(call, stdin=stdin, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, cwd=cwd,
-                          env={**os.environ, "OPENBLAS_NUM_THREADS": "1"}) as process:  # fmt: skip
-        said = process.stderr.read().decode()
-        _, status, used = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    return Ended(
-        process.returncode, said.strip().splitlines(), used.ru_maxrss * 1024, used.ru_utime + used.ru_stime
-    )
+def commands(calls: Iterable[Sequence[object]], stdin: int = subprocess.DEVNULL, cwd=None) -> list[Ended]:
+    """Run verbs one after another in one process under limits; one that kills it fails here."""
+    texts = [[str(one) for one in call] for call in calls]
+    with tempfile.TemporaryFile("w+") as told:
+        preexec = partial(os.dup2, told.fileno(), 3)
+        done = subprocess.run(
+            [sys.executable, "-c", COMMANDS, json.dumps(texts)], stdin=stdin, stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE, cwd=cwd, env={**os.environ, "OPENBLAS_NUM_THREADS": "1"}, check=False,
+            preexec_fn=preexec, close_fds=False, text=True,
+        )  # fmt: skip
+        told.seek(0)
+        ended = [Ended(*json.loads(line)) for line in told]
+    assert len(ended) == len(texts), (texts[len(ended)], done.returncode, done.stderr)
+    assert not done.stderr, done.stderr
+    return ended
+
+
+def command(*arguments: object, **options) -> Ended:
+    """Run one verb under limits."""
+    return commands([arguments], **options)[0]
 
 
 def zeros(size: int) -> bytes:

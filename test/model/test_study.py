@@ -21,7 +21,8 @@ VOLTAGES = 5 + np.column_stack([np.sin(0.1 * PERIODS), np.sin(0.07 * PERIODS + 2
 
 
 def coarse(overrides=None):
-    return load({"plant.simulation.step": 1e-3, **(overrides or {})})
+    """Return parameters with a coarse step, in whole numbers of which the delay is."""
+    return load({"plant.simulation.step": 1e-3, "plant.delay.valve": 1.6e-3, **(overrides or {})})
 
 
 def test_each_set_of_a_study_does_what_a_plant_of_its_own_does(monkeypatch):

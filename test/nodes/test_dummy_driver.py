@@ -18,13 +18,20 @@ OPEN = 7.0
 
 
 class Applied(dummy_driver.EmulatedHardware):
-    """The emulated hardware, with a list of what its valves were set to."""
+    """The emulated hardware, with a list of what its valves were set to in each period, and when."""
 
     def __init__(self):
         super().__init__(load())
-        self.applied = []
-        advance = self._plant.advance
-        self._plant.advance = lambda *voltages: (self.applied.append(voltages), advance(*voltages))
+        self.applied, self.came, self.set = [], [], [CLOSED, CLOSED]
+        take, live_on = self._plant.take, self._plant.live_on
+
+        def taken(line, voltage, at_ns):
+            self.set[line] = voltage
+            self.came.append(at_ns)
+            take(line, voltage, at_ns)
+
+        self._plant.take = taken
+        self._plant.live_on = lambda: (self.applied.append(tuple(self.set)), live_on())
 
 
 @pytest.fixture
@@ -56,7 +63,8 @@ def test_a_muscle_without_voltages_vents_both(driver, hardware):
         _told(driver, "extensor", OPEN)
         driver._act(1)
     assert hardware.applied == [(OPEN, OPEN)] * dummy_driver.SILENCE_PERIODS + [(VENT, VENT)]
-    _told(driver, "flexor", OPEN)
+    for muscle in dummy_driver.MUSCLES:
+        _told(driver, muscle, OPEN)
     driver._act(1)
     assert hardware.applied[-1] == (OPEN, OPEN)
 
@@ -77,14 +85,21 @@ def test_a_voltage_beyond_the_valves_range_is_limited(driver, hardware):
 def test_it_vents_at_its_end_whatever_ended_it(hardware, monkeypatch):
     class Failing:
         def add_node(self, node):
-            node._voltage = dict.fromkeys(dummy_driver.MUSCLES, OPEN)
+            for muscle in dummy_driver.MUSCLES:
+                node._hardware.write(muscle, OPEN, 0)
 
         def spin_once(self, timeout_sec):
             raise ValueError("a callback failed")
 
     monkeypatch.setattr(dummy_driver, "EventsExecutor", Failing)
     monkeypatch.setattr(sys, "argv", ["dummy_driver"])
-    monkeypatch.setattr(dummy_driver.graph, "caught_signals", list)
+    monkeypatch.setattr(dummy_driver.process, "caught_signals", list)
     with pytest.raises(ValueError, match="a callback failed"):
         dummy_driver.main()
-    assert hardware.applied[-1] == (VENT, VENT)
+    assert hardware.set == [VENT, VENT]
+
+
+def test_a_voltage_is_set_when_it_comes(driver, hardware, monkeypatch):
+    monkeypatch.setattr(driver, "_elapsed_ns", lambda: 3_100_000)
+    _told(driver, "extensor", OPEN)
+    assert hardware.came == [3_100_000]

@@ -34,6 +34,7 @@ class FakePlant:
         self.now = 1_000_000_000
         self.sample_cost = self.period_cost = 0
         self.receivers, self.samples, self.applied = {}, [], []
+        self.voltages, self.came = [self.parameters.valve.closed_voltage] * 2, []
 
     def listen_to_numbers(self, topic, fields, callback):
         self.receivers[topic] = callback
@@ -51,8 +52,12 @@ class FakePlant:
     def step_done(self, stamp_ns):
         pass
 
-    def advance(self, *voltages):
-        self.applied.append(voltages)
+    def take(self, line, voltage, at_ns):
+        self.voltages[line] = voltage
+        self.came.append((line, voltage, at_ns))
+
+    def live_on(self):
+        self.applied.append(tuple(self.voltages))
         self.now += self.period_cost
 
     def answer(self, voltage, stamp_ns):
@@ -119,9 +124,12 @@ def test_no_stamp_is_later_than_its_sample(plant):
     assert all(stamp <= instant for stamp, instant in zip(plant.samples, taken, strict=True))
 
 
-def test_an_answer_in_time_acts_over_its_own_period(plant):
+def test_a_voltage_counts_from_the_instant_at_which_it_came(plant):
+    """Not from its sample, whose answer it is: the time between them is lost to a real valve too."""
+    plant.now += 3_000_000
     plant.answer(6.0, plant.samples[0])
-    plant.now += plant.period_ns
+    assert plant.came == [(0, 6.0, 3_000_000), (1, 6.0, 3_000_000)]
+    plant.now += 2_000_000
     plant.tick()
     assert plant.applied == [(6.0, 6.0)]
     assert _counted(plant) == (0, 0)

@@ -34,6 +34,7 @@ BELIEF = {
     "scenario.start_angle": 0.6,
     "scenario.start_hold": 0.5,
     "valve.dead_band": 0.0,
+    "valve.delay": 0.0,
     "control.observer.pole": 70.0,
     "control.position.c1": 22.0,
     "control.position.c2": 22.0,

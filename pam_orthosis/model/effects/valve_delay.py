@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dead time between the voltage and the spool of both valves."""
+"""Dead time between the voltage and the spool of both valves, beside the one that the model has already."""
 
 from pam_orthosis.model.effects import pade
 from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
@@ -24,13 +24,16 @@ EFFECTS = [
     Effect(
         name="valve_delay",
         stage="command",
-        parameters=(Quantity("delay", 4.0e-3, "s", 5.0e-4, 0.05, "dead time"),),
+        parameters=(
+            Quantity("delay", 4.0e-3, "s", -0.05, 0.05, "dead time beyond the nominal one, valve.delay", 0.0),
+        ),
         expression=_expression,
-        physics="Electronics, bus and coil answer only after a dead time; the pure delay is represented by "
-        "its Pade approximation (2, 3).",
+        physics="Electronics, bus and coil answer only after a dead time. What is fitted is by how much "
+        "it is longer than the nominal one (shorter, if negative). In differential equations the pure "
+        "delay is represented by its Pade approximation (2, 3).",
         source="dead times of 2 to 5 ms of proportional valves (assumption)",
         minimum_effect=3.0e-4,
-        starts=({"delay": 1.0e-3}, {"delay": 1.2e-2}),
+        starts=({"delay": 1.0e-3}, {"delay": 1.2e-2}, {"delay": -2.0e-3}, {"delay": -6.0e-3}),
         coordinate="extensor_voltage",
         confounded_with=("valve_lag", "hose_resistance", "extensor_pressure_delay", "flexor_pressure_delay"),
         separated_by=("diagnostic-locked", "diagnostic-cocontraction"),

@@ -85,7 +85,9 @@ def without_hardware_effects() -> dict[str, Any]:
     for key, value in values.items():
         if key.startswith("plant.effects.") and key.endswith(".enabled") and value:
             exact[key] = False
-    return exact | {"plant.muscle_law": "polynomial"}
+    parts = ("computing", "converter", "hose_length")
+    exact |= {f"plant.delay.{part}": 0.0 for part in parts}
+    return exact | {"plant.delay.valve": values["valve.delay"], "plant.muscle_law": "polynomial"}
 
 
 def observe(overrides: Mapping[str, Any] | None = None, exact: bool = True, seed: int = 1) -> ObserverRun:

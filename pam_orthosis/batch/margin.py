@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measures all margins: one perturbation in one direction is a unit of work.
+
+python -m pam_orthosis.batch.margin '{"control.position.c1": 30.0}' friction more NOMINAL_ERROR_RAD
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
+from itertools import product
+from typing import Any
+
+from pam_orthosis.batch.executors import local
+from pam_orthosis.batch.unit import Unit, work
+from pam_orthosis.control import margin
+from pam_orthosis.errors import OrthosisError, RunFailed
+from pam_orthosis.model.parameters import Parameters, load
+
+DIRECTIONS = ("more", "less")
+LIMITS = ("doubled", "lost")
+
+
+def measure(
+    parameters: Parameters, workers: int, tell: Callable[[str], None] = lambda _: None
+) -> dict[str, Any]:
+    """Return the margins as plain data: `margin.json` holds it.
+
+    Args:
+        workers: units at a time.
+        tell: gets a line on each unit.
+
+    Raises:
+        OrthosisError: the knee is lost on the hardware as it is.
+        RunFailed: a unit gave no answer.
+    """
+    tell("the hardware as it is")
+    nominal = margin.maximum_error(parameters)
+    if math.isinf(nominal):
+        raise OrthosisError(
+            "the knee is lost on the hardware as it is: there is no margin; check gains and model"
+        )
+    present = margin.perturbations(parameters)
+    units = [_unit(parameters, name, direction, nominal) for name, direction in product(present, DIRECTIONS)]
+    rows = _worked(units, workers, tell)
+    doubled, lost = margin.thresholds(parameters, nominal)
+    return {
+        "duration_s": parameters.scenario.duration,
+        "seed": parameters.scenario.seed,
+        "max_abs_error_deg": math.degrees(nominal),
+        "doubled_deg": math.degrees(doubled),
+        "lost_deg": math.degrees(lost),
+        "margins": [rows[unit.name] for unit in units],
+        "not_there": [name for name in margin.NAMES if name not in present],
+    }
+
+
+def _unit(parameters: Parameters, name: str, direction: str, nominal: float) -> Unit:
+    shipped = load().flat()
+    changed = {key: value for key, value in parameters.flat().items() if value != shipped[key]}
+    return Unit(f"{name}, {direction}", __name__, (json.dumps(changed), name, direction, repr(nominal)))
+
+
+def _worked(units: Sequence[Unit], workers: int, tell: Callable[[str], None]) -> dict[str, dict[str, Any]]:
+    """Return the answer of each unit by its name."""
+    rows: dict[str, dict[str, Any]] = {}
+    with local(workers) as (executor, _):
+        waiting = {executor.submit(work, unit): unit for unit in units}
+        for future in as_completed(waiting):
+            unit, answer = waiting[future], future.result()
+            if answer.complaint:
+                raise RunFailed(f"{unit.name}: {answer.complaint}")
+            rows[unit.name] = dict(answer.told)
+            tell(f"{len(rows)}/{len(units)} {unit.name}: {len(answer.told['runs'])} runs")
+    return rows
+
+
+def one(parameters: Parameters, name: str, direction: str, nominal: float) -> dict[str, Any]:
+    """Return the margins against one perturbation in one direction, as plain data.
+
+    Args:
+        nominal: maximum error of the hardware as it is, rad.
+    """
+    changed = margin.perturbations(parameters)[name]
+    ladder = changed.ladder(direction)
+
+    def error(value: float) -> float:
+        if value == changed.nominal:
+            return nominal
+        return margin.maximum_error(parameters.changed(changed.overrides(value)))
+
+    found, known = margin.limits(error, ladder, margin.thresholds(parameters, nominal))
+    return {
+        "perturbation": name,
+        "meaning": changed.meaning,
+        "unit": changed.unit,
+        "direction": direction,
+        "nominal": changed.nominal,
+        "end": ladder[-1],
+        **{key: limit._asdict() for key, limit in zip(LIMITS, found, strict=True)},
+        "runs": [
+            {
+                "value": value,
+                "max_abs_error_deg": math.degrees(known[value]) if known[value] < math.inf else None,
+            }
+            for value in sorted(known)
+        ],
+    }
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Measure one unit's margins and print them; return 0, or 2 if these parameters cannot run."""
+    overrides, name, direction, nominal = arguments
+    try:
+        told = one(load(json.loads(overrides)), name, direction, float(nominal))
+    except OrthosisError as error:
+        print(error, file=sys.stderr)
+        return error.exit_status
+    print(json.dumps(told))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measure the margins of the closed loop: what hardware these gains and this nominal model still cope with.
+
+One thing of the emulated hardware at a time is changed, more and less: the loop's delay, the joint's
+friction, the muscles' hysteresis, the valve's lag, the supply, the masses. The controllers stay as they are.
+For each, the value is found at which the maximum error has doubled, and the one at which the knee is lost:
+the error is beyond control.guard.tracking_error (20 deg), a guard vents, or the muscles cannot hold the knee
+at the start. The first change that is tried is small, each further one twice as large; then the limit is
+bisected to a tenth of the change (or an eighth of the first one). Where nothing happens up to the end of the
+range, the end is printed, such as "> 50". Exit status 0: measured.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from contextlib import nullcontext
+from pathlib import Path
+
+from pam_orthosis.files import as_text, claimed, output, write_files
+from pam_orthosis.model.parameters import load, scenario_overrides
+
+SECONDS = 6.0  # of the gait: the start, and one and a half cycles
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the verb."""
+    parser.add_argument("--scenario", default="default", metavar="NAME", help="what the knee does (default)")
+    parser.add_argument(
+        "--model", type=Path, metavar="FILE",
+        help="what the controllers believe instead (of `gap`, `improve`, `plan` or `identify`); the hardware"
+        " stays",
+    )  # fmt: skip
+    parser.add_argument(
+        "--param", action="append", default=[], metavar="KEY=VALUE", help="set a parameter (repeatable)"
+    )
+    parser.add_argument(
+        "--duration", type=float, default=SECONDS, metavar="S", help=f"simulated seconds a run ({SECONDS:g})"
+    )
+    parser.add_argument(
+        "--out", type=output, metavar="DIR", help="new folder for table, picture and all runs (margin.json)"
+    )
+    parser.add_argument("--json", action="store_true", help="print limits and all runs as JSON")
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Measure and print; return 0."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # units share the cores; set before numpy is loaded
+    from pam_orthosis.batch.margin import measure
+    from pam_orthosis.cli.run import assignments, believing
+
+    given = assignments(arguments.param)
+    overrides = scenario_overrides(arguments.scenario) | {"scenario.duration": arguments.duration} | given
+    parameters = believing(load(overrides), arguments.model, given)
+    with claimed(arguments.out) if arguments.out else nullcontext():
+        margins = measure(parameters, os.cpu_count() or 1, _progress())
+        _show({"scenario": arguments.scenario, **margins}, arguments.out, arguments.json)
+    return 0
+
+
+def _show(told: dict, folder: Path | None, as_json: bool) -> None:
+    from pam_orthosis.report import margin
+
+    table, text = margin.table(told), json.dumps(told, indent=2)
+    if folder:
+        write_files({
+            folder / "margin.json": as_text(text + "\n"),
+            folder / "margin.md": as_text(table + "\n"),
+            folder / "margin.png": lambda stream: margin.draw(told, stream),
+        })  # fmt: skip
+    print(text if as_json else table)
+
+
+def _progress():
+    start = time.monotonic()
+
+    def tell(line: str) -> None:
+        print(f"[{time.monotonic() - start:5.1f} s] {line}", file=sys.stderr, flush=True)
+
+    return tell
