@@ -14,6 +14,7 @@ ANSWERS = {
     "paper": ("the page is written", ""),
     "improve": ("the knee follows better", "the knee follows no better"),
     "plan": ("the plan is written", ""),
+    "margin": ("the margins are measured", ""),
     "batch": ("all answers are yes", "one answer is no"),
     "gap-hide": ("the case is written", ""),
     "recover": ("the new bag is written", ""),
@@ -66,6 +67,12 @@ EXAMPLES = {
     "plan": (
         "pam-orthosis plan --scenario person --out planned.yaml",
         "pam-orthosis plan --scenario person --model better/model.yaml --after walked --out planned.yaml",
+    ),
+    "margin": (
+        "pam-orthosis margin --out margin",
+        "pam-orthosis margin --scenario person --json",
+        "pam-orthosis margin --param control.position.c1=30 --param control.position.c2=30",
+        "pam-orthosis margin --model better/model.yaml",
     ),
     "batch": (
         "pam-orthosis batch check walk person --out judged",
