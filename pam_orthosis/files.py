@@ -52,7 +52,7 @@ def write_text(path: Path, text: str, overwrite: bool = False) -> None:
 
 
 def as_text(text: str) -> Write:
-    """Return what writes a text; bytes of a name that are no text are written as `\\udc..`."""
+    """Return what writes a text; bytes of a name that are no text are written as escapes."""
     return lambda stream: stream.write(text.encode("utf-8", "backslashreplace"))
 
 

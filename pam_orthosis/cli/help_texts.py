@@ -13,6 +13,7 @@ ANSWERS = {
     "report": ("the files are written", ""),
     "paper": ("the page is written", ""),
     "improve": ("the knee follows better", "the knee follows no better"),
+    "margin": ("the margins are measured", ""),
     "plan": ("the plan is written", ""),
     "batch": ("all answers are yes", "one answer is no"),
     "gap-hide": ("the case is written", ""),
@@ -62,6 +63,12 @@ EXAMPLES = {
     "improve": (
         "pam-orthosis improve --out better",
         "pam-orthosis improve --scenario person --rounds 1 --out better-person",
+    ),
+    "margin": (
+        "pam-orthosis margin --out margin",
+        "pam-orthosis margin --scenario person --json",
+        "pam-orthosis margin --param control.position.c1=30 --param control.position.c2=30",
+        "pam-orthosis margin --model better/model.yaml",
     ),
     "plan": (
         "pam-orthosis plan --scenario person --out planned.yaml",

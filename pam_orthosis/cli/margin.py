@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenario", default="default", metavar="NAME", help="what the knee does (default)")
     parser.add_argument(
         "--model", type=Path, metavar="FILE",
-        help="what the controllers believe instead (of `gap`, `improve`, `plan` or `identify`); the hardware"
+        help="nominal model of the controllers (by `gap`, `improve`, `plan` or `identify`); the hardware"
         " stays",
     )  # fmt: skip
     parser.add_argument(

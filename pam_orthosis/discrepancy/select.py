@@ -252,6 +252,7 @@ def fitted_candidates(
     touched = problem.replay.touched
     names = [name for name in problem.system.candidates if name not in base.effects and touched(name)]
     shapes = [name for name in problem.system.shapes if name not in base.effects and touched(name)]
+
     def screen(name):
         trial = Trial(projection, name)
         starts = trial.starts()

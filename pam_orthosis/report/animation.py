@@ -53,7 +53,8 @@ def write_animation(bag_path: Path, namespace: str, stream: BinaryIO) -> None:
         leg.show(i)
         cursor.set_xdata([instant, instant])
         canvas.draw()
-        frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").quantize(COLOURS_IN_FILE))
+        picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+        frames.append(picture.quantize(COLOURS_IN_FILE))
     frames[0].save(
         stream, "GIF", save_all=True, append_images=frames[1:], duration=1000 // FRAMES_PER_SECOND, loop=0
     )
