@@ -287,7 +287,8 @@ def test_chunks_without_an_index_are_not_closed_without_their_messages(tmp_path)
     assert recover(tmp_path, tmp_path / "new").messages == count
 
 
-def test_a_bag_that_is_being_written_is_left_alone(killed, capsys):
+def test_a_bag_that_is_being_written_is_left_alone(killed, capsys, monkeypatch):
+    monkeypatch.setattr(close, "WRITER_SECONDS", 0.1)
     before = _contents(killed)
     with open(killed / "bag_2.mcap", "ab"):
         assert main(["recover", str(killed), "--in-place"]) == 2

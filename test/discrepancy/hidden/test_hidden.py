@@ -14,6 +14,7 @@ import pam_orthosis
 from pam_orthosis.bag.read import read_bag, run_record
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.loop import ClosedLoop
+from pam_orthosis.control.trajectory import make_trajectory
 from pam_orthosis.discrepancy.hidden import case as cases
 from pam_orthosis.discrepancy.hidden import physics
 from pam_orthosis.discrepancy.hidden.effects import EFFECTS, OUTSIDE, SIZES
@@ -44,8 +45,9 @@ def ideal():
     deviations = {key: 1.0 for key in plain.flat() if key.startswith("plant.deviation.")}
     effects = {f"plant.effects.{name}.enabled": False for name in CATALOGUE}
     sensors = {f"plant.sensor.{name}": 0.0 for name in SENSORS}
-    law = {"plant.muscle_law": "polynomial", "plant.voltage_resolution": 0.0}
-    return load({**cases.BELIEF, **deviations, **effects, **sensors, **law, "plant.simulation.step": 5e-5})
+    delays = dict.fromkeys((key for key in plain.flat() if key.startswith("plant.delay.")), 0.0)
+    law = {"plant.muscle_law": "polynomial", "plant.voltage_resolution": 0.0, "plant.simulation.step": 5e-5}
+    return load({**cases.BELIEF, **deviations, **effects, **sensors, **delays, **law})
 
 
 def swing(plant, periods=120):
@@ -61,6 +63,7 @@ def swing(plant, periods=120):
 def test_with_nothing_hidden_it_is_the_nominal_model(silent):
     """Two realisations of the same equations, in closed loop for 2 s with the leg moving."""
     p = ideal().changed({"scenario.start_hold": 0.1, "scenario.start_ramp": 0.5})
+    p = p.changed({"scenario.start_angle": make_trajectory(p).sample(0).angle})
     independent = ClosedLoop(p, plant=HiddenPlant(p)).run(1000)
     model = ClosedLoop(p).run(1000)
     assert np.ptp(model["angle"]) > 0.5
