@@ -46,17 +46,13 @@ def _made(page: Path, pictures: Path, overwrite: bool, progress: Progress) -> Re
     """Make all results, the page and its pictures."""
     from pam_orthosis.report.identification import drawn
     from pam_orthosis.report.paper import figures, observer, table, tracking  # matplotlib takes a second
-    from pam_orthosis.report.paper.observer import DAMPING, POLE
 
     identified = _identified(progress)
     progress("fig. 8: observer")
     observed = observer.observe()
-    tuned = {key: observed.parameters.flat()[key] for key in (POLE, DAMPING)}
     on_hardware, points = observer.observe(exact=False), observer.trade_off(progress=progress)
     progress("fig. 9: tracking")
-    found = table.Results(
-        identified, observed, on_hardware, points, tracking.track(), tracking.track(tuned)
-    )  # fmt: skip
+    found = table.Results(identified, observed, on_hardware, points, tracking.track())
     files = {
         pictures / "observer.png": lambda stream: figures.draw_observer(observed, stream),
         pictures / "trade_off.png": lambda stream: figures.draw_trade_off(points, observed, stream),

@@ -3,7 +3,6 @@
 
 import numpy as np
 import pytest
-from conftest import BELIEVED, SECONDS
 
 from pam_orthosis.control.effects import command_lag
 from pam_orthosis.control.loop import ClosedLoop
@@ -17,36 +16,37 @@ from pam_orthosis.improvement import learned
 from pam_orthosis.model.parameters import load
 
 TRUE = 4.3e-3  # s, no whole number of periods
+SECONDS = 14.0
 EFFECT = ("valve_delay",)
 
 
-def delayed(nominal):
-    return load({**BELIEVED, "plant.delay.valve": TRUE, "valve.delay": nominal})
+def delayed(bench, nominal):
+    return bench.parameters.changed({"plant.delay.valve": TRUE, "valve.delay": nominal})
 
 
 @pytest.fixture(scope="module")
-def runs():
-    p = delayed(TRUE)
+def runs(bench):
+    p = delayed(bench, TRUE)
     return [ClosedLoop(p, seed).run(round(SECONDS / p.scenario.control_period)) for seed in (1, 2)]
 
 
-def problem(runs, nominal):
-    p = delayed(nominal)
+def problem(bench, runs, nominal):
+    p = delayed(bench, nominal)
     system = knee(p)
     recorded = [from_arrays(f"run {number}", system, run) for number, run in enumerate(runs)]
     return workflow.prepared(Replay(system), recorded[:1], recorded[1:], p.gap)[0]
 
 
 @pytest.mark.parametrize("nominal", [TRUE - 2e-3, TRUE + 2e-3])
-def test_a_recording_gives_by_how_much_the_nominal_delay_is_off(runs, nominal):
-    posed = problem(runs, nominal)
+def test_a_recording_gives_by_how_much_the_nominal_delay_is_off(bench, runs, nominal):
+    posed = problem(bench, runs, nominal)
     start = {**posed.replay.defaults(EFFECT), "valve_delay.delay": 1e-3}
     found = fit_tempered(posed, EFFECT, start, free_parameters(posed.system, EFFECT))[1]
     assert nominal + found.values["valve_delay.delay"] == pytest.approx(TRUE, abs=1e-4)
 
 
-def test_the_nominal_delay_is_in_the_model(runs):
-    gas = [problem(runs, nominal) for nominal in (TRUE, 0.0)]
+def test_the_nominal_delay_is_in_the_model(bench, runs):
+    gas = [problem(bench, runs, nominal) for nominal in (TRUE, 0.0)]
     left, without = (np.std(p.residuals((), p.replay.defaults(()))["gas"]) for p in gas)
     assert left < 0.7 * without
 

@@ -7,6 +7,8 @@ from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
 
 def _expression(s, p, states):
     """The delayed voltage replaces the voltage (states: deviations from the closed voltage)."""
+    if isinstance(p.delay, float) and p.delay == 0.0:  # a divisor of the approximation
+        return Contribution({}, (0.0,) * 6)
     extensor, flexor, closed = states[:3], states[3:], s.valve.closed_voltage
     return Contribution(
         {

@@ -41,7 +41,7 @@ class Results:
     """What the figures' runs gave.
 
     `observer` is the paper's simulation (the plant is the observer's model), `observer_on_hardware` the
-    same on the emulated hardware, `fast` the gait with that same observer.
+    same on the emulated hardware.
     """
 
     identified: Identified
@@ -49,7 +49,6 @@ class Results:
     observer_on_hardware: ObserverRun
     trade_off: Sequence[TradeOff]
     tracking: Tracking
-    fast: Tracking
 
     def as_dict(self) -> dict[str, Any]:
         """Return the numbers as plain data for JSON; SI units, angles in degrees."""
@@ -64,10 +63,8 @@ class Results:
         for name in ("observer", "observer_on_hardware"):
             run = getattr(self, name)
             data[name] = {key: getattr(run, key) for key in ("lag", "gain", "velocity_noise")}
-        for name in ("tracking", "fast"):
-            run = getattr(self, name)
-            kinds = ("largest", "rms", "steady_state", "worst_phase")
-            data[name] = {key: getattr(run, key) for key in kinds}
+        kinds = ("largest", "rms", "steady_state", "worst_phase")
+        data["tracking"] = {key: getattr(self.tracking, key) for key in kinds}
         return data
 
 
@@ -103,11 +100,6 @@ def observer_rows(found: Results) -> list[Row]:
         Row(
             "noise of the estimated velocity", "-", f"{np.degrees(run.velocity_noise):.2f} deg/s",
             "standard deviation of estimate - truth without its harmonics",
-        ),
-        Row(
-            "gait with this observer", "-",
-            f"{found.fast.largest:.2f} deg maximum, {found.fast.rms:.3f} deg RMS",
-            f"as below, where the default observer gives {found.tracking.rms:.3f} deg RMS",
         ),
     ]  # fmt: skip
 
