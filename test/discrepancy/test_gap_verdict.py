@@ -117,7 +117,7 @@ def test_an_effect_at_a_bound_that_empties_it_is_no_explanation(friction):
         ("joint_friction", "bristles", (), (0.0, 0.5, 1.0)),
         ("muscle_hysteresis", "sliding_distance", (0.02,), (5e-5, 1e-3)),
         ("creep", "time_constant", (0.05, 30.0), (0.1, 10.0)),
-        ("valve_delay", "delay", (0.05, 5e-4), (1e-3, 8e-3)),
+        ("valve_delay", "delay", (0.05, -0.05), (-8e-3, 1e-3, 8e-3)),
         ("valve_lag", "natural_frequency", (5.0, 1000.0), (12.0, 200.0)),
         ("volume_misfit", "extensor_c0", (-0.3, 0.3), (0.0, 0.15)),
         ("valve_curve_misfit", "flexor_vent_1", (0.5,), (0.25,)),
