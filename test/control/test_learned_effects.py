@@ -220,13 +220,14 @@ def test_the_voltage_undoes_the_believed_dead_band():
 
 
 def test_the_lag_is_that_of_the_effects():
-    lag = believing("valve_lag").belief()
+    prompt = {"valve.delay": 0.0}
+    lag = believing("valve_lag").changed(prompt).belief()
     p = lag.effects.valve_lag
     expected = 2 * p.damping_ratio / (2 * np.pi * p.natural_frequency)
     assert effects.command_lag(lag) == pytest.approx(expected, rel=1e-6)
-    both = believing("valve_lag", "valve_delay").belief()
+    both = believing("valve_lag", "valve_delay").changed(prompt).belief()
     assert effects.command_lag(both) == pytest.approx(expected + both.effects.valve_delay.delay, rel=1e-3)
-    assert Anticipation(load().belief()).horizon == 0.0
+    assert Anticipation(load(prompt).belief()).horizon == 0.0
 
 
 def test_readings_lose_their_believed_errors():

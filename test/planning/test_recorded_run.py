@@ -18,7 +18,7 @@ from pam_orthosis.planning.problem import NotFound
 from pam_orthosis.planning.recorded import NEEDED, Recorded, recorded, recorded_in
 
 WALK = Path(__file__).parents[2] / "bags" / "walk"
-LOW_SUPPLY = 5.2e5  # Pa
+LOW_SUPPLY = 5.25e5  # Pa
 STEPS = 1400
 PHASES = np.arange(50) / 50
 

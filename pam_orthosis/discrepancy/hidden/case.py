@@ -36,6 +36,7 @@ BELIEF = {
     "valve.dead_band": 0.0,
     "valve.delay": 0.0,
     "control.observer.pole": 70.0,
+    "control.observer.damping": 1.0,
     "control.position.c1": 22.0,
     "control.position.c2": 22.0,
     "control.pressure.gain": 40.0,
