@@ -11,6 +11,7 @@ from conftest import QUICK, LiveRun, wait_for
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model.parameters import load
+from pam_orthosis.nodes.launch import free_domain
 
 rclpy = pytest.importorskip("rclpy")
 STEPS = 150
@@ -67,14 +68,15 @@ def in_process(tmp_path, monkeypatch):
     from pam_orthosis.nodes.trajectory_publisher import TrajectoryPublisher
 
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
-    rclpy.init(args=[], domain_id=os.getpid() % 100)
-    node, other = TrajectoryPublisher(), rclpy.create_node("other")
-    executor = rclpy.executors.SingleThreadedExecutor()
-    executor.add_node(node)
-    yield node, other, lambda: executor.spin_once(timeout_sec=0.05)
-    node.destroy_node()
-    other.destroy_node()
-    rclpy.shutdown()
+    with free_domain() as domain:
+        rclpy.init(args=[], domain_id=domain)
+        node, other = TrajectoryPublisher(), rclpy.create_node("other")
+        executor = rclpy.executors.SingleThreadedExecutor()
+        executor.add_node(node)
+        yield node, other, lambda: executor.spin_once(timeout_sec=0.05)
+        node.destroy_node()
+        other.destroy_node()
+        rclpy.shutdown()
 
 
 def test_a_publisher_that_comes_again_is_no_stranger(in_process, monkeypatch):
