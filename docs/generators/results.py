@@ -25,6 +25,7 @@ BOUND = 3.0  # deg
 BAGS = {"walk": "default", "person": "person"}  # reference bag -> its scenario
 TASKS = ("gait 2 s", "gait 2 s, 75 kg", "gait 2 s, 75 kg, supply of 7 bar")
 CONTROLLERS = ("pid", "paper", "learned", "planned")
+DELAY_COLUMNS = [(cascade, wearer) for wearer in ("nobody", "person") for cascade in ("predictor", "paper")]
 SPEED = {
     "graph": (
         "simulated time at 500 Hz, processes, recorder included, beside that of the relays",
@@ -58,6 +59,7 @@ def blocks() -> dict[str, Callable[[], str]]:
         "gap": gap,
         "gap-peer": gap_peer,
         "control": control,
+        "delay": delay,
         "improve-default": lambda: improve("default"),
         "improve-person": lambda: improve("person"),
         "speed": speed,
@@ -151,6 +153,23 @@ def _errors(runs: Iterable[dict[str, Any]]) -> list[str]:
             else "-"
         )
     return cells
+
+
+def delay() -> str:
+    """Return the worst maximum error of each cascade and wearer on other hardware."""
+    runs = _lines(RESULTS / "delay_study.jsonl")
+    named = list(dict.fromkeys(r["hardware"] for r in runs))
+    rows = [
+        (name.replace("believed", "nominal"), *(_worst(runs, name, *column) for column in DELAY_COLUMNS))
+        for name in named
+    ]
+    return table(("hardware", *(f"{cascade}, {wearer}" for cascade, wearer in DELAY_COLUMNS)), rows)
+
+
+def _worst(runs: Iterable[dict[str, Any]], hardware: str, cascade: str, wearer: str) -> str:
+    keys = hardware, cascade, wearer
+    errors = [r["maximum"] for r in runs if (r["hardware"], r["cascade"], r["wearer"]) == keys]
+    return f"{max(errors):.2f} deg ({len(errors)})" if errors else "-"
 
 
 def improve(scenario: str) -> str:
