@@ -95,7 +95,8 @@ def test_the_claim_of_a_run_that_was_killed_is_gone(tmp_path, number):
         "with ExitStack() as stack:\n"
         "    run.claim(stack, Path(sys.argv[1]), 'default'); print('claimed', flush=True); time.sleep(60)"
     )
-    with subprocess.Popen([sys.executable, "-c", code, out], stdout=subprocess.PIPE) as process:
+    heed = ["env", "--default-signal=HUP"]  # under nohup it is ignored
+    with subprocess.Popen([*heed, sys.executable, "-c", code, out], stdout=subprocess.PIPE) as process:
         assert process.stdout.readline() == b"claimed\n"
         with ExitStack() as stack, pytest.raises(OrthosisError, match="belongs to another run"):
             run.claim(stack, out, "default")
