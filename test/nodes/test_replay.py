@@ -144,6 +144,7 @@ def test_answers_of_a_replay_that_is_cut_short_can_be_read(in_processes, tmp_pat
             for connection, stamp_ns, data in reader.messages(of_knee):
                 writer.write(connection.topic, stamp_ns, bytes(data))
         writer.flush()
+        del writer  # who is killed has no file open
         raise RunFailed("node bag_player was killed by SIGKILL")
 
     monkeypatch.setattr(supervisor, "supervise", killed)
