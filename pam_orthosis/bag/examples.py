@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.files import claimed, told
+from pam_orthosis.files import filled, told
 
 BAGS = {
     "walk": "gait without a person, 7 s (scenario default)",
@@ -45,13 +45,9 @@ def write_example(name: str, folder: Path) -> list[Path]:
     """
     if name not in {*BAGS, *CASES}:
         raise OrthosisError(f"no example {name!r}; there are: {', '.join([*BAGS, *CASES])}")
-    with claimed(folder):
-        try:
-            return _copied(name, folder) if name in BAGS else _unpacked(name, folder)
-        except BaseException:
-            for entry in folder.iterdir():
-                shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
-            raise
+    with filled(folder) as part:
+        bags = _copied(name, part) if name in BAGS else _unpacked(name, part)
+    return [folder / bag.relative_to(part) for bag in bags]
 
 
 def _copied(name: str, folder: Path) -> list[Path]:
