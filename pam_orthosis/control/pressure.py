@@ -107,10 +107,12 @@ class PressureController:
         """Return the pressure when a command of now begins to act; Eq. (6) is linear in flow and rate."""
         if self._pending is None:
             return pressure
-        still, moving = (
-            float(self._flow(pressure, rate, angle, velocity, time)[0][0]) for rate in (0.0, UNIT_RATE)
+        # its slope is that of a knee at rest: beside the flow of a fast knee that of a unit rate is lost to rounding
+        closed, filling = (
+            float(self._flow(pressure, rate, angle, 0.0, time)[0][0]) for rate in (0.0, UNIT_RATE)
         )
-        slope = UNIT_RATE / (moving - still)
+        slope = UNIT_RATE / (filling - closed)
+        still = float(self._flow(pressure, 0.0, angle, velocity, time)[0][0])
         return pressure + sum(duration * slope * (flow - still) for flow, duration, _ in self._pending)
 
     def _noted(self, flow: float, pressure: float) -> float:
