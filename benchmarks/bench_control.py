@@ -237,9 +237,7 @@ def main() -> None:
     running.add_argument("--controllers", nargs="+", choices=CONTROLLERS, default=CONTROLLERS)
     showing = verbs.add_parser("table", help="print the table of a results file")
     showing.add_argument("results", type=Path)
-    supplying = verbs.add_parser(
-        "supply", help="print what supply a gait with 75 kg takes"
-    )
+    supplying = verbs.add_parser("supply", help="print what supply a gait with 75 kg takes")
     supplying.add_argument("results", type=Path)
     drawing = verbs.add_parser("figure", help="draw the largest errors of a results file")
     drawing.add_argument("results", type=Path)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A walk with 75 kg at too low a supply, with and without a plan; draws plan.png here.
 
-    python benchmarks/plan.py
+python benchmarks/plan.py
 """
 
 from pathlib import Path

@@ -158,8 +158,7 @@ def _top_parser() -> Parser:
     parser = Parser(
         prog="pam-orthosis",
         description="Emulated knee orthosis with two antagonistic fluidic muscles.",
-        epilog=f"verbs:\n{verbs}\n\n`pam-orthosis VERB --help` shows arguments and"
-        f" examples.\n{STATUSES}",
+        epilog=f"verbs:\n{verbs}\n\n`pam-orthosis VERB --help` shows arguments and examples.\n{STATUSES}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("verb", choices=VERBS, metavar="VERB", help="what to do")

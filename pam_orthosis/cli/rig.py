@@ -23,9 +23,7 @@ EVERY_SAMPLE = ("decay", "diagnostic")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
-    parser.add_argument(
-        "--muscle", choices=SPECIMENS, default="dmsp_20", help="muscle under test (dmsp_20)"
-    )
+    parser.add_argument("--muscle", choices=SPECIMENS, default="dmsp_20", help="muscle under test (dmsp_20)")
     parser.add_argument("--out", type=output, metavar="DIR", help="folder of the bags (runs/rig-MUSCLE)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of the sensor noise (1)")
     parser.add_argument(

@@ -107,7 +107,7 @@ class PressureController:
         """Return the pressure when a command of now begins to act; Eq. (6) is linear in flow and rate."""
         if self._pending is None:
             return pressure
-        # its slope is that of a knee at rest: beside the flow of a fast knee that of a unit rate is lost to rounding
+        # its slope is that of a knee at rest: beside the flow of a fast one a unit rate is lost to rounding
         closed, filling = (
             float(self._flow(pressure, rate, angle, 0.0, time)[0][0]) for rate in (0.0, UNIT_RATE)
         )

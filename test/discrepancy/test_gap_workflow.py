@@ -498,9 +498,7 @@ def test_a_gap_that_is_left_is_not_called_none(effects, closed, after, verdict):
     told = workflow._verdict(final, clean, {"overall": closed}, after, ())
     assert told == verdict
     named = [SimpleNamespace(name=name) for name in effects]
-    outcome = SimpleNamespace(
-        verdict=told, effects=named, left=left, after=gaps[0], floor=gaps[1], empty=()
-    )
+    outcome = SimpleNamespace(verdict=told, effects=named, left=left, after=gaps[0], floor=gaps[1], empty=())
     if verdict == "unexplained":
         assert f"leave what was fitted (the gap is {after:.1f} times" in _answer(outcome)
 
