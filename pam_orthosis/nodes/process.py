@@ -38,7 +38,8 @@ class Heartbeat:
     """Tells the supervisor through an inherited pipe that this process answers, and how far it is.
 
     Each line is `starting <peers that are missing>`, `running <stamp in ns>`, `refused` (a stranger is here;
-    end the others first), `leaving` (cut short) or `ended`. Without a supervisor it is silent.
+    end the others first), `leaving` (cut short), `ended`, and `closed` when what the nodes of an ended run write
+    is on the disk. Without a supervisor it is silent.
     """
 
     def __init__(self) -> None:
@@ -167,6 +168,8 @@ def spin(nodes: Sequence[GraphNode], signals: Sequence[int]) -> bool:
             _abandon(nodes, executor, ORPHAN_SECONDS if heartbeat.orphaned else LAST_WORDS_SECONDS)
         for node in nodes:
             node.close()
+    if all(node.ended for node in nodes):
+        heartbeat.tell("closed")
     for node in nodes:
         if node.failure:
             raise node.failure()

@@ -28,6 +28,7 @@ HEARTBEAT_VARIABLE = "PAM_ORTHOSIS_HEARTBEAT"
 ERROR_PREFIX = "pam-orthosis: error: "
 NOTE_PREFIX = "pam-orthosis: note: "
 INFO_PREFIX = "[INFO] "  # of ROS
+OVER = ("ended", "closed")
 POLL_SECONDS = 0.02
 HEARTBEAT_SECONDS = 0.1
 # of processor time, or in beats, without being one peer nearer to the start
@@ -108,7 +109,7 @@ class Child:
 
         When it has said that its run is over, it may take longer to take itself apart.
         """
-        limit = STOP_GRACE_SECONDS if self.status in ("ended", "leaving") else SILENCE_SECONDS
+        limit = STOP_GRACE_SECONDS if self.status in (*OVER, "leaving") else SILENCE_SECONDS
         return bool(self.status) and self._idleness.silent(limit)
 
     def idle(self) -> bool:
@@ -116,8 +117,8 @@ class Child:
         return not self.status and self._idleness.resting > IDLE_START_SECONDS
 
     def has_nothing_to_lose(self) -> bool:
-        """Whether the process has said that its run is over, and writes no bag."""
-        return self.status == "ended" and not self.records
+        """Whether the process has said that its run is over, and that its bag is closed if it writes one."""
+        return self.status == "closed" or (self.status == "ended" and not self.records)
 
     @property
     def records(self) -> bool:
@@ -220,7 +221,7 @@ def _judge(child: Child) -> None:
         return
     if code is not None:
         child.listen()  # its last words may have come since
-    if code is not None and (code != 0 or child.status != "ended"):
+    if code is not None and (code != 0 or child.status not in OVER):
         how = how_it_ended(code)
         if code < 0 and child.has_nothing_to_lose():  # while it was taken apart
             child.let_go = True

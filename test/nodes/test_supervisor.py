@@ -158,6 +158,12 @@ def test_who_writes_a_bag_is_not_let_go_before_it_is_closed(tmp_path, monkeypatc
         run(tmp_path, **{name: LINGERING})
 
 
+@pytest.mark.parametrize("name", ["bag_recorder", "bag_player"])
+def test_who_has_closed_his_bag_and_does_not_go_is_let_go(tmp_path, monkeypatch, name):
+    monkeypatch.setattr(supervisor, "STOP_GRACE_SECONDS", 0.5)
+    run(tmp_path, **{name: LINGERING.replace("ended", "closed")})
+
+
 def test_time_in_which_the_machine_stood_still_is_nobodys_silence(tmp_path):
     child = supervisor.Child("node", [sys.executable, "-c", MUTE], dict(os.environ), tmp_path / "log")
     child.status, child._idleness._looked = "running 0", time.monotonic() - 30.0
