@@ -47,7 +47,9 @@ PAPER = {
     "valve.delay": 0.0, "control.observer.pole": 70.0, "control.observer.damping": 0.5,
     "control.position.c1": 22.0, "control.position.c2": 22.0, "control.pressure.gain": 35.0,
 }  # fmt: skip
-CASCADES: dict[str, dict[str, Any]] = {"predictor": {}, "paper": PAPER}
+# with a person the scenario has slower gains, for calm; these are the ones of a leg without a person
+ONE_SET = {key: value for key, value in load().flat().items() if key in GAINS}
+CASCADES: dict[str, dict[str, Any]] = {"predictor": {}, "paper": PAPER, "one gain set": ONE_SET}
 
 
 def delayed(seconds: float) -> dict[str, Any]:
@@ -95,14 +97,13 @@ def follow(
 
 def made(name: str, wearer: str, overrides: dict[str, Any], seed: int, cascade: str) -> dict[str, Any]:
     """Return a row: what was run, and how the knee followed."""
-    told = {
-        "hardware": name,
-        "wearer": wearer,
-        "seed": seed,
-        "cascade": cascade,
-        "gains": gains(wearer, cascade),
-    }
+    told = identity(name, wearer, seed, cascade)
     return told | follow(WEARERS[wearer], {**overrides, **CASCADES[cascade]}, seed)
+
+
+def identity(name: str, wearer: str, seed: int, cascade: str) -> dict[str, Any]:
+    """Return what a row tells of how it was made."""
+    return dict(zip(KEYS, (name, wearer, seed, cascade, gains(wearer, cascade)), strict=True))
 
 
 def gains(wearer: str, cascade: str) -> dict[str, float]:
@@ -118,14 +119,7 @@ def missing(out: Path, seeds: int, only: list[str], cascades: list[str]) -> Iter
     for seed, (name, overrides), wearer, cascade in product(
         range(1, seeds + 1), named.items(), WEARERS, cascades
     ):
-        told = {
-            "hardware": name,
-            "wearer": wearer,
-            "seed": seed,
-            "cascade": cascade,
-            "gains": gains(wearer, cascade),
-        }
-        if json.dumps([told[key] for key in KEYS]) not in known:
+        if json.dumps([*identity(name, wearer, seed, cascade).values()]) not in known:
             yield name, wearer, overrides, seed, cascade
 
 

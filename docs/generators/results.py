@@ -26,6 +26,7 @@ BAGS = {"walk": "default", "person": "person"}  # reference bag -> its scenario
 TASKS = ("gait 2 s", "gait 2 s, 75 kg", "gait 2 s, 75 kg, supply of 7 bar")
 CONTROLLERS = ("pid", "paper", "learned", "planned")
 DELAY_COLUMNS = [(cascade, wearer) for wearer in ("nobody", "person") for cascade in ("predictor", "paper")]
+DELAY_COLUMNS.append(("one gain set", "person"))
 SPEED = {
     "graph": (
         "simulated time at 500 Hz, processes, recorder included, beside that of the relays",
