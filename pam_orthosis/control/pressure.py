@@ -14,12 +14,11 @@ from pam_orthosis.control.trajectory import VALVES_CLOSED
 from pam_orthosis.model import pneumatics
 from pam_orthosis.model.compiled import compiled
 
-UNIT_RATE = 1e6  # Pa/s, between two points of a straight line
 LIVE = ("control.pressure.gain", "control.pressure.reference_filter")
 
 
 def mass_flow_function(belief, muscle: str) -> ca.Function:
-    """Return (pressure, wanted rate, angle, velocity, time) -> mass flow, kg/s.
+    """Return (pressure, wanted rate, angle, velocity, time) -> mass flow, kg/s, and its slope by the rate.
 
     With e = p_ref - p and V = e^2 / 2 the wanted rate p_ref-dot + c e makes V-dot = -c e^2. Believed
     effects on volume, exponent and temperature are in Eq. (6) as they are in the model.
@@ -37,7 +36,7 @@ def mass_flow_function(belief, muscle: str) -> ca.Function:
     )  # fmt: skip
     flow = ca.substitute(flow, model.u, ca.vertcat(0, 0, 0, time))
     inputs = [of_muscle("pressure"), rate, s.angle, s.velocity, time]
-    return ca.Function(f"{muscle}_mass_flow", inputs, [flow])
+    return ca.Function(f"{muscle}_mass_flow", inputs, [ca.vertcat(flow, ca.gradient(flow, rate))])
 
 
 def flow_limits(belief) -> ca.Function:
@@ -107,13 +106,8 @@ class PressureController:
         """Return the pressure when a command of now begins to act; Eq. (6) is linear in flow and rate."""
         if self._pending is None:
             return pressure
-        # its slope is that of a knee at rest: beside the flow of a fast one a unit rate is lost to rounding
-        closed, filling = (
-            float(self._flow(pressure, rate, angle, 0.0, time)[0][0]) for rate in (0.0, UNIT_RATE)
-        )
-        slope = UNIT_RATE / (filling - closed)
-        still = float(self._flow(pressure, 0.0, angle, velocity, time)[0][0])
-        return pressure + sum(duration * slope * (flow - still) for flow, duration, _ in self._pending)
+        still, slope = self._flow(pressure, 0.0, angle, velocity, time)[0].tolist()
+        return pressure + sum(duration * (flow - still) for flow, duration, _ in self._pending) / slope
 
     def _noted(self, flow: float, pressure: float) -> float:
         """Remember what the valve can give of a flow; return the flow."""

@@ -201,7 +201,7 @@ def gas_rate(belief, p, flow, q, w):
 def test_pressure_law_gives_the_wanted_rate(belief):
     flow = pressure.mass_flow_function(belief, "flexor")
     for (q, w, _), (p, _) in zip(STATES, PRESSURES, strict=True):
-        given = float(flow(p, 4e5, q, w, 0.0))
+        given = float(flow(p, 4e5, q, w, 0.0)[0])
         assert gas_rate(belief, p, given, q, w) == pytest.approx(4e5, rel=1e-6)
 
 
