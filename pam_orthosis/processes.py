@@ -17,6 +17,7 @@ SILENCE_SECONDS, STARVED_SECONDS = 1.2, 20.0
 LEAST_SECONDS, MOST_SECONDS = 0.1, 0.2  # a look counts for: if none came for longer, the machine stood still
 NOISE_SECONDS = 0.05  # of processor time: threads of the middleware use less while nothing happens
 PR_SET_PDEATHSIG = 1  # of prctl
+ENDED = ("Z", "X", "")  # letters of the scheduler
 STATE, GROUP, TIMES = 0, 2, slice(11, 13)  # words of /proc/PID/stat behind the name
 TIMES_WITH_CHILDREN = slice(11, 15)
 
@@ -56,6 +57,11 @@ def turns_of_group(group: int) -> Iterator[Turn]:
         words = _words(entry)
         if words and int(words[GROUP]) == group:
             yield _turn(entry, TIMES)
+
+
+def running_in_group(group: int) -> bool:
+    """Whether a process of a group has not ended; one that nobody has asked for its status yet has."""
+    return any(turn.state not in ENDED for turn in turns_of_group(group))
 
 
 def _turn(entry: str, times: slice) -> Turn:

@@ -19,6 +19,7 @@ from pam_orthosis.processes import (
     SILENCE_SECONDS,
     Idleness,
     how_it_ended,
+    running_in_group,
     stopped,
     turns_of_group,
     turns_of_tree,
@@ -145,7 +146,7 @@ class Child:
         with suppress(ProcessLookupError):  # there is nothing more
             for number in (0, signal.SIGKILL):
                 idleness = Idleness(self.process.pid, of=turns_of_group)
-                while not idleness.silent(seconds):
+                while running_in_group(self.process.pid) and not idleness.silent(seconds):
                     os.killpg(self.process.pid, number)
                     time.sleep(POLL_SECONDS / 4)
                     idleness.look()
