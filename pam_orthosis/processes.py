@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # what asks a process to end
-SILENCE_SECONDS, STARVED_SECONDS = 1.2, 20.0
+SILENCE_SECONDS, STARVED_SECONDS = 1.0, 20.0
 LEAST_SECONDS, MOST_SECONDS = 0.1, 0.2  # a look counts for: if none came for longer, the machine stood still
 NOISE_SECONDS = 0.05  # of processor time: threads of the middleware use less while nothing happens
 PR_SET_PDEATHSIG = 1  # of prctl

@@ -31,7 +31,7 @@ STUCK_SECONDS = 60.0  # without a beat, after which a process of a run ends itse
 ARM_SECONDS = 5.0
 LEAVING_SECONDS = 10.0  # the same for one whose supervisor is gone
 LEAVE_SECONDS = 1.0
-ORPHAN_SECONDS = 0.6  # nobody sees to it that the recorder ends last
+ORPHAN_SECONDS = 0.45  # nobody sees to it that the recorder ends last
 
 
 class Heartbeat:
@@ -156,16 +156,19 @@ def spin(nodes: Sequence[GraphNode], signals: Sequence[int]) -> bool:
         over.set_result(None)
 
     _connect(nodes, Exchange(executor, fail))
+    failed = True
     try:
         while not over.done():
             executor.spin_until_future_complete(over, timeout_sec=3600.0)
         if errors:
             raise errors[0]
+        failed = False
     finally:
         heartbeat.ends_within(LEAVING_SECONDS if heartbeat.orphaned else None)
         if not all(node.ended for node in nodes):
             heartbeat.tell("leaving")
-            _abandon(nodes, executor, ORPHAN_SECONDS if heartbeat.orphaned else LAST_WORDS_SECONDS)
+            seconds = ORPHAN_SECONDS if heartbeat.orphaned else LAST_WORDS_SECONDS
+            _abandon(nodes, executor, seconds, patient=not failed)
         for node in nodes:
             node.close()
     if all(node.ended for node in nodes):
@@ -185,14 +188,19 @@ def _connect(nodes: Sequence[GraphNode], exchange: Exchange) -> None:
     exchange.connect(outlets, [inlet for node in nodes for inlet in node.inlets])
 
 
-def _abandon(nodes: Sequence[GraphNode], executor: EventsExecutor, seconds: float) -> None:
-    """Let nodes say and hear last words."""
+def _abandon(
+    nodes: Sequence[GraphNode], executor: EventsExecutor, seconds: float, patient: bool = True
+) -> None:
+    """Let nodes say and hear last words; one that is not `patient` does not wait until the others are silent.
+
+    Who has failed leaves first: the others go on until the supervisor sees that.
+    """
     stay = [node.abandon() for node in nodes]
     until = time.monotonic() + LONGEST_LAST_WORDS_SECONDS
     silent = 0 if any(stay) else SILENT_TURNS
     while silent < SILENT_TURNS:
         executor.spin_until_future_complete(Future(), timeout_sec=seconds)
-        heard = len(nodes) == 1 and nodes[0].hears()
+        heard = patient and len(nodes) == 1 and nodes[0].hears()
         silent = 0 if heard and time.monotonic() < until else silent + 1
 
 
