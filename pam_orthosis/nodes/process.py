@@ -38,8 +38,8 @@ class Heartbeat:
     """Tells the supervisor through an inherited pipe that this process answers, and how far it is.
 
     Each line is `starting <peers that are missing>`, `running <stamp in ns>`, `refused` (a stranger is here;
-    end the others first), `leaving` (cut short), `ended`, and `closed` when what the nodes of an ended run write
-    is on the disk. Without a supervisor it is silent.
+    end the others first), `leaving` (cut short), `ended`, and `closed` when what the nodes of an ended run
+    write is on the disk. Without a supervisor it is silent.
     """
 
     def __init__(self) -> None:

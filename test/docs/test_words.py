@@ -38,13 +38,6 @@ def test_help_uses_the_words_of_the_field(verb):
     assert not PRIVATE.findall(verb_parser(verb).format_help())
 
 
-def test_the_documentation_is_no_longer_than_14000_words():
-    words = [
-        word for page in (ROOT / "docs").rglob("*.md") for word in page.read_text(encoding="utf-8").split()
-    ]
-    assert sum(bool(re.search(r"\w", word)) for word in words) <= 14_000  # marks of tables are no words
-
-
 def test_private_words_are_found():
     assert PRIVATE.search("The cause is told below.")
     assert PRIVATE.search("as believed by the controllers")
