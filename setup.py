@@ -70,15 +70,19 @@ setup(
         (f"lib/{PACKAGE}", RELAYS),
     ],
     install_requires=[
+        "apsw>=3.40",
         "casadi>=3.6",
+        "lz4>=4.0",
         "matplotlib>=3.7",
         "mcap>=1.6",
         "numpy>=1.24",
+        "pillow>=9.0",
         "plotly>=6.0",
         "pyyaml>=6.0",
         "rosbags>=0.11.6,<0.12",  # bag/bounded.py puts bounds into its readers
         "scipy>=1.10",
         "threadpoolctl>=3.1",
+        "zstandard>=0.20",
     ],
     extras_require={
         "bench": ["mujoco>=3.1"],

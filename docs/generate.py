@@ -1,17 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write the generated blocks of README.md; `--check` only says whether they are out of date."""
+"""Write the generated blocks of README.md and of pages; `--check` only says whether they are out of date."""
 
 import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+from textwrap import fill
 
+from generators.conclusions import conclusions
 from generators.results import tracking
 
 from pam_orthosis.bag.verdict import judge
 from pam_orthosis.cli.check import describe
 
 ROOT = Path(__file__).resolve().parent.parent
-README = ROOT / "README.md"
+BLOCK = re.compile(r"<!-- ([\w :-]+) -->\n.*?<!-- /\1 -->", flags=re.S)
+DOCS = ROOT / "docs"
+WIDTH = 120
+GAP_LINES = ("channel", "angle", "effect", "these data do not", "EXPLAINED")
+FILLED = (ROOT / "README.md", *sorted((DOCS / "results").glob("*.md")))
 
 
 def verdict() -> str:
@@ -19,28 +26,38 @@ def verdict() -> str:
     return f"```\n{describe(judge(ROOT / 'bags' / 'walk'))}\n```"
 
 
-BLOCKS = {"verdict": verdict, "results": lambda: tracking().strip()}
+def gap() -> str:
+    """Return the lines of the gap tutorial's answer that say most."""
+    answer = (DOCS / "shown" / "gap.txt").read_text(encoding="utf-8").splitlines()
+    rows = [line for line in answer if line.startswith(GAP_LINES)]
+    return "\n".join(["```", *(line.split(", stribeck")[0] for line in rows), "```"])
 
 
-def filled(text: str) -> str:
+def blocks() -> dict[str, str]:
+    """Return the blocks by name."""
+    made = {"verdict": verdict(), "gap": gap(), "results": tracking().strip()}
+    for name, words in conclusions().items():
+        made[f"in short: {name}"] = f"\n{fill(f'**In short.** {words}', WIDTH)}\n"
+    return made
+
+
+def filled(text: str, made: Mapping[str, str]) -> str:
     """Return the text with each block between its two markers made anew."""
-    for name, make in BLOCKS.items():
-        pattern = rf"<!-- {name} -->.*?<!-- /{name} -->"
-        block = f"<!-- {name} -->\n{make()}\n<!-- /{name} -->"
-        text = re.sub(pattern, lambda _, block=block: block, text, flags=re.S)
-    return text
+    return BLOCK.sub(lambda found: f"<!-- {found[1]} -->\n{made[found[1]]}\n<!-- /{found[1]} -->", text)
 
 
 def main() -> int:
     """Fill the blocks; or only report whether that would change them."""
-    text = README.read_text(encoding="utf-8")
-    if filled(text) == text:
-        return 0
-    print("README.md is out of date")
-    if "--check" in sys.argv:
-        return 1
-    README.write_text(filled(text), encoding="utf-8")
-    return 0
+    made, late = blocks(), []
+    for file in FILLED:
+        text = file.read_text(encoding="utf-8")
+        if (new := filled(text, made)) != text:
+            late.append(file)
+            if "--check" not in sys.argv:
+                file.write_text(new, encoding="utf-8")
+    for file in late:
+        print(f"{file.relative_to(ROOT)} is out of date")
+    return int(bool(late) and "--check" in sys.argv)
 
 
 if __name__ == "__main__":

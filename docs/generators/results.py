@@ -22,9 +22,12 @@ import gap_table  # noqa: E402
 from speed.rows import as_text  # noqa: E402
 
 BOUND = 3.0  # deg
+BLIND = ("515151", "626262", "737373", "959595", "161616", "272727", "383838")  # sets of cases, newest last
 BAGS = {"walk": "default", "person": "person"}  # reference bag -> its scenario
 TASKS = ("gait 2 s", "gait 2 s, 75 kg", "gait 2 s, 75 kg, supply of 7 bar")
 CONTROLLERS = ("pid", "paper", "learned", "planned")
+LABELS = {"paper": "nominal"}  # controller in the results -> in the table
+CASCADES = {"paper": "no predictor"}
 DELAY_COLUMNS = [(cascade, wearer) for wearer in ("nobody", "person") for cascade in ("predictor", "paper")]
 DELAY_COLUMNS.append(("one gain set", "person"))
 SPEED = {
@@ -57,7 +60,8 @@ def blocks() -> dict[str, Callable[[], str]]:
     """Return the tables by their names."""
     return {
         "tracking": tracking,
-        "gap": gap,
+        "gap": lambda: gap(blind_cases()),
+        "gap-sets": gap_sets,
         "gap-peer": gap_peer,
         "control": control,
         "delay": delay,
@@ -83,44 +87,80 @@ def tracking() -> str:
 
 
 @cache
+def blind_set(seed: str) -> list[dict[str, Any]]:
+    """Return the results of one set of blind cases of the gap workflow."""
+    return gap_table.read(RESULTS / f"gap_blind_{seed}.jsonl")
+
+
 def blind_cases() -> list[dict[str, Any]]:
-    """Return the results of all blind cases of the gap workflow."""
-    return [case for file in sorted(RESULTS.glob("gap_blind_*.jsonl")) for case in gap_table.read(file)]
+    """Return the results of all blind cases."""
+    return [case for seed in BLIND for case in blind_set(seed)]
 
 
-def gap() -> str:
-    """Return what became of all blind cases."""
+def gap(cases: Sequence[dict[str, Any]]) -> str:
+    """Return what became of blind cases."""
     rows = [
-        (f"one effect, {size}, {name}", *_named(_chosen(name, size)))
-        for size in gap_table.SIZES for name in ("clean", "realistic") if _chosen(name, size)
+        (
+            f"one effect, {size}, {name}", str(len(chosen)),
+            f"named: {_share(*right(chosen))}", _share(*wrong(chosen)),
+        )
+        for size in gap_table.SIZES for name in ("clean", "realistic")
+        if (chosen := chosen_of(cases, name, size))
     ]  # fmt: skip
-    pairs = [r for r in blind_cases() if r["set"] == "pairs"]
-    both = sum("found" in r and set(r["effects"]) <= set(gap_table.names(r)) for r in pairs)
-    rows.append(("two effects", str(len(pairs)), f"both named: {_share(both, len(pairs))}", "-"))
-    for name, words in (
-        ("clean-none", "nothing hidden, clean"),
-        ("realistic-none", "nothing hidden, realistic"),
-    ):
-        cases = [r for r in blind_cases() if r["set"] == name and "found" in r]
-        quiet = sum(r["found"]["verdict"] == "none" for r in cases)
-        rows.append((words, str(len(cases)), f"verdict none: {_share(quiet, len(cases))}", "-"))
-    outside = [r for r in blind_cases() if r["set"] == "outside"]
-    honest = sum("found" in r and r["found"]["verdict"] == "unexplained" for r in outside)
+    pairs = chosen_of(cases, "pairs")
+    rows.append(("two effects", str(len(pairs)), f"both named: {_share(*both(pairs))}", "-"))
+    for name in ("clean", "realistic"):
+        none = chosen_of(cases, f"{name}-none")
+        rows.append((f"nothing hidden, {name}", str(len(none)), f"verdict none: {_share(*quiet(none))}", "-"))
+    outside = chosen_of(cases, "outside")
     named = sum("found" in r and bool(gap_table.names(r)) for r in outside)
-    words = f"verdict unexplained: {_share(honest, len(outside))}"
+    words = f"verdict unexplained: {_share(*honest(outside))}"
     rows.append(("an effect outside the catalogue", str(len(outside)), words, _share(named, len(outside))))
     return table(("hidden", "cases", "right", "a wrong name"), rows)
 
 
-def _chosen(name: str, size: str) -> list[dict[str, Any]]:
-    return [r for r in blind_cases() if (r["set"], r["size"]) == (name, size)]
+def gap_sets() -> str:
+    """Return what became of each set of blind cases, the newest last."""
+    rows = []
+    for seed in BLIND:
+        cases = blind_set(seed)
+        single = [r for r in cases if r["set"] in ("clean", "realistic")]
+        none = [r for r in cases if r["set"].endswith("-none")]
+        counted = (right(single), wrong(single), both(chosen_of(cases, "pairs")), quiet(none))
+        counted += (honest(chosen_of(cases, "outside")),)
+        rows.append((seed, *(f"{part} of {whole}" if whole else "-" for part, whole in counted)))
+    head = ("set", "one effect: named", "a wrong name", "two effects: both named", "nothing hidden: `none`")
+    return table((*head, "outside the catalogue: `unexplained`"), rows)
 
 
-def _named(cases: Sequence[dict[str, Any]]) -> tuple[str, str, str]:
-    outcomes = [gap_table.judged(case) for case in cases]
-    right = sum(one in ("right", "set") for one in outcomes)
-    wrong = sum(one in ("wrong", "extra") for one in outcomes)
-    return str(len(cases)), f"named: {_share(right, len(cases))}", _share(wrong, len(cases))
+def chosen_of(cases: Iterable[dict[str, Any]], name: str, size: str = "") -> list[dict[str, Any]]:
+    """Return the cases of one kind, of one size if that is given."""
+    return [r for r in cases if r["set"] == name and size in ("", r["size"])]
+
+
+def right(cases: Sequence[dict[str, Any]]) -> tuple[int, int]:
+    """Return how many cases with one effect got its name, of how many."""
+    return sum(gap_table.judged(case) in ("right", "set") for case in cases), len(cases)
+
+
+def wrong(cases: Sequence[dict[str, Any]]) -> tuple[int, int]:
+    """Return how many cases with one effect got a wrong name, of how many."""
+    return sum(gap_table.judged(case) in ("wrong", "extra") for case in cases), len(cases)
+
+
+def both(pairs: Sequence[dict[str, Any]]) -> tuple[int, int]:
+    """Return in how many cases with two effects both are named, of how many."""
+    return sum("found" in r and set(r["effects"]) <= set(gap_table.names(r)) for r in pairs), len(pairs)
+
+
+def quiet(cases: Sequence[dict[str, Any]]) -> tuple[int, int]:
+    """Return how many cases in which nothing is hidden have the verdict none, of how many."""
+    return sum("found" in r and r["found"]["verdict"] == "none" for r in cases), len(cases)
+
+
+def honest(outside: Sequence[dict[str, Any]]) -> tuple[int, int]:
+    """Return how many cases outside the catalogue are called unexplained, of how many."""
+    return sum("found" in r and r["found"]["verdict"] == "unexplained" for r in outside), len(outside)
 
 
 def _share(part: int, whole: int) -> str:
@@ -135,11 +175,15 @@ def gap_peer() -> str:
 
 def control() -> str:
     """Return median and largest maximum error of each controller over the drawn specimens."""
-    runs = _lines(RESULTS / "control.jsonl")
-    drawn = [r for r in runs if r.get("specimen") and "max_deg" in r]
+    drawn = drawn_runs()
     rows = [(task, *_errors(r for r in drawn if r["case"] == task)) for task in TASKS]
     rows.append(("all tasks", *_errors(drawn)))
-    return table(("task", *(f"`{name}`" for name in CONTROLLERS)), rows)
+    return table(("task", *(f"`{LABELS.get(name, name)}`" for name in CONTROLLERS)), rows)
+
+
+def drawn_runs() -> list[dict[str, Any]]:
+    """Return the runs of all controllers with drawn specimens; specimen 0 is the shipped hardware."""
+    return [r for r in _lines(RESULTS / "control.jsonl") if r.get("specimen") and "max_deg" in r]
 
 
 def _errors(runs: Iterable[dict[str, Any]]) -> list[str]:
@@ -158,13 +202,19 @@ def _errors(runs: Iterable[dict[str, Any]]) -> list[str]:
 
 def delay() -> str:
     """Return the worst maximum error of each cascade and wearer on other hardware."""
-    runs = _lines(RESULTS / "delay_study.jsonl")
+    runs = delay_rows()
     named = list(dict.fromkeys(r["hardware"] for r in runs))
     rows = [
         (name.replace("believed", "nominal"), *(_worst(runs, name, *column) for column in DELAY_COLUMNS))
         for name in named
     ]
-    return table(("hardware", *(f"{cascade}, {wearer}" for cascade, wearer in DELAY_COLUMNS)), rows)
+    heads = (f"{CASCADES.get(cascade, cascade)}, {wearer}" for cascade, wearer in DELAY_COLUMNS)
+    return table(("hardware", *heads), rows)
+
+
+def delay_rows() -> list[dict[str, Any]]:
+    """Return the runs on hardware that differs from the nominal model."""
+    return _lines(RESULTS / "delay_study.jsonl")
 
 
 def _worst(runs: Iterable[dict[str, Any]], hardware: str, cascade: str, wearer: str) -> str:
@@ -179,18 +229,24 @@ def improve(scenario: str) -> str:
 
 
 def speed() -> str:
-    """Return the rows of `SPEED`; KeyError if the results lack one."""
-    results = json.loads((RESULTS / "speed.json").read_text(encoding="utf-8"))
-    rows = []
-    for group, wanted in SPEED.items():
-        by_name = {row["what"]: row for row in results[group]["rows"]}
-        rows += [as_text(by_name[what])[:4] for what in wanted]
+    """Return what was measured beside what."""
+    rows = [as_text(row)[:4] for row in speed_rows().values()]
     return table(("measured", "pam_orthosis", "beside it", "ratio"), rows)
+
+
+def speed_rows() -> dict[str, dict[str, Any]]:
+    """Return the measured rows of `SPEED`; KeyError if the results lack one."""
+    measured = json.loads((RESULTS / "speed.json").read_text(encoding="utf-8"))
+    rows = {}
+    for group, wanted in SPEED.items():
+        by_name = {row["what"]: row for row in measured[group]["rows"]}
+        rows |= {what: by_name[what] for what in wanted}
+    return rows
 
 
 def paper() -> str:
     """Return the paper's results beside ours."""
-    rows = [tuple(row.values()) for row in _paper()["rows"]]
+    rows = [tuple(row.values()) for row in paper_results()["rows"]]
     return table(("result", "paper", "here", "how measured"), rows)
 
 
@@ -203,11 +259,12 @@ def paper_observer() -> str:
             f"{57.29578 * one['velocity_noise']:.2f} deg/s", f"{one['max_error_deg']:.2f} deg",
             f"{one['rms_error_deg']:.3f} deg", f"{one['voltage_variation']:.0f} V/s",
         )
-        for one in _paper()["trade_off"]
+        for one in paper_results()["trade_off"]
     ])  # fmt: skip
 
 
-def _paper() -> dict[str, Any]:
+def paper_results() -> dict[str, Any]:
+    """Return what `pam-orthosis paper --json` has found."""
     return json.loads((RESULTS / "paper.json").read_text(encoding="utf-8"))
 
 

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Find where recordings and model disagree, name the missing effect, and show how much it explains."""
+"""Find where recordings and model disagree, name the missing effect, and show how much it explains.
+
+The gap is what remains between recordings and model, above the noise, when parameters are recalibrated within
+their tolerances (gap.tolerance.*). Names come from the catalogue of effects.
+"""
 
 from __future__ import annotations
 

@@ -25,15 +25,15 @@ from pam_orthosis.processes import ENDING
 
 VERBS = {
     "run": "start the node graph, record a bag, judge it",
-    "replay": "feed a recorded bag to the nodes again, compare their answers",
+    "replay": "feed the samples of a bag to the nodes again, compare their answers",
     "check": "judge the tracking of a recorded bag",
     "rig": "record the identification procedure on the emulated test rig",
     "identify": "muscle parameters from rig bags or measured tables",
-    "gap": "find where model and recordings disagree, name the missing effect, add it",
+    "gap": "find where model and recordings disagree, name the missing effect, show how much it explains",
     "report": "draw a recorded run",
     "paper": "compute the paper's figures and results again, side by side",
     "improve": "learn missing effects, let the controllers use them, show tracking before and after",
-    "margin": "how much worse the hardware may be before these gains lose the knee",
+    "margin": "how far the hardware may change before the knee follows badly or is lost",
     "plan": "plan a gait within the reach of muscles and supply, by the nominal model",
     "batch": "do the same to many bags or parameter sets, on all cores or a cluster",
     "gap-hide": "record a blind test case of the gap workflow",

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measure the margins of the closed loop: what hardware these gains and this nominal model still cope with.
+"""Measure the margins of the closed loop: how far the hardware may change before the knee follows badly.
 
-One thing of the emulated hardware at a time is changed, more and less: the loop's delay, the joint's
+One property of the emulated hardware at a time is changed, more and less: the loop's delay, the joint's
 friction, the muscles' hysteresis, the valve's lag, the supply, the masses. The controllers stay as they are.
 For each, the value is found at which the maximum error has doubled, and the one at which the knee is lost:
 the error is beyond control.guard.tracking_error (20 deg), a guard vents, or the muscles cannot hold the knee

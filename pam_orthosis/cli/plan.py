@@ -2,8 +2,8 @@
 """Plan a gait within the reach of muscles, valves and supply, by the nominal model.
 
 Where the wanted motion needs more than they can give, the nearest motion that they can make is planned,
-with both muscles filled ahead of need. `run --model FILE` lets the knee follow it; errors count from the
-wanted motion as ever.
+with both muscles filled ahead of need. `run --model FILE` lets the knee follow it; errors still count
+from the wanted motion.
 """
 
 from __future__ import annotations

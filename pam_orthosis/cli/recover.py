@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--in-place",
         action="store_true",
         help="close a bag whose recorder was killed where it is, by cutting off the torn end;"
-        " quick, and needs no room",
+        " quick, and needs no space",
     )
     parser.add_argument("--json", action="store_true", help="print what was recovered as JSON")
 

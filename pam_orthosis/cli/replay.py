@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Feed a recorded bag to real nodes again, each with the inputs that it had, and compare their answers."""
+"""Feed the samples of a recorded bag to the nodes again, and compare their answers with the recorded ones."""
 
 from __future__ import annotations
 

@@ -291,7 +291,7 @@ def _refusal(outcome: Outcome) -> str:
 def _answer(outcome: Outcome) -> str:
     names = " and ".join(one.name.replace("_", " ") for one in outcome.effects)
     if outcome.verdict == "none":
-        return "NONE: within noise and tolerances the model is right"
+        return "NONE: recalibrated within its tolerances, the model leaves noise only"
     if outcome.verdict == "explained":
         return f"EXPLAINED by {names}"
     if clean(outcome.left) and beyond(outcome.after, outcome.floor):

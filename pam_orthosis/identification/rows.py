@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import re
+import json
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import yaml
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import write_text
+from pam_orthosis.identification.edit import replaced
 from pam_orthosis.identification.identify import Identified
 from pam_orthosis.model.parameters import Row, load
 from pam_orthosis.reading import read_text
@@ -66,41 +67,19 @@ def as_yaml(found: Identified, source: str) -> str:
     return yaml.safe_dump({found.data.specimen: tree}, sort_keys=False, width=1000)
 
 
-def update(file: Path, found: Identified, source: str) -> list[str]:
-    """Put values and source into the rows of a file laid out as `config/muscle.yaml`.
-
-    Returns the keys that were changed; comments and other rows stay as they are.
+def update(file: Path, found: Identified, source: str) -> None:
+    """Put values and source into a file laid out as `config/muscle.yaml`; all else in it stays as it is.
 
     Raises:
-        OrthosisError: the file cannot be read or lacks a row.
+        OrthosisError: the file cannot be read or has not all of the rows.
     """
-    lines = read_text(file).splitlines(keepends=True)
-    parameters, places = load(), _places(lines)
-    changed = []
+    parameters = load()
+    muscle, fields = found.data.specimen, {}
     for key, value in values(found).items():
-        full = f"{found.data.specimen}.{key}"
-        if full not in places:
-            raise OrthosisError(f"{file} has no row {full}; give a file laid out as config/muscle.yaml")
-        parameters.row(f"muscle.{full}").with_value(value)
-        line = lines[places[full]]
-        line = re.sub(r"value: (\[[^\]]*\]|[^,}]+)", f"value: {_text(value)}", line, count=1)
-        lines[places[full]] = re.sub(r"source: .*\}", f'source: "{source}"}}', line, count=1)
-        changed.append(full)
-    write_text(file.resolve(), "".join(lines), overwrite=True)  # it is asked for
-    return changed
-
-
-def _places(lines: list[str]) -> dict[str, int]:
-    """Return dotted key -> line of each row; sections are indented by two spaces."""
-    path: list[str] = []
-    places = {}
-    for number, line in enumerate(lines):
-        match = re.match(r"( *)(\w+):(.*)", line)
-        if match:
-            path = [*path[: len(match[1]) // 2], match[2]]
-            if match[3].strip():
-                places[".".join(path)] = number
-    return places
+        parameters.row(f"muscle.{muscle}.{key}").with_value(value)
+        fields |= {f"{muscle}.{key}.value": _text(value), f"{muscle}.{key}.source": json.dumps(source)}
+    edited = replaced(read_text(file), fields, str(file))
+    write_text(file.resolve(), edited, overwrite=True)  # it is asked for
 
 
 def _fields(row: Row, source: str) -> dict[str, Any]:

@@ -14,7 +14,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 def test_generated_blocks_are_up_to_date():
     result = subprocess.run([sys.executable, ROOT / "docs" / "generate.py", "--check"], check=False)
-    assert result.returncode == 0, "run `python docs/generate.py` and commit README.md"
+    assert result.returncode == 0, "run `python docs/generate.py` and commit what it changes"
 
 
 def test_every_command_is_a_verb_and_every_verb_is_shown():

@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "docs"))
 
 import generators  # noqa: E402
-from generators import results  # noqa: E402
+from generators import conclusions, results  # noqa: E402
 
 
 def _rows(text):
@@ -28,7 +28,7 @@ def test_every_table_has_rows_of_one_width_and_no_empty_first_cell(name):
 
 def test_the_table_of_the_gap_workflow_counts_all_blind_cases():
     cases = results.blind_cases()
-    counted = sum(int(row[1]) for row in _rows(results.gap()))
+    counted = sum(int(row[1]) for row in _rows(results.gap(cases)))
     alone = [case for case in cases if case["set"] == "alone"]
     failed = [c for c in cases if c["set"].endswith("-none") and "found" not in c]
     assert counted == len(cases) - len(alone) - len(failed) > 300
@@ -36,9 +36,35 @@ def test_the_table_of_the_gap_workflow_counts_all_blind_cases():
     right = sum(
         "found" in c and {e["name"] for e in c["found"]["effects"]} == set(c["effects"]) for c in medium
     )
-    (row,) = (row for row in _rows(results.gap()) if row[0] == "one effect, medium, realistic")
+    (row,) = (
+        row for row in _rows(results.gap(results.blind_cases())) if row[0] == "one effect, medium, realistic"
+    )
     shown = int(row[2].split()[1])
     assert right <= shown <= right + 3  # a set of two counts too
+
+
+def test_every_set_of_blind_cases_has_its_row_and_the_rows_add_up_to_all():
+    files = {file.stem.removeprefix("gap_blind_") for file in results.RESULTS.glob("gap_blind_*.jsonl")}
+    rows = _rows(results.gap_sets())
+    assert [row[0] for row in rows] == list(results.BLIND)
+    assert set(results.BLIND) == files
+    single = [c for c in results.blind_cases() if c["set"] in ("clean", "realistic")]
+    named = [tuple(map(int, row[1].split(" of "))) for row in rows]
+    assert tuple(map(sum, zip(*named, strict=True))) == results.right(single)
+
+
+def test_conclusions_say_what_the_results_say(monkeypatch):
+    runs = [
+        {"case": case, "controller": name, "max_deg": error, "specimen": 1}
+        for name, error in (("pid", 5.0), ("paper", 1.0), ("learned", 2.0))
+        for case in results.TASKS
+    ]
+    monkeypatch.setattr(results, "drawn_runs", lambda: runs)
+    words = conclusions.controllers()
+    assert "`nominal` has the smallest maximum error: its median is 1.00 degrees" in words
+    assert "`pid` 3 of 3" in words
+    found, tried = results.right(results.chosen_of(results.blind_cases(), "realistic", "medium"))
+    assert f"{found} of {tried}" in conclusions.gap()
 
 
 def test_the_table_of_controllers_shows_the_worst_runs():

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The package installs as ROS packages do, with colcon and with pip, and what it installs starts."""
 
+import ast
 import os
 import re
 import shutil
@@ -27,6 +28,7 @@ EXECUTABLES = {
     "run",
 }
 LIMIT_S = 300.0
+LIBRARIES = {"PIL": "pillow", "yaml": "pyyaml"}  # imported by another name
 
 
 def _done(command, **options):
@@ -82,15 +84,27 @@ def test_package_xml_names_every_message_package_that_is_imported():
     assert imported | {"rclpy"} <= named
 
 
+def test_every_library_that_is_imported_is_declared():
+    """In setup.py; what ROS brings, in package.xml."""
+    named = {dependency.name for dependency in parse_package(str(ROOT / "package.xml")).exec_depends}
+    declared = named | set(re.findall(r'"([a-z0-9]+)>=', (ROOT / "setup.py").read_text()))
+    for path in (ROOT / "pam_orthosis").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [one.name for one in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module] if isinstance(node, ast.ImportFrom) and node.module else []
+            roots = {name.partition(".")[0] for name in names} - sys.stdlib_module_names - {"pam_orthosis"}
+            assert {LIBRARIES.get(root, root) for root in roots} <= declared, path
+
+
 def test_every_library_comes_from_rosdep_or_from_the_pip_line_of_the_page():
     named = {dependency.name for dependency in parse_package(str(ROOT / "package.xml")).exec_depends}
     page = (ROOT / "docs" / "install.md").read_text()
-    (line,) = re.findall(r"^pip install (casadi .*)$", page, re.MULTILINE)
+    (line,) = re.findall(r"^pip install (apsw .*)$", page, re.MULTILINE)
     setup = (ROOT / "setup.py").read_text()
     needed = re.findall(
-        r'"([a-z]+)>=', setup[setup.index("install_requires") : setup.index("extras_require")]
+        r'"([a-z0-9]+)>=', setup[setup.index("install_requires") : setup.index("extras_require")]
     )
-    rosdep = {"pyyaml": "python3-yaml"}
+    rosdep = {"pillow": "python3-pil", "pyyaml": "python3-yaml"}
     from_pip = [one for one in needed if rosdep.get(one, f"python3-{one}") not in named]
     assert sorted(line.split()) == sorted(from_pip)
 
