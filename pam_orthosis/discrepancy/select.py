@@ -72,7 +72,7 @@ def recalibrated(
 ) -> tuple[Problem, Fit]:
     """Return the weighted problem and the model with its ordinary parameters fitted within tolerances."""
     free = free_parameters(problem.system, present)
-    tell("recalibrating the ordinary parameters within their tolerances")
+    tell("recalibrating the nuisance parameters within their tolerances")
     start = problem.replay.defaults(present)
     fits = [fit_tempered(problem, present, one, free) for one in (start, *_from_simpler(problem, start))]
     return _levelled(*_better(problem, fits))
@@ -215,7 +215,7 @@ def _round_in_silence(found: Selection, held_out: Problem, last: Step, settings,
     problem, base = found.final_problem, found.final
     seen = {}
     for large, names in _by_larger(found, last.blocked[:ASKED_IN_SILENCE], settings).items():
-        tell(f"looking for {', '.join(names)} where {', '.join(sorted(large))} is silent")
+        tell(f"looking for {', '.join(names)} where {', '.join(sorted(large))} is inactive")
         seen |= quiet.evidence(problem, base, names, large)
     told = tuple(sorted(seen.items(), key=lambda one: -one[1]))
     if not told or told[0][1] < settings.threshold:
