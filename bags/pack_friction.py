@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from pam_orthosis.bag.examples import MEASURED, STEP_KEY
-from pam_orthosis.discrepancy.hidden.case import BELIEF, make_case
 from pam_orthosis.model.parameters import load
+from pam_orthosis.testing.case import NOMINAL, make_case
 
 FILE = Path(__file__).with_name("friction.npz")
 VOLT = 1e-4  # resolution of the recorded voltages
@@ -29,7 +29,7 @@ def main() -> None:
         for run, values in runs.items()
         for signal, kind in MEASURED.items()
     }
-    words = {"nominal": BELIEF, "answer": case.answer, STEP_KEY: steps}
+    words = {"nominal": NOMINAL, "answer": case.answer, STEP_KEY: steps}
     np.savez_compressed(FILE, about=json.dumps(words), **packed)
 
 

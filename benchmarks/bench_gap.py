@@ -26,7 +26,7 @@ OUTSIDE_ROUNDS = 4
 
 def plan(sets, seed: int) -> Iterator[dict]:
     """Yield the cases of some sets; the order mixes effects so that a part of it is a fair sample."""
-    from pam_orthosis.discrepancy.hidden.effects import EFFECTS, OUTSIDE
+    from pam_orthosis.testing.effects import EFFECTS, OUTSIDE
 
     for name in sets:
         rng = np.random.default_rng(seed)  # a set does not depend on which others are made
@@ -69,14 +69,14 @@ def _pair(rng, names: list[str]) -> list[str]:
 def solve(case: dict, tools: dict) -> dict:
     """Make a case, search it, and return what was found beside what was hidden."""
     from pam_orthosis.discrepancy.data import from_arrays
-    from pam_orthosis.discrepancy.hidden.case import belief, make_case
     from pam_orthosis.discrepancy.knee import knee
     from pam_orthosis.discrepancy.replay import Replay
     from pam_orthosis.discrepancy.verdict import as_dict
     from pam_orthosis.discrepancy.workflow import find_gap
+    from pam_orthosis.testing.case import make_case, nominal
 
     if not tools:
-        parameters = belief()
+        parameters = nominal()
         system = knee(parameters)
         tools.update(parameters=parameters, system=system, replay=Replay(system))
     drawn, alone = (case["pair"], case["effects"][0]) if "pair" in case else (case["effects"] or 0, None)

@@ -54,13 +54,13 @@ class Regression:
 def solve(case: dict, tools: dict) -> dict:
     """Make a case again, regress what the model misses, and return the names beside what was hidden."""
     from pam_orthosis.discrepancy.data import from_arrays
-    from pam_orthosis.discrepancy.hidden.case import belief, make_case
     from pam_orthosis.discrepancy.knee import knee
     from pam_orthosis.discrepancy.replay import Replay
     from pam_orthosis.discrepancy.workflow import begin
+    from pam_orthosis.testing.case import make_case, nominal
 
     if not tools:
-        parameters = belief()
+        parameters = nominal()
         system = knee(parameters)
         tools.update(parameters=parameters, system=system, replay=Replay(system))
     made = make_case(case["seed"], case["class"], case["size"], case["effects"] or 0, case["outside"])

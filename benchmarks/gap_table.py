@@ -164,7 +164,7 @@ def _parameter(result: dict):
     key = next((k for k in truth if k in found["parameters"]), None)
     if key is None:
         return None, None
-    from pam_orthosis.discrepancy.hidden.effects import EFFECTS
+    from pam_orthosis.testing.effects import EFFECTS
 
     neutral = 1.0 if EFFECTS[name].around_one else 0.0
     value, (low, high) = found["parameters"][key]["value"], found["parameters"][key]["interval"]

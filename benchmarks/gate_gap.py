@@ -16,9 +16,6 @@ import numpy as np
 from pam_orthosis.control import diagnostic
 from pam_orthosis.control.trajectory import make_trajectory
 from pam_orthosis.discrepancy.data import Recording, from_arrays
-from pam_orthosis.discrepancy.hidden import case as cases
-from pam_orthosis.discrepancy.hidden import rig as rigs
-from pam_orthosis.discrepancy.hidden.physics import Hidden
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.rig import test_rig
@@ -26,6 +23,9 @@ from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.workflow import Named, Outcome, find_gap
 from pam_orthosis.model.compiled import processor
 from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.testing import case as cases
+from pam_orthosis.testing import rig_case as rigs
+from pam_orthosis.testing.quantities import Hidden
 
 RESULTS = Path(__file__).resolve().parent / "results" / "gate.json"
 # between machines: a fit ends where its cost falls by less than 1, and the last bits of libraries differ
@@ -124,9 +124,9 @@ def _line(answer: Mapping[str, Any]) -> str:
 
 def _system(search: Search) -> tuple[Parameters, Replay]:
     if search.system == "rig":
-        parameters = rigs.belief()
+        parameters = rigs.nominal()
         return parameters, Replay(test_rig(parameters, rigs.SPECIMEN))
-    parameters = cases.belief()
+    parameters = cases.nominal()
     if search.known:
         parameters = parameters.changed({f"effects.{search.known}.enabled": True})
     return parameters, Replay(knee(parameters))
@@ -164,7 +164,7 @@ def _found(outcome: Outcome) -> dict[str, Any]:
 
 def _recordings(search: Search, seed: int) -> dict[str, dict[str, np.ndarray]]:
     """Return recordings of a knee with hidden effects: a gait and experiments, and a gait to judge by."""
-    parameters, rng = cases.belief(), np.random.default_rng([seed, 29])
+    parameters, rng = cases.nominal(), np.random.default_rng([seed, 29])
     secret = cases.draw(rng, parameters, search.class_, "medium", list(search.hidden) or 0, search.outside)
     script = diagnostic.Script(parameters.scenario.start_angle, parameters.control.position.mean_pressure)
     for part in EXPERIMENTS:
@@ -187,5 +187,5 @@ def _rig_recordings(search: Search, system: System, seed: int) -> dict[str, dict
     rng = np.random.default_rng([seed, 29])
     deviations = {one.name: DEVIATION * one.sd * rng.standard_normal() for one in system.calibrations}
     deviations["positioner_damping"] = abs(deviations["positioner_damping"])  # a damper that pushes is none
-    secret = Hidden(**{AT_RIG[name][0]: AT_RIG[name][1] for name in search.hidden}), deviations, {}
-    return {name: rigs.record(rng, rigs.belief(), secret) for name in ("run", "held-out run")}
+    hidden = Hidden(**{AT_RIG[name][0]: AT_RIG[name][1] for name in search.hidden})
+    return {name: rigs.record(rng, rigs.nominal(), hidden, deviations) for name in ("run", "held-out run")}

@@ -52,8 +52,8 @@ def _recorded(
     arguments: argparse.Namespace, effects: int | list[str], progress: Progress
 ) -> tuple[list[Path], list[Path], Path]:
     """Record the case; return its bags and the file of its answer, below its folder."""
-    from pam_orthosis.discrepancy.hidden.case import make_case
-    from pam_orthosis.discrepancy.hidden.write import write_case
+    from pam_orthosis.testing.case import make_case
+    from pam_orthosis.testing.write import write_case
 
     case = make_case(
         arguments.seed, arguments.class_, arguments.size, effects, arguments.outside, progress=progress

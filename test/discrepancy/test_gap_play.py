@@ -9,9 +9,9 @@ import pytest
 from pam_orthosis.discrepancy import expected, intervals, measure, workflow
 from pam_orthosis.discrepancy.data import from_arrays
 from pam_orthosis.discrepancy.fit import fit_tempered, free_parameters
-from pam_orthosis.discrepancy.hidden.case import make_case
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.replay import Replay, Run
+from pam_orthosis.testing.case import make_case
 
 HALF_WIDTH = 6.0e-3  # rad
 

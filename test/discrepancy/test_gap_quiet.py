@@ -11,10 +11,10 @@ from pam_orthosis.discrepancy import candidates, quiet, select, workflow
 from pam_orthosis.discrepancy.candidates import COARSE, DIFFERENCE, Projection, Trial, candidate
 from pam_orthosis.discrepancy.data import from_arrays
 from pam_orthosis.discrepancy.fit import fit_tempered, free_parameters
-from pam_orthosis.discrepancy.hidden.case import make_case
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.model.parameters import load
+from pam_orthosis.testing.case import make_case
 
 DELAY = {"plant__effects__valve_delay__enabled": True, "plant__effects__valve_delay__delay": 0.004}
 OFFSET = {

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy.hidden.case import belief, draw
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.testing.case import draw, nominal
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
@@ -75,16 +75,16 @@ def test_tables_count_what_was_hidden_against_what_was_named(benchmark):
 
 def test_each_effect_of_a_pair_is_hidden_alone_in_the_same_plant():
     effects = ["joint_friction", "force_map_misfit", "extensor_leak"]
-    both = draw(np.random.default_rng(1), belief(), "realistic", "medium", effects)
+    both = draw(np.random.default_rng(1), nominal(), "realistic", "medium", effects)
     for name in effects:
-        one = draw(np.random.default_rng(1), belief(), "realistic", "medium", effects, alone=name)
+        one = draw(np.random.default_rng(1), nominal(), "realistic", "medium", effects, alone=name)
         assert one.answer["effects"] == {name: both.answer["effects"][name]}
         assert one.deviations == both.deviations
         assert (one.hidden.coulomb == both.hidden.coulomb) == (name == "joint_friction")
         same = np.array_equal(one.misfits["force_waves"], both.misfits["force_waves"])
         assert same == (name == "force_map_misfit")
     with pytest.raises(OrthosisError, match="no effect 'creep' to hide"):
-        draw(np.random.default_rng(1), belief(), "clean", "medium", effects, alone="creep")
+        draw(np.random.default_rng(1), nominal(), "clean", "medium", effects, alone="creep")
 
 
 def test_pairs_count_by_what_was_found_of_each_effect_alone(benchmark):

@@ -10,13 +10,11 @@ updated exactly between steps. SI units; pressures absolute unless named gauge.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 
 # inlining matters: the sets of parameters are passed by value
-_compiled = njit(cache=True, error_model="numpy", forceinline=True)
+compiled = njit(cache=True, error_model="numpy", forceinline=True)
 
 STEP = 5.0e-5  # s
 RING = 2048  # steps that the ring buffers remember: 0.1 s
@@ -26,109 +24,12 @@ LAMINAR_RATIO = 0.995
 HYSTERESIS_FLOOR = 0.4  # share of the hysteresis left without pressure
 MAP_STROKE, MAP_PRESSURE = 0.125, 6.0e5  # whole contraction m and gauge pressure Pa of the maps
 
-# continuous states
-Q, W, PE, PF, SE1, SE2, SF1, SF2, SAG, CE1, CE2, CF1, CF2, BRISTLE = range(14)
+Q, W, PE, PF, SE1, SE2, SF1, SF2, SAG, CE1, CE2, CF1, CF2, BRISTLE = range(14)  # continuous states
 STATES = 14
-# ring buffers
-RING_UE, RING_UF, RING_REFLEX, RING_Q, RING_PE, RING_PF = range(6)
+RING_UE, RING_UF, RING_REFLEX, RING_Q, RING_PE, RING_PF = range(6)  # ring buffers
 
 
-class Apparatus(NamedTuple):
-    """Ordinary parameters, true values."""
-
-    radius: float
-    symmetric_angle: float
-    symmetric_contraction: float
-    damping: float
-    extensor_force: float
-    flexor_force: float
-    stroke_scale: float  # specimen's length / muscle's length
-    box_contraction: float
-    box_gauge: float
-    ambient: float
-    supply: float
-    temperature: float
-    exponent: float
-    conductance: float
-    critical_ratio: float
-    half_span: float  # V from closed to fully open
-    hose_conductance: float
-    hose_volume: float
-    stop_low: float
-    stop_high: float
-    stop_stiffness: float
-    stop_damping: float
-    table_start: float
-    table_step: float
-    locked: float
-
-
-class Hidden(NamedTuple):
-    """Sizes of what may be hidden; the defaults hide nothing."""
-
-    coulomb: float = 0.0
-    viscosity: float = 0.0
-    pressure_damping: float = 0.0
-    direction_damping: float = 0.0
-    hysteresis: float = 0.0
-    creep: float = 0.0
-    elasticity: float = 0.0
-    foot_mass: float = 0.0
-    play: float = 0.0
-    reflex_gain: float = 0.0
-    reflex_threshold: float = 1.0
-    reflex_delay: float = 0.04
-    constant_torque: float = 0.0
-    periodic_torque: float = 0.0
-    periodic_frequency: float = 1.0
-    periodic_phase: float = 0.0
-    force_scale_e: float = 1.0
-    force_scale_f: float = 1.0
-    dead_band: float = 0.0
-    valve_gain_e: float = 1.0
-    valve_gain_f: float = 1.0
-    valve_lag: float = 0.0
-    valve_delay: float = 0.0
-    leak_e: float = 0.0
-    leak_f: float = 0.0
-    hose: float = 0.0
-    dead_volume_e: float = 0.0
-    dead_volume_f: float = 0.0
-    exponent_shift: float = 0.0
-    sag: float = 0.0
-    warming: float = 0.0
-    warming_time: float = 20.0
-    angle_offset: float = 0.0
-    angle_gain: float = 1.0
-    angle_delay: float = 0.0
-    pressure_offset_e: float = 0.0
-    pressure_offset_f: float = 0.0
-    pressure_gain_e: float = 1.0
-    pressure_gain_f: float = 1.0
-    pressure_delay_e: float = 0.0
-    pressure_delay_f: float = 0.0
-    # outside the catalogue
-    cogging: float = 0.0
-    cross_talk: float = 0.0
-    gain_drift: float = 0.0
-    spool_play: float = 0.0
-
-
-class Maps(NamedTuple):
-    """Arrays: polynomials of the muscles, table of the leg, misfits, torque from outside."""
-
-    a: np.ndarray
-    b: np.ndarray
-    v: np.ndarray
-    w: np.ndarray
-    leg: np.ndarray  # (6, n): m, dm/dq, G of the apparatus; the same of 1 kg at the ankle
-    force_waves: np.ndarray  # (2, k, 4): amplitude N, wave numbers of contraction and pressure, phase
-    valve_waves: np.ndarray  # (2, 3): relative amplitude, wave number of the opening, phase
-    volume_waves: np.ndarray  # (2, 3): relative amplitude, wave number of the contraction, phase
-    torque: np.ndarray  # (n,) N m at whole milliseconds
-
-
-@_compiled
+@compiled
 def polynomial(c, x):
     """Return the value and the derivative of sum c_i x^i."""
     value, slope = 0.0, 0.0
@@ -138,19 +39,19 @@ def polynomial(c, x):
     return value, slope
 
 
-@_compiled
+@compiled
 def clip(x, low, high):
     """Return x within limits."""
     return min(max(x, low), high)
 
 
-@_compiled
+@compiled
 def dragged(follower, leader, play):
     """Return where a leader takes what follows it with a play (half width)."""
     return clip(follower, leader - play, leader + play)
 
 
-@_compiled
+@compiled
 def leg_terms(q, a, h, leg):
     """Return inertia, its slope and gravity torque at an angle, by linear interpolation."""
     place = clip((q - a.table_start) / a.table_step, 0.0, leg.shape[1] - 1.001)
@@ -166,7 +67,7 @@ def leg_terms(q, a, h, leg):
     return m, s, g
 
 
-@_compiled
+@compiled
 def orifice(conductance, upstream, downstream, critical, temperature):
     """Return the mass flow by ISO 6358, laminar near equal pressures; negative if it reverses."""
     high, low = max(upstream, downstream), min(upstream, downstream)
@@ -177,17 +78,17 @@ def orifice(conductance, upstream, downstream, critical, temperature):
     return flow if upstream >= downstream else -flow
 
 
-@_compiled
+@compiled
 def spool_opening(deviation, gain, wave, a, h):
     """Return the relative opening for a voltage above the closed one: edges, gain, curve."""
     fill, vent = 1.25 * h.dead_band, 0.75 * h.dead_band
-    free = max(deviation - fill, 0.0) + min(deviation + vent, 0.0)
+    free = deviation - clip(deviation, -vent, fill)
     opening = clip(free / a.half_span, -1.0, 1.0)
     error = wave[0] * np.sin(wave[1] * opening + wave[2]) if wave[0] != 0.0 else 0.0
     return gain * opening * (1 + error)
 
 
-@_compiled
+@compiled
 def valve_flow(opening, pressure, supply, a, h):
     """Return the mass flow into the muscle through valve and fitting in series."""
     c = abs(opening) * a.conductance
@@ -199,13 +100,13 @@ def valve_flow(opening, pressure, supply, a, h):
     return -orifice(c, pressure, a.ambient, a.critical_ratio, a.temperature)
 
 
-@_compiled
+@compiled
 def hose_drop(flow, h):
     """Return the pressure drop of the hose: mostly laminar, with a share that grows with the flow."""
     return h.hose * flow * (0.85 + 0.15 * abs(flow) / 3e-3)
 
 
-@_compiled
+@compiled
 def hose_flow(opening, pressure, supply, a, h):
     """Return the flow that valve and hose agree upon, by regula falsi (Illinois form)."""
     flow = valve_flow(opening, pressure, supply, a, h)
@@ -226,7 +127,7 @@ def hose_flow(opening, pressure, supply, a, h):
     return high
 
 
-@_compiled
+@compiled
 def slip_force(x, anchors):
     """Return the Maxwell-slip force of unit half width at a contraction."""
     force = 0.0
@@ -235,13 +136,13 @@ def slip_force(x, anchors):
     return force / ELEMENTS
 
 
-@_compiled
+@compiled
 def slip_distance(i):
     """Return the contraction over which an element sticks, m: 0.2 to 2.2 mm."""
     return 2.0e-4 * 1.82**i
 
 
-@_compiled
+@compiled
 def map_error(waves, x, gauge):
     """Return the misfit of a force map, N."""
     error = 0.0
@@ -253,7 +154,7 @@ def map_error(waves, x, gauge):
     return error
 
 
-@_compiled
+@compiled
 def muscle(x, rate, gauge, creep, scale, anchors, waves, a, h, maps):
     """Return the tension of a muscle, N."""
     s = clip(x * a.stroke_scale, 0.0, a.box_contraction)
@@ -267,7 +168,7 @@ def muscle(x, rate, gauge, creep, scale, anchors, waves, a, h, maps):
     return max(force - a.damping * rate, 0.0) if force > 0 else 0.0
 
 
-@_compiled
+@compiled
 def volume(x, gauge, dead, wave, a, maps):
     """Return the volume with its derivatives by pressure and contraction."""
     s = clip(x * a.stroke_scale, 0.0, a.box_contraction)
@@ -282,7 +183,7 @@ def volume(x, gauge, dead, wave, a, maps):
     return plain * error + a.hose_volume + dead, v * w_slope / a.stroke_scale * error, by_x
 
 
-@_compiled
+@compiled
 def friction(bristle, w, h):
     """Return LuGre's torque and the rate of its bristle (deflection in units of the Coulomb torque)."""
     if h.coulomb == 0.0:
@@ -293,7 +194,7 @@ def friction(bristle, w, h):
     return h.coulomb * (bristle + 0.0005 * rate), rate
 
 
-@_compiled
+@compiled
 def torque_from_outside(t, w, q, reflex, h, maps):
     """Return what acts on the knee beside muscles and friction, N m."""
     torque = h.constant_torque - h.viscosity * w - h.reflex_gain * reflex
@@ -309,7 +210,7 @@ def torque_from_outside(t, w, q, reflex, h, maps):
     return torque + maps.torque[k] + (place - k) * (maps.torque[k + 1] - maps.torque[k])
 
 
-@_compiled
+@compiled
 def stops(q, w, a):
     """Return the torque of the soft ends of the joint."""
     if q < a.stop_low:
@@ -319,9 +220,9 @@ def stops(q, w, a):
     return 0.0
 
 
-@_compiled
-def cogwheel(q, w, wheel, h):
-    """Return angle and rate of the cogwheel behind the play."""
+@compiled
+def sprocket(q, w, wheel, h):
+    """Return angle and rate of the sprocket behind the play."""
     if h.play == 0.0:
         return q, w
     lost = q - wheel
@@ -330,11 +231,11 @@ def cogwheel(q, w, wheel, h):
     return dragged(wheel, q, h.play), w if drags else 0.0
 
 
-@_compiled
+@compiled
 def rates(x, out, t, ue, uf, reflex, wheel, anchors, a, h, maps):
     """Write the rates of all continuous states; return the flows behind the hoses, kg/s."""
     q, w, pe, pf = x[Q], x[W], x[PE], x[PF]
-    turned, turning = cogwheel(q, w, wheel, h)
+    turned, turning = sprocket(q, w, wheel, h)
     wound = a.radius * (turned - a.symmetric_angle)
     xe, xf = a.symmetric_contraction - wound, a.symmetric_contraction + wound
     re, rf = -a.radius * turning, a.radius * turning
@@ -351,12 +252,8 @@ def rates(x, out, t, ue, uf, reflex, wheel, anchors, a, h, maps):
     fe, ff = hose_flow(oe, pe, supply, a, h), hose_flow(of, pf, supply, a, h)
     drawn = h.sag * (max(fe, 0.0) + max(ff, 0.0)) - x[SAG]
     out[SAG] = drawn / (0.04 if drawn > 0 else 0.06)
-    out[PE] = pressure_rate(
-        pe, fe, xe, re, ge, h.leak_e, h.dead_volume_e, maps.volume_waves[0], t, a, h, maps
-    )
-    out[PF] = pressure_rate(
-        pf, ff, xf, rf, gf, h.leak_f, h.dead_volume_f, maps.volume_waves[1], t, a, h, maps
-    )
+    out[PE] = pressure_rate(pe, fe, xe, re, h.leak_e, h.dead_volume_e, maps.volume_waves[0], t, a, h, maps)
+    out[PF] = pressure_rate(pf, ff, xf, rf, h.leak_f, h.dead_volume_f, maps.volume_waves[1], t, a, h, maps)
     out[CE1], out[CE2] = re - x[CE1] / 0.6, re - x[CE2] / 1.8
     out[CF1], out[CF2] = rf - x[CF1] / 0.6, rf - x[CF2] / 1.8
     ce, cf = 0.6 * x[CE1] + 0.4 * x[CE2], 0.6 * x[CF1] + 0.4 * x[CF2]
@@ -374,8 +271,8 @@ def rates(x, out, t, ue, uf, reflex, wheel, anchors, a, h, maps):
     return fe, ff
 
 
-@_compiled
-def pressure_rate(p, flow, x, rate, gauge, leak, dead, wave, t, a, h, maps):
+@compiled
+def pressure_rate(p, flow, x, rate, leak, dead, wave, t, a, h, maps):
     """Return dp/dt of a muscle with an orifice as leak and gas that warms with two time constants."""
     if leak > 0.0:
         flow -= leak_flow(leak, p, a)
@@ -384,11 +281,11 @@ def pressure_rate(p, flow, x, rate, gauge, leak, dead, wave, t, a, h, maps):
         warm = 1 - 0.5 * np.exp(-2.0 * t / h.warming_time) - 0.5 * np.exp(-t / (1.5 * h.warming_time))
         temperature += h.warming * warm
     n = a.exponent + h.exponent_shift
-    v, by_p, by_x = volume(x, gauge, dead, wave, a, maps)
+    v, by_p, by_x = volume(x, p - a.ambient, dead, wave, a, maps)
     return n / (v + n * by_p * p) * (GAS_CONSTANT * temperature * flow - by_x * rate * p)
 
 
-@_compiled
+@compiled
 def leak_flow(leak, p, a):
     """Return the flow of an orifice that passes `leak` (kg/(s Pa)) times the gauge pressure at 3 bar."""
     there = a.ambient + 3.0e5
@@ -396,7 +293,7 @@ def leak_flow(leak, p, a):
     return leak * 3.0e5 / reference * orifice(1.0, p, a.ambient, 0.3, a.temperature)
 
 
-@_compiled
+@compiled
 def late(ring, row, index, delay):
     """Return the value that a ring buffer held a delay ago (linear between steps)."""
     steps = delay / STEP
@@ -406,15 +303,13 @@ def late(ring, row, index, delay):
     return now + f * (before - now)
 
 
-@_compiled
+@compiled
 def advance(x, wheel, spools, anchors, ring, index, steps, ue, uf, a, h, maps):
     """Advance all states by `steps` with the valve voltages (above closed, V) held; return the index."""
     k1, k2, middle = np.zeros(STATES), np.zeros(STATES), np.zeros(STATES)
     for _ in range(steps):
         ring[RING_UE, index % RING], ring[RING_UF, index % RING] = ue, uf
-        ring[RING_REFLEX, index % RING] = max(x[W] - h.reflex_threshold, 0.0) + min(
-            x[W] + h.reflex_threshold, 0.0
-        )
+        ring[RING_REFLEX, index % RING] = x[W] - clip(x[W], -h.reflex_threshold, h.reflex_threshold)
         t = index * STEP
         ve = spools[0] = dragged(spools[0], late(ring, RING_UE, index, h.valve_delay), h.spool_play)
         vf = spools[1] = dragged(spools[1], late(ring, RING_UF, index, h.valve_delay), h.spool_play)
@@ -438,7 +333,7 @@ def advance(x, wheel, spools, anchors, ring, index, steps, ue, uf, a, h, maps):
     return index
 
 
-@_compiled
+@compiled
 def sense(x, wheel, anchors, ring, index, ue, uf, a, h, maps):
     """Return noise-free sensor values at the present instant: angle, both pressures."""
     scratch = np.zeros(STATES)

@@ -2,8 +2,8 @@
 """Blind cases: recordings of a plant with hidden effects, and the answer, all drawn from a seed.
 
 A case has two training and two held-out recordings in closed loop, of a gait and of diagnostic
-experiments, with trajectories of their own. Every case, also one that hides nothing, has ordinary
-parameters that are off by 0.7 of their stated tolerance. In the class `realistic` static force map,
+experiments, with trajectories of their own. In every case, also one that hides nothing, the nuisance
+parameters are off by 0.7 of their stated tolerance. In the class `realistic` static force map,
 valve curve and volume differ from the model's in shape as well.
 """
 
@@ -19,17 +19,17 @@ import numpy as np
 from pam_orthosis.control import diagnostic
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.trajectory import Trajectory, fourier_shape
-from pam_orthosis.discrepancy.hidden.effects import EFFECTS, OUTSIDE, SIZES, HiddenEffect
-from pam_orthosis.discrepancy.hidden.physics import Hidden
-from pam_orthosis.discrepancy.hidden.plant import HiddenPlant
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, Section, load
 from pam_orthosis.progress import Progress, part, silent
+from pam_orthosis.testing.effects import EFFECTS, OUTSIDE, SIZES, HiddenEffect
+from pam_orthosis.testing.plant import HiddenPlant
+from pam_orthosis.testing.quantities import Hidden
 
 CLASSES = ("clean", "realistic")
-TOLERANCE_SHARE = 0.7  # of the stated standard deviation, by which ordinary parameters are off
-# the belief of all cases: slower loops than the default, so that a hidden delay of 8 ms stays stable
-BELIEF = {
+TOLERANCE_SHARE = 0.7  # of the stated standard deviation, by which nuisance parameters are off
+# the nominal model of all cases: slower loops than the default, so that a hidden delay of 8 ms stays stable
+NOMINAL = {
     "scenario.control_period": 0.002,
     "scenario.start_angle": 0.6,
     "scenario.start_hold": 0.5,
@@ -52,7 +52,7 @@ Recording = dict[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Case:
-    """Recordings (arrays by the names of `control.loop.SIGNALS`), belief, and the sealed answer."""
+    """Recordings (arrays by the names of `control.loop.SIGNALS`), nominal model, and the sealed answer."""
 
     training: dict[str, Recording]
     held_out: dict[str, Recording]
@@ -70,9 +70,9 @@ class Secret:
     answer: dict[str, Any]
 
 
-def belief() -> Parameters:
+def nominal() -> Parameters:
     """Return what is known of the apparatus of all cases: the nominal model, without any effect."""
-    return load(BELIEF)
+    return load(NOMINAL)
 
 
 def make_case(
@@ -93,13 +93,13 @@ def make_case(
         effects: how many effects are drawn, or their names.
         outside: draw from the effects outside the catalogue.
         alone: of the effects that are drawn the only one to hide; everything else stays as it is.
-        progress: told how many seconds of the recordings are done.
+        progress: called with the seconds of the recordings that are done.
 
     Raises:
         OrthosisError: unknown class, size or effect.
     """
     rng = np.random.default_rng([seed, 4])
-    parameters = belief()
+    parameters = nominal()
     secret = draw(rng, parameters, class_, size, effects, outside, alone)
     training, held_out = trajectories(rng, parameters), trajectories(rng, parameters, held_out=True)
     seeds = iter(rng.integers(2**31, size=len(training) + len(held_out)).tolist())
@@ -173,8 +173,8 @@ def started(parameters, trajectory) -> Parameters:
 def trajectories(rng, parameters, held_out: bool = False) -> dict[str, tuple[Any, float]]:
     """Return name -> (trajectory, duration s): a gait and diagnostic experiments, drawn anew."""
     seconds = HELD_OUT_GAIT_SECONDS if held_out else GAIT_SECONDS
-    programme = _experiments(rng, parameters)
-    return {"gait": (_gait(rng, parameters), seconds), "diagnostic": (programme, programme.duration)}
+    experiments = _experiments(rng, parameters)
+    return {"gait": (_gait(rng, parameters), seconds), "diagnostic": (experiments, experiments.duration)}
 
 
 def _gait(rng, parameters) -> Trajectory:

@@ -15,8 +15,8 @@ class HiddenEffect:
 
     Attributes:
         name: the catalogue's name, which a workflow has to find.
-        parameter: the catalogue's parameter that tells its size.
-        field: the field of `physics.Hidden` (or the misfit) that holds the size.
+        parameter: the catalogue's parameter that is its size.
+        field: the field of `quantities.Hidden` (or the misfit) that holds the size.
         sizes: small, medium, large, in the parameter's unit (for `around_one`: its distance from 1).
         form: the form in which the hidden plant has it.
         signed: the sign is drawn.

@@ -10,8 +10,8 @@ import numpy as np
 
 from pam_orthosis.bag.arrays import write_arrays
 from pam_orthosis.bag.record import run_metadata
-from pam_orthosis.discrepancy.hidden.case import Case, Recording
 from pam_orthosis.files import write_text
+from pam_orthosis.testing.case import Case, Recording
 
 _WRITTEN = (
     "angle", "reference_angle", "reference_velocity", "reference_acceleration",
@@ -23,7 +23,7 @@ _WRITTEN = (
 def write_case(case: Case, folder: Path) -> tuple[list[Path], list[Path], Path]:
     """Write `training_NAME` and `held_out_NAME` bags below `folder`, and `sealed/truth.json`.
 
-    The bags hold the belief only. Returns the training bags, the held-out bags and the answer's file.
+    The bags hold the nominal model only. Returns the training bags, the held-out bags and the answer's file.
 
     Raises:
         OrthosisError: the folder holds a case or cannot be written.

@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
-from pam_orthosis.discrepancy.hidden import physics
-from pam_orthosis.discrepancy.hidden.physics import Apparatus, Hidden, Maps
-from pam_orthosis.model.plant import Measurement, Truth
+from pam_orthosis.testing import physics
+from pam_orthosis.testing.quantities import Apparatus, Hidden, Maps
 
 ANGLE_NOISE, ANGLE_RESOLUTION = 3.5e-4, 3.8349519697141030e-4  # rad
 PRESSURE_NOISE, PRESSURE_RESOLUTION = 500.0, 244.0  # Pa
@@ -19,13 +19,29 @@ TABLE_START, TABLE_STEP, TABLE_SIZE = -0.3, 5.0e-4, 4401
 NO_DEVIATION: Mapping[str, float] = {}
 
 
+class Measurement(NamedTuple):
+    """One sample of the sensors, in the order of the closed loop: knee angle rad, absolute pressures Pa."""
+
+    angle: float
+    extensor_pressure: float
+    flexor_pressure: float
+
+
+class Truth(NamedTuple):
+    """What the closed loop records of the true state: rad, rad/s; the external torque is not known here."""
+
+    angle: float
+    velocity: float
+    torque: float = float("nan")
+
+
 class HiddenPlant:
     """Emulated hardware for blind tests, advanced one control period at a time.
 
     Args:
-        parameters: the belief; what the plant is without deviations, misfits and hidden effects.
+        parameters: the nominal model; what the plant is without deviations, misfits and hidden effects.
         hidden: sizes of the hidden effects.
-        deviations: ordinary parameters' deviations, keys as in `gap.tolerance`.
+        deviations: of the nuisance parameters, keys as in `gap.tolerance`.
         misfits: arrays of `Maps` that differ from none (force_waves, valve_waves, volume_waves, torque).
         seed: of the sensor noise.
     """
@@ -71,10 +87,8 @@ class HiddenPlant:
         )  # fmt: skip
 
     def truth(self) -> Truth:
-        """Return the true angle, velocity and pressures; what nobody records is not a number."""
-        q, w, pe, pf = self.x[:4].tolist()
-        nan = float("nan")
-        return Truth(q, w, nan, nan, nan, nan, nan, nan, nan, pe, pf, nan, nan)
+        """Return the true angle and velocity."""
+        return Truth(*self.x[:2].tolist())
 
     def noise_free(self) -> Measurement:
         """Return what ideal sensors would read (for tests)."""
@@ -119,7 +133,7 @@ class HiddenPlant:
 
 
 def apparatus(parameters, deviations: Mapping[str, float]) -> Apparatus:
-    """Return the ordinary parameters: belief times one plus deviation."""
+    """Return the true parameters: nominal values times one plus deviation."""
     leg, m, valve = parameters.leg, parameters.muscle.dmsp_20, parameters.valve
 
     def off(name: str) -> float:
