@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from array import array
-from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +14,7 @@ from pam_orthosis.bag.read import PLAUSIBLE, aligned, read_bag, recorded_paramet
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import BELIEF
-from pam_orthosis.reading import csv_rows
+from pam_orthosis.tables import is_table, read_numbers
 
 HIGHEST_CUTOFF = 0.4  # of the sampling rate
 LONGEST_PERIOD = 0.1  # s, of samples: above it the time is in another unit
@@ -170,52 +168,16 @@ def _is_off(key: str, *beliefs: Mapping) -> bool:
     return bool(rest) and not any(one.get(switch) for one in beliefs)
 
 
-def is_table(path: Path) -> bool:
-    """Return whether a recording is a CSV table, by its name."""
-    return path.suffix.lower() == ".csv"
-
-
 def from_csv(path: Path, system: System) -> Recording:
     """Return the recording of a CSV table whose first row names the columns (`time`, signal names; SI).
 
     Raises:
-        OrthosisError: unreadable, without header, not numeric, signals missing or doubled, not uniform in
-            time, or values that cannot be in the unit that is asked for.
+        OrthosisError: as `tables.read_numbers`, signals missing, not uniform in time, or values that cannot
+            be in the unit that is asked for.
     """
-    header, values = _table(path)
-    doubled = [name for name, count in Counter(header).items() if count > 1]
-    if doubled:
-        raise OrthosisError(f"{path}: two columns give {doubled[0]}; leave one")
-    recording = from_arrays(str(path), system, dict(zip(header, values.T, strict=True)))
+    recording = from_arrays(str(path), system, read_numbers(path))
     _check_units(recording, system)
     return recording
-
-
-def _table(path: Path) -> tuple[list[str], np.ndarray]:
-    """Return the names of the columns and the values, (rows, columns), of a CSV file without empty lines."""
-    rows = ((line, row) for line, row in csv_rows(path) if any(cell.strip() for cell in row))
-    header = [column.strip() for column in next(rows, (0, []))[1]]
-    if any(";" in column for column in header):
-        raise OrthosisError(f"{path}: semicolons part its columns; write commas, and points in the numbers")
-    values = array("d")  # row by row: as texts they would take ten times as much
-    for line, row in rows:
-        values.extend(_numbers(path, header, line, row))
-    if not values:
-        raise OrthosisError(f"{path} holds no rows of numbers below its row of names")
-    return header, np.frombuffer(values).reshape(-1, len(header))
-
-
-def _numbers(path: Path, header: list[str], line: int, row: list[str]) -> list[float]:
-    if len(row) != len(header):
-        raise OrthosisError(f"{path}, line {line}: {len(row)} cells below {len(header)} names")
-    numbers = []
-    for column, cell in zip(header, row, strict=True):
-        try:
-            numbers.append(float(cell))
-        except ValueError as error:
-            what = f"'{cell[:40]}' is no number" if cell.strip() else "the cell is empty"
-            raise OrthosisError(f"{path}, line {line}, column {column}: {what}") from error
-    return numbers
 
 
 def _check_units(one: Recording, system: System) -> None:

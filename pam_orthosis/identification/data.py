@@ -29,6 +29,7 @@ from pam_orthosis.identification.table import read_table
 from pam_orthosis.model.muscle import composed_volume
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.progress import Progress, counted, silent
+from pam_orthosis.tables import is_table
 
 MOVING = 2.0e-3  # m/s above which a sample belongs to a direction
 SETTLED = 1.0e4  # Pa between a pressure and its reference
@@ -157,11 +158,11 @@ def _sources(paths: Iterable[Path]) -> tuple[list[Path], list[Path]]:
         if not path.exists():
             raise OrthosisError(f"no data at {path}")
         inside = [path] if path.is_file() or (path / METADATA_FILE).exists() else sorted(path.iterdir())
-        found = [p for p in inside if p.suffix == ".csv" or _is_bag(p)]
+        found = [p for p in inside if is_table(p) or _is_bag(p)]
         if not found:
             raise OrthosisError(f"{path} holds neither a bag nor a .csv table")
-        tables += [p for p in found if p.suffix == ".csv"]
-        bags += [p for p in found if p.suffix != ".csv"]
+        tables += [p for p in found if is_table(p)]
+        bags += [p for p in found if not is_table(p)]
     check_once([*bags, *tables])
     return bags, tables
 

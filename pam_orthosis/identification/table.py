@@ -7,8 +7,8 @@ name; other columns are refused, so that no unit is ever guessed.
 
 from __future__ import annotations
 
-import math
-from array import array
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,7 +16,8 @@ import numpy as np
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
-from pam_orthosis.reading import csv_rows, shown
+from pam_orthosis.reading import shown
+from pam_orthosis.tables import read_numbers
 
 AMBIENT = "ambient"  # what an absolute pressure is reduced by: `valve.ambient_pressure`
 # column -> quantity, factor to SI, what is taken off
@@ -89,47 +90,22 @@ def _force_free_end(slack: np.ndarray, columns) -> np.ndarray:
 
 
 def _columns(path: Path) -> dict[str, np.ndarray]:
-    rows = (one for one in csv_rows(path) if one[1] and not one[1][0].startswith("#"))
-    header = [name.strip() for name in next(rows, (0, []))[1]]
-    if not header:
-        raise OrthosisError(f"{path} is empty")
-    _check_header(path, header)
-    numbers = array("d")  # row by row: as texts they would take ten times as much
-    for line, row in rows:
-        numbers.extend(_numbers(path, header, line, row))
-    if not numbers:
-        raise OrthosisError(f"{path} has a header but no rows")
-    table = np.frombuffer(numbers).reshape(-1, len(header))
     result: dict[str, np.ndarray] = {}
-    for name, values in zip(header, table.T, strict=True):
+    for name, values in read_numbers(path, partial(_check_names, path)).items():
         quantity, factor, reduced_by = COLUMNS[name]
         offset = load().valve.ambient_pressure if reduced_by == AMBIENT else 0.0
         result[quantity] = factor * values - offset
     return result
 
 
-def _check_header(path: Path, header: list[str]) -> None:
+def _check_names(path: Path, names: Sequence[str]) -> None:
     quantities = set()
-    for name in header:
+    for name in names:
         if name not in COLUMNS:
             raise OrthosisError(f"{path}: column {shown(name)} is unknown; there are {', '.join(COLUMNS)}")
         if COLUMNS[name][0] in quantities:
             raise OrthosisError(f"{path}: two columns give the {COLUMNS[name][0]}; leave one, in one unit")
         quantities.add(COLUMNS[name][0])
-
-
-def _numbers(path: Path, header: list[str], line: int, row: list[str]) -> list[float]:
-    if len(row) != len(header):
-        raise OrthosisError(f"{path}, line {line}: {len(row)} fields, the header has {len(header)}")
-    values = []
-    for name, cell in zip(header, row, strict=True):
-        try:
-            values.append(float(cell))
-        except ValueError as error:
-            raise OrthosisError(f"{path}, line {line}, column {name}: {shown(cell)} is no number") from error
-        if not math.isfinite(values[-1]):
-            raise OrthosisError(f"{path}, line {line}, column {name}: {shown(cell)} is not finite")
-    return values
 
 
 def _check(path: Path, name: str, values: np.ndarray) -> None:

@@ -32,6 +32,23 @@ def test_the_same_data_in_other_units_are_the_same(tmp_path):
     assert read.force == pytest.approx(si.force[:2])
 
 
+def test_contractions_in_either_unit_are_the_same(tmp_path):
+    metres = read_table(table(tmp_path, ["p_Pa_gauge,dL_m,F_N", "200000,0.01,300", "300000,0.03,250"]))
+    other = read_table(table(tmp_path, ["p_kPa_gauge,dL_mm,F_N", "200,10,300", "300,30,250"]))
+    assert metres.contraction.tolist() == [0.01, 0.03]
+    assert other.contraction == pytest.approx(metres.contraction)
+    assert other.pressure == pytest.approx(metres.pressure)
+
+
+@pytest.mark.parametrize(("unit", "metres_a_second"), [("m_s", 1.0), ("mm_s", 1e-3)])
+def test_rates_and_deviations_name_their_unit_too(tmp_path, unit, metres_a_second):
+    rows = [f"2,0.29,0.3,0.004,{0.05 / metres_a_second}", f"3,0.27,0.25,0.005,{-0.05 / metres_a_second}"]
+    read = read_table(table(tmp_path, [f"p_bar_gauge,L_m,F_kN,sigma_F_kN,v_{unit}", *rows]))
+    assert read.rate == pytest.approx([0.05, -0.05])
+    assert read.sigma == pytest.approx([4.0, 5.0])
+    assert read.pressure == pytest.approx([2e5, 3e5])
+
+
 def test_absolute_pressures_are_reduced_by_the_configured_ambient(tmp_path, monkeypatch):
     lines = ["p_bar_abs,L_mm,F_kN", "3.013,290,0.3", "4.013,270,0.25"]
     high = parameters.load({"valve.ambient_pressure": 9.0e4})
@@ -57,8 +74,8 @@ def test_slack_rows_are_left_out_but_for_the_force_free_end(tmp_path):
         (["p_Pa_gauge,L_m,F_N", "200000,290,300"], "implausible"),
         (["p_Pa_gauge,L_m,F_N", "200000,0.29,nan"], "not finite"),
         (["p_Pa_gauge,L_m,F_N", "200000,0.29,many"], "many"),
-        (["p_Pa_gauge,L_m,F_N", "200000,0.29"], "fields"),
-        (["p_Pa_gauge,L_m,F_N"], "no rows"),
+        (["p_Pa_gauge,L_m,F_N", "200000,0.29"], "3 names"),
+        (["p_Pa_gauge,L_m,F_N"], "no rows of numbers"),
         (["p_Pa_gauge,F_N", "200000,3"], "length"),
         (["p_Pa_gauge,L_m", "200000,0.29"], "force"),
         ([""], "empty"),

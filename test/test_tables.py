@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One reader of CSV tables, with the same hints for whoever reads them."""
+
+import numpy as np
+import pytest
+
+from pam_orthosis.cli.main import main
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.identification.data import read_data
+from pam_orthosis.tables import read_numbers
+
+MUSCLE = [
+    "p_Pa_gauge,L_m,F_N",
+    *(f"{bar}00000,{0.29 - 0.01 * k},{100 * bar}" for bar in (2, 3) for k in (0, 1, 2)),
+]
+KNEE = ["time,angle,extensor_pressure,flexor_pressure", *(f"{0.002 * k:.3f},0.6,3e5,3e5" for k in range(6))]
+
+
+def spreadsheet(lines):
+    """Return a table as a spreadsheet writes it, with a comment of its user and rows that were cleared."""
+    empty = "," * lines[0].count(",")
+    return b"\xef\xbb\xbf" + "\r\n".join(["# measured today", *lines, empty, "  ", ""]).encode()
+
+
+@pytest.mark.parametrize("lines", [MUSCLE, KNEE])
+def test_what_spreadsheets_write_is_what_scripts_write(lines, tmp_path):
+    plain, sheet = tmp_path / "plain.csv", tmp_path / "SHEET.CSV"
+    plain.write_text("\n".join(lines))
+    sheet.write_bytes(spreadsheet(lines))
+    one, other = read_numbers(plain), read_numbers(sheet)
+    assert list(one) == list(other) == lines[0].split(",")
+    assert all(np.array_equal(one[name], other[name]) for name in one)
+    assert len(one[lines[0].split(",")[0]]) == 6
+
+
+def test_identify_reads_what_a_spreadsheet_wrote(tmp_path):
+    plain = tmp_path / "plain.csv"
+    plain.write_text("\n".join(MUSCLE))
+    folder = tmp_path / "measured"
+    folder.mkdir()
+    (folder / "DMSP-20.CSV").write_bytes(spreadsheet(MUSCLE))
+    samples = read_data([folder], "dmsp_20").samples
+    assert np.array_equal(samples.force, read_data([plain], "dmsp_20").samples.force)
+
+
+def second_cell(rows, text):
+    """Return a table with another text in the second cell of its second row of numbers."""
+    first, _, *rest = rows[2].split(",")
+    return [*rows[:2], ",".join([first, text, *rest]), *rows[3:]]
+
+
+BROKEN = {
+    "line 3, column {second}: the cell is empty": lambda rows: second_cell(rows, " "),
+    "line 3, column {second}: 'one' is no number": lambda rows: second_cell(rows, "one"),
+    "line 3, column {second}: 'nan' is not finite": lambda rows: second_cell(rows, "nan"),
+    "line 2: {more} cells below {count} names": lambda rows: [rows[0], f"{rows[1]},1"],
+    "two columns give '{first}'; leave one": lambda rows: [f"{rows[0]},{rows[0].split(',')[0]}", *rows[1:]],
+    "semicolons part its columns; write commas": lambda rows: [row.replace(",", ";") for row in rows],
+    "no rows of numbers below its row of names": lambda rows: rows[:1],
+    "is empty": lambda _: [],
+}
+
+
+@pytest.mark.parametrize("said", BROKEN)
+@pytest.mark.parametrize(("verb", "rows"), [("identify", MUSCLE), ("gap", KNEE)])
+def test_both_verbs_give_the_same_hint(verb, rows, said, tmp_path, capsys):
+    file = tmp_path / "dmsp20.csv"
+    file.write_text("\n".join(BROKEN[said](rows)))
+    names = rows[0].split(",")
+    wanted = said.format(second=names[1], first=names[0], count=len(names), more=len(names) + 1)
+    assert main([verb, str(file)]) == 2
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert str(file) in told
+    assert wanted in told
+
+
+def test_names_are_checked_before_a_long_table_is_read(tmp_path):
+    file = tmp_path / "x.csv"
+    file.write_text("a,b\nno,numbers\n")
+
+    def refuse(names):
+        raise OrthosisError(f"not {names}")
+
+    with pytest.raises(OrthosisError, match=r"not \['a', 'b'\]"):
+        read_numbers(file, refuse)
