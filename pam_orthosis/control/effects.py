@@ -7,7 +7,9 @@ models of the gap workflow: an effect's equation stands in its own file and nowh
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from types import SimpleNamespace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -165,22 +167,33 @@ def supply_after(belief, muscle: str) -> ca.Function | None:
 
     Of the air that is drawn, that of one muscle is known: the other one's valve vents meanwhile.
     """
-    names = known(belief, "supply")
-    if not names:
+    if not known(belief, "supply"):
         return None
-    effect, settings = CATALOGUE[names[0]], getattr(belief.effects, names[0])
-    state, flow = ca.SX.sym("state", len(effect.states)), ca.SX.sym("flow")
-    drawn = SimpleNamespace(**{f"{name}_flow": flow if name == muscle else 0.0 for name in orthosis.MUSCLES})
-
-    def rates(z):
-        return ca.vertcat(*effect.expression(drawn, settings, ca.vertsplit(z)).rates(drawn))
-
+    state, flow = ca.SX.sym("state", len(supply_scales(belief))), ca.SX.sym("flow")
+    drawn = {name: flow if name == muscle else 0.0 for name in orthosis.MUSCLES}
     period, after = belief.scenario.control_period, state
     steps = max(1, round(period / STATE_STEP))
     for _ in range(steps):
-        after = runge_kutta_4(rates, after, period / steps)
-    added = effect.expression(drawn, settings, ca.vertsplit(after)).add["supply_pressure"]
-    return ca.Function("supply_after", [state, flow], [after, belief.valve.supply_pressure + added])
+        after = runge_kutta_4(lambda z: supply(belief, z, drawn)[1], after, period / steps)
+    return ca.Function("supply_after", [state, flow], [after, supply(belief, after, drawn)[0]])
+
+
+def supply(belief, state, drawn: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Return supply pressure, Pa, and the rates of its state while the muscles draw mass flows, kg/s."""
+    names = known(belief, "supply")
+    active = ActiveEffects(
+        CATALOGUE, Section("effects", {name: getattr(belief.effects, name) for name in names})
+    )
+    active.bind(ca.vertsplit(state))
+    flows = {f"{muscle}_flow": flow for muscle, flow in drawn.items()}
+    s = SimpleNamespace(supply_pressure=belief.valve.supply_pressure, **flows)
+    active.stages(s, "supply")
+    return s.supply_pressure, ca.vertcat(*active.rates(s))
+
+
+def supply_scales(belief) -> tuple[float, ...]:
+    """Return the typical size of each state of the supply."""
+    return tuple(scale for name in known(belief, "supply") for scale in CATALOGUE[name].scales)
 
 
 def gas_model(belief) -> orthosis.Assembly:

@@ -23,7 +23,6 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import leg as leg_model
 from pam_orthosis.model import muscle as muscle_model
 from pam_orthosis.model import orthosis
-from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.processes import ENDING
 
 BAR, GRAM = 1.0e5, 1.0e-3
@@ -148,7 +147,7 @@ def _rates(belief, share: float) -> ca.Function:
     s.extensor_flow, s.flexor_flow = flow[0] * GRAM, flow[1] * GRAM
     orthosis.gas(s)
     rates = [s.velocity, _acceleration(s, torque, belief), s.extensor_pressure_rate, s.flexor_pressure_rate]
-    rates += supply_rates(flow * GRAM)
+    rates.append(supply_rates(flow * GRAM))
     margins = []
     for i, name in enumerate(orthosis.MUSCLES):
         passes = effects.flow_of_opening(belief, name)
@@ -175,20 +174,14 @@ def _acceleration(s, torque, belief):
 
 def _supply(belief):
     """Return supply pressure, its states, a function mass flows -> their rates, and their scales."""
-    names = effects.known(belief, "supply")
-    if not names:
-        return belief.valve.supply_pressure, ca.SX(0, 1), lambda _flow: [], ()
-    effect, settings = CATALOGUE[names[0]], getattr(belief.effects, names[0])
-    own = ca.SX.sym("supply", len(effect.states))
+    scales = effects.supply_scales(belief)
+    own = ca.SX.sym("supply", len(scales))
 
-    def rates(flow):
-        drawn = [_positive(flow[i], DRAWING * GRAM) for i in range(2)]
-        drawn = SimpleNamespace(extensor_flow=drawn[0], flexor_flow=drawn[1])
-        return list(effect.expression(drawn, settings, ca.vertsplit(own)).rates(drawn))
+    def at(flow):
+        drawn = {name: _positive(flow[i], DRAWING * GRAM) for i, name in enumerate(orthosis.MUSCLES)}
+        return effects.supply(belief, own, drawn)
 
-    still = SimpleNamespace(extensor_flow=0.0, flexor_flow=0.0)
-    added = effect.expression(still, settings, ca.vertsplit(own)).add["supply_pressure"]
-    return belief.valve.supply_pressure + added, own, rates, effect.scales
+    return at(ca.SX(2, 1))[0], own, lambda flow: at(flow)[1], scales
 
 
 def _positive(x, width):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Controllers that know effects: what each compensation does to the equation that it belongs to."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -16,10 +17,12 @@ from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.position import PositionController
 from pam_orthosis.control.pressure import PressureController
 from pam_orthosis.control.trajectory import Reference
+from pam_orthosis.model import parameters as parameter_tree
 from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.effects.valve_dead_band import opened
 from pam_orthosis.model.orthosis import MUSCLES
 from pam_orthosis.model.parameters import load
+from pam_orthosis.planning import problem
 
 WALK = Path(__file__).parents[2] / "bags" / "walk"
 MECHANICAL = [
@@ -206,6 +209,35 @@ def test_a_supply_that_sags_is_met_by_a_wider_opening():
     for _ in range(200):
         knowing.step(-flow, at)  # air that leaves draws none
     assert knowing.step(flow, at) == pytest.approx(unknowing, abs=1e-6)
+
+
+@pytest.fixture
+def second_supply_effect(monkeypatch):
+    """Another effect of the supply in the catalogue: a long line before the regulator."""
+    line = replace(CATALOGUE["supply_sag"], name="supply_line", states=("line_sag",), scales=(2.0e4,))
+    monkeypatch.setitem(CATALOGUE, "supply_line", line)
+    parameter_tree._shipped_rows.cache_clear()
+    yield {"effects.supply_line.resistance": 1e7, "effects.supply_line.time_constant": 0.5}
+    parameter_tree._shipped_rows.cache_clear()
+
+
+def test_all_effects_of_the_supply_are_compensated_and_planned_with(second_supply_effect):
+    on = {"effects.supply_sag.resistance": 2e7, **second_supply_effect}
+    on |= {f"effects.{name}.enabled": True for name in ("supply_sag", "supply_line")}
+    belief, flow = load(on).belief(), 4e-3
+    after, state = effects.supply_after(belief, "flexor"), np.zeros(2)
+    for _ in range(2000):
+        state, supply = after(state, flow)
+    assert float(supply) == pytest.approx(belief.valve.supply_pressure - 3e7 * flow, rel=1e-6)
+    pressure_then, own, rates, scales = problem._supply(belief)
+    assert scales == (1.0e4, 2.0e4)
+    planned = ca.Function("planned", [own], [pressure_then, rates(ca.DM([0.0, flow]))])
+    at_rest, sagging = planned([0.0, 0.0]), planned([3e3, 5e3])
+    assert float(at_rest[0] - sagging[0]) == pytest.approx(8e3)
+    # each goes by its own resistance and time constant; both round the edge where a valve begins to draw
+    fast, slow = np.array(at_rest[1]).ravel().tolist()
+    assert fast * 0.05 / 2e7 == pytest.approx(slow * 0.5 / 1e7)
+    assert fast * 0.05 / 2e7 == pytest.approx(flow, rel=0.01)
 
 
 def test_the_voltage_undoes_the_believed_dead_band():
