@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -128,6 +128,11 @@ class Scored:
     whiten: Whitener
     warm_up: int
 
+    @property
+    def samples(self) -> int:
+        """The number of samples that are scored."""
+        return self.run.recording.samples - self.warm_up
+
     def white(self, channel: str, columns: np.ndarray) -> np.ndarray:
         """Return whitened columns (n, ...) without the warm-up."""
         return self.whiten(channel, columns)[self.warm_up :]
@@ -208,6 +213,14 @@ class Problem:
             )
             for equation in self.system.equations
         }
+
+    def by_run(self, equation, row: np.ndarray) -> Iterator[tuple[Scored, np.ndarray]]:
+        """Yield each run with its part, (channels, samples, ...), of a row of an equation's residuals."""
+        start, count = 0, len(equation.channels)
+        for one in self.scored:
+            end = start + count * one.samples
+            yield one, row[start:end].reshape(count, one.samples, *row.shape[1:])
+            start = end
 
     def blocks(self, effects, values, names: tuple[str, ...]) -> dict[str, Block]:
         """Return residuals and derivatives by those of `names` that matter, of every equation."""
@@ -441,13 +454,7 @@ def misfit(problem: Problem, equation, residual: np.ndarray) -> float:
     keeps ordinary parameters inside their tolerances until the model is right.
     """
     raw = residual / problem.weights[equation.name]
-    worst, start = 1.0, 0
-    for one in problem.scored:
-        length = one.run.recording.samples - one.warm_up
-        for _ in equation.channels:
-            worst = max(worst, peak(raw[start : start + length]))
-            start += length
-    return worst
+    return max([1.0, *(peak(piece) for _, part in problem.by_run(equation, raw) for piece in part)])
 
 
 def peak(residual: np.ndarray) -> float:

@@ -43,12 +43,8 @@ def interval(model: Fit, spread: np.ndarray, name: str) -> tuple[float, float]:
 
 
 def _over_blocks(problem: Problem, equation, scores: np.ndarray) -> np.ndarray:
-    sums, start = [], 0
-    for one in problem.scored:
-        length, size = one.run.recording.samples - one.warm_up, round(BLOCK / one.run.period)
-        whole = max(1, length // size)
-        for _ in equation.channels:
-            piece = scores[start : start + length]
-            sums += [part.sum(axis=0) for part in np.array_split(piece, whole)]
-            start += length
+    sums = []
+    for one, part in problem.by_run(equation, scores):
+        whole = max(1, one.samples // round(BLOCK / one.run.period))
+        sums += [block.sum(axis=0) for piece in part for block in np.array_split(piece, whole)]
     return np.array(sums)

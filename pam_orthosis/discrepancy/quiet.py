@@ -76,13 +76,11 @@ def _silences(problem: Problem, model: Fit, large: Collection[str]) -> dict[str,
 
 def _around(problem: Problem, equation, row: np.ndarray) -> np.ndarray:
     """Return the largest value near each sample, recording by recording."""
-    pieces, start = [], 0
-    for one in problem.scored:
-        length, size = one.run.recording.samples - one.warm_up, 2 * round(AROUND / one.run.period) + 1
-        for _ in equation.channels:
-            pieces.append(maximum_filter1d(row[start : start + length], size))
-            start += length
-    return np.concatenate(pieces)
+    parts = [
+        maximum_filter1d(part, 2 * round(AROUND / one.run.period) + 1, axis=1).ravel()
+        for one, part in problem.by_run(equation, row)
+    ]
+    return np.concatenate(parts)
 
 
 def _seconds(problem: Problem, shown) -> float:
@@ -91,6 +89,5 @@ def _seconds(problem: Problem, shown) -> float:
 
 
 def _seconds_of(problem: Problem, equation, shown: np.ndarray) -> float:
-    lengths = [one.run.recording.samples - one.warm_up for one in problem.scored for _ in equation.channels]
-    periods = [one.run.period for one in problem.scored for _ in equation.channels]
-    return float(np.repeat(periods, lengths) @ shown) / len(equation.channels)
+    seconds = sum(one.run.period * float(part.sum()) for one, part in problem.by_run(equation, shown))
+    return seconds / len(equation.channels)

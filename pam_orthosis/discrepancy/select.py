@@ -192,7 +192,11 @@ def _round(found: Selection, held_out: Problem, settings, tell) -> Step:
 
 
 def _accepted(problem: Problem, base: Fit, held_out: Problem, able, told, gains, blocked=()) -> Step:
-    """Return the step with the first of some models that held-out recordings confirm."""
+    """Return the step with the first of some models that held-out recordings confirm, or why none is.
+
+    What is refused is the first one: its evidence, its t value and the reason belong together.
+    """
+    refused = []
     for evidence, weighted, model in able:
         name = model.effects[-1]
         t, transfer = confirmed(
@@ -200,11 +204,13 @@ def _accepted(problem: Problem, base: Fit, held_out: Problem, able, told, gains,
         )
         strained = not _visible(problem, base, model)
         if _too_small(problem.system, name, model):
-            continue
-        if t > LEAST_T or transfer > LEAST_TRANSFER or (strained and t > WORST_T):
+            reason = f"{name} is smaller than what is worth a name"
+        elif t > LEAST_T or transfer > LEAST_TRANSFER or (strained and t > WORST_T):
             return Step(name, model, weighted, evidence, t, told, "accepted", gains)
-    reason = "held-out recordings do not confirm it"
-    return Step(None, None, None, able[0][0], t, told, reason, gains, blocked)
+        else:
+            reason = f"held-out recordings do not confirm {name}"
+        refused.append(Step(None, None, None, evidence, t, told, reason, gains, blocked))
+    return refused[0]
 
 
 def _round_in_silence(found: Selection, held_out: Problem, last: Step, settings, tell) -> Step:
@@ -362,15 +368,11 @@ def _falls(problem: Problem, smaller: Fit, larger: Fit) -> np.ndarray:
 
 def _block_sums(problem: Problem, equation, values: np.ndarray) -> np.ndarray:
     """Return sums over blocks of time, the equation's channels added."""
-    sums, start = [], 0
-    for one in problem.scored:
-        length, size = one.run.recording.samples - one.warm_up, round(BLOCK / one.run.period)
-        of_run = np.zeros(length)
-        for _ in equation.channels:
-            of_run += values[start : start + length]
-            start += length
-        whole = len(of_run) // size * size
-        sums.append(of_run[:whole].reshape(-1, size).sum(axis=1))
+    sums = []
+    for one, part in problem.by_run(equation, values):
+        size = round(BLOCK / one.run.period)
+        whole = one.samples // size * size
+        sums.append(part.sum(axis=0)[:whole].reshape(-1, size).sum(axis=1))
     return np.concatenate(sums)
 
 

@@ -80,7 +80,7 @@ def clean(places: list[Where]) -> bool:
 
 def _lengths(problem: Problem, equation) -> tuple[int, ...]:
     """Return the scored samples of each channel of each run."""
-    lengths = [one.run.recording.samples - one.warm_up for one in problem.scored]
+    lengths = [one.samples for one in problem.scored]
     return tuple(sorted(lengths * len(equation.channels)))
 
 
@@ -97,13 +97,10 @@ def _reach(lengths: tuple[int, ...]) -> float:
 
 def _coordinates(problem: Problem, equation, residual: np.ndarray):
     """Return how much of the residual each signal explains by conditional means, and where it is largest."""
-    start, shares, regions = 0, {}, {}
-    for one in problem.scored:
-        length = one.run.recording.samples - one.warm_up
+    shares, regions = {}, {}
+    for one, part in problem.by_run(equation, residual):
         signals = signals_of(problem.system, one)
-        for _ in equation.channels:
-            piece = residual[start : start + length]
-            start += length
+        for piece in part:
             for name, values in signals.items():
                 shares.setdefault(name, []).append(_correlation_ratio(piece, values))
                 regions.setdefault(name, []).append(_region(piece, values))

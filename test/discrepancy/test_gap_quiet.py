@@ -10,7 +10,7 @@ import pytest
 from pam_orthosis.discrepancy import candidates, quiet, select, workflow
 from pam_orthosis.discrepancy.candidates import COARSE, DIFFERENCE, Projection, Trial, candidate
 from pam_orthosis.discrepancy.data import from_arrays
-from pam_orthosis.discrepancy.fit import fit_tempered, free_parameters
+from pam_orthosis.discrepancy.fit import Problem, Scored, fit_tempered, free_parameters
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.model.parameters import load
@@ -92,11 +92,8 @@ def test_seconds_of_silence_are_those_of_each_recording(bench):
     """Recordings of one fit may have different rates."""
     slow = bench.recording(1)
     fast = replace(slow, period=slow.period / 4, name="fast")
-    scored = [
-        SimpleNamespace(run=SimpleNamespace(recording=one, period=one.period), warm_up=0)
-        for one in (fast, slow)
-    ]
-    problem = SimpleNamespace(scored=scored, system=bench.system)
+    runs = [SimpleNamespace(recording=one, period=one.period) for one in (fast, slow)]
+    problem = Problem(bench.replay, [Scored(run, None, 0) for run in runs])
     # rows lie recording by recording, channels within
     shown = {e.name: np.repeat([False, True], slow.samples * len(e.channels)) for e in bench.system.equations}
     assert quiet._seconds(problem, shown) == pytest.approx(slow.samples * slow.period)

@@ -8,8 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("numba")
-
 import pam_orthosis.discrepancy
 from pam_orthosis.bag.rig_record import record_rig
 from pam_orthosis.cli.main import main

@@ -8,8 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("numba")
-
 import pam_orthosis
 from pam_orthosis.bag.read import read_bag, run_record
 from pam_orthosis.cli.main import main
