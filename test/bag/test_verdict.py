@@ -40,6 +40,13 @@ def test_error_is_reference_minus_angle_joined_by_stamp(tmp_path):
     assert judge(bag, bound_deg=2.1).passed
 
 
+def test_an_error_of_exactly_the_bound_passes(tmp_path):
+    bag = write_tracking_bag(tmp_path / "bag", TIME_NS, np.full_like(TIME, 0.05), np.zeros_like(TIME))
+    largest = judge(bag).max_abs_error_deg
+    assert judge(bag, bound_deg=largest).passed
+    assert not judge(bag, bound_deg=np.nextafter(largest, 0.0)).passed
+
+
 def test_skipped_seconds_are_not_judged(tmp_path):
     angle = np.zeros_like(TIME)
     reference = np.radians(np.where(TIME < 1.0, 9.0, 0.1))

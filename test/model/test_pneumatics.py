@@ -38,6 +38,15 @@ def test_flow_function_is_continuous(critical):
     assert (np.diff(psi) <= 1e-15).all()
 
 
+@pytest.mark.parametrize(
+    ("ratio", "critical", "share"), [(0.65, 0.3, 0.5), (0.44, 0.3, 0.2), (0.92, 0.2, 0.9)]
+)
+def test_subsonic_flow_is_a_quarter_of_an_ellipse(ratio, critical, share):
+    """ISO 6358: psi^2 + ((r - b) / (1 - b))^2 = 1."""
+    psi = float(pneumatics.flow_function(ratio, critical))
+    assert psi**2 + share**2 == pytest.approx(1.0, abs=1e-12)
+
+
 def test_valve_fills_vents_and_closes(valve):
     at = [float(pneumatics.valve_flow(o, 3e5, valve.supply_pressure, valve)) for o in (1.0, -1.0, 0.0)]
     assert at[0] > 0 > at[1]
