@@ -47,22 +47,23 @@ def bags(_arguments: argparse.Namespace) -> list[str]:
             made = Path(folder, name)
             command = [sys.executable, "-m", "pam_orthosis.cli.main", "run", "--scenario", scenario, *RUN]
             subprocess.run([*command, "--out", str(made)], check=True, stdout=subprocess.DEVNULL)
-            before, after = _payloads(ROOT / "bags" / name), _payloads(made)
-            lines += [f"bags/{name}: {line}" for line in _different_topics(before, after)]
+            before, after = payloads(ROOT / "bags" / name), payloads(made)
+            lines += [f"bags/{name}: {line}" for line in different_topics(before, after)]
     return lines
 
 
-def _payloads(bag: Path) -> dict[str, list[bytes]]:
+def payloads(bag: Path) -> dict[str, list[bytes]]:
     """Return topic -> payloads in the order of a bag."""
-    payloads = defaultdict(list)
+    found = defaultdict(list)
     for file in sorted(bag.glob("*.mcap")):
         with file.open("rb") as stream:
             for _, channel, message in make_reader(stream).iter_messages():
-                payloads[channel.topic].append(message.data)
-    return payloads
+                found[channel.topic].append(message.data)
+    return found
 
 
-def _different_topics(before: dict[str, list[bytes]], after: dict[str, list[bytes]]) -> list[str]:
+def different_topics(before: dict[str, list[bytes]], after: dict[str, list[bytes]]) -> list[str]:
+    """Return a line on every topic whose payloads are not the same."""
     lines = []
     for topic in sorted(before | after):
         one, other = before.get(topic, []), after.get(topic, [])

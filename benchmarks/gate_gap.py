@@ -83,7 +83,7 @@ def differences() -> list[str]:
     return [
         f"{name}: {line}"
         for name, before in kept["searches"].items()
-        for line in _different(before, answers[name], tolerance)
+        for line in different(before, answers[name], tolerance)
     ]
 
 
@@ -92,13 +92,13 @@ def _machine() -> str:
     return f"{zlib.crc32(processor().encode()):08x}, numpy {np.__version__}"
 
 
-def _different(before: Any, after: Any, tolerance: float, path: str = "") -> list[str]:
+def different(before: Any, after: Any, tolerance: float, path: str = "") -> list[str]:
     """Return lines on what is not the same in two answers; numbers may differ by a relative tolerance."""
     if isinstance(before, Mapping) and isinstance(after, Mapping) and before.keys() == after.keys():
         return [
             line
             for key in before
-            for line in _different(before[key], after[key], tolerance, f"{path}.{key}".strip("."))
+            for line in different(before[key], after[key], tolerance, f"{path}.{key}".strip("."))
         ]
     if isinstance(before, float) and isinstance(after, float):
         same = math.isclose(before, after, rel_tol=tolerance)
