@@ -273,8 +273,9 @@ def _faults(ending: Ending, recording: bool) -> Iterator[str]:
 
 @contextmanager
 def burners(count: int) -> Iterator[None]:
-    """Let so many processes want the processor all the time."""
-    started = [subprocess.Popen([sys.executable, "-S", "-c", "while True: pass"]) for _ in range(count)]
+    """Let so many processes want the processor all the time, for as long as this one lives."""
+    burn = f"import os\nwhile os.getppid() == {os.getpid()}: pass"
+    started = [subprocess.Popen([sys.executable, "-S", "-c", burn]) for _ in range(count)]
     try:
         yield
     finally:
