@@ -76,13 +76,17 @@ def execute(arguments: argparse.Namespace) -> int:
 
 
 class Case(NamedTuple):
-    """What was asked: settings, stages before the search, parameters of --model, bags without a record."""
+    """What was asked: settings, stages before the search, parameters of --model, what records lack.
+
+    `assumed`: bags without a record; `untold`: rows that the others lack, and the values taken.
+    """
 
     settings: Any
     start: Beginning
     data: Telling
     given: Mapping[str, Any]
     assumed: Sequence[Path]
+    untold: Mapping[str, Any]
     heading: str
 
 
@@ -92,14 +96,14 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.discrepancy.data import without_record
     from pam_orthosis.discrepancy.telling import telling
-    from pam_orthosis.discrepancy.verdict import assumed_words
+    from pam_orthosis.discrepancy.verdict import assumed_words, untold_words
     from pam_orthosis.discrepancy.workflow import begin
 
     given = patch.read(arguments.model) if arguments.model else {}
     paths = [*arguments.measured, *arguments.held_out]
-    parameters, system, read = _system(paths, given, arguments.namespace, arguments.model)
+    parameters, system, read, rows = _system(paths, given, arguments.namespace, arguments.model)
     assumed = without_record(paths, arguments.namespace)
-    heading = assumed_words(assumed, len(paths), arguments.model)
+    heading = assumed_words(assumed, len(paths), arguments.model) + untold_words(rows, parameters)
     every = [read(path, system, arguments.namespace) for path in counted(paths, progress, "reading")]
     training, held_out = every[: len(arguments.measured)], every[len(arguments.measured) :]
     if arguments.out:
@@ -107,7 +111,7 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     start = begin(system, training, held_out, parameters.gap, progress)
     progress("computing what these data can show")
     data = telling(start.problem, start.null, parameters.gap.evidence.threshold, progress)
-    return Case(parameters.gap, start, data, given, assumed, heading)
+    return Case(parameters.gap, start, data, given, assumed, rows, heading)
 
 
 def _searched(case: Case, progress: Progress) -> Outcome:
@@ -121,7 +125,8 @@ def _told(case: Case, outcome: Outcome) -> tuple[dict[str, Any], str]:
     from pam_orthosis.discrepancy.verdict import as_dict, describe, describe_data, told_as_dict
 
     assumed = [str(path) for path in case.assumed]
-    told = {**as_dict(outcome), "apparatus_assumed": assumed, "data": told_as_dict(case.data)}
+    known = {"apparatus_assumed": assumed, "parameters_assumed": dict(case.untold)}
+    told = {**as_dict(outcome), **known, "data": told_as_dict(case.data)}
     return told, f"{case.heading}{describe_data(case.data)}\n{describe(outcome)}"
 
 
@@ -138,9 +143,9 @@ def _stages(start, data, last: str) -> str:
 
 
 def _system(paths: list[Path], given, namespace: str, model: Path | None = None):
-    """Return what is believed, the system that the recordings are of, and how they are read."""
+    """Return what is believed, the system that the recordings are of, how they are read, rows they lack."""
     from pam_orthosis.discrepancy import knee, rig
-    from pam_orthosis.discrepancy.data import agreed_belief
+    from pam_orthosis.discrepancy.data import agreed_belief, untold
     from pam_orthosis.discrepancy.patch import PLANNED
     from pam_orthosis.model.parameters import load
 
@@ -155,9 +160,10 @@ def _system(paths: list[Path], given, namespace: str, model: Path | None = None)
     recorded = agreed_belief(paths, apparatus, given, namespace, alone)
     with naming(model or paths[0]):
         parameters = load({**recorded, **given})
+    rows = untold(paths, parameters, apparatus, given, namespace)
     if specimen is None:
-        return parameters, knee.knee(parameters), _recording
-    return parameters, rig.test_rig(parameters, specimen), rig.recording
+        return parameters, knee.knee(parameters), _recording, rows
+    return parameters, rig.test_rig(parameters, specimen), rig.recording, rows
 
 
 def _recording(path: Path, system, namespace: str):

@@ -13,7 +13,7 @@ from scipy.signal import butter, sosfiltfilt
 from pam_orthosis.bag.read import PLAUSIBLE, aligned, read_bag, recorded_parameters, run_record
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model.parameters import BELIEF
+from pam_orthosis.model.parameters import BELIEF, Parameters
 from pam_orthosis.tables import is_table, read_numbers
 
 HIGHEST_CUTOFF = 0.4  # of the sampling rate
@@ -126,6 +126,26 @@ def without_record(paths: Sequence[Path], namespace: str = "") -> list[Path]:
     return [path for path in paths if not believed(path, namespace)]
 
 
+def untold(
+    paths: Sequence[Path],
+    parameters: Parameters,
+    apparatus: tuple[str, ...],
+    given: Collection[str] = (),
+    namespace: str = "",
+) -> dict[str, float]:
+    """Return the rows of the apparatus that a bag with a record says nothing of, and the value that is taken.
+
+    An older version recorded the bag, which did not have them. Effects that are off are left out.
+    """
+    records = [belief for path in paths if (belief := believed(path, namespace))]
+    taken = {k: v for k, v in parameters.flat().items() if k.startswith(apparatus) and k not in given}
+    return {
+        key: value
+        for key, value in taken.items()
+        if not _is_off(key, taken) and any(key not in record for record in records)
+    }
+
+
 def agreed_belief(
     paths: Sequence[Path],
     apparatus: tuple[str, ...],
@@ -134,6 +154,8 @@ def agreed_belief(
     alone: Mapping[str, str] | None = None,
 ) -> dict:
     """Return the belief of the first bag that has one, as overrides; empty if none has.
+
+    What it does not tell of the apparatus is that of the next bag that does.
 
     Args:
         apparatus: how the keys begin that must have one value in all bags.
@@ -147,6 +169,7 @@ def agreed_belief(
     alone = alone or {}
     known = [(path, belief) for path in paths if (belief := believed(path, namespace))]
     first, belief = known[0] if known else (None, {})
+    told_by = dict.fromkeys(belief, first)
     for path, other in known[1:]:
         for key, value in belief.items():
             settled = key in given and key not in alone
@@ -155,9 +178,11 @@ def agreed_belief(
             if key in other and other[key] != value:
                 help_ = "give recordings of one, or the value that is right with --model"
                 raise OrthosisError(
-                    f"recordings of different apparatus: {key} is {value} in {first}, {other[key]} in {path};"
-                    f" {alone.get(key, help_)}"
+                    f"recordings of different apparatus: {key} is {value} in {told_by[key]}, {other[key]} in"
+                    f" {path}; {alone.get(key, help_)}"
                 )
+        more = {k: v for k, v in other.items() if k.startswith(apparatus) and k not in belief}
+        belief, told_by = belief | more, told_by | dict.fromkeys(more, path)
     return belief
 
 

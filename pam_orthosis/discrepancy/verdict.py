@@ -12,10 +12,10 @@ from pam_orthosis.discrepancy.structure import clean
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.telling import Telling
 from pam_orthosis.discrepancy.workflow import Beginning, Named, Outcome, beyond
-from pam_orthosis.model.parameters import experiments
+from pam_orthosis.model.parameters import Parameters, experiments
 
 LABEL = 25  # characters of the first column, at least
-MOST_EMPTIED = 3  # parameters in one line
+MOST_NAMED = 3  # parameters in one line
 FAR_STRAIN = 5.0  # tolerances: less likely hardware than a wrong zero or unit
 
 
@@ -115,6 +115,16 @@ def assumed_words(files: Sequence[Path], count: int, model: Path | None) -> str:
     changed = f" with what {model} changes" if model else ""
     told = f"{files[0]}{more} without a record of parameters, read as {taken}{changed}"
     return f"the apparatus is assumed: {told}\n"
+
+
+def untold_words(rows: Mapping[str, Any], parameters: Parameters) -> str:
+    """Return the line on rows of the apparatus that a record lacks, with the values taken; empty if none."""
+    if not rows:
+        return ""
+    first = [f"{key} = {rows[key]} {parameters.row(key).unit}" for key in list(rows)[:MOST_NAMED]]
+    more = f" and {len(rows) - len(first)} more" if len(rows) > len(first) else ""
+    taken = f"{', '.join(first)}{more}; give what is right with --model"
+    return f"recorded by a version without these parameters; taken: {taken}\n"
 
 
 def describe_data(told: Telling) -> str:
@@ -313,6 +323,6 @@ def _emptied(outcome: Outcome) -> str:
     if not outcome.empty:
         return ""
     values = outcome.selection.final.values
-    told = ", ".join(f"{key} = {values[key]:.4g}" for key in outcome.empty[:MOST_EMPTIED])
-    more = len(outcome.empty) - MOST_EMPTIED
+    told = ", ".join(f"{key} = {values[key]:.4g}" for key in outcome.empty[:MOST_NAMED])
+    more = len(outcome.empty) - MOST_NAMED
     return f", not what the name says: {told}" + (f" and {more} more" if more > 0 else "")

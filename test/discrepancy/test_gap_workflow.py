@@ -24,7 +24,7 @@ from pam_orthosis.discrepancy.data import (
 )
 from pam_orthosis.discrepancy.measure import Gap
 from pam_orthosis.discrepancy.telling import Telling, telling
-from pam_orthosis.discrepancy.verdict import _answer, as_dict, describe
+from pam_orthosis.discrepancy.verdict import _answer, as_dict, describe, untold_words
 from pam_orthosis.discrepancy.workflow import begin, find_gap
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
@@ -522,6 +522,34 @@ def test_recordings_of_different_apparatus_are_refused(tmp_path, capsys):
     assert cli.main(["gap", str(plain), "--held-out", str(heavy)]) == 2
     said = capsys.readouterr().err
     assert f"leg.knee_mass is {load().leg.knee_mass} in {plain}, 2.0 in {heavy}" in said
+
+
+def older(folder, **believed):
+    """Write a bag of ours by a version that had no row of the loop's delay."""
+    run = run_metadata(load(believed).belief(), "test")
+    told = json.loads(run["parameters"])
+    del told["valve.delay"]
+    run["parameters"] = json.dumps(told)
+    write_arrays(folder, np.array([0, 2_000_000]), {"angle": np.zeros(2)}, run)
+    return folder
+
+
+def test_a_delay_that_no_recording_tells_is_not_taken_in_silence(tmp_path):
+    old, new = older(tmp_path / "old"), bag_of(tmp_path / "new", valve__delay=5e-3)
+    today, key = load(), "valve.delay"
+    for paths, given, assumed, taken in (
+        ([old], {}, {key: today.valve.delay}, today.valve.delay),
+        ([old, new], {}, {key: 5e-3}, 5e-3),
+        ([new], {}, {}, 5e-3),
+        ([old], {key: 4e-3}, {}, 4e-3),
+        ([tmp_path / "x.csv"], {}, {}, today.valve.delay),  # of a table the whole apparatus is assumed
+    ):
+        parameters, _, _, rows = gap_verb._system(paths, given, "")
+        assert (rows, parameters.valve.delay) == (assumed, taken)
+    words = untold_words({key: today.valve.delay}, today)
+    assert "without these parameters; taken: valve.delay = 0.0099 s; give what is right" in words
+    assert words.count("\n") == 1
+    assert untold_words({}, today) == ""
 
 
 def test_a_recording_cannot_be_fitted_and_judge(tmp_path, capsys):
