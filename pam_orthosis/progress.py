@@ -21,7 +21,7 @@ WIDEST = 79  # characters of the line on a terminal, lest it wraps
 LEAST_LEFT = 1.0  # s: an estimate below it, or one that is over, is none
 MINUTES = 120.0  # s from which minutes are told
 OFF = "PAM_ORTHOSIS_NO_PROGRESS"  # for scripts that read stderr
-BEGIN_OF_LINE, END_OF_LINE = "\r\x1b[K", "\n"
+BEGIN_OF_LINE = "\r\x1b[K"
 
 Item = TypeVar("Item")
 

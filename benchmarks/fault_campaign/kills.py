@@ -30,7 +30,6 @@ from pam_orthosis.bag.aside import NAME as WRITER
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.bag.record import METADATA_FILE
 from pam_orthosis.bag.topics import NODES, PLANT, RECORDER, VALVE
-from pam_orthosis.control.legs import LEGS
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
 
@@ -43,6 +42,7 @@ HEED = ["env", "--default-signal=HUP,INT,TERM"]  # also if this is started in th
 RUN = [*HEED, *CLI, "run", "--duration", "3600"]
 QUICK = ["--param", "scenario.start_hold=0.1", "--param", "scenario.start_ramp=0.5"]
 COMPOSED, TWO_LEGS = "composed", "two legs"
+LEGS = "left", "right"
 MODES = {
     "lockstep": [],
     COMPOSED: ["--composed"],

@@ -7,7 +7,6 @@ from typing import Any
 
 from pam_orthosis.control.trajectory import make_trajectory
 
-LEGS = ("left", "right")
 PERIODIC = ("gait", "sine")
 
 

@@ -39,7 +39,6 @@ class ObserverRun:
         lag: of the estimated disturbance at its frequency, s.
         gain: amplitude of the estimated disturbance / true amplitude.
         velocity_noise: standard deviation of the estimated velocity's error, rad/s.
-        disturbance_noise: standard deviation of the estimated disturbance, N m.
     """
 
     parameters: Any
@@ -49,7 +48,6 @@ class ObserverRun:
     lag: float
     gain: float
     velocity_noise: float
-    disturbance_noise: float
 
 
 @dataclass(frozen=True)
@@ -140,11 +138,8 @@ def _judged(p, signals, instants, true) -> ObserverRun:
     estimated = signals["disturbance"][later]
     lag, gain = lag_and_gain(instants[settled], true[settled], time[later], estimated, frequencies)
     error = (signals["estimated_velocity"] - signals["true_velocity"])[later]
-    return ObserverRun(
-        p, signals, instants, true, lag, gain,
-        float(fundamental(time[later], error, frequencies)[2].std()),
-        float(fundamental(time[later], estimated, frequencies)[2].std()),
-    )  # fmt: skip
+    noise = float(fundamental(time[later], error, frequencies)[2].std())
+    return ObserverRun(p, signals, instants, true, lag, gain, noise)
 
 
 def _torque(signals, p) -> tuple[np.ndarray, np.ndarray]:

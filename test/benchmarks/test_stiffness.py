@@ -1,11 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Co-contraction sets the joint's stiffness, and the plant has the stiffness that the model says."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+
+from stiffness import measured, modelled
+
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.control.stiffness import measured, modelled
 from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.parameters import load, scenario_overrides
 
