@@ -17,7 +17,7 @@ from pam_orthosis.discrepancy.fit import fit_tempered, free_parameters, score
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.improvement import learned
-from pam_orthosis.improvement.experiments import programme
+from pam_orthosis.improvement.experiments import experiments
 from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.parameters import BELIEF
 
@@ -51,7 +51,7 @@ def learn(parameters) -> dict[str, Any]:
 def recordings(system, parameters) -> list:
     """Return what the specimen does in the experiments of `RECORDED`."""
     made = []
-    for experiment in programme(parameters):
+    for experiment in experiments(parameters):
         if experiment.name in RECORDED:
             there = parameters.changed(experiment.changes)
             steps = round(there.scenario.duration / there.scenario.control_period)

@@ -52,23 +52,23 @@ class Batch:
         executor: Executor,
         lives: Callable[[], bool],
         retries: int,
-        tell: Callable[[str], None] = lambda _: None,
+        show: Callable[[str], None] = lambda _: None,
     ) -> None:
         """Work off what is missing; the results are stored one by one, as soon as they are there.
 
         Args:
             lives: whether the executor can still be waited for.
             retries: how often a unit that fails is tried again.
-            tell: gets a line on each unit.
+            show: gets a line on each unit.
 
         Raises:
             OrthosisError: the executor is gone, or the results cannot be written.
         """
         with locked(self.folder):
-            self._run(executor, lives, retries, tell)
+            self._run(executor, lives, retries, show)
 
     def _run(
-        self, executor: Executor, lives: Callable[[], bool], retries: int, tell: Callable[[str], None]
+        self, executor: Executor, lives: Callable[[], bool], retries: int, show: Callable[[str], None]
     ) -> None:
         tries = {unit.name: 0 for unit in self.units if unit.name not in self.results}
         waiting = {executor.submit(work, unit): unit for unit in self.units if unit.name in tries}
@@ -82,7 +82,7 @@ class Batch:
                     waiting[executor.submit(work, unit)] = unit
                 else:
                     self.failed[unit.name] = {"tries": tries[unit.name], "why": answer.complaint}
-                tell(self._line(unit, answer, tries[unit.name]))
+                show(self._line(unit, answer, tries[unit.name]))
         finally:
             for future in waiting:
                 future.cancel()
@@ -132,7 +132,7 @@ class Batch:
         result = {
             "name": unit.name, **unit.identity(), "read": self._states[unit.name], "status": answer.status,
             "tries": tries, "seconds": round(answer.seconds, 2), "files": sorted(files),
-            "answer": answer.told,
+            "answer": answer.result,
         }  # fmt: skip
         files[RESULT] = as_text(json.dumps(result, indent=2) + "\n")
         if earlier:
@@ -148,8 +148,8 @@ class Batch:
             {0: "yes", 1: "no"}[answer.status] if not answer.complaint else f"failed: {answer.complaint}"
         )
         again = ", is tried again" if answer.complaint and unit.name not in self.failed else ""
-        told = f"{unit.name}: {outcome} ({answer.seconds:.1f} s, try {tries}{again})"
-        return f"{self.done}/{len(self.units)} {told}"
+        line = f"{unit.name}: {outcome} ({answer.seconds:.1f} s, try {tries}{again})"
+        return f"{self.done}/{len(self.units)} {line}"
 
 
 def _as_done(waiting: dict[Future, Unit], lives: Callable[[], bool]) -> Iterator[Future]:
@@ -174,10 +174,10 @@ def _answer(future: Future) -> Answer:
 def _object(file: Path) -> dict[str, Any]:
     """Return the JSON object in a file; empty if it holds none."""
     try:
-        told = from_json(read_text(file), str(file))
+        result = from_json(read_text(file), str(file))
     except OrthosisError:
         return {}
-    return told if isinstance(told, dict) else {}
+    return result if isinstance(result, dict) else {}
 
 
 def _bytes(data: bytes) -> Write:

@@ -25,19 +25,19 @@ LIMITS = ("doubled", "lost")
 
 
 def measure(
-    parameters: Parameters, workers: int, tell: Callable[[str], None] = lambda _: None
+    parameters: Parameters, workers: int, show: Callable[[str], None] = lambda _: None
 ) -> dict[str, Any]:
     """Return the margins as plain data: `margin.json` holds it.
 
     Args:
         workers: units at a time.
-        tell: gets a line on each unit.
+        show: gets a line on each unit.
 
     Raises:
         OrthosisError: the knee is lost on the hardware as it is.
         RunFailed: a unit gave no answer.
     """
-    tell("the hardware as it is")
+    show("the hardware as it is")
     nominal = margin.maximum_error(parameters)
     if math.isinf(nominal):
         raise OrthosisError(
@@ -45,7 +45,7 @@ def measure(
         )
     present = margin.perturbations(parameters)
     units = [_unit(parameters, name, direction, nominal) for name, direction in product(present, DIRECTIONS)]
-    rows = _worked(units, workers, tell)
+    rows = _worked(units, workers, show)
     doubled, lost = margin.thresholds(parameters, nominal)
     return {
         "duration_s": parameters.scenario.duration,
@@ -64,7 +64,7 @@ def _unit(parameters: Parameters, name: str, direction: str, nominal: float) -> 
     return Unit(f"{name}, {direction}", __name__, (json.dumps(changed), name, direction, repr(nominal)))
 
 
-def _worked(units: Sequence[Unit], workers: int, tell: Callable[[str], None]) -> dict[str, dict[str, Any]]:
+def _worked(units: Sequence[Unit], workers: int, show: Callable[[str], None]) -> dict[str, dict[str, Any]]:
     """Return the answer of each unit by its name."""
     rows: dict[str, dict[str, Any]] = {}
     with local(workers) as (executor, _):
@@ -73,8 +73,8 @@ def _worked(units: Sequence[Unit], workers: int, tell: Callable[[str], None]) ->
             unit, answer = waiting[future], future.result()
             if answer.complaint:
                 raise RunFailed(f"{unit.name}: {answer.complaint}")
-            rows[unit.name] = dict(answer.told)
-            tell(f"{len(rows)}/{len(units)} {unit.name}: {len(answer.told['runs'])} runs")
+            rows[unit.name] = dict(answer.result)
+            show(f"{len(rows)}/{len(units)} {unit.name}: {len(answer.result['runs'])} runs")
     return rows
 
 
@@ -115,11 +115,11 @@ def main(arguments: Sequence[str]) -> int:
     """Measure one unit's margins and print them; return 0, or 2 if these parameters cannot run."""
     overrides, name, direction, nominal = arguments
     try:
-        told = one(load(json.loads(overrides)), name, direction, float(nominal))
+        result = one(load(json.loads(overrides)), name, direction, float(nominal))
     except OrthosisError as error:
         print(error, file=sys.stderr)
         return error.exit_status
-    print(json.dumps(told))
+    print(json.dumps(result))
     return 0
 
 

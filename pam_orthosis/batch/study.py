@@ -31,14 +31,14 @@ def read_study(path: Path) -> list[dict[str, Any]]:
     Raises:
         OrthosisError: unreadable, an unknown or unusable entry, parameters that no walk can have.
     """
-    told = read_yaml(path)
-    if not isinstance(told, dict) or not told or set(told) - set(KINDS):
+    study = read_yaml(path)
+    if not isinstance(study, dict) or not study or set(study) - set(KINDS):
         raise OrthosisError(f"{path}: a study has entries of {', '.join(KINDS)}, and no others")
-    for name, value in told.items():
+    for name, value in study.items():
         if not isinstance(value, KINDS[name]):
             raise OrthosisError(f"{path}: {name} is not a {KINDS[name].__name__}")
-    common = {**scenario_overrides(told.get("scenario", "default")), **told.get("set", {})}
-    walks = [{**common, **one} for one in _combined(path, told)]
+    common = {**scenario_overrides(study.get("scenario", "default")), **study.get("set", {})}
+    walks = [{**common, **one} for one in _combined(path, study)]
     for number, walk in enumerate(walks):
         try:
             load(walk)
@@ -47,41 +47,41 @@ def read_study(path: Path) -> list[dict[str, Any]]:
     return walks
 
 
-def _combined(path: Path, told: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    seeds = [{"scenario.seed": seed} for seed in told.get("seeds", [])] or [{}]
-    grid = told.get("grid", {})
+def _combined(path: Path, study: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    seeds = [{"scenario.seed": seed} for seed in study.get("seeds", [])] or [{}]
+    grid = study.get("grid", {})
     if not all(isinstance(key, str) and isinstance(values, list) and values for key, values in grid.items()):
         raise OrthosisError(f"{path}: grid gives each parameter a list of values")
-    between = told.get("random", {}).get("between")
+    between = study.get("random", {}).get("between")
     if both := [key for key in grid if isinstance(between, dict) and key in between]:
         raise OrthosisError(f"{path}: {both[0]} is in grid and in random; leave it in one of them")
-    if not all(isinstance(one, dict) for one in told.get("sets", [])):
+    if not all(isinstance(one, dict) for one in study.get("sets", [])):
         raise OrthosisError(f"{path}: sets is a list of parameter sets")
-    _check_count(path, told, grid)
+    _check_count(path, study, grid)
     crossed = [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
-    drawn = list(_drawn(path, told["random"])) if "random" in told else [{}]
-    for parts in product(told.get("sets", []) or [{}], crossed, drawn, seeds):
+    drawn = list(_drawn(path, study["random"])) if "random" in study else [{}]
+    for parts in product(study.get("sets", []) or [{}], crossed, drawn, seeds):
         yield {key: value for part in parts for key, value in part.items()}
 
 
-def _check_count(path: Path, told: Mapping[str, Any], grid: Mapping[str, list]) -> None:
+def _check_count(path: Path, study: Mapping[str, Any], grid: Mapping[str, list]) -> None:
     """Check how many walks the combinations come to, before one is made."""
-    draws = told.get("random", {}).get("count", 1)
-    lists = [told.get("seeds", []), told.get("sets", []), *grid.values()]
+    draws = study.get("random", {}).get("count", 1)
+    lists = [study.get("seeds", []), study.get("sets", []), *grid.values()]
     count = prod(max(1, len(one)) for one in lists) * (draws if isinstance(draws, int) else 1)
     if count > MOST_WALKS:
         raise OrthosisError(f"{path}: {shown(count)} walks, more than {MOST_WALKS}: give parts of it")
 
 
-def _drawn(path: Path, told: Mapping[str, Any]) -> Iterator[dict[str, float]]:
+def _drawn(path: Path, study: Mapping[str, Any]) -> Iterator[dict[str, float]]:
     """Yield parameter sets, each value uniform between its bounds."""
     try:
-        count, seed, between = told["count"], told.get("seed", 0), told["between"]
+        count, seed, between = study["count"], study.get("seed", 0), study["between"]
         low, high = np.array([between[key] for key in between], dtype=float).reshape(-1, 2).T
         whole = isinstance(count, int) and isinstance(seed, int) and count >= 1 and seed >= 0
         with np.errstate(over="ignore"):  # which is judged
             ordered = np.isfinite(high - low).all() and (low <= high).all()
-        if not whole or not between or set(told) - DRAWN or not ordered:
+        if not whole or not between or set(study) - DRAWN or not ordered:
             raise ValueError
     except (KeyError, TypeError, ValueError, AttributeError):
         words = "count (1 or more), seed (0 or more) and between: parameter -> [low, high]"

@@ -30,25 +30,25 @@ class Unit:
         module: that is run, `python -m`.
         arguments: that it gets.
         writes: it gets `--out FOLDER` too, and the files it leaves there are part of the answer.
-        tells: its answer is a JSON object on standard output; exit status 1 is an answer, too ("no").
+        answers: with a JSON object on standard output; exit status 1 is an answer, too ("no").
         seconds: after which it is ended; None: it may take as long as it takes.
-        reads: file or folder of which the answer tells: if it changes, the answer is one no more.
+        reads: file or folder that the answer is on: if it changes, the answer is out of date.
     """
 
     name: str
     module: str
     arguments: tuple[str, ...]
     writes: bool = False
-    tells: bool = True
+    answers: bool = True
     seconds: float | None = None
     reads: Path | None = None
 
     def identity(self) -> dict[str, Any]:
-        """Return what tells this unit's results from those of another, as plain data."""
+        """Return what distinguishes this unit's results from those of another, as plain data."""
         return {"module": self.module, "arguments": list(self.arguments)}
 
     def state(self) -> list[list[Any]]:
-        """Return what tells what it reads from what it read another time: name, size and age of each file."""
+        """Return name, size and age of each file that it reads: they differ if it reads something else."""
         if self.reads is None:
             return []
         files = sorted(self.reads.iterdir()) if self.reads.is_dir() else [self.reads]
@@ -60,7 +60,7 @@ class Answer:
     """What came of a unit; `complaint` says why there is no answer, and is empty if there is one."""
 
     status: int
-    told: Mapping[str, Any] | None
+    result: Mapping[str, Any] | None
     complaint: str
     seconds: float
     files: Mapping[str, bytes] = field(default_factory=dict, repr=False)
@@ -77,8 +77,8 @@ def work(unit: Unit) -> Answer:
             done = _run(command, unit.seconds)
         except subprocess.TimeoutExpired:
             return Answer(-1, None, f"not done after {unit.seconds:g} s", time.monotonic() - began)
-        told, complaint = _judged(unit, done)
-        return Answer(done.returncode, told, complaint, time.monotonic() - began, _files(out))
+        result, complaint = _judged(unit, done)
+        return Answer(done.returncode, result, complaint, time.monotonic() - began, _files(out))
 
 
 def end_all() -> None:
@@ -94,14 +94,14 @@ def _run(command: Sequence[str], seconds: float | None) -> subprocess.CompletedP
     )  # fmt: skip
     _RUNNING.add(process)
     try:
-        told, complained = process.communicate(timeout=seconds)
+        result, complained = process.communicate(timeout=seconds)
     except BaseException:
         process.kill()
         process.communicate()
         raise
     finally:
         _RUNNING.discard(process)
-    return subprocess.CompletedProcess(command, process.returncode, told, complained)
+    return subprocess.CompletedProcess(command, process.returncode, result, complained)
 
 
 def _environment() -> dict[str, str]:
@@ -111,17 +111,17 @@ def _environment() -> dict[str, str]:
 
 def _judged(unit: Unit, done: subprocess.CompletedProcess) -> tuple[dict | None, str]:
     """Return the answer, and what is wrong if there is none."""
-    if done.returncode not in ((0, 1) if unit.tells else (0,)):
+    if done.returncode not in ((0, 1) if unit.answers else (0,)):
         return None, _last_line(done.stderr) or f"ended with status {done.returncode}"
-    if not unit.tells:
+    if not unit.answers:
         return {}, ""
     try:
-        told = json.loads(done.stdout)
+        result = json.loads(done.stdout)
     except ValueError:
-        told = None
-    if not isinstance(told, dict):  # a crash of Python ends with status 1, as "no" does
+        result = None
+    if not isinstance(result, dict):  # a crash of Python ends with status 1, as "no" does
         return None, _last_line(done.stderr) or "printed no answer"
-    return told, ""
+    return result, ""
 
 
 def _last_line(text: str) -> str:

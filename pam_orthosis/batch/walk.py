@@ -34,8 +34,8 @@ def walk(parameters: Parameters, bag: Path) -> None:
     """Walk for `scenario.duration` and record the bag that the nodes' recorder would, but for the truth."""
     period_ns = round(parameters.scenario.control_period * SECOND_NS)
     steps = round(parameters.scenario.duration * SECOND_NS / period_ns)
-    told = ClosedLoop(parameters, parameters.scenario.seed).run(steps)
-    signals = {ESTIMATES.get(name, name): told[name] for name in RECORDED}
+    walked = ClosedLoop(parameters, parameters.scenario.seed).run(steps)
+    signals = {ESTIMATES.get(name, name): walked[name] for name in RECORDED}
     every = parameters.control.position.every
     write_arrays(bag, np.arange(steps) * period_ns, signals, run_metadata(parameters, "study"), every)
 

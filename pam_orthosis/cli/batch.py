@@ -69,12 +69,12 @@ def execute(arguments: argparse.Namespace) -> int:
     )
     with shown("starting") as progress, where as (executor, lives):
 
-        def told(line: str) -> None:
+        def show(line: str) -> None:
             progress.note(line)
             progress("working", batch.done, len(batch.units))
 
         progress("working", batch.done, len(batch.units))
-        batch.run(executor, lives, arguments.retries, told)
+        batch.run(executor, lives, arguments.retries, show)
     summary = batch.summary()
     print(json.dumps(summary, indent=2) if arguments.json else describe(summary))
     return 3 if summary["failed"] else 1 if summary["no"] else 0
@@ -121,7 +121,7 @@ def _walks(inputs: Sequence[Path], more: Sequence[str]) -> list[tuple[str, str]]
 
 
 def _named(bags: Sequence[Path]) -> dict[str, Path]:
-    """Return bags by name; those of the same name by as much of their paths as tells them apart."""
+    """Return bags by name; those of the same name by as much of their paths as they differ in."""
     names = {bag: bag.name for bag in dict.fromkeys(bags)}
     for depth in range(2, max(len(bag.parts) for bag in bags)):
         common = {name for name, count in Counter(names.values()).items() if count > 1}

@@ -56,15 +56,15 @@ def show(verdicts: Mapping[str, Verdict], as_json: bool) -> int:
     """Print the verdict of each leg, by its name; return the exit status."""
     passed = all(verdict.passed for verdict in verdicts.values())
     if as_json:
-        told = {leg: verdict.as_dict() for leg, verdict in verdicts.items()}
-        print(json.dumps(told.get("", {"passed": passed, "legs": told}), indent=2))
+        legs = {leg: verdict.as_dict() for leg, verdict in verdicts.items()}
+        print(json.dumps(legs.get("", {"passed": passed, "legs": legs}), indent=2))
     else:
         print("\n\n".join(titled(leg, describe(verdict)) for leg, verdict in verdicts.items()))
     return 0 if passed else 1
 
 
 def titled(leg: str, text: str) -> str:
-    """Return what is told of a leg, under its name if it has one."""
+    """Return what is printed on a leg, under its name if it has one."""
     return f"{leg} leg\n{text}" if leg else text
 
 
@@ -79,21 +79,21 @@ def describe(verdict: Verdict) -> str:
         ("observer's velocity lag", verdict.observer_velocity_lag_ms, "ms"),
         *((f"{muscle} voltage variation", value, "V/s") for muscle, value in variation.items()),
     ]
-    told = [f"{name:26s} {value:8.3f} {unit}" for name, value, unit in rows if value is not None]
-    told += _timing(verdict.timing) if verdict.timing else []
+    lines = [f"{name:26s} {value:8.3f} {unit}" for name, value, unit in rows if value is not None]
+    lines += _timing(verdict.timing) if verdict.timing else []
     if verdict.not_led:
-        told.append(
+        lines.append(
             f"not judged                 {verdict.not_led} samples: the scenario leaves the knee free"
         )
-    told += [f"left out                   {remark}" for remark in verdict.remarks]
+    lines += [f"left out                   {remark}" for remark in verdict.remarks]
     if verdict.incomplete:
-        told.append(f"INCOMPLETE: {verdict.incomplete}; `check --partial` judges what is there")
+        lines.append(f"INCOMPLETE: {verdict.incomplete}; `check --partial` judges what is there")
     answer = "PASSED" if verdict.passed else "FAILED"
-    told.append(
+    lines.append(
         f"{answer}: maximum {verdict.max_abs_error_deg:.3f} deg, bound {verdict.bound_deg:g} deg,"
         f" {verdict.samples} samples in {verdict.duration_s:.3f} s"
     )
-    return "\n".join(told)
+    return "\n".join(lines)
 
 
 def _timing(timing: Timing) -> list[str]:

@@ -65,13 +65,13 @@ def execute(arguments: argparse.Namespace) -> int:
     if outcome is None:
         print(case.heading + _stages(case.start, case.data, arguments.until))
         return 0
-    told, words = _told(case, outcome)
+    data, words = _described(case, outcome)
     try:
         if arguments.out:
             with shown(f"writing {arguments.out}"):
-                _write(arguments.out, outcome, told, case.given, words)
+                _write(arguments.out, outcome, data, case.given, words)
     finally:  # a file that cannot be written must not take the verdict with it
-        print(json.dumps(told, indent=2) if arguments.json else words)
+        print(json.dumps(data, indent=2) if arguments.json else words)
     return 1 if outcome.verdict == "unexplained" else 0
 
 
@@ -120,14 +120,14 @@ def _searched(case: Case, progress: Progress) -> Outcome:
     return search(case.start, case.settings, progress)
 
 
-def _told(case: Case, outcome: Outcome) -> tuple[dict[str, Any], str]:
+def _described(case: Case, outcome: Outcome) -> tuple[dict[str, Any], str]:
     """Return the outcome as plain data and in words."""
     from pam_orthosis.discrepancy.verdict import as_dict, describe, describe_data, told_as_dict
 
     assumed = [str(path) for path in case.assumed]
     known = {"apparatus_assumed": assumed, "parameters_assumed": dict(case.untold)}
-    told = {**as_dict(outcome), **known, "data": told_as_dict(case.data)}
-    return told, f"{case.heading}{describe_data(case.data)}\n{describe(outcome)}"
+    data = {**as_dict(outcome), **known, "data": told_as_dict(case.data)}
+    return data, f"{case.heading}{describe_data(case.data)}\n{describe(outcome)}"
 
 
 def _stages(start, data, last: str) -> str:
@@ -143,7 +143,7 @@ def _stages(start, data, last: str) -> str:
 
 
 def _system(paths: list[Path], given, namespace: str, model: Path | None = None):
-    """Return what is believed, the system that the recordings are of, how they are read, rows they lack."""
+    """Return nominal model, the system that the recordings are of, how they are read, rows that they miss."""
     from pam_orthosis.discrepancy import knee, rig
     from pam_orthosis.discrepancy.data import agreed_belief, untold
     from pam_orthosis.discrepancy.patch import PLANNED
@@ -204,11 +204,11 @@ def _try(folder: Path) -> None:
         remove_empty(made)
 
 
-def _write(folder: Path, outcome, told, given, words: str) -> None:
+def _write(folder: Path, outcome, data, given, words: str) -> None:
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.report.gap import page
 
     named = [one.name for one in outcome.effects]
     added = patch.overrides(outcome.system, named, outcome.selection.final.values)
-    texts = json.dumps(told, indent=2) + "\n", patch.text({**given, **added}), page(outcome, words)
+    texts = json.dumps(data, indent=2) + "\n", patch.text({**given, **added}), page(outcome, words)
     write_files({folder / name: as_text(text) for name, text in zip(FILES, texts, strict=True)})

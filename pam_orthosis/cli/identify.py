@@ -154,8 +154,8 @@ def _lengths(found: Identified) -> list[str]:
         f"left out, length by length ({count} coefficients on {len(found.by_length)} lengths interpolate):"
     ]
     for contraction, e in found.by_length.items():
-        told = "not determined by the others" if e is None else f"{e[0]:6.1f} N RMS {e[1]:6.1f} N max"
-        lines.append(f"  contraction {contraction * 1e3:5.1f} mm  {told}")
+        error = "not determined by the others" if e is None else f"{e[0]:6.1f} N RMS {e[1]:6.1f} N max"
+        lines.append(f"  contraction {contraction * 1e3:5.1f} mm  {error}")
     return lines
 
 

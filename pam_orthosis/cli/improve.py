@@ -74,11 +74,11 @@ def _write(folder: Path, rounds: Sequence[Round]) -> str:
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.report import improvement
 
-    told = [one.as_dict() for one in rounds]
-    table = improvement.table(told)
+    data = [one.as_dict() for one in rounds]
+    table = improvement.table(data)
     contents = (
         as_text(patch.text(rounds[-1].model)),
-        as_text(json.dumps(told, indent=2) + "\n"),
+        as_text(json.dumps(data, indent=2) + "\n"),
         as_text(table),
         lambda stream: improvement.draw(rounds, stream),
     )

@@ -50,26 +50,26 @@ def execute(arguments: argparse.Namespace) -> int:
     """Measure and print; return 0."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # units share the cores; set before numpy is loaded
     from pam_orthosis.batch.margin import measure
-    from pam_orthosis.cli.run import assignments, believing
+    from pam_orthosis.cli.run import assignments, with_model
 
     given = assignments(arguments.param)
     overrides = scenario_overrides(arguments.scenario) | {"scenario.duration": arguments.duration} | given
-    parameters = believing(load(overrides), arguments.model, given)
+    parameters = with_model(load(overrides), arguments.model, given)
     with claimed(arguments.out) if arguments.out else nullcontext():
         margins = measure(parameters, os.cpu_count() or 1, _progress())
         _show({"scenario": arguments.scenario, **margins}, arguments.out, arguments.json)
     return 0
 
 
-def _show(told: dict, folder: Path | None, as_json: bool) -> None:
+def _show(found: dict, folder: Path | None, as_json: bool) -> None:
     from pam_orthosis.report import margin
 
-    table, text = margin.table(told), json.dumps(told, indent=2)
+    table, text = margin.table(found), json.dumps(found, indent=2)
     if folder:
         write_files({
             folder / "margin.json": as_text(text + "\n"),
             folder / "margin.md": as_text(table + "\n"),
-            folder / "margin.png": lambda stream: margin.draw(told, stream),
+            folder / "margin.png": lambda stream: margin.draw(found, stream),
         })  # fmt: skip
     print(text if as_json else table)
 
@@ -77,7 +77,7 @@ def _show(told: dict, folder: Path | None, as_json: bool) -> None:
 def _progress():
     start = time.monotonic()
 
-    def tell(line: str) -> None:
+    def show(line: str) -> None:
         print(f"[{time.monotonic() - start:5.1f} s] {line}", file=sys.stderr, flush=True)
 
-    return tell
+    return show

@@ -81,7 +81,7 @@ def _told(plan, recorded) -> str:
 
     cycle, lines = plan.cycle, []
     if recorded:
-        torque = recorded.lacking(np.arange(len(plan.wanted)) / len(plan.wanted))
+        torque = recorded.missing(np.arange(len(plan.wanted)) / len(plan.wanted))
         lines.append(f"unexplained torque   {torque.min():.2f} .. {torque.max():.2f} N m")
     change = np.degrees(np.abs(cycle.angle - plan.wanted))
     lines.append(

@@ -61,11 +61,11 @@ def execute(arguments: argparse.Namespace) -> int:
     claim = claimed(arguments.out) if arguments.out else nullcontext()
     with claim, shown(f"reading {arguments.bag}") as progress:
         replayed = {leg.strip("/"): _replay(arguments, leg, progress) for leg in legs}
-    told = {leg: [_as_dict(one) for one in topics] for leg, topics in replayed.items()}
+    compared = {leg: [_as_dict(one) for one in topics] for leg, topics in replayed.items()}
     compared = [one for topics in replayed.values() for one in topics]
     identical = all(one.identical and one.whole for one in compared)
     if arguments.json:
-        print(json.dumps({"identical": identical, "legs": told}, indent=2))
+        print(json.dumps({"identical": identical, "legs": compared}, indent=2))
     else:
         print("\n\n".join(titled(leg, _table(topics)) for leg, topics in replayed.items()))
         print(_answer(compared))
@@ -153,7 +153,7 @@ def _table(topics: Sequence[TopicComparison]) -> str:
 
 
 def _differences(one: TopicComparison) -> str:
-    told = [f"{name} {value:.3g} {SIGNALS[name].unit}" for name, value in one.differences.items() if value]
-    if told or one.identical:
-        return ", ".join(told) or "none"
+    largest = [f"{name} {value:.3g} {SIGNALS[name].unit}" for name, value in one.differences.items() if value]
+    if largest or one.identical:
+        return ", ".join(largest) or "none"
     return "in what is no signal" if one.compared else "nothing to compare"

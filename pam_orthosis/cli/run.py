@@ -77,7 +77,7 @@ def execute(arguments: argparse.Namespace) -> int:
         return 0
     need_ros()
     given = assignments(arguments.param)
-    parameters = believing(load(_overrides(arguments)), arguments.model, given)
+    parameters = with_model(load(_overrides(arguments)), arguments.model, given)
     mode = _mode(arguments, parameters)
     with ExitStack() as stack:
         bag = claim(stack, arguments.out, arguments.scenario)
@@ -121,8 +121,8 @@ def _mode(arguments: argparse.Namespace, parameters: Parameters) -> launch.Mode:
     return launch.Mode(arguments.composed, arguments.realtime, not arguments.no_plant, legs)
 
 
-def believing(parameters: Parameters, model: Path | None, given: Mapping[str, Any]) -> Parameters:
-    """Return the parameters with the belief of a model file, if there is one, about the same hardware."""
+def with_model(parameters: Parameters, model: Path | None, given: Mapping[str, Any]) -> Parameters:
+    """Return the parameters with the nominal model of a file, if there is one, and the same hardware."""
     if model is None:
         return parameters
     from pam_orthosis.control.loop import ClosedLoop  # casadi takes a second to load
@@ -198,7 +198,7 @@ def supervise_recorded(
     progress: Callable[[int], None],
     bag: Path,
 ) -> None:
-    """Supervise nodes that write a bag; RunFailed tells what is left in it, which can be read then."""
+    """Supervise nodes that write a bag; RunFailed says what is left in it, which can be read then."""
     from pam_orthosis.nodes.supervisor import supervise  # --help needs none of it
 
     try:
@@ -223,21 +223,21 @@ def _rescue(bag: Path, work: Path) -> str:
             except Damaged:
                 readable = bag.with_name(f"{bag.name}-recovered")
                 recover(bag, readable)
-        told = f"the bag {readable} holds the run up to there"
+        left = f"the bag {readable} holds the run up to there"
     except (OrthosisError, OSError) as error:
-        told = str(error)
+        left = str(error)
     with suppress(OSError):  # the disk may be full, which is perhaps why the run failed
         shutil.copytree(work, bag / "log", ignore=shutil.ignore_patterns("ros"))
-    return told
+    return left
 
 
 def simulated(progress: Progress, duration_s: float, domain: int | str) -> Callable[[int], None]:
     """Return what takes the simulated time, ns, of nodes of a run."""
     reached = 0.0
 
-    def told(time_ns: int) -> None:
+    def advance(time_ns: int) -> None:
         nonlocal reached
-        reached = max(reached, time_ns / SECOND_NS)  # nodes that have ended tell none
+        reached = max(reached, time_ns / SECOND_NS)  # nodes that have ended report none
         progress(f"ROS domain {domain}", reached, duration_s, " s")
 
-    return told
+    return advance

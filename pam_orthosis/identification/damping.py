@@ -4,7 +4,7 @@
 For a linearised oscillator m y'' + D y' + c y = 0 the envelope is exp(-D t / (2 m)), hence
 y_k / y_(k+1) = exp(D T_d / (2 m)) as Eq. (18) prints: the formula is right. It counts every loss as
 viscous. The braid's dry friction dissipates too, and more of the energy the smaller the swing; D by
-Eq. (18) then is too large and grows from swing to swing. The load cell tells the two apart: over the
+Eq. (18) then is too large and grows from swing to swing. The load cell separates the two: over the
 decay the force is fitted by a smooth function of contraction and pressure, D v, and a sum of elastic
 sliding elements (Maxwell-slip, rate-independent) with slip distances from 0.25 to 8 mm.
 """

@@ -117,7 +117,7 @@ def fit_force(s: Samples, damping: float = 0.0, degrees: tuple[int, int] = (3, 4
         degrees: of area function and counterforce; (3, 4) in Eq. (14).
 
     Raises:
-        OrthosisError: fewer samples than coefficients, or samples that cannot tell them apart.
+        OrthosisError: fewer samples than coefficients, or samples that do not identify them.
     """
     count = sum(degrees) + 2
     if len(s) <= count:

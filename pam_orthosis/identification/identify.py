@@ -116,14 +116,14 @@ def identify(
         held_out: gauge pressures, Pa, of runs that judge and do not enter the fit.
         degrees: of area function and counterforce, Eq. (14).
         damping: D, N s/m, in place of the decays'; None: theirs, zero if there are none.
-        progress: told what is fitted.
+        progress: called with what is fitted.
 
     Raises:
         OrthosisError: the data do not determine the parameters, or all of them are held out.
     """
     progress("fitting the damping")
-    told = fit_damping(data.decays) if data.decays else None
-    d = damping if damping is not None else (told.value if told else 0.0)
+    decay = fit_damping(data.decays) if data.decays else None
+    d = damping if damping is not None else (decay.value if decay else 0.0)
     judged = np.zeros(len(data.samples), dtype=bool)
     for level in held_out:
         judged |= _at_level(data.samples, level)
@@ -139,7 +139,7 @@ def identify(
     box = _box(training)
     progress("fitting the volume")
     return Identified(
-        data, training, data.samples.where(judged), force, told,
+        data, training, data.samples.where(judged), force, decay,
         fit_volume(data.volumes, data.specimen) if data.volumes else None,
         by_length, box, _stiff(force, box), damping,
     )  # fmt: skip

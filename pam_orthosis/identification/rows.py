@@ -84,8 +84,8 @@ def update(file: Path, found: Identified, source: str) -> None:
 
 def _fields(row: Row, source: str) -> dict[str, Any]:
     bounds = {"min": row.minimum, "max": row.maximum}
-    told = {name: bound for name, bound in bounds.items() if bound is not None}
-    return {"value": row.value, "unit": row.unit, **told, "meaning": row.meaning, "source": source}
+    given = {name: bound for name, bound in bounds.items() if bound is not None}
+    return {"value": row.value, "unit": row.unit, **given, "meaning": row.meaning, "source": source}
 
 
 def _text(value: Any) -> str:

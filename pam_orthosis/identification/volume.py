@@ -38,8 +38,8 @@ def fit_volume(data: Volumes, specimen: str) -> VolumeFit:
     """Fit the product of polynomials; its scale goes to v, so that w_0 = 1.
 
     Raises:
-        OrthosisError: too few measuring points, pressures or contractions, or such that the points cannot
-            tell the coefficients apart.
+        OrthosisError: too few measuring points, pressures or contractions, or points that do not
+            identify the coefficients.
     """
     degree = CONTRACTION_DEGREE[specimen]
     _check_spread("contractions", _apart(data.contraction, NEAR_CONTRACTION), degree)

@@ -19,7 +19,7 @@ NANOSECONDS = 1e9
 NOT_WRITTEN = {"disturbance", "followed_angle"}  # `write_arrays` knows no wrench and no second point
 LEVELS = {"scenario.diagnostic.low_angle": 0.45, "scenario.diagnostic.high_angle": 1.0}
 DECAY = "diagnostic-decay"
-ONCE = 11.0  # s, in which the programme of the decay runs through once
+ONCE = 11.0  # s, in which the experiment of the decay runs through once
 SETTLING = 3.0  # s, until the gait has its cadence
 
 
@@ -32,7 +32,7 @@ class Experiment(NamedTuple):
     held_out: bool = False
 
 
-def programme(parameters: Parameters) -> list[Experiment]:
+def experiments(parameters: Parameters) -> list[Experiment]:
     """Return the experiments of a round: gait at three cadences, free decay after fast steps.
 
     The decay parts friction from hysteresis and shows damping and masses; one cadence and other levels of
@@ -65,5 +65,5 @@ def record(parameters: Parameters, seed: int, scenario: str, folder: Path) -> No
     signals = {name: values for name, values in run.items() if name in SIGNALS.keys() - NOT_WRITTEN}
     signals |= {f"estimate_{name}": run[f"estimated_{name}"] for name in ("angle", "velocity")}
     stamps = np.round(run["time"] * NANOSECONDS).astype(np.int64)
-    told = parameters.changed({"scenario.seed": seed})
-    write_arrays(folder, stamps, signals, run_metadata(told, scenario), told.control.position.every)
+    own = parameters.changed({"scenario.seed": seed})
+    write_arrays(folder, stamps, signals, run_metadata(own, scenario), own.control.position.every)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From what the gap workflow found to the belief of the controllers."""
+"""From what the gap workflow found to the controllers' nominal model."""
 
 from __future__ import annotations
 
@@ -18,68 +18,68 @@ REACH = 0.97  # of a supply pressure: what a controller asks of a muscle at most
 OFFSETS = ("angle", *(f"{muscle}_pressure" for muscle in MUSCLES))
 
 
-def named(belief, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
+def named(nominal, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
     """Return the overrides that switch effects on with values (`effect.parameter` -> value)."""
     changes: dict[str, Any] = {}
     for name in effects:
         own = {q.name: values[f"{name}.{q.name}"] for q in CATALOGUE[name].parameters}
-        changes |= _effect(belief, name, own)
+        changes |= _effect(nominal, name, own)
     return changes
 
 
-def calibrated(belief, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
+def calibrated(nominal, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
     """Return the overrides that give ordinary parameters their calibrated values.
 
     Args:
-        belief: what the values deviate from, effects of earlier rounds included.
+        nominal: what the values deviate from, effects of earlier rounds included.
         effects: those that were found now: their own parameters are taken as found.
         values: calibration -> relative deviation or offset, `effect.parameter` -> value.
     """
-    believed, changes = belief.flat(), {}
+    before, changes = nominal.flat(), {}
     for name, keys in DEVIATIONS.items():
         factor = 1 + values.get(name, 0.0)
-        changes |= {key: _within(belief, key, believed[key] * factor) for key in keys if factor != 1}
+        changes |= {key: _within(nominal, key, before[key] * factor) for key in keys if factor != 1}
 
     def present(effect: str, parameter: str, off: float) -> float:
         if effect in effects:
             return values[f"{effect}.{parameter}"]
-        return believed[f"effects.{effect}.{parameter}"] if believed[f"effects.{effect}.enabled"] else off
+        return before[f"effects.{effect}.{parameter}"] if before[f"effects.{effect}.enabled"] else off
 
     for muscle in MUSCLES:
         name, factor = f"{muscle}_force_scale", 1 + values[f"{muscle}_force"]
-        changes |= _effect(belief, name, {"scale": factor * present(name, "scale", 1.0)})
+        changes |= _effect(nominal, name, {"scale": factor * present(name, "scale", 1.0)})
     for channel in OFFSETS:
         name = f"{channel}_offset"
-        changes |= _effect(belief, name, {"offset": values[name] + present(name, "offset", 0.0)})
-    return changes | _limits(belief, changes) | _shapes(belief, effects, values)
+        changes |= _effect(nominal, name, {"offset": values[name] + present(name, "offset", 0.0)})
+    return changes | _limits(nominal, changes) | _shapes(nominal, effects, values)
 
 
-def _limits(belief, changes: Mapping[str, Any]) -> dict[str, Any]:
+def _limits(nominal, changes: Mapping[str, Any]) -> dict[str, Any]:
     """Return the highest reference pressure where the supply turned out to be too low for the present one."""
     key, supply = "control.position.maximum_pressure", changes.get("valve.supply_pressure")
     reach = None if supply is None else REACH * supply
-    return {} if reach is None or reach >= belief.flat()[key] else {key: _within(belief, key, reach)}
+    return {} if reach is None or reach >= nominal.flat()[key] else {key: _within(nominal, key, reach)}
 
 
-def _shapes(belief, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
+def _shapes(nominal, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
     """Return the corrections of static maps that are no effect in their own right."""
     changes: dict[str, Any] = {}
     for name, effect in LEARNABLE.items():
         own = {q.name: values.get(f"{name}.{q.name}") for q in effect.parameters}
         if effect.shape and name not in effects and None not in own.values():
-            changes |= _effect(belief, name, own)
+            changes |= _effect(nominal, name, own)
     return changes
 
 
-def _effect(belief, name: str, values: Mapping[str, float]) -> dict[str, Any]:
+def _effect(nominal, name: str, values: Mapping[str, float]) -> dict[str, Any]:
     path = f"effects.{name}"
-    own = {f"{path}.{key}": _within(belief, f"{path}.{key}", value) for key, value in values.items()}
+    own = {f"{path}.{key}": _within(nominal, f"{path}.{key}", value) for key, value in values.items()}
     return {f"{path}.enabled": True, **own}
 
 
-def _within(belief, key: str, value: float) -> float:
+def _within(nominal, key: str, value: float) -> float:
     """Return a value inside the bounds of its row, with the digits that a model file has."""
-    row = belief.row(key)
+    row = nominal.row(key)
     low = -float("inf") if row.minimum is None else row.minimum
     high = float("inf") if row.maximum is None else row.maximum
     return float(f"{min(max(value, low), high):.{DIGITS}g}")

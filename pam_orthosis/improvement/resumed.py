@@ -33,7 +33,7 @@ class Found:
 
 
 def digest(arguments: Mapping[str, Any]) -> str:
-    """Return what tells one command, of this version, from others."""
+    """Return what distinguishes one command, of this version, from others."""
     text = json.dumps({**arguments, "version": __version__}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -73,8 +73,8 @@ def read_found(folder: Path) -> Found | None:
     if not file.exists():
         return None
     try:
-        told = Found(**from_json(read_text(file), str(file)))
-        values = {str(key): float(value) for key, value in told.values.items()}
-        return Found(tuple(map(str, told.effects)), values, str(told.verdict), dict(told.told))
+        saved = Found(**from_json(read_text(file), str(file)))
+        values = {str(key): float(value) for key, value in saved.values.items()}
+        return Found(tuple(map(str, saved.effects)), values, str(saved.verdict), dict(saved.told))
     except (TypeError, ValueError, AttributeError) as error:
         raise OrthosisError(f"{file} is no result of a search; choose another --out") from error

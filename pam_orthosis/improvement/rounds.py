@@ -15,7 +15,7 @@ from pam_orthosis.discrepancy.verdict import as_dict
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.files import placed
 from pam_orthosis.improvement import learned
-from pam_orthosis.improvement.experiments import Experiment, programme, record
+from pam_orthosis.improvement.experiments import Experiment, experiments, record
 from pam_orthosis.improvement.resumed import Found, read_found, write_found
 from pam_orthosis.model.parameters import BELIEF, Parameters
 from pam_orthosis.model.plant import with_belief
@@ -27,7 +27,7 @@ SHARE_KEY, SHARE = "gap.evidence.share", 0.01
 
 @dataclass(frozen=True)
 class Tracking:
-    """How the knee follows with one belief: the verdict of each bag."""
+    """How the knee follows with one nominal model: the verdict of each bag."""
 
     bags: tuple[Path, ...]
     verdicts: tuple[Verdict, ...]
@@ -89,38 +89,38 @@ def improve(
     folder: Path,
     seeds: Sequence[int],
     most: int,
-    tell: Progress = silent,
+    progress: Progress = silent,
     find: Find | None = None,
 ) -> list[Round]:
     """Return the rounds, the first (0) without anything learned; bags and reports go below `folder`.
 
     What the folder holds already is not made again: an earlier call with the same arguments was cut short.
-    The search gets the recordings and the belief, never the plant's parameters. An effect stays if the
+    The search gets the recordings and the nominal model, never the plant's parameters. An effect stays if the
     search names it and the worst run with it tracks better than without.
 
     Args:
-        parameters: the whole tree; its belief is where learning starts.
+        parameters: the whole tree; its nominal model is where learning starts.
         seeds: of the sensor noise in the runs that judge; the same in every round.
         most: rounds at most.
         find: another search than the gap workflow.
     """
-    before = judged(parameters, scenario, folder / "round-0", seeds, tell)
+    before = judged(parameters, scenario, folder / "round-0", seeds, progress)
     rounds = [Round(0, None, True, before, {}, "nothing learned")]
     known: dict[str, Any] = {}
     for number in range(1, most + 1):
         place, last = folder / f"round-{number}", rounds[-1]
-        bags = recorded(with_belief(parameters, last.model), scenario, place, tell)
-        belief = parameters.changed(known).only(*BELIEF, "gap")  # the search cannot see the plant
+        bags = recorded(with_belief(parameters, last.model), scenario, place, progress)
+        nominal = parameters.changed(known).only(*BELIEF, "gap")  # the search cannot see the plant
         found = read_found(place)
         if found is None:
-            found = (find or find_effects)(belief, bags, tell)
+            found = (find or find_effects)(nominal, bags, progress)
             write_found(place, found)
         if not found.effects:
             rounds.append(Round(number, found, False, None, last.model, "no further effect is found"))
             break
-        effects = learned.named(belief, found.effects, found.values)
-        model = {**known, **learned.calibrated(belief, found.effects, found.values), **effects}
-        after = judged(with_belief(parameters, model), scenario, place, seeds, tell)
+        effects = learned.named(nominal, found.effects, found.values)
+        model = {**known, **learned.calibrated(nominal, found.effects, found.values), **effects}
+        after = judged(with_belief(parameters, model), scenario, place, seeds, progress)
         kept = after.largest < last.tracking.largest
         words = "kept" if kept else "the knee follows no better: not kept"
         rounds.append(Round(number, found, kept, after, model if kept else last.model, words))
@@ -131,19 +131,20 @@ def improve(
 
 
 def judged(
-    parameters: Parameters, scenario: str, folder: Path, seeds: Sequence[int], tell: Progress = silent
+    parameters: Parameters, scenario: str, folder: Path, seeds: Sequence[int], progress: Progress = silent
 ) -> Tracking:
     """Record a run for each seed and judge it from its bag."""
     bags = tuple(folder / f"run-{seed}" for seed in seeds)
-    for bag, seed in counted(list(zip(bags, seeds, strict=True)), tell, f"{folder.name}: runs that judge"):
+    pairs = list(zip(bags, seeds, strict=True))
+    for bag, seed in counted(pairs, progress, f"{folder.name}: runs that judge"):
         _record_once(parameters, seed, scenario, bag)
     return Tracking(bags, tuple(judge(bag) for bag in bags))
 
 
-def recorded(parameters: Parameters, scenario: str, folder: Path, tell: Progress = silent) -> Bags:
+def recorded(parameters: Parameters, scenario: str, folder: Path, progress: Progress = silent) -> Bags:
     """Record the experiments of a round; return name -> experiment and bag."""
     made = {}
-    for experiment in counted(programme(parameters), tell, f"{folder.name}: experiments to learn from"):
+    for experiment in counted(experiments(parameters), progress, f"{folder.name}: experiments to learn from"):
         bag = folder / experiment.name
         _record_once(parameters.changed(experiment.changes), experiment.seed, scenario, bag)
         made[experiment.name] = experiment, bag
@@ -157,8 +158,8 @@ def _record_once(parameters: Parameters, seed: int, scenario: str, bag: Path) ->
             record(parameters, seed, scenario, unfinished)
 
 
-def find_effects(parameters: Parameters, bags: Bags, tell: Progress) -> Found:
-    """Return what the gap workflow finds in the bags; `parameters` is the belief and `gap`.
+def find_effects(parameters: Parameters, bags: Bags, progress: Progress) -> Found:
+    """Return what the gap workflow finds in the bags; `parameters` is the nominal model and `gap`.
 
     Effects count here whether or not they close enough of the gap to be called its explanation, and beside
     larger ones in the same equation sooner than there: the knee judges them by how it follows.
@@ -168,7 +169,7 @@ def find_effects(parameters: Parameters, bags: Bags, tell: Progress) -> Found:
         [from_bag(bag, system) for experiment, bag in bags.values() if experiment.held_out == unseen]
         for unseen in (False, True)
     )
-    outcome = find_gap(system, training, held_out, parameters.changed({SHARE_KEY: SHARE}).gap, tell)
+    outcome = find_gap(system, training, held_out, parameters.changed({SHARE_KEY: SHARE}).gap, progress)
     final = outcome.selection.final
     values = {key: float(value) for key, value in final.values.items()}
     return Found(tuple(final.effects), values, outcome.verdict, as_dict(outcome))

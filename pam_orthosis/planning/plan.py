@@ -40,8 +40,8 @@ LEAD = 0.02  # s by which the knee is late where valves are at their limits, and
 class Plan:
     """What was planned: duration of the cycle, s, wanted angle, (N,) rad, and the planned cycle.
 
-    `asked` is the angle that is asked for so that the knee makes the planned one, (N,) rad. `made_for` tells
-    the motion from others. `early` is the planned cycle at the start, if it differs: creep takes `settling`
+    `asked` is the angle that is asked for so that the knee makes the planned one, (N,) rad. `made_for` is
+    the digest of the motion. `early` is the planned cycle at the start, if it differs: creep takes `settling`
     cycles, by a factor e, to find its own.
     """
 
@@ -56,13 +56,13 @@ class Plan:
     @property
     def overrides(self) -> dict[str, Any]:
         """Return the parameters that let the trajectory publisher ask for the plan."""
-        told: dict[str, Any] = {"scenario.plan.enabled": True, "scenario.plan.cycle_time": self.cycle_time}
-        told["scenario.plan.made_for"] = self.made_for
-        told |= _rows("scenario.plan", self.asked - self.wanted, _mean(self.cycle))
+        changed: dict[str, Any] = {"scenario.plan.enabled": True, "scenario.plan.cycle_time": self.cycle_time}
+        changed["scenario.plan.made_for"] = self.made_for
+        changed |= _rows("scenario.plan", self.asked - self.wanted, _mean(self.cycle))
         if self.early:
-            told |= _rows("scenario.plan.start", *self._at_the_start(self.early))
-            told["scenario.plan.start.settling"] = float(f"{self.settling:.{DIGITS}g}")
-        return told
+            changed |= _rows("scenario.plan.start", *self._at_the_start(self.early))
+            changed["scenario.plan.start.settling"] = float(f"{self.settling:.{DIGITS}g}")
+        return changed
 
     @property
     def farthest(self) -> float:
@@ -82,10 +82,10 @@ class Plan:
 
 
 def _rows(group: str, angle: np.ndarray, pressure: np.ndarray) -> dict[str, list[float]]:
-    told = {}
+    rows = {}
     for name, values in (("angle", angle), ("pressure", pressure)):
-        told[f"{group}.{name}.cosine"], told[f"{group}.{name}.sine"] = fourier(values)
-    return told
+        rows[f"{group}.{name}.cosine"], rows[f"{group}.{name}.sine"] = fourier(values)
+    return rows
 
 
 def _mean(cycle: Cycle) -> np.ndarray:
@@ -102,62 +102,62 @@ def fourier(values: np.ndarray) -> tuple[list[float], list[float]]:
 def make_plan(
     parameters: Parameters,
     reserve: float = RESERVE,
-    tell: Progress = silent,
+    progress: Progress = silent,
     recorded: Recorded | None = None,
 ) -> Plan:
-    """Return the plan of the scenario's cycle by what the controllers believe.
+    """Return the plan of the scenario's cycle by the controllers' nominal model.
 
     Args:
-        reserve: by how much less than they believe supply and highest pressure are taken for, Pa.
-        tell: told what is worked on.
-        recorded: what a run of it showed: the torque that their model lacks is planned for, the search begins
+        reserve: by how much supply and highest pressure are lower than in that model, Pa.
+        progress: called with what is worked on.
+        recorded: what a run of it showed: the torque missing in the model is planned for, the search begins
             at the cycle that the knee made, and by what it fell short of an earlier plan more is asked for.
 
     Raises:
         OrthosisError: the scenario has no cycle, or no motion was found that the muscles can make.
     """
-    belief = _with_reserve(parameters.belief(), reserve)
-    trajectory = make_trajectory(belief)
+    nominal = _with_reserve(parameters.belief(), reserve)
+    trajectory = make_trajectory(nominal)
     if not isinstance(trajectory, Trajectory):
-        raise OrthosisError(f"{belief.scenario.trajectory} has no cycle to plan: take gait, sine or steps")
-    angle, velocity, acceleration = _cycle(trajectory, belief)
-    tell("searching the nearest motion")
-    mean = np.full(NODES, belief.control.position.mean_pressure)
-    starts = [_unhurried(belief, angle, velocity, acceleration), Cycle(angle, mean, mean, 0.0)]
-    lacking = np.zeros(NODES)
+        raise OrthosisError(f"{nominal.scenario.trajectory} has no cycle to plan: take gait, sine or steps")
+    angle, velocity, acceleration = _cycle(trajectory, nominal)
+    progress("searching the nearest motion")
+    mean = np.full(NODES, nominal.control.position.mean_pressure)
+    starts = [_unhurried(nominal, angle, velocity, acceleration), Cycle(angle, mean, mean, 0.0)]
+    missing = np.zeros(NODES)
     if recorded:
-        starts, lacking = [_cycle_of(recorded), *starts], recorded.lacking(_MIDDLES)
-    search = partial(_nearest, belief, angle=angle, velocity=velocity, lacking=lacking, tell=tell)
+        starts, missing = [_cycle_of(recorded), *starts], recorded.missing(_MIDDLES)
+    search = partial(_nearest, nominal, angle=angle, velocity=velocity, missing=missing, progress=progress)
     cycle = search(starts)
     _check_near(cycle.largest)
-    asked = cycle.angle + (_fell_short(recorded, belief.scenario.cycle_time) if recorded else 0.0)
-    settling, early = along(belief, angle, velocity, cycle).settling, None
+    asked = cycle.angle + (_fell_short(recorded, nominal.scenario.cycle_time) if recorded else 0.0)
+    settling, early = along(nominal, angle, velocity, cycle).settling, None
     if settling:
         with suppress(NotFound):  # then the start is asked for what the settled cycle is
             early = search([cycle], start_of_run=True)
-    made_for = motion_digest(belief.flat())
-    plan = Plan(belief.scenario.cycle_time, angle, cycle, asked, made_for, early, settling or 1.0)
+    made_for = motion_digest(nominal.flat())
+    plan = Plan(nominal.scenario.cycle_time, angle, cycle, asked, made_for, early, settling or 1.0)
     _check_near(plan.farthest)
     return plan
 
 
 def _check_near(away: float) -> None:
     if away >= FARTHEST_PLAN:
-        told = f"the nearest motion found is {np.degrees(away):.0f} deg away from the wanted one"
-        raise OrthosisError(f"{told}; {HELPS}")
+        found = f"the nearest motion found is {np.degrees(away):.0f} deg away from the wanted one"
+        raise OrthosisError(f"{found}; {HELPS}")
 
 
 def _nearest(
-    belief, starts: list[Cycle], angle, velocity, lacking, tell, start_of_run: bool = False
+    nominal, starts: list[Cycle], angle, velocity, missing, progress, start_of_run: bool = False
 ) -> Cycle:
     """Return the nearest cycle found, with the first of `SHARES` with which there is one."""
-    period = belief.scenario.cycle_time / NODES
+    period = nominal.scenario.cycle_time / NODES
 
     def found(share: float, start: Cycle) -> Cycle:
-        effects = along(belief, angle, velocity, start)
-        torque = (effects.early if start_of_run else effects.settled) + lacking
-        cycle = nearest_cycle(belief, start, angle, velocity, torque, period, share)
-        tell(f"searching the nearest motion, so far within {np.degrees(cycle.largest):.2f} deg")
+        effects = along(nominal, angle, velocity, start)
+        torque = (effects.early if start_of_run else effects.settled) + missing
+        cycle = nearest_cycle(nominal, start, angle, velocity, torque, period, share)
+        progress(f"searching the nearest motion, so far within {np.degrees(cycle.largest):.2f} deg")
         return cycle
 
     return _first(lambda share: _settled(partial(found, share), starts), SHARES)
@@ -184,15 +184,15 @@ def _first(found: Callable[[Any], Cycle], options: Sequence[Any]) -> Cycle:
     return found(last)
 
 
-def _with_reserve(belief: Parameters, reserve: float) -> Parameters:
+def _with_reserve(nominal: Parameters, reserve: float) -> Parameters:
     limits = "valve.supply_pressure", "control.position.maximum_pressure"
-    values = belief.flat()
-    return belief.changed({key: values[key] - reserve for key in limits} | {"scenario.plan.enabled": False})
+    values = nominal.flat()
+    return nominal.changed({key: values[key] - reserve for key in limits} | {"scenario.plan.enabled": False})
 
 
-def _cycle(trajectory: Trajectory, belief) -> tuple[np.ndarray, ...]:
+def _cycle(trajectory: Trajectory, nominal) -> tuple[np.ndarray, ...]:
     """Return angle, velocity, acceleration at the nodes of a cycle, from where it starts, at full cadence."""
-    s = belief.scenario
+    s = nominal.scenario
     covered = 0.5 * s.start_ramp / s.cycle_time  # in cycles, when the ramp is over
     start = s.start_hold + s.start_ramp + (np.ceil(covered) - covered) * s.cycle_time
     instants = start + np.arange(NODES) * s.cycle_time / NODES
@@ -200,15 +200,15 @@ def _cycle(trajectory: Trajectory, belief) -> tuple[np.ndarray, ...]:
     return tuple(np.array(each) for each in zip(*references, strict=True))
 
 
-def _unhurried(belief, angle: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Cycle:
+def _unhurried(nominal, angle: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Cycle:
     """Return the wanted cycle with the pressures that it takes, as if valves could give any at once."""
     q, rate, wanted = (ca.SX.sym(name) for name in ("q", "rate", "wanted"))
-    terms, mean = leg_mechanics(q, rate, belief), belief.control.position.mean_pressure
+    terms, mean = leg_mechanics(q, rate, nominal), nominal.control.position.mean_pressure
     torque = terms.inertia * wanted + terms.coriolis + terms.gravity
-    found = pressures_for_torque(torque, q, rate, mean, belief)
+    found = pressures_for_torque(torque, q, rate, mean, nominal)
     law = ca.Function("unhurried", [q, rate, wanted], [found.extensor, found.flexor])
     gauge = law(*(each.reshape(1, -1) for each in (angle, velocity, acceleration)))
-    extensor, flexor = (np.array(each).ravel() + belief.valve.ambient_pressure for each in gauge)
+    extensor, flexor = (np.array(each).ravel() + nominal.valve.ambient_pressure for each in gauge)
     return Cycle(angle, extensor, flexor, 0.0)
 
 

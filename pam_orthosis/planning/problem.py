@@ -54,7 +54,7 @@ class Cycle:
 
 
 def nearest_cycle(
-    belief,
+    nominal,
     start: Cycle,
     angle: np.ndarray,
     velocity: np.ndarray,
@@ -75,9 +75,9 @@ def nearest_cycle(
     Raises:
         NotFound: no motion was found that the muscles can make.
     """
-    count, rate = len(angle), _rates(belief, share)
-    low = belief.control.position.minimum_pressure / BAR
-    high = belief.control.position.maximum_pressure / BAR
+    count, rate = len(angle), _rates(nominal, share)
+    low = nominal.control.position.minimum_pressure / BAR
+    high = nominal.control.position.maximum_pressure / BAR
     opti = ca.Opti()
     x, flow, largest = opti.variable(rate.size1_in(0), count), opti.variable(2, count), opti.variable()
     after = ca.horzcat(x[:, 1:], x[:, 0])
@@ -88,7 +88,7 @@ def nearest_cycle(
     error = x[0, :] - angle.reshape(1, -1)
     opti.subject_to(opti.bounded(-largest, error, largest))
     opti.subject_to(error[0] == 0)  # where the knee begins
-    mean = (x[2, :] + x[3, :]) / 2 - belief.control.position.mean_pressure / BAR
+    mean = (x[2, :] + x[3, :]) / 2 - nominal.control.position.mean_pressure / BAR
     change = flow - ca.horzcat(flow[:, -1], flow[:, :-1])
     cost = FLOW_WEIGHT * ca.sumsqr(change) + MEAN_WEIGHT * ca.sumsqr(mean) * period
     cost += ERROR_WEIGHT * ca.sumsqr(error * 180 / np.pi) * period
@@ -137,20 +137,20 @@ def _interrupts() -> Iterator[None]:
             raise KeyboardInterrupt
 
 
-def _rates(belief, share: float) -> ca.Function:
+def _rates(nominal, share: float) -> ca.Function:
     """Return (state, mass flows, torque of the effects) -> (rates, distances from the flows allowed)."""
-    model = effects.gas_model(belief)
-    supply, own, supply_rates, scales = _supply(belief)
+    model = effects.gas_model(nominal)
+    supply, own, supply_rates, scales = _supply(nominal)
     s = SimpleNamespace(**vars(model.signals))
     flow, torque = ca.SX.sym("flow", 2), ca.SX.sym("torque")
     pressures = [s.extensor_pressure, s.flexor_pressure]
     s.extensor_flow, s.flexor_flow = flow[0] * GRAM, flow[1] * GRAM
     orthosis.gas(s)
-    rates = [s.velocity, _acceleration(s, torque, belief), s.extensor_pressure_rate, s.flexor_pressure_rate]
+    rates = [s.velocity, _acceleration(s, torque, nominal), s.extensor_pressure_rate, s.flexor_pressure_rate]
     rates.append(supply_rates(flow * GRAM))
     margins = []
     for i, name in enumerate(orthosis.MUSCLES):
-        passes = effects.flow_of_opening(belief, name)
+        passes = effects.flow_of_opening(nominal, name)
         margins.append(share * passes(1.0, pressures[i], supply) / GRAM - flow[i])
         margins.append(flow[i] - share * passes(-1.0, pressures[i], supply) / GRAM)
     scale = ca.DM([1.0, 1.0, BAR, BAR, *scales])
@@ -161,25 +161,25 @@ def _rates(belief, share: float) -> ca.Function:
     return ca.Function("cycle_rates", [scaled, flow, torque], [ca.cse(term) for term in whole])
 
 
-def _acceleration(s, torque, belief):
-    m, pulls = belief.muscle.dmsp_20, []
+def _acceleration(s, torque, nominal):
+    m, pulls = nominal.muscle.dmsp_20, []
     for name in orthosis.MUSCLES:
         contraction, gauge = getattr(s, f"{name}_contraction"), getattr(s, f"{name}_gauge")
         pull = muscle_model.towing_force(contraction, gauge, m)
         pull -= muscle_model.damping_force(getattr(s, f"{name}_rate"), m)
         pulls.append(_positive(pull, SLACKENING))
-    whole = leg_model.knee_torque(*pulls, belief.leg) + torque
-    return orthosis.acceleration(whole, leg_mechanics(s.angle, s.velocity, belief))
+    whole = leg_model.knee_torque(*pulls, nominal.leg) + torque
+    return orthosis.acceleration(whole, leg_mechanics(s.angle, s.velocity, nominal))
 
 
-def _supply(belief):
+def _supply(nominal):
     """Return supply pressure, its states, a function mass flows -> their rates, and their scales."""
-    scales = effects.supply_scales(belief)
+    scales = effects.supply_scales(nominal)
     own = ca.SX.sym("supply", len(scales))
 
     def at(flow):
         drawn = {name: _positive(flow[i], DRAWING * GRAM) for i, name in enumerate(orthosis.MUSCLES)}
-        return effects.supply(belief, own, drawn)
+        return effects.supply(nominal, own, drawn)
 
     return at(ca.SX(2, 1))[0], own, lambda flow: at(flow)[1], scales
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a recorded run shows by the phase of the gait: the torque that the model lacked, the cycle made."""
+"""What a recorded run shows by the phase of the gait: the torque that the model missed, the cycle made."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Recorded:
     """What came again in each cycle of a run, as functions of the phases (n,), 0 where the motion starts.
 
     Attributes:
-        lacking: torque that the model lacks, N m in the direction of flexion. It is what the observer found,
+        missing: in the model: torque, N m in the direction of flexion. It is what the observer found,
             Eq. (29), with its lag: the controllers will meet it with that lag again.
         angle: of the knee, rad.
         extensor_pressure, flexor_pressure: absolute, Pa.
@@ -37,7 +37,7 @@ class Recorded:
         planned: whether that was a plan's, which muscles can make, and not the wanted one.
     """
 
-    lacking: Series
+    missing: Series
     angle: Series
     extensor_pressure: Series
     flexor_pressure: Series
@@ -120,9 +120,9 @@ def _check_motion(bag: Bag, trajectory: Trajectory, time: np.ndarray, angle: np.
 
 
 def _check_model(bag: Bag, parameters: Parameters) -> None:
-    """Refuse a run by another model: what that one lacked this one may have."""
+    """Refuse a run by another model: what that one missed this one may have."""
     now = parameters.belief().flat()
-    for key, then in bag.parameters.items():  # a foreign recorder tells none
+    for key, then in bag.parameters.items():  # a foreign recorder records none
         if not key.startswith("scenario.") and key in now and now[key] != then:
             what = f"{key} was {then}, is {now[key]}"
             raise OrthosisError(f"{bag.path} is of another model: {what}; give it by --model or --param")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torque of the believed effects over a cycle: what it comes to, and how it differs at the start of a run."""
+"""Torque of the nominal model's effects over a cycle: settled, and how it differs at the start of a run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ EARLY = 0.75  # of a cycle behind the start, where most gaits ask for most: ther
 
 
 class Torque(NamedTuple):
-    """Torque of the believed effects between the N instants of a cycle, (N,) N m each.
+    """Torque of the nominal model's effects between the N instants of a cycle, (N,) N m each.
 
     Attributes:
         settled: when creep has found its cycle.
@@ -30,17 +30,17 @@ class Torque(NamedTuple):
     settling: float | None
 
 
-def along(belief, angle: np.ndarray, velocity: np.ndarray, pressures: Cycle) -> Torque:
+def along(nominal, angle: np.ndarray, velocity: np.ndarray, pressures: Cycle) -> Torque:
     """Return the torque of the effects along a motion, (N,) rad and rad/s, at the pressures of a cycle."""
-    step, count = belief.scenario.control_period, len(angle)
-    samples = round(belief.scenario.cycle_time / step)
+    step, count = nominal.scenario.control_period, len(angle)
+    samples = round(nominal.scenario.cycle_time / step)
     at, middles = np.arange(samples) * count / samples, (np.arange(count) + 0.5) / count
 
     def between(values: np.ndarray) -> np.ndarray:
         return np.interp(at, np.arange(count + 1), np.append(values, values[0]))
 
     columns = angle, velocity, pressures.extensor_pressure, pressures.flexor_pressure
-    rows, law = list(zip(*map(between, columns), strict=True)), EffectTorque(belief)
+    rows, law = list(zip(*map(between, columns), strict=True)), EffectTorque(nominal)
 
     def of_a_cycle() -> np.ndarray:
         torque = [law.step(Reference(q, rate, 0.0), extensor, flexor) for q, rate, extensor, flexor in rows]

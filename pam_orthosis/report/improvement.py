@@ -21,12 +21,12 @@ BEFORE, AFTER = "0.6", "tab:red"
 HEAD = "| model of the controllers | maximum error | RMS error | voltage variation |\n|---|---|---|---|\n"
 
 
-def table(told: Sequence[Mapping[str, Any]]) -> str:
+def table(rounds: Sequence[Mapping[str, Any]]) -> str:
     """Return the table in Markdown from the rounds of `improve.json` (`Round.as_dict`).
 
     The worst run of each round's model, the same gains throughout.
     """
-    return HEAD + "".join(_row(one) for one in told if one["tracking"]) + _end(told[-1])
+    return HEAD + "".join(_row(one) for one in rounds if one["tracking"]) + _end(rounds[-1])
 
 
 def _row(one: Mapping[str, Any]) -> str:

@@ -2,7 +2,7 @@
 """Where leg and muscles are at a knee angle: the one geometry of pictures, URDF, TF and markers.
 
 Side view as in `model.leg`: hip in the origin, x along the ankle's bearing, z up. Both muscles lie along
-the thigh, the extensor on its front, at the distance of the cogwheel's radius; their upper ends are
+the thigh, the extensor on its front, at the distance of the sprocket's radius; their upper ends are
 fixed, their lower ends pull the chain. With muscles of 0.5 m the upper ends lie beyond the hip.
 """
 
@@ -25,7 +25,7 @@ SIDES = {"extensor": 1.0, "flexor": -1.0}
 
 
 class MusclePose(NamedTuple):
-    """One muscle: its ends and where its chain meets the cogwheel, (n, 2) m; the rest (n,) m."""
+    """One muscle: its ends and where its chain meets the sprocket, (n, 2) m; the rest (n,) m."""
 
     upper: np.ndarray
     lower: np.ndarray
@@ -57,7 +57,7 @@ class LegShape:
 
     @property
     def radius(self) -> float:
-        """Radius of the cogwheel, m."""
+        """Radius of the sprocket, m."""
         return self.parameters.leg.cogwheel_diameter / 2
 
     @property

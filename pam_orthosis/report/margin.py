@@ -18,13 +18,13 @@ TRIED, LOST, NOMINAL = "tab:blue", "tab:red", "0.5"
 HEAD = ("perturbation", "unit", "nominal", "error doubles", "knee is lost")
 
 
-def table(told: Mapping[str, Any]) -> str:
+def table(found: Mapping[str, Any]) -> str:
     """Return the table in Markdown, what its limits mean, and what was left out."""
-    cells = [HEAD, *(_cells(row) for row in told["margins"])]
+    cells = [HEAD, *(_cells(row) for row in found["margins"])]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = [_line(row, widths) for row in cells]
     lines.insert(1, "|".join(["", *("-" * (width + 2) for width in widths), ""]))
-    return "\n".join([*lines, "", *_notes(told)])
+    return "\n".join([*lines, "", *_notes(found)])
 
 
 def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
@@ -46,37 +46,37 @@ def _limit(row: Mapping[str, Any], which: str) -> str:
     return f"{kept:.3g} .. {reached:.3g}"
 
 
-def _notes(told: Mapping[str, Any]) -> list[str]:
-    error, doubled, lost = (told[key] for key in ("max_abs_error_deg", "doubled_deg", "lost_deg"))
+def _notes(found: Mapping[str, Any]) -> list[str]:
+    error, doubled, lost = (found[key] for key in ("max_abs_error_deg", "doubled_deg", "lost_deg"))
     notes = [
         f"Maximum error on the hardware as it is: {error:.2f} deg. Doubled: {doubled:.2f} deg."
         f" Lost: beyond {lost:.1f} deg, or a guard vents.",
-        f"Runs of {told['duration_s']:g} s, seed {told['seed']}. Each limit lies between two values.",
+        f"Runs of {found['duration_s']:g} s, seed {found['seed']}. Each limit lies between two values.",
     ]
-    return notes + [f"Not in this hardware: {name}." for name in told["not_there"]]
+    return notes + [f"Not in this hardware: {name}." for name in found["not_there"]]
 
 
-def draw(told: Mapping[str, Any], stream: BinaryIO) -> None:
+def draw(found: Mapping[str, Any], stream: BinaryIO) -> None:
     """Draw the maximum error against each perturbation, a panel each."""
-    panels = [(name, list(rows)) for name, rows in groupby(told["margins"], lambda row: row["perturbation"])]
+    panels = [(name, list(rows)) for name, rows in groupby(found["margins"], lambda row: row["perturbation"])]
     count = -(-len(panels) // COLUMNS)
     figure = Figure(figsize=(4 * COLUMNS, 3.2 * count), layout="constrained")
     axes = list(figure.subplots(count, COLUMNS, squeeze=False, sharey=True).flat)
     for panel, (name, rows) in zip(axes, panels, strict=False):
-        _panel(panel, told, name, rows)
+        _panel(panel, found, name, rows)
     for panel in axes[len(panels) :]:
         panel.remove()
     axes[0].legend(fontsize=8)
     figure.savefig(stream, dpi=DPI, format="png")
 
 
-def _panel(axes, told: Mapping[str, Any], name: str, rows: Sequence[Mapping[str, Any]]) -> None:
+def _panel(axes, found: Mapping[str, Any], name: str, rows: Sequence[Mapping[str, Any]]) -> None:
     runs = {run["value"]: run["max_abs_error_deg"] for row in rows for run in row["runs"]}
     followed = sorted((value, error) for value, error in runs.items() if error is not None)
     lost = [value for value, error in runs.items() if error is None]
     axes.plot(*zip(*followed, strict=True), color=TRIED, marker=".", label="maximum error")
-    axes.plot(lost, [told["lost_deg"]] * len(lost), color=LOST, marker="x", ls="", label="knee lost")
+    axes.plot(lost, [found["lost_deg"]] * len(lost), color=LOST, marker="x", ls="", label="knee lost")
     axes.axvline(rows[0]["nominal"], color=NOMINAL, lw=0.8, label="nominal")
-    axes.axhline(told["doubled_deg"], color=NOMINAL, ls="--", lw=0.8, label="error doubled")
-    axes.axhline(told["lost_deg"], color=LOST, ls="--", lw=0.8)
+    axes.axhline(found["doubled_deg"], color=NOMINAL, ls="--", lw=0.8, label="error doubled")
+    axes.axhline(found["lost_deg"], color=LOST, ls="--", lw=0.8)
     axes.set(yscale="log", xlabel=f"{name} / {rows[0]['unit']}", ylabel="error / deg")

@@ -74,7 +74,7 @@ def make_scene(run: RunData) -> Scene:
 
 
 def _held(run: RunData, name: str, stamps: np.ndarray) -> np.ndarray | None:
-    """Return a signal at instants, each time its newest sample; None if the bag lacks it."""
+    """Return a signal at instants, each time its newest sample; None if the bag has none."""
     if name not in run.bag.series:
         return None
     series = run.bag[name]

@@ -74,10 +74,10 @@ def _cycles(verdict: Verdict) -> str:
 
 
 def _metadata(run: RunData) -> str:
-    told = {key: value for key, value in run.bag.run.items() if key != "parameters"}
+    metadata = {key: value for key, value in run.bag.run.items() if key != "parameters"}
     rows = [
         ("bag", run.bag.path.name),
-        *sorted(told.items()),
+        *sorted(metadata.items()),
         ("page written by", f"pam-orthosis {__version__}"),
     ]
     changed = _changed(run.bag.parameters)

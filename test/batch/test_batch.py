@@ -117,7 +117,7 @@ def test_a_unit_that_fails_once_is_done_in_the_end(tmp_path):
     once = (
         f"p = __import__('pathlib').Path({str(tmp_path / 'mark')!r}); q = p.exists(); p.touch(); q or 1 / 0"
     )
-    summary = run([python("flaky", once, tells=False)], tmp_path / "out")
+    summary = run([python("flaky", once, answers=False)], tmp_path / "out")
     assert summary["yes"] == ["flaky"]
     assert json.loads((tmp_path / "out" / "flaky" / RESULT).read_text())["tries"] == 2
 

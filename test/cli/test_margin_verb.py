@@ -105,7 +105,7 @@ def test_a_unit_is_a_command_that_answers():
     assert isinstance(unit, Unit)
     answer = units.work(unit)
     assert answer.complaint == ""
-    least, nominal = answer.told["runs"]
+    least, nominal = answer.result["runs"]
     assert nominal == {"value": pytest.approx(2.0), "max_abs_error_deg": pytest.approx(5.73, abs=0.01)}
     assert least["value"] == pytest.approx(1.5)
     assert 0.0 < least["max_abs_error_deg"] < 1.0

@@ -28,11 +28,11 @@ def found(*effects, coulomb=0.8):
 
 @pytest.fixture
 def short(monkeypatch):
-    """Two short experiments in place of the programme; so little is computed that compiling takes longer."""
+    """Two short experiments in place of all; so little is computed that compiling takes longer."""
     monkeypatch.setenv("PAM_ORTHOSIS_NO_COMPILER", "1")
     made = [experiments.Experiment("gait", {"scenario.duration": 0.5}, 7),
             experiments.Experiment("unseen", {"scenario.duration": 0.5}, 8, True)]  # fmt: skip
-    monkeypatch.setattr(rounds, "programme", lambda _: made)
+    monkeypatch.setattr(rounds, "experiments", lambda _: made)
     return load(SHORT)
 
 
@@ -80,7 +80,7 @@ def test_the_search_finds_friction_in_bags_of_its_own(tmp_path, monkeypatch):
         rounds.learned, "LEARNABLE", {n: CATALOGUE[n] for n in ("joint_friction", "extensor_leak")}
     )
     made = [experiments.Experiment("gait", {}, 7), experiments.Experiment("unseen", {}, 8, True)]
-    monkeypatch.setattr(rounds, "programme", lambda _: made)
+    monkeypatch.setattr(rounds, "experiments", lambda _: made)
     parameters = load(exact)
     answer = rounds.find_effects(parameters, rounds.recorded(parameters, "default", tmp_path), silent)
     assert answer.effects == ("joint_friction",)

@@ -52,7 +52,7 @@ def test_what_comes_again_in_each_cycle_is_found_at_its_phase():
     }
     found = run_of(time, shown)
     wanted = torque(PHASES)
-    assert found.lacking(PHASES) == pytest.approx(wanted, abs=0.12)
+    assert found.missing(PHASES) == pytest.approx(wanted, abs=0.12)
     assert found.angle(PHASES) == pytest.approx(0.01 * wanted, abs=0.0012)
     assert found.extensor_pressure(PHASES) == pytest.approx(3e5 + 1e5 * wanted, abs=0.12e5)
     assert found.flexor_pressure(PHASES) == pytest.approx(4e5 - 1e5 * wanted, abs=0.12e5)

@@ -77,7 +77,7 @@ class WatchedPlant(Plant):
 
 
 def without_hardware_effects() -> dict[str, Any]:
-    """Return the overrides that make the plant what the controllers believe; its sensors stay noisy."""
+    """Return the overrides that make the plant the controllers' nominal model; its sensors stay noisy."""
     values = tree.load().flat()
     exact: dict[str, Any] = {key: 1.0 for key in values if key.startswith("plant.deviation.")}
     for key, value in values.items():
@@ -149,10 +149,10 @@ def _torque(signals, p) -> tuple[np.ndarray, np.ndarray]:
 
 def _missing_torque(signals, seen, p) -> tuple[np.ndarray, np.ndarray]:
     """Return tau of Eq. (26) from the true motion and pressures with the controllers' model."""
-    belief = p.belief()
+    nominal = p.belief()
     q, velocity, acceleration, pe, pf = (ca.SX.sym(name) for name in ("q", "v", "a", "pe", "pf"))
-    terms = leg_model.mechanics(q, velocity, belief.leg)
-    torque = muscle_torque(q, velocity, pe, pf, belief)
+    terms = leg_model.mechanics(q, velocity, nominal.leg)
+    torque = muscle_torque(q, velocity, pe, pf, nominal)
     missing = torque - terms.inertia * acceleration - terms.coriolis - terms.gravity
     function = ca.Function("tau", [q, velocity, acceleration, pe, pf], [missing])
     rates = np.gradient(signals["true_velocity"], p.scenario.control_period)

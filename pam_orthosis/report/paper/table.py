@@ -122,12 +122,12 @@ def tracking_rows(found: Tracking) -> list[Row]:
 
 
 def _force_rows(found: Identified) -> list[Row]:
-    told = found.errors(held_out=True)
-    levels = ", ".join(f"{float(one):.1f}" for one in told["by_pressure_bar_gauge"])
+    errors = found.errors(held_out=True)
+    levels = ", ".join(f"{float(one):.1f}" for one in errors["by_pressure_bar_gauge"])
     rows = [
         Row(
             "force model, DMSP-20", "about 30 N maximum",
-            f"{told['max']:.1f} N maximum, {told['rms']:.1f} N RMS",
+            f"{errors['max']:.1f} N maximum, {errors['rms']:.1f} N RMS",
             f"emulated rig, at {levels} bar gauge, which the fit did not see",
         )
     ]  # fmt: skip
