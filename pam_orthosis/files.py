@@ -73,13 +73,13 @@ def write_files(files: Mapping[Path, Write], overwrite: bool = False) -> None:
     try:
         for path, write in files.items():
             made = make_folder(path.parent) + made
-            with told(path):
+            with writing(path):
                 stream = _new_part(path.parent)
                 parts[path] = Path(stream.name)
                 with stream:
                     write(stream)
         for path, part in parts.items():
-            with told(path):
+            with writing(path):
                 _place(part, path, overwrite)
             placed.append(path)
     except BaseException:
@@ -98,7 +98,7 @@ def refuse_existing(paths: Iterable[Path], overwrite: bool = False, instead: str
     `instead`: what to do, beside choosing another --out.
     """
     for path in paths:
-        with told(path):
+        with writing(path):
             there = os.path.lexists(path)
             replaceable = overwrite and there and stat.S_ISREG(path.lstat().st_mode)
             above = next((one for one in path.parents if os.path.lexists(one)), Path())
@@ -128,7 +128,7 @@ def make_folder(path: Path) -> list[Path]:
         OrthosisError: it cannot be made.
     """
     made: list[Path] = []
-    with told(path):
+    with writing(path):
         try:
             for folder in (*reversed(path.parents), path):
                 if _made(folder):
@@ -168,7 +168,7 @@ def locked(path: Path) -> Iterator[None]:
     """
     made = make_folder(path)
     try:
-        with told(path):
+        with writing(path):
             lock = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         try:
             _lock(lock, path)
@@ -205,7 +205,7 @@ def _lock(lock: int, path: Path) -> None:
 
 def refuse_used(folder: Path, instead: str = "") -> None:
     """Raise OrthosisError if there is something where a folder is to be made or filled."""
-    with told(folder):
+    with writing(folder):
         used = os.path.lexists(folder) and (not folder.is_dir() or any(_held(folder)))
     if used:
         raise Used(f"{folder} exists and is not an empty folder; choose another --out{instead}")
@@ -225,14 +225,14 @@ def filled(path: Path) -> Iterator[Path]:
     """
     with claimed(path):
         unfinished = path / f"{UNFINISHED}{secrets.token_hex(8)}"
-        with told(path):
+        with writing(path):
             unfinished.mkdir()
         try:
             part = unfinished / path.resolve().name
-            with told(path):
+            with writing(path):
                 part.mkdir()
             yield part
-            with told(path):
+            with writing(path):
                 _move(part, path)
         finally:
             shutil.rmtree(unfinished, ignore_errors=True)
@@ -249,11 +249,11 @@ def placed(path: Path) -> Iterator[Path]:
     made = make_folder(path.parent)
     unfinished = path.parent / f"{UNFINISHED}{secrets.token_hex(8)}"
     try:
-        with told(path):
+        with writing(path):
             unfinished.mkdir()
         yield unfinished / path.name
         refuse_existing([path])
-        with told(path):
+        with writing(path):
             (unfinished / path.name).rename(path)
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
@@ -283,7 +283,7 @@ def write_folder(path: Path, files: Mapping[str, Write]) -> None:
     part = path.parent / f"{UNFINISHED}{secrets.token_hex(8)}"
     write_files({part / name: write for name, write in files.items()})
     try:
-        with told(path):
+        with writing(path):
             part.rename(path)
     except BaseException:
         shutil.rmtree(part, ignore_errors=True)
@@ -291,8 +291,8 @@ def write_folder(path: Path, files: Mapping[str, Write]) -> None:
 
 
 @contextmanager
-def told(path: Path) -> Iterator[None]:
-    """Turn what the system says against writing to a path into the error of this program."""
+def writing(path: Path) -> Iterator[None]:
+    """Turn what the system raises when a path is written into the error of this program."""
     try:
         yield
     except FileExistsError as error:

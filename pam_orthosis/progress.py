@@ -19,7 +19,7 @@ from typing import Protocol, TypeVar
 PERIOD = 2.0  # s of silence at most; shorter work prints nothing
 WIDEST = 79  # characters of the line on a terminal, lest it wraps
 LEAST_LEFT = 1.0  # s: an estimate below it, or one that is over, is none
-MINUTES = 120.0  # s from which minutes are told
+MINUTES = 120.0  # s from which minutes are shown
 OFF = "PAM_ORTHOSIS_NO_PROGRESS"  # for scripts that read stderr
 BEGIN_OF_LINE = "\r\x1b[K"
 
@@ -38,7 +38,7 @@ def silent(what: str, done: float = 0.0, of: float = 0.0, unit: str = "") -> Non
 
 
 def counted(items: Sequence[Item], progress: Progress, what: str) -> Iterator[Item]:
-    """Yield items one by one, each told before it is worked on."""
+    """Yield items one by one, each with its progress before it is worked on."""
     for number, item in enumerate(items):
         progress(what, number, len(items))
         yield item
@@ -47,13 +47,13 @@ def counted(items: Sequence[Item], progress: Progress, what: str) -> Iterator[It
 def part(progress: Progress, what: str, at: float, size: float, of: float, unit: str = "") -> Progress:
     """Return the progress of a part of known size of some work, which begins when `at` is done."""
 
-    def told(inner: str, done: float = 0.0, amount: float = 0.0, _unit: str = "") -> None:
+    def inner_progress(inner: str, done: float = 0.0, amount: float = 0.0, _unit: str = "") -> None:
         if amount:
             progress(what, at + size * done / amount, of, unit)
         else:
             progress(f"{what}, {inner}", at, of, unit)
 
-    return told
+    return inner_progress
 
 
 class Watch:

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 
 from pam_orthosis.bag.record import METADATA_FILE, BagWriter, OnDisk
 from pam_orthosis.errors import OrthosisError, RunFailed
-from pam_orthosis.files import told
+from pam_orthosis.files import writing
 from pam_orthosis.processes import (
     SILENCE_SECONDS,
     STARVED_SECONDS,
@@ -59,7 +59,7 @@ class BagWriterAside:
     def __init__(self, folder: Path, run: Mapping[str, str], waiting: Callable[[], None] = lambda: None):
         self._folder, self._run, self._waiting = Path(folder).absolute(), dict(run), waiting
         command = [sys.executable, "-m", "pam_orthosis.bag.aside"]
-        with told(folder), deaf_children():  # it ends with what it is sent
+        with writing(folder), deaf_children():  # it ends with what it is sent
             self._process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0
             )

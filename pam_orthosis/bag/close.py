@@ -37,7 +37,7 @@ from pam_orthosis.bag.information import (
 from pam_orthosis.bag.salvage import MAGIC
 from pam_orthosis.bag.unclosed import BagFile, Damaged, look, without_last_chunk
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.files import told, write_text
+from pam_orthosis.files import write_text, writing
 from pam_orthosis.reading import open_file
 
 FOOTER_HEAD = struct.Struct("<BQQQ")  # opcode, length, where summary and its offsets begin
@@ -67,7 +67,7 @@ def close_bag(folder: Path, paths: Sequence[Path]) -> int:
         return sum(file.counts.total() for file in files)
     if not any(file.counts for file in files):
         raise OrthosisError(f"{paths[0]} holds no readable message")
-    with told(folder), TemporaryFile(dir=folder):  # before anything is cut
+    with writing(folder), TemporaryFile(dir=folder):  # before anything is cut
         pass
     if not _written_at_all(folder, files):
         _make_room(folder, files)
@@ -131,7 +131,7 @@ def _written(folder: Path, files: Sequence[BagFile], brief: bool) -> bool:
 def _put_end(file: BagFile, about: Mapping[str, Any], brief: bool) -> None:
     begin = b"" if file.end else MAGIC + _header()
     end = begin + (_brief_end() if brief else _end(file, len(begin), about))
-    with told(file.path), open(file.path, "r+b", buffering=0, opener=_no_link) as stream:
+    with writing(file.path), open(file.path, "r+b", buffering=0, opener=_no_link) as stream:
         stream.truncate(file.end)
         stream.seek(file.end)
         while end:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.files import filled, told
+from pam_orthosis.files import filled, writing
 
 BAGS = {
     "walk": "gait without a person, 7 s (scenario default)",
@@ -51,7 +51,7 @@ def write_example(name: str, folder: Path) -> list[Path]:
 
 
 def _copied(name: str, folder: Path) -> list[Path]:
-    with told(folder):
+    with writing(folder):
         for file in (example_folder() / name).iterdir():
             shutil.copyfile(file, folder / file.name)
     return [folder]
@@ -65,7 +65,7 @@ def _unpacked(name: str, folder: Path) -> list[Path]:
         runs = dict.fromkeys(key.split("/")[0] for key in packed.files if "/" in key)
         for run in runs:
             _write_run(folder / run, about, {signal: packed[f"{run}/{signal}"] for signal in MEASURED})
-    with told(folder):
+    with writing(folder):
         (folder / "sealed").mkdir()
         answer = json.dumps(about["answer"], indent=2) + "\n"
         (folder / "sealed" / "truth.json").write_text(answer, encoding="utf-8")

@@ -38,7 +38,7 @@ from pam_orthosis.bag.information import (
 )
 from pam_orthosis.bag.topics import PUBLISHED_DEPTH, SECOND_NS
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.files import make_folder, remove_empty, told, write_text
+from pam_orthosis.files import make_folder, remove_empty, write_text, writing
 from pam_orthosis.model.parameters import Parameters
 
 CHUNK_BYTES = 64 * 1024
@@ -130,7 +130,7 @@ class BagWriter:
         self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._channels.clear()
         self._schemas.clear()
-        with told(self._file):
+        with writing(self._file):
             self._writer.start(profile="ros2", library=f"pam_orthosis {__version__}")
             if self.run:
                 self._writer.add_metadata(RUN_RECORD, self.run)
@@ -142,13 +142,13 @@ class BagWriter:
         return self.folder / f"{self.folder.name}_{number}.mcap"
 
     def _cut(self, behind: OnDisk) -> None:
-        with told(self.folder):
+        with writing(self.folder):
             os.truncate(self._numbered(behind.file), behind.size)
             self._numbered(behind.file + 1).unlink(missing_ok=True)
 
     def _seal(self) -> None:
         """Finish the file."""
-        with told(self._file):
+        with writing(self._file):
             self._writer.add_metadata(BAG_RECORD, serialised(self._information()))
             self._writer.finish()
             self._stream.close()
@@ -184,13 +184,13 @@ class BagWriter:
 
     def write_all(self, messages: Iterable[tuple[str, int, bytes]]) -> None:
         """Append messages: topic, stamp, data; OrthosisError if the disk takes no more."""
-        with told(self._file):
+        with writing(self._file):
             for topic, stamp_ns, data in messages:
                 self._add(topic, stamp_ns, data, stamp_ns)
 
     def copy(self, key: Hashable, message: Message) -> None:
         """Append a message of another bag as it is; OrthosisError if the disk takes no more."""
-        with told(self._file):
+        with writing(self._file):
             self._add(key, message.log_time, message.data, message.publish_time, message.sequence)
 
     def _add(self, key: Hashable, log_ns: int, data: bytes, publish_ns: int, sequence: int = 0) -> None:
@@ -214,7 +214,7 @@ class BagWriter:
 
     def flush(self) -> None:
         """Write out what there is; OrthosisError if the disk takes no more."""
-        with told(self._file):
+        with writing(self._file):
             self._writer.flush()
             number = self._first + len(self._files) - 1
             self.on_disk = OnDisk(self._counts.total(), number, self._stream.tell())

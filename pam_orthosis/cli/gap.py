@@ -16,7 +16,15 @@ from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pam_orthosis.errors import OrthosisError, naming
-from pam_orthosis.files import as_text, make_folder, output, refuse_existing, remove_empty, told, write_files
+from pam_orthosis.files import (
+    as_text,
+    make_folder,
+    output,
+    refuse_existing,
+    remove_empty,
+    write_files,
+    writing,
+)
 from pam_orthosis.progress import Progress, counted, shown
 
 if TYPE_CHECKING:
@@ -198,7 +206,7 @@ def _try(folder: Path) -> None:
     """Try to write into a folder, before the search takes its time."""
     made = make_folder(folder)
     try:
-        with told(folder), TemporaryFile(dir=folder):
+        with writing(folder), TemporaryFile(dir=folder):
             pass
     finally:
         remove_empty(made)
