@@ -26,10 +26,10 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
-from pam_orthosis.bag.aside import NAME as WRITER
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.bag.record import METADATA_FILE
 from pam_orthosis.bag.topics import NODES, PLANT, RECORDER, VALVE
+from pam_orthosis.bag.writer_process import NAME as WRITER
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
 

@@ -15,11 +15,11 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
-from pam_orthosis.bag.aside import BagWriterAside
 from pam_orthosis.bag.cdr import Reader, Unreadable, canonical, serialised_stamp_ns
 from pam_orthosis.bag.record import BagWriter, run_metadata
 from pam_orthosis.bag.steps import Message, StepCollector
 from pam_orthosis.bag.topics import NODES, RECORDER, Topic, in_leg
+from pam_orthosis.bag.writer_process import BagWriterProcess
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, process
@@ -135,10 +135,10 @@ class BagRecorder(graph.GraphNode):
         with suppress(OrthosisError) if self.failure else nullcontext():  # that one is told
             self._writer.close()
 
-    def _made_writer(self, folder: Path, run: Mapping[str, str]) -> BagWriter | BagWriterAside:
+    def _made_writer(self, folder: Path, run: Mapping[str, str]) -> BagWriter | BagWriterProcess:
         if not self.settings["aside"]:
             return BagWriter(folder, run)
-        return BagWriterAside(folder, run, self._beat)
+        return BagWriterProcess(folder, run, self._beat)
 
     def _beat(self) -> None:
         self.pulse()

@@ -139,5 +139,5 @@ def _change_writer(record) -> None:
 if FAULT:
     Path(FAULT["notes"], f"pid-{os.getpid()}").touch()
     sys.meta_path.insert(0, _Hook(GRAPH, _change_nodes))
-    if FAULT["node"] == WRITER and "pam_orthosis.bag.aside" in sys.orig_argv:
+    if FAULT["node"] == WRITER and "pam_orthosis.bag.writer_process" in sys.orig_argv:
         sys.meta_path.insert(0, _Hook(RECORD, _change_writer))

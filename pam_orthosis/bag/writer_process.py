@@ -12,6 +12,8 @@ import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -29,7 +31,6 @@ from pam_orthosis.processes import (
 )
 
 NAME = "bag_writer"
-MARK = "pam-orthosis bag: "  # before each answer: something else may print too
 READY, DONE, HERE, ON_DISK, ERROR = "ready", "done", "here", "on disk", "error"
 PIPE_BYTES = 1 << 20  # two seconds of a graph at 200 Hz, for which the disk may stand still
 SENT_BYTES = 1 << 13  # at once
@@ -38,7 +39,7 @@ LOOK_SECONDS = 0.05
 CUT_SHORT = EOFError, pickle.UnpicklingError  # who sends was killed, perhaps in the midst of something
 
 
-class BagWriterAside:
+class BagWriterProcess:
     """Takes messages for a `BagWriter` in a process of its own.
 
     What that one raises, as OrthosisError, comes with a later call, at the latest with `close`. If it dies,
@@ -58,21 +59,20 @@ class BagWriterAside:
 
     def __init__(self, folder: Path, run: Mapping[str, str], waiting: Callable[[], None] = lambda: None):
         self._folder, self._run, self._waiting = Path(folder).absolute(), dict(run), waiting
-        command = [sys.executable, "-m", "pam_orthosis.bag.aside"]
-        with writing(folder), deaf_children():  # it ends with what it is sent
-            self._process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0
-            )
+        self._answered, answers = Pipe(duplex=False)
+        command = [sys.executable, "-m", "pam_orthosis.bag.writer_process", str(answers.fileno())]
+        silent = {"stdout": subprocess.DEVNULL, "pass_fds": [answers.fileno()]}
+        with writing(folder), deaf_children(), answers:  # it ends with what it is sent
+            self._process = subprocess.Popen(command, stdin=subprocess.PIPE, bufsize=0, **silent)
         with suppress(OSError):  # more than the system allows
             fcntl.fcntl(self._process.stdin, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
-        for stream in (self._process.stdin, self._process.stdout):
-            os.set_blocking(stream.fileno(), False)
+        os.set_blocking(self._process.stdin.fileno(), False)
         self._idleness, self._asked = Idleness(self._process.pid), False
         self._topics: list[tuple[str, str, bool]] = []
         self._unsent = bytearray()
         self._count, self._unconfirmed = 0, deque[tuple[int, bytes]]()  # messages up to there, as sent
         self._on_disk = OnDisk(0, 0, 0)
-        self._said, self._answers = b"", set[str]()
+        self._answers = set[str]()
         self._error: OrthosisError | None = None
         self._here: BagWriter | None = None
         self._say(str(self._folder), self._run)
@@ -100,7 +100,7 @@ class BagWriterAside:
         """Send what waits and hear what was answered.
 
         Raises:
-            RunFailed: the other process died, was stopped or does not answer; told once.
+            RunFailed: the other process died, was stopped or does not answer; raised once.
             OrthosisError: what it answered; from now on always.
         """
         if self._here:
@@ -155,28 +155,25 @@ class BagWriterAside:
         """Wait a moment for the other process."""
         self.look()
         writable = [self._process.stdin] if self._unsent else []
-        select.select([self._process.stdout], writable, [], LOOK_SECONDS)
+        select.select([self._answered], writable, [], LOOK_SECONDS)
         self._waiting()
 
     def _hear(self) -> None:
         """Take in what was answered."""
-        self._said += self._process.stdout.read() or b""
-        *lines, self._said = self._said.split(b"\n")
-        for line in lines:
-            _, mark, answer = line.decode("utf-8", "surrogateescape").partition(MARK)
-            if mark:
-                self._take(*answer.partition(": ")[::2])
+        with suppress(EOFError):  # it has ended, which is seen
+            while self._answered.poll():
+                self._take(*self._answered.recv())
         if self._error:
             raise self._error
 
-    def _take(self, answer: str, more: str) -> None:
+    def _take(self, answer: str, *more: Any) -> None:
         self._idleness.begin()
         self._asked = False
         self._answers.add(answer)
         if answer == ERROR:
-            self._error = OrthosisError(more)
+            self._error = OrthosisError(*more)
         if answer == ON_DISK:
-            self._on_disk = OnDisk(*map(int, more.split()))
+            self._on_disk = OnDisk(*more)
             while self._unconfirmed and self._unconfirmed[0][0] <= self._on_disk.messages:
                 self._unconfirmed.popleft()
 
@@ -200,8 +197,8 @@ class BagWriterAside:
         self._here.flush()
 
 
-def serve(source: BinaryIO, answer: Callable[[str], None]) -> None:
-    """Write the bag of a `BagWriterAside`; answer `READY`, how much is on the disk and `DONE`, or an error.
+def serve(source: BinaryIO, answer: Callable[..., None]) -> None:
+    """Write the bag of a `BagWriterProcess`; answer `READY`, how much is on the disk and `DONE`, or an error.
 
     Where nothing comes any more the bag stays unclosed.
     """
@@ -213,7 +210,7 @@ def serve(source: BinaryIO, answer: Callable[[str], None]) -> None:
         while name != "close":
             if writer.on_disk != known:
                 known = writer.on_disk
-                answer(f"{ON_DISK}: {known.messages} {known.file} {known.size}")
+                answer(ON_DISK, *known)
             name, *arguments = pickle.load(source)
             if name == HERE:
                 answer(HERE)
@@ -221,18 +218,24 @@ def serve(source: BinaryIO, answer: Callable[[str], None]) -> None:
                 getattr(writer, name)(*arguments)
         answer(DONE)
     except OrthosisError as error:
-        answer(f"{ERROR}: {error}")
+        answer(ERROR, str(error))
     except CUT_SHORT:
-        with suppress(OrthosisError):  # nobody is there to be told
+        with suppress(OrthosisError):  # nobody is there to hear it
             if writer:
                 writer.flush()
 
 
-def _print(answer: str) -> None:
-    with suppress(BrokenPipeError):
-        os.write(1, f"{MARK}{answer}\n".encode("utf-8", "surrogateescape"))
+def main() -> None:
+    """Serve who has started this process, who waits for answers at the descriptor that was given."""
+    answers = Connection(int(sys.argv[1]), readable=False)
+
+    def answer(*said: Any) -> None:
+        with suppress(BrokenPipeError):
+            answers.send(said)
+
+    go_on_without_parent()
+    serve(sys.stdin.buffer, answer)
 
 
 if __name__ == "__main__":
-    go_on_without_parent()
-    serve(sys.stdin.buffer, _print)
+    main()

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 from bags import ANGLE_TYPE, PERIOD_NS, serialised_angle
-from pam_orthosis.bag import aside
-from pam_orthosis.bag.aside import ON_DISK, READY, BagWriterAside, serve
+from pam_orthosis.bag import writer_process
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.bag.record import BagWriter
 from pam_orthosis.bag.recover import recover_in_place
+from pam_orthosis.bag.writer_process import ON_DISK, READY, BagWriterProcess, serve
 from pam_orthosis.errors import OrthosisError, RunFailed
 
 TOPIC, RUN = "/joint_states", {"scenario": "test"}
@@ -34,7 +34,7 @@ def filled(writer, steps=STEPS):
 
 
 def test_it_is_the_same_bag(tmp_path):
-    for folder, kind in (("here", BagWriter), ("there", BagWriterAside)):
+    for folder, kind in (("here", BagWriter), ("there", BagWriterProcess)):
         filled(kind(tmp_path / folder / "walk", RUN)).close()
     here, there = (sorted((tmp_path / name / "walk").iterdir()) for name in ("here", "there"))
     assert [file.name for file in there] == [file.name for file in here] != []
@@ -43,17 +43,17 @@ def test_it_is_the_same_bag(tmp_path):
 
 def test_the_error_comes_with_a_later_call_and_again(tmp_path):
     filled(BagWriter(tmp_path, RUN)).close()
-    writer = BagWriterAside(tmp_path, RUN)
+    writer = BagWriterProcess(tmp_path, RUN)
     for _ in range(2):
         with pytest.raises(OrthosisError, match="holds a bag already"):
             filled(writer, STEPS * 20).close()
 
 
 def test_that_it_has_begun_or_cannot_is_known_before_anything_is_written(tmp_path):
-    writer = BagWriterAside(tmp_path / "walk", RUN)
+    writer = BagWriterProcess(tmp_path / "walk", RUN)
     assert _until(writer.ready)
     filled(writer).close()
-    again = BagWriterAside(tmp_path / "walk", RUN)
+    again = BagWriterProcess(tmp_path / "walk", RUN)
     with pytest.raises(OrthosisError, match="holds a bag already"):
         _until(again.ready)
 
@@ -68,7 +68,7 @@ def _until(true):
 def test_what_others_print_and_signals_to_all_do_it_no_harm(tmp_path, monkeypatch):
     (tmp_path / "sitecustomize.py").write_text("print('hello from site')")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
-    writer = BagWriterAside(tmp_path / "walk", RUN)
+    writer = BagWriterProcess(tmp_path / "walk", RUN)
     assert _until(writer.ready)
     writer._process.terminate()
     filled(writer).close()
@@ -76,7 +76,7 @@ def test_what_others_print_and_signals_to_all_do_it_no_harm(tmp_path, monkeypatc
 
 
 def test_a_writer_that_stands_still_for_two_seconds_of_a_graph_holds_up_nobody(tmp_path):
-    writer = BagWriterAside(tmp_path / "walk", RUN)
+    writer = BagWriterProcess(tmp_path / "walk", RUN)
     assert _until(writer.ready)
     writer.add_topic(TOPIC, ANGLE_TYPE)
     rescue = threading.Timer(30, os.kill, (writer._process.pid, signal.SIGCONT))
@@ -95,7 +95,7 @@ def test_a_full_disk_is_told(tmp_path):
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
     try:
-        writer = BagWriterAside(tmp_path / "walk", RUN)
+        writer = BagWriterProcess(tmp_path / "walk", RUN)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     with pytest.raises(OrthosisError, match=r"cannot write .*walk_0.mcap: File too large"):
@@ -103,7 +103,7 @@ def test_a_full_disk_is_told(tmp_path):
 
 
 def test_a_writer_that_was_killed_is_told(tmp_path):
-    writer = BagWriterAside(tmp_path / "walk", RUN)
+    writer = BagWriterProcess(tmp_path / "walk", RUN)
     writer._process.kill()
     with pytest.raises(OrthosisError, match="bag_writer was killed by SIGKILL"):
         filled(writer).close()
@@ -112,7 +112,7 @@ def test_a_writer_that_was_killed_is_told(tmp_path):
 def test_a_recorder_that_was_killed_at_once_leaves_nothing(tmp_path):
     sent, answers = pickle.dumps((str(tmp_path / "walk"), RUN)), []
     for length in (0, 9, len(sent) - 1):
-        serve(io.BytesIO(sent[:length]), answers.append)
+        serve(io.BytesIO(sent[:length]), lambda *said: answers.append(said))
     assert answers == []
     assert not (tmp_path / "walk").exists()
 
@@ -123,9 +123,9 @@ def test_what_came_before_the_recorder_was_killed_is_kept(tmp_path, cut):
     said = [(str(folder), RUN), ("add_topic", TOPIC, ANGLE_TYPE, False), *(("write_all", s) for s in STEPS)]
     sent = b"".join(map(pickle.dumps, said))
     answers = []
-    serve(io.BytesIO(sent[: len(sent) - cut]), answers.append)
-    assert answers[0] == READY
-    assert {answer.partition(":")[0] for answer in answers[1:]} == {ON_DISK}
+    serve(io.BytesIO(sent[: len(sent) - cut]), lambda *said: answers.append(said))
+    assert answers[0] == (READY,)
+    assert {answer[0] for answer in answers[1:]} == {ON_DISK}
     assert recover_in_place(folder) == len(STEPS) - (cut > 0)
     angle = read_bag(folder, ["angle"])["angle"].value
     np.testing.assert_array_equal(angle, 0.01 * np.arange(len(STEPS) - (cut > 0)))
@@ -133,13 +133,13 @@ def test_what_came_before_the_recorder_was_killed_is_kept(tmp_path, cut):
 
 def stopped_and_seen(writer):
     os.kill(writer._process.pid, signal.SIGSTOP)
-    _until(lambda: aside.stopped(writer._process.pid))
+    _until(lambda: writer_process.stopped(writer._process.pid))
 
 
 def stopped_and_not_seen(writer, monkeypatch):
     stopped_and_seen(writer)
-    monkeypatch.setattr(aside, "stopped", lambda pid: False)
-    monkeypatch.setattr(aside, "SILENCE_SECONDS", 0.3)
+    monkeypatch.setattr(writer_process, "stopped", lambda pid: False)
+    monkeypatch.setattr(writer_process, "SILENCE_SECONDS", 0.3)
 
 
 def stopped_then_killed(writer):
@@ -177,7 +177,7 @@ def _assert_holds(folder, count):
 )
 def test_a_writer_that_is_lost_is_named_and_nothing_is_lost(tmp_path, fault, named, settled):
     """What it had got, what was on its way and what comes afterwards, each once and in its order."""
-    writer = BagWriterAside(tmp_path / "walk", RUN)
+    writer = BagWriterProcess(tmp_path / "walk", RUN)
     assert _until(writer.ready)
     filled(writer, STEPS[:settled])
     _until(lambda: writer.look() or writer._on_disk.messages >= settled - 40)
@@ -194,7 +194,7 @@ def test_a_writer_that_is_lost_is_named_and_nothing_is_lost(tmp_path, fault, nam
 
 
 def test_a_writer_that_does_not_answer_is_named_and_nothing_is_lost(tmp_path, monkeypatch):
-    writer = BagWriterAside(tmp_path / "walk", RUN)
+    writer = BagWriterProcess(tmp_path / "walk", RUN)
     assert _until(writer.ready)
     filled(writer, STEPS[:100])
     stopped_and_not_seen(writer, monkeypatch)
@@ -207,9 +207,9 @@ def test_a_writer_that_does_not_answer_is_named_and_nothing_is_lost(tmp_path, mo
 
 def test_who_records_waits_for_a_writer_that_is_far_behind_and_says_that_it_lives(tmp_path, monkeypatch):
     waited = []
-    writer = BagWriterAside(tmp_path / "walk", RUN, lambda: waited.append(len(writer._unsent)))
+    writer = BagWriterProcess(tmp_path / "walk", RUN, lambda: waited.append(len(writer._unsent)))
     assert _until(writer.ready)
-    monkeypatch.setattr(aside, "WAITING_BYTES", 20_000)
+    monkeypatch.setattr(writer_process, "WAITING_BYTES", 20_000)
     stopped_and_not_seen(writer, monkeypatch)
     rescue = threading.Timer(0.15, os.kill, (writer._process.pid, signal.SIGCONT))
     rescue.start()
@@ -222,8 +222,8 @@ ORPHANED = """
 import os, signal, sys, time
 from pathlib import Path
 sys.path.insert(0, {tests!r})
-from test_aside import RUN, STEPS, BagWriterAside, _until, filled
-writer = BagWriterAside(Path({folder!r}), RUN)
+from test_writer_process import RUN, STEPS, BagWriterProcess, _until, filled
+writer = BagWriterProcess(Path({folder!r}), RUN)
 assert _until(writer.ready)
 os.kill(writer._process.pid, signal.SIGSTOP)
 filled(writer)
