@@ -28,7 +28,7 @@ def named(nominal, effects: Sequence[str], values: Mapping[str, float]) -> dict[
 
 
 def calibrated(nominal, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the overrides that give ordinary parameters their calibrated values.
+    """Return the overrides that give nuisance parameters their calibrated values.
 
     Args:
         nominal: what the values deviate from, effects of earlier rounds included.

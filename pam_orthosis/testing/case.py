@@ -10,11 +10,12 @@ valve curve and volume differ from the model's in shape as well.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.random import Generator
 
 from pam_orthosis.control import diagnostic
 from pam_orthosis.control.loop import ClosedLoop
@@ -48,6 +49,7 @@ GAIT_SECONDS, HELD_OUT_GAIT_SECONDS, PUSH_SECONDS = 20.0, 14.0, 120.0
 PARTS = (diagnostic.triangle, diagnostic.cocontraction, diagnostic.closed_hold, diagnostic.decay)
 
 Recording = dict[str, np.ndarray]
+Run = tuple[Any, float]  # trajectory, duration s
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,7 @@ def make_case(
 
     whole, begun = sum(seconds for _, seconds in (*training.values(), *held_out.values())), 0.0
 
-    def recorded(kind, runs):
+    def recorded(kind: str, runs: Mapping[str, Run]) -> dict[str, Recording]:
         nonlocal begun
         made = {}
         for name, run in runs.items():
@@ -119,7 +121,15 @@ def make_case(
     return Case(*made, parameters, {"seed": seed, **secret.answer})
 
 
-def draw(rng, parameters, class_: str, size: str, effects, outside=False, alone=None) -> Secret:
+def draw(
+    rng: Generator,
+    parameters: Parameters,
+    class_: str,
+    size: str,
+    effects: int | str | Sequence[str],
+    outside: bool = False,
+    alone: str | None = None,
+) -> Secret:
     """Draw the plant of a case; arguments as in `make_case`."""
     _check(class_, CLASSES, "class")
     _check(size, SIZES, "size")
@@ -129,7 +139,7 @@ def draw(rng, parameters, class_: str, size: str, effects, outside=False, alone=
         _check(alone, tuple(effect.name for effect in chosen), "effect")
     fields: dict[str, float] = {}
     misfits = realistic_misfits(rng) if class_ == "realistic" else {}
-    parts = {}
+    parts: dict[str, dict[str, float]] = {}
     for effect in chosen:
         hidden = alone in (None, effect.name)
         into = (fields, misfits) if hidden else ({}, {})
@@ -153,7 +163,7 @@ def draw(rng, parameters, class_: str, size: str, effects, outside=False, alone=
 
 
 def record(
-    parameters, secret: Secret, run: tuple[Any, float], seed: int, progress: Progress = silent
+    parameters: Parameters, secret: Secret, run: Run, seed: int, progress: Progress = silent
 ) -> Recording:
     """Return one recording in closed loop of a trajectory over its duration."""
     trajectory, duration = run
@@ -165,19 +175,19 @@ def record(
     return {name: values for name, values in recording.items() if not name.startswith("true_")}
 
 
-def started(parameters, trajectory) -> Parameters:
+def started(parameters: Parameters, trajectory: Any) -> Parameters:
     """Return the parameters with the angle at which a trajectory starts."""
     return parameters.changed({"scenario.start_angle": trajectory.sample(0).angle})
 
 
-def trajectories(rng, parameters, held_out: bool = False) -> dict[str, tuple[Any, float]]:
+def trajectories(rng: Generator, parameters: Parameters, held_out: bool = False) -> dict[str, Run]:
     """Return name -> (trajectory, duration s): a gait and diagnostic experiments, drawn anew."""
     seconds = HELD_OUT_GAIT_SECONDS if held_out else GAIT_SECONDS
     experiments = _experiments(rng, parameters)
     return {"gait": (_gait(rng, parameters), seconds), "diagnostic": (experiments, experiments.duration)}
 
 
-def _gait(rng, parameters) -> Trajectory:
+def _gait(rng: Generator, parameters: Parameters) -> Trajectory:
     """Return a gait whose harmonics, cadence and start are drawn about the default's."""
     gait = parameters.scenario.gait
     spread = 1 + 0.1 * rng.standard_normal((2, len(gait.cosine)))
@@ -189,7 +199,7 @@ def _centre() -> np.ndarray:
     return np.array([0.08] + [0.0] * 6)  # rad: keeps drawn gaits off the stops
 
 
-def _experiments(rng, parameters) -> diagnostic.Programme:
+def _experiments(rng: Generator, parameters: Parameters) -> diagnostic.Programme:
     """Return all diagnostic experiments in random order with drawn angles and pressures."""
     levels = Section("levels", {
         "low_angle": rng.uniform(0.32, 0.48), "high_angle": rng.uniform(0.85, 1.05),
@@ -202,7 +212,7 @@ def _experiments(rng, parameters) -> diagnostic.Programme:
     return diagnostic.Programme(script.phases, rest)
 
 
-def realistic_misfits(rng) -> dict[str, np.ndarray]:
+def realistic_misfits(rng: Generator) -> dict[str, np.ndarray]:
     """Return the misfits of the class `realistic`."""
     return {
         "force_waves": force_waves(rng, MAP_SD * rng.standard_normal((2, 4))),
@@ -211,18 +221,20 @@ def realistic_misfits(rng) -> dict[str, np.ndarray]:
     }
 
 
-def force_waves(rng, amplitudes) -> np.ndarray:
+def force_waves(rng: Generator, amplitudes: np.ndarray) -> np.ndarray:
     """Return (2, k, 4) waves of a smooth map error with these amplitudes (2, k), N."""
     numbers = rng.uniform(-3.5, 3.5, (2, amplitudes.shape[1], 2))
     phases = rng.uniform(0, 2 * np.pi, amplitudes.shape)
     return np.concatenate([amplitudes[..., None], numbers, phases[..., None]], axis=2)
 
 
-def _waves(rng, amplitudes, number: float) -> np.ndarray:
+def _waves(rng: Generator, amplitudes: np.ndarray, number: float) -> np.ndarray:
     return np.column_stack([amplitudes, [number] * 2, rng.uniform(0, 2 * np.pi, 2)])
 
 
-def _hide(rng, effect: HiddenEffect, level: int, fields: dict, misfits: dict) -> dict[str, float]:
+def _hide(
+    rng: Generator, effect: HiddenEffect, level: int, fields: dict[str, float], misfits: dict[str, np.ndarray]
+) -> dict[str, float]:
     """Enter an effect into fields or misfits; return its true parameters in the catalogue's terms."""
     size = effect.sizes[level] * rng.uniform(0.85, 1.2)
     if effect.signed and rng.uniform() < 0.5:
@@ -240,7 +252,7 @@ def _hide(rng, effect: HiddenEffect, level: int, fields: dict, misfits: dict) ->
     return {effect.parameter: value, **extra}
 
 
-def _pushes(rng, size: float) -> tuple[str, np.ndarray]:
+def _pushes(rng: Generator, size: float) -> tuple[str, np.ndarray]:
     torque = np.zeros(round(PUSH_SECONDS * 1e3))
     at = rng.uniform(1.0, 4.0)
     while at < PUSH_SECONDS - 1.0:
@@ -251,15 +263,15 @@ def _pushes(rng, size: float) -> tuple[str, np.ndarray]:
     return "torque", torque
 
 
-def _force_misfit(rng, size: float) -> tuple[str, np.ndarray]:
+def _force_misfit(rng: Generator, size: float) -> tuple[str, np.ndarray]:
     return "force_waves", force_waves(rng, size / math.sqrt(2) * rng.choice([-1.0, 1.0], (2, 4)))
 
 
-def _valve_misfit(rng, size: float) -> tuple[str, np.ndarray]:
+def _valve_misfit(rng: Generator, size: float) -> tuple[str, np.ndarray]:
     return "valve_waves", _waves(rng, size * rng.choice([-1.0, 1.0], 2), 6.0)
 
 
-def _volume_misfit(rng, size: float) -> tuple[str, np.ndarray]:
+def _volume_misfit(rng: Generator, size: float) -> tuple[str, np.ndarray]:
     return "volume_waves", _waves(rng, size * rng.choice([-1.0, 1.0], 2), 3.0)
 
 
@@ -271,7 +283,9 @@ MISFITS = {
 }
 
 
-def _chosen(rng, table, effects) -> list[HiddenEffect]:
+def _chosen(
+    rng: Generator, table: Mapping[str, HiddenEffect], effects: int | str | Sequence[str]
+) -> list[HiddenEffect]:
     if isinstance(effects, int):
         if effects > len(table):
             raise OrthosisError(

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 SIZES = ("small", "medium", "large")
 
@@ -36,7 +37,9 @@ class HiddenEffect:
     others: Mapping[str, float] = field(default_factory=dict)
 
 
-def _both(name: str, parameter: str, stem: str, sizes, form: str, **more) -> list[HiddenEffect]:
+def _both(
+    name: str, parameter: str, stem: str, sizes: tuple[float, float, float], form: str, **more: Any
+) -> list[HiddenEffect]:
     return [
         HiddenEffect(f"{muscle}_{name}", parameter, f"{stem}_{muscle[0]}", sizes, form, **more)
         for muscle in ("extensor", "flexor")

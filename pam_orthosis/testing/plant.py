@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pam_orthosis.model.parameters import Parameters, Section
 from pam_orthosis.testing import physics
 from pam_orthosis.testing.quantities import Apparatus, Hidden, Maps
 
@@ -48,7 +49,7 @@ class HiddenPlant:
 
     def __init__(
         self,
-        parameters,
+        parameters: Parameters,
         hidden: Hidden = Hidden(),  # noqa: B008 immutable
         deviations: Mapping[str, float] = NO_DEVIATION,
         misfits: Mapping[str, np.ndarray] = NO_DEVIATION,
@@ -94,7 +95,7 @@ class HiddenPlant:
         """Return what ideal sensors would read (for tests)."""
         return Measurement(*self._sense())
 
-    def _sense(self):
+    def _sense(self) -> tuple[float, float, float]:
         return physics.sense(
             self.x, self._wheel, self._anchors, self._ring, self._index, *self._held,
             self._a, self._h, self._maps,
@@ -105,7 +106,7 @@ class HiddenPlant:
         quantised = (round(v / VOLTAGE_RESOLUTION) * VOLTAGE_RESOLUTION for v in exact)
         return tuple(v + shift for v, shift in zip(quantised, self._volts, strict=True))
 
-    def _start(self, parameters) -> None:
+    def _start(self, parameters: Parameters) -> None:
         """Find the state at rest with closed valves at the starting angle, pressures about the mean."""
         angle, mean = parameters.scenario.start_angle, parameters.control.position.mean_pressure
         self.x = np.zeros(physics.STATES)
@@ -132,7 +133,7 @@ class HiddenPlant:
         return out[physics.W]
 
 
-def apparatus(parameters, deviations: Mapping[str, float]) -> Apparatus:
+def apparatus(parameters: Parameters, deviations: Mapping[str, float]) -> Apparatus:
     """Return the true parameters: nominal values times one plus deviation."""
     leg, m, valve = parameters.leg, parameters.muscle.dmsp_20, parameters.valve
 
@@ -168,7 +169,7 @@ def apparatus(parameters, deviations: Mapping[str, float]) -> Apparatus:
     )
 
 
-def _maps(parameters, deviations: Mapping[str, float], misfits: Mapping[str, np.ndarray]) -> Maps:
+def _maps(parameters: Parameters, deviations: Mapping[str, float], misfits: Mapping[str, np.ndarray]) -> Maps:
     m = parameters.muscle.dmsp_20
     arrays = {
         "a": np.array(m.force.a),
@@ -184,7 +185,7 @@ def _maps(parameters, deviations: Mapping[str, float], misfits: Mapping[str, np.
     return Maps(**(arrays | dict(misfits)))
 
 
-def leg_table(leg, mass_factor: float) -> np.ndarray:
+def leg_table(leg: Section, mass_factor: float) -> np.ndarray:
     """Return (6, n): inertia, its slope, gravity torque of the apparatus, then of 1 kg at the ankle."""
     q = TABLE_START + TABLE_STEP * np.arange(TABLE_SIZE)
     rows = [
@@ -193,7 +194,7 @@ def leg_table(leg, mass_factor: float) -> np.ndarray:
     return np.array([row for m, g in rows for row in (m, np.gradient(m, TABLE_STEP), g)])
 
 
-def _apparatus_masses(leg, factor: float) -> dict[str, float]:
+def _apparatus_masses(leg: Section, factor: float) -> dict[str, float]:
     names = {"thigh": leg.thigh.mass, "knee": leg.knee_mass, "shank": leg.shank.mass, "ankle": leg.shoe_mass}
     return {name: factor * mass for name, mass in names.items()}
 
@@ -202,7 +203,9 @@ def _ankle() -> dict[str, float]:
     return {"thigh": 0.0, "knee": 0.0, "shank": 0.0, "ankle": 1.0}
 
 
-def _inertia_and_gravity(q, leg, mass: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+def _inertia_and_gravity(
+    q: np.ndarray, leg: Section, mass: dict[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
     """Return inertia and gravity torque by q from velocities per unit of knee speed (planar linkage)."""
     thigh, shank, k = leg.thigh.length, leg.shank.length, leg.configuration
     a = _hip(q, thigh, shank, k, leg.bearing_height)
@@ -218,7 +221,7 @@ def _inertia_and_gravity(q, leg, mass: dict[str, float]) -> tuple[np.ndarray, np
     return inertia, GRAVITY * sum(mass[name] * v[1] for name, v in speeds.items())
 
 
-def _hip(q, thigh: float, shank: float, k: int, height: float) -> np.ndarray:
+def _hip(q: np.ndarray, thigh: float, shank: float, k: int, height: float) -> np.ndarray:
     """Return the hip angle that puts the ankle on its bearing, by Newton's method."""
     a = 0.5 * k * q
     for _ in range(30):

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pam_orthosis.model.parameters import Parameters, Section
 from pam_orthosis.testing import physics
 from pam_orthosis.testing.physics import STEP, compiled
 from pam_orthosis.testing.plant import PRESSURE_NOISE, PRESSURE_RESOLUTION, VOLTAGE_RESOLUTION
@@ -108,7 +109,12 @@ class HiddenRig:
     """
 
     def __init__(
-        self, parameters, hidden: Hidden, deviations: Mapping[str, float], position: float, seed: int
+        self,
+        parameters: Parameters,
+        hidden: Hidden,
+        deviations: Mapping[str, float],
+        position: float,
+        seed: int,
     ):
         rig, valve, muscles = parameters.rig, parameters.valve, parameters.muscle
         self._off = off = defaultdict(float, deviations)
@@ -162,14 +168,14 @@ class HiddenRig:
         return rates(self.x, np.zeros(STATES), 0.0, *self._held, self._anchors, *self._physics)
 
 
-def slack_gauge(contraction: float, m) -> float:
+def slack_gauge(contraction: float, m: Section) -> float:
     """Return the gauge pressure at which a muscle begins to pull, Pa."""
     place = physics.clip(contraction * (m.map_length / m.length), 0.0, m.box.maximum_contraction)
     area, counterforce = (physics.polynomial(np.array(c), place)[0] for c in (m.force.a, m.force.b))
     return counterforce / area
 
 
-def apparatus(parameters, m, off: Mapping[str, float], muscle: str) -> Apparatus:
+def apparatus(parameters: Parameters, m: Section, off: Mapping[str, float], muscle: str) -> Apparatus:
     """Return the true values of one muscle with its valve; what belongs to a leg is zero."""
     valve, damping = parameters.valve, off[f"{muscle}_damping"]
     known = {
@@ -192,7 +198,7 @@ def apparatus(parameters, m, off: Mapping[str, float], muscle: str) -> Apparatus
     return Apparatus(**{name: known.get(name, 0.0) for name in Apparatus._fields})
 
 
-def maps(m) -> Maps:
+def maps(m: Section) -> Maps:
     """Return the maps of one muscle."""
     return Maps(
         a=np.array(m.force.a),
