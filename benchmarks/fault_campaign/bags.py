@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_typestore
 
 from pam_orthosis.bag.record import BagWriter
-from pam_orthosis.bag.rig_topics import RIG_TOPICS  # makes the rig's topics known
+from pam_orthosis.bag.rig_topics import RIG_TOPICS
 from pam_orthosis.bag.topics import SECOND_NS
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

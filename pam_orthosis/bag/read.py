@@ -19,12 +19,14 @@ from rosbags.rosbag2 import Reader
 from pam_orthosis.bag.bounded import damage_told, open_bag
 from pam_orthosis.bag.cdr import store
 from pam_orthosis.bag.record import RUN_RECORD, message_definition
+from pam_orthosis.bag.rig_topics import RIG_SIGNALS
 from pam_orthosis.bag.topics import BY_NAME, SECOND_NS, SIGNALS, Signal, resolve
 from pam_orthosis.bag.unpack import metadata_records
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
 from pam_orthosis.reading import from_json, shown
 
+KNOWN = {**SIGNALS, **RIG_SIGNALS}
 # what a signal in the right unit cannot leave
 PLAUSIBLE = {
     "rad": (-10.0, 10.0),
@@ -61,13 +63,15 @@ class Bag:
         return self.series[signal]
 
 
-def read_bag(path: Path, signals: Iterable[str], optional: Iterable[str] = (), namespace: str = "") -> Bag:
-    """Read signals of the table `bag.topics.SIGNALS` from a bag folder or file.
+def read_bag(
+    path: Path, signals: Iterable[str | Signal], optional: Iterable[str | Signal] = (), namespace: str = ""
+) -> Bag:
+    """Read signals from a bag folder or file: those of `KNOWN` by name, others as they are given.
 
     Args:
         path: folder with `metadata.yaml`, or an `.mcap` or `.db3` file.
-        signals: names that must be there.
-        optional: names that are left out where the bag has no such topic.
+        signals: those that must be there.
+        optional: those that are left out where the bag has no such topic.
         namespace: of the leg, e.g. `/left`.
 
     Raises:
@@ -76,9 +80,13 @@ def read_bag(path: Path, signals: Iterable[str], optional: Iterable[str] = (), n
     """
     path = Path(path)
     with open_bag(path) as reader:
-        series = _read(reader, path, list(signals), set(optional), namespace)
+        series = _read(reader, path, _found(signals), _found(optional), namespace)
     run = run_record(path)
     return Bag(path, series, run, recorded_parameters(path, run, namespace))
+
+
+def _found(signals: Iterable[str | Signal]) -> list[Signal]:
+    return [KNOWN[one] if isinstance(one, str) else one for one in signals]
 
 
 def raw_messages(path: Path, topics: Iterable[str], namespace: str = "") -> dict[str, dict[int, bytes]]:
@@ -151,14 +159,15 @@ def aligned(*series: Series) -> tuple[np.ndarray, list[np.ndarray]]:
 
 
 def _read(
-    reader: Reader, path: Path, signals: list[str], optional: set[str], namespace: str
+    reader: Reader, path: Path, signals: Sequence[Signal], more: Sequence[Signal], namespace: str
 ) -> dict[str, Series]:
-    wanted = defaultdict(list)
-    for signal in map(SIGNALS.__getitem__, [*signals, *optional]):
+    wanted, optional = defaultdict(list), {signal.name for signal in more}
+    for signal in (*signals, *more):
         wanted[resolve(signal.topic, namespace)].append(signal)
     connections = _connections(reader, path, wanted, optional)
     types = store()  # not those that the bag tells
-    samples = {signal.name: ([], []) for signals in wanted.values() for signal in signals}
+    every = {signal.name: signal for members in wanted.values() for signal in members}
+    samples: dict[str, tuple[list[int], list[float]]] = {name: ([], []) for name in every}
     for connection, _, data in reader.messages(connections):
         message = types.deserialize_cdr(data, connection.msgtype)
         stamp_ns = message.header.stamp.sec * SECOND_NS + message.header.stamp.nanosec
@@ -167,7 +176,7 @@ def _read(
             stamps.append(stamp_ns)
             values.append(_value(message, signal))
     return {
-        name: _series(path, SIGNALS[name], *lists)
+        name: _series(path, every[name], *lists)
         for name, lists in samples.items()
         if lists[0] or name not in optional
     }
@@ -183,7 +192,7 @@ def _connections(
             what = f"{path} has no topic {topic}, needed for {needed[0].name}"
             raise OrthosisError(what + _legs_there(there))
         if topic in there:
-            _check_type(path, there[topic], BY_NAME[signals[0].topic].type)
+            _check_type(path, there[topic], signals[0].type)
     return [connection for connection in reader.connections if connection.topic in wanted]
 
 
@@ -209,7 +218,7 @@ def _stamp_ns(data: bytes) -> int:
 
 
 def _value(message: Any, signal: Signal) -> float:
-    if BY_NAME[signal.topic].type.endswith("JointTrajectory"):
+    if signal.type.endswith("JointTrajectory"):
         if not message.points:
             return np.nan
         point = message.points[signal.point]

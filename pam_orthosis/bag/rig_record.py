@@ -6,13 +6,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from pam_orthosis.bag.record import RIG_EFFECTS, BagWriter, run_metadata
 from pam_orthosis.bag.rig_topics import NAMESPACE, RIG_TOPICS
-from pam_orthosis.bag.topics import BY_NAME, JOINT, SECOND_NS, resolve
+from pam_orthosis.bag.topics import JOINT, SECOND_NS, resolve
 from pam_orthosis.control.rig_loop import RigSample
 
 CARRIAGE = "carriage"
@@ -43,7 +44,7 @@ def record_rig(
             if index % every and sample.cylinder is None:
                 continue
             for name, message in _messages(sample):
-                writer.write(resolve(name), sample.time_ns, _serialised(name, message))
+                writer.write(resolve(name), sample.time_ns, _serialised(message))
             count += 1
     return count
 
@@ -81,8 +82,8 @@ def _type(name: str):
     return _store().types[name]
 
 
-def _serialised(topic: str, message: object) -> bytes:
-    return bytes(_store().serialize_cdr(message, BY_NAME[topic].type))
+def _serialised(message: Any) -> bytes:
+    return bytes(_store().serialize_cdr(message, message.__msgtype__))
 
 
 def _header(time_ns: int, frame: str = ""):

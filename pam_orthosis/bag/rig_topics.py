@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Topics and signals of the test rig, beside those of the knee in `bag.topics`.
 
-Same conventions: stamped standard types, truth on a topic of its own that identification never
-reads. Importing this module makes the rig's signals known to `bag.read`.
+Same conventions: stamped standard types, truth on a topic of its own that identification never reads.
 """
 
 from __future__ import annotations
 
-from pam_orthosis.bag import topics
-from pam_orthosis.bag.topics import JOINT, PRESSURE, Signal, Topic
+from pam_orthosis.bag.topics import JOINT, PRESSURE, Signal, Topic, typed
 
 NAMESPACE = "rig"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
@@ -40,7 +38,7 @@ def _signal(name: str, topic: str, *rest: str) -> Signal:
     return Signal(f"{NAMESPACE}_{name}", f"{NAMESPACE}/{topic}", *rest)
 
 
-RIG_SIGNALS = (
+_SIGNALS = (
     _signal("position", "joint_states", "position", "carriage", "m"),
     _signal("pressure", "specimen/pressure", "fluid_pressure", "", "Pa"),
     _signal("positioner_pressure", "positioner/pressure", "fluid_pressure", "", "Pa"),
@@ -55,6 +53,4 @@ RIG_SIGNALS = (
     _signal("truth_position", "truth", "position", "carriage", "m"),
     _signal("truth_force", "truth", "effort", "specimen", "N"),
 )
-
-topics.BY_NAME.update({topic.name: topic for topic in RIG_TOPICS})
-topics.SIGNALS.update({signal.name: signal for signal in RIG_SIGNALS})
+RIG_SIGNALS = typed(_SIGNALS, RIG_TOPICS)

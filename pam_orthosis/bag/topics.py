@@ -203,7 +203,7 @@ def is_health_instant(stamp_ns: int, period_ns: int) -> bool:
 class Signal(NamedTuple):
     """One number on a topic: its message field, and the joint where the field is a list.
 
-    `point` is that of a trajectory, as an index.
+    `point` is that of a trajectory, as an index; `type` that of the topic's messages.
     """
 
     name: str
@@ -212,6 +212,13 @@ class Signal(NamedTuple):
     joint: str
     unit: str
     point: int = 0
+    type: str = ""
+
+
+def typed(signals: Iterable[Signal], topics: Iterable[Topic]) -> dict[str, Signal]:
+    """Return signals by name, each with the type of its topic."""
+    types = {topic.name: topic.type for topic in topics}
+    return {signal.name: signal._replace(type=types[signal.topic]) for signal in signals}
 
 
 def _muscle_signals(muscle: str) -> list[Signal]:
@@ -235,21 +242,19 @@ def _muscle_signals(muscle: str) -> list[Signal]:
     ]
 
 
-SIGNALS = {
-    signal.name: signal
-    for signal in (
-        Signal("angle", "joint_states", "position", "knee", "rad"),
-        Signal("reference_angle", "reference", "positions", "knee", "rad"),
-        Signal("reference_velocity", "reference", "velocities", "knee", "rad/s"),
-        Signal("reference_acceleration", "reference", "accelerations", "knee", "rad/s^2"),
-        Signal("followed_angle", "reference", "positions", "knee", "rad", -1),  # with a plan that of the plan
-        Signal("estimate_angle", "estimate", "position", "knee", "rad"),
-        Signal("estimate_velocity", "estimate", "velocity", "knee", "rad/s"),
-        Signal("disturbance", "disturbance", "wrench.torque.y", "", "N m"),
-        Signal("truth_angle", "truth", "position", "knee", "rad"),
-        Signal("truth_velocity", "truth", "velocity", "knee", "rad/s"),
-        Signal("truth_torque", "truth", "effort", "knee", "N m"),
-        *_muscle_signals("extensor"),
-        *_muscle_signals("flexor"),
-    )
-}
+_SIGNALS = (
+    Signal("angle", "joint_states", "position", "knee", "rad"),
+    Signal("reference_angle", "reference", "positions", "knee", "rad"),
+    Signal("reference_velocity", "reference", "velocities", "knee", "rad/s"),
+    Signal("reference_acceleration", "reference", "accelerations", "knee", "rad/s^2"),
+    Signal("followed_angle", "reference", "positions", "knee", "rad", -1),  # with a plan that of the plan
+    Signal("estimate_angle", "estimate", "position", "knee", "rad"),
+    Signal("estimate_velocity", "estimate", "velocity", "knee", "rad/s"),
+    Signal("disturbance", "disturbance", "wrench.torque.y", "", "N m"),
+    Signal("truth_angle", "truth", "position", "knee", "rad"),
+    Signal("truth_velocity", "truth", "velocity", "knee", "rad/s"),
+    Signal("truth_torque", "truth", "effort", "knee", "N m"),
+    *_muscle_signals("extensor"),
+    *_muscle_signals("flexor"),
+)
+SIGNALS = typed(_SIGNALS, TOPICS)

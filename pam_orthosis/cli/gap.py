@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from pam_orthosis.discrepancy.telling import Telling
     from pam_orthosis.discrepancy.workflow import Beginning, Outcome
 
-FILES = "gap.json", "model.yaml", "gap.html"
+MODEL = "model.yaml"
+FILES = "gap.json", MODEL, "gap.html"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="+",
         metavar="MEASURED",
-        help="recordings to fit: bags of the knee or of the test rig, or .csv tables of the knee",
+        help="recordings to fit: bags of the knee or the test rig, .csv tables of the knee; or of --system",
     )
     parser.add_argument(
         "--held-out", type=Path, nargs="+", default=[], metavar="BAG",
@@ -52,7 +53,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="YAML with parameters of the nominal model that differ from the bag's"
         " (by `gap`, `improve`, `plan` or `identify`)",
     )  # fmt: skip
-    parser.add_argument("--out", type=output, metavar="DIR", help="write gap.json, model.yaml and a page")
+    parser.add_argument(
+        "--system", type=Path, metavar="FILE.py",
+        help="a system of your own: Python with system(), see pam_orthosis.discrepancy.api; the file is run",
+    )  # fmt: skip
+    parser.add_argument(
+        "--out", type=output, metavar="DIR", help="write gap.json, gap.html and, without --system, model.yaml"
+    )
     parser.add_argument(
         "--until", choices=("check", "replay", "where"),
         help="stop after this stage: what the data can show; how large the gap is; where it is",
@@ -77,7 +84,7 @@ def execute(arguments: argparse.Namespace) -> int:
     try:
         if arguments.out:
             with shown(f"writing {arguments.out}"):
-                _write(arguments.out, outcome, data, case.given, words)
+                _write(arguments, outcome, data, case.given, words)
     finally:  # a file that cannot be written must not take the verdict with it
         print(json.dumps(data, indent=2) if arguments.json else words)
     return 1 if outcome.verdict == "unexplained" else 0
@@ -109,8 +116,11 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
 
     given = patch.read(arguments.model) if arguments.model else {}
     paths = [*arguments.measured, *arguments.held_out]
-    parameters, system, read, rows = _system(paths, given, arguments.namespace, arguments.model)
-    assumed = without_record(paths, arguments.namespace)
+    if arguments.system:
+        parameters, system, read, rows = *_own_system(arguments.system), ()
+    else:
+        parameters, system, read, rows = _system(paths, given, arguments.namespace, arguments.model)
+    assumed = [] if arguments.system else without_record(paths, arguments.namespace)
     heading = assumed_words(assumed, len(paths), arguments.model) + untold_words(rows, parameters)
     every = [read(path, system, arguments.namespace) for path in counted(paths, progress, "reading")]
     training, held_out = every[: len(arguments.measured)], every[len(arguments.measured) :]
@@ -174,6 +184,14 @@ def _system(paths: list[Path], given, namespace: str, model: Path | None = None)
     return parameters, rig.test_rig(parameters, specimen), rig.recording, rows
 
 
+def _own_system(path: Path):
+    """Return the settings, the system that a user's file defines, and how its recordings are read."""
+    from pam_orthosis.discrepancy.user_file import load_system
+    from pam_orthosis.model.parameters import load
+
+    return load(), load_system(path), _recording
+
+
 def _recording(path: Path, system, namespace: str):
     from pam_orthosis.discrepancy.data import from_bag, from_csv, is_table
 
@@ -194,12 +212,19 @@ def _check_apart(measured: list[Path], held_out: list[Path]) -> None:
 
 def _check_out(arguments: argparse.Namespace) -> None:
     folder = arguments.out
+    if arguments.system and arguments.model:
+        raise OrthosisError(f"--model changes the knee or the rig; change {arguments.system} itself")
     if arguments.until and (folder or arguments.json):
         raise OrthosisError("--until prints words only; leave --out and --json out")
     if folder is not None and folder.exists() and not folder.is_dir():
         raise OrthosisError(f"--out {folder} is a file; give a folder")
     if folder:
-        refuse_existing(folder / name for name in FILES)
+        refuse_existing(folder / name for name in _files(arguments))
+
+
+def _files(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Return the files to write: a model file is for `--model`, which a system of one's own does not have."""
+    return tuple(name for name in FILES if not (arguments.system and name == MODEL))
 
 
 def _try(folder: Path) -> None:
@@ -212,11 +237,12 @@ def _try(folder: Path) -> None:
         remove_empty(made)
 
 
-def _write(folder: Path, outcome, data, given, words: str) -> None:
+def _write(arguments: argparse.Namespace, outcome, data, given, words: str) -> None:
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.report.gap import page
 
     named = [one.name for one in outcome.effects]
     added = patch.overrides(outcome.system, named, outcome.selection.final.values)
     texts = json.dumps(data, indent=2) + "\n", patch.text({**given, **added}), page(outcome, words)
-    write_files({folder / name: as_text(text) for name, text in zip(FILES, texts, strict=True)})
+    made = dict(zip(FILES, texts, strict=True))
+    write_files({arguments.out / name: as_text(made[name]) for name in _files(arguments)})

@@ -53,6 +53,7 @@ EXAMPLES = {
         " --held-out case/held_out_gait case/held_out_diagnostic --out found",
         "pam-orthosis gap case/training_gait --until check",
         "pam-orthosis gap recording.csv --model nominal.yaml --json",
+        "pam-orthosis gap carriage.csv --system motor_carriage.py",
     ),
     "report": (
         "pam-orthosis report walk --out report",

@@ -3,15 +3,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from pam_orthosis.bag.read import PLAUSIBLE, aligned, read_bag, recorded_parameters, run_record
-from pam_orthosis.discrepancy.system import System
+from pam_orthosis.bag.fields import check_field
+from pam_orthosis.bag.read import KNOWN, PLAUSIBLE, aligned, read_bag, recorded_parameters, run_record
+from pam_orthosis.bag.topics import Signal
+from pam_orthosis.discrepancy.system import Source, System
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import BELIEF, Parameters
 from pam_orthosis.tables import is_table, read_numbers
@@ -86,15 +88,45 @@ def from_bag(path: Path, system: System, namespace: str = "") -> Recording:
             be in the unit that is asked for.
     """
     channels = [channel.name for channel in system.channels]
-    bag = read_bag(path, channels, optional=system.inputs, namespace=namespace)
+    bag = read_bag(
+        path, _signals(system, channels), optional=_signals(system, system.inputs), namespace=namespace
+    )
     names = [name for name in (*channels, *system.inputs) if name in bag.series]
     stamps, values = aligned(*(bag[name] for name in names))
     if len(stamps) < 2:
         raise OrthosisError(f"{path}: {', '.join(names)} have no common stamps")
-    arrays = {"time": (stamps - stamps[0]) * 1e-9, **dict(zip(names, values, strict=True))}
+    scaled = [_scaled(system, name, one) for name, one in zip(names, values, strict=True)]
+    arrays = {"time": (stamps - stamps[0]) * 1e-9, **dict(zip(names, scaled, strict=True))}
     recording = from_arrays(str(path), system, arrays)
     _check_units(recording, system)
     return _with_prompt_inputs(recording, system, bag.parameters.get(system.input_period, recording.period))
+
+
+def _signals(system: System, names: Iterable[str]) -> list[str | Signal]:
+    """Return where a bag has signals: in the places of the system's sources, or of the tables by name.
+
+    Raises:
+        OrthosisError: neither knows the place of one, or its topic cannot have it.
+    """
+    found: list[str | Signal] = []
+    for name in names:
+        one = system.sources.get(name, Source())
+        if not one.topic and name not in KNOWN:
+            raise OrthosisError(
+                f"{system.name}: {name} has no topic; give one in its sources, or recordings as .csv tables"
+            )
+        signal = Signal(name, one.topic, one.field, one.joint, "", type=one.type)
+        if one.topic:
+            check_field(signal)
+        found.append(signal if one.topic else name)
+    return found
+
+
+def _scaled(system: System, name: str, values: np.ndarray) -> np.ndarray:
+    """Return a signal in its unit from what was recorded."""
+    if name not in system.sources:
+        return values
+    return system.sources[name].factor * values + system.sources[name].offset
 
 
 def _with_prompt_inputs(one: Recording, system: System, changed: float) -> Recording:
@@ -200,9 +232,21 @@ def from_csv(path: Path, system: System) -> Recording:
         OrthosisError: as `tables.read_numbers`, signals missing, not uniform in time, or values that cannot
             be in the unit that is asked for.
     """
-    recording = from_arrays(str(path), system, read_numbers(path))
+    recording = from_arrays(str(path), system, _from_columns(path, system, read_numbers(path)))
     _check_units(recording, system)
     return recording
+
+
+def _from_columns(path: Path, system: System, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return a system's signals from the columns of a table."""
+    signals = {name: values for name, values in columns.items() if name not in system.sources}
+    for name, one in system.sources.items():
+        column = one.column or name
+        if column in columns:
+            signals[name] = _scaled(system, name, columns[column])
+        elif name not in system.inputs:
+            raise OrthosisError(f"{path}: no column {column} for {name}; there are: {', '.join(columns)}")
+    return signals
 
 
 def _check_units(one: Recording, system: System) -> None:
@@ -212,11 +256,11 @@ def _check_units(one: Recording, system: System) -> None:
             f"{one.name}: its samples are {one.period:g} apart; time must be in s (is it in ms?), samples at"
             f" most {LONGEST_PERIOD:g} s apart"
         )
-    units = {**dict.fromkeys(system.inputs, "V"), **{c.name: c.unit for c in system.channels}}
     for name, values in one.signals.items():
-        unit, low, high = units[name], float(values.min()), float(values.max())
+        unit, low, high = system.unit(name), float(values.min()), float(values.max())
         told = f"{one.name}: {name} from {low:g} to {high:g}"
-        if unit == "Pa" and low < LEAST_PRESSURE:
+        absolute = unit == "Pa" and system.limits.get(name, (0.0, 0.0))[0] >= 0.0
+        if absolute and low < LEAST_PRESSURE:
             raise OrthosisError(
                 f"{told} is no absolute pressure in Pa (above {LEAST_PRESSURE:g}): in bar, or above ambient?"
             )

@@ -114,7 +114,7 @@ def divided(system: System, assembled: Assembled, equation: Equation) -> list[Eq
 
     The gas of one muscle knows nothing of the other's, unless an effect joins them.
     """
-    own = _closure(system, assembled, equation)
+    own = closure(system, assembled, equation)
     group = _groups(system, assembled, equation, own)
 
     def some(names: tuple[str, ...], one: int) -> tuple[str, ...]:
@@ -149,7 +149,7 @@ def cut(system: System, assembled: Assembled, static: Assembled, equation: Equat
     the rates before and after are weighted by their times.
     """
     seen = _Seen(system, equation, static)
-    own = _closure(system, assembled, equation)
+    own = closure(system, assembled, equation)
     x, z, theta = ca.SX.sym("x", len(own)), ca.SX.sym("z", data_width(system)), assembled.theta
     period, fraction = ca.SX.sym("period"), ca.SX.sym("fraction")
     inputs_now = ca.vertcat(assembled.u, assembled.time)
@@ -264,7 +264,7 @@ def _full_state(system, assembled, own, state, neighbours):
     return full
 
 
-def _closure(system: System, assembled: Assembled, equation: Equation) -> tuple[str, ...]:
+def closure(system: System, assembled: Assembled, equation: Equation) -> tuple[str, ...]:
     """Return the equation's base states and all effect states that these or its channels depend on."""
     base = {channel.state for channel in system.channels} | set(system.derived)  # seen, if not integrated
     outputs = ca.vertcat(*(assembled.measured[name] for name in equation.channels))

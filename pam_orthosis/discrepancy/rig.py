@@ -9,7 +9,6 @@ from pathlib import Path
 
 import casadi as ca
 
-from pam_orthosis.bag import rig_topics  # noqa: F401  makes the rig's signals known to the reader
 from pam_orthosis.bag.read import run_record
 from pam_orthosis.discrepancy.data import Recording, from_bag, is_table
 from pam_orthosis.discrepancy.system import Assembled, Calibration, Channel, Equation, System

@@ -31,6 +31,28 @@ class Channel:
 
 
 @dataclass(frozen=True)
+class Source:
+    """Where recordings have a signal, if not under its own name and in its own unit.
+
+    Attributes:
+        column: of a CSV table.
+        topic: of a bag.
+        type: of the topic's messages, a standard one with a header.
+        field: of the message, as `position` or `wrench.force.x`.
+        joint: where the field is a list of joints.
+        factor, offset: the signal is factor times what is recorded, plus offset.
+    """
+
+    column: str = ""
+    topic: str = ""
+    type: str = ""
+    field: str = ""
+    joint: str = ""
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
 class Equation:
     """One part of the model that is replayed alone.
 
@@ -101,6 +123,10 @@ class System:
         input_period: parameter in a bag's metadata that tells how often the inputs changed, s.
         late: s, by which the model's inputs act later than recorded; effects with `late` count from there.
         unusable: experiments that effects name and whose recordings cannot be searched.
+        places: effect -> the equation in which it shows, where the effect does not name it itself.
+        input_units: input -> its unit (V).
+        input_noise: input -> standard deviation of what is recorded (`gap.replay.input_noise`).
+        sources: signal (of a table `time` too) -> where recordings have it.
     """
 
     name: str
@@ -119,6 +145,10 @@ class System:
     input_period: str = ""
     late: float = 0.0
     unusable: tuple[str, ...] = ()
+    places: Mapping[str, str] = field(default_factory=dict)
+    input_units: Mapping[str, str] = field(default_factory=dict)
+    input_noise: Mapping[str, float] = field(default_factory=dict)
+    sources: Mapping[str, Source] = field(default_factory=dict)
 
     def without(self, lacking: Collection[str]) -> System:
         """Return the system without equations and effects that need inputs which are lacking."""
@@ -129,7 +159,7 @@ class System:
         return replace(
             self,
             equations=tuple(e for e in self.equations if judged(e.name)),
-            catalogue={name: effect for name, effect in self.catalogue.items() if judged(effect.equation)},
+            catalogue={name: effect for name, effect in self.catalogue.items() if judged(self._place(name))},
         )
 
     def lacking_effect(self, name: str) -> System:
@@ -154,8 +184,19 @@ class System:
 
     def equation_of(self, effect: str) -> str:
         """Return the equation in which an effect shows, as reports call it."""
-        equation = self.catalogue[effect].equation
+        equation = self._place(effect)
         return self.equation_names.get(equation, equation)
+
+    def _place(self, effect: str) -> str:
+        return self.places[effect] if effect in self.places else self.catalogue[effect].equation
+
+    def unit(self, name: str) -> str:
+        """Return the unit of a channel, its rate, an input or `time`; empty if none is known."""
+        of_state = {channel.state: channel.unit for channel in self.channels}
+        units = {channel.name: channel.unit for channel in self.channels}
+        units |= {rate: f"{of_state[state]}/s" for rate, state in self.derived.items() if state in of_state}
+        units |= {"time": "s", **dict.fromkeys(self.inputs, "V"), **self.input_units}
+        return units.get(name, "")
 
     def experiments(self, effect: str) -> tuple[str, ...]:
         """Return the experiments that would show an effect, or part it from others, and can be searched."""

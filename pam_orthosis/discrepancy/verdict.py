@@ -12,7 +12,7 @@ from pam_orthosis.discrepancy.structure import clean
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.telling import Telling
 from pam_orthosis.discrepancy.workflow import Beginning, Named, Outcome, beyond
-from pam_orthosis.model.parameters import Parameters, experiments
+from pam_orthosis.model.parameters import Parameters, experiments, scenario_names
 
 LABEL = 25  # characters of the first column, at least
 MOST_NAMED = 3  # parameters in one line
@@ -140,7 +140,9 @@ def describe_data(told: Telling) -> str:
 
 
 def _experiment(purpose: str, scenario: str) -> list[str]:
-    """Return how an experiment is done on an apparatus, and what emulates it."""
+    """Return how an experiment is done on an apparatus, and what emulates it, if anything does."""
+    if scenario not in scenario_names():
+        return [f"{purpose}: {scenario}"]
     emulated = f"pam-orthosis run --scenario {scenario}"
     known = experiments()
     if scenario not in known:
@@ -179,15 +181,10 @@ def describe_where(start: Beginning) -> str:
 
 def _range(system: System, name: str, regions) -> str:
     channel = next((c for c in system.channels if c.name == name), None)
-    factor, unit = (1.0, _unit(name)) if channel is None else (channel.report_factor, channel.report_unit)
+    unit = "of the cycle" if name == "phase" else system.unit(name) or "(SI)"
+    factor, unit = (1.0, unit) if channel is None else (channel.report_factor, channel.report_unit)
     low, high = (factor * end for end in regions[name])
     return f"between {low:.4g} and {high:.4g} {unit}"
-
-
-def _unit(coordinate: str) -> str:
-    """Return the unit of what explains a residual and is no channel."""
-    units = {"velocity": "rad/s", "rig_velocity": "m/s", "phase": "of the cycle", "time": "s"}
-    return "V" if coordinate.endswith("voltage") else units.get(coordinate, "(SI)")
 
 
 def _number(value: float | None) -> float | None:

@@ -17,6 +17,7 @@ from pam_orthosis.discrepancy.selection import Selection, Step
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.whitening import noise_levels, noise_whitener
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import Section, load
 from pam_orthosis.progress import Progress, silent
 
 HELD_SHARE = 0.25  # of each recording, at its end, where no recording is held out
@@ -145,7 +146,7 @@ def find_gap(
     system: System,
     training: Sequence[Recording],
     held_out: Sequence[Recording],
-    settings,
+    settings: Section | None = None,
     tell: Progress = silent,
     replay: Replay | None = None,
 ) -> Outcome:
@@ -154,13 +155,14 @@ def find_gap(
     Args:
         training: recordings to fit.
         held_out: recordings to judge by; if empty, the last quarter of each training recording.
-        settings: the branch `gap` of the parameters.
+        settings: the branch `gap` of the parameters (as shipped).
         tell: told what is worked on.
         replay: kept kernels of the same system, to save time over many calls.
 
     Raises:
         OrthosisError: a recording is unfit.
     """
+    settings = settings or load().gap
     return search(begin(system, training, held_out, settings, tell, replay), settings, tell)
 
 
@@ -228,7 +230,8 @@ def _noise(replay: Replay, runs: Sequence[Run], settings) -> dict[str, float]:
     """Return the sd of the noise in each channel, estimated, and of the inputs' quantisation."""
     levels = _levels(replay, runs, settings, (), replay.defaults(()))
     measured = {c.name: levels.get(c.name, runs[0].roughness(c.name)) for c in replay.system.channels}
-    return {**measured, **dict.fromkeys(replay.system.inputs, settings.replay.input_noise)}
+    inputs = dict.fromkeys(replay.system.inputs, settings.replay.input_noise)
+    return {**measured, **inputs, **replay.system.input_noise}
 
 
 def _levels(replay: Replay, runs: Sequence[Run], settings, effects, values) -> dict[str, float]:

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from scipy import signal
 
-from pam_orthosis.bag import rig_topics  # noqa: F401  makes the rig's signals known to the reader
 from pam_orthosis.bag.read import (
     Bag,
     aligned,

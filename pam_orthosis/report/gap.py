@@ -182,11 +182,8 @@ def _panel(outcome: Outcome, equation, channel: str, name: str, axis) -> None:
 
 def _unit(system, name: str) -> str:
     """Return the unit of a signal in brackets behind a blank; nothing for one whose unit is not declared."""
-    units = {channel.name: channel.unit for channel in system.channels}
-    by_state = {channel.state: channel.unit for channel in system.channels}
-    units |= {rate: f"{by_state[parent]}/s" for rate, parent in system.derived.items() if parent in by_state}
-    units |= {"time": "s"} | {name: "V" for name in system.inputs if name.endswith("voltage")}
-    return f" [{units[name]}]" if name in units else ""
+    unit = system.unit(name)
+    return f" [{unit}]" if unit else ""
 
 
 def _coordinate(outcome: Outcome, effect: str, place) -> str | None:
@@ -202,6 +199,8 @@ def _coordinate(outcome: Outcome, effect: str, place) -> str | None:
 
 def _stand_ins(system) -> list[tuple[str, str]]:
     """Return endings of signals of an effect with the recorded signals that stand for these."""
+    if not system.derived:
+        return []
     velocity, position = next(iter(system.derived.items()))
     channel = next(c.name for c in system.channels if c.state == position)
     return [("_contraction", channel), ("_rate", velocity), ("_stretch", channel)]

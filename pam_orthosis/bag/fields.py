@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Do messages of a standard type have the field that a signal is read from?"""
+
+from __future__ import annotations
+
+from rosbags.interfaces import Nodetype
+
+from pam_orthosis.bag.cdr import store
+from pam_orthosis.bag.topics import JOINT, Signal
+from pam_orthosis.errors import OrthosisError
+
+HEADER = "std_msgs/msg/Header"
+TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+
+
+def check_field(signal: Signal) -> None:
+    """Check that a signal can be read from messages of its type.
+
+    Raises:
+        OrthosisError: the type is not known or has no stamp; the field is none, or no number.
+    """
+    known = store().fielddefs
+    if signal.type not in known:
+        raise OrthosisError(f"{signal.name}: ROS 2 has no standard type {signal.type!r}")
+    if dict(known[signal.type][1]).get("header") != (Nodetype.NAME, HEADER):
+        raise OrthosisError(f"{signal.name}: messages of type {signal.type} have no header, so no stamp")
+    node, what = Nodetype.NAME, f"{TRAJECTORY}Point" if signal.type == TRAJECTORY else signal.type
+    for name in signal.field.split("."):
+        inside = dict(known[what][1]) if node == Nodetype.NAME else {}
+        if name not in inside:
+            there = ", ".join(inside) or "none"
+            raise OrthosisError(
+                f"{signal.name}: {signal.type} has no field {signal.field!r}: there are {there}"
+            )
+        node, what = inside[name]
+    if (signal.type in (JOINT, TRAJECTORY)) != bool(signal.joint):
+        needed = "needs the name of a joint" if not signal.joint else "has no joints"
+        raise OrthosisError(f"{signal.name}: a signal of type {signal.type} {needed}")
+    if node != (Nodetype.SEQUENCE if signal.joint else Nodetype.BASE) or "string" in str(what):
+        raise OrthosisError(f"{signal.name}: {signal.field} of {signal.type} is no number")

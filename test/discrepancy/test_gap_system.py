@@ -1,0 +1,309 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Systems of one's own: searched as ours are; what is wrong with them is said in one line."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import casadi as ca
+import motor_bench
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_typestore
+
+from pam_orthosis.bag.record import BagWriter
+from pam_orthosis.bag.topics import JOINT, SECOND_NS, SIGNALS
+from pam_orthosis.cli.main import main
+from pam_orthosis.discrepancy.api import (
+    Assembled,
+    Calibration,
+    Channel,
+    Contribution,
+    Effect,
+    Equation,
+    Input,
+    Model,
+    OrthosisError,
+    Parameter,
+    Quantity,
+    Source,
+    System,
+    check_system,
+    from_bag,
+    from_csv,
+    load_system,
+)
+from pam_orthosis.discrepancy.knee import knee
+from pam_orthosis.discrepancy.rig import test_rig as rig_system
+from pam_orthosis.model.parameters import load
+from pam_orthosis.report.gap import _stand_ins
+
+CARRIAGE = Path(__file__).resolve().parents[2] / "examples" / "motor_carriage.py"
+FRICTION = 2.0  # N
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("carriage")
+    return [motor_bench.write(folder / f"{seed}.csv", seed, FRICTION) for seed in (1, 2, 3)]
+
+
+def _gap(tables, out, capsys):
+    status = main(["gap", *tables[:2], "--held-out", tables[2], "--system", str(CARRIAGE), "--out", str(out)])
+    return status, json.loads((out / "gap.json").read_text()), capsys.readouterr().out
+
+
+def test_a_hidden_friction_of_a_foreign_carriage_is_named(tables, tmp_path, capsys):
+    before = sorted(CARRIAGE.parent.iterdir())
+    status, told, words = _gap(tables, tmp_path / "out", capsys)
+    assert (status, told["verdict"], told["system"]) == (0, "explained", "motor-driven carriage")
+    assert [one["name"] for one in told["effects"]] == ["friction"]
+    level = told["effects"][0]["parameters"]["level"]
+    assert level["value"] == pytest.approx(FRICTION, rel=0.1)
+    assert told["effects"][0]["equation"] == "dynamics"
+    assert told["closure"]["overall"] > 0.9
+    assert words.splitlines()[-1] == "EXPLAINED by friction"
+    assert "knee" not in words
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["gap.html", "gap.json"]
+    assert sorted(CARRIAGE.parent.iterdir()) == before  # nothing is written beside a user's file
+
+
+def test_without_friction_nothing_is_named(tmp_path, capsys):
+    tables = [motor_bench.write(tmp_path / f"{seed}.csv", seed, 0.0) for seed in (4, 5, 6)]
+    status, told, _ = _gap(tables, tmp_path / "out", capsys)
+    assert (status, told["verdict"], told["effects"]) == (0, "none", [])
+
+
+MISTAKES = {
+    "": ("", "it has no function system()"),
+    "def system():": ("def system(:", ", line 46: SyntaxError"),
+    "s.current -": (
+        "s.curent -",
+        ", line 14: there is no signal 'curent'; there are: position, velocity, cur",
+    ),
+    "p.motor *": ("p.motr *", ", line 14: there is no parameter 'motr'; there are: mass, motor, damping"),
+    'stage="force",\n    parameters=(\n        Quantity("level", 3.0': (
+        'stage="torque",\n    parameters=(\n        Quantity("level", 3.0',
+        "effect friction: the equations assign no signal 'torque', its stage; they assign force",
+    ),
+    ', "velocity": s.force / p.mass': ("", "rates that the equations return: velocity is missing"),
+    'states=["position"': ('states=["positon"', "channel position: 'position' is none of the states"),
+    'Channel("position", "position"': ('Channel("position", None', "nothing that is predicted"),
+    '"N", 0.0, 50.0, "dry': ('"N", 5.0, 50.0, "dry', "effect friction: level: 3.0 is not inside its bounds"),
+    '2.0, "kg", 0.06': ('2.0, "kg", -0.06', "tolerance of mass: -0.06 is not above 0"),
+    'Parameter("damping"': ('Parameter("mass"', "parameters: 'mass' is there twice"),
+    "p.level * ca.tanh": ("p.level * nothing.tanh", "NameError: name 'nothing' is not defined"),
+    "    ).system()": ("    )", "system() returns Model, not a System"),
+    'inputs=[Input("current"': ('inputs=["current", Input("current"', "AttributeError"),
+    '{"position": Source(column': (
+        '{"positon": Source(column',
+        "sources: 'positon' is none of position, curr",
+    ),
+    "factor=1e-3": ("factor=0", "source of position: factor is 0"),
+    "import casadi as ca": ("import sys\nsys.exit()", ", line 8: SystemExit"),
+}
+
+
+@pytest.mark.parametrize("right", MISTAKES, ids=lambda right: " ".join(right.split())[:30] or "empty")
+def test_a_mistake_in_the_file_is_one_line(right, tmp_path):
+    wrong, said = MISTAKES[right]
+    text = CARRIAGE.read_text(encoding="utf-8")
+    assert right in text
+    file = tmp_path / "own.py"
+    file.write_text(text.replace(right, wrong, 1) if right else "", encoding="utf-8")
+    with pytest.raises(OrthosisError) as refused:
+        load_system(file)
+    assert str(refused.value).startswith(str(file))
+    assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_gap_refuses_a_file_that_is_none_and_a_model_beside_it(tables, tmp_path, capsys):
+    assert main(["gap", tables[0], "--system", str(tmp_path / "none.py")]) == 2
+    assert "cannot read" in capsys.readouterr().err
+    assert main(["gap", tables[0], "--system", str(CARRIAGE), "--model", "found.yaml"]) == 2
+    assert "change " in capsys.readouterr().err
+
+
+def test_what_a_file_prints_is_no_answer(tmp_path, capsys):
+    file = tmp_path / "own.py"
+    file.write_text(f"print('loaded')\n{CARRIAGE.read_text()}", encoding="utf-8")
+    load_system(file)
+    assert capsys.readouterr() == ("", "loaded\n")
+
+
+def test_a_table_is_read_by_columns_in_other_units(tables):
+    system = load_system(CARRIAGE)
+    read = from_csv(Path(tables[0]), system)
+    expected = motor_bench.rows(1, FRICTION)
+    assert read.signals["position"] == pytest.approx(1e-3 * expected[:, 1], abs=1e-9)
+    assert read.signals["current"] == pytest.approx(expected[:, 2], abs=1e-9)
+    other = replace(system, sources={"position": Source(column="encoder", factor=1e-3)})
+    with pytest.raises(OrthosisError, match="no column encoder for position; there are: time, encoder_mm"):
+        from_csv(Path(tables[0]), other)
+    with pytest.raises(OrthosisError, match="no signal position"):
+        from_csv(Path(tables[0]), replace(system, sources={}))
+
+
+def test_a_bag_is_read_by_topics(tmp_path):
+    system, bag = load_system(CARRIAGE), tmp_path / "bag"
+    samples = motor_bench.rows(1, FRICTION)[:700]
+    _write_bag(bag, samples)
+    with pytest.raises(OrthosisError, match="motor-driven carriage: current has no topic"):
+        from_bag(bag, replace(system, sources={"position": _topic("position")}))
+    with pytest.raises(OrthosisError, match="JointState has no field 'place'"):
+        from_bag(bag, replace(system, sources={"position": _topic("place"), "current": _topic("effort")}))
+    placed = replace(system, sources={"position": _topic("position"), "current": _topic("effort", 1.0)})
+    check_system(placed)
+    read = from_bag(bag, placed, "left")
+    assert read.period == pytest.approx(motor_bench.PERIOD)
+    assert read.signals["position"] == pytest.approx(1e-3 * samples[:, 1])
+    assert read.signals["current"] == pytest.approx(samples[:, 2])
+
+
+def _topic(field, factor=1e-3):
+    return Source(topic="motor", type=JOINT, field=field, joint="carriage", factor=factor)
+
+
+def _write_bag(folder, samples):
+    store = get_typestore(Stores.ROS2_JAZZY)
+    kinds = store.types
+    with BagWriter(folder, {}) as writer:
+        writer.add_topic("/left/motor", JOINT)
+        for time, place, current in samples:
+            stamp_ns = round(time * 1e9)
+            stamp = kinds["builtin_interfaces/msg/Time"](*divmod(stamp_ns, SECOND_NS))
+            header = kinds["std_msgs/msg/Header"](stamp, "")
+            message = kinds[JOINT](header, ["carriage"], np.array([place]), np.zeros(0), np.array([current]))
+            writer.write("/left/motor", stamp_ns, bytes(store.serialize_cdr(message, JOINT)))
+
+
+def test_reading_bags_knows_the_rig_without_changing_the_knee():
+    assert not [name for name in SIGNALS if name.startswith("rig_")]
+
+
+def test_a_system_by_hand_and_ours_fit_together():
+    check_system(_by_hand())
+    check_system(knee(load()))
+    check_system(rig_system(load(), "dmsp_10"))
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"equations": ()}, "one equation at least"),
+        ({"derived": {"x": "x"}}, "derived: 'x' has to be a state that is not measured"),
+        ({"calibrations": (Calibration("decay", 0.1, "1/s", "decay"),) * 2}, "'decay' is there 2 times"),
+        ({"calibrations": ()}, "the parameters are not those of calibrations and effects"),
+        ({"inputs": ()}, "1 inputs, not 0"),
+        ({"limits": {"y": (0.0, 1.0)}}, "limits: 'y' is none of x"),
+        ({"input_noise": {"u": float("nan")}}, "noise of u: nan is no finite number"),
+        ({"equations": (Equation("all", ("x",), ("x",), {}),)}, "it needs the state x and its gain"),
+    ],
+)
+def test_a_system_that_does_not_fit_together_is_refused(changed, said):
+    with pytest.raises(OrthosisError, match=said):
+        check_system(replace(_by_hand(), **changed))
+
+
+def test_a_forgotten_symbol_is_named():
+    system = _by_hand()
+    found = system.assemble(())
+    stray = replace(found, rates=found.rates + ca.SX.sym("stray"))
+    with pytest.raises(OrthosisError, match="the symbol stray, which is no state"):
+        check_system(replace(system, assemble=lambda _: stray))
+
+
+def _by_hand():
+    x, u, time, theta = (ca.SX.sym(name) for name in ("x", "u", "time", "decay"))
+    assembled = Assembled(("x",), x, u, time, theta, ("decay",), u - (1 + theta) * x, {"x": x})
+    channel, equation = Channel("x", "x", "m", "m", 1.0), Equation("all", ("x",), ("x",), {"x": {"x": 4.0}})
+    decay = Calibration("decay", 0.1, "1/s", "decay")
+    return System("tank", (channel,), ("u",), {}, (equation,), (decay,), {}, lambda effects: assembled)
+
+
+def _two_tanks(**changed):
+    """Return two tanks in a row, of which only the second one's level and its outflow are measured."""
+
+    def equations(s, p):
+        s.passed = p.pipe * (s.first - s.second)
+        s.outflow = p.hole * s.second
+        return {"second": s.passed - s.outflow, "first": s.pump - s.passed}
+
+    def leaking(s, p, own):
+        return Contribution({"passed": -p.size * own[0], "measured_outflow": p.size}, (s.first - own[0],))
+
+    size = Quantity("size", 0.1, "1/s", 0.0, 1.0, "leak", 0.0)
+    leak = Effect("leak", "passed", (size,), leaking, "A leak.", "test", states=("wet",))
+    settings = {
+        "name": "tanks",
+        "channels": [Channel("second", "second", "m", "m", 1.0), Channel("outflow", None, "m/s", "m/s", 1.0)],
+        "inputs": [Input("pump", "m/s")],
+        "states": ["first", "second"],
+        "equations": equations,
+        "parameters": [
+            Parameter("pipe", 0.5, "1/s", 0.1, "pipe"),
+            Parameter("hole", 0.2, "1/s", 0.0, "hole"),
+        ],
+        "effects": [leak],
+    }
+    return Model(**(settings | changed))
+
+
+def test_the_builder_finds_out_what_the_engine_has_to_know():
+    system = _two_tanks().system()
+    check_system(system)
+    assert system.derived == {}
+    assert [one.name for one in system.calibrations] == ["pipe"]
+    equation = system.equations[0]
+    assert (equation.name, equation.states, equation.channels) == (
+        "dynamics",
+        ("second",),
+        ("second", "outflow"),
+    )
+    assert system.equation_of("leak") == "dynamics"
+    assert system.without(["pump"]).equations == ()
+    assert _stand_ins(system) == []
+    found = system.assemble(("leak",))
+    assert found.states == ("first", "second", "wet")
+    evaluated = ca.Function("f", [found.x, found.u, found.theta], [found.rates, found.measured["outflow"]])
+    rates, outflow = evaluated([3.0, 2.0, 1.0], [0.7], [0.1, 0.3])
+    passed = (0.5 + 0.1) * (3.0 - 2.0) - 0.3 * 1.0
+    assert np.array(rates)[:, 0] == pytest.approx([0.7 - passed, passed - 0.2 * 2.0, 3.0 - 1.0])
+    assert float(outflow) == pytest.approx(0.2 * 2.0 + 0.3)
+
+
+def test_parts_are_driven_by_recorded_neighbours():
+    channels = [Channel("first", "first", "m", "m", 1.0), Channel("second", "second", "m", "m", 1.0)]
+    parts = {"upper": ["first"], "lower": ["second"]}
+    system = _two_tanks(channels=channels, parts=parts, effects=[], gains={"first": [2.0]}).system()
+    check_system(system)
+    assert [(one.name, one.states) for one in system.equations] == [
+        ("upper", ("first",)),
+        ("lower", ("second",)),
+    ]
+    assert system.equations[0].gains == {"first": {"first": 2.0}}
+    assert system.needs == {"upper": ("pump",), "lower": ()}
+    assert [one.name for one in system.without(["pump"]).equations] == ["lower"]
+
+
+def test_what_an_effect_adds_to_must_come_at_its_stage_or_later():
+    def adding(name):
+        effect = _two_tanks().effects[0]
+        return [
+            replace(effect, stage="outflow", expression=lambda s, p, own: Contribution({name: p.size}, (0,)))
+        ]
+
+    with pytest.raises(OrthosisError, match="cannot add to 'passed', which is there before"):
+        _two_tanks(effects=adding("passed")).system().assemble(("leak",))
+    with pytest.raises(OrthosisError, match="adds to 'nothing', which is never assigned"):
+        _two_tanks(effects=adding("nothing")).system().assemble(("leak",))
+
+
+def test_the_example_of_the_documentation_is_a_system(tmp_path):
+    page = Path(__file__).resolve().parents[2] / "docs" / "howto" / "extend.md"
+    file = tmp_path / "carriage.py"
+    file.write_text(re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.S)[-1])
+    system = load_system(file)
+    assert (system.name, system.derived) == ("carriage", {"velocity": "position"})
