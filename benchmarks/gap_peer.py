@@ -53,10 +53,10 @@ class Regression:
 
 def solve(case: dict, tools: dict) -> dict:
     """Make a case again, regress what the model misses, and return the names beside what was hidden."""
+    from pam_orthosis.discrepancy.beginning import begin
     from pam_orthosis.discrepancy.data import from_arrays
     from pam_orthosis.discrepancy.knee import knee
     from pam_orthosis.discrepancy.replay import Replay
-    from pam_orthosis.discrepancy.workflow import begin
     from pam_orthosis.testing.case import make_case, nominal
 
     if not tools:
@@ -85,7 +85,8 @@ def regression(problem, base, noise, columns_of=None) -> Regression:
         noise: channel -> sd of its residual without a gap, SI.
         columns_of: the problem whose residuals tell the frequency of the periodic torque (this one).
     """
-    from pam_orthosis.discrepancy.candidates import Projection, Trial
+    from pam_orthosis.discrepancy.projection import Projection
+    from pam_orthosis.discrepancy.trial import Trial
 
     projection = Projection(columns_of or problem, base)
     nothing = {one.run.serial: _residuals(problem, one, base.effects, base.values) for one in problem.scored}

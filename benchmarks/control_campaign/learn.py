@@ -11,9 +11,10 @@ from __future__ import annotations
 from typing import Any
 
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.discrepancy import workflow
+from pam_orthosis.discrepancy import beginning
 from pam_orthosis.discrepancy.data import from_arrays
-from pam_orthosis.discrepancy.fit import fit_tempered, free_parameters, score
+from pam_orthosis.discrepancy.fit import fit_tempered, score
+from pam_orthosis.discrepancy.free import free_parameters
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.improvement import learned
@@ -62,7 +63,7 @@ def recordings(system, parameters) -> list:
 def fitted(system, recorded, settings) -> dict[str, float]:
     """Return all parameters of the model with `EFFECTS`, fitted to recordings within their tolerances."""
     replay = Replay(system)
-    problem, _, _ = workflow.prepared(replay, recorded, recorded[:1], settings)
+    problem, _, _ = beginning.prepared(replay, recorded, recorded[:1], settings)
     typical, free = replay.defaults(EFFECTS), free_parameters(system, EFFECTS)
     fits = [fit_tempered(problem, EFFECTS, typical, free)]
     fits.append(fit_tempered(problem, EFFECTS, _restarted(fits[0][1].values, typical), free))

@@ -28,8 +28,9 @@ from pam_orthosis.files import (
 from pam_orthosis.progress import Progress, counted, shown
 
 if TYPE_CHECKING:
+    from pam_orthosis.discrepancy.beginning import Beginning
+    from pam_orthosis.discrepancy.judgement import Outcome
     from pam_orthosis.discrepancy.telling import Telling
-    from pam_orthosis.discrepancy.workflow import Beginning, Outcome
 
 MODEL = "model.yaml"
 FILES = "gap.json", MODEL, "gap.html"
@@ -109,15 +110,15 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     """Read the recordings and pass the stages before the search."""
     # scipy and CasADi take a second to load
     from pam_orthosis.discrepancy import patch
+    from pam_orthosis.discrepancy.beginning import begin
     from pam_orthosis.discrepancy.data import without_record
     from pam_orthosis.discrepancy.telling import telling
     from pam_orthosis.discrepancy.verdict import assumed_words, untold_words
-    from pam_orthosis.discrepancy.workflow import begin
 
     given = patch.read(arguments.model) if arguments.model else {}
     paths = [*arguments.measured, *arguments.held_out]
     if arguments.system:
-        parameters, system, read, rows = *_own_system(arguments.system), ()
+        parameters, system, read, rows = *_own_system(arguments.system), {}
     else:
         parameters, system, read, rows = _system(paths, given, arguments.namespace, arguments.model)
     assumed = [] if arguments.system else without_record(paths, arguments.namespace)

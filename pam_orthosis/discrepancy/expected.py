@@ -12,8 +12,9 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from pam_orthosis.discrepancy.fit import Fit, Problem
-from pam_orthosis.discrepancy.replay import Run
+from pam_orthosis.discrepancy.fit import Fit
+from pam_orthosis.discrepancy.problem import Problem
+from pam_orthosis.discrepancy.run import Run
 
 DRAWS = 16
 AROUND = 0.5  # s, over which expected squares are averaged, and kept apart from what is decided

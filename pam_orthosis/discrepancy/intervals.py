@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pam_orthosis.discrepancy.fit import Fit, Problem
+from pam_orthosis.discrepancy.fit import Fit
+from pam_orthosis.discrepancy.problem import Problem
 
 BLOCK = 1.0  # s
 QUANTILE = 1.96  # two-sided 95 % of a normal distribution

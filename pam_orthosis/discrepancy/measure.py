@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pam_orthosis.discrepancy.expected import Samples
-from pam_orthosis.discrepancy.fit import Fit, Problem
+from pam_orthosis.discrepancy.fit import Fit
+from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.system import System
 
 # a gap that exceeds the noise floor by less than this share says nothing about closure

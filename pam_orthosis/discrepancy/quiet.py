@@ -12,9 +12,13 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from pam_orthosis.discrepancy.candidates import Candidate, Projection, Trial, candidate, secant_gain
-from pam_orthosis.discrepancy.fit import Fit, Problem, fit, of_effect, score
+from pam_orthosis.discrepancy.candidates import Candidate, candidate, secant_gain
+from pam_orthosis.discrepancy.fit import Fit, fit, score
+from pam_orthosis.discrepancy.free import of_effect
+from pam_orthosis.discrepancy.problem import Problem
+from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.together import together
+from pam_orthosis.discrepancy.trial import Trial
 
 SILENT = 0.5  # whitened samples: by how much a silent effect may change them
 AROUND = 0.1  # s, on both sides of a sample, in which it must be silent too

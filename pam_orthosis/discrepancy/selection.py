@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from pam_orthosis.discrepancy.candidates import penalty
-from pam_orthosis.discrepancy.fit import Fit, Problem
+from pam_orthosis.discrepancy.fit import Fit
+from pam_orthosis.discrepancy.problem import Problem
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import casadi as ca
 
 from pam_orthosis.bag.fields import check_field
 from pam_orthosis.bag.topics import Signal
-from pam_orthosis.discrepancy.kernel import closure
+from pam_orthosis.discrepancy.cut import closure
 from pam_orthosis.discrepancy.system import Assembled, Calibration, Channel, Equation, System
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.effects.base import Effect, Quantity

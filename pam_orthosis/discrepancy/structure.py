@@ -8,7 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from pam_orthosis.discrepancy.fit import Fit, Problem, misfit, normal_equations, peak
+from pam_orthosis.discrepancy.fit import Fit, misfit, normal_equations, peak
+from pam_orthosis.discrepancy.problem import Problem
 
 # density of whitened residuals over white noise where it is largest; noise alone reaches 1 to 1.7
 CLEAN = 2.5

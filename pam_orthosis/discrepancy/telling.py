@@ -13,9 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pam_orthosis.discrepancy.candidates import Projection, Trial, penalty
-from pam_orthosis.discrepancy.fit import Block, Fit, Problem
+from pam_orthosis.discrepancy.candidates import penalty
+from pam_orthosis.discrepancy.fit import Fit
+from pam_orthosis.discrepancy.problem import Block, Problem
+from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.together import together
+from pam_orthosis.discrepancy.trial import Trial
 from pam_orthosis.progress import Progress, silent
 
 ALIKE = 0.95  # cosine of two signatures above which they are one

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 
-from pam_orthosis.discrepancy.kernel import closure
+from pam_orthosis.discrepancy.cut import closure
 from pam_orthosis.discrepancy.system import Assembled, Equation, System
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.effects.base import Contribution

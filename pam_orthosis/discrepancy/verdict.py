@@ -7,11 +7,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from pam_orthosis.discrepancy.beginning import Beginning
+from pam_orthosis.discrepancy.findings import Named
+from pam_orthosis.discrepancy.judgement import Outcome, beyond
 from pam_orthosis.discrepancy.measure import OVERALL, over_noise
 from pam_orthosis.discrepancy.structure import clean
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.telling import Telling
-from pam_orthosis.discrepancy.workflow import Beginning, Named, Outcome, beyond
 from pam_orthosis.model.parameters import Parameters, experiments, scenario_names
 
 LABEL = 25  # characters of the first column, at least

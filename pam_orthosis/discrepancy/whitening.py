@@ -15,7 +15,8 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import welch
 
-from pam_orthosis.discrepancy.replay import Replay, Run
+from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.run import Run
 
 DRAWS = 5
 NEIGHBOURS = 5  # frequencies that are averaged above the lowest ones

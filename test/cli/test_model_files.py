@@ -8,7 +8,7 @@ import pytest
 
 from pam_orthosis.cli import main as entry
 from pam_orthosis.cli import run
-from pam_orthosis.discrepancy import knee, patch, workflow
+from pam_orthosis.discrepancy import beginning, knee, patch
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.improvement import learned
 from pam_orthosis.model import muscle
@@ -85,7 +85,7 @@ def test_gap_reads_it(written, tmp_path, monkeypatch, capsys):
     table.write_text("time,angle,extensor_pressure,flexor_pressure\n0,0.5,2e5,2e5\n0.002,0.5,2e5,2e5\n")
     seen, whole = [], knee.knee
     monkeypatch.setattr(knee, "knee", lambda parameters: seen.append(parameters) or whole(parameters))
-    monkeypatch.setattr(workflow, "begin", lambda *_: taken(expected, seen[0]))
+    monkeypatch.setattr(beginning, "begin", lambda *_: taken(expected, seen[0]))
     assert entry.main(["gap", str(table), "--model", str(file)]) == 2
     assert "read and taken" in capsys.readouterr().err
 

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from pam_orthosis.discrepancy import select
-from pam_orthosis.discrepancy.candidates import SHAPE_SCALES, Projection, penalty
-from pam_orthosis.discrepancy.fit import Block, Fit, Free, Problem, Scored, score
+from pam_orthosis.discrepancy.candidates import penalty
+from pam_orthosis.discrepancy.fit import Fit, score
+from pam_orthosis.discrepancy.free import Free
+from pam_orthosis.discrepancy.problem import Block, Problem, Scored
+from pam_orthosis.discrepancy.projection import SHAPE_SCALES, Projection
 
 SAMPLES = 400
 RNG = np.random.default_rng(29)
@@ -81,7 +84,7 @@ def judged(monkeypatch, models, strained=False):
     """Return the step in which held-out recordings see models: name -> (evidence, t, transfer, size)."""
     seen = {name: (t, transfer) for name, (_, t, transfer, _) in models.items()}
     monkeypatch.setattr(select, "confirmed", lambda *args: seen[args[-1].effects[-1]])
-    monkeypatch.setattr(select, "_visible", lambda *_: not strained)
+    monkeypatch.setattr(select, "is_visible", lambda *_: not strained)
     size = SimpleNamespace(name="size", neutral=0.0)
     effect = SimpleNamespace(fitted=[size], shape=False, minimum_effect=1.0)
     weighted = SimpleNamespace(weights={}, weighted=lambda _: None)

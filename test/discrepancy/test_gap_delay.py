@@ -6,9 +6,10 @@ import pytest
 
 from pam_orthosis.control.effects import command_lag
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.discrepancy import workflow
+from pam_orthosis.discrepancy import beginning
 from pam_orthosis.discrepancy.data import from_arrays
-from pam_orthosis.discrepancy.fit import fit_tempered, free_parameters
+from pam_orthosis.discrepancy.fit import fit_tempered
+from pam_orthosis.discrepancy.free import free_parameters
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.errors import OrthosisError
@@ -34,7 +35,7 @@ def problem(bench, runs, nominal):
     p = delayed(bench, nominal)
     system = knee(p)
     recorded = [from_arrays(f"run {number}", system, run) for number, run in enumerate(runs)]
-    return workflow.prepared(Replay(system), recorded[:1], recorded[1:], p.gap)[0]
+    return beginning.prepared(Replay(system), recorded[:1], recorded[1:], p.gap)[0]
 
 
 @pytest.mark.parametrize("nominal", [TRUE - 2e-3, TRUE + 2e-3])

@@ -6,11 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy import expected, intervals, measure, workflow
+from pam_orthosis.discrepancy import beginning, expected, intervals, measure, noise_floor
 from pam_orthosis.discrepancy.data import from_arrays
-from pam_orthosis.discrepancy.fit import fit_tempered, free_parameters
+from pam_orthosis.discrepancy.fit import fit_tempered
+from pam_orthosis.discrepancy.free import free_parameters
 from pam_orthosis.discrepancy.knee import knee
-from pam_orthosis.discrepancy.replay import Replay, Run
+from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.run import Run
 from pam_orthosis.testing.case import make_case
 
 HALF_WIDTH = 6.0e-3  # rad
@@ -22,11 +24,11 @@ def judged(bench, effect, training, held_out):
     First in all samples, then in those that chance does not decide; last, which these are.
     """
     settings = bench.parameters.gap
-    problem, judge, _ = workflow.prepared(bench.replay, [training], [held_out], settings)
+    problem, judge, _ = beginning.prepared(bench.replay, [training], [held_out], settings)
     free = free_parameters(bench.system, (effect,))
     weighted, model = fit_tempered(problem, (effect,), bench.replay.defaults((effect,)), free)
     spread, runs = intervals.covariance(weighted, model), [one.run for one in weighted.scored]
-    noise = workflow._levels(bench.replay, runs, settings, model.effects, model.values)
+    noise = beginning.residual_noise(bench.replay, runs, settings, model.effects, model.values)
     squares = expected.expected_squares(judge, model, spread, noise, settings.replay.cross_cutoff)
     masks = expected.decided(judge, squares)
     key = judge.scored[0].run.serial, "angle"
@@ -111,10 +113,10 @@ def test_what_is_not_judged_is_told():
         (2, "angle"): np.ones(100, bool),
         (1, "pressure"): np.ones(9, bool),
     }
-    (remark,) = workflow._left_out(masks)
+    (remark,) = noise_floor.remark_on_left_out(masks)
     assert remark == "not judged, since chance decides where play comes to rest: 30% of angle"
-    assert workflow._left_out(None) == ()
-    assert workflow._left_out({(1, "pressure"): np.ones(9, bool)}) == ()
+    assert noise_floor.remark_on_left_out(None) == ()
+    assert noise_floor.remark_on_left_out({(1, "pressure"): np.ones(9, bool)}) == ()
 
 
 def test_a_correction_does_not_rub(bench):

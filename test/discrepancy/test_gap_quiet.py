@@ -7,12 +7,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy import candidates, quiet, select, workflow
-from pam_orthosis.discrepancy.candidates import COARSE, DIFFERENCE, Projection, Trial, candidate
+from pam_orthosis.discrepancy import beginning, candidates, quiet, refit
+from pam_orthosis.discrepancy.candidates import COARSE, DIFFERENCE, candidate
 from pam_orthosis.discrepancy.data import from_arrays
-from pam_orthosis.discrepancy.fit import Problem, Scored, fit_tempered, free_parameters
+from pam_orthosis.discrepancy.fit import fit_tempered
+from pam_orthosis.discrepancy.free import free_parameters
 from pam_orthosis.discrepancy.knee import knee
+from pam_orthosis.discrepancy.problem import Problem, Scored
+from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.trial import Trial
 from pam_orthosis.model.parameters import load
 from pam_orthosis.testing.case import make_case
 
@@ -29,9 +33,9 @@ def fitted(bench, effects, **plant):
 
 def _fitted(replay, effects, training, held_out):
     settings = load().gap
-    problem, _, _ = workflow.prepared(replay, [training], [held_out], settings)
+    problem, _, _ = beginning.prepared(replay, [training], [held_out], settings)
     free = free_parameters(replay.system, effects)
-    return select._levelled(*fit_tempered(problem, effects, replay.defaults(effects), free))
+    return refit.at_best_level(*fit_tempered(problem, effects, replay.defaults(effects), free))
 
 
 @pytest.fixture(scope="module")

@@ -9,13 +9,19 @@ import numpy as np
 import pytest
 
 import pam_orthosis.discrepancy as package
+from pam_orthosis.discrepancy import beginning
 from pam_orthosis.discrepancy import knee as knee_module
-from pam_orthosis.discrepancy import workflow
-from pam_orthosis.discrepancy.candidates import Projection, Trial, candidate
+from pam_orthosis.discrepancy.candidates import candidate
+from pam_orthosis.discrepancy.cut import cut
 from pam_orthosis.discrepancy.data import Recording
-from pam_orthosis.discrepancy.fit import Block, Free, _descended, bounded_step, fit_tempered, free_parameters
-from pam_orthosis.discrepancy.kernel import Kernel, cut
-from pam_orthosis.discrepancy.replay import Replay, Run, Shift
+from pam_orthosis.discrepancy.fit import _descended, bounded_step, fit_tempered
+from pam_orthosis.discrepancy.free import Free, free_parameters
+from pam_orthosis.discrepancy.kernel import Kernel
+from pam_orthosis.discrepancy.problem import Block
+from pam_orthosis.discrepancy.projection import Projection
+from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.run import Run, Shift
+from pam_orthosis.discrepancy.trial import Trial
 from pam_orthosis.discrepancy.whitening import SEGMENT, minimum_phase, noise_levels
 from pam_orthosis.model import leg as leg_model
 
@@ -219,7 +225,7 @@ def test_nothing_hidden_gives_no_delay_and_no_backlash(bench):
     """Traps 1, 2, 5, 6: discretisation and noise must not look like a lag of anything."""
     settings = bench.parameters.gap
     training, held_out = [bench.recording(1)], [bench.recording(2)]
-    problem, _, _ = workflow.prepared(bench.replay, training, held_out, settings)
+    problem, _, _ = beginning.prepared(bench.replay, training, held_out, settings)
     free = free_parameters(bench.system, ())
     problem, base = fit_tempered(problem, (), bench.replay.defaults(()), free)
     projection = Projection(problem, base)
@@ -232,7 +238,7 @@ def test_a_large_effect_is_found_from_derivatives_far_away(bench):
     """Trap 9: derivatives taken without the effect mislead where it is large; the model is evaluated anew."""
     plant = {"plant__effects__joint_friction__enabled": True, "plant__effects__joint_friction__coulomb": 2.5}
     settings = bench.parameters.gap
-    problem, _, _ = workflow.prepared(
+    problem, _, _ = beginning.prepared(
         bench.replay, [bench.recording(1, **plant)], [bench.recording(2, **plant)], settings
     )
     free = free_parameters(bench.system, ())

@@ -17,7 +17,8 @@ from pam_orthosis.discrepancy import patch
 from pam_orthosis.discrepancy import rig as system_of
 from pam_orthosis.discrepancy.check import missing_inputs
 from pam_orthosis.discrepancy.data import from_arrays
-from pam_orthosis.discrepancy.replay import Replay, Run
+from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.run import Run
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load

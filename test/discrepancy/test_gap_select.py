@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pam_orthosis.discrepancy import select, selection
+from pam_orthosis.discrepancy import elimination, screening, select, selection
 from pam_orthosis.discrepancy.candidates import Candidate
 from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.parameters import load
@@ -59,10 +59,10 @@ def test_where_the_weakest_effect_is_kept_the_next_one_is_asked(monkeypatch):
         "joint_friction": (1.0, None),
         "extra_foot_mass": (5.0, None),
     }
-    monkeypatch.setattr(select, "_seen_in_silence", lambda _, name, *rest: name == "joint_friction")
-    assert select._weakest(found, losses, SETTINGS) == "extra_foot_mass"
-    monkeypatch.setattr(select, "_seen_in_silence", lambda *_: True)
-    assert select._weakest(found, losses, SETTINGS) is None
+    monkeypatch.setattr(elimination, "_seen_in_silence", lambda _, name, *rest: name == "joint_friction")
+    assert elimination._weakest(found, losses, SETTINGS) == "extra_foot_mass"
+    monkeypatch.setattr(elimination, "_seen_in_silence", lambda *_: True)
+    assert elimination._weakest(found, losses, SETTINGS) is None
 
 
 def test_gains_of_a_round_tell_what_is_alike():
@@ -79,11 +79,11 @@ def test_a_candidate_that_cannot_reach_its_bar_neither_is_fitted_nor_hides_the_n
     problem = SimpleNamespace(replay=SimpleNamespace(touched=touched), weights={"torque": 1.0, "gas": 1.0})
     ranked = candidates(joint_friction=300.0, extra_foot_mass=60.0, extensor_leak=-25.0)
     bars = {"joint_friction": 4000.0, "extra_foot_mass": 15.0, "extensor_leak": 15.0}
-    chosen = select._worth_polishing(problem, ranked, bars)
+    chosen = screening.worth_polishing(problem, ranked, bars)
     assert [one.name for one in chosen] == ["extra_foot_mass"]
     # residuals that weigh little now may weigh more with the effect
     problem.weights = {"torque": 0.2, "gas": 1.0}
-    assert "joint_friction" in [one.name for one in select._worth_polishing(problem, ranked, bars)]
+    assert "joint_friction" in [one.name for one in screening.worth_polishing(problem, ranked, bars)]
 
 
 def test_only_what_larger_effects_of_this_search_keep_out_is_looked_for_in_their_silence():
@@ -111,11 +111,11 @@ def test_the_one_that_is_left_is_valued_without_the_dropped_one(monkeypatch):
         effects = tuple(one for one in found.final.effects if one != name)
         return losses[found.final.effects][name], SimpleNamespace(effects=effects, values={}, free=[])
 
-    monkeypatch.setattr(select, "_loss", loss)
-    monkeypatch.setattr(select, "_seen_in_silence", lambda *_: False)
+    monkeypatch.setattr(elimination, "_loss", loss)
+    monkeypatch.setattr(elimination, "_seen_in_silence", lambda *_: False)
     monkeypatch.setattr(
-        select, "fit_tempered", lambda problem, effects, *_: (problem, SimpleNamespace(effects=effects))
+        elimination, "fit_tempered", lambda problem, effects, *_: (problem, SimpleNamespace(effects=effects))
     )
-    select._eliminate(found, SETTINGS, silent)
+    elimination.eliminate_weak(found, SETTINGS, silent)
     assert found.final.effects == ("joint_friction",)
     assert found.evidence == {"joint_friction": 9050.0}

@@ -4,8 +4,9 @@
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy.fit import Scored, peak
-from pam_orthosis.discrepancy.replay import Run
+from pam_orthosis.discrepancy.fit import peak
+from pam_orthosis.discrepancy.problem import Scored
+from pam_orthosis.discrepancy.run import Run
 from pam_orthosis.discrepancy.structure import CLEAN, Where, _reach, clean, signals_of
 
 

@@ -13,7 +13,7 @@ import pytest
 from pam_orthosis.bag.arrays import write_arrays
 from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.cli.main import main
-from pam_orthosis.discrepancy import workflow
+from pam_orthosis.discrepancy import beginning, judgement, workflow
 from pam_orthosis.discrepancy.data import without_record
 from pam_orthosis.discrepancy.measure import Gap, over_noise
 from pam_orthosis.discrepancy.verdict import as_dict, assumed_words, describe
@@ -29,7 +29,7 @@ def friction(bench):
     training = [bench.recording(1, **FRICTION), bench.recording(2, cycle_time=1.4, **FRICTION)]
     held_out = [bench.recording(3, cycle_time=1.7, **FRICTION)]
     settings = bench.parameters.gap
-    start = workflow.begin(bench.system, training, held_out, settings, replay=bench.replay)
+    start = beginning.begin(bench.system, training, held_out, settings, replay=bench.replay)
     return start, workflow.search(start, settings), settings
 
 
@@ -61,7 +61,7 @@ def test_another_joint_read_as_the_default_knee_is_not_explained(tmp_path, capsy
 @pytest.mark.parametrize("clean", [True, False])
 def test_explained_needs_little_left_and_effects_that_mean_something(closed, kept, empty, verdict, clean):
     final = SimpleNamespace(effects=("stretch_reflex",))
-    told = workflow._verdict(final, clean, {"overall": closed}, kept, empty)
+    told = judgement._verdict(final, clean, {"overall": closed}, kept, empty)
     assert told == (verdict if clean or closed is not None else "unexplained")
 
 
@@ -87,8 +87,8 @@ def test_a_model_that_closes_less_than_half_names_nothing(friction, monkeypatch)
     alone = replace(found, steps=[replace(step, ranked=(("joint_friction", 1e4),)) for step in found.steps])
     for share, names in ((0.2, []), (0.6, ["joint_friction"])):
         closed = {**outcome.closure, "overall": share}
-        monkeypatch.setattr(workflow, "_closures", lambda *_, closed=closed: closed)
-        told = workflow._judged(start, alone, settings)
+        monkeypatch.setattr(judgement, "_closures", lambda *_, closed=closed: closed)
+        told = judgement.outcome_of(start, alone, settings)
         assert [one.name for one in told.effects] == names
         assert [one.name for one in told.surrogates] == ([] if names else ["joint_friction"])
     told = describe(replace(outcome, verdict="unexplained", effects=(), surrogates=outcome.effects))
@@ -99,7 +99,7 @@ def test_an_effect_at_a_bound_that_empties_it_is_no_explanation(friction):
     start, outcome, settings = friction
     final = outcome.selection.final
     wide = replace(final, values={**final.values, "joint_friction.transition_velocity": 0.76})
-    told = workflow._judged(start, replace(outcome.selection, final=wide), settings)
+    told = judgement.outcome_of(start, replace(outcome.selection, final=wide), settings)
     assert told.empty == ("joint_friction.transition_velocity",)
     assert told.verdict == "unexplained"
     assert as_dict(told)["empty_of_meaning"] == ["joint_friction.transition_velocity"]

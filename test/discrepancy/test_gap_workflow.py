@@ -13,7 +13,20 @@ from pam_orthosis.bag.arrays import write_arrays
 from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.cli import gap as gap_verb
 from pam_orthosis.cli import main as cli
-from pam_orthosis.discrepancy import check, knee, patch, select, selection, structure, workflow
+from pam_orthosis.discrepancy import (
+    beginning,
+    check,
+    confirmation,
+    findings,
+    judgement,
+    knee,
+    noise_floor,
+    patch,
+    selection,
+    structure,
+    workflow,
+)
+from pam_orthosis.discrepancy.beginning import begin
 from pam_orthosis.discrepancy.data import (
     agreed_belief,
     believed,
@@ -25,7 +38,7 @@ from pam_orthosis.discrepancy.data import (
 from pam_orthosis.discrepancy.measure import Gap
 from pam_orthosis.discrepancy.telling import Telling, telling
 from pam_orthosis.discrepancy.verdict import _answer, as_dict, describe, untold_words
-from pam_orthosis.discrepancy.workflow import begin, find_gap
+from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report import gap as gap_page
@@ -121,8 +134,8 @@ def test_a_closure_tells_the_gap_that_it_counts_from(friction):
     """What recalibration has closed already is no merit of the effect."""
     gaps = Gap({}, {"torque": 3.0, "gas": 1.01}), Gap({}, {"torque": 1.0, "gas": 1.0})
     closed = {"torque": 0.99, "gas": 0.98}
-    assert workflow._from_configured(*gaps, closed) == ("gas",)
-    assert workflow._from_configured(*gaps, {"torque": 0.99, "gas": None}) == ()
+    assert judgement._from_configured(*gaps, closed) == ("gas",)
+    assert judgement._from_configured(*gaps, {"torque": 0.99, "gas": None}) == ()
     assert as_dict(friction)["closure_baseline"]["angle"] == "before"
     marked = replace(friction, from_configured=("angle",))
     assert as_dict(marked)["closure_baseline"]["angle"] == "configured"
@@ -207,15 +220,15 @@ def test_the_noise_floor_of_a_model_with_effects_counts_from_the_whiteners_noise
         seen.append(replay)
         return dict.fromkeys(friction.floor.units, 2.0 if replay is bare else 3.0)
 
-    monkeypatch.setattr(workflow, "_levels", levels)
-    monkeypatch.setattr(workflow, "Replay", lambda system: system)
+    monkeypatch.setattr(noise_floor, "residual_noise", levels)
+    monkeypatch.setattr(beginning, "Replay", lambda system: system)
     system = SimpleNamespace(simpler={"joint_friction": None}, bare=lambda: bare)
     replay = SimpleNamespace(system=system, defaults=lambda _: {})
     problem = SimpleNamespace(replay=replay, scored=[])
     found = SimpleNamespace(problem=problem, final=SimpleNamespace(effects=(), values={}))
     units = dict.fromkeys(friction.floor.units, 1.0)
     start = SimpleNamespace(floor=Gap(units, {**units, "overall": 1.0}), held_out=SimpleNamespace(scored=[]))
-    floor = workflow._floor(start, found, None)
+    floor = noise_floor.final_floor(start, found, None)
     assert seen == [bare, replay]
     assert floor.white["angle"] == pytest.approx(1.5)
 
@@ -277,7 +290,7 @@ def test_data_tell_what_they_can_show_and_what_looks_alike(bench):
     # the effects name it, but a recording of it cannot be searched
     assert "diagnostic-locked" in bench.system.catalogue["valve_lag"].separated_by
     assert "diagnostic-locked" not in told.experiments
-    assert workflow._separated_by(bench.system, ("valve_lag", "flexor_dead_volume")) == ("diagnostic-decay",)
+    assert findings._separated_by(bench.system, ("valve_lag", "flexor_dead_volume")) == ("diagnostic-decay",)
 
 
 def test_held_out_data_without_excitation_are_refused(bench):
@@ -345,11 +358,11 @@ def test_the_second_of_a_round_is_compared_with_the_others_not_with_itself(bench
     step = SimpleNamespace(accepted="backlash", ranked=ranked, evidence=400.0)
     found = SimpleNamespace(final=SimpleNamespace(effects=["backlash"]), steps=[step])
     settings = bench.parameters.gap.evidence
-    assert workflow._look_alikes(found, "backlash", settings) == ("creep", "stretch_reflex")
-    assert workflow._runner_up(found) == ("creep", -500.0)
+    assert findings._look_alikes(found, "backlash", settings) == ("creep", "stretch_reflex")
+    assert findings.runner_up_of(found) == ("creep", -500.0)
     nothing = SimpleNamespace(final=SimpleNamespace(effects=[]), steps=[])
-    assert workflow._runner_up(nothing) is None
-    assert workflow._first_named(nothing, ()) is None
+    assert findings.runner_up_of(nothing) is None
+    assert findings.first_accepted(nothing, ()) is None
 
 
 def test_each_effect_has_its_own_look_alikes_and_none_that_is_named(friction, bench):
@@ -362,14 +375,14 @@ def test_each_effect_has_its_own_look_alikes_and_none_that_is_named(friction, be
     final = SimpleNamespace(effects=["backlash", "valve_lag"])
     found = SimpleNamespace(final=final, steps=steps)
     settings = bench.parameters.gap.evidence
-    assert workflow._look_alikes(found, "backlash", settings) == ("creep",)
-    assert workflow._look_alikes(found, "valve_lag", settings) == ("valve_delay",)
-    assert workflow._runner_up(found) == ("creep", 5.0)
+    assert findings._look_alikes(found, "backlash", settings) == ("creep",)
+    assert findings._look_alikes(found, "valve_lag", settings) == ("valve_delay",)
+    assert findings.runner_up_of(found) == ("creep", 5.0)
     first = replace(friction.effects[0], name="backlash", look_alikes=("creep",))
     second = replace(
         first, name="valve_lag", look_alikes=("valve_delay",), separated_by=("diagnostic-cocontraction",)
     )
-    assert workflow._first_named(found, [second, first]) is first
+    assert findings.first_accepted(found, [second, first]) is first
     told = describe(replace(friction, effects=(first, second), look_alikes=("creep",)))
     assert "do not separate backlash from: creep\n" in told
     assert "do not separate valve_lag from: valve_delay\n" in told
@@ -398,9 +411,9 @@ def test_a_recording_that_is_too_short_to_divide_is_refused(bench):
 
 @pytest.mark.filterwarnings("error")
 def test_one_block_of_held_out_time_has_no_t_value(monkeypatch):
-    monkeypatch.setattr(select, "_falls", lambda falls, *_: np.array(falls))
-    assert select.confirmed([2.0, 2.0], [3.0], None, None) == (0.0, 1.5)
-    t, _ = select.confirmed([2.0, 2.0], [3.0, 3.5, 2.5], None, None)
+    monkeypatch.setattr(confirmation, "_falls", lambda falls, *_: np.array(falls))
+    assert confirmation.confirmed([2.0, 2.0], [3.0], None, None) == (0.0, 1.5)
+    t, _ = confirmation.confirmed([2.0, 2.0], [3.0, 3.5, 2.5], None, None)
     assert t == pytest.approx(3.0 / (0.5 / np.sqrt(3)))
 
 
@@ -494,8 +507,8 @@ def test_a_gap_that_is_left_is_not_called_none(effects, closed, after, verdict):
     left = [structure.Where("torque", 1.2, {"angle": 0.1}, {"angle": (0.0, 1.0)})]
     gaps = Gap({}, {"overall": after}), Gap({}, {"overall": 1.0})
     final = SimpleNamespace(effects=effects)
-    clean = structure.clean(left) and not workflow.beyond(*gaps)
-    told = workflow._verdict(final, clean, {"overall": closed}, after, ())
+    clean = structure.clean(left) and not judgement.beyond(*gaps)
+    told = judgement._verdict(final, clean, {"overall": closed}, after, ())
     assert told == verdict
     named = [SimpleNamespace(name=name) for name in effects]
     outcome = SimpleNamespace(verdict=told, effects=named, left=left, after=gaps[0], floor=gaps[1], empty=())
@@ -629,7 +642,7 @@ def test_a_recording_counts_once(tmp_path, capsys, measured, held_out, said):
 
 def test_a_folder_that_cannot_be_made_is_told_before_the_search(bench, tmp_path, capsys, monkeypatch):
     file = table(tmp_path / "x.csv", bench.arrays(1))
-    monkeypatch.setattr(workflow, "begin", lambda *_: pytest.fail("the search has begun"))
+    monkeypatch.setattr(beginning, "begin", lambda *_: pytest.fail("the search has begun"))
     assert cli.main(["gap", str(file), "--out", str(file / "out")]) == 2
     assert f"{file} is no folder" in capsys.readouterr().err
 
@@ -641,7 +654,7 @@ def test_a_page_that_cannot_be_written_does_not_take_the_verdict_with_it(
         raise OSError(28, "No space left on device")
 
     nothing = SimpleNamespace(problem=None, null=None)
-    monkeypatch.setattr(workflow, "begin", lambda *_: nothing)
+    monkeypatch.setattr(beginning, "begin", lambda *_: nothing)
     monkeypatch.setattr("pam_orthosis.discrepancy.telling.telling", lambda *_: Telling({}, (), (), ()))
     monkeypatch.setattr(workflow, "search", lambda *_: friction)
     monkeypatch.setattr(gap_page, "page", full)

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stages before the search: recordings are checked and weighted, the model is recalibrated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pam_orthosis.discrepancy import check, measure, refit, structure
+from pam_orthosis.discrepancy.data import Recording
+from pam_orthosis.discrepancy.expected import Samples
+from pam_orthosis.discrepancy.fit import Fit
+from pam_orthosis.discrepancy.problem import Problem, Scored
+from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.run import Run
+from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.whitening import noise_levels, noise_whitener
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.progress import Progress, silent
+
+HELD_SHARE = 0.25  # of each recording, at its end, where no recording is held out
+TELLING_STRAIN = 4.0  # deviations of an ordinary parameter over its tolerance that are worth a remark
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """Recordings that were checked, and the recalibrated model's replay of them.
+
+    Attributes:
+        system: without the equations that these recordings cannot judge.
+        problem, null: training recordings, weighted, and the recalibrated model.
+        held_out: recordings that judge.
+        floor: what noise alone leaves in them.
+        remarks: on the recordings.
+    """
+
+    system: System
+    problem: Problem
+    null: Fit
+    held_out: Problem
+    floor: measure.Gap
+    remarks: tuple[str, ...]
+
+    def configured(self, judged: Samples | None = None) -> measure.Gap:
+        """Return the gap of the model as configured; `judged`: the samples that count (all)."""
+        return measure.gap_at(self.held_out, (), self.held_out.replay.defaults(()), judged)
+
+    def recalibrated(self, judged: Samples | None = None) -> measure.Gap:
+        """Return the gap of the recalibrated model; `judged` as for `configured`."""
+        return measure.gap(self.held_out, self.null, judged)
+
+    def where(self) -> list[structure.Where]:
+        """Return where the recalibrated model disagrees with the held-out recordings."""
+        return structure.locate(self.held_out, self.null)
+
+    def strained(self) -> dict[str, float]:
+        """Return ordinary parameters outside their tolerance, in multiples of it."""
+        return strained_parameters(self.null)
+
+
+def begin(
+    system: System,
+    training: Sequence[Recording],
+    held_out: Sequence[Recording],
+    settings,
+    tell: Progress = silent,
+    replay: Replay | None = None,
+) -> Beginning:
+    """Check recordings and recalibrate the model's ordinary parameters: the stages before the search.
+
+    Arguments and errors are those of `find_gap`.
+    """
+    tell("checking the recordings")
+    remarks = check.check(system, [*training, *held_out], settings.replay.warm_up)
+    lacking = check.missing_inputs(system, [*training, *held_out])
+    if lacking:
+        system = _without(system, lacking)
+        replay = None
+    if not held_out:
+        check.check_divisible(training, HELD_SHARE, settings.replay.warm_up)
+        training, held_out = _split(training)
+        remarks.append("no recording is held out: the last quarter of each one judges")
+    check.check_motion(system, training, "the fit")
+    check.check_motion(system, held_out, "the judgement")
+    tell("compiling the model")
+    problem, judge, floor = prepared(replay or Replay(system), training, held_out, settings)
+    return Beginning(system, *refit.recalibrated(problem, tell), judge, floor, tuple(remarks))
+
+
+def _without(system: System, lacking: Sequence[str]) -> System:
+    """Return the system without the equations that need inputs which were not recorded."""
+    known = system.without(lacking)
+    if not known.equations:
+        raise OrthosisError(f"no equation can be replayed without {', '.join(lacking)}")
+    return known
+
+
+def _split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
+    cut = [round((1 - HELD_SHARE) * one.samples) for one in recordings]
+    first = [one.part(0, at, one.name) for one, at in zip(recordings, cut, strict=True)]
+    last = [one.part(at, one.samples, f"{one.name} (end)") for one, at in zip(recordings, cut, strict=True)]
+    return first, last
+
+
+def prepared(replay: Replay, training, held_out, settings) -> tuple[Problem, Problem, measure.Gap]:
+    """Return the training and the held-out problem, whitened, and the noise floor of the latter.
+
+    What noise does to a replay is found without the effects that the model has already: a model that sticks
+    would make of a little noise a large offset.
+    """
+    system, cutoff = replay.system, settings.replay.cross_cutoff
+    bare = bare_replay(replay)
+    runs = [[Run(system, one, cutoff) for one in group] for group in (training, held_out)]
+    _check_replayed(replay, [run for group in runs for run in group])
+    noise = _noise(bare, runs[0], settings)
+    scored = [[_scored(bare, run, noise, settings, seed) for seed, run in enumerate(group)] for group in runs]
+    floors = [floor for _, floor in scored[1]]
+    units = {name: float(np.mean([floor[name] for floor in floors])) for name in floors[0]}
+    white = dict.fromkeys([*units, measure.OVERALL], 1.0)
+    problems = [Problem(replay, [one for one, _ in group]) for group in scored]
+    return problems[0], problems[1], measure.Gap(units, white)
+
+
+def bare_replay(replay: Replay) -> Replay:
+    """Return the replay without the effects that the model has already."""
+    return Replay(replay.system.bare()) if replay.system.simpler else replay
+
+
+def _check_replayed(replay: Replay, runs: Sequence[Run]) -> None:
+    for run in runs:
+        for equation in replay.system.equations:
+            if not np.isfinite(replay.residuals(run, equation, (), replay.defaults(()))).all():
+                raise OrthosisError(
+                    f"{run.recording.name}: the replay of the {equation.name} equation runs away; check the"
+                    " units and the zeros of its signals, and the model's parameters"
+                )
+
+
+def _warm_up(run: Run, settings) -> int:
+    return round(settings.replay.warm_up / run.period)
+
+
+def _noise(replay: Replay, runs: Sequence[Run], settings) -> dict[str, float]:
+    """Return the sd of the noise in each channel, estimated, and of the inputs' quantisation."""
+    levels = residual_noise(replay, runs, settings, (), replay.defaults(()))
+    measured = {c.name: levels.get(c.name, runs[0].roughness(c.name)) for c in replay.system.channels}
+    inputs = dict.fromkeys(replay.system.inputs, settings.replay.input_noise)
+    return {**measured, **inputs, **replay.system.input_noise}
+
+
+def residual_noise(replay: Replay, runs: Sequence[Run], settings, effects, values) -> dict[str, float]:
+    """Return the noise (sd) of the channels that are predicted, as a model's residuals show it."""
+    residuals: dict[str, list[np.ndarray]] = {}
+    for equation in replay.system.equations:
+        for run in runs:
+            rows = replay.residuals(run, equation, effects, values)[_warm_up(run, settings) :]
+            for i, channel in enumerate(equation.channels):
+                residuals.setdefault(channel, []).append(rows[:, i])
+    return noise_levels(residuals, [run.period for run in runs])
+
+
+def _scored(replay: Replay, run: Run, noise, settings, seed: int) -> tuple[Scored, dict[str, float]]:
+    warm_up = _warm_up(run, settings)
+    whiten, floor = noise_whitener(
+        replay, run, (), replay.defaults(()), noise, settings.replay.cross_cutoff, warm_up, seed
+    )
+    return Scored(run, whiten, warm_up), floor
+
+
+def strained_parameters(final: Fit) -> dict[str, float]:
+    """Return ordinary parameters that left their tolerance, in multiples of it."""
+    named = {q for name in final.effects for q in (f"{name}.{p}" for p in _parameter_names(final, name))}
+    strain = {one.name: one.deviation(final.values) for one in final.free if one.name not in named}
+    return {name: value for name, value in strain.items() if abs(value) > TELLING_STRAIN}
+
+
+def _parameter_names(final: Fit, effect: str) -> list[str]:
+    return [key.split(".", 1)[1] for key in final.values if key.startswith(f"{effect}.")]

@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Equations cut out of a system's assembly: one replays alone, driven by what is recorded of its neighbours.
+
+At each sample the prediction is compared and the state corrected weakly (innovation form).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+
+from pam_orthosis.discrepancy.system import Assembled, Equation, System
+
+INVERSION_STEPS = 4  # fixed-point steps: a sensor gain of 10 % is inverted to 1e-5 of the value
+
+
+@dataclass(frozen=True)
+class Part:
+    """One equation, cut out of an assembly.
+
+    Attributes:
+        own: its states, base states first.
+        channels: what it predicts.
+        parameters: those parameters of the assembly that the equation depends on, `theta`.
+        observe: (state, z, theta, period) -> (corrected state, residuals).
+        rates: (state, z, theta, period, fraction of the period) -> rates.
+        slopes: the same -> derivatives of the rates by the state.
+        late: recorded signals may be shifted: inputs change within a period.
+    """
+
+    own: tuple[str, ...]
+    channels: tuple[str, ...]
+    parameters: tuple[str, ...]
+    observe: ca.Function
+    rates: ca.Function
+    slopes: ca.Function
+    late: bool
+
+    def fastest(self, rows: np.ndarray, theta: np.ndarray, states: np.ndarray, period: float) -> float:
+        """Return the largest eigenvalue (1/s, magnitude) of the rates at some rows of `z` and states."""
+        count = len(rows)
+        side_by_side = np.array(self.slopes(states.T, rows.T, np.tile(theta[:, None], count), period, 0.0))
+        matrices = side_by_side.reshape(len(self.own), count, len(self.own)).swapaxes(0, 1)
+        return float(np.abs(np.linalg.eigvals(matrices)).max()) if np.isfinite(matrices).all() else np.inf
+
+
+def data_width(system: System) -> int:
+    """Return the number of columns of the data `z`.
+
+    These are: neighbours now and next, inputs before and now, time, measured channels, the fraction of the
+    period in which the inputs before still act.
+    """
+    return 3 * len(system.channels) + 2 * len(system.inputs) + 2
+
+
+def divided(system: System, assembled: Assembled, equation: Equation) -> list[Equation]:
+    """Return an equation as several that do not feel each other, each with some of its channels.
+
+    The gas of one muscle knows nothing of the other's, unless an effect joins them.
+    """
+    own = closure(system, assembled, equation)
+    group = _groups(system, assembled, equation, own)
+
+    def some(names: tuple[str, ...], one: int) -> tuple[str, ...]:
+        return tuple(name for name in names if group[name] == one)
+
+    numbers = dict.fromkeys(group[name] for name in equation.channels)
+    return [
+        replace(equation, states=some(equation.states, one), channels=some(equation.channels, one))
+        for one in numbers
+    ]
+
+
+def _groups(system: System, assembled: Assembled, equation: Equation, own) -> dict[str, int]:
+    """Return a number for each state and channel of an equation, the same for those that feel each other."""
+    places = [assembled.states.index(name) for name in own]
+    told = ca.vertcat(assembled.rates[places], *(assembled.measured[name] for name in equation.channels))
+    felt = ca.jacobian_sparsity(told, assembled.x[places]).get_triplet()
+    pulled, channel = ca.sparsify(_gains(equation, own)).sparsity().get_triplet()
+    derived = [(own.index(a), own.index(b)) for a, b in system.derived.items() if a in own and b in own]
+    links = [*zip(*felt, strict=True), *((i, len(own) + k) for i, k in zip(pulled, channel, strict=True))]
+    names = (*own, *equation.channels)
+    joined = np.zeros((len(names), len(names)), bool)
+    joined[tuple(np.array([*links, *derived], int).T)] = True
+    return dict(zip(names, connected_components(joined, directed=False)[1].tolist(), strict=True))
+
+
+def cut(system: System, assembled: Assembled, static: Assembled, equation: Equation, late: bool) -> Part:
+    """Return one equation of an assembly with its neighbours replaced by recorded signals.
+
+    `static` is the same assembly without lagging sensors: from it the true neighbours are got from
+    the recorded ones. `late`: inputs change within a period, at the fraction that a row of `z` tells;
+    the rates before and after are weighted by their times.
+    """
+    seen = _Seen(system, equation, static)
+    own = closure(system, assembled, equation)
+    x, z, theta = ca.SX.sym("x", len(own)), ca.SX.sym("z", data_width(system)), assembled.theta
+    period, fraction = ca.SX.sym("period"), ca.SX.sym("fraction")
+    inputs_now = ca.vertcat(assembled.u, assembled.time)
+
+    def evaluate(expression, state, at, held):
+        full = _full_state(system, assembled, own, state, seen.base(z, theta, period, at, held))
+        time = seen.time(z) + at * period
+        return ca.substitute([expression], [assembled.x, inputs_now], [full, ca.vertcat(held, time)])[0]
+
+    own_rates = ca.vertcat(*(assembled.rates[assembled.states.index(name)] for name in own))
+    rates = evaluate(own_rates, x, fraction, seen.inputs(z))
+    if late and _depends(rates, seen.inputs(z)):
+        before = evaluate(own_rates, x, fraction, seen.inputs_before(z))
+        rates += seen.share_before(z) * (before - rates)
+    predicted = ca.vertcat(*(assembled.measured[name] for name in equation.channels))
+    residual = seen.measured(z) - evaluate(predicted, x, 0.0, seen.inputs_before(z))
+    pulled = _gains(equation, own) @ residual
+    moved = _moved(system, own, x, pulled)
+    remembered = [evaluate(own_rates, state, 0.0, seen.inputs_before(z)) for state in (x, moved)]
+    held = {state for gains in equation.gains.values() for state in gains} - set(equation.states)
+    felt = ca.vertcat(*(name in held for name in own)) * (remembered[1] - remembered[0])
+    corrected = x + period * (pulled + felt)
+    used = sorted(set(ca.jacobian_sparsity(ca.vertcat(rates, residual), theta).get_col()))
+    few = ca.SX.sym("theta", len(used))
+    placed = ca.SX.zeros(theta.shape[0])
+    for place, i in enumerate(used):
+        placed[i] = few[place]
+    rates, corrected, residual = ca.substitute([rates, corrected, residual], [theta], [placed])
+    given = [x, z, few, period, fraction]
+    slopes = ca.Function("slopes", given, [ca.densify(ca.jacobian(rates, x))])
+    observe = ca.Function("observe", [x, z, few, period], [corrected, residual])
+    names = tuple(assembled.parameters[i] for i in used)
+    return Part(own, equation.channels, names, observe, ca.Function("rates", given, [rates]), slopes, late)
+
+
+class _Seen:
+    """How an equation reads the columns of `z`."""
+
+    def __init__(self, system: System, equation: Equation, static: Assembled):
+        self._system, self._equation = system, equation
+        self._channels, self._inputs = len(system.channels), len(system.inputs)
+        neighbours = [c for c in system.channels if c.name not in equation.channels and c.state is not None]
+        self._inverse = {c.state: _inverse(system, static, c) for c in neighbours}
+
+    def base(self, z, theta, period, at, held) -> dict:
+        """Return the true neighbouring base states at a fraction of the period."""
+        now, after = z[: self._channels], z[self._channels : 2 * self._channels]
+        values = {}
+        for channel in self._system.channels:
+            if channel.state not in self._inverse:
+                continue
+            invert = self._inverse[channel.state]
+            first, last = (invert(m, held, self.time(z), theta) for m in (now, after))
+            values[channel.state] = first + at * (last - first)
+            for derived, parent in self._system.derived.items():
+                if parent == channel.state:
+                    values[derived] = (last - first) / period
+        return values
+
+    def inputs_before(self, z):
+        return z[2 * self._channels : 2 * self._channels + self._inputs]
+
+    def inputs(self, z):
+        start = 2 * self._channels + self._inputs
+        return z[start : start + self._inputs]
+
+    def time(self, z):
+        return z[2 * self._channels + 2 * self._inputs]
+
+    def share_before(self, z):
+        return z[z.shape[0] - 1]
+
+    def measured(self, z):
+        start = 2 * self._channels + 2 * self._inputs + 1
+        names = [c.name for c in self._system.channels]
+        return ca.vertcat(*(z[start + names.index(name)] for name in self._equation.channels))
+
+
+def _inverse(system: System, static: Assembled, channel) -> ca.Function:
+    """Return (recorded channels, inputs, time, theta of the whole assembly) -> true base state."""
+    recorded = ca.SX.sym("m", len(system.channels))
+    index = [c.name for c in system.channels].index(channel.name)
+    place = static.states.index(channel.state)
+    added = static.measured[channel.name] - static.x[place]
+    states = _as_measured(system, static, recorded)
+    true = recorded[index]
+    steps = INVERSION_STEPS if _depends(added, static.x) else 1
+    for _ in range(steps):
+        states[place] = true
+        true = recorded[index] - ca.substitute([added], [static.x], [states])[0]
+    return ca.Function("inverse", [recorded, static.u, static.time, static.theta], [true])
+
+
+def _as_measured(system: System, static: Assembled, recorded):
+    states = ca.SX.zeros(len(static.states))
+    for i, channel in enumerate(system.channels):
+        if channel.state is not None:
+            states[static.states.index(channel.state)] = recorded[i]
+    return states
+
+
+def _depends(expression, symbols) -> bool:
+    return ca.jacobian_sparsity(expression, symbols).nnz() > 0
+
+
+def _full_state(system, assembled, own, state, neighbours):
+    full = ca.SX.zeros(len(assembled.states))
+    for name, value in neighbours.items():
+        full[assembled.states.index(name)] = value
+    for place, name in enumerate(own):
+        full[assembled.states.index(name)] = state[place]
+    return full
+
+
+def closure(system: System, assembled: Assembled, equation: Equation) -> tuple[str, ...]:
+    """Return the equation's base states and all effect states that these or its channels depend on."""
+    base = {channel.state for channel in system.channels} | set(system.derived)  # seen, if not integrated
+    outputs = ca.vertcat(*(assembled.measured[name] for name in equation.channels))
+    own = list(equation.states)
+    while True:
+        rates = ca.vertcat(*(assembled.rates[assembled.states.index(name)] for name in own))
+        used = sorted(set(ca.jacobian_sparsity(ca.vertcat(rates, outputs), assembled.x).get_col()))
+        more = [assembled.states[i] for i in used]
+        more = [name for name in more if name not in base and name not in own]
+        if not more:
+            return tuple(own)
+        own += more
+
+
+def _gains(equation: Equation, own: tuple[str, ...]) -> ca.DM:
+    gains = ca.DM.zeros(len(own), len(equation.channels))
+    for column, channel in enumerate(equation.channels):
+        for state, gain in equation.gains.get(channel, {}).items():
+            if state in own:
+                gains[own.index(state), column] = gain
+    return gains
+
+
+def _moved(system: System, own: tuple[str, ...], state, pulled):
+    """Return a state whose derived signals are the rates at which the corrected state moves.
+
+    A state that is held to the recording, a play, is wound by the motion that is predicted, the correction
+    included: wound by the model's velocity alone, which at rest is opposite to a lasting correction, it
+    would never come loose. Friction is not: what corrects the model meets no resistance.
+    """
+    moved = ca.SX(state)
+    for derived, parent in system.derived.items():
+        if derived in own and parent in own:
+            moved[own.index(derived)] += pulled[own.index(parent)]
+    return moved

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Effects that lose their evidence when all are refitted together are dropped."""
+
+from __future__ import annotations
+
+from pam_orthosis.discrepancy import quiet, selection
+from pam_orthosis.discrepancy.fit import Fit, fit, fit_tempered, score
+from pam_orthosis.discrepancy.free import free_parameters, scales_of
+from pam_orthosis.discrepancy.refit import refined_in
+from pam_orthosis.discrepancy.selection import Selection
+from pam_orthosis.discrepancy.together import together
+
+
+def eliminate_weak(found: Selection, settings, tell) -> None:
+    """Drop effects that no longer earn their place beside the others."""
+    while len(found.final.effects) > 1:
+        effects = found.final.effects
+        lost = together(lambda name: _loss(found, name), effects, tell, "refitting without each effect")
+        losses = dict(zip(effects, lost, strict=True))
+        found.evidence.update({name: evidence for name, (evidence, _) in losses.items()})
+        weakest = _weakest(found, losses, settings)
+        if weakest is None:
+            return
+        tell(f"dropped {weakest}: beside the others its evidence is {losses[weakest][0]:.0f}")
+        left = losses[weakest][1]
+        found.final_problem, found.final = fit_tempered(
+            found.final_problem, left.effects, left.values, left.free
+        )
+        found.evidence.pop(weakest)
+        if len(found.final.effects) == 1:
+            _revalue(found)
+
+
+def _revalue(found: Selection) -> None:
+    """Give the only effect that is left its evidence anew: the last was that beside a dropped one."""
+    name = found.final.effects[0]
+    found.evidence[name] = _loss(found, name)[0]
+
+
+def _weakest(found: Selection, losses, settings) -> str | None:
+    """Return the effect to drop first, if any: too little evidence, and none where larger ones are silent."""
+    weak = {name: evidence / selection.bar(found, name, settings) for name, (evidence, _) in losses.items()}
+    for name in sorted((one for one in weak if weak[one] < 1), key=weak.get):
+        if not _seen_in_silence(found, name, *losses[name], settings):
+            return name
+    return None
+
+
+def _seen_in_silence(found: Selection, name: str, evidence: float, without: Fit, settings) -> bool:
+    """Whether an effect that larger ones would have dropped shows where they are silent."""
+    large = selection.larger(found, name, settings)
+    if not large or evidence < selection.least(found, name, settings) or name in found.problem.system.shapes:
+        return False
+    seen = quiet.evidence(found.final_problem, without, [name], large).get(name, 0.0) >= settings.threshold
+    if seen:
+        found.apart[name] = large
+    return seen
+
+
+def _loss(found: Selection, name: str) -> tuple[float, Fit]:
+    problem, final = found.final_problem, found.final
+    system = problem.system
+    effects = tuple(other for other in final.effects if other != name)
+    refined = [other for other in refined_in(system, final) if other != name]
+    scales = {**scales_of(system, final.free), **({name: 1.0} if name in system.shapes else {})}
+    free = free_parameters(system, effects, refined, scales)
+    gone = f"{name}." if name not in system.shapes else "\n"
+    values = {key: value for key, value in final.values.items() if not key.startswith(gone)}
+    # at the weights of the full model, but not to the end: a wrong model has no good fit
+    without = fit(problem, effects, values, free, most=3)
+    return score(problem, without) - score(problem, final), without

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which parameters a fit may move: steps, bounds, and the priors that hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pam_orthosis.discrepancy.system import System
+
+LOOSE = 2.0  # typical values: sd of an effect's details about them
+WIDE = 10.0  # times its priors: what a shape correction may be once it is named
+
+
+@dataclass(frozen=True)
+class Free:
+    """A free parameter: scale of its steps, bounds, sd (inf: none) and centre of its prior."""
+
+    name: str
+    scale: float
+    lower: float
+    upper: float
+    sd: float
+    centre: float = 0.0
+
+    def deviation(self, values: Mapping[str, float]) -> float:
+        """Return how far the parameter is from the centre of its prior, in standard deviations."""
+        return (values[self.name] - self.centre) / self.sd
+
+
+def free_parameters(
+    system: System,
+    effects: Sequence[str],
+    refined: Sequence[str] = (),
+    scales: Mapping[str, float] | None = None,
+) -> list[Free]:
+    """Return ordinary parameters and those of effects.
+
+    Args:
+        refined: effects whose details are free.
+        scales: shape correction -> multiple of its priors (1).
+    """
+    free = with_scales(system, ordinary(system), scales or {})
+    for name in effects:
+        if name not in system.shapes:
+            free += of_effect(system, name, name in refined)
+    return free
+
+
+def with_scales(system: System, free: Sequence[Free], scales: Mapping[str, float]) -> list[Free]:
+    """Return free parameters with the priors of shape corrections scaled."""
+    changed = []
+    for one in free:
+        shape, _, quantity = one.name.partition(".")
+        if shape in scales:
+            prior = next(q.prior for q in system.catalogue[shape].parameters if q.name == quantity)
+            changed.append(replace(one, sd=scales[shape] * prior))
+        else:
+            changed.append(one)
+    return changed
+
+
+def scales_of(system: System, free: Sequence[Free]) -> dict[str, float]:
+    """Return the scales of the shape corrections' priors."""
+    scales = {}
+    for one in free:
+        shape, _, quantity = one.name.partition(".")
+        if shape in system.shapes:
+            prior = next(q.prior for q in system.catalogue[shape].parameters if q.name == quantity)
+            scales[shape] = one.sd / prior
+    return scales
+
+
+def ordinary(system: System) -> list[Free]:
+    """Return calibrations and shape coefficients: held by their tolerances."""
+    free = [Free(one.name, one.sd, -np.inf, np.inf, one.sd) for one in system.calibrations]
+    for name in system.shapes:
+        for q in system.catalogue[name].parameters:
+            free.append(Free(f"{name}.{q.name}", q.prior, q.minimum, q.maximum, q.prior))
+    return free
+
+
+def of_effect(system: System, name: str, refined: bool = False) -> list[Free]:
+    """Return the parameters of an effect that are estimated.
+
+    Refined, the details of its shape are free too, loosely held at their typical values.
+    """
+    effect = system.catalogue[name]
+    free = []
+    for q in effect.parameters:
+        if refined and not q.fitted:
+            size = abs(q.typical) or q.maximum - q.minimum
+            held = (q.minimum, q.maximum, LOOSE * size, q.typical)
+            free.append(Free(f"{name}.{q.name}", 0.3 * size, *held))
+    return free + [Free(f"{name}.{q.name}", _scale(q), q.minimum, q.maximum, np.inf) for q in effect.fitted]
+
+
+def _scale(quantity) -> float:
+    """Return a typical step of an effect's parameter: the typical distance from off, or the value."""
+    typical = abs(quantity.typical - (quantity.neutral or 0.0))
+    return typical or 0.05 * (quantity.maximum - quantity.minimum)

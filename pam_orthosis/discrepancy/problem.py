@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings to be explained by one system: whitened residuals of all runs, and their derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.run import Run
+from pam_orthosis.discrepancy.together import THREADS
+from pam_orthosis.discrepancy.whitening import Whitener
+
+_POOL = ThreadPoolExecutor(THREADS)  # of its own: what `together` runs waits for it
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A run with its whitener and the samples at its start that are not scored."""
+
+    run: Run
+    whiten: Whitener
+    warm_up: int
+
+    @property
+    def samples(self) -> int:
+        """The number of samples that are scored."""
+        return self.run.recording.samples - self.warm_up
+
+    def white(self, channel: str, columns: np.ndarray) -> np.ndarray:
+        """Return whitened columns (n, ...) without the warm-up."""
+        return self.whiten(channel, columns)[self.warm_up :]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Whitened residuals of one equation over all runs, derivatives by some parameters, weight of both."""
+
+    residual: np.ndarray
+    slopes: np.ndarray
+    names: tuple[str, ...]
+    weight: float = 1.0
+
+
+class Problem:
+    """Recordings to be explained by one system."""
+
+    def __init__(
+        self,
+        replay: Replay,
+        scored: Sequence[Scored],
+        weights: Mapping[str, float] | None = None,
+        shown: Mapping[str, np.ndarray] | None = None,
+    ):
+        self.replay, self.system, self.scored = replay, replay.system, list(scored)
+        self.weights = dict(weights or {equation.name: 1.0 for equation in self.system.equations})
+        self._shown = dict(shown or {})
+
+    def weighted(self, weights: Mapping[str, float]) -> Problem:
+        """Return the same problem with other weights of the equations' residuals."""
+        return Problem(self.replay, self.scored, weights, self._shown)
+
+    def shown(self, samples: Mapping[str, np.ndarray]) -> Problem:
+        """Return the same problem with some samples only: equation -> choice (n,) of its row of residuals."""
+        return Problem(self.replay, self.scored, self.weights, samples)
+
+    def residual(self, equation, effects: tuple[str, ...], values: Mapping) -> np.ndarray:
+        """Return the whitened residuals of one equation, all runs and channels in one row."""
+        return self._joined(equation, [self._whitened(equation, one, effects, values) for one in self.scored])
+
+    def residuals(self, effects, values) -> dict[str, np.ndarray]:
+        """Return the whitened residuals of all equations."""
+        tasks = [(equation, one) for equation in self.system.equations for one in self.scored]
+        pieces = list(_POOL.map(lambda task: self._whitened(*task, effects, values), tasks))
+        return {
+            equation.name: self._joined(
+                equation, [piece for task, piece in zip(tasks, pieces, strict=True) if task[0] is equation]
+            )
+            for equation in self.system.equations
+        }
+
+    def by_run(self, equation, row: np.ndarray) -> Iterator[tuple[Scored, np.ndarray]]:
+        """Yield each run with its part, (channels, samples, ...), of a row of an equation's residuals."""
+        start, count = 0, len(equation.channels)
+        for one in self.scored:
+            end = start + count * one.samples
+            yield one, row[start:end].reshape(count, one.samples, *row.shape[1:])
+            start = end
+
+    def blocks(self, effects, values, names: tuple[str, ...]) -> dict[str, Block]:
+        """Return residuals and derivatives by those of `names` that matter, of every equation."""
+        tasks = [(equation, one) for equation in self.system.equations for one in self.scored]
+        pieces = list(_POOL.map(lambda task: self._linearised(*task, effects, values, names), tasks))
+        blocks = {}
+        for equation in self.system.equations:
+            own = [piece for task, piece in zip(tasks, pieces, strict=True) if task[0] is equation]
+            weight = self.weights[equation.name]
+            blocks[equation.name] = Block(
+                weight * self._chosen(equation, [row for piece in own for row in piece[0]]),
+                weight * self._chosen(equation, [matrix for piece in own for matrix in piece[1]]),
+                own[0][2],
+                weight,
+            )
+        return blocks
+
+    def _chosen(self, equation, pieces: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the samples that are shown of an equation's pieces, joined."""
+        whole = np.concatenate(pieces)
+        return whole[self._shown[equation.name]] if equation.name in self._shown else whole
+
+    def _whitened(self, equation, one: Scored, effects, values) -> list[np.ndarray]:
+        """Return whitened residuals, one entry a channel, of one run."""
+        raw = self.replay.residuals(one.run, equation, effects, values)
+        return [one.white(c, raw[:, i]) for i, c in enumerate(equation.channels)]
+
+    def _joined(self, equation, pieces: Sequence[list[np.ndarray]]) -> np.ndarray:
+        """Return the weighted residuals of an equation from those of its runs and channels."""
+        return self.weights[equation.name] * self._chosen(
+            equation, [row for piece in pieces for row in piece]
+        )
+
+    def _linearised(self, equation, one: Scored, effects, values, names):
+        """Return whitened residuals and derivatives, one entry a channel, of one run."""
+        lagging = self._lagging(equation, effects) & set(names)
+        smooth = tuple(name for name in names if name not in lagging)
+        raw, by, relevant = self.replay.sensitivities(one.run, equation, effects, values, smooth)
+        columns = [by]
+        for name in sorted(lagging):
+            step = 0.02 * max(abs(values[name]), 1e-12)
+            moved = {**values, name: values[name] + step}
+            change = self.replay.residuals(one.run, equation, effects, moved) - raw
+            columns.append(change[:, :, None] / step)
+        slopes = np.concatenate(columns, axis=2)
+        white = [
+            one.white(c, np.column_stack([raw[:, i], slopes[:, i]])) for i, c in enumerate(equation.channels)
+        ]
+        return [w[:, 0] for w in white], [w[:, 1:] for w in white], (*relevant, *sorted(lagging))
+
+    def total(self, effects, values) -> float:
+        """Return the squared whitened residuals of all equations."""
+        return sum_of_squares(self.residuals(effects, values))
+
+    def _lagging(self, equation, effects) -> set[str]:
+        """Return parameters that shift what an equation sees in time: differentiated by differences."""
+        return {
+            f"{name}.{q.name}"
+            for name in effects
+            if self.replay.shifts(name, equation)
+            for q in self.system.catalogue[name].fitted
+        }
+
+
+def sum_of_squares(residuals: Mapping[str, np.ndarray]) -> float:
+    """Return the sum over all residuals; infinite if one is not finite."""
+    total = sum(float(row @ row) for row in residuals.values())
+    return total if np.isfinite(total) else np.inf

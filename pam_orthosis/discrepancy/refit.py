@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fits of a whole model: recalibration, an effect's details, the level of the shape corrections."""
+
+from __future__ import annotations
+
+from pam_orthosis.discrepancy.candidates import Candidate
+from pam_orthosis.discrepancy.fit import Fit, fit_tempered, score
+from pam_orthosis.discrepancy.free import free_parameters, ordinary, scales_of, with_scales
+from pam_orthosis.discrepancy.problem import Problem
+from pam_orthosis.discrepancy.projection import Projection
+from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.progress import Progress, silent
+
+LEFT_OVER = 1.3  # power density over noise that an effect leaves: its details are refined
+
+
+def recalibrated(
+    problem: Problem, tell: Progress = silent, present: tuple[str, ...] = ()
+) -> tuple[Problem, Fit]:
+    """Return the weighted problem and the model with its ordinary parameters fitted within tolerances."""
+    free = free_parameters(problem.system, present)
+    tell("recalibrating the nuisance parameters within their tolerances")
+    start = problem.replay.defaults(present)
+    fits = [fit_tempered(problem, present, one, free) for one in (start, *_from_simpler(problem, start))]
+    return at_best_level(*_better(problem, fits))
+
+
+def _from_simpler(problem: Problem, start) -> list[dict[str, float]]:
+    """Return where the ordinary parameters lie for the model without the effects that it has already.
+
+    Friction makes a model stick: from parameters that are off it may not find back.
+    """
+    if not problem.system.simpler:
+        return []
+    bare = Problem(Replay(problem.system.bare()), problem.scored)
+    _, fitted = fit_tempered(bare, (), bare.replay.defaults(()), ordinary(bare.system))
+    return [start | {key: value for key, value in fitted.values.items() if key in start}]
+
+
+def _better(problem: Problem, fits: list[tuple[Problem, Fit]]) -> tuple[Problem, Fit]:
+    """Return the fit with the better score at common weights, with its own."""
+    common = problem.weighted(
+        {name: max(weighted.weights[name] for weighted, _ in fits) for name in problem.weights}
+    )
+    return min(fits, key=lambda one: score(common, one[1])) if len(fits) > 1 else fits[0]
+
+
+def _details(system, effects) -> list[str]:
+    """Return the effects that have details to refine."""
+    return [name for name in effects if any(not q.fitted for q in system.catalogue[name].parameters)]
+
+
+def with_details(problem: Problem, model: Fit, tell) -> tuple[Problem, Fit]:
+    """Return the model with the details of its effects free, if these earn it.
+
+    What an effect's own form leaves over must not be named as another effect.
+    """
+    details = _details(problem.system, model.effects)
+    free = free_parameters(problem.system, model.effects, details, scales_of(problem.system, model.free))
+    if len(free) == len(model.free):
+        return problem, model
+    tell(f"refining {', '.join(details)}")
+    weighted, refined = fit_tempered(problem, model.effects, model.values, free)
+    common = problem.weighted({name: max(w, weighted.weights[name]) for name, w in problem.weights.items()})
+    better = score(common, refined) < score(common, model)
+    return (weighted, refined) if better else (problem, model)
+
+
+def at_best_level(problem: Problem, model: Fit) -> tuple[Problem, Fit]:
+    """Return the model refitted with the most likely level of the shape corrections' priors."""
+    projection = Projection(problem, model)
+    level = projection.best(*projection.state({}))[1]
+    if level.scales == scales_of(problem.system, model.free):
+        return problem, model
+    free = with_scales(problem.system, model.free, level.scales)
+    return fit_tempered(problem, model.effects, model.values, free)
+
+
+def refitted(problem: Problem, base: Fit, one: Candidate, tell) -> tuple[Problem, Fit]:
+    """Return the model with a candidate, all parameters fitted, its details too if it leaves much."""
+    tell(f"refitting everything with {one.name}")
+    effects = (*base.effects, one.name)
+    free = free_parameters(problem.system, effects, refined_in(problem.system, base), one.scales)
+    weighted, model = fit_tempered(problem, effects, one.values, free)
+    left = max(1 / weighted.weights[name] ** 2 for name in problem.replay.touched(one.name))
+    return with_details(weighted, model, tell) if left > LEFT_OVER else (weighted, model)
+
+
+def refined_in(system, model: Fit) -> list[str]:
+    """Return the effects whose details are free in a model."""
+    known = {one.name for one in model.free}
+    return [
+        name
+        for name in _details(system, model.effects)
+        if any(f"{name}.{q.name}" in known for q in system.catalogue[name].parameters if not q.fitted)
+    ]

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which effects of the catalogue are worth a full fit: score tests, projected fits, what they promise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pam_orthosis.discrepancy.candidates import Candidate, candidate, secant_gain, widened_shape
+from pam_orthosis.discrepancy.fit import Fit
+from pam_orthosis.discrepancy.problem import Problem
+from pam_orthosis.discrepancy.projection import Projection
+from pam_orthosis.discrepancy.together import together
+from pam_orthosis.discrepancy.trial import Trial
+
+LEAST_SCREEN = 6.0  # gain of a score test below which a fit is not worth its time
+LEAST_OF_BAR = 0.15  # the same, of the evidence that is asked for
+LEAST_SHARE = 0.02  # the same, of the best candidate's gain
+POLISHED = 3
+POLISHED_SHARE = 0.4  # of the best projected gain: worth a full fit
+NEAR_BAR = 0.3  # of the evidence that is asked for: a projection may be that far off
+SLACK = 20.0  # the same where little is asked for
+SECOND_START = 0.3  # of the best start's gain: a second start is tried
+
+
+def fitted_candidates(
+    problem: Problem, base: Fit, most: int, bars, tell
+) -> tuple[list[Candidate], dict[str, float]]:
+    """Return the candidates that a score test lets through, fitted, best evidence first, and all gains.
+
+    `bars` is the evidence that each effect needs; one whose score is far below is not fitted.
+    """
+    projection = Projection(problem, base)
+    touched = problem.replay.touched
+    names = [name for name in problem.system.candidates if name not in base.effects and touched(name)]
+    shapes = [name for name in problem.system.shapes if name not in base.effects and touched(name)]
+
+    def screen(name):
+        trial = Trial(projection, name)
+        starts = trial.starts()
+        gains = [secant_gain(projection, trial, start) for start in starts]
+        order = np.argsort(gains)[::-1][:2]
+        kept = [starts[i] for i in order if gains[i] >= SECOND_START * gains[order[0]]]
+        return gains[order[0]], trial, kept
+
+    screened = sorted(together(screen, names, tell, "screening effects"), key=lambda item: -item[0])
+    least = max(LEAST_SCREEN, LEAST_SHARE * screened[0][0])
+    kept = [
+        (gain, trial, starts)
+        for gain, trial, starts in screened[:most]
+        if gain > least and gain * _room(problem, trial.name) > LEAST_OF_BAR * bars[trial.name]
+    ]
+    found = together(
+        lambda item: candidate(projection, item[1], item[2], item[0]), kept, tell, "fitting candidates"
+    )
+    found += [widened_shape(projection, name) for name in shapes]
+    gains = {trial.name: gain for gain, trial, _ in screened} | {one.name: one.gain for one in found}
+    return sorted((one for one in found if one.gain > least), key=lambda one: -one.evidence), gains
+
+
+def _room(problem: Problem, name: str) -> float:
+    """Return by how much the gain of an effect may grow: a model that lacks much weighs residuals less."""
+    return max(1 / problem.weights[equation] ** 2 for equation in problem.replay.touched(name))
+
+
+def worth_polishing(problem: Problem, ranked: list[Candidate], bars) -> list[Candidate]:
+    """Return the candidates that a full fit may lift over what is asked of them."""
+    near = [
+        one
+        for one in ranked
+        if one.gain * _room(problem, one.name) - (one.gain - one.evidence)
+        > min(NEAR_BAR * bars[one.name], bars[one.name] - SLACK)
+    ]
+    return [one for one in near[:POLISHED] if one.gain > POLISHED_SHARE * near[0].gain]
