@@ -8,6 +8,8 @@ import casadi as ca
 
 from pam_orthosis.discrepancy.api import Channel, Effect, Input, Model, Parameter, Quantity, Source
 
+SPEEDS = 1e-4, 0.1  # m/s, ends included: a friction that turns round at once is one too
+
 
 def equations(s, p):
     """Return the rates of the states; effects enter where a signal is assigned."""
@@ -21,7 +23,9 @@ friction = Effect(
     stage="force",
     parameters=(
         Quantity("level", 3.0, "N", 0.0, 50.0, "dry friction of the guide", 0.0),
-        Quantity("speed", 0.005, "m/s", 0.0005, 0.1, "speed at which it has turned round", fitted=False),
+        Quantity(
+            "speed", 0.005, "m/s", *SPEEDS, "where it has turned round", fitted=False, meaningful=SPEEDS
+        ),
     ),
     expression=lambda s, p, own: -p.level * ca.tanh(s.velocity / p.speed),
     physics="The guide resists with a constant force against the motion.",

@@ -21,7 +21,7 @@ from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from pam_orthosis.bag import unpack
-from pam_orthosis.bag.record import METADATA_FILE
+from pam_orthosis.bag.information import METADATA_FILE
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.reading import check_file, from_yaml, open_file, read_text
 
@@ -91,21 +91,21 @@ class _Source:
 
 class _Mcap(McapReader):
     def __init__(self, path: Path):
-        super().__init__(_Source(path))
+        super().__init__(_Source(path))  # type: ignore[arg-type]  # it is asked for `open` alone
 
 
 class _Sqlite(Sqlite3Reader):
     def open(self) -> None:
-        check_file(self.path)
+        check_file(Path(str(self.path)))
         super().open()
 
 
 class _Folder(reader.DirectoryReader):
-    STORAGE_PLUGINS: ClassVar = {"mcap": _Mcap, "sqlite3": _Sqlite}
+    STORAGE_PLUGINS: ClassVar = {"mcap": _Mcap, "sqlite3": _Sqlite}  # type: ignore[misc]
 
 
 class _Reader(Reader):
-    STORAGE_PLUGINS: ClassVar = {"dir": _Folder, ".mcap": _Mcap, ".db3": _Sqlite}
+    STORAGE_PLUGINS: ClassVar = {"dir": _Folder, ".mcap": _Mcap, ".db3": _Sqlite}  # type: ignore[misc]
 
 
 class _Yaml:
@@ -137,9 +137,11 @@ def _restrict(connection: apsw.Connection) -> None:
 # rosbags has no setting for any of these; a version in which they are elsewhere fails here, at once
 for _name in list(storage_mcap.DECOMPRESSORS):
     storage_mcap.DECOMPRESSORS[_name] = partial(unpack.unpacked_bytes, _name)
-for _module in (reader, metadata):
+_reader: Any = reader
+_metadata: Any = metadata
+for _module in (_reader, _metadata):
     assert _module.YAML
     _module.YAML = _Yaml
-assert reader.zstd.decompress
-reader.zstd = SimpleNamespace(decompress=unpack.unpacked_message, open=unpack.unpacked_file)
+assert _reader.zstd.decompress
+_reader.zstd = SimpleNamespace(decompress=unpack.unpacked_message, open=unpack.unpacked_file)
 apsw.connection_hooks.append(_restrict)

@@ -14,7 +14,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from operator import itemgetter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pam_orthosis.bag.topics import SECOND_NS
 
@@ -108,7 +108,7 @@ class Shape:
             raise Unreadable(f"{msgtype} has another size")
         self.size = HEAD + walk.position
         self.places = walk.places
-        self.takers: dict[tuple[str, ...], Callable[[bytes], tuple]] = {}
+        self.takers: dict[tuple[str, ...], Callable[[bytes], tuple[Any, ...]]] = {}
         self._kept = _mask([(0, 2), *walk.texts, *walk.lengths, *_spans(walk.places)])
         self.lengths = _mask([(0, 2), *walk.lengths])
         self.found = int.from_bytes(data, "little") & self.lengths
@@ -209,6 +209,8 @@ class Template:
 
 def serialised_stamp_ns(data: bytes) -> int:
     """Return the stamp with which a serialised message begins, behind the encapsulation's four bytes."""
+    seconds: int
+    nanosec: int
     seconds, nanosec = STAMP.unpack_from(data, HEAD)
     return seconds * SECOND_NS + nanosec
 
@@ -250,7 +252,7 @@ def _runs(numbers: Sequence[tuple[int, str]]) -> list[tuple[Callable[..., None],
     return runs
 
 
-def _taker(shape: Shape, fields: Sequence[str]) -> Callable[[bytes], tuple]:
+def _taker(shape: Shape, fields: Sequence[str]) -> Callable[[bytes], tuple[Any, ...]]:
     """Return what takes the stamp and these numbers, and what stands for those that are not there."""
     names = [field.rstrip("?") for field in fields]
     there = sorted((*shape.places[name], name) for name in names if name in shape.places)
@@ -313,6 +315,7 @@ class _Walk:
         self.position += size
 
     def _length(self) -> int:
+        length: int
         self.position = (self.position + 3) // 4 * 4
         (length,) = struct.unpack_from("<I", self._data, HEAD + self.position)
         self.lengths.append((HEAD + self.position, 4))

@@ -105,7 +105,7 @@ def _make_room(folder: Path, files: Sequence[BagFile]) -> None:
     last = next((file for file in reversed(files) if file.end is not None), None)
     missing = len(metadata_text(_information(files))) + BLOCKS
     while last and missing > 0 and len(last.chunks) > 1:
-        missing -= last.end - last.chunks[-1][0].chunk_start_offset
+        missing -= (last.end or 0) - last.chunks[-1][0].chunk_start_offset
         without_last_chunk(last)
         if _written_at_all(folder, files):
             return
@@ -133,7 +133,7 @@ def _put_end(file: BagFile, about: Mapping[str, Any], brief: bool) -> None:
     end = begin + (_brief_end() if brief else _end(file, len(begin), about))
     with writing(file.path), open(file.path, "r+b", buffering=0, opener=_no_link) as stream:
         stream.truncate(file.end)
-        stream.seek(file.end)
+        stream.seek(0, os.SEEK_END)
         while end:
             end = end[stream.write(end) :]
         os.fsync(stream.fileno())
@@ -146,19 +146,19 @@ def _no_link(name: str, flags: int) -> int:
 def _header() -> bytes:
     builder = RecordBuilder()
     Header("ros2", f"pam_orthosis {__version__}").write(builder)
-    return builder.end()
+    return bytes(builder.end())
 
 
 def _brief_end() -> bytes:
     builder = RecordBuilder()
     DataEnd(0).write(builder)
     Footer(0, 0, 0).write(builder)
-    return builder.end() + MAGIC
+    return bytes(builder.end()) + MAGIC
 
 
 def _end(file: BagFile, shift: int, about: Mapping[str, Any]) -> bytes:
     """Return what the writer of an MCAP file would add behind its last chunk."""
-    builder, begin = RecordBuilder(), file.end + shift
+    builder, begin = RecordBuilder(), (file.end or 0) + shift
     for channel, index in file.index.items():
         chunk = file.chunks[-1][0]
         chunk.message_index_offsets[channel] = begin + builder.count
@@ -168,7 +168,7 @@ def _end(file: BagFile, shift: int, about: Mapping[str, Any]) -> bytes:
     Metadata(BAG_RECORD, serialised(about)).write(builder)
     metadata = [*file.metadata, MetadataIndex(bag_record, begin + builder.count - bag_record, BAG_RECORD)]
     DataEnd(0).write(builder)
-    data = builder.end()
+    data = bytes(builder.end())
     return data + _summary(file, metadata, begin + len(data))
 
 
@@ -197,10 +197,10 @@ def _summary(file: BagFile, metadata: Sequence[MetadataIndex], begin: int) -> by
     offsets_begin = begin + builder.count
     for offset in offsets:
         offset.write(builder)
-    summary = builder.end()
+    summary = bytes(builder.end())
     head = FOOTER_HEAD.pack(Opcode.FOOTER, FOOTER_BYTES, begin, offsets_begin)
     Footer(begin, offsets_begin, zlib.crc32(head, zlib.crc32(summary))).write(builder)
-    return summary + builder.end() + MAGIC
+    return summary + bytes(builder.end()) + MAGIC
 
 
 def _information(files: Sequence[BagFile]) -> dict[str, Any]:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from rosbags.interfaces import Nodetype
 
 from pam_orthosis.bag.cdr import store
@@ -24,7 +26,8 @@ def check_field(signal: Signal) -> None:
         raise OrthosisError(f"{signal.name}: ROS 2 has no standard type {signal.type!r}")
     if dict(known[signal.type][1]).get("header") != (Nodetype.NAME, HEADER):
         raise OrthosisError(f"{signal.name}: messages of type {signal.type} have no header, so no stamp")
-    node, what = Nodetype.NAME, f"{TRAJECTORY}Point" if signal.type == TRAJECTORY else signal.type
+    node: Nodetype = Nodetype.NAME
+    what: Any = f"{TRAJECTORY}Point" if signal.type == TRAJECTORY else signal.type
     for name in signal.field.split("."):
         inside = dict(known[what][1]) if node == Nodetype.NAME else {}
         if name not in inside:

@@ -86,7 +86,7 @@ def serialised(told: Mapping[str, Any]) -> dict[str, str]:
     return {"serialized_metadata": as_yaml(told)}
 
 
-class _PlainDumper(yaml.SafeDumper):
+class _PlainDumper(yaml.SafeDumper):  # type: ignore[misc]  # PyYAML has no types
     """Writes repeated values out instead of referring to them."""
 
     def ignore_aliases(self, data: Any) -> bool:
@@ -95,11 +95,11 @@ class _PlainDumper(yaml.SafeDumper):
 
 def as_yaml(data: Any) -> str:
     """Return YAML in the order of the data."""
-    return yaml.dump(data, Dumper=_PlainDumper, sort_keys=False)
+    return str(yaml.dump(data, Dumper=_PlainDumper, sort_keys=False))
 
 
 @lru_cache
-def _qos_of(text: str) -> list[dict]:
+def _qos_of(text: str) -> list[dict[str, Any]]:
     """Return qualities of service; none if they cannot be read."""
     try:
         read = from_yaml(text, "offered_qos_profiles")

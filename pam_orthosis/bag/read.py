@@ -18,7 +18,8 @@ from rosbags.rosbag2 import Reader
 
 from pam_orthosis.bag.bounded import damage_told, open_bag
 from pam_orthosis.bag.cdr import store
-from pam_orthosis.bag.record import RUN_RECORD, message_definition
+from pam_orthosis.bag.information import RUN_RECORD
+from pam_orthosis.bag.record import message_definition
 from pam_orthosis.bag.rig_topics import RIG_SIGNALS
 from pam_orthosis.bag.topics import BY_NAME, SECOND_NS, SIGNALS, Signal, resolve
 from pam_orthosis.bag.unpack import metadata_records
@@ -126,7 +127,9 @@ def recorded_parameters(path: Path, run: Mapping[str, str], namespace: str = "")
     recorded = _mapping(path, run.get("parameters", "{}"))
     if namespace and recorded:
         recorded |= _checked(path, legs_of(path, run).get(namespace.strip("/"), {}))
-    known = load() if recorded else None
+    if not recorded:
+        return {}
+    known = load()
     try:
         return {key: known.accepted(key, value) for key, value in recorded.items()}
     except OrthosisError as error:
@@ -169,7 +172,7 @@ def _read(
     every = {signal.name: signal for members in wanted.values() for signal in members}
     samples: dict[str, tuple[list[int], list[float]]] = {name: ([], []) for name in every}
     for connection, _, data in reader.messages(connections):
-        message = types.deserialize_cdr(data, connection.msgtype)
+        message: Any = types.deserialize_cdr(data, connection.msgtype)
         stamp_ns = message.header.stamp.sec * SECOND_NS + message.header.stamp.nanosec
         for signal in wanted[connection.topic]:
             stamps, values = samples[signal.name]
@@ -184,7 +187,7 @@ def _read(
 
 def _connections(
     reader: Reader, path: Path, wanted: Mapping[str, Sequence[Signal]], optional: set[str]
-) -> list:
+) -> list[Connection]:
     there = {connection.topic: connection for connection in reader.connections}
     for topic, signals in wanted.items():
         needed = [signal for signal in signals if signal.name not in optional]
@@ -213,6 +216,8 @@ def _check_type(path: Path, connection: Connection, expected: str) -> None:
 
 def _stamp_ns(data: bytes) -> int:
     """Return the stamp with which each type of the table begins, behind the encapsulation's four bytes."""
+    seconds: int
+    nanoseconds: int
     seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
     return seconds * SECOND_NS + nanoseconds
 
@@ -225,7 +230,7 @@ def _value(message: Any, signal: Signal) -> float:
         return _at(getattr(point, signal.field), message.joint_names, signal.joint)
     if signal.joint:
         return _at(getattr(message, signal.field), message.name, signal.joint)
-    return attrgetter(signal.field)(message)
+    return float(attrgetter(signal.field)(message))
 
 
 def _at(values: Sequence[float], names: Sequence[str], name: str) -> float:

@@ -18,7 +18,7 @@ from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 from mcap.records import Message
 from mcap.writer import CompressionType, Writer
@@ -103,13 +103,13 @@ class BagWriter:
         self.folder = Path(folder)
         self.run = dict(run or {})
         self._channels: dict[Hashable, int] = {}
-        self._topics: dict[Hashable, dict] = {}
+        self._topics: dict[Hashable, dict[str, Any]] = {}
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._declared: dict[Hashable, Declared] = {}
         self._counts: Counter[Hashable] = Counter()
         self._files: list[FileContent] = []
         self._flushed_ns = 0
-        self._stream = None
+        self._stream: BinaryIO | None = None
         self._first = behind.file + 1 if behind else 0
         self._made = make_folder(self.folder)
         try:
@@ -125,9 +125,9 @@ class BagWriter:
     def _open(self) -> None:
         """Begin the next file."""
         self._file = self._numbered(self._first + len(self._files))
-        self._stream = _create(self._file)
+        self._stream = stream = _create(self._file)
         self._files.append(FileContent(self._file.name))
-        self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._channels.clear()
         self._schemas.clear()
         with writing(self._file):
@@ -151,7 +151,7 @@ class BagWriter:
         with writing(self._file):
             self._writer.add_metadata(BAG_RECORD, serialised(self._information()))
             self._writer.finish()
-            self._stream.close()
+            self._open_stream.close()
 
     def add_topic(self, topic: str, msgtype: str, latched: bool = False) -> None:
         """Declare a topic (absolute name) of a standard ROS 2 type, once; `latched`: transient local."""
@@ -217,7 +217,7 @@ class BagWriter:
         with writing(self._file):
             self._writer.flush()
             number = self._first + len(self._files) - 1
-            self.on_disk = OnDisk(self._counts.total(), number, self._stream.tell())
+            self.on_disk = OnDisk(self._counts.total(), number, self._open_stream.tell())
 
     def close(self) -> None:
         """Finish the file and write `metadata.yaml`; OrthosisError if the disk takes no more."""
@@ -226,9 +226,9 @@ class BagWriter:
 
     def leave(self) -> None:
         """Write out what there is and leave the bag unclosed; OrthosisError if the disk takes no more."""
-        if not self._stream.closed:
+        if not self._open_stream.closed:
             self.flush()
-            self._stream.close()
+            self._open_stream.close()
 
     def discard(self) -> None:
         """Remove what was written."""
@@ -257,7 +257,12 @@ class BagWriter:
                 raise
         self.discard()
 
-    def _information(self) -> dict:
+    @property
+    def _open_stream(self) -> BinaryIO:
+        assert self._stream is not None  # there is one from the start on, unless it could not be made
+        return self._stream
+
+    def _information(self) -> dict[str, Any]:
         topics = [(topic, self._counts[name]) for name, topic in self._topics.items()]
         return information(self._files, topics, self.run)
 
@@ -301,7 +306,7 @@ def _check_empty(folder: Path) -> None:
             raise OrthosisError(f"{folder} holds a bag already; choose another folder")
 
 
-def _create(file: Path):
+def _create(file: Path) -> BinaryIO:
     with _creating(file.parent):
         return open(file, "xb")
 

@@ -10,17 +10,26 @@ from typing import Any
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
 
 from pam_orthosis.bag.record import RIG_EFFECTS, BagWriter, run_metadata
 from pam_orthosis.bag.rig_topics import NAMESPACE, RIG_TOPICS
 from pam_orthosis.bag.topics import JOINT, SECOND_NS, resolve
+from pam_orthosis.control.linearisation import CarriageReference
 from pam_orthosis.control.rig_loop import RigSample
+from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.rig import RigTruth
 
 CARRIAGE = "carriage"
 
 
 def record_rig(
-    folder: Path, parameters, specimen: str, test: str, samples: Iterable[RigSample], every: int = 1
+    folder: Path,
+    parameters: Parameters,
+    specimen: str,
+    test: str,
+    samples: Iterable[RigSample],
+    every: int = 1,
 ) -> int:
     """Write samples of a rig run into a new bag; return how many.
 
@@ -74,11 +83,11 @@ def _messages(s: RigSample) -> Iterator[tuple[str, object]]:
 
 
 @lru_cache(maxsize=1)
-def _store():
+def _store() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def _type(name: str):
+def _type(name: str) -> Any:
     return _store().types[name]
 
 
@@ -86,7 +95,7 @@ def _serialised(message: Any) -> bytes:
     return bytes(_store().serialize_cdr(message, message.__msgtype__))
 
 
-def _header(time_ns: int, frame: str = ""):
+def _header(time_ns: int, frame: str = "") -> Any:
     stamp = _type("builtin_interfaces/msg/Time")(time_ns // SECOND_NS, time_ns % SECOND_NS)
     return _type("std_msgs/msg/Header")(stamp, frame)
 
@@ -97,29 +106,29 @@ def _joint(
     position: Sequence[float] = (),
     velocity: Sequence[float] = (),
     effort: Sequence[float] = (),
-):
+) -> Any:
     arrays = (np.array(values, dtype=float) for values in (position, velocity, effort))
     return _type(JOINT)(_header(time_ns), list(names), *arrays)
 
 
-def _pressure(time_ns: int, muscle: str, pressure: float):
+def _pressure(time_ns: int, muscle: str, pressure: float) -> Any:
     return _type("sensor_msgs/msg/FluidPressure")(_header(time_ns, f"{muscle}_muscle"), pressure, 0.0)
 
 
-def _force(time_ns: int, force: float):
+def _force(time_ns: int, force: float) -> Any:
     vector = _type("geometry_msgs/msg/Vector3")
     wrench = _type("geometry_msgs/msg/Wrench")(vector(force, 0.0, 0.0), vector(0.0, 0.0, 0.0))
     return _type("geometry_msgs/msg/WrenchStamped")(_header(time_ns, "load_cell"), wrench)
 
 
-def _reference(time_ns: int, reference):
+def _reference(time_ns: int, reference: CarriageReference) -> Any:
     zero = _type("builtin_interfaces/msg/Duration")(0, 0)
     values = [np.array([value]) for value in reference[:3]]
     point = _type("trajectory_msgs/msg/JointTrajectoryPoint")(*values, np.array([]), zero)
     return _type("trajectory_msgs/msg/JointTrajectory")(_header(time_ns), [CARRIAGE], [point])
 
 
-def _truth(time_ns: int, truth):
+def _truth(time_ns: int, truth: RigTruth) -> Any:
     names = [CARRIAGE, "specimen", "positioner", "specimen_gas", "positioner_gas"]
     position = [truth.position, 0.0, 0.0, 0.0, 0.0]
     velocity = [truth.velocity, 0.0, 0.0, truth.specimen_flow, truth.positioner_flow]

@@ -34,8 +34,8 @@ RIG_TOPICS = (
 )
 
 
-def _signal(name: str, topic: str, *rest: str) -> Signal:
-    return Signal(f"{NAMESPACE}_{name}", f"{NAMESPACE}/{topic}", *rest)
+def _signal(name: str, topic: str, field: str, joint: str, unit: str) -> Signal:
+    return Signal(f"{NAMESPACE}_{name}", f"{NAMESPACE}/{topic}", field, joint, unit)
 
 
 _SIGNALS = (

@@ -6,11 +6,11 @@ from __future__ import annotations
 import mmap
 import os
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
@@ -108,7 +108,7 @@ def _behind_too_large(data: Data, size: int, at: int) -> int:
     return end if whole else 0
 
 
-READERS = {
+READERS: dict[Opcode, Callable[[ReadDataStream, int], list[Any]]] = {
     Opcode.SCHEMA: lambda stream, _: [Schema.read(stream)],
     Opcode.CHANNEL: lambda stream, _: [Channel.read(stream)],
     Opcode.MESSAGE: lambda stream, length: [Message.read(stream, length)],

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Collection, Iterator, Mapping
-from functools import reduce
 from pathlib import Path
 from typing import NamedTuple
 
 from pam_orthosis.bag.read import raw_messages
 from pam_orthosis.bag.topics import CLOCK, NODES, PLANT, RECORDER, SECOND_NS, SLOW, TRAJECTORY, Topic, table
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import Parameters
 
 TIMES = "joint_states"  # whose stamps are the instants
 Messages = Mapping[str, Mapping[int, bytes]]
@@ -112,7 +112,7 @@ class Script:
 
     def _common(self, topics: Collection[str]) -> set[int]:
         """Return the stamps that all these topics have."""
-        return set(reduce(lambda a, b: a & b, (self.messages[topic].keys() for topic in topics)))
+        return set.intersection(*(set(self.messages[topic]) for topic in topics))
 
     def _commanded(self, slow: set[int], stamps: set[int]) -> set[int]:
         """Return the stamps for which one of the slow ones is held."""
@@ -143,7 +143,7 @@ def _count(topic: Topic, nodes: Collection[str]) -> int:
     return sum(node in topic.consumers for node in nodes)
 
 
-def held_ns(parameters) -> int:
+def held_ns(parameters: Parameters) -> int:
     """Return for how long what slow nodes say is held, ns; 0 if they are no slower than the others."""
     every = parameters.control.position.every
     return every * round(parameters.scenario.control_period * SECOND_NS) if every > 1 else 0

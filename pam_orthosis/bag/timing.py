@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -67,12 +68,12 @@ def _instants(path: Path, topic: str) -> tuple[np.ndarray, np.ndarray]:
         connections = [one for one in reader.connections if one.topic == topic and one.msgtype in types]
         # without a connection the reader would give every message there is
         for connection, _, data in reader.messages(connections) if connections else ():
-            message = store().deserialize_cdr(data, connection.msgtype)
+            message: Any = store().deserialize_cdr(data, connection.msgtype)
             stamp = message.header.stamp
             rows.append([_ns(stamp), _ns(getattr(message, "time_ref", stamp))])
     table = np.array(sorted(rows), dtype=np.int64).reshape(-1, 2)
     return table[:, 0], table[:, 1]
 
 
-def _ns(stamp) -> int:
-    return stamp.sec * SECOND_NS + stamp.nanosec
+def _ns(stamp: Any) -> int:
+    return int(stamp.sec * SECOND_NS + stamp.nanosec)

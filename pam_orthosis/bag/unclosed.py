@@ -178,7 +178,7 @@ def _settled(file: BagFile, data: Data) -> BagFile:
         chunk.message_index_length = 0
         counts.clear()
         counts |= {channel: len(one.records) for channel, one in file.index.items()}
-    file.metadata = [one for one in file.metadata if one.offset < file.end]
+    file.metadata = [one for one in file.metadata if one.offset < (file.end or 0)]
     file.counts = Counter()
     for number, (_, counts) in enumerate(file.chunks):
         if not counts and _unpack(file, data, number):
@@ -224,8 +224,10 @@ def _unpack(file: BagFile, data: Data, number: int) -> dict[int, MessageIndex]:
 
 
 def _declare(file: BagFile, record: Schema | Channel) -> None:
-    known = file.schemas if isinstance(record, Schema) else file.channels
-    known.setdefault(record.id, record)
+    if isinstance(record, Schema):
+        file.schemas.setdefault(record.id, record)
+    else:
+        file.channels.setdefault(record.id, record)
 
 
 def _stream(data: bytes) -> ReadDataStream:

@@ -176,7 +176,8 @@ def not_led(stamp_ns: np.ndarray, closed: np.ndarray, near: np.ndarray) -> np.nd
         closed: (n,) whether the valves are to stay closed.
         near: (n,) whether the knee is near its reference.
     """
-    free, since_ns = closed.copy(), None
+    free: np.ndarray = closed.copy()
+    since_ns: int | None = None
     for index, stamp in enumerate(stamp_ns.tolist()):
         if closed[index]:
             since_ns = stamp

@@ -17,7 +17,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from pam_orthosis.bag.record import METADATA_FILE, BagWriter, OnDisk
+from pam_orthosis.bag.information import METADATA_FILE
+from pam_orthosis.bag.record import BagWriter, OnDisk
 from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.files import writing
 from pam_orthosis.processes import (

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from pam_orthosis.discrepancy.run import Run
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.whitening import noise_levels, noise_whitener
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress, silent
 
 HELD_SHARE = 0.25  # of each recording, at its end, where no recording is held out
@@ -64,7 +65,7 @@ def begin(
     system: System,
     training: Sequence[Recording],
     held_out: Sequence[Recording],
-    settings,
+    settings: Section,
     tell: Progress = silent,
     replay: Replay | None = None,
 ) -> Beginning:
@@ -104,7 +105,9 @@ def _split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recor
     return first, last
 
 
-def prepared(replay: Replay, training, held_out, settings) -> tuple[Problem, Problem, measure.Gap]:
+def prepared(
+    replay: Replay, training: Sequence[Recording], held_out: Sequence[Recording], settings: Section
+) -> tuple[Problem, Problem, measure.Gap]:
     """Return the training and the held-out problem, whitened, and the noise floor of the latter.
 
     What noise does to a replay is found without the effects that the model has already: a model that sticks
@@ -138,11 +141,12 @@ def _check_replayed(replay: Replay, runs: Sequence[Run]) -> None:
                 )
 
 
-def _warm_up(run: Run, settings) -> int:
-    return round(settings.replay.warm_up / run.period)
+def _warm_up(run: Run, settings: Section) -> int:
+    seconds: float = settings.replay.warm_up
+    return round(seconds / run.period)
 
 
-def _noise(replay: Replay, runs: Sequence[Run], settings) -> dict[str, float]:
+def _noise(replay: Replay, runs: Sequence[Run], settings: Section) -> dict[str, float]:
     """Return the sd of the noise in each channel, estimated, and of the inputs' quantisation."""
     levels = residual_noise(replay, runs, settings, (), replay.defaults(()))
     measured = {c.name: levels.get(c.name, runs[0].roughness(c.name)) for c in replay.system.channels}
@@ -150,7 +154,13 @@ def _noise(replay: Replay, runs: Sequence[Run], settings) -> dict[str, float]:
     return {**measured, **inputs, **replay.system.input_noise}
 
 
-def residual_noise(replay: Replay, runs: Sequence[Run], settings, effects, values) -> dict[str, float]:
+def residual_noise(
+    replay: Replay,
+    runs: Sequence[Run],
+    settings: Section,
+    effects: tuple[str, ...],
+    values: Mapping[str, float],
+) -> dict[str, float]:
     """Return the noise (sd) of the channels that are predicted, as a model's residuals show it."""
     residuals: dict[str, list[np.ndarray]] = {}
     for equation in replay.system.equations:
@@ -161,7 +171,9 @@ def residual_noise(replay: Replay, runs: Sequence[Run], settings, effects, value
     return noise_levels(residuals, [run.period for run in runs])
 
 
-def _scored(replay: Replay, run: Run, noise, settings, seed: int) -> tuple[Scored, dict[str, float]]:
+def _scored(
+    replay: Replay, run: Run, noise: Mapping[str, float], settings: Section, seed: int
+) -> tuple[Scored, dict[str, float]]:
     warm_up = _warm_up(run, settings)
     whiten, floor = noise_whitener(
         replay, run, (), replay.defaults(()), noise, settings.replay.cross_cutoff, warm_up, seed

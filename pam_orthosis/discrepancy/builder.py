@@ -119,7 +119,7 @@ class Model:
         names += [state for effect in self.effects for state in effect.states]
         groups = {
             "states and inputs": names,
-            "channels and inputs": [one.name for one in (*self.channels, *self.inputs)],
+            "channels and inputs": [*(one.name for one in self.channels), *(one.name for one in self.inputs)],
             "parameters": [one.name for one in self.parameters],
             "effects": [one.name for one in self.effects],
         }

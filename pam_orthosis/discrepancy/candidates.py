@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -61,7 +62,7 @@ def secant_gain(projection: Projection, trial: Trial, position: np.ndarray) -> f
         return 0.0
     signature = {name: row - base[name].residual for name, row in residuals.items()}
     right, squares = projection.state({})
-    shared = sum(projection.correlated(name, d) for name, d in signature.items())
+    shared: Any = sum(projection.correlated(name, d) for name, d in signature.items())
     slope = sum(float(d @ base[name].residual) for name, d in signature.items())
     curvature = sum(float(d @ d) for d in signature.values())
     two_sided = _two_sided(projection, trial)
@@ -134,7 +135,9 @@ def refine(projection: Projection, trial: Trial, start: np.ndarray, difference: 
     return now
 
 
-def _projected(projection: Projection, trial: Trial, now: Point, difference: float):
+def _projected(
+    projection: Projection, trial: Trial, now: Point, difference: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the coupling to the ordinary parameters, Hessian and gradient with these projected out."""
     columns: dict[str, list[np.ndarray]] = {equation.name: [] for equation in trial.equations}
     _, upper = trial.bounds()
@@ -147,7 +150,7 @@ def _projected(projection: Projection, trial: Trial, now: Point, difference: flo
             row = projection.problem.residual(equation, trial.effects, values)
             columns[equation.name].append((row - now.residuals[equation.name]) / step)
     slopes = {name: np.nan_to_num(np.column_stack(many)) for name, many in columns.items()}
-    shared = sum(projection.correlated(name, d) for name, d in slopes.items())
+    shared: Any = sum(projection.correlated(name, d) for name, d in slopes.items())
     hessian = sum(d.T @ d for d in slopes.values()) - shared.T @ now.level.solve(shared)
     gradient = sum(d.T @ now.residuals[name] for name, d in slopes.items())
     pull = now.right + now.level.gradient(now.ordinary)

@@ -3,10 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from pam_orthosis.discrepancy.candidates import Candidate
 from pam_orthosis.discrepancy.fit import Fit, fit, prior_cost, score
 from pam_orthosis.discrepancy.problem import Problem
+from pam_orthosis.discrepancy.system import Equation, System
 
 BLOCK = 1.0  # s, of paired differences on held-out recordings
 LEAST_T = 3.0  # of these differences
@@ -16,7 +20,9 @@ WORST_T = -3.0  # an effect known by its broken tolerance alone must not make he
 REFIT_NULL = 10.0  # the smaller model is refitted with the larger one's weights below this ratio
 
 
-def weighed(problem: Problem, base: Fit, models) -> list[tuple[float, Problem, Fit]]:
+def weighed(
+    problem: Problem, base: Fit, models: Sequence[tuple[Problem, Fit]]
+) -> list[tuple[float, Problem, Fit]]:
     """Return evidence, weighted problem and fit of each model, all with the best model's weights."""
     if not models:
         return []
@@ -36,7 +42,9 @@ def _comparable(problem: Problem, common: Problem, base: Fit) -> Fit:
     return fit(common, base.effects, base.values, base.free, most=2)
 
 
-def ranking(judged, ranked) -> tuple[tuple[str, float], ...]:
+def ranking(
+    judged: Sequence[tuple[float, Problem, Fit]], ranked: Sequence[Candidate]
+) -> tuple[tuple[str, float], ...]:
     """Return effects with their evidence, best first: of the full fit where there is one."""
     full = [(model.effects[-1], evidence) for evidence, _, model in judged]
     rest = [(one.name, one.evidence) for one in ranked if one.name not in dict(full)]
@@ -63,10 +71,11 @@ def _falls(problem: Problem, smaller: Fit, larger: Fit) -> np.ndarray:
         before = problem.residual(equation, smaller.effects, smaller.values)
         after = problem.residual(equation, larger.effects, larger.values)
         falls.append(_block_sums(problem, equation, before**2 - after**2))
-    return np.sum(falls, axis=0)
+    total: np.ndarray = np.sum(falls, axis=0)
+    return total
 
 
-def _block_sums(problem: Problem, equation, values: np.ndarray) -> np.ndarray:
+def _block_sums(problem: Problem, equation: Equation, values: np.ndarray) -> np.ndarray:
     """Return sums over blocks of time, the equation's channels added."""
     sums = []
     for one, part in problem.by_run(equation, values):
@@ -83,7 +92,7 @@ def is_visible(problem: Problem, base: Fit, model: Fit) -> bool:
     return fall > prior_cost(base.free, base.values) - prior_cost(model.free, model.values)
 
 
-def is_too_small(system, name: str, model: Fit) -> bool:
+def is_too_small(system: System, name: str, model: Fit) -> bool:
     """Return whether an effect is below the size from which on it is worth a name."""
     effect = system.catalogue[name]
     size = effect.fitted[0]

@@ -6,13 +6,14 @@ At each sample the prediction is compared and the state corrected weakly (innova
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from pam_orthosis.discrepancy.system import Assembled, Equation, System
+from pam_orthosis.discrepancy.system import Assembled, Channel, Equation, System
 
 INVERSION_STEPS = 4  # fixed-point steps: a sensor gain of 10 % is inverted to 1e-5 of the value
 
@@ -74,7 +75,7 @@ def divided(system: System, assembled: Assembled, equation: Equation) -> list[Eq
     ]
 
 
-def _groups(system: System, assembled: Assembled, equation: Equation, own) -> dict[str, int]:
+def _groups(system: System, assembled: Assembled, equation: Equation, own: tuple[str, ...]) -> dict[str, int]:
     """Return a number for each state and channel of an equation, the same for those that feel each other."""
     places = [assembled.states.index(name) for name in own]
     told = ca.vertcat(assembled.rates[places], *(assembled.measured[name] for name in equation.channels))
@@ -101,7 +102,7 @@ def cut(system: System, assembled: Assembled, static: Assembled, equation: Equat
     period, fraction = ca.SX.sym("period"), ca.SX.sym("fraction")
     inputs_now = ca.vertcat(assembled.u, assembled.time)
 
-    def evaluate(expression, state, at, held):
+    def evaluate(expression: ca.SX, state: ca.SX, at: ca.SX | float, held: ca.SX) -> ca.SX:
         full = _full_state(system, assembled, own, state, seen.base(z, theta, period, at, held))
         time = seen.time(z) + at * period
         return ca.substitute([expression], [assembled.x, inputs_now], [full, ca.vertcat(held, time)])[0]
@@ -141,12 +142,12 @@ class _Seen:
         neighbours = [c for c in system.channels if c.name not in equation.channels and c.state is not None]
         self._inverse = {c.state: _inverse(system, static, c) for c in neighbours}
 
-    def base(self, z, theta, period, at, held) -> dict:
+    def base(self, z: ca.SX, theta: ca.SX, period: ca.SX, at: ca.SX | float, held: ca.SX) -> dict[str, ca.SX]:
         """Return the true neighbouring base states at a fraction of the period."""
         now, after = z[: self._channels], z[self._channels : 2 * self._channels]
-        values = {}
+        values: dict[str, ca.SX] = {}
         for channel in self._system.channels:
-            if channel.state not in self._inverse:
+            if channel.state is None or channel.state not in self._inverse:
                 continue
             invert = self._inverse[channel.state]
             first, last = (invert(m, held, self.time(z), theta) for m in (now, after))
@@ -156,26 +157,26 @@ class _Seen:
                     values[derived] = (last - first) / period
         return values
 
-    def inputs_before(self, z):
+    def inputs_before(self, z: ca.SX) -> ca.SX:
         return z[2 * self._channels : 2 * self._channels + self._inputs]
 
-    def inputs(self, z):
+    def inputs(self, z: ca.SX) -> ca.SX:
         start = 2 * self._channels + self._inputs
         return z[start : start + self._inputs]
 
-    def time(self, z):
+    def time(self, z: ca.SX) -> ca.SX:
         return z[2 * self._channels + 2 * self._inputs]
 
-    def share_before(self, z):
+    def share_before(self, z: ca.SX) -> ca.SX:
         return z[z.shape[0] - 1]
 
-    def measured(self, z):
+    def measured(self, z: ca.SX) -> ca.SX:
         start = 2 * self._channels + 2 * self._inputs + 1
         names = [c.name for c in self._system.channels]
         return ca.vertcat(*(z[start + names.index(name)] for name in self._equation.channels))
 
 
-def _inverse(system: System, static: Assembled, channel) -> ca.Function:
+def _inverse(system: System, static: Assembled, channel: Channel) -> ca.Function:
     """Return (recorded channels, inputs, time, theta of the whole assembly) -> true base state."""
     recorded = ca.SX.sym("m", len(system.channels))
     index = [c.name for c in system.channels].index(channel.name)
@@ -190,7 +191,7 @@ def _inverse(system: System, static: Assembled, channel) -> ca.Function:
     return ca.Function("inverse", [recorded, static.u, static.time, static.theta], [true])
 
 
-def _as_measured(system: System, static: Assembled, recorded):
+def _as_measured(system: System, static: Assembled, recorded: ca.SX) -> ca.SX:
     states = ca.SX.zeros(len(static.states))
     for i, channel in enumerate(system.channels):
         if channel.state is not None:
@@ -198,11 +199,13 @@ def _as_measured(system: System, static: Assembled, recorded):
     return states
 
 
-def _depends(expression, symbols) -> bool:
+def _depends(expression: ca.SX, symbols: ca.SX) -> bool:
     return ca.jacobian_sparsity(expression, symbols).nnz() > 0
 
 
-def _full_state(system, assembled, own, state, neighbours):
+def _full_state(
+    system: System, assembled: Assembled, own: tuple[str, ...], state: ca.SX, neighbours: Mapping[str, ca.SX]
+) -> ca.SX:
     full = ca.SX.zeros(len(assembled.states))
     for name, value in neighbours.items():
         full[assembled.states.index(name)] = value
@@ -235,7 +238,7 @@ def _gains(equation: Equation, own: tuple[str, ...]) -> ca.DM:
     return gains
 
 
-def _moved(system: System, own: tuple[str, ...], state, pulled):
+def _moved(system: System, own: tuple[str, ...], state: ca.SX, pulled: ca.SX) -> ca.SX:
     """Return a state whose derived signals are the rates at which the corrected state moves.
 
     A state that is held to the recording, a play, is wound by the motion that is predicted, the correction

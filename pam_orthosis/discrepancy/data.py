@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
@@ -142,7 +143,7 @@ def _with_prompt_inputs(one: Recording, system: System, changed: float) -> Recor
     return replace(one, signals=kept, remarks=(*one.remarks, remark))
 
 
-def believed(path: Path, namespace: str = "") -> dict:
+def believed(path: Path, namespace: str = "") -> dict[str, Any]:
     """Return the belief that a bag of ours was recorded with, as overrides; empty for another file.
 
     `namespace`: of the leg whose belief it is.
@@ -184,7 +185,7 @@ def agreed_belief(
     given: Collection[str] = (),
     namespace: str = "",
     alone: Mapping[str, str] | None = None,
-) -> dict:
+) -> dict[str, Any]:
     """Return the belief of the first bag that has one, as overrides; empty if none has.
 
     What it does not tell of the apparatus is that of the next bag that does.
@@ -218,7 +219,7 @@ def agreed_belief(
     return belief
 
 
-def _is_off(key: str, *beliefs: Mapping) -> bool:
+def _is_off(key: str, *beliefs: Mapping[str, Any]) -> bool:
     """Return whether a key is of an effect that no belief has switched on."""
     branch, _, rest = key.partition("effects.")
     switch = f"{branch}effects.{rest.split('.', 1)[0]}.enabled"
@@ -289,4 +290,5 @@ def _period(name: str, time: np.ndarray) -> float:
 def smoothed(values: np.ndarray, period: float, cutoff: float) -> np.ndarray:
     """Return a signal without what is above a cutoff, Hz, and without delay (zero phase)."""
     share = min(2 * cutoff * period, 2 * HIGHEST_CUTOFF)
-    return sosfiltfilt(butter(2, share, output="sos"), values)
+    smooth: np.ndarray = sosfiltfilt(butter(2, share, output="sos"), values)
+    return smooth

@@ -3,15 +3,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from pam_orthosis.discrepancy import quiet, selection
 from pam_orthosis.discrepancy.fit import Fit, fit, fit_tempered, score
 from pam_orthosis.discrepancy.free import free_parameters, scales_of
 from pam_orthosis.discrepancy.refit import refined_in
 from pam_orthosis.discrepancy.selection import Selection
 from pam_orthosis.discrepancy.together import together
+from pam_orthosis.model.parameters import Section
+from pam_orthosis.progress import Progress
 
 
-def eliminate_weak(found: Selection, settings, tell) -> None:
+def eliminate_weak(found: Selection, settings: Section, tell: Progress) -> None:
     """Drop effects that no longer earn their place beside the others."""
     while len(found.final.effects) > 1:
         effects = found.final.effects
@@ -37,24 +41,25 @@ def _revalue(found: Selection) -> None:
     found.evidence[name] = _loss(found, name)[0]
 
 
-def _weakest(found: Selection, losses, settings) -> str | None:
+def _weakest(found: Selection, losses: Mapping[str, tuple[float, Fit]], settings: Section) -> str | None:
     """Return the effect to drop first, if any: too little evidence, and none where larger ones are silent."""
     weak = {name: evidence / selection.bar(found, name, settings) for name, (evidence, _) in losses.items()}
-    for name in sorted((one for one in weak if weak[one] < 1), key=weak.get):
+    for name in sorted((one for one in weak if weak[one] < 1), key=lambda one: weak[one]):
         if not _seen_in_silence(found, name, *losses[name], settings):
             return name
     return None
 
 
-def _seen_in_silence(found: Selection, name: str, evidence: float, without: Fit, settings) -> bool:
+def _seen_in_silence(found: Selection, name: str, evidence: float, without: Fit, settings: Section) -> bool:
     """Whether an effect that larger ones would have dropped shows where they are silent."""
     large = selection.larger(found, name, settings)
     if not large or evidence < selection.least(found, name, settings) or name in found.problem.system.shapes:
         return False
-    seen = quiet.evidence(found.final_problem, without, [name], large).get(name, 0.0) >= settings.threshold
-    if seen:
-        found.apart[name] = large
-    return seen
+    shown = quiet.evidence(found.final_problem, without, [name], large).get(name, 0.0)
+    if shown < settings.threshold:
+        return False
+    found.apart[name] = large
+    return True
 
 
 def _loss(found: Selection, name: str) -> tuple[float, Fit]:

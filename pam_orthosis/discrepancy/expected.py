@@ -89,4 +89,4 @@ def _room(model: Fit, step: np.ndarray) -> float:
         (one.upper if x > 0 else one.lower) - model.values[one.name]
         for one, x in zip(model.free, step, strict=True)
     ]
-    return min([1.0, *(end / x for end, x in zip(ends, step, strict=True) if x)])
+    return float(min([1.0, *(end / x for end, x in zip(ends, step, strict=True) if x)]))

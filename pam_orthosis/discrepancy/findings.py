@@ -6,9 +6,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from pam_orthosis.discrepancy import intervals
 from pam_orthosis.discrepancy.selection import Selection
 from pam_orthosis.discrepancy.system import System
+from pam_orthosis.model.parameters import Section
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,7 @@ class Named:
     separated_by: tuple[str, ...] = ()
 
 
-def named_effect(system: System, found: Selection, spread, name: str, settings) -> Named:
+def named_effect(system: System, found: Selection, spread: np.ndarray, name: str, settings: Section) -> Named:
     """Return what is said of an effect of the final model; `spread`: covariance of its free parameters."""
     effect, final = system.catalogue[name], found.final
     parameters = {}
@@ -72,7 +75,7 @@ def runner_up_of(found: Selection) -> tuple[str, float] | None:
     return min(behind, key=lambda item: item[1]) if behind else None
 
 
-def _look_alikes(found: Selection, name: str, settings) -> tuple[str, ...]:
+def _look_alikes(found: Selection, name: str, settings: Section) -> tuple[str, ...]:
     """Return the effects that were near in evidence when one was accepted, but for those that are named."""
     own, others = _round_of(found, name)
     near = max(settings.ambiguous, settings.ambiguous_share * own)

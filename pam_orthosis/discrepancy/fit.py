@@ -12,6 +12,7 @@ from scipy.signal import welch
 
 from pam_orthosis.discrepancy.free import Free
 from pam_orthosis.discrepancy.problem import Block, Problem, sum_of_squares
+from pam_orthosis.discrepancy.system import Equation
 
 MOST_STEPS = 8
 CHORD_STEPS = 3
@@ -53,30 +54,37 @@ class Fit:
 
 
 def normal_equations(
-    blocks: Mapping[str, Block], free: Sequence[Free], values
+    blocks: Mapping[str, Block], free: Sequence[Free], values: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return Hessian and gradient (halves) by the scaled parameters, priors included."""
     normal = _Normal(blocks, free)
     return normal.hessian, normal.gradient({name: block.residual for name, block in blocks.items()}, values)
 
 
-def prior_cost(free: Sequence[Free], values) -> float:
+def prior_cost(free: Sequence[Free], values: Mapping[str, float]) -> float:
     """Return the squared deviations over their tolerance."""
     return float(sum(one.deviation(values) ** 2 for one in free))
 
 
-def bounded_step(hessian, gradient, position, lower, upper, damping=0.0) -> np.ndarray:
+def bounded_step(
+    hessian: np.ndarray,
+    gradient: np.ndarray,
+    position: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    damping: float = 0.0,
+) -> np.ndarray:
     """Return the step to the minimum of the quadratic model inside the bounds, by an active set.
 
     A parameter held at its bound is left out of the prediction too (else the prediction is absurd).
     """
-    step = np.zeros(len(gradient))
+    step: np.ndarray = np.zeros(len(gradient))
     active = np.zeros(len(gradient), dtype=bool)
     damped = hessian + np.diag(damping * np.diag(hessian) + 1e-12)
     for _ in range(len(gradient) + 1):
         rest = ~active
         rhs = -(gradient[rest] + damped[np.ix_(rest, active)] @ step[active])
-        wanted = step.copy()
+        wanted: np.ndarray = step.copy()
         wanted[rest] = _solved(damped[np.ix_(rest, rest)], rhs)
         bound = np.where(wanted > step, upper, lower) - position
         over = rest & (np.abs(wanted - step) > np.abs(bound - step) + 1e-12)
@@ -95,14 +103,19 @@ def _solved(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
     try:
         return np.linalg.solve(matrix, rhs)
     except np.linalg.LinAlgError:
-        return np.linalg.lstsq(matrix, rhs, rcond=None)[0]
+        shortest: np.ndarray = np.linalg.lstsq(matrix, rhs, rcond=None)[0]
+        return shortest
 
 
 def fit(
-    problem: Problem, effects: tuple[str, ...], start: Mapping, free: Sequence[Free], most=MOST_STEPS
+    problem: Problem,
+    effects: tuple[str, ...],
+    start: Mapping[str, float],
+    free: Sequence[Free],
+    most: int = MOST_STEPS,
 ) -> Fit:
     """Return the fit of all free parameters from a start, with the problem's weights."""
-    values = _inside(start, free)
+    values: Mapping[str, float] = _inside(start, free)
     names = tuple(one.name for one in free)
     blocks = problem.blocks(effects, values, names)
     for _ in range(most):
@@ -116,15 +129,18 @@ def fit(
     return _finished(problem, effects, values, free, blocks)
 
 
-def fit_tempered(problem: Problem, effects, start, free) -> tuple[Problem, Fit]:
+def fit_tempered(
+    problem: Problem, effects: tuple[str, ...], start: Mapping[str, float], free: Sequence[Free]
+) -> tuple[Problem, Fit]:
     """Return a fit whose weights agree with the misfit that it leaves, and the weighted problem."""
-    values, weights = _inside(start, free), None
+    values: Mapping[str, float] = _inside(start, free)
+    weights: dict[str, float] = {}
     plain = problem.weighted({equation.name: 1.0 for equation in problem.system.equations})
     names = tuple(one.name for one in free)
     blocks = plain.blocks(effects, values, names)
     for _ in range(MOST_STEPS):
         wanted = {e.name: misfit(plain, e, blocks[e.name].residual) ** -0.5 for e in plain.system.equations}
-        settled = weights is not None and all(0.85 < wanted[n] / weights[n] < 1.18 for n in wanted)
+        settled = bool(weights) and all(0.85 < wanted[n] / weights[n] < 1.18 for n in wanted)
         weights = weights if settled else wanted
         problem = plain.weighted(weights)
         moved, gained = _descended(problem, effects, values, free, _weighted(blocks, weights))
@@ -141,21 +157,33 @@ def _inside(values: Mapping[str, float], free: Sequence[Free]) -> dict[str, floa
     return {**values, **{one.name: min(max(values[one.name], one.lower), one.upper) for one in free}}
 
 
-def _weighted(blocks: Mapping[str, Block], weights) -> dict[str, Block]:
+def _weighted(blocks: Mapping[str, Block], weights: Mapping[str, float]) -> dict[str, Block]:
     return {
         name: Block(weights[name] * b.residual, weights[name] * b.slopes, b.names, weights[name])
         for name, b in blocks.items()
     }
 
 
-def _finished(problem, effects, values, free, blocks) -> Fit:
+def _finished(
+    problem: Problem,
+    effects: tuple[str, ...],
+    values: Mapping[str, float],
+    free: Sequence[Free],
+    blocks: Mapping[str, Block],
+) -> Fit:
     hessian, _ = normal_equations(blocks, free, values)
     cost = sum_of_squares({name: block.residual for name, block in blocks.items()}) + prior_cost(free, values)
     samples = sum(len(block.residual) for block in blocks.values())
     return Fit(effects, values, cost, hessian, tuple(free), samples, blocks)
 
 
-def _descended(problem: Problem, effects, values, free, blocks) -> tuple[dict, float]:
+def _descended(
+    problem: Problem,
+    effects: tuple[str, ...],
+    values: Mapping[str, float],
+    free: Sequence[Free],
+    blocks: Mapping[str, Block],
+) -> tuple[Mapping[str, float], float]:
     """Return values of lower cost and by how much, reusing one set of derivatives for a few steps."""
     names = [one.name for one in free]
     scale = np.array([one.scale for one in free])
@@ -200,15 +228,15 @@ class _Normal:
             self.hessian[np.ix_(place, place)] += matrix @ matrix.T
             self._parts[name] = matrix, place
 
-    def gradient(self, residuals: Mapping[str, np.ndarray], values) -> np.ndarray:
+    def gradient(self, residuals: Mapping[str, np.ndarray], values: Mapping[str, float]) -> np.ndarray:
         """Return the gradient (half) by the scaled parameters."""
-        gradient = self._weight * np.array([one.deviation(values) for one in self._free])
+        gradient: np.ndarray = self._weight * np.array([one.deviation(values) for one in self._free])
         for name, (matrix, place) in self._parts.items():
             gradient[place] += matrix @ residuals[name]
         return gradient
 
 
-def misfit(problem: Problem, equation, residual: np.ndarray) -> float:
+def misfit(problem: Problem, equation: Equation, residual: np.ndarray) -> float:
     """Return by how much residuals exceed white noise where they do so most (power density, >= 1).
 
     A model that lacks something leaves residuals that are large and correlated in time; they carry
@@ -240,7 +268,7 @@ def score(problem: Problem, model: Fit) -> float:
     }
     normal = _Normal(blocks, own)
     weight = np.array([one.scale / one.sd for one in own])
-    occam = np.linalg.slogdet(normal.hessian)[1] - 2 * float(np.sum(np.log(weight)))
+    occam = float(np.linalg.slogdet(normal.hessian)[1]) - 2 * float(np.sum(np.log(weight)))
     shapes = sum(name in problem.system.shapes for name in model.effects)
     counted = len(model.free) - len(own) + shapes
     return (

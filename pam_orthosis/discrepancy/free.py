@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pam_orthosis.discrepancy.system import System
+from pam_orthosis.model.effects.base import Quantity
 
 LOOSE = 2.0  # typical values: sd of an effect's details about them
 WIDE = 10.0  # times its priors: what a shape correction may be once it is named
@@ -55,8 +56,7 @@ def with_scales(system: System, free: Sequence[Free], scales: Mapping[str, float
     for one in free:
         shape, _, quantity = one.name.partition(".")
         if shape in scales:
-            prior = next(q.prior for q in system.catalogue[shape].parameters if q.name == quantity)
-            changed.append(replace(one, sd=scales[shape] * prior))
+            changed.append(replace(one, sd=scales[shape] * _prior(system, shape, quantity)))
         else:
             changed.append(one)
     return changed
@@ -68,8 +68,7 @@ def scales_of(system: System, free: Sequence[Free]) -> dict[str, float]:
     for one in free:
         shape, _, quantity = one.name.partition(".")
         if shape in system.shapes:
-            prior = next(q.prior for q in system.catalogue[shape].parameters if q.name == quantity)
-            scales[shape] = one.sd / prior
+            scales[shape] = one.sd / _prior(system, shape, quantity)
     return scales
 
 
@@ -78,8 +77,16 @@ def ordinary(system: System) -> list[Free]:
     free = [Free(one.name, one.sd, -np.inf, np.inf, one.sd) for one in system.calibrations]
     for name in system.shapes:
         for q in system.catalogue[name].parameters:
-            free.append(Free(f"{name}.{q.name}", q.prior, q.minimum, q.maximum, q.prior))
+            prior = _prior(system, name, q.name)
+            free.append(Free(f"{name}.{q.name}", prior, q.minimum, q.maximum, prior))
     return free
+
+
+def _prior(system: System, shape: str, quantity: str) -> float:
+    """Return the standard deviation of a coefficient of a shape correction; each has one."""
+    prior = next(q.prior for q in system.catalogue[shape].parameters if q.name == quantity)
+    assert prior is not None
+    return prior
 
 
 def of_effect(system: System, name: str, refined: bool = False) -> list[Free]:
@@ -97,7 +104,7 @@ def of_effect(system: System, name: str, refined: bool = False) -> list[Free]:
     return free + [Free(f"{name}.{q.name}", _scale(q), q.minimum, q.maximum, np.inf) for q in effect.fitted]
 
 
-def _scale(quantity) -> float:
+def _scale(quantity: Quantity) -> float:
     """Return a typical step of an effect's parameter: the typical distance from off, or the value."""
     typical = abs(quantity.typical - (quantity.neutral or 0.0))
     return typical or 0.05 * (quantity.maximum - quantity.minimum)

@@ -7,6 +7,7 @@ import numpy as np
 
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.problem import Problem
+from pam_orthosis.discrepancy.system import Equation
 
 BLOCK = 1.0  # s
 QUANTILE = 1.96  # two-sided 95 % of a normal distribution
@@ -43,7 +44,7 @@ def interval(model: Fit, spread: np.ndarray, name: str) -> tuple[float, float]:
     return max(value - half, one.lower), min(value + half, one.upper)
 
 
-def _over_blocks(problem: Problem, equation, scores: np.ndarray) -> np.ndarray:
+def _over_blocks(problem: Problem, equation: Equation, scores: np.ndarray) -> np.ndarray:
     sums = []
     for one, part in problem.by_run(equation, scores):
         whole = max(1, one.samples // round(BLOCK / one.run.period))

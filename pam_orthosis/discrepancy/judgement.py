@@ -14,6 +14,7 @@ from pam_orthosis.discrepancy.noise_floor import decided_and_floor, remark_on_le
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.selection import Selection, Step
 from pam_orthosis.discrepancy.system import System
+from pam_orthosis.model.parameters import Section
 
 LEAST_CLOSURE = 0.9  # below it named effects that leave a gap are no explanation
 MOST_LEFT = 1.3  # gap after over the noise floor above which the residual is not called clean
@@ -53,7 +54,7 @@ class Outcome:
     held_out: Problem = field(repr=False)
 
 
-def outcome_of(start: Beginning, found: Selection, settings) -> Outcome:
+def outcome_of(start: Beginning, found: Selection, settings: Section) -> Outcome:
     """Return the judgement on what a search found, by the held-out recordings."""
     system, judge, final = start.system, start.held_out, found.final
     spread = intervals.covariance(found.final_problem, final)
@@ -92,7 +93,9 @@ def outcome_of(start: Beginning, found: Selection, settings) -> Outcome:
     )
 
 
-def _closures(configured, before, after, floor) -> dict[str, float | None]:
+def _closures(
+    configured: measure.Gap, before: measure.Gap, after: measure.Gap, floor: measure.Gap
+) -> dict[str, float | None]:
     """Return closure per channel and overall, of whitened residuals, from the recalibrated model.
 
     Where recalibration alone hides the gap (an effect that resembles an ordinary parameter), closure
@@ -106,7 +109,9 @@ def _closures(configured, before, after, floor) -> dict[str, float | None]:
     return closed
 
 
-def _from_configured(before: measure.Gap, floor: measure.Gap, closed) -> tuple[str, ...]:
+def _from_configured(
+    before: measure.Gap, floor: measure.Gap, closed: Mapping[str, float | None]
+) -> tuple[str, ...]:
     """Return the closures that `_closures` counts from the configured model."""
     return tuple(
         name
@@ -125,7 +130,9 @@ def beyond(after: measure.Gap, floor: measure.Gap) -> bool:
     return after.white[measure.OVERALL] > MOST_LEFT * floor.white[measure.OVERALL]
 
 
-def _verdict(final: Fit, clean: bool, closed, kept: float, empty: Sequence[str]) -> str:
+def _verdict(
+    final: Fit, clean: bool, closed: Mapping[str, float | None], kept: float, empty: Sequence[str]
+) -> str:
     """Return the verdict on a model that leaves a `clean` residual or not.
 
     Args:

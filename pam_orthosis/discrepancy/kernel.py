@@ -11,6 +11,7 @@ lag inside the step is as exact as the integration, so that no false delay appea
 from __future__ import annotations
 
 import ctypes
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -83,14 +84,17 @@ class Kernel:
         self.states, self.channels = len(part.own), part.observe.size1_out(1)
         self._size, self._results = self._observe.size1_in(0), self._observe.size1_out(1)
         self._width = part.observe.size1_in(1)
-        self._library, self._source = None, self._write_source()
+        self._library: ctypes.CDLL | None = None
+        self._source = self._write_source()
 
-    def __call__(self, z, theta, start, period: float, substeps: int) -> np.ndarray:
+    def __call__(
+        self, z: np.ndarray, theta: np.ndarray, start: np.ndarray, period: float, substeps: int
+    ) -> np.ndarray:
         """Return residuals (n, channels) or, with sensitivities, (n, channels, 1 + len(wrt))."""
         state = np.zeros(self._size)
         state[: self.states] = start
         if self._library is None:
-            flat = self._run_virtual(z, theta, state, period, substeps)
+            flat: np.ndarray = self._run_virtual(z, theta, state, period, substeps)
         else:
             flat = np.empty((len(z), self._results))
             self._library.orthosis_replay(
@@ -99,7 +103,8 @@ class Kernel:
             )  # fmt: skip
         if not self.wrt:
             return flat
-        return flat.reshape(len(z), 1 + len(self.wrt), self.channels).transpose(0, 2, 1)
+        table: np.ndarray = flat.reshape(len(z), 1 + len(self.wrt), self.channels).transpose(0, 2, 1)
+        return table
 
     def build(self) -> None:
         """Compile; without a compiler the virtual machine does the work."""
@@ -116,7 +121,9 @@ class Kernel:
         )  # fmt: skip
         return f"/* {processor()} */\n" + EXTREMES + generator.dump() + loop
 
-    def _run_virtual(self, z, theta, state, period, substeps):
+    def _run_virtual(
+        self, z: np.ndarray, theta: np.ndarray, state: np.ndarray, period: float, substeps: int
+    ) -> np.ndarray:
         x, row = ca.MX.sym("x", self._size), ca.MX.sym("z", self._width)
         parameters = ca.MX.sym("theta", len(theta))
         after, result = self._observe(x, row, parameters, period)
@@ -126,12 +133,15 @@ class Kernel:
         one = ca.Function("one", [x, row, parameters], [after, result])
         many = one.mapaccum(len(z))
         told = many(state, z.T, np.tile(theta[:, None], (1, len(z))))[1]
-        return np.array(told).T
+        residuals: np.ndarray = np.array(told).T
+        return residuals
 
-    def _virtual_step(self, x, z, theta, held, period, at, h):
+    def _virtual_step(
+        self, x: ca.MX, z: ca.MX, theta: ca.MX, held: ca.MX, period: float, at: float, h: float
+    ) -> ca.MX:
         """Return the state one Runge-Kutta step later, as the C loop does it."""
 
-        def rates(state, part):
+        def rates(state: ca.MX, part: float) -> ca.MX:
             return self._rates(state, z, theta, period, at + part * h / period, held)
 
         k1 = rates(x, 0.0)
@@ -141,7 +151,7 @@ class Kernel:
         return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
-def _pointer(array: np.ndarray):
+def _pointer(array: np.ndarray) -> Any:
     return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
 
 
@@ -157,7 +167,7 @@ def _with_sensitivities(part: Part, wrt: tuple[str, ...]) -> tuple[ca.Function, 
     chosen = [part.parameters.index(name) for name in wrt]
     whole = ca.vertcat(x, ca.vec(s))
 
-    def extended(expression):
+    def extended(expression: ca.SX) -> ca.SX:
         by_state, by_theta = ca.jacobian(expression, x), ca.jacobian(expression, theta)
         return ca.densify(ca.vertcat(expression, ca.vec(by_state @ s + by_theta[:, chosen])))
 
@@ -187,7 +197,7 @@ def _hoisted(rates: ca.Function) -> tuple[ca.Function, ca.Function, ca.Function]
     )
 
 
-def _extracted(expression, symbols):
+def _extracted(expression: ca.SX, symbols: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Return the expression with what depends on `symbols` alone taken out, its names, its values."""
     inner, names, values = ca.extract_parametric(expression, symbols)
     return ca.densify(inner), ca.vertcat(*names), ca.densify(ca.vertcat(*values))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,7 +36,9 @@ def gap(problem: Problem, model: Fit, judged: Samples | None = None) -> Gap:
     return gap_at(problem, model.effects, model.values, judged)
 
 
-def gap_at(problem: Problem, effects, values, judged: Samples | None = None) -> Gap:
+def gap_at(
+    problem: Problem, effects: tuple[str, ...], values: Mapping[str, float], judged: Samples | None = None
+) -> Gap:
     """Return the gap between recordings and a model with given values; `judged` as for `gap`."""
     units, white = {}, {}
     for equation in problem.system.equations:
@@ -66,5 +69,5 @@ def closure(before: float, after: float, floor: float) -> float | None:
     return (before - after) / (before - floor)
 
 
-def _rms(pieces) -> float:
+def _rms(pieces: Sequence[np.ndarray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(pieces) ** 2)))

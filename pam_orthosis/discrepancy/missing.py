@@ -30,7 +30,8 @@ def missing_rate(
     if order(system, channel) == 0:
         return slow
     gains = list(equation.gains[channel].values())
-    slope = np.gradient(slow, period)
+    slope: np.ndarray = np.gradient(slow, period)
     if order(system, channel) == 1:
         return slope + gains[0] * slow
-    return np.gradient(slope, period) + gains[0] * slope + gains[1] * slow
+    bend: np.ndarray = np.gradient(slope, period)
+    return bend + gains[0] * slope + gains[1] * slow

@@ -11,11 +11,12 @@ from pam_orthosis.discrepancy.expected import Samples, decided, expected_squares
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.selection import Selection
 from pam_orthosis.discrepancy.system import System
+from pam_orthosis.model.parameters import Section
 
 WHOLE = 0.995  # share of the samples that are judged, above which none is said to be left out
 
 
-def final_floor(start: Beginning, found: Selection, settings) -> measure.Gap:
+def final_floor(start: Beginning, found: Selection, settings: Section) -> measure.Gap:
     """Return the noise floor as the final model shows it, in the recordings that judge.
 
     In a closed loop the inputs answer to the sensors' noise; a model that lacks a delay takes that for
@@ -29,7 +30,7 @@ def final_floor(start: Beginning, found: Selection, settings) -> measure.Gap:
     return _scaled(floor, {name: floor.white[name] * last[name] / first[name] for name in first})
 
 
-def _last_levels(start: Beginning, found: Selection, settings) -> dict[str, float]:
+def _last_levels(start: Beginning, found: Selection, settings: Section) -> dict[str, float]:
     """Return the noise (sd) of the recordings that judge as the final model's residuals show it."""
     judging = [one.run for one in start.held_out.scored]
     return residual_noise(found.problem.replay, judging, settings, found.final.effects, found.final.values)
@@ -42,7 +43,9 @@ def _scaled(floor: measure.Gap, white: dict[str, float]) -> measure.Gap:
     return measure.Gap(units, {**white, measure.OVERALL: overall})
 
 
-def decided_and_floor(start: Beginning, found: Selection, spread: np.ndarray, settings):
+def decided_and_floor(
+    start: Beginning, found: Selection, spread: np.ndarray, settings: Section
+) -> tuple[Samples | None, measure.Gap]:
     """Return which held-out samples chance does not decide, and what the final model expects to leave there.
 
     None and the noise floor, if no state of the model is left to chance.

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,7 @@ def overrides(system: System, effects: Sequence[str], values: Mapping[str, float
 
 def text(changed: Mapping[str, Any]) -> str:
     """Return the text of a model file with overrides, merged over those that were given."""
-    return HEADING + yaml.safe_dump(dict(changed), sort_keys=False)
+    return HEADING + str(yaml.safe_dump(dict(changed), sort_keys=False))
 
 
 def write(path: Path, changed: Mapping[str, Any]) -> None:
@@ -73,7 +73,7 @@ def read_belief(path: Path) -> dict[str, Any]:
     return changed
 
 
-def _flat(prefix: str, node: Mapping):
+def _flat(prefix: str, node: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     for key, value in node.items():
         if not prefix and key in MUSCLES:  # a file of `identify`, whose rows are those of config/muscle.yaml
             yield from _flat("muscle.", {key: value})

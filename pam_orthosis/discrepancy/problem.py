@@ -11,6 +11,7 @@ import numpy as np
 
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.run import Run
+from pam_orthosis.discrepancy.system import Equation
 from pam_orthosis.discrepancy.together import THREADS
 from pam_orthosis.discrepancy.whitening import Whitener
 
@@ -67,14 +68,16 @@ class Problem:
         """Return the same problem with some samples only: equation -> choice (n,) of its row of residuals."""
         return Problem(self.replay, self.scored, self.weights, samples)
 
-    def residual(self, equation, effects: tuple[str, ...], values: Mapping) -> np.ndarray:
+    def residual(
+        self, equation: Equation, effects: tuple[str, ...], values: Mapping[str, float]
+    ) -> np.ndarray:
         """Return the whitened residuals of one equation, all runs and channels in one row."""
         return self._joined(equation, [self._whitened(equation, one, effects, values) for one in self.scored])
 
-    def residuals(self, effects, values) -> dict[str, np.ndarray]:
+    def residuals(self, effects: tuple[str, ...], values: Mapping[str, float]) -> dict[str, np.ndarray]:
         """Return the whitened residuals of all equations."""
         tasks = [(equation, one) for equation in self.system.equations for one in self.scored]
-        pieces = list(_POOL.map(lambda task: self._whitened(*task, effects, values), tasks))
+        pieces = list(_POOL.map(lambda t: self._whitened(t[0], t[1], effects, values), tasks))
         return {
             equation.name: self._joined(
                 equation, [piece for task, piece in zip(tasks, pieces, strict=True) if task[0] is equation]
@@ -82,7 +85,7 @@ class Problem:
             for equation in self.system.equations
         }
 
-    def by_run(self, equation, row: np.ndarray) -> Iterator[tuple[Scored, np.ndarray]]:
+    def by_run(self, equation: Equation, row: np.ndarray) -> Iterator[tuple[Scored, np.ndarray]]:
         """Yield each run with its part, (channels, samples, ...), of a row of an equation's residuals."""
         start, count = 0, len(equation.channels)
         for one in self.scored:
@@ -90,10 +93,12 @@ class Problem:
             yield one, row[start:end].reshape(count, one.samples, *row.shape[1:])
             start = end
 
-    def blocks(self, effects, values, names: tuple[str, ...]) -> dict[str, Block]:
+    def blocks(
+        self, effects: tuple[str, ...], values: Mapping[str, float], names: tuple[str, ...]
+    ) -> dict[str, Block]:
         """Return residuals and derivatives by those of `names` that matter, of every equation."""
         tasks = [(equation, one) for equation in self.system.equations for one in self.scored]
-        pieces = list(_POOL.map(lambda task: self._linearised(*task, effects, values, names), tasks))
+        pieces = list(_POOL.map(lambda t: self._linearised(t[0], t[1], effects, values, names), tasks))
         blocks = {}
         for equation in self.system.equations:
             own = [piece for task, piece in zip(tasks, pieces, strict=True) if task[0] is equation]
@@ -106,23 +111,32 @@ class Problem:
             )
         return blocks
 
-    def _chosen(self, equation, pieces: Sequence[np.ndarray]) -> np.ndarray:
+    def _chosen(self, equation: Equation, pieces: Sequence[np.ndarray]) -> np.ndarray:
         """Return the samples that are shown of an equation's pieces, joined."""
         whole = np.concatenate(pieces)
         return whole[self._shown[equation.name]] if equation.name in self._shown else whole
 
-    def _whitened(self, equation, one: Scored, effects, values) -> list[np.ndarray]:
+    def _whitened(
+        self, equation: Equation, one: Scored, effects: tuple[str, ...], values: Mapping[str, float]
+    ) -> list[np.ndarray]:
         """Return whitened residuals, one entry a channel, of one run."""
         raw = self.replay.residuals(one.run, equation, effects, values)
         return [one.white(c, raw[:, i]) for i, c in enumerate(equation.channels)]
 
-    def _joined(self, equation, pieces: Sequence[list[np.ndarray]]) -> np.ndarray:
+    def _joined(self, equation: Equation, pieces: Sequence[list[np.ndarray]]) -> np.ndarray:
         """Return the weighted residuals of an equation from those of its runs and channels."""
         return self.weights[equation.name] * self._chosen(
             equation, [row for piece in pieces for row in piece]
         )
 
-    def _linearised(self, equation, one: Scored, effects, values, names):
+    def _linearised(
+        self,
+        equation: Equation,
+        one: Scored,
+        effects: tuple[str, ...],
+        values: Mapping[str, float],
+        names: tuple[str, ...],
+    ) -> tuple[list[np.ndarray], list[np.ndarray], tuple[str, ...]]:
         """Return whitened residuals and derivatives, one entry a channel, of one run."""
         lagging = self._lagging(equation, effects) & set(names)
         smooth = tuple(name for name in names if name not in lagging)
@@ -139,11 +153,11 @@ class Problem:
         ]
         return [w[:, 0] for w in white], [w[:, 1:] for w in white], (*relevant, *sorted(lagging))
 
-    def total(self, effects, values) -> float:
+    def total(self, effects: tuple[str, ...], values: Mapping[str, float]) -> float:
         """Return the squared whitened residuals of all equations."""
         return sum_of_squares(self.residuals(effects, values))
 
-    def _lagging(self, equation, effects) -> set[str]:
+    def _lagging(self, equation: Equation, effects: tuple[str, ...]) -> set[str]:
         """Return parameters that shift what an equation sees in time: differentiated by differences."""
         return {
             f"{name}.{q.name}"

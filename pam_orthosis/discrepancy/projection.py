@@ -12,7 +12,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.free import WIDE, with_scales
-from pam_orthosis.discrepancy.problem import Problem
+from pam_orthosis.discrepancy.problem import Block, Problem
 
 SHAPE_SCALES = (0.05, 0.3, 1.0)  # of the shape corrections' priors: how good may the maps be?
 
@@ -31,12 +31,13 @@ class Level:
     scales: Mapping[str, float]
     weight: np.ndarray
     centre: np.ndarray
-    factor: tuple
+    factor: tuple[np.ndarray, bool]
     occam: float
 
     def gradient(self, position: np.ndarray) -> np.ndarray:
         """Return the priors' gradient at scaled ordinary parameters."""
-        return self.weight**2 * (position - self.centre)
+        gradient: np.ndarray = self.weight**2 * (position - self.centre)
+        return gradient
 
     def cost(self, position: np.ndarray) -> float:
         """Return what the priors cost there."""
@@ -44,7 +45,8 @@ class Level:
 
     def solve(self, columns: np.ndarray) -> np.ndarray:
         """Return the inverse Hessian times columns."""
-        return cho_solve(self.factor, columns)
+        solution: np.ndarray = cho_solve(self.factor, columns)
+        return solution
 
 
 class Projection:
@@ -92,7 +94,7 @@ class Projection:
         out[place] = matrix @ columns
         return out
 
-    def _scaled(self, block) -> tuple[np.ndarray, np.ndarray]:
+    def _scaled(self, block: Block) -> tuple[np.ndarray, np.ndarray]:
         """Return the derivatives by the scaled ordinary parameters, transposed, and their places."""
         kept = [i for i, name in enumerate(block.names) if name in self._index]
         place = np.array([self._index[block.names[i]] for i in kept], dtype=int)
@@ -103,13 +105,16 @@ class Projection:
 
         Where friction sticks the way down that it shows is not there.
         """
-        return self.state({})[0] + level.gradient(self.position)
+        stuck: np.ndarray = self.state({})[0] + level.gradient(self.position)
+        return stuck
 
     def cost(self, residuals: Mapping[str, np.ndarray]) -> float:
         """Return the least cost over ordinary parameters and levels, given residuals of changed equations."""
         return self.best(*self.state(residuals))[0]
 
-    def best(self, right: np.ndarray, squares: float, position: np.ndarray | None = None):
+    def best(
+        self, right: np.ndarray, squares: float, position: np.ndarray | None = None
+    ) -> tuple[float, Level]:
         """Return the least cost (with what its level costs) and the level.
 
         `position`: the scaled ordinary parameters at which the residuals were got (those of the base).
@@ -117,7 +122,9 @@ class Projection:
         found = [(self.cost_at(level, right, squares, position), level) for level in self.levels]
         return min(found, key=lambda pair: pair[0])
 
-    def cost_at(self, level: Level, right: np.ndarray, squares: float, position=None) -> float:
+    def cost_at(
+        self, level: Level, right: np.ndarray, squares: float, position: np.ndarray | None = None
+    ) -> float:
         """Return the least cost over the ordinary parameters at one level."""
         position = self.position if position is None else position
         total = right + level.gradient(position)

@@ -7,7 +7,7 @@ large one shows. A delay says nothing while pressures rest: what is seen there i
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -17,6 +17,7 @@ from pam_orthosis.discrepancy.fit import Fit, fit, score
 from pam_orthosis.discrepancy.free import of_effect
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.projection import Projection
+from pam_orthosis.discrepancy.system import Equation
 from pam_orthosis.discrepancy.together import together
 from pam_orthosis.discrepancy.trial import Trial
 
@@ -78,7 +79,7 @@ def _silences(problem: Problem, model: Fit, large: Collection[str]) -> dict[str,
     }
 
 
-def _around(problem: Problem, equation, row: np.ndarray) -> np.ndarray:
+def _around(problem: Problem, equation: Equation, row: np.ndarray) -> np.ndarray:
     """Return the largest value near each sample, recording by recording."""
     parts = [
         maximum_filter1d(part, 2 * round(AROUND / one.run.period) + 1, axis=1).ravel()
@@ -87,11 +88,11 @@ def _around(problem: Problem, equation, row: np.ndarray) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def _seconds(problem: Problem, shown) -> float:
+def _seconds(problem: Problem, shown: Mapping[str, np.ndarray]) -> float:
     """Return the time that is shown in the equation that has least of it."""
     return min(_seconds_of(problem, e, shown[e.name]) for e in problem.system.equations)
 
 
-def _seconds_of(problem: Problem, equation, shown: np.ndarray) -> float:
+def _seconds_of(problem: Problem, equation: Equation, shown: np.ndarray) -> float:
     seconds = sum(one.run.period * float(part.sum()) for one, part in problem.by_run(equation, shown))
     return seconds / len(equation.channels)

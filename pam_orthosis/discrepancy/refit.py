@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 from pam_orthosis.discrepancy.candidates import Candidate
 from pam_orthosis.discrepancy.fit import Fit, fit_tempered, score
 from pam_orthosis.discrepancy.free import free_parameters, ordinary, scales_of, with_scales
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.system import System
 from pam_orthosis.progress import Progress, silent
 
 LEFT_OVER = 1.3  # power density over noise that an effect leaves: its details are refined
@@ -25,7 +28,7 @@ def recalibrated(
     return at_best_level(*_better(problem, fits))
 
 
-def _from_simpler(problem: Problem, start) -> list[dict[str, float]]:
+def _from_simpler(problem: Problem, start: Mapping[str, float]) -> list[dict[str, float]]:
     """Return where the ordinary parameters lie for the model without the effects that it has already.
 
     Friction makes a model stick: from parameters that are off it may not find back.
@@ -34,7 +37,7 @@ def _from_simpler(problem: Problem, start) -> list[dict[str, float]]:
         return []
     bare = Problem(Replay(problem.system.bare()), problem.scored)
     _, fitted = fit_tempered(bare, (), bare.replay.defaults(()), ordinary(bare.system))
-    return [start | {key: value for key, value in fitted.values.items() if key in start}]
+    return [{**start} | {key: value for key, value in fitted.values.items() if key in start}]
 
 
 def _better(problem: Problem, fits: list[tuple[Problem, Fit]]) -> tuple[Problem, Fit]:
@@ -45,12 +48,12 @@ def _better(problem: Problem, fits: list[tuple[Problem, Fit]]) -> tuple[Problem,
     return min(fits, key=lambda one: score(common, one[1])) if len(fits) > 1 else fits[0]
 
 
-def _details(system, effects) -> list[str]:
+def _details(system: System, effects: Sequence[str]) -> list[str]:
     """Return the effects that have details to refine."""
     return [name for name in effects if any(not q.fitted for q in system.catalogue[name].parameters)]
 
 
-def with_details(problem: Problem, model: Fit, tell) -> tuple[Problem, Fit]:
+def with_details(problem: Problem, model: Fit, tell: Progress) -> tuple[Problem, Fit]:
     """Return the model with the details of its effects free, if these earn it.
 
     What an effect's own form leaves over must not be named as another effect.
@@ -76,7 +79,7 @@ def at_best_level(problem: Problem, model: Fit) -> tuple[Problem, Fit]:
     return fit_tempered(problem, model.effects, model.values, free)
 
 
-def refitted(problem: Problem, base: Fit, one: Candidate, tell) -> tuple[Problem, Fit]:
+def refitted(problem: Problem, base: Fit, one: Candidate, tell: Progress) -> tuple[Problem, Fit]:
     """Return the model with a candidate, all parameters fitted, its details too if it leaves much."""
     tell(f"refitting everything with {one.name}")
     effects = (*base.effects, one.name)
@@ -86,7 +89,7 @@ def refitted(problem: Problem, base: Fit, one: Candidate, tell) -> tuple[Problem
     return with_details(weighted, model, tell) if left > LEFT_OVER else (weighted, model)
 
 
-def refined_in(system, model: Fit) -> list[str]:
+def refined_in(system: System, model: Fit) -> list[str]:
     """Return the effects whose details are free in a model."""
     known = {one.name for one in model.free}
     return [

@@ -6,9 +6,10 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import replace
 from threading import Lock
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from pam_orthosis.discrepancy.cut import Part, cut, divided
 from pam_orthosis.discrepancy.kernel import Kernel
 from pam_orthosis.discrepancy.run import Run, Shift
-from pam_orthosis.discrepancy.system import Equation, System
+from pam_orthosis.discrepancy.system import Assembled, Equation, System
 
 STEP_TIMES_RATE = 1.4  # longest Runge-Kutta step times the fastest eigenvalue (stable up to 2.78)
 MOST_SUBSTEPS = 64
@@ -31,12 +32,12 @@ class Replay:
     def __init__(self, system: System):
         self.system = system
         self._nominal = Shift(inputs=system.late)
-        self._parts: dict = {}
-        self._kernels: dict = {}
+        self._parts: dict[tuple[str, tuple[str, ...], bool], tuple[Part, ...]] = {}
+        self._kernels: dict[Hashable, Kernel] = {}
         self._touched: dict[str, frozenset[str]] = {}
-        self._memory: OrderedDict = OrderedDict()
-        self._data: dict = {}
-        self._latest = None
+        self._memory: OrderedDict[tuple[Any, ...], np.ndarray] = OrderedDict()
+        self._data: dict[tuple[int, str], np.ndarray] = {}
+        self._latest: tuple[tuple[str, ...], Assembled, Assembled] | None = None
         self._tidying = Lock()
         effects = system.bare().catalogue.values()  # those that the model has already among them
         self._scales = {n: s for one in effects for n, s in zip(one.states, one.scales, strict=True)}
@@ -65,13 +66,18 @@ class Replay:
         return self._touched[effect]
 
     def residuals(
-        self, run: Run, equation: Equation, effects: tuple[str, ...], values: Mapping
+        self, run: Run, equation: Equation, effects: tuple[str, ...], values: Mapping[str, float]
     ) -> np.ndarray:
         """Return recorded minus predicted, (n, channels of the equation)."""
         return self._evaluate(run, equation, effects, values, ())
 
     def sensitivities(
-        self, run: Run, equation: Equation, effects: tuple[str, ...], values: Mapping, wrt: tuple[str, ...]
+        self,
+        run: Run,
+        equation: Equation,
+        effects: tuple[str, ...],
+        values: Mapping[str, float],
+        wrt: tuple[str, ...],
     ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
         """Return residuals (n, c), their derivatives (n, c, k), and the k parameters of `wrt` that matter.
 
@@ -104,7 +110,14 @@ class Replay:
         typical = _Values({q.name: q.typical for q in effect.parameters})
         return len(equation.channels) == 1 or not set(equation.channels) & set(effect.advance(typical))
 
-    def _evaluate(self, run, equation, effects, values, wrt):
+    def _evaluate(
+        self,
+        run: Run,
+        equation: Equation,
+        effects: tuple[str, ...],
+        values: Mapping[str, float],
+        wrt: tuple[str, ...],
+    ) -> np.ndarray:
         """Return residuals (n, channels), with `wrt` (n, channels, 1 + len(wrt)): the derivatives behind."""
         parts, shift = self._parts_of(equation, effects), self._shift(equation, effects, values)
         if len(parts) == 1:
@@ -123,7 +136,15 @@ class Replay:
                     joined[:, row] = result[:, i]
         return joined
 
-    def _evaluate_part(self, run, equation, part, values, shift, wrt):
+    def _evaluate_part(
+        self,
+        run: Run,
+        equation: Equation,
+        part: Part,
+        values: Mapping[str, float],
+        shift: Shift,
+        wrt: tuple[str, ...],
+    ) -> np.ndarray:
         theta = np.array([values[name] for name in part.parameters])
         key = (run.serial, part.channels, part.parameters, wrt, theta.tobytes(), shift.key())
         known = self._memory.get(key)
@@ -148,7 +169,7 @@ class Replay:
             self._data[key] = run.data(equation, self._nominal)
         return self._data[key]
 
-    def _shift(self, equation: Equation, effects, values) -> Shift:
+    def _shift(self, equation: Equation, effects: tuple[str, ...], values: Mapping[str, float]) -> Shift:
         advance: dict[str, float] = {}
         own, late = 0.0, self.system.late
         for name in effects:
@@ -183,15 +204,15 @@ class Replay:
                 self._parts[key] = tuple(cut(self.system, whole, static, piece, late) for piece in pieces)
         return self._parts[key]
 
-    def _assembled(self, effects: tuple[str, ...]):
+    def _assembled(self, effects: tuple[str, ...]) -> tuple[Assembled, Assembled]:
         """Return the assembly with effects on, and the same without lagging sensors."""
         if self._latest is None or self._latest[0] != effects:
             whole = static = self.system.assemble(effects)
             rest = tuple(name for name in effects if self.system.catalogue[name].advance is None)
             if rest != effects:
                 static = _with_theta_of(whole, self.system.assemble(rest))
-            self._latest = (effects, whole, static)
-        return self._latest[1:]
+            self._latest = effects, whole, static
+        return self._latest[1], self._latest[2]
 
     def _kernel(self, part: Part, wrt: tuple[str, ...]) -> Kernel:
         key = (part.channels, part.parameters, wrt, part.late)
@@ -229,7 +250,7 @@ class _Values:
         self.__dict__.update(values)
 
 
-def _with_theta_of(whole, rest):
+def _with_theta_of(whole: Assembled, rest: Assembled) -> Assembled:
     """Return the assembly `rest` in terms of the parameters of `whole`."""
     chosen = ca.vertcat(*(whole.theta[whole.parameters.index(name)] for name in rest.parameters))
     names = list(rest.measured)

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import count
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -14,6 +15,7 @@ from pam_orthosis.discrepancy.cut import Part
 from pam_orthosis.discrepancy.data import Recording, smoothed
 from pam_orthosis.discrepancy.system import Equation, System
 
+Noise = Mapping[str, np.ndarray]  # channel or input -> samples that are added to it
 _SERIAL = count()
 
 
@@ -31,7 +33,7 @@ class Shift:
     inputs: float = 0.0
     advance: Mapping[str, float] = field(default_factory=dict)
 
-    def key(self) -> tuple:
+    def key(self) -> tuple[Any, ...]:
         """Return what tells shifts apart."""
         return self.own, self.inputs, *sorted(self.advance.items())
 
@@ -46,7 +48,7 @@ class Run:
         noise: channel or input -> samples added to the recorded ones (to see what noise does).
     """
 
-    def __init__(self, system: System, recording: Recording, cutoff: float, noise: Mapping | None = None):
+    def __init__(self, system: System, recording: Recording, cutoff: float, noise: Noise | None = None):
         self.recording, self.period = recording, recording.period
         self.serial = next(_SERIAL)
         noise = noise or {}
@@ -80,7 +82,8 @@ class Run:
 
     def start(self, part: Part) -> np.ndarray:
         """Return the first state: as measured, effect states at rest."""
-        return self.states(part, np.zeros(1, int))[0]
+        first: np.ndarray = self.states(part, np.zeros(1, int))[0]
+        return first
 
     def states(self, part: Part, places: np.ndarray) -> np.ndarray:
         """Return the states at some samples, (k, states): as measured, effect states at rest."""
@@ -115,7 +118,8 @@ class Run:
         if seconds == 0.0:
             return values
         time = np.arange(len(values)) * self.period
-        return CubicSpline(time, values)(np.clip(time + seconds, 0.0, time[-1]))
+        advanced: np.ndarray = CubicSpline(time, values)(np.clip(time + seconds, 0.0, time[-1]))
+        return advanced
 
 
 def _held_back(rows: np.ndarray, count: int) -> np.ndarray:

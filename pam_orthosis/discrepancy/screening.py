@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from pam_orthosis.discrepancy.candidates import Candidate, candidate, secant_gain, widened_shape
@@ -11,6 +13,7 @@ from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.together import together
 from pam_orthosis.discrepancy.trial import Trial
+from pam_orthosis.progress import Progress
 
 LEAST_SCREEN = 6.0  # gain of a score test below which a fit is not worth its time
 LEAST_OF_BAR = 0.15  # the same, of the evidence that is asked for
@@ -23,7 +26,7 @@ SECOND_START = 0.3  # of the best start's gain: a second start is tried
 
 
 def fitted_candidates(
-    problem: Problem, base: Fit, most: int, bars, tell
+    problem: Problem, base: Fit, most: int, bars: Mapping[str, float], tell: Progress
 ) -> tuple[list[Candidate], dict[str, float]]:
     """Return the candidates that a score test lets through, fitted, best evidence first, and all gains.
 
@@ -34,7 +37,7 @@ def fitted_candidates(
     names = [name for name in problem.system.candidates if name not in base.effects and touched(name)]
     shapes = [name for name in problem.system.shapes if name not in base.effects and touched(name)]
 
-    def screen(name):
+    def screen(name: str) -> tuple[float, Trial, list[np.ndarray]]:
         trial = Trial(projection, name)
         starts = trial.starts()
         gains = [secant_gain(projection, trial, start) for start in starts]
@@ -62,7 +65,7 @@ def _room(problem: Problem, name: str) -> float:
     return max(1 / problem.weights[equation] ** 2 for equation in problem.replay.touched(name))
 
 
-def worth_polishing(problem: Problem, ranked: list[Candidate], bars) -> list[Candidate]:
+def worth_polishing(problem: Problem, ranked: list[Candidate], bars: Mapping[str, float]) -> list[Candidate]:
     """Return the candidates that a full fit may lift over what is asked of them."""
     near = [
         one

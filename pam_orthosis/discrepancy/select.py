@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 from pam_orthosis.discrepancy import quiet, selection
 from pam_orthosis.discrepancy.confirmation import (
     LEAST_T,
@@ -22,8 +24,9 @@ from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.refit import at_best_level, recalibrated, refitted, with_details
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.screening import fitted_candidates, worth_polishing
-from pam_orthosis.discrepancy.selection import Selection, Step
+from pam_orthosis.discrepancy.selection import Ranking, Selection, Step
 from pam_orthosis.discrepancy.together import together
+from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress, silent
 
 ASKED_IN_SILENCE = 3
@@ -32,7 +35,7 @@ ASKED_IN_SILENCE = 3
 def search(
     problem: Problem,
     held_out: Problem,
-    settings,
+    settings: Section,
     tell: Progress = silent,
     present: tuple[str, ...] = (),
 ) -> Selection:
@@ -47,7 +50,9 @@ def search(
     return extended(*recalibrated(problem, tell, present), held_out, settings, tell)
 
 
-def extended(problem: Problem, base: Fit, held_out: Problem, settings, tell: Progress = silent) -> Selection:
+def extended(
+    problem: Problem, base: Fit, held_out: Problem, settings: Section, tell: Progress = silent
+) -> Selection:
     """Return what the search adds to a recalibrated model; arguments as for `search`."""
     found = Selection(problem, base, problem, base, present=_earned(problem, base, tell))
     while len(found.final.effects) < settings.effects:
@@ -56,7 +61,7 @@ def extended(problem: Problem, base: Fit, held_out: Problem, settings, tell: Pro
         if step.accepted is None and step.blocked:
             step = _round_in_silence(found, held_out, step, settings, tell)
             found.steps.append(step)
-        if step.accepted is None:
+        if step.accepted is None or step.problem is None or step.fit is None:
             break
         tell(f"added {step.accepted} (evidence {step.evidence:.0f}, held-out t {step.held_out_t:.1f})")
         found.final_problem, found.final = at_best_level(*with_details(step.problem, step.fit, tell))
@@ -66,7 +71,7 @@ def extended(problem: Problem, base: Fit, held_out: Problem, settings, tell: Pro
     return found
 
 
-def _earned(problem: Problem, base: Fit, tell) -> dict[str, tuple[float, frozenset[str]]]:
+def _earned(problem: Problem, base: Fit, tell: Progress) -> dict[str, tuple[float, frozenset[str]]]:
     """Return what each effect that the model has already earns in these recordings, and where.
 
     A model that an earlier search has found keeps what it knew: beside a large effect a small one needs more.
@@ -86,10 +91,11 @@ def _earned(problem: Problem, base: Fit, tell) -> dict[str, tuple[float, frozens
 
 def _alike(step: Step) -> dict[str, float]:
     """Return by how much of what an effect has gained the other candidates would have."""
-    return {name: gain / step.gains[step.accepted] for name, gain in step.gains.items()}
+    own = step.gains[str(step.accepted)]
+    return {name: gain / own for name, gain in step.gains.items()}
 
 
-def _round(found: Selection, held_out: Problem, settings, tell) -> Step:
+def _round(found: Selection, held_out: Problem, settings: Section, tell: Progress) -> Step:
     problem, base = found.final_problem, found.final
     bars = {name: selection.bar(found, name, settings) for name in problem.system.catalogue}
     ranked, gains = fitted_candidates(problem, base, settings.screened, bars, tell)
@@ -109,7 +115,15 @@ def _round(found: Selection, held_out: Problem, settings, tell) -> Step:
     return _accepted(problem, base, held_out, able[:2], told, gains, blocked)
 
 
-def _accepted(problem: Problem, base: Fit, held_out: Problem, able, told, gains, blocked=()) -> Step:
+def _accepted(
+    problem: Problem,
+    base: Fit,
+    held_out: Problem,
+    able: Sequence[tuple[float, Problem, Fit]],
+    told: Ranking,
+    gains: Mapping[str, float],
+    blocked: tuple[str, ...] = (),
+) -> Step:
     """Return the step with the first of some models that held-out recordings confirm, or why none is.
 
     What is refused is the first one: its evidence, its t value and the reason belong together.
@@ -131,13 +145,15 @@ def _accepted(problem: Problem, base: Fit, held_out: Problem, able, told, gains,
     return refused[0]
 
 
-def _round_in_silence(found: Selection, held_out: Problem, last: Step, settings, tell) -> Step:
+def _round_in_silence(
+    found: Selection, held_out: Problem, last: Step, settings: Section, tell: Progress
+) -> Step:
     """Return the step with the best of the effects that only larger ones kept from being added.
 
     It needs its evidence where these are silent.
     """
     problem, base = found.final_problem, found.final
-    seen = {}
+    seen: dict[str, float] = {}
     for large, names in _by_larger(found, last.blocked[:ASKED_IN_SILENCE], settings).items():
         tell(f"looking for {', '.join(names)} where {', '.join(sorted(large))} is inactive")
         seen |= quiet.evidence(problem, base, names, large)
@@ -157,7 +173,7 @@ def _round_in_silence(found: Selection, held_out: Problem, last: Step, settings,
     return step
 
 
-def _by_larger(found: Selection, names, settings) -> dict[frozenset[str], list[str]]:
+def _by_larger(found: Selection, names: Sequence[str], settings: Section) -> dict[frozenset[str], list[str]]:
     """Return effects by the larger ones that kept them from being added."""
     groups: dict[frozenset[str], list[str]] = {}
     for name in names:

@@ -9,6 +9,9 @@ from dataclasses import dataclass, field
 from pam_orthosis.discrepancy.candidates import penalty
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.problem import Problem
+from pam_orthosis.model.parameters import Section
+
+Ranking = tuple[tuple[str, float], ...]  # effects with their evidence, best first
 
 
 @dataclass(frozen=True)
@@ -23,7 +26,7 @@ class Step:
     problem: Problem | None
     evidence: float
     held_out_t: float
-    ranked: tuple[tuple[str, float], ...]
+    ranked: Ranking
     reason: str
     gains: Mapping[str, float] = field(default_factory=dict)
     blocked: tuple[str, ...] = ()
@@ -56,7 +59,7 @@ class Selection:
     present: dict[str, tuple[float, frozenset[str]]] = field(default_factory=dict)
 
 
-def bar(found: Selection, name: str, settings) -> float:
+def bar(found: Selection, name: str, settings: Section) -> float:
     """Return the evidence that an effect needs: more beside another one in its equation that has much.
 
     What the exact form of a large effect leaves over looks like a small one, most of all like one that
@@ -65,14 +68,14 @@ def bar(found: Selection, name: str, settings) -> float:
     return max([least(found, name, settings), *_asked_beside(found, name, settings).values()])
 
 
-def least(found: Selection, name: str, settings) -> float:
+def least(found: Selection, name: str, settings: Section) -> float:
     """Return the evidence that an effect needs in any case: more beside what the model had before."""
     touched = found.problem.replay.touched(name)
     present = [evidence for evidence, equations in found.present.values() if equations & touched]
-    return max([settings.threshold, *(settings.share * evidence for evidence in present)])
+    return float(max([settings.threshold, *(settings.share * evidence for evidence in present)]))
 
 
-def _asked_beside(found: Selection, name: str, settings) -> dict[str, float]:
+def _asked_beside(found: Selection, name: str, settings: Section) -> dict[str, float]:
     """Return the evidence that an effect needs for each other one, if it was not seen in its silence."""
     touched = found.problem.replay.touched
     return {
@@ -83,23 +86,25 @@ def _asked_beside(found: Selection, name: str, settings) -> dict[str, float]:
     }
 
 
-def _share(found: Selection, other: str, name: str, settings) -> float:
+def _share(found: Selection, other: str, name: str, settings: Section) -> float:
     """Return the share of another effect's evidence that an effect needs beside it.
 
     What chance does to the state of a play looks like anything.
     """
     chance = bool(found.problem.system.catalogue[other].held)
     alike = 1.0 if chance else min(1.0, found.alike[other].get(name, 0.0))
-    return max(settings.least_share, settings.share * alike)
+    return float(max(settings.least_share, settings.share * alike))
 
 
-def larger(found: Selection, name: str, settings) -> frozenset[str]:
+def larger(found: Selection, name: str, settings: Section) -> frozenset[str]:
     """Return the effects beside which a small one needs more evidence than alone."""
     asked = _asked_beside(found, name, settings)
     return frozenset(other for other, evidence in asked.items() if evidence > settings.threshold)
 
 
-def blocked(found: Selection, bars, gains, told, settings) -> tuple[str, ...]:
+def blocked(
+    found: Selection, bars: Mapping[str, float], gains: Mapping[str, float], told: Ranking, settings: Section
+) -> tuple[str, ...]:
     """Return effects that only larger ones keep from being added, the most evident first."""
     system, base = found.problem.system, found.final
     possible = {

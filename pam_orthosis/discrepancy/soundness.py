@@ -116,6 +116,8 @@ def _check_equations(system: System) -> None:
         for name in equation.channels:
             _known(f"equation {equation.name}", name, [one.name for one in system.channels])
             _check_gains(system, equation, system.channel(name))
+        if not equation.states:
+            raise OrthosisError(f"equation {equation.name}: no channel shows a state, nothing holds a replay")
         for state in equation.states:
             _known(f"equation {equation.name}: states", state, [*measured, *system.derived])
 

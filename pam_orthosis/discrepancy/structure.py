@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
 from pam_orthosis.discrepancy.fit import Fit, misfit, normal_equations, peak
-from pam_orthosis.discrepancy.problem import Problem
+from pam_orthosis.discrepancy.problem import Problem, Scored
+from pam_orthosis.discrepancy.system import Equation, System
 
 # density of whitened residuals over white noise where it is largest; noise alone reaches 1 to 1.7
 CLEAN = 2.5
@@ -74,12 +76,12 @@ def _followed(problem: Problem, model: Fit) -> dict[str, np.ndarray]:
     return {name: b.residual + b.slopes @ np.array([moved[n] for n in b.names]) for name, b in blocks.items()}
 
 
-def clean(places: list[Where]) -> bool:
+def clean(places: Sequence[Where]) -> bool:
     """Whether nothing but noise is left."""
     return all(one.clean for one in places)
 
 
-def _lengths(problem: Problem, equation) -> tuple[int, ...]:
+def _lengths(problem: Problem, equation: Equation) -> tuple[int, ...]:
     """Return the scored samples of each channel of each run."""
     lengths = [one.samples for one in problem.scored]
     return tuple(sorted(lengths * len(equation.channels)))
@@ -96,9 +98,12 @@ def _reach(lengths: tuple[int, ...]) -> float:
     return max(CLEAN, float(np.quantile(drawn, QUANTILE)))
 
 
-def _coordinates(problem: Problem, equation, residual: np.ndarray):
+def _coordinates(
+    problem: Problem, equation: Equation, residual: np.ndarray
+) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
     """Return how much of the residual each signal explains by conditional means, and where it is largest."""
-    shares, regions = {}, {}
+    shares: dict[str, list[float]] = {}
+    regions: dict[str, list[tuple[float, float, float]]] = {}
     for one, part in problem.by_run(equation, residual):
         signals = signals_of(problem.system, one)
         for piece in part:
@@ -109,7 +114,7 @@ def _coordinates(problem: Problem, equation, residual: np.ndarray):
     return dict(ordered), {name: max(many)[1:] for name, many in regions.items()}
 
 
-def signals_of(system, one) -> dict[str, np.ndarray]:
+def signals_of(system: System, one: Scored) -> dict[str, np.ndarray]:
     """Return what a residual may depend on: channels, inputs, velocities, phase of the cycle, time.
 
     Behind the recording's warm-up, by the recording's clock; a phase only where the motion repeats itself.
@@ -149,7 +154,8 @@ def _cycle_phase(signal: np.ndarray, period: float, passed: int) -> np.ndarray |
     best = low + int(np.argmax(correlation[low:high]))
     if correlation[best] < REPEATS:
         return None
-    return (passed + np.arange(len(signal))) % best / best
+    phase: np.ndarray = (passed + np.arange(len(signal))) % best / best
+    return phase
 
 
 def _region(residual: np.ndarray, signal: np.ndarray) -> tuple[float, float, float]:

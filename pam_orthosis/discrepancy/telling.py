@@ -9,7 +9,9 @@ says whether they can be told apart.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +19,7 @@ from pam_orthosis.discrepancy.candidates import penalty
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.problem import Block, Problem
 from pam_orthosis.discrepancy.projection import Projection
+from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.together import together
 from pam_orthosis.discrepancy.trial import Trial
 from pam_orthosis.progress import Progress, silent
@@ -90,10 +93,14 @@ def _gram(projection: Projection, trials: list[Trial], progress: Progress) -> np
                 shared[:, i] += projection.correlated(name, rows[name][i])
 
     together(seen, range(len(trials)), progress, "computing what these data can show")
-    return sum(row @ row.T for row in rows.values()) - shared.T @ level.solve(shared)
+    total: Any = sum(row @ row.T for row in rows.values())
+    gram: np.ndarray = total - shared.T @ level.solve(shared)
+    return gram
 
 
-def _experiments(system, invisible, alike) -> tuple[str, ...]:
+def _experiments(
+    system: System, invisible: Sequence[str], alike: Sequence[tuple[str, str, float]]
+) -> tuple[str, ...]:
     wanted = [*invisible, *(name for a, b, _ in alike for name in (a, b))]
     votes = Counter(test for name in wanted for test in system.experiments(name))
     return tuple(name for name, _ in votes.most_common())

@@ -12,7 +12,8 @@ from threadpoolctl import threadpool_limits
 from pam_orthosis.progress import Progress, silent
 
 THREADS = 2
-One, Result = TypeVar("One"), TypeVar("Result")
+One = TypeVar("One")
+Result = TypeVar("Result")
 
 
 def together(

@@ -10,9 +10,9 @@ from typing import Any
 from pam_orthosis.discrepancy.beginning import Beginning
 from pam_orthosis.discrepancy.findings import Named
 from pam_orthosis.discrepancy.judgement import Outcome, beyond
-from pam_orthosis.discrepancy.measure import OVERALL, over_noise
-from pam_orthosis.discrepancy.structure import clean
-from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.measure import OVERALL, Gap, over_noise
+from pam_orthosis.discrepancy.structure import Where, clean
+from pam_orthosis.discrepancy.system import Channel, System
 from pam_orthosis.discrepancy.telling import Telling
 from pam_orthosis.model.parameters import Parameters, experiments, scenario_names
 
@@ -82,12 +82,12 @@ def _gap(outcome: Outcome, which: str) -> dict[str, Any]:
     return {**units, OVERALL: {"value": _number(gap.white[OVERALL]), "unit": "times the noise"}}
 
 
-def _places(outcome: Outcome, places, gap) -> list[dict[str, Any]]:
+def _places(outcome: Outcome, places: Sequence[Where], gap: Gap) -> list[dict[str, Any]]:
     kept = over_noise(outcome.system, gap, outcome.floor)
     return [_place(one, kept[one.equation]) for one in places]
 
 
-def _place(one, kept: float) -> dict[str, Any]:
+def _place(one: Where, kept: float) -> dict[str, Any]:
     told = list(one.coordinates.items())[:4]
     return {
         "equation": one.equation,
@@ -181,7 +181,7 @@ def describe_where(start: Beginning) -> str:
     return "\n".join(lines)
 
 
-def _range(system: System, name: str, regions) -> str:
+def _range(system: System, name: str, regions: Mapping[str, tuple[float, float]]) -> str:
     channel = next((c for c in system.channels if c.name == name), None)
     unit = "of the cycle" if name == "phase" else system.unit(name) or "(SI)"
     factor, unit = (1.0, unit) if channel is None else (channel.report_factor, channel.report_unit)
@@ -231,18 +231,18 @@ def _left(outcome: Outcome) -> list[str]:
     return lines
 
 
-def _row(outcome: Outcome, channel) -> str:
+def _row(outcome: Outcome, channel: Channel) -> str:
     gaps = (outcome.configured, outcome.before, outcome.after, outcome.floor)
     numbers = " ".join(f"{gap.units[channel.name] * channel.report_factor:9.3f}" for gap in gaps)
     width = _width(outcome.system) + 2
     return f"{_label(channel):{width}s} {numbers}  {_share(outcome, channel.name)}"
 
 
-def _label(channel) -> str:
+def _label(channel: Channel) -> str:
     return f"{channel.name} [{channel.report_unit}]"
 
 
-def _width(system) -> int:
+def _width(system: System) -> int:
     """Return the width of the first column."""
     return max(LABEL, *(len(_label(channel)) for channel in system.channels))
 
@@ -310,7 +310,7 @@ def _answer(outcome: Outcome) -> str:
             " recordings that reach as far" + (f"; {names} added{_emptied(outcome)}" if names else "")
         )
     kept = over_noise(outcome.system, outcome.after, outcome.floor)
-    worst = max(kept, key=kept.get)
+    worst = max(kept, key=lambda name: kept[name])
     left = f"UNEXPLAINED: in the {worst} equation {kept[worst]:.1f} times the noise is left"
     if outcome.surrogates:
         return f"{left}; no model of the catalogue explains half of the gap"

@@ -40,10 +40,12 @@ class Whitener:
             self._responses[channel, size] = rfft(taps, size)
         response = self._responses[channel, size]
         if columns.ndim == 1:
-            return irfft(rfft(columns, size) * response, size)[:n]
+            white: np.ndarray = irfft(rfft(columns, size) * response, size)[:n]
+            return white
         # transforms along rows are several times faster than along columns
         rows = np.ascontiguousarray(columns.T)
-        return irfft(rfft(rows, size) * response, size)[:, :n].T
+        turned: np.ndarray = irfft(rfft(rows, size) * response, size)[:, :n].T
+        return turned
 
 
 def noise_levels(residuals: Mapping[str, list[np.ndarray]], periods: list[float]) -> dict[str, float]:
@@ -65,8 +67,15 @@ def _upper_power(residual: np.ndarray, period: float) -> float:
 
 
 def noise_whitener(
-    replay: Replay, run: Run, effects, values, noise: Mapping[str, float], cutoff, warm_up, seed=0
-):
+    replay: Replay,
+    run: Run,
+    effects: tuple[str, ...],
+    values: Mapping[str, float],
+    noise: Mapping[str, float],
+    cutoff: float,
+    warm_up: int,
+    seed: int = 0,
+) -> tuple[Whitener, dict[str, float]]:
     """Return the whitener of one run and each channel's rms of noise alone, from replays with noise added.
 
     Args:
@@ -93,14 +102,15 @@ def noise_whitener(
 
 
 def _density(values: np.ndarray) -> np.ndarray:
-    return welch(values, fs=1.0, nperseg=min(SEGMENT, len(values)), detrend=False)[1]
+    density: np.ndarray = welch(values, fs=1.0, nperseg=min(SEGMENT, len(values)), detrend=False)[1]
+    return density
 
 
 def _smooth(density: np.ndarray) -> np.ndarray:
     """Return the density averaged over neighbouring frequencies, the lowest ones (colour) left alone."""
     mean = np.convolve(density, np.ones(NEIGHBOURS) / NEIGHBOURS, "same")
     kept = slice(2 * NEIGHBOURS, -NEIGHBOURS)
-    out = density.copy()
+    out: np.ndarray = density.copy()
     out[kept] = mean[kept]
     return out
 
@@ -119,4 +129,5 @@ def minimum_phase(density: np.ndarray) -> np.ndarray:
     cepstrum = irfft(log_gain, size)
     cepstrum[1 : size // 2] *= 2.0
     cepstrum[size // 2 + 1 :] = 0.0
-    return irfft(np.exp(rfft(cepstrum)), size)[:TAPS]
+    taps: np.ndarray = irfft(np.exp(rfft(cepstrum)), size)[:TAPS]
+    return taps

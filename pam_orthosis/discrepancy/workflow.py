@@ -40,7 +40,7 @@ def find_gap(
     return search(begin(system, training, held_out, settings, tell, replay), settings, tell)
 
 
-def search(start: Beginning, settings, tell: Progress = silent) -> Outcome:
+def search(start: Beginning, settings: Section, tell: Progress = silent) -> Outcome:
     """Return which effects explain what a recalibrated model leaves."""
     found = select.extended(start.problem, start.null, start.held_out, settings.evidence, tell)
     tell("measuring the gap on held-out recordings")

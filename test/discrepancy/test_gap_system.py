@@ -77,19 +77,19 @@ def test_without_friction_nothing_is_named(tmp_path, capsys):
 
 MISTAKES = {
     "": ("", "it has no function system()"),
-    "def system():": ("def system(:", ", line 46: SyntaxError"),
+    "def system():": ("def system(:", ", line 48: SyntaxError"),
     "s.current -": (
         "s.curent -",
-        ", line 14: there is no signal 'curent'; there are: position, velocity, cur",
+        ", line 16: there is no signal 'curent'; there are: position, velocity, cur",
     ),
-    "p.motor *": ("p.motr *", ", line 14: there is no parameter 'motr'; there are: mass, motor, damping"),
+    "p.motor *": ("p.motr *", ", line 16: there is no parameter 'motr'; there are: mass, motor, damping"),
     'stage="force",\n    parameters=(\n        Quantity("level", 3.0': (
         'stage="torque",\n    parameters=(\n        Quantity("level", 3.0',
         "effect friction: the equations assign no signal 'torque', its stage; they assign force",
     ),
     ', "velocity": s.force / p.mass': ("", "rates that the equations return: velocity is missing"),
     'states=["position"': ('states=["positon"', "channel position: 'position' is none of the states"),
-    'Channel("position", "position"': ('Channel("position", None', "nothing that is predicted"),
+    'Channel("position", "position"': ('Channel("position", None', "no channel shows a state"),
     '"N", 0.0, 50.0, "dry': ('"N", 5.0, 50.0, "dry', "effect friction: level: 3.0 is not inside its bounds"),
     '2.0, "kg", 0.06': ('2.0, "kg", -0.06', "tolerance of mass: -0.06 is not above 0"),
     'Parameter("damping"': ('Parameter("mass"', "parameters: 'mass' is there twice"),
