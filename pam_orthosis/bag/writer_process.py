@@ -62,12 +62,14 @@ class BagWriterProcess:
         self._folder, self._run, self._waiting = Path(folder).absolute(), dict(run), waiting
         self._answered, answers = Pipe(duplex=False)
         command = [sys.executable, "-m", "pam_orthosis.bag.writer_process", str(answers.fileno())]
-        silent = {"stdout": subprocess.DEVNULL, "pass_fds": [answers.fileno()]}
+        silent: dict[str, Any] = {"stdout": subprocess.DEVNULL, "pass_fds": [answers.fileno()]}
         with writing(folder), deaf_children(), answers:  # it ends with what it is sent
             self._process = subprocess.Popen(command, stdin=subprocess.PIPE, bufsize=0, **silent)
+        assert self._process.stdin is not None  # it is a pipe
+        self._pipe = self._process.stdin
         with suppress(OSError):  # more than the system allows
-            fcntl.fcntl(self._process.stdin, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
-        os.set_blocking(self._process.stdin.fileno(), False)
+            fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
+        os.set_blocking(self._pipe.fileno(), False)
         self._idleness, self._asked = Idleness(self._process.pid), False
         self._topics: list[tuple[str, str, bool]] = []
         self._unsent = bytearray()
@@ -150,12 +152,12 @@ class BagWriterProcess:
     def _send(self) -> None:
         with suppress(BlockingIOError, BrokenPipeError):  # it stands still, or has ended: both are seen
             while self._unsent:
-                del self._unsent[: os.write(self._process.stdin.fileno(), self._unsent)]
+                del self._unsent[: os.write(self._pipe.fileno(), self._unsent)]
 
     def _wait(self) -> None:
         """Wait a moment for the other process."""
         self.look()
-        writable = [self._process.stdin] if self._unsent else []
+        writable = [self._pipe] if self._unsent else []
         select.select([self._answered], writable, [], LOOK_SECONDS)
         self._waiting()
 

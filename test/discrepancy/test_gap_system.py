@@ -2,7 +2,6 @@
 """Systems of one's own: searched as ours are; what is wrong with them is said in one line."""
 
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -299,11 +298,3 @@ def test_what_an_effect_adds_to_must_come_at_its_stage_or_later():
         _two_tanks(effects=adding("passed")).system().assemble(("leak",))
     with pytest.raises(OrthosisError, match="adds to 'nothing', which is never assigned"):
         _two_tanks(effects=adding("nothing")).system().assemble(("leak",))
-
-
-def test_the_example_of_the_documentation_is_a_system(tmp_path):
-    page = Path(__file__).resolve().parents[2] / "docs" / "howto" / "extend.md"
-    file = tmp_path / "carriage.py"
-    file.write_text(re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.S)[-1])
-    system = load_system(file)
-    assert (system.name, system.derived) == ("carriage", {"velocity": "position"})
