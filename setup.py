@@ -37,6 +37,7 @@ TEST = [
     "colcon-common-extensions>=0.3",
     "hypothesis>=6",
     "mcap-ros2-support>=0.5",
+    "mypy>=1.15",
     "playwright>=1.40",
     "ament-lint-pep257>=0.14",
     "flake8>=6",
