@@ -172,8 +172,8 @@ def gap_peer() -> str:
     cases, peer = (gap_table.read(RESULTS / f"gap_{name}_626262.jsonl") for name in ("blind", "peer"))
     lines = gap_table.beside(cases, peer).splitlines()
     head, _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
-    short = [(f"{kind}, {size}", method, number, *rest) for kind, size, number, method, *rest in rows]
-    return table(("cases", "method", "number", *head[4:]), short)
+    short = [(f"{kind}, {size} ({number})", method, *rest) for kind, size, number, method, *rest in rows]
+    return table(("cases", "method", *head[4:]), short)
 
 
 def control() -> str:
