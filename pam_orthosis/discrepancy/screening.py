@@ -46,7 +46,8 @@ def fitted_candidates(
         return gains[order[0]], trial, kept
 
     screened = sorted(together(screen, names, tell, "screening effects"), key=lambda item: -item[0])
-    least = max(LEAST_SCREEN, LEAST_SHARE * screened[0][0])
+    best = screened[0][0] if screened else 0.0  # a small catalogue may be used up
+    least = max(LEAST_SCREEN, LEAST_SHARE * best)
     kept = [
         (gain, trial, starts)
         for gain, trial, starts in screened[:most]

@@ -12,13 +12,18 @@ from pam_orthosis.discrepancy.fit import fit_tempered
 from pam_orthosis.discrepancy.free import free_parameters
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.improvement import learned
+from pam_orthosis.model.delay import NANOSECONDS, computing_ns, line_ns
+from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.parameters import load
 
 TRUE = 4.3e-3  # s, no whole number of periods
 SECONDS = 14.0
 EFFECT = ("valve_delay",)
+# the delay, what looks like it, and what the shipped hardware has beside it
+AMONG = (*EFFECT, "valve_lag", "valve_dead_band", "joint_friction", "muscle_hysteresis")
 
 
 def delayed(bench, nominal):
@@ -44,6 +49,24 @@ def test_a_recording_gives_by_how_much_the_nominal_delay_is_off(bench, runs, nom
     start = {**posed.replay.defaults(EFFECT), "valve_delay.delay": 1e-3}
     found = fit_tempered(posed, EFFECT, start, free_parameters(posed.system, EFFECT))[1]
     assert nominal + found.values["valve_delay.delay"] == pytest.approx(TRUE, abs=1e-4)
+
+
+def seen_delay(p):
+    """Return the time from a sample to the measured pressure that answers it: line, spool, sensor, s."""
+    spool = p.plant.effects.valve_lag
+    lag = spool.damping_ratio / (np.pi * spool.natural_frequency)
+    return (computing_ns(p) + line_ns(p)) / NANOSECONDS + lag + p.plant.effects.extensor_pressure_delay.delay
+
+
+@pytest.mark.parametrize("nominal", [0.0, 15e-3])
+def test_a_whole_search_finds_the_delay_of_the_shipped_hardware_however_wrong_the_nominal_one_is(nominal):
+    p = load({"valve.delay": nominal})
+    system = knee(p, {name: CATALOGUE[name] for name in AMONG})
+    run = ClosedLoop(p, 1).run(round(SECONDS / p.scenario.control_period))
+    outcome = find_gap(system, [from_arrays("run", system, run)], [], p.gap)
+    names = [one.name for one in outcome.effects]
+    taught = p.changed(learned.named(p, names, outcome.selection.final.values))
+    assert command_lag(taught.belief()) == pytest.approx(seen_delay(p), abs=5e-4)
 
 
 def test_the_nominal_delay_is_in_the_model(bench, runs):

@@ -40,6 +40,7 @@ from pam_orthosis.discrepancy.telling import Telling, telling
 from pam_orthosis.discrepancy.verdict import _answer, as_dict, describe, untold_words
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report import gap as gap_page
 
@@ -171,6 +172,14 @@ def test_the_effect_added_to_the_model_leaves_nothing_to_find(friction, bench):
     assert earned > 0.2 * friction.selection.evidence["joint_friction"]
     # what its form leaves over is not taken for another small effect
     assert selection.bar(outcome.selection, "viscous_friction", bench.parameters.gap.evidence) > 0.09 * earned
+
+
+def test_a_catalogue_that_is_used_up_ends_the_search(bench):
+    only = {"joint_friction": CATALOGUE["joint_friction"]}
+    few = knee.knee(bench.parameters, only)
+    training, held_out = bench.recording(1, **FRICTION), bench.recording(3, 1.7, **FRICTION)
+    outcome = find_gap(few, [training], [held_out], bench.parameters.gap)
+    assert [one.name for one in outcome.effects] == list(only)
 
 
 def test_without_voltages_the_torque_is_judged_and_the_rest_is_said(bench, tmp_path):
