@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import as_completed
 from itertools import product
 from typing import Any
@@ -19,25 +19,25 @@ from pam_orthosis.batch.unit import Unit, work
 from pam_orthosis.control import margin
 from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.model.parameters import Parameters, load
+from pam_orthosis.progress import Progress, silent
 
 DIRECTIONS = ("more", "less")
 LIMITS = ("doubled", "lost")
 
 
-def measure(
-    parameters: Parameters, workers: int, show: Callable[[str], None] = lambda _: None
-) -> dict[str, Any]:
+def measure(parameters: Parameters, workers: int, progress: Progress = silent) -> dict[str, Any]:
     """Return the margins as plain data: `margin.json` holds it.
 
     Args:
         workers: units at a time.
-        show: gets a line on each unit.
+        progress: of the units.
 
     Raises:
-        OrthosisError: the knee is lost on the hardware as it is.
+        OrthosisError: the knee is lost on the hardware as it is, or the runs end before the gait begins.
         RunFailed: a unit gave no answer.
     """
-    show("the hardware as it is")
+    _refuse_short(parameters)
+    progress("the hardware as it is")
     nominal = margin.maximum_error(parameters)
     if math.isinf(nominal):
         raise OrthosisError(
@@ -45,7 +45,7 @@ def measure(
         )
     present = margin.perturbations(parameters)
     units = [_unit(parameters, name, direction, nominal) for name, direction in product(present, DIRECTIONS)]
-    rows = _worked(units, workers, show)
+    rows = _worked(units, workers, progress)
     doubled, lost = margin.thresholds(parameters, nominal)
     return {
         "duration_s": parameters.scenario.duration,
@@ -58,23 +58,34 @@ def measure(
     }
 
 
+def _refuse_short(parameters: Parameters) -> None:
+    scenario = parameters.scenario
+    begins = scenario.start_hold + scenario.start_ramp
+    if scenario.duration < begins:
+        raise OrthosisError(
+            f"scenario.duration = {scenario.duration:g} s is too short: the gait begins after {begins:g} s;"
+            " give a cycle more than that, or the margins are those of a knee at rest"
+        )
+
+
 def _unit(parameters: Parameters, name: str, direction: str, nominal: float) -> Unit:
     shipped = load().flat()
     changed = {key: value for key, value in parameters.flat().items() if value != shipped[key]}
     return Unit(f"{name}, {direction}", __name__, (json.dumps(changed), name, direction, repr(nominal)))
 
 
-def _worked(units: Sequence[Unit], workers: int, show: Callable[[str], None]) -> dict[str, dict[str, Any]]:
+def _worked(units: Sequence[Unit], workers: int, progress: Progress) -> dict[str, dict[str, Any]]:
     """Return the answer of each unit by its name."""
     rows: dict[str, dict[str, Any]] = {}
     with local(workers) as (executor, _):
         waiting = {executor.submit(work, unit): unit for unit in units}
+        progress("margins", 0, len(units))
         for future in as_completed(waiting):
             unit, answer = waiting[future], future.result()
             if answer.complaint:
                 raise RunFailed(f"{unit.name}: {answer.complaint}")
             rows[unit.name] = dict(answer.result)
-            show(f"{len(rows)}/{len(units)} {unit.name}: {len(answer.result['runs'])} runs")
+            progress("margins", len(rows), len(units))
     return rows
 
 

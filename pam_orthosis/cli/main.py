@@ -41,6 +41,7 @@ VERBS = {
     "example": "write recordings that come with the package: bags to look at, a case for gap",
 }
 LONGEST_ERROR = 900
+AGAIN_SECONDS = 0.5  # C code may swallow what a signal raises
 TRACEBACK = "PAM_ORTHOSIS_TRACEBACK"
 _interrupted: list[int] = []
 
@@ -72,6 +73,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for number in ENDING:
                 signal.signal(number, signal.SIG_IGN)
         return status
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 def _failure(error: BaseException) -> tuple[str, int]:
@@ -102,6 +105,7 @@ def _catch_signals() -> None:
     for number in ENDING:
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, _interrupt)
+    signal.signal(signal.SIGALRM, _interrupt_again)
 
 
 def _interrupt(number: int, _frame: FrameType | None) -> None:
@@ -112,7 +116,14 @@ def _interrupt(number: int, _frame: FrameType | None) -> None:
             return
         error = error.__context__
     _interrupted.append(number)
+    signal.setitimer(signal.ITIMER_REAL, AGAIN_SECONDS, AGAIN_SECONDS)
     raise KeyboardInterrupt
+
+
+def _interrupt_again(_number: int, _frame: FrameType | None) -> None:
+    """Interrupt a verb that goes on as if it had not been asked to end, unless it deals with an error."""
+    if sys.exc_info()[1] is None:
+        raise KeyboardInterrupt
 
 
 def run_main() -> int:

@@ -15,13 +15,12 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
-import time
 from contextlib import nullcontext
 from pathlib import Path
 
 from pam_orthosis.files import as_text, claimed, output, write_files
 from pam_orthosis.model.parameters import load, scenario_overrides
+from pam_orthosis.progress import shown
 
 SECONDS = 6.0  # of the gait: the start, and one and a half cycles
 
@@ -55,8 +54,8 @@ def execute(arguments: argparse.Namespace) -> int:
     given = assignments(arguments.param)
     overrides = scenario_overrides(arguments.scenario) | {"scenario.duration": arguments.duration} | given
     parameters = with_model(load(overrides), arguments.model, given)
-    with claimed(arguments.out) if arguments.out else nullcontext():
-        margins = measure(parameters, os.cpu_count() or 1, _progress())
+    with claimed(arguments.out) if arguments.out else nullcontext(), shown("margins") as progress:
+        margins = measure(parameters, os.cpu_count() or 1, progress)
         _show({"scenario": arguments.scenario, **margins}, arguments.out, arguments.json)
     return 0
 
@@ -72,12 +71,3 @@ def _show(found: dict, folder: Path | None, as_json: bool) -> None:
             folder / "margin.png": lambda stream: margin.draw(found, stream),
         })  # fmt: skip
     print(text if as_json else table)
-
-
-def _progress():
-    start = time.monotonic()
-
-    def show(line: str) -> None:
-        print(f"[{time.monotonic() - start:5.1f} s] {line}", file=sys.stderr, flush=True)
-
-    return show

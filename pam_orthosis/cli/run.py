@@ -149,8 +149,13 @@ def _overrides(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def assignments(texts: Iterable[str]) -> dict[str, Any]:
-    """Return parameters from texts KEY=VALUE; OrthosisError for another text."""
-    return dict(_assignment(text) for text in texts)
+    """Return parameters from texts KEY=VALUE; OrthosisError for another text or a key with two values."""
+    given: dict[str, Any] = {}
+    for key, value in map(_assignment, texts):
+        if key in given and given[key] != value:
+            raise OrthosisError(f"--param {key} is given twice, as {given[key]} and {value}; give it once")
+        given[key] = value
+    return given
 
 
 def _assignment(text: str) -> tuple[str, Any]:

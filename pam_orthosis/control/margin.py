@@ -87,7 +87,7 @@ FACTORS = (
         ("plant.effects.muscle_hysteresis.half_width",), 0.5, 0.0, 10.0,
     ),
     _Factor(
-        "valve lag", "Hz", "natural frequency of the valve's spool: less is slower",
+        "valve frequency", "Hz", "natural frequency of the valve's spool: less is slower",
         ("plant.effects.valve_lag.natural_frequency",), 0.1, 0.05, 2.0,
     ),
     _Factor(

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -79,6 +80,8 @@ class Row:
             number = float(value)
         except OverflowError:  # a whole number beyond all floating-point ones
             number = math.inf
+        if 0.0 < abs(number) < sys.float_info.min:
+            raise OrthosisError(f"{self.key}: {shown(value)} is too small a number; give 0 or a larger one")
         if not math.isfinite(number):
             raise OrthosisError(f"{self.key}: {shown(value)} is not a finite number")
         return number

@@ -5,6 +5,8 @@ import os
 import signal
 import subprocess
 import sys
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -128,3 +130,17 @@ def test_what_a_module_in_c_makes_of_an_interruption_is_told_as_one(monkeypatch,
     monkeypatch.setattr(entry, "_dispatch", dispatch)
     assert entry.main([]) == 3
     assert capsys.readouterr().err == "pam-orthosis: error: interrupted\n"
+
+
+def test_a_signal_that_is_swallowed_comes_again(monkeypatch, capsys):
+    def deaf(_arguments):
+        with suppress(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(10.0)
+        for _ in range(3000):
+            time.sleep(0.01)
+        return 0
+
+    monkeypatch.setattr(entry, "_dispatch", deaf)
+    assert entry.main([]) == 3
+    assert "interrupted" in capsys.readouterr().err
