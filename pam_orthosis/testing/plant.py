@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from pam_orthosis.model.parameters import Parameters, Section
 from pam_orthosis.testing import physics
-from pam_orthosis.testing.quantities import Apparatus, Hidden, Maps
+from pam_orthosis.testing.quantities import Apparatus, Hidden, maps, muscle_and_valve
 
 ANGLE_NOISE, ANGLE_RESOLUTION = 3.5e-4, 3.8349519697141030e-4  # rad
 PRESSURE_NOISE, PRESSURE_RESOLUTION = 500.0, 244.0  # Pa
@@ -60,7 +61,8 @@ class HiddenPlant:
         self._steps = round(period / physics.STEP)
         self._a = apparatus(parameters, deviations)
         self._h = hidden
-        self._maps = _maps(parameters, deviations, misfits)
+        table = leg_table(parameters.leg, 1 + deviations.get("moving_mass", 0.0))
+        self._maps = maps(parameters.muscle.dmsp_20, leg=table, **misfits)
         self._offsets = [deviations.get(f"{name}_offset", 0.0) for name in Measurement._fields]
         self._noise = np.random.default_rng(seed)
         self._closed = parameters.valve.closed_voltage
@@ -135,30 +137,16 @@ class HiddenPlant:
 
 def apparatus(parameters: Parameters, deviations: Mapping[str, float]) -> Apparatus:
     """Return the true parameters: nominal values times one plus deviation."""
-    leg, m, valve = parameters.leg, parameters.muscle.dmsp_20, parameters.valve
-
-    def off(name: str) -> float:
-        return 1 + deviations.get(name, 0.0)
-
+    leg, m, off = parameters.leg, parameters.muscle.dmsp_20, defaultdict(float, deviations)
     return Apparatus(
+        **muscle_and_valve(m, parameters.valve, off),
+        damping=m.force.damping * (1 + off["muscle_damping"]),
+        extensor_force=1 + off["extensor_force"],
+        flexor_force=1 + off["flexor_force"],
+        supply=parameters.valve.supply_pressure * (1 + off["supply_pressure"]),
         radius=leg.cogwheel_diameter / 2,
         symmetric_angle=leg.symmetric_angle,
         symmetric_contraction=leg.symmetric_contraction,
-        damping=m.force.damping * off("muscle_damping"),
-        extensor_force=off("extensor_force"),
-        flexor_force=off("flexor_force"),
-        stroke_scale=m.map_length / m.length,
-        box_contraction=m.box.maximum_contraction,
-        box_gauge=m.box.maximum_pressure_gauge,
-        ambient=valve.ambient_pressure,
-        supply=valve.supply_pressure * off("supply_pressure"),
-        temperature=valve.temperature,
-        exponent=valve.polytropic_exponent * off("polytropic_exponent"),
-        conductance=valve.conductance * off("conductance"),
-        critical_ratio=valve.critical_ratio * off("critical_ratio"),
-        half_span=valve.maximum_voltage - valve.closed_voltage,
-        hose_conductance=valve.hose.conductance * off("hose_conductance"),
-        hose_volume=valve.hose.volume * off("hose_volume"),
         stop_low=leg.joint.minimum,
         stop_high=leg.joint.maximum,
         stop_stiffness=leg.joint.stop_stiffness,
@@ -167,22 +155,6 @@ def apparatus(parameters: Parameters, deviations: Mapping[str, float]) -> Appara
         table_step=TABLE_STEP,
         locked=float(leg.joint.locked),
     )
-
-
-def _maps(parameters: Parameters, deviations: Mapping[str, float], misfits: Mapping[str, np.ndarray]) -> Maps:
-    m = parameters.muscle.dmsp_20
-    arrays = {
-        "a": np.array(m.force.a),
-        "b": np.array(m.force.b),
-        "v": np.array(m.volume.v),
-        "w": np.array(m.volume.w),
-        "leg": leg_table(parameters.leg, 1 + deviations.get("moving_mass", 0.0)),
-        "force_waves": np.zeros((2, 1, 4)),
-        "valve_waves": np.zeros((2, 3)),
-        "volume_waves": np.zeros((2, 3)),
-        "torque": np.zeros(2),
-    }
-    return Maps(**(arrays | dict(misfits)))
 
 
 def leg_table(leg: Section, mass_factor: float) -> np.ndarray:

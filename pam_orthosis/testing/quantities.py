@@ -1,15 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the hidden plant is made of: true parameters, sizes of what may be hidden, arrays; what it reads."""
+"""What the hidden plant is made of: true parameters, sizes of what may be hidden, arrays.
+
+numba's cache looks at the file of a function only: after fields were reordered here, or `physics` was changed
+and the rig is used, delete `__pycache__`.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
+from pam_orthosis.model.parameters import Section
+
 
 class Apparatus(NamedTuple):
-    """True values of the parameters."""
+    """True values of the parameters; those of the leg are zero where there is none."""
 
     radius: float
     symmetric_angle: float
@@ -101,3 +108,40 @@ class Maps(NamedTuple):
     valve_waves: np.ndarray  # (2, 3): relative amplitude, wave number of the opening, phase
     volume_waves: np.ndarray  # (2, 3): relative amplitude, wave number of the contraction, phase
     torque: np.ndarray  # (n,) N m at whole milliseconds
+
+
+def muscle_and_valve(m: Section, valve: Section, off: Mapping[str, float]) -> dict[str, float]:
+    """Return what `Apparatus` has of a muscle and its valve: nominal values times one plus deviation.
+
+    Args:
+        m: section of the muscle's parameters.
+        valve: section of the valve's.
+        off: deviation of any name, 0 if there is none.
+    """
+    return {
+        "stroke_scale": m.map_length / m.length,
+        "box_contraction": m.box.maximum_contraction,
+        "box_gauge": m.box.maximum_pressure_gauge,
+        "ambient": valve.ambient_pressure,
+        "temperature": valve.temperature,
+        "exponent": valve.polytropic_exponent * (1 + off["polytropic_exponent"]),
+        "conductance": valve.conductance * (1 + off["conductance"]),
+        "critical_ratio": valve.critical_ratio * (1 + off["critical_ratio"]),
+        "half_span": valve.maximum_voltage - valve.closed_voltage,
+        "hose_conductance": valve.hose.conductance * (1 + off["hose_conductance"]),
+        "hose_volume": valve.hose.volume * (1 + off["hose_volume"]),
+    }
+
+
+def maps(m: Section, **others: np.ndarray) -> Maps:
+    """Return the polynomials of a muscle and other arrays of `Maps`; what is not given is zero."""
+    arrays = {
+        **{name: np.array(getattr(m.force, name)) for name in ("a", "b")},
+        **{name: np.array(getattr(m.volume, name)) for name in ("v", "w")},
+        "leg": np.zeros((6, 2)),
+        "force_waves": np.zeros((2, 1, 4)),
+        "valve_waves": np.zeros((2, 3)),
+        "volume_waves": np.zeros((2, 3)),
+        "torque": np.zeros(2),
+    }
+    return Maps(**(arrays | others))

@@ -16,7 +16,7 @@ from pam_orthosis.model.parameters import Parameters, Section
 from pam_orthosis.testing import physics
 from pam_orthosis.testing.physics import STEP, compiled
 from pam_orthosis.testing.plant import PRESSURE_NOISE, PRESSURE_RESOLUTION, VOLTAGE_RESOLUTION
-from pam_orthosis.testing.quantities import Apparatus, Hidden, Maps
+from pam_orthosis.testing.quantities import Apparatus, Hidden, maps, muscle_and_valve
 
 POSITION_NOISE, POSITION_RESOLUTION = 5.0e-6, 1.0e-5  # m
 FORCE_NOISE, FORCE_RESOLUTION = 2.0, 1.0  # N
@@ -176,38 +176,12 @@ def slack_gauge(contraction: float, m: Section) -> float:
 
 
 def apparatus(parameters: Parameters, m: Section, off: Mapping[str, float], muscle: str) -> Apparatus:
-    """Return the true values of one muscle with its valve; what belongs to a leg is zero."""
-    valve, damping = parameters.valve, off[f"{muscle}_damping"]
-    known = {
+    """Return the true values of one muscle with its valve."""
+    damping = off[f"{muscle}_damping"]
+    known = muscle_and_valve(m, parameters.valve, off) | {
         "damping": m.force.damping * (1 + damping) if muscle == MUSCLES[0] else m.force.damping + damping,
         "extensor_force": 1 + off["specimen_force"],
         "flexor_force": 1 + off["positioner_force"],
-        "stroke_scale": m.map_length / m.length,
-        "box_contraction": m.box.maximum_contraction,
-        "box_gauge": m.box.maximum_pressure_gauge,
-        "ambient": valve.ambient_pressure,
         "supply": parameters.rig.supply_pressure * (1 + off["supply_pressure"]),
-        "temperature": valve.temperature,
-        "exponent": valve.polytropic_exponent * (1 + off["polytropic_exponent"]),
-        "conductance": valve.conductance * (1 + off["conductance"]),
-        "critical_ratio": valve.critical_ratio * (1 + off["critical_ratio"]),
-        "half_span": valve.maximum_voltage - valve.closed_voltage,
-        "hose_conductance": valve.hose.conductance,
-        "hose_volume": valve.hose.volume * (1 + off["hose_volume"]),
     }
-    return Apparatus(**{name: known.get(name, 0.0) for name in Apparatus._fields})
-
-
-def maps(m: Section) -> Maps:
-    """Return the maps of one muscle."""
-    return Maps(
-        a=np.array(m.force.a),
-        b=np.array(m.force.b),
-        v=np.array(m.volume.v),
-        w=np.array(m.volume.w),
-        leg=np.zeros((6, 2)),
-        force_waves=np.zeros((2, 1, 4)),
-        valve_waves=np.zeros((2, 3)),
-        volume_waves=np.zeros((2, 3)),
-        torque=np.zeros(2),
-    )
+    return Apparatus(**(dict.fromkeys(Apparatus._fields, 0.0) | known))
