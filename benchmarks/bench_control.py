@@ -6,8 +6,9 @@
     python benchmarks/bench_control.py supply results.jsonl
     python benchmarks/bench_control.py figure results.jsonl figure.png
 
-Five controllers: a cascaded PID tuned by a search, the paper's cascade, the paper's cascade with the same
-gains and with what each specimen's own recordings, made without a person, taught, this one with a plan
+Six controllers: a cascaded PID tuned by a search, the paper's cascade, the paper's cascade with the same
+gains and with what each specimen's own recordings, made without a person, taught, this one with a slower
+observer (without a person only: with one it is slower already), the one before with a plan
 of the gait by what was taught (with a person only, who brings the muscles to their limits), and, where a run
 with the plan goes beyond 1 deg or there is none, with another plan that knows what that run, or one without
 a plan, showed.
@@ -24,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 from control_campaign import learn, pid
-from control_campaign.cases import CASES, CONTROLLERS, RECORDED_SEED, SEED, SPECIMENS, Case, plan
+from control_campaign.cases import CALM, CASES, CONTROLLERS, RECORDED_SEED, SEED, SPECIMENS, Case, plan
 from control_campaign.hardware import drawn
 
 from pam_orthosis.control.loop import ClosedLoop
@@ -35,7 +36,7 @@ from pam_orthosis.planning.plan import make_plan
 from pam_orthosis.planning.recorded import recorded
 
 MUSCLES = ("extensor", "flexor")
-LEARNING = ("learned", "planned", "replanned")
+LEARNING = ("learned", "calm", "planned", "replanned")
 BOUND, GOAL = 3.0, 1.0  # deg
 HEAD = (
     "| task | drawn specimens | controller | maximum | worst of | as shipped | of the paper's"
@@ -65,6 +66,8 @@ def _run(parameters: Parameters, case: Case, controller: str, belief: dict) -> d
         return pid.run(parameters, Plant(parameters, SEED), pid.TUNED[case.wearer], steps)
     believed = {key: value for key, value in belief.items() if key not in case.otherwise}
     parameters = with_belief(parameters, believed if controller in LEARNING else {})
+    if controller == "calm":
+        parameters = parameters.changed(CALM)
     if controller == "planned":
         parameters = parameters.changed(make_plan(parameters).overrides)
     if controller == "replanned":
@@ -132,6 +135,7 @@ def missing(results: Sequence[dict], controllers: Sequence[str]) -> list[tuple[i
     wanted = [
         (specimen, case, name) for specimen, case in plan() for name in controllers
         if (name != "planned" or case.wearer == "person")
+        and (name != "calm" or case.wearer == "default")
         and (name != "replanned" or (specimen, case.name) in not_enough)
     ]  # fmt: skip
     return [one for one in wanted if (one[0], one[1].name, one[2]) not in done]
@@ -214,7 +218,7 @@ def figure(path: Path, file: Path) -> None:
     cases = [case for case in CASES if case.everywhere]
     runs = [r for r in _results(path) if "max_deg" in r]
     for axes, case in zip(drawing.subplots(1, len(cases), sharey=True), cases, strict=True):
-        for controller, mark in zip(CONTROLLERS, "^osDx", strict=True):
+        for controller, mark in zip(CONTROLLERS, "^osvDx", strict=True):
             own = [r for r in runs if (r["case"], r["controller"]) == (case.name, controller)]
             axes.semilogy([r["specimen"] for r in own], [r["max_deg"] for r in own], mark, label=controller)
         axes.axhline(BOUND, color="0.5", lw=1)

@@ -12,7 +12,8 @@ SPECIMENS = 10
 FEW = 3  # specimens of the further trajectories and people
 SEED = 1  # of the sensor noise
 RECORDED_SEED = 2  # of that in the run that a plan is made after: 20 s, as `pam-orthosis run` makes it
-CONTROLLERS = ("pid", "paper", "learned", "planned", "replanned")
+CONTROLLERS = ("pid", "paper", "learned", "calm", "planned", "replanned")
+CALM = {"control.observer.pole": 80.0}  # 1/s: a learned model leaves the observer less to find out
 
 
 class Case(NamedTuple):

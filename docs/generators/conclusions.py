@@ -47,7 +47,8 @@ def controllers() -> str:
     middle = {name: median(many) for name, many in errors.items() if len(many) == most}
     best, *others = sorted(middle, key=lambda name: middle[name])
     behind = ", ".join(f"`{name}` {middle[name]:.2f}" for name in others)
-    above = (f"`{name}` {sum(e > BOUND for e in many)} of {len(many)}" for name, many in errors.items())
+    shown = {name: many for name, many in errors.items() if many}
+    above = (f"`{name}` {sum(e > BOUND for e in many)} of {len(many)}" for name, many in shown.items())
     return (
         f"Of the controllers that walk all three tasks, `{best}` has the smallest maximum error: its median"
         f" is {middle[best]:.2f} degrees ({behind}). Runs beyond {BOUND:g} degrees: {', '.join(above)}."

@@ -56,13 +56,13 @@ def test_every_set_of_blind_cases_has_its_row_and_the_rows_add_up_to_all():
 def test_conclusions_say_what_the_results_say(monkeypatch):
     runs = [
         {"case": case, "controller": name, "max_deg": error, "specimen": 1}
-        for name, error in (("pid", 5.0), ("paper", 1.0), ("learned", 2.0))
+        for name, error in (("planned", 5.0), ("paper", 1.0), ("learned", 2.0))
         for case in results.TASKS
     ]
     monkeypatch.setattr(results, "drawn_runs", lambda: runs)
     words = conclusions.controllers()
     assert "`nominal` has the smallest maximum error: its median is 1.00 degrees" in words
-    assert "`pid` 3 of 3" in words
+    assert "`planned` 3 of 3" in words
     found, tried = results.right(results.chosen_of(results.blind_cases(), "realistic", "medium"))
     assert f"{found} of {tried}" in conclusions.gap()
 
