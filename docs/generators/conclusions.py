@@ -31,7 +31,7 @@ def tracking() -> str:
     )
     return (
         f"On the shipped hardware the knee follows its gait within {alone:.2f} degrees, with a person within"
-        f" {worn:.2f} degrees; on none of the hardware below is the error larger than"
+        f" {worn:.2f} degrees; with the changes of the second table, within"
         f" {max(r['maximum'] for r in rows):.2f} degrees."
     )
 
