@@ -61,11 +61,11 @@ def execute(arguments: argparse.Namespace) -> int:
     claim = claimed(arguments.out) if arguments.out else nullcontext()
     with claim, shown(f"reading {arguments.bag}") as progress:
         replayed = {leg.strip("/"): _replay(arguments, leg, progress) for leg in legs}
-    compared = {leg: [_as_dict(one) for one in topics] for leg, topics in replayed.items()}
     compared = [one for topics in replayed.values() for one in topics]
     identical = all(one.identical and one.whole for one in compared)
     if arguments.json:
-        print(json.dumps({"identical": identical, "legs": compared}, indent=2))
+        by_leg = {leg: [_as_dict(one) for one in topics] for leg, topics in replayed.items()}
+        print(json.dumps({"identical": identical, "legs": by_leg}, indent=2))
     else:
         print("\n\n".join(titled(leg, _table(topics)) for leg, topics in replayed.items()))
         print(_answer(compared))
