@@ -36,6 +36,7 @@ TEST = [
     "catkin_pkg>=1.0",
     "colcon-common-extensions>=0.3",
     "hypothesis>=6",
+    "import-linter>=2.15",
     "mcap-ros2-support>=0.5",
     "mypy>=1.15",
     "playwright>=1.40",
@@ -43,6 +44,7 @@ TEST = [
     "flake8>=6",
     "pydocstyle>=6",
     "pytest>=7",
+    "pytest-xdist>=3",
     "ros-ament-flake8>=0.19",
     "ruff>=0.5",
     "urdf-parser-py>=0.0.4",
@@ -61,13 +63,14 @@ setup(
     packages=[*find_packages(exclude=["test", "test.*"]), "pam_orthosis.config", "pam_orthosis.examples"],
     package_dir={"pam_orthosis.config": "config", "pam_orthosis.examples": "bags"},
     package_data={
-        "pam_orthosis.config": ["*.json", "*.py", "*.xml", "*.yaml"],
+        "pam_orthosis.config": ["*.json", "*.py", "*.xml", "*.yaml", "machines/*.yaml"],
         "pam_orthosis.examples": ["*.npz", "*/metadata.yaml", "*/*.mcap"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
-        (f"share/{PACKAGE}/config", glob("config/*")),
+        (f"share/{PACKAGE}/config", glob("config/*.*")),
+        (f"share/{PACKAGE}/config/machines", glob("config/machines/*.yaml")),
         (f"lib/{PACKAGE}", RELAYS),
     ],
     install_requires=[

@@ -85,8 +85,8 @@ def regression(problem, base, noise, columns_of=None) -> Regression:
         noise: channel -> sd of its residual without a gap, SI.
         columns_of: the problem whose residuals tell the frequency of the periodic torque (this one).
     """
+    from pam_orthosis.discrepancy.candidates import Trial
     from pam_orthosis.discrepancy.projection import Projection
-    from pam_orthosis.discrepancy.trial import Trial
 
     projection = Projection(columns_of or problem, base)
     nothing = {one.run.serial: _residuals(problem, one, base.effects, base.values) for one in problem.scored}
@@ -160,7 +160,7 @@ def _residuals(problem, one, effects, values) -> dict[str, np.ndarray]:
 
 def _rates(problem, residuals, noise) -> np.ndarray:
     """Return what residuals are in rates and accelerations, thinned, in multiples of the noise."""
-    from pam_orthosis.discrepancy.missing import missing_rate
+    from pam_orthosis.discrepancy.structure import missing_rate
 
     pieces = []
     for one in problem.scored:

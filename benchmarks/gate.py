@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gate of a change that is to keep every answer: it compares, and its exit status is 1 if anything differs.
 
-    python benchmarks/gate.py model --keep FILE       # what this code computes at fixed points, seconds
-    python benchmarks/gate.py model --against FILE    # the same to the bit; kept on the same machine
-    python benchmarks/gate.py bags                    # bags/walk and bags/person made anew: the same payloads
-    python benchmarks/gate.py gap                     # 20 fixed searches: the same verdicts, names and values
-    python benchmarks/gate.py gap --keep              # writes benchmarks/results/gate.json instead
+python benchmarks/gate.py model --keep FILE       # what this code computes at fixed points, seconds
+python benchmarks/gate.py model --against FILE    # the same to the bit; kept on the same machine
+python benchmarks/gate.py bags                    # bags/walk and bags/person made anew: the same payloads
+python benchmarks/gate.py gap                     # 20 fixed searches: the same verdicts, names and values
+python benchmarks/gate.py gap --keep              # writes benchmarks/results/gate.json instead
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import hidden_rig
 import numpy as np
 
 from pam_orthosis.control import diagnostic
@@ -26,7 +27,6 @@ from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.model.compiled import processor
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.testing import case as cases
-from pam_orthosis.testing import rig_case as rigs
 from pam_orthosis.testing.quantities import Hidden
 
 RESULTS = Path(__file__).resolve().parent / "results" / "gate.json"
@@ -126,8 +126,8 @@ def _line(answer: Mapping[str, Any]) -> str:
 
 def _system(search: Search) -> tuple[Parameters, Replay]:
     if search.system == "rig":
-        parameters = rigs.nominal()
-        return parameters, Replay(test_rig(parameters, rigs.SPECIMEN))
+        parameters = hidden_rig.nominal()
+        return parameters, Replay(test_rig(parameters, hidden_rig.SPECIMEN))
     parameters = cases.nominal()
     if search.known:
         parameters = parameters.changed({f"effects.{search.known}.enabled": True})
@@ -190,4 +190,5 @@ def _rig_recordings(search: Search, system: System, seed: int) -> dict[str, dict
     deviations = {one.name: DEVIATION * one.sd * rng.standard_normal() for one in system.calibrations}
     deviations["positioner_damping"] = abs(deviations["positioner_damping"])  # a damper that pushes is none
     hidden = Hidden(**{AT_RIG[name][0]: AT_RIG[name][1] for name in search.hidden})
-    return {name: rigs.record(rng, rigs.nominal(), hidden, deviations) for name in ("run", "held-out run")}
+    nominal = hidden_rig.nominal()
+    return {name: hidden_rig.record(rng, nominal, hidden, deviations) for name in ("run", "held-out run")}

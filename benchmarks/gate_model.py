@@ -18,7 +18,7 @@ from pam_orthosis.control.rig_loop import Rig
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.rig import test_rig
 from pam_orthosis.discrepancy.system import Assembled, System
-from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import Parameters, load, scenario_overrides
 from pam_orthosis.model.plant import Plant
 from pam_orthosis.model.rig import RigPlant
@@ -36,8 +36,8 @@ KNEES = {
     "person": scenario_overrides("person"),
     "locked": scenario_overrides("diagnostic-locked"),
     "polynomial": {"plant.muscle_law": "polynomial", **SHAKEN},
-    "none": {f"plant.effects.{name}.enabled": False for name in CATALOGUE},
-    "all effects": {f"plant.effects.{name}.enabled": True for name in CATALOGUE} | SHAKEN,
+    "none": {f"plant.effects.{name}.enabled": False for name in KNEE.catalogue},
+    "all effects": {f"plant.effects.{name}.enabled": True for name in KNEE.catalogue} | SHAKEN,
 }
 # effects that the controllers' model has: those of each stage that go together
 LEARNED = (

@@ -11,11 +11,10 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from pam_orthosis.control.knee import kinematics, leg_mechanics, muscle_torque
+from pam_orthosis.control.axis import Axis
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.control.position import pressures_for_torque
-from pam_orthosis.model import muscle as muscle_model
-from pam_orthosis.model import pneumatics
+from pam_orthosis.control.position import Demand, pressures_for_effort
+from pam_orthosis.model.components import pneumatics
 from pam_orthosis.model.parameters import load, scenario_overrides
 
 MEANS = (2.6e5, 3.1e5, 3.6e5, 4.1e5, 4.6e5)  # absolute Pa
@@ -38,11 +37,12 @@ def modelled(parameters, angle: float, mean_pressure: float) -> Stiffness:
     what its pressure rises by when the muscle's volume shrinks. The pressures are those with which the
     position controller holds the knee: where p_im would let a muscle hang slack they are higher.
     """
-    belief = parameters.belief()
+    axis = Axis(parameters.belief())
+    belief = axis.belief
     q, velocity, p = ca.SX.sym("q"), ca.SX.sym("velocity"), ca.SX.sym("p", 2)
-    moving = muscle_torque(q, velocity, p[0], p[1], belief) - leg_mechanics(q, velocity, belief).gravity
+    moving = axis.effort(q, velocity, (p[0], p[1])) - axis.terms(q, velocity).gravity
     torque = ca.substitute(moving, velocity, 0)
-    volume, dead = _volumes(q, p, belief), belief.valve.hose.volume
+    volume, dead = _volumes(q, p, axis), belief.valve.hose.volume
     # dp/dq at closed valves: Eq. (6) without flow, the angle in the place of time
     slopes = [(ca.jacobian(volume[i], p[i]), ca.jacobian(volume[i], q)) for i in range(2)]
     rates = [
@@ -50,7 +50,7 @@ def modelled(parameters, angle: float, mean_pressure: float) -> Stiffness:
     ]
     held = -ca.jacobian(torque, q)
     closed = held - ca.jacobian(torque, p) @ ca.vertcat(*rates)
-    pressures = _holding(angle, mean_pressure, belief)
+    pressures = _holding(angle, mean_pressure, axis)
     return Stiffness(*(float(v) for v in ca.Function("k", [q, p], [held, closed])(angle, pressures)))
 
 
@@ -70,23 +70,18 @@ def measured(time, angle, torque, frequency: float, warm_up: float) -> float:
     return abs(float(np.real(pushed / moved)))
 
 
-def _volumes(q, p, belief):
-    contraction, _ = kinematics(q, 0, belief)
-    gauge = [p[i] - belief.valve.ambient_pressure for i in range(2)]
-    m = belief.muscle.dmsp_20
-    return [
-        muscle_model.volume(x, g, m)
-        for x, g in zip((contraction.extensor, contraction.flexor), gauge, strict=True)
-    ]
+def _volumes(q, p, axis):
+    contractions, _ = axis.kinematics(q, 0)
+    gauge = [p[i] - axis.belief.valve.ambient_pressure for i in range(2)]
+    return [one.volume(x, g) for one, x, g in zip(axis.actuators, contractions, gauge, strict=True)]
 
 
-def _holding(angle: float, mean: float, belief):
+def _holding(angle: float, mean: float, axis):
     """Return the absolute pressures that the position controller holds the knee with, in their limits."""
     q, velocity = ca.SX.sym("q"), ca.SX.sym("velocity")
-    torque = leg_mechanics(q, velocity, belief).gravity
-    extensor, flexor, *_ = pressures_for_torque(torque, q, velocity, mean, belief)
-    gauge = ca.Function("held", [q, velocity], [ca.vertcat(extensor, flexor)])(angle, 0)
-    return gauge + belief.valve.ambient_pressure
+    held = pressures_for_effort(Demand(axis.terms(q, velocity).gravity, q, velocity, mean), axis)
+    gauge = ca.Function("held", [q, velocity], [ca.vertcat(*held.pressures)])(angle, 0)
+    return gauge + axis.belief.valve.ambient_pressure
 
 
 def on_plant(parameters) -> tuple[float, float]:

@@ -31,6 +31,7 @@ _PLACEHOLDER = re.compile(r"\b[A-Z]{2,}\b(?!=)|/\*")
 # these need another terminal, a ROS installation, hardware, a checkout, hours, or change the environment
 ELSEWHERE = (
     r"(ros2|make|pip|colcon|\.) ", r"python (benchmarks|docs)/", r".*--no-plant", r".*--duration 3600",
+    r".* examples/",
 )  # fmt: skip
 SHORT = (
     r"pam-orthosis (check|report|example|--help)",
@@ -73,7 +74,7 @@ def commands(page: Path) -> list[Command]:
             file = ("", "")
         elif named := _FILE.match(text):
             file = (named[1], text)
-        elif shown := _SHOWN.search(text):
+        elif language == "console" and (shown := _SHOWN.search(text)):
             found[-1] = found[-1]._replace(shown=shown[1])
     return found
 

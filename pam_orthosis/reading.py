@@ -7,6 +7,7 @@ Bounds stand here and not in config/, which is read through them.
 from __future__ import annotations
 
 import csv
+import difflib
 import io
 import json
 import os
@@ -220,3 +221,23 @@ def _reason(error: Exception) -> str:
 
 def _unreadable(path: Path, error: OSError | ValueError) -> OrthosisError:
     return OrthosisError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}")
+
+
+def config_folder() -> Path:
+    """Return the folder of the shipped YAML files (installed package, or source tree)."""
+    package = Path(__file__).resolve().parent
+    installed = package / "config"
+    return installed if installed.is_dir() else package.parent / "config"
+
+
+def mapping(node: Any, where: str) -> dict[str, Any]:
+    """Return a node of a file if it is a mapping of names; OrthosisError if it is not."""
+    if not isinstance(node, dict) or not all(isinstance(key, str) for key in node):
+        raise OrthosisError(f"{where} is not a mapping of names")
+    return node
+
+
+def meant(key: str, known: Iterable[str]) -> str:
+    """Return a question for the name that a wrong one is near to, or nothing."""
+    close = difflib.get_close_matches(key, list(known), n=1, cutoff=0.5)
+    return f"; did you mean {close[0]}?" if close else ""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What several rooms of the tests share: commands of the documentation, each run once."""
+"""What several rooms of the tests share: commands of the documentation, each run once; machines of users."""
 
 import os
 import shlex
@@ -15,6 +15,26 @@ from pam_orthosis.cli.main import main
 from pam_orthosis.progress import OFF
 
 ROOT = Path(__file__).resolve().parents[1]
+MACHINES = {
+    "slide": """
+meaning: a double-acting cylinder on a carriage
+mechanism: {kind: translation, inertia: 5.0, damping: 40.0, minimum: 0.0, maximum: 0.3, start: 0.15}
+actuators:
+  push: {kind: cylinder, area: 8.0e-4, volume: 2.0e-5, length: 0.3, transmission: {arm: 1.0}}
+  pull: {kind: cylinder, area: 8.0e-4, volume: 2.0e-5, length: 0.3,
+         transmission: {arm: -1.0, contraction: 0.3}}
+sensor: {noise: 1.0e-5}
+""",
+    "elbow": """
+meaning: a forearm between two muscles
+mechanism: {kind: rotation, inertia: 0.1, damping: 0.4, weight: 3.0, hanging: -1.2, minimum: -0.8,
+            maximum: 0.8, start: 0.1}
+actuators:
+  biceps: {kind: muscle, parameters: muscle.dmsp_20, transmission: {arm: 0.03, contraction: 0.05}}
+  triceps: {kind: muscle, parameters: muscle.dmsp_20, transmission: {arm: -0.03, contraction: 0.05}}
+sensor: {noise: 1.0e-4}
+""",
+}
 os.environ.setdefault(OFF, "1")  # what a command prints must not depend on how fast the machine is
 
 
@@ -37,3 +57,12 @@ def documented(tmp_path_factory):
             return main(arguments), folder
 
     return run
+
+
+@pytest.fixture(scope="session")
+def machine_files(tmp_path_factory):
+    """Return files of machines that are not shipped: name -> path."""
+    folder = tmp_path_factory.mktemp("machines")
+    for name, text in MACHINES.items():
+        (folder / f"{name}.yaml").write_text(text, encoding="utf-8")
+    return {name: folder / f"{name}.yaml" for name in MACHINES}

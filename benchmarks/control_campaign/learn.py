@@ -19,7 +19,7 @@ from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.improvement import learned
 from pam_orthosis.improvement.experiments import experiments
-from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import BELIEF
 
 EFFECTS = (
@@ -43,7 +43,7 @@ def tolerances(specimen: int) -> dict[str, float]:
 
 def learn(parameters) -> dict[str, Any]:
     """Return the belief that the specimen's recordings give, as overrides."""
-    system = knee(parameters.only(*BELIEF, "gap"), learned.LEARNABLE)
+    system = knee(parameters.only(*BELIEF, "gap"), learned.learnable(parameters.declared))
     values = fitted(system, recordings(system, parameters), parameters.gap)
     effects = [name for name in EFFECTS if _matters(name, values)]
     return learned.calibrated(parameters, effects, values) | learned.named(parameters, effects, values)
@@ -83,7 +83,7 @@ def _restarted(values, typical) -> dict[str, float]:
 
 
 def _matters(name: str, values) -> bool:
-    effect = CATALOGUE[name]
+    effect = KNEE.catalogue[name]
     size = effect.fitted[0]
     off = size.neutral if size.neutral is not None else 0.0
     return abs(values[f"{name}.{size.name}"] - off) >= effect.minimum_effect

@@ -72,7 +72,7 @@ class CascadedPid:
         if self._outer is None:
             self._outer = Integral(0.5 * (measured.flexor_pressure - measured.extensor_pressure))
             self._last = measured.angle
-        g, error = self._g, reference.angle - measured.angle
+        g, error = self._g, reference.position - measured.angle
         keep = math.exp(-self._period / g.filter)
         self._speed = keep * self._speed + (1 - keep) * (measured.angle - self._last) / self._period
         self._last = measured.angle
@@ -107,7 +107,7 @@ def run(parameters, plant: Plant, gains: Gains, steps: int) -> dict[str, np.ndar
     for index in range(steps):
         measured, reference = plant.measure(), trajectory.sample(index * plant.period_ns)
         voltages = controller.step(measured, reference)
-        table[index] = (index * plant.period_ns * 1e-9, reference.angle, *measured, *voltages,
+        table[index] = (index * plant.period_ns * 1e-9, reference.position, *measured, *voltages,
                         plant.truth().angle)  # fmt: skip
         plant.advance(*voltages)
     return dict(zip(SIGNALS, table.T, strict=True))

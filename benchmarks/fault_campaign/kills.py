@@ -28,10 +28,13 @@ from rosbags.highlevel import AnyReader
 
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.bag.record import METADATA_FILE
-from pam_orthosis.bag.topics import NODES, PLANT, RECORDER, VALVE
+from pam_orthosis.bag.topics import PLANT, RECORDER, VALVE, Topics
 from pam_orthosis.bag.writer_process import NAME as WRITER
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
+
+TABLE = Topics(KNEE)
 
 LIMIT_S = 300.0  # after which a run counts as hung
 END_S, END_BESIDE_LOAD_S, LOST_MS = 2.0, 4.0, 500.0  # what is promised
@@ -105,7 +108,7 @@ def kills(seed: int) -> Iterator[Kill]:
     kinds += [(mode, WRITER, act) for mode in MODES if mode.startswith(COMPOSED) for act in OF_NODES]
     while True:
         for mode, node, act in rng.permutation(kinds):
-            victim = str(node) or (RECORDER if act == OF_BOTH else str(rng.choice(NODES)))
+            victim = str(node) or (RECORDER if act == OF_BOTH else str(rng.choice(TABLE.nodes)))
             started = rng.random() > 0.15 or act not in OF_NODES or victim == WRITER
             leg = str(rng.choice(LEGS)) if TWO_LEGS in mode else ""
             after_ns = int(rng.uniform(0.0, SECONDS) * 1e9)

@@ -26,14 +26,17 @@ from mcap.stream_reader import StreamReader
 
 from pam_orthosis.bag.cdr import Reader
 from pam_orthosis.bag.read import read_bag
-from pam_orthosis.bag.topics import BY_NAME, EXTENSOR, FLEXOR, POSITION, RECORDER, TRAJECTORY, VALVE
+from pam_orthosis.bag.topics import POSITION, RECORDER, TRAJECTORY, VALVE, Topics
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes.launch import Mode, commands, environment, free_domain
 
+TABLE = Topics(KNEE)
+
 LIMIT_S = 600.0  # after which a trial counts as hung
 DRIVER = "dummy_driver"
-LEFT = (POSITION, EXTENSOR, FLEXOR, VALVE, TRAJECTORY, DRIVER)
+LEFT = (POSITION, *TABLE.controllers, VALVE, TRAJECTORY, DRIVER)
 BEFORE_S, SETTLED_S = 2.0, 2.0  # of recorded time: until somebody goes, and how long the knee has to follow
 RELEASED_RAD, SHARE = 0.35, 0.25  # a released knee is so far away, one that follows has so much of that left
 HANGING_RAD = 0.0
@@ -45,7 +48,7 @@ SLOW = {  # a rate that a busy machine keeps up with, and gains for it
 }  # fmt: skip
 PATIENT = ["-p", f"sample_timeout:={LIMIT_S}"]  # of the recorder: a driver may take its time
 READERS = {
-    name: Reader(BY_NAME[name].type, [number])
+    name: Reader(TABLE.by_name[name].type, [number])
     for name, number in (("joint_states", "position[0]"), ("reference", "points[0].positions[0]"))
 }
 

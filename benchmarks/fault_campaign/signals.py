@@ -20,7 +20,7 @@ import numpy as np
 from pam_orthosis.control import guard
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model.parameters import load
-from pam_orthosis.model.plant import Measurement, Plant
+from pam_orthosis.model.plant import Plant
 
 QUICK = {"scenario.start_hold": 0.1, "scenario.start_ramp": 0.5, "scenario.control_period": 0.005}
 SECONDS = 5.0
@@ -36,7 +36,7 @@ class Starved(Plant):
         ambient = parameters.valve.ambient_pressure
         super().__init__(parameters.substituted({"valve.supply_pressure": 1.001 * ambient}), seed)
 
-    def _resting_state(self, accelerate) -> np.ndarray:
+    def _start(self, hardware, accelerate) -> np.ndarray:
         return np.zeros(len(self.states))
 
 
@@ -67,7 +67,7 @@ class FaultyPlant:
         """Whether the fault is there."""
         return self._index >= self._start
 
-    def measure(self) -> Measurement:
+    def measure(self):
         """Return the readings of the sensors, faulty or not."""
         reading = self._plant.measure()
         return self._measured(reading, self._rng) if self.broken and self._measured else reading
@@ -106,11 +106,11 @@ def _reading(change: Callable) -> Callable[[int], dict[str, Any]]:
     def make(place: int) -> dict[str, Any]:
         memory: list[float] = []
 
-        def measured(reading: Measurement, rng) -> Measurement:
+        def measured(reading, rng):
             values = list(reading)
             memory.append(values[place])
             values[place] = change(values[place], memory, rng)
-            return Measurement(*values)
+            return reading._make(values)
 
         return {"measured": measured}
 
@@ -212,7 +212,7 @@ class Watched:
         self.period_ns = plant.period_ns
         self._seen: list[tuple[float, float]] = []
 
-    def measure(self) -> Measurement:
+    def measure(self):
         """Pass the measurement on."""
         return self._plant.measure()
 

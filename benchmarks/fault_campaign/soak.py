@@ -22,7 +22,10 @@ from rosbags.rosbag2 import Reader
 
 from pam_orthosis.bag.read import aligned, read_bag
 from pam_orthosis.bag.recover import recover_in_place
-from pam_orthosis.bag.topics import RECORDED
+from pam_orthosis.bag.topics import Topics
+from pam_orthosis.model.machines import KNEE
+
+TABLE = Topics(KNEE)
 
 PROGRESS = re.compile(r"ROS domain \d+: ([\d.]+) of")
 LEFT_S = 60.0  # of the run when it is killed
@@ -123,7 +126,7 @@ def lost(bag: Path, period_s: float) -> dict:
         one["topic_metadata"]["name"].lstrip("/"): one["message_count"]
         for one in told["topics_with_message_count"]
     }
-    per_step = [topic.name.lstrip("/") for topic in RECORDED if topic.rate == "step"]
+    per_step = [topic.name.lstrip("/") for topic in TABLE.recorded if topic.rate == "step"]
     steps = round(told["duration"]["nanoseconds"] * 1e-9 / period_s) + 1  # the bag begins with the first one
     missing = [max(0, steps - 1 - counts[name]) for name in per_step]
     return {"steps": steps, "recorded_s": steps * period_s, "lost_messages": sum(missing)}

@@ -17,7 +17,10 @@ import rclpy
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
-from pam_orthosis.bag.topics import NODES
+from pam_orthosis.bag.topics import Topics
+from pam_orthosis.model.machines import KNEE
+
+TABLE = Topics(KNEE)
 
 PERIOD_S = 0.02
 ANGLE_RAD, PRESSURE_PA, VOLTS = 1.0, 6e5, 10.0
@@ -30,8 +33,8 @@ def forged(type_name: str, stamp_s: float) -> list[Any]:
     kind = getattr(import_module(f"{package}.msg"), name)
     if name == "String":
         nothing = {"settings": {}, "parameters": {}}
-        return [kind(data=role) for role in NODES] + [
-            kind(data=json.dumps({"role": role, "node": "/stranger", **nothing})) for role in NODES
+        return [kind(data=role) for role in TABLE.nodes] + [
+            kind(data=json.dumps({"role": role, "node": "/stranger", **nothing})) for role in TABLE.nodes
         ]
     message = kind()
     stamp = message if name == "Time" else message.clock if name == "Clock" else message.header.stamp

@@ -23,9 +23,12 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.rosbag2 import ReaderError
 from rosbags.typesys import Stores, get_typestore
 
-from pam_orthosis.bag.topics import in_leg, resolve, table
+from pam_orthosis.bag.topics import Topics, in_leg, resolve
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes import launch
+
+TABLE = Topics(KNEE)
 
 LIMIT_S, END_S = 90.0, 2.0  # of patience; what is promised beside no load
 NAME = "stranger"
@@ -154,7 +157,7 @@ def suffer(forgery: Forgery, folder: Path) -> Ending:
 
 
 def _table(mode: str) -> dict:
-    return table(realtime="real time" in mode)
+    return TABLE.of_run(realtime="real time" in mode)
 
 
 def _spoken(command: Sequence[str], environment: dict[str, str]) -> subprocess.Popen:

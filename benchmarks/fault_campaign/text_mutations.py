@@ -15,7 +15,8 @@ import numpy as np
 from fault_campaign.bag_mutations import BYTES, SMUGGLE, Bags
 from fault_campaign.trial import ANY, REFUSED, Trial
 from pam_orthosis.bag.read import read_bag
-from pam_orthosis.model import muscle, parameters
+from pam_orthosis.model import parameters
+from pam_orthosis.model.components import muscle
 from pam_orthosis.model.rules import ALIKE
 
 WEIRD = (

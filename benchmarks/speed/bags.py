@@ -15,12 +15,15 @@ from rosbags.highlevel import AnyReader
 from pam_orthosis.bag.cdr import canonical, store
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.bag.record import CHUNK_BYTES, BagWriter
-from pam_orthosis.bag.topics import RECORDED, SIGNALS, resolve
+from pam_orthosis.bag.topics import Topics, resolve
+from pam_orthosis.model.machines import KNEE
 from speed.graph import stepped
 from speed.rows import NO_GOAL, Row, alternating, row
 
+TABLE = Topics(KNEE)
+
 WALK = Path(__file__).resolve().parents[2] / "bags" / "walk"
-NAMES = {resolve(topic.name): topic.type for topic in RECORDED}
+NAMES = {resolve(topic.name): topic.type for topic in TABLE.recorded}
 
 
 def rows(repeats: int) -> Iterator[Row]:
@@ -87,7 +90,7 @@ def written_bare(messages: list[tuple[str, int, bytes]]) -> float:
 
 def read(count: int) -> float:
     """Return how long a message takes to be read into the arrays of all signals, us."""
-    return _timed(lambda _folder: read_bag(WALK, list(SIGNALS)), count)
+    return _timed(lambda _folder: read_bag(WALK, list(TABLE.signals)), count)
 
 
 def read_by_rosbags(count: int) -> float:

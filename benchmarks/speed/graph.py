@@ -7,11 +7,14 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from pam_orthosis.bag.topics import NODES, RECORDER
+from pam_orthosis.bag.topics import RECORDER, Topics
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes import launch
 from speed.rows import Goal, Row, alternating, row
 from speed.stepping import Pace, watched
+
+TABLE = Topics(KNEE)
 
 RATE_HZ = 500
 PERIOD_NS = round(1e9 / RATE_HZ)
@@ -109,7 +112,7 @@ def relayed(composed: bool, recorded: bool, every: int = 1) -> tuple[float, floa
 
 def relays(composed: bool, recorded: bool, every: int = 1) -> Callable[[Path], dict[str, list[str]]]:
     """Return what makes the commands of the relays in a folder."""
-    roles = [node for node in (RECORDER, *NODES[1:-1], NODES[0]) if recorded or node != RECORDER]
+    roles = [node for node in (RECORDER, *TABLE.nodes[1:-1], TABLE.nodes[0]) if recorded or node != RECORDER]
 
     def commands(work: Path) -> dict[str, list[str]]:
         folder = str(work / "bag") if recorded else "-"

@@ -12,10 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pam_orthosis.bag.topics import NODES, PLANT, RECORDER
+from pam_orthosis.bag.topics import PLANT, RECORDER, Topics
+from pam_orthosis.model.machines import KNEE
 from speed.relay import AGES, REALTIME
 from speed.rows import Row, alternating, row
 from speed.stepping import watched
+
+TABLE = Topics(KNEE)
 
 RATES_HZ = (200, 500)
 SECONDS = 4.0
@@ -50,7 +53,7 @@ def answered(rate: int, composed: bool) -> tuple[float, float, float]:
 
 def relayed(rate: int, composed: bool) -> tuple[float, float, float]:
     """Return the same of relays."""
-    roles, period_ns = (RECORDER, *NODES[1:-1], PLANT), round(1e9 / rate)
+    roles, period_ns = (RECORDER, *TABLE.nodes[1:-1], PLANT), round(1e9 / rate)
     with tempfile.TemporaryDirectory(prefix="pam-orthosis-bench-") as folder:
         base = [sys.executable, "-m", "speed.relay", str(period_ns), folder, REALTIME]
         commands = {"relays": [*base, *roles]} if composed else {role: [*base, role] for role in roles}

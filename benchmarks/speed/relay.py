@@ -35,13 +35,15 @@ from pam_orthosis.bag import topics
 from pam_orthosis.bag.cdr import serialised_stamp_ns
 from pam_orthosis.bag.record import CHUNK_BYTES, message_definition
 from pam_orthosis.bag.topics import PLANT, RECORDER, SLOW, TRAJECTORY, VALVE, Topic
-from pam_orthosis.control.trajectory import Reference
+from pam_orthosis.control.reference import Reference
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.nodes import messages
 from pam_orthosis.nodes.pace import MAX_UNRECORDED_STEPS
 from pam_orthosis.nodes.supervisor import HEARTBEAT_VARIABLE
 from pam_orthosis.nodes.transport import message_class, qos
 
-STEP = [topic for topic in topics.TOPICS if topic.rate == "step"]
+TABLE = topics.Topics(KNEE)
+STEP = [topic for topic in TABLE.all if topic.rate == "step"]
 REALTIME, AGES, KEPT_AGES = "realtime", "ages.json", 50
 RECORDER_DEPTH, ACKNOWLEDGED_STEPS = 5000, 10
 
@@ -55,8 +57,8 @@ def filled(topic: Topic):
     if topic.type == topics.PRESSURE:
         return messages.fluid_pressure(0, "extensor", 1.0)
     if topic.name == "reference":
-        return messages.trajectory(0, Reference(1.0, 1.0, 1.0))
-    return messages.torque(0, 1.0) if topic.name == "disturbance" else message_class(topic.type)()
+        return messages.trajectory(0, "knee", Reference(1.0, 1.0, 1.0))
+    return messages.wrench(0, "knee") if topic.name == "disturbance" else message_class(topic.type)()
 
 
 class Rates(NamedTuple):
@@ -160,7 +162,7 @@ class Trajectory(Relay):
     def __init__(self, role: str, rates: Rates, recorded: bool):
         super().__init__(role, rates, recorded)
         self._publish = self.outputs()
-        self.listen(topics.BY_NAME["/clock"], self._tick)
+        self.listen(TABLE.by_name["/clock"], self._tick)
 
     def _tick(self, message) -> None:
         stamp_ns = messages.nanoseconds(message.clock)
@@ -176,14 +178,14 @@ class Plant(Relay):
     def __init__(self, role: str, rates: Rates, recorded: bool):
         super().__init__(role, rates, recorded)
         self._publish = self.outputs()
-        self._absent = set(topics.NODES if recorded else topics.NODES[:-1])
+        self._absent = set(TABLE.nodes if recorded else TABLE.nodes[:-1])
         self._next_ns = 0
         self._recorded_ns = -1 if recorded else 1 << 62
         self._waits = True
         self.joined("", self._answered)
         self.create_subscription(String, "ready", self._on_ready, qos(latched=True))
         if recorded:
-            self.listen(topics.BY_NAME["recorded"], self._on_recorded)
+            self.listen(TABLE.by_name["recorded"], self._on_recorded)
 
     def _on_ready(self, message: String) -> None:
         self._absent.discard(message.data)

@@ -28,7 +28,7 @@ from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.identification.data import Data, Samples, read_data
 from pam_orthosis.identification.identify import identify
-from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.model.plant import quantised
 from pam_orthosis.model.study import MEASURED, Study
@@ -37,7 +37,7 @@ from speed.rows import Goal, Row, row
 
 HIDDEN = "joint_friction"
 AS_BELIEVED = {
-    **{f"plant.effects.{name}.enabled": name == HIDDEN for name in CATALOGUE},
+    **{f"plant.effects.{name}.enabled": name == HIDDEN for name in KNEE.catalogue},
     **{f"plant.deviation.{name}": 1.0 for name in vars(load().plant.deviation) if not name.startswith("_")},
     "plant.muscle_law": "polynomial",
     "plant.simulation.step": 5e-4,

@@ -15,7 +15,7 @@ from functools import partial
 
 import numpy as np
 
-from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.model.plant import Plant
 from pam_orthosis.model.study import MEASURED, Study
@@ -45,7 +45,7 @@ ALONE = np.empty((1, 0))  # one set of no parameters
 
 def rows(repeats: int) -> Iterator[Row]:
     """Yield the rows of the group."""
-    on = {f"plant.effects.{name}.enabled": True for name in CATALOGUE}
+    on = {f"plant.effects.{name}.enabled": True for name in KNEE.catalogue}
     parameters = load({**on, "leg.person.present": True, "plant.simulation.step": STEP})
     scipy = yield from _one_plant(parameters, repeats)
     yield from _batch(parameters, scipy, repeats)

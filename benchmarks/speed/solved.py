@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from pam_orthosis.model import orthosis
+from pam_orthosis.model.assembly import assemble
 from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant, true_hardware
@@ -34,7 +34,7 @@ class Solved:
     """
 
     def __init__(self, parameters: Parameters, voltages: np.ndarray, made: Callable = compiled):
-        assembly = orthosis.assemble(true_hardware(parameters))
+        assembly = assemble(true_hardware(parameters))
         given = [assembly.x, assembly.u]
         self._rates = made(ca.Function("rates", given, ca.cse([assembly.rates])))
         self._told = compiled(ca.Function("told", given, ca.cse([assembly.measured])))

@@ -9,9 +9,9 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 
-from pam_orthosis.bag import topics
-from pam_orthosis.bag.topics import RECORDER, Topic
-from pam_orthosis.nodes import composed, graph, pace, plant_simulator
+from pam_orthosis.bag.topics import RECORDER, Topic, Topics
+from pam_orthosis.model.machine import Machine
+from pam_orthosis.nodes import composed, pace, topic_node
 
 
 class Unrecorded(Topic):
@@ -23,19 +23,25 @@ class Unrecorded(Topic):
         return self.consumers
 
 
-def table(*_mode: bool) -> dict[str, Topic]:
-    """Return the table of lockstep without the recorder."""
-    made = {}
-    for name, topic in topics.table().items():
-        others = tuple(node for node in topic.producers if node != RECORDER)
-        made[name] = Unrecorded(**vars(replace(topic, producers=others)))
-    return made
+class UnrecordedTopics(Topics):
+    """A table without the recorder."""
+
+    def __init__(self, machine: Machine):
+        super().__init__(machine)
+        self.nodes = tuple(node for node in self.nodes if node != RECORDER)
+
+    def of_run(self, *_mode: bool) -> dict[str, Topic]:
+        """Return the topics of lockstep."""
+        made = {}
+        for name, topic in super().of_run().items():
+            others = tuple(node for node in topic.producers if node != RECORDER)
+            made[name] = Unrecorded(**vars(replace(topic, producers=others)))
+        return made
 
 
 def main() -> int:
     """Run nodes: nobody waits for a recorder, and the run ends when it is killed."""
-    graph.table = table
-    plant_simulator.NODES = tuple(node for node in topics.NODES if node != RECORDER)
+    topic_node.Topics = UnrecordedTopics
     pace.MAX_UNRECORDED_STEPS = pace.MAX_UNRECORDED_NS = 1 << 62
     return composed.main()
 

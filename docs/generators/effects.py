@@ -5,8 +5,8 @@ import inspect
 import textwrap
 
 from generators.markdown import bounds, table, value
-from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.effects.base import STAGES, Effect
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import Row, load, scenario_names
 
 FOLDER = "reference/effects"
@@ -14,7 +14,7 @@ FOLDER = "reference/effects"
 
 def pages() -> dict[str, str]:
     """Return the pages."""
-    made = {f"{FOLDER}/{effect.name}.md": _page(effect) for effect in CATALOGUE.values()}
+    made = {f"{FOLDER}/{effect.name}.md": _page(effect) for effect in KNEE.catalogue.values()}
     return {f"{FOLDER}/index.md": _index(), **made}
 
 
@@ -26,7 +26,7 @@ def _index() -> str:
             "yes" if shipped[f"plant.effects.{e.name}.enabled"] else "",
             ", ".join(f"{q.name} [{q.unit}]" for q in e.fitted),
         )
-        for stage in STAGES for e in CATALOGUE.values() if e.stage == stage
+        for stage in STAGES for e in KNEE.catalogue.values() if e.stage == stage
     ]  # fmt: skip
     words = (
         "# Catalogue of effects\n\n"

@@ -14,11 +14,13 @@ from generators.markdown import first_sentence, parameter_rows, table, value
 from pam_orthosis.bag import topics
 from pam_orthosis.control import inverse_valve, position, pressure, trajectory
 from pam_orthosis.model import plant
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import SUBJECTS, Section, load
-from pam_orthosis.nodes.layout import LIVE_KEYS
+from pam_orthosis.nodes.layout import live_keys
 from pam_orthosis.scene import messages as scene
 from pam_orthosis.scene import sampled
 
+OF_KNEE = topics.Topics(KNEE)
 NODES = Path(pam_orthosis.__file__).parent / "nodes"
 FOLDER = "reference/nodes"
 RATES = {
@@ -52,7 +54,7 @@ class Described(NamedTuple):
 EXECUTABLES = {
     "plant_simulator": Described(
         (topics.PLANT,),
-        ("model.leg", "model.pneumatics", "model.muscle", "model.orthosis"),
+        ("model.mechanisms.leg", "model.components.pneumatics", "model.components.muscle", "model.assembly"),
         plant.Plant,
         """The emulated hardware: mechanics of the leg, two muscles by the braid's geometry, gas, valves, all
         effects that are on, sensors with noise and steps. It integrates one control period with the voltages
@@ -69,22 +71,22 @@ EXECUTABLES = {
     ),
     "position_controller": Described(
         (topics.POSITION,),
-        ("control.observer", "control.position", "control.knee"),
+        ("control.observer", "control.position", "control.axis"),
         position.PositionController,
         """Observer and backstepping controller of the knee angle: from the measured angle and both pressures
         it estimates velocity and disturbance torque, and from these and the reference it computes the
         pressures that both muscles are to have.""",
     ),
     "pressure_controller": Described(
-        (topics.EXTENSOR, topics.FLEXOR),
-        ("control.pressure", "model.pneumatics"),
+        tuple(OF_KNEE.controllers),
+        ("control.pressure", "model.components.pneumatics"),
         lambda p: pressure.PressureController(p, "extensor"),
         """Backstepping controller of one muscle's pressure. It computes the mass flow that makes the pressure
         follow its reference, the change of volume by the motion included. Each muscle has one.""",
     ),
     "inverse_valve_model": Described(
         (topics.VALVE,),
-        ("control.inverse_valve", "model.pneumatics"),
+        ("control.inverse_valve", "model.components.pneumatics"),
         lambda p: inverse_valve.InverseValveModel(p, "extensor"),
         """Computes the voltage of each valve from the wanted mass flow and the pressure: it inverts the flow
         law of the orifice and compensates hose and dead band.""",
@@ -115,7 +117,7 @@ def pages() -> dict[str, str]:
 def topic_table() -> str:
     """Return all topics of a run as a table."""
     head = ("topic", "meaning", "type", "unit", "published by", "subscribed by", "rate")
-    return table(head, (_topic_row(topic) for topic in topics.TOPICS))
+    return table(head, (_topic_row(topic) for topic in OF_KNEE.all))
 
 
 def _topic_row(topic) -> tuple[str, ...]:
@@ -145,8 +147,8 @@ def executables() -> list[str]:
 
 
 def _page(name: str, one: Described) -> str:
-    published = [t for t in topics.TOPICS if set(one.roles) & set(t.producers)]
-    heard = [t for t in topics.TOPICS if set(one.roles) & set(t.subscribers)]
+    published = [t for t in OF_KNEE.all if set(one.roles) & set(t.producers)]
+    heard = [t for t in OF_KNEE.all if set(one.roles) & set(t.subscribers)]
     parts = [f"# {name}\n\n{' '.join(one.words.split())}\n"]
     if len(one.roles) > 1:
         parts.append(f"\nIn the graph: {', '.join(f'`{role}`' for role in one.roles)}.\n")
@@ -166,7 +168,7 @@ def _page_beside(name: str) -> str:
     """Return the page of a node that is none of a leg's own: what it says of itself."""
     parts = [f"# {name}\n\n{_module_docstring(name)}\n"]
     if name == "leg_state_publisher":
-        parts += ["\n## Subscriptions\n\n", _topics(topics.BY_NAME[topic] for topic in sampled.INPUTS)]
+        parts += ["\n## Subscriptions\n\n", _topics(OF_KNEE.by_name[topic] for topic in sampled.inputs(KNEE))]
         parts += ["\n## Publications\n\n", scene_table()]
     settings = _setting_rows(_calls(name, "Setting"))
     if settings:
@@ -192,7 +194,7 @@ def _used(name: str, core: Callable) -> str:
     tree = load()
     with accessed() as keys:
         core(tree)
-    live = LIVE_KEYS.get(name, ())
+    live = live_keys(tree.declared).get(name, ())
     rows = {row.key: row for row in tree.rows()}
     fixed: dict[str, list[str]] = {}
     for key in (key for key in rows if key in keys and key not in live):

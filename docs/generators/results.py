@@ -80,8 +80,8 @@ def tracking() -> str:
         v = judge(ROOT / "bags" / name)
         variation = ", ".join(f"{value:.0f}" for value in v.voltage_variation_per_s.values())
         rows.append((
-            f"emulation, `{name}`: {scenario_names()[scenario]}", f"{v.max_abs_error_deg:.2f} deg",
-            f"{v.rms_error_deg:.2f} deg", f"{v.steady_state_error_deg:.2f} deg", f"{variation} V/s",
+            f"emulation, `{name}`: {scenario_names()[scenario]}", f"{v.max_abs_error:.2f} deg",
+            f"{v.rms_error:.2f} deg", f"{v.steady_state_error:.2f} deg", f"{variation} V/s",
         ))  # fmt: skip
     return table(("run", "maximum error", "RMS error", "steady state", "voltage variation"), rows)
 

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.typesys import Stores, get_typestore
 
+from pam_orthosis.bag import messages
+from pam_orthosis.bag.read import machine_of
 from pam_orthosis.bag.record import BagWriter
-from pam_orthosis.bag.topics import BY_NAME, SECOND_NS, SIGNALS, Signal, resolve
+from pam_orthosis.bag.topics import MOTION, PRESSURE, SECOND_NS, Signal, Topics, resolve
 
-_STORE = get_typestore(Stores.ROS2_JAZZY)
 _STAMP = struct.Struct("<iI")
 _STAMP_AT = 4  # after the encapsulation header: the header's stamp comes first in the messages
 _NUMBER = struct.Struct("<d")
@@ -32,7 +32,7 @@ def write_arrays(
     run: Mapping[str, str],
     every: int = 1,
 ) -> None:
-    """Write signals of the table `bag.topics.SIGNALS`, all sampled at the same stamps.
+    """Write signals of the machine of which the run metadata tell, all sampled at the same stamps.
 
     Topics of joint states, trajectories and pressures only (no wrench). Of slow topics, as the graph would,
     those of each `every`-th stamp from the first.
@@ -40,14 +40,15 @@ def write_arrays(
     Raises:
         OrthosisError: the folder holds a bag or cannot be written.
     """
+    table = Topics(machine_of(folder, run))
     topics: dict[str, list[Signal]] = {}
     for name in signals:
-        topics.setdefault(SIGNALS[name].topic, []).append(SIGNALS[name])
-    quick = {topic: members for topic, members in topics.items() if not BY_NAME[topic].slow}
-    templates = {topic: _template(topic, members) for topic, members in topics.items()}
+        topics.setdefault(table.signals[name].topic, []).append(table.signals[name])
+    quick = {topic: members for topic, members in topics.items() if not table.by_name[topic].slow}
+    templates = {topic: _template(members) for topic, members in topics.items()}
     with BagWriter(folder, run) as bag:
         for topic in topics:
-            bag.add_topic(resolve(topic), BY_NAME[topic].type)
+            bag.add_topic(resolve(topic), table.by_name[topic].type)
         for index, stamp_ns in enumerate(stamps_ns.tolist()):
             for topic, members in (quick if index % every else topics).items():
                 data, places = templates[topic]
@@ -57,30 +58,20 @@ def write_arrays(
                 bag.write(resolve(topic), stamp_ns, bytes(data))
 
 
-def _template(topic: str, members: list[Signal]) -> tuple[bytearray, list[int]]:
+def _template(members: list[Signal]) -> tuple[bytearray, list[int]]:
     """Return a serialised message and the places of its members' numbers."""
     marks = {signal.name: _MARK * (2 + number) for number, signal in enumerate(members)}
-    message = _message(BY_NAME[topic].type, {signal: marks[signal.name] for signal in members})
-    data = bytearray(_STORE.serialize_cdr(message, message.__msgtype__))
+    message = _message(members[0].type, {signal: marks[signal.name] for signal in members})
+    data = bytearray(messages.serialised(message.__msgtype__, message))
     return data, [data.index(_NUMBER.pack(mark)) for mark in marks.values()]
 
 
 def _message(type_name: str, values: Mapping[Signal, float]) -> Any:
-    kind = _STORE.types
-    stamp = kind["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
-    first = next(iter(values))
-    frame = f"{first.topic.split('/')[0]}_muscle" if type_name.endswith("FluidPressure") else ""
-    header = kind["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)
-    if type_name.endswith("FluidPressure"):
-        return kind[type_name](header=header, fluid_pressure=next(iter(values.values())), variance=0.0)
-    names = list(dict.fromkeys(signal.joint for signal in values))
-    fields = {signal.field: np.array([number]) for signal, number in values.items()}
-    if type_name.endswith("JointState"):
-        empty = {name: np.zeros(0) for name in ("position", "velocity", "effort")}
-        return kind[type_name](header=header, name=names, **(empty | fields))
-    lists = ("positions", "velocities", "accelerations", "effort")
-    point = kind["trajectory_msgs/msg/JointTrajectoryPoint"](
-        **{name: fields.get(name, np.zeros(0)) for name in lists},
-        time_from_start=kind["builtin_interfaces/msg/Duration"](sec=0, nanosec=0),
-    )
-    return kind[type_name](header=header, joint_names=names, points=[point])
+    first, *_ = values
+    fields = {signal.field: number for signal, number in values.items()}
+    if type_name == PRESSURE:
+        return messages.fluid_pressure(0, first.topic.split("/")[0], values[first])
+    if type_name == MOTION:
+        return messages.trajectory(0, first.joint, fields)
+    names = dict.fromkeys(signal.joint for signal in values)
+    return messages.joint_state(0, list(names), **{name: [number] for name, number in fields.items()})

@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from pam_orthosis.bag.cdr import canonical
-from pam_orthosis.bag.read import aligned, raw_messages, read_bag
-from pam_orthosis.bag.topics import BY_NAME, SIGNALS
+from pam_orthosis.bag.read import aligned, raw_messages, read_bag, recorded_machine
+from pam_orthosis.bag.topics import Signal, Topics
+
+Messages = Mapping[int, bytes]
 
 
 @dataclass(frozen=True)
@@ -51,26 +53,28 @@ def compare(first: Path, second: Path, topics: Iterable[str], namespace: str = "
     Raises:
         OrthosisError: a bag is unusable.
     """
-    topics = list(topics)
-    recorded, other = raw_messages(first, topics, namespace), raw_messages(second, topics)
+    topics, table = list(topics), Topics(recorded_machine(first))
+    recorded, other = raw_messages(first, topics, namespace), raw_messages(second, topics, "", table)
     return [
-        _comparison(topic, recorded.get(topic, {}), other.get(topic, {}), (first, second, namespace))
+        _comparison(table, topic, (recorded.get(topic, {}), other.get(topic, {})), (first, second, namespace))
         for topic in topics
     ]
 
 
 def _comparison(
-    topic: str, recorded: Mapping[int, bytes], other: Mapping[int, bytes], bags: tuple[Path, Path, str]
+    table: Topics, topic: str, messages: tuple[Messages, Messages], bags: tuple[Path, Path, str]
 ) -> TopicComparison:
+    recorded, other = messages
     shared = recorded.keys() & other.keys()
-    kind = BY_NAME[topic].type
+    kind = table.by_name[topic].type
     equal = sum(canonical(recorded[stamp], kind) == canonical(other[stamp], kind) for stamp in shared)
-    differences = _differences(topic, *bags) if equal < len(shared) else {}
+    signals = [signal for signal in table.signals.values() if signal.topic == topic]
+    differences = _differences(signals, *bags) if equal < len(shared) else {}
     return TopicComparison(topic, len(shared), equal, len(recorded) - len(shared), differences)
 
 
-def _differences(topic: str, first: Path, second: Path, namespace: str) -> dict[str, float]:
-    names = [name for name, signal in SIGNALS.items() if signal.topic == topic]
-    one, two = read_bag(first, names, namespace=namespace), read_bag(second, names)
-    pairs = {name: aligned(one[name], two[name])[1] for name in names}
-    return {name: float(np.abs(a - b).max()) for name, (a, b) in pairs.items()}
+def _differences(signals: Iterable[Signal], first: Path, second: Path, namespace: str) -> dict[str, float]:
+    signals = list(signals)
+    one, two = read_bag(first, signals, namespace=namespace), read_bag(second, signals)
+    pairs = {signal: aligned(one[signal.name], two[signal.name])[1] for signal in signals}
+    return {signal.name: float(np.abs(a - b).max()) for signal, (a, b) in pairs.items()}

@@ -8,11 +8,10 @@ from typing import Any
 from rosbags.interfaces import Nodetype
 
 from pam_orthosis.bag.cdr import store
-from pam_orthosis.bag.topics import JOINT, Signal
+from pam_orthosis.bag.topics import JOINT, MOTION, Signal
 from pam_orthosis.errors import OrthosisError
 
 HEADER = "std_msgs/msg/Header"
-TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 
 
 def check_field(signal: Signal) -> None:
@@ -27,7 +26,7 @@ def check_field(signal: Signal) -> None:
     if dict(known[signal.type][1]).get("header") != (Nodetype.NAME, HEADER):
         raise OrthosisError(f"{signal.name}: messages of type {signal.type} have no header, so no stamp")
     node: Nodetype = Nodetype.NAME
-    what: Any = f"{TRAJECTORY}Point" if signal.type == TRAJECTORY else signal.type
+    what: Any = f"{MOTION}Point" if signal.type == MOTION else signal.type
     for name in signal.field.split("."):
         inside = dict(known[what][1]) if node == Nodetype.NAME else {}
         if name not in inside:
@@ -36,7 +35,7 @@ def check_field(signal: Signal) -> None:
                 f"{signal.name}: {signal.type} has no field {signal.field!r}: there are {there}"
             )
         node, what = inside[name]
-    if (signal.type in (JOINT, TRAJECTORY)) != bool(signal.joint):
+    if (signal.type in (JOINT, MOTION)) != bool(signal.joint):
         needed = "needs the name of a joint" if not signal.joint else "has no joints"
         raise OrthosisError(f"{signal.name}: a signal of type {signal.type} {needed}")
     if node != (Nodetype.SEQUENCE if signal.joint else Nodetype.BASE) or "string" in str(what):

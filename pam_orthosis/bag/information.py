@@ -14,6 +14,7 @@ from pam_orthosis.reading import from_yaml
 
 METADATA_FILE = "metadata.yaml"
 RUN_RECORD, BAG_RECORD = "pam_orthosis", "rosbag2"  # metadata in an MCAP file: of the run, of the bag
+LONG = ("parameters", "machine")  # of the metadata of a run, which `metadata.yaml` leaves out
 NO_TYPE = "__schemaless__"  # as rosbags calls the type of a channel without a schema
 
 
@@ -59,7 +60,7 @@ def information(
     whole = FileContent("")
     for file in files:
         whole.include(file)
-    custom = {key: value for key, value in run.items() if key != "parameters"}
+    custom = {key: value for key, value in run.items() if key not in LONG}
     return {
         "version": 9,
         "storage_identifier": "mcap",

@@ -8,10 +8,8 @@ from pathlib import Path
 from rosbags.rosbag2 import Reader
 
 from pam_orthosis.bag.bounded import open_bag
-from pam_orthosis.bag.topics import BY_NAME
+from pam_orthosis.bag.topics import JOINT, MOTION, REFERENCE, SAMPLE
 from pam_orthosis.errors import OrthosisError
-
-TELLING, LED = "joint_states", "reference"
 
 
 def namespaces(path: Path) -> list[str]:
@@ -23,14 +21,13 @@ def namespaces(path: Path) -> list[str]:
     """
     try:
         with open_bag(path) as reader:
-            topics = {name: _namespaces(reader, name) for name in (TELLING, LED)}
+            there, led = _namespaces(reader, SAMPLE, JOINT), _namespaces(reader, REFERENCE, MOTION)
     except OrthosisError:
         return [""]
-    return sorted(topics[TELLING] & topics[LED] or topics[TELLING]) or [""]
+    return sorted(there & led or there) or [""]
 
 
-def _namespaces(reader: Reader, name: str) -> set[str]:
+def _namespaces(reader: Reader, name: str, kind: str) -> set[str]:
     """Return where a topic of the table is, by its name and type."""
-    kind = BY_NAME[name].type
     topics = {one.topic for one in reader.connections if one.msgtype == kind}
     return {topic[: -len(name) - 1] for topic in topics if topic.endswith(f"/{name}")}

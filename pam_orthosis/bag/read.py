@@ -21,13 +21,15 @@ from pam_orthosis.bag.cdr import store
 from pam_orthosis.bag.information import RUN_RECORD
 from pam_orthosis.bag.record import message_definition
 from pam_orthosis.bag.rig_topics import RIG_SIGNALS
-from pam_orthosis.bag.topics import BY_NAME, SECOND_NS, SIGNALS, Signal, resolve
+from pam_orthosis.bag.topics import SECOND_NS, Signal, Topics, resolve
 from pam_orthosis.bag.unpack import metadata_records
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.machine import Machine
+from pam_orthosis.model.machines import KNEE, machine_from
 from pam_orthosis.model.parameters import load
 from pam_orthosis.reading import from_json, shown
 
-KNOWN = {**SIGNALS, **RIG_SIGNALS}
+KNOWN = {**RIG_SIGNALS, **Topics(KNEE).signals}
 # what a signal in the right unit cannot leave
 PLAUSIBLE = {
     "rad": (-10.0, 10.0),
@@ -40,6 +42,7 @@ PLAUSIBLE = {
     "N m": (-1e5, 1e5),
     "m": (-10.0, 10.0),
     "m/s": (-100.0, 100.0),
+    "m/s^2": (-1e4, 1e4),
 }
 
 
@@ -52,12 +55,13 @@ class Series(NamedTuple):
 
 @dataclass(frozen=True)
 class Bag:
-    """What was read: series by signal name; run metadata, parameters (both empty if foreign)."""
+    """What was read: series by signal name; run metadata, parameters (both empty if foreign); whose it is."""
 
     path: Path
     series: Mapping[str, Series]
     run: Mapping[str, str]
     parameters: Mapping[str, Any]
+    machine: Machine
 
     def __getitem__(self, signal: str) -> Series:
         """Return a signal's series."""
@@ -67,7 +71,7 @@ class Bag:
 def read_bag(
     path: Path, signals: Iterable[str | Signal], optional: Iterable[str | Signal] = (), namespace: str = ""
 ) -> Bag:
-    """Read signals from a bag folder or file: those of `KNOWN` by name, others as they are given.
+    """Read signals from a bag folder or file: those of its machine or of the rig by name, others as given.
 
     Args:
         path: folder with `metadata.yaml`, or an `.mcap` or `.db3` file.
@@ -81,17 +85,26 @@ def read_bag(
     """
     path = Path(path)
     with open_bag(path) as reader:
-        series = _read(reader, path, _found(signals), _found(optional), namespace)
-    run = run_record(path)
-    return Bag(path, series, run, recorded_parameters(path, run, namespace))
+        run = run_record(path)
+        machine = machine_of(path, run)
+        wanted, more = _found(path, machine, signals), _found(path, machine, optional)
+        series = _read(reader, path, wanted, more, namespace)
+    return Bag(path, series, run, recorded_parameters(path, run, namespace), machine)
 
 
-def _found(signals: Iterable[str | Signal]) -> list[Signal]:
-    return [KNOWN[one] if isinstance(one, str) else one for one in signals]
+def _found(path: Path, machine: Machine, signals: Iterable[str | Signal]) -> list[Signal]:
+    known, signals = {**RIG_SIGNALS, **Topics(machine).signals}, list(signals)
+    if strange := [one for one in signals if isinstance(one, str) and one not in known]:
+        raise OrthosisError(f"{path} is of a {machine.name}, which has no {strange[0]}")
+    return [known[one] if isinstance(one, str) else one for one in signals]
 
 
-def raw_messages(path: Path, topics: Iterable[str], namespace: str = "") -> dict[str, dict[int, bytes]]:
-    """Return the serialised messages of topics of the table, by topic and stamp; absent ones are left out.
+def raw_messages(
+    path: Path, topics: Iterable[str], namespace: str = "", table: Topics | None = None
+) -> dict[str, dict[int, bytes]]:
+    """Return the serialised messages of topics by topic and stamp; absent ones are left out.
+
+    They are those of a table, or of that of the machine of which the bag tells.
 
     Raises:
         OrthosisError: missing, unclosed or damaged bag; a topic of another type.
@@ -99,10 +112,11 @@ def raw_messages(path: Path, topics: Iterable[str], namespace: str = "") -> dict
     path = Path(path)
     names = {resolve(topic, namespace): topic for topic in topics}
     messages: dict[str, dict[int, bytes]] = {}
+    table = table or Topics(recorded_machine(path))
     with open_bag(path) as reader:
         connections = [one for one in reader.connections if one.topic in names]
         for one in connections:
-            _check_type(path, one, BY_NAME[names[one.topic]].type)
+            _check_type(path, one, table.by_name[names[one.topic]].type)
         for connection, _, data in reader.messages(connections) if connections else ():
             messages.setdefault(names[connection.topic], {}).setdefault(_stamp_ns(data), bytes(data))
     return messages
@@ -118,6 +132,29 @@ def run_record(path: Path) -> dict[str, str]:
     return {}
 
 
+def machine_of(path: Path, run: Mapping[str, str]) -> Machine:
+    """Return the machine of which a bag's run metadata tell: of the file in it, or the knee.
+
+    Raises:
+        OrthosisError: the file in it is unusable.
+    """
+    if not (text := run.get("machine")):
+        return KNEE
+    return machine_from(text, run.get("machine_name", "machine"), f"{path}: the machine in its run metadata")
+
+
+def recorded_machine(path: Path) -> Machine:
+    """Return the machine of a bag.
+
+    One that cannot be read is taken for the knee's: whoever reads its signals tells what is wrong with it.
+    """
+    try:
+        run = run_record(path)
+    except OrthosisError:
+        return KNEE
+    return machine_of(path, run)
+
+
 def recorded_parameters(path: Path, run: Mapping[str, str], namespace: str = "") -> dict[str, Any]:
     """Return the parameters of the run metadata, as they were for a leg; empty if there are none.
 
@@ -129,7 +166,7 @@ def recorded_parameters(path: Path, run: Mapping[str, str], namespace: str = "")
         recorded |= _checked(path, legs_of(path, run).get(namespace.strip("/"), {}))
     if not recorded:
         return {}
-    known = load()
+    known = load({}, machine_of(path, run))
     try:
         return {key: known.accepted(key, value) for key, value in recorded.items()}
     except OrthosisError as error:

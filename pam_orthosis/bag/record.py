@@ -90,7 +90,7 @@ class BagWriter:
 
     Args:
         folder: created if need be; must not hold a bag.
-        run: run metadata (texts), kept in the MCAP file and, but for the parameters, in
+        run: run metadata (texts), kept in the MCAP file and, but for parameters and machine, in
             `metadata.yaml` as custom data.
         behind: go on with the bag of another writer that was killed, in a file behind this; what that one
             wrote later is cut off.
@@ -277,10 +277,12 @@ def run_metadata(
 ) -> dict[str, str]:
     """Return what a bag tells of its run: version, commit, scenario, seed, effects, parameters.
 
-    With several legs it tells in which parameters each differs: JSON, by namespace. Effects are those that
+    Of a user's machine it holds the file. With several legs it tells in which parameters each differs: JSON,
+    by namespace. Effects are those that
     are switched on in these branches of the parameters.
     """
     flat = parameters.flat()
+    machine = parameters.declared
     on = [key.removesuffix(".enabled") for key, value in flat.items() if key.endswith(".enabled") and value]
     return {
         "version": __version__,
@@ -290,6 +292,7 @@ def run_metadata(
         "effects": json.dumps([key for key in on if key.startswith(tuple(branches))]),
         "parameters": json.dumps(flat),
         **({"legs": legs} if legs else {}),
+        **({"machine": machine.text, "machine_name": machine.name} if machine.text else {}),
     }
 
 

@@ -6,11 +6,9 @@ Same conventions: stamped standard types, truth on a topic of its own that ident
 
 from __future__ import annotations
 
-from pam_orthosis.bag.topics import JOINT, PRESSURE, Signal, Topic, typed
+from pam_orthosis.bag.topics import JOINT, MOTION, PRESSURE, WRENCH, Signal, Topic, typed
 
 NAMESPACE = "rig"
-WRENCH = "geometry_msgs/msg/WrenchStamped"
-TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 
 
 def _topic(name: str, type_: str, meaning: str, unit: str) -> Topic:
@@ -24,7 +22,7 @@ RIG_TOPICS = (
     _topic("specimen/force", WRENCH, "load cell, force along x", "N"),
     _topic("specimen/cylinder", JOINT, "calliper: diameter and length of the cylinder", "m"),
     _topic("truth", JOINT, "state of the emulated rig", "SI"),
-    _topic("reference", TRAJECTORY, "position to follow", "m, m/s, m/s^2"),
+    _topic("reference", MOTION, "position to follow", "m, m/s, m/s^2"),
     _topic("specimen/pressure_reference", PRESSURE, "pressure to hold", "Pa"),
     _topic("estimate", JOINT, "observer: position, velocity", "m, m/s"),
     _topic("specimen/mass_flow", JOINT, "mass flow to reach (velocity)", "kg/s"),

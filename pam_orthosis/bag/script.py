@@ -12,12 +12,24 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from pam_orthosis.bag.read import raw_messages
-from pam_orthosis.bag.topics import CLOCK, NODES, PLANT, RECORDER, SECOND_NS, SLOW, TRAJECTORY, Topic, table
+from pam_orthosis.bag.read import raw_messages, recorded_machine
+from pam_orthosis.bag.topics import (
+    ANSWERED,
+    CLOCK,
+    PLANT,
+    RECORDER,
+    REFERENCE,
+    SAMPLE,
+    SECOND_NS,
+    SLOW,
+    TRAJECTORY,
+    Topic,
+    Topics,
+)
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 
-TIMES = "joint_states"  # whose stamps are the instants
+TIMES = SAMPLE  # whose stamps are the instants
 Messages = Mapping[str, Mapping[int, bytes]]
 
 
@@ -43,9 +55,10 @@ class Script:
     """
 
     def __init__(self, path: Path, namespace: str = "", nodes: Collection[str] = (), held_ns: int = 0):
-        self._topics = {name: topic for name, topic in table().items() if topic.rate == "step"}
-        self.messages: Messages = raw_messages(path, [*self._topics, "answered"], namespace)
-        self.missing = {node: self._missing(node) for node in NODES if node != RECORDER}
+        table = Topics(recorded_machine(path))
+        self._topics = {name: topic for name, topic in table.of_run().items() if topic.rate == "step"}
+        self.messages: Messages = raw_messages(path, [*self._topics, ANSWERED], namespace)
+        self.missing = {node: self._missing(node) for node in table.nodes if node != RECORDER}
         self.nodes = tuple(node for node in self.missing if _chosen(node, nodes) and not self.missing[node])
         self._check(path, nodes)
         self._held_ns = held_ns
@@ -93,7 +106,7 @@ class Script:
 
     def _missing(self, node: str) -> str:
         """Return the topic that the bag lacks for a node, none if it has all."""
-        if node == PLANT and (self.messages.get("answered") or 0 not in self.messages.get(TIMES, ())):
+        if node == PLANT and (self.messages.get(ANSWERED) or 0 not in self.messages.get(TIMES, ())):
             return "a start in lockstep"  # elsewhere the plant's state is not known, nor when it was driven
         needed = [TIMES, *(topic for topic in self.inputs(node) if topic != CLOCK)]
         absent = [topic for topic in needed if not self.messages.get(topic)]
@@ -101,7 +114,7 @@ class Script:
 
     def _answered_stamps(self, node: str) -> set[int]:
         if node == TRAJECTORY:  # it publishes ahead: it hears of each sample from its first message on
-            first = min(self.messages["reference"])
+            first = min(self.messages[REFERENCE])
             heard = {stamp for stamp in self.messages[TIMES] if stamp >= first}
             return heard | ({first} if self._held_ns else set())  # which tells the steps of slow nodes
         inputs = self.inputs(node)

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Mapping
 from heapq import heappop, heappush
 from typing import NamedTuple
 
-from pam_orthosis.bag.topics import SLOW, Topic, is_health_instant, table
+from pam_orthosis.bag.topics import SLOW, Topic, is_health_instant
 
 REMEMBERED = 1000  # instants, in real time
 
@@ -28,7 +28,7 @@ class StepCollector:
 
     Args:
         period_ns: control period.
-        topics: table of the run, of lockstep if not given.
+        topics: table of the run.
         late_ns: in real time an instant leaves at the latest when one so much later is there, complete or
             not, so that little is held back; what comes for it afterwards leaves by itself.
         every: periods from one step of slow nodes to the next. The run begins with one; in real time, where
@@ -38,12 +38,12 @@ class StepCollector:
     def __init__(
         self,
         period_ns: int,
-        topics: Mapping[str, Topic] | None = None,
+        topics: Mapping[str, Topic],
         late_ns: int | None = None,
         every: int = 1,
     ):
         self._period_ns, self._slow_ns = period_ns, every * period_ns
-        self._topics = table() if topics is None else topics
+        self._topics = topics
         self._order = {name: index for index, name in enumerate(self._topics)}
         of_one = [name for name, topic in self._topics.items() if len(topic.producers) == 1]
         self._alone = {name: (self._order[name], b"") for name in of_one}

@@ -11,7 +11,7 @@ import numpy as np
 
 from pam_orthosis.bag.bounded import open_bag
 from pam_orthosis.bag.cdr import store
-from pam_orthosis.bag.topics import BY_NAME, SECOND_NS, resolve
+from pam_orthosis.bag.topics import ANSWERED, JOINT, SAMPLE, SECOND_NS, TIME_REFERENCE, resolve
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ def timing(path: Path, namespace: str = "", period_s: float | None = None) -> Ti
 
     The period is that of most samples, if it is not given.
     """
-    samples, _ = _instants(path, resolve("joint_states", namespace))
-    answers, left = _instants(path, resolve("answered", namespace))
+    samples, _ = _instants(path, resolve(SAMPLE, namespace))
+    answers, left = _instants(path, resolve(ANSWERED, namespace))
     if len(samples) < 2 or not np.isin(answers, samples).any():
         return None
     period_ns = int(np.median(np.diff(samples))) if period_s is None else round(period_s * SECOND_NS)
@@ -63,7 +63,7 @@ def judge_timing(samples: np.ndarray, answered: dict[int, int], period_ns: int) 
 def _instants(path: Path, topic: str) -> tuple[np.ndarray, np.ndarray]:
     """Return stamps, ns, and the instants that the messages name, or else their stamps again."""
     rows = []
-    types = BY_NAME["joint_states"].type, BY_NAME["answered"].type
+    types = JOINT, TIME_REFERENCE
     with open_bag(path) as reader:
         connections = [one for one in reader.connections if one.topic == topic and one.msgtype in types]
         # without a connection the reader would give every message there is

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one table of topics and of the signals on them.
+"""The one table of topics and of the signals on them, as a machine has them.
 
 Nodes take type and peers of a topic from here, the start barrier the number of its peers, the
 recorder its list, readers the place of each signal. Topics stand in causal order: within a step a
@@ -8,21 +8,28 @@ message depends only on topics above it, so the first one missing names the node
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from pam_orthosis.model.machine import Machine
 
 PLANT = "plant_simulator"
 TRAJECTORY = "trajectory_publisher"
 POSITION = "position_controller"
-EXTENSOR = "extensor_pressure_controller"
-FLEXOR = "flexor_pressure_controller"
 VALVE = "inverse_valve_model"
 RECORDER = "bag_recorder"
-NODES = (PLANT, TRAJECTORY, POSITION, EXTENSOR, FLEXOR, VALVE, RECORDER)
+CONTROLLER = "{}_pressure_controller"
 SLOW = (TRAJECTORY, POSITION)  # these work at each `control.position.every`-th control period
 
 CLOCK = "/clock"
+JOINT, PRESSURE = "sensor_msgs/msg/JointState", "sensor_msgs/msg/FluidPressure"
+WRENCH, MOTION = "geometry_msgs/msg/WrenchStamped", "trajectory_msgs/msg/JointTrajectory"
+SAMPLE, REFERENCE, ANSWERED = "joint_states", "reference", "answered"
+TIME_REFERENCE = "sensor_msgs/msg/TimeReference"
+DISTURBANCE = {"rotation": "wrench.torque.y", "translation": "wrench.force.x"}  # along REP-103's axes
 SECOND_NS = 1_000_000_000
 # a writer forgets what is older, read or not; the plant is never so many steps ahead of the recorder
 PUBLISHED_DEPTH = 200
@@ -72,94 +79,145 @@ def _topic(name: str, type_: str, producer: str, consumers: Iterable[str], *rest
     return Topic(name, type_, (producer,), tuple(consumers), *rest)
 
 
-JOINT, PRESSURE = "sensor_msgs/msg/JointState", "sensor_msgs/msg/FluidPressure"
-_OTHERS = tuple(node for node in NODES if node != RECORDER)
+class Signal(NamedTuple):
+    """One number on a topic: its message field, and the joint where the field is a list.
 
-TOPICS = (
-    _topic(CLOCK, "rosgraph_msgs/msg/Clock", PLANT, [TRAJECTORY], "simulated time", "s"),
-    _topic("joint_states", JOINT, PLANT, [POSITION], "measured knee angle", "rad"),
-    _topic("extensor/pressure", PRESSURE, PLANT, [POSITION, EXTENSOR, VALVE], "measured pressure", "Pa"),
-    _topic("flexor/pressure", PRESSURE, PLANT, [POSITION, FLEXOR, VALVE], "measured pressure", "Pa"),
-    _topic("truth", JOINT, PLANT, [], "state of the emulated hardware", "SI"),
-    _topic(
-        "reference",
-        "trajectory_msgs/msg/JointTrajectory",
-        TRAJECTORY,
-        [POSITION],
-        "angle to follow, published one of its periods ahead",
-        "rad, rad/s, rad/s^2",
-    ),
-    _topic("estimate", JOINT, POSITION, [EXTENSOR, FLEXOR], "observer: angle, velocity", "rad, rad/s"),
-    _topic(
-        "disturbance",
-        "geometry_msgs/msg/WrenchStamped",
-        POSITION,
-        [],
-        "observer: disturbance torque tau of Eq. (26), positive against flexion",
-        "N m",
-    ),
-    _topic("extensor/pressure_reference", PRESSURE, POSITION, [EXTENSOR], "pressure to reach", "Pa"),
-    _topic("flexor/pressure_reference", PRESSURE, POSITION, [FLEXOR], "pressure to reach", "Pa"),
-    _topic("extensor/mass_flow", JOINT, EXTENSOR, [VALVE], "mass flow to reach (velocity)", "kg/s"),
-    _topic("flexor/mass_flow", JOINT, FLEXOR, [VALVE], "mass flow to reach (velocity)", "kg/s"),
-    _topic("extensor/valve_voltage", JOINT, VALVE, [PLANT], "valve voltage (effort)", "V"),
-    _topic("flexor/valve_voltage", JOINT, VALVE, [PLANT], "valve voltage (effort)", "V"),
-    _topic(
-        "answered",
-        "sensor_msgs/msg/TimeReference",
-        VALVE,
-        [],
-        "when the voltages that answer a sample left, real time only",
-        "s",
-        "answer",
-    ),
-    Topic(
-        "diagnostics",
-        "diagnostic_msgs/msg/DiagnosticArray",
-        NODES,
-        (),
-        "health of each node, once a second of its time",
-        "-",
-        "1 Hz",
-    ),
-    Topic(
-        "configuration",
-        "std_msgs/msg/String",
-        NODES,
-        NODES,
-        "what the node was started with, as JSON",
-        "-",
-        "event",
-    ),
-    Topic("ready", "std_msgs/msg/String", NODES, (PLANT,), "the node's peers are there", "-", "event"),
-    _topic("recorded", "builtin_interfaces/msg/Time", RECORDER, [PLANT], "recorded up to", "s", "event"),
-    _topic("end", "builtin_interfaces/msg/Time", RECORDER, _OTHERS, "the run is over", "s", "event"),
-)
-BY_NAME = {topic.name: topic for topic in TOPICS}
-ORDER = {topic.name: index for index, topic in enumerate(TOPICS)}
-RECORDED = tuple(topic for topic in TOPICS if topic.recorded and topic.rate != "answer")
-
-
-def table(realtime: bool = False, with_plant: bool = True, replay: bool = False) -> dict[str, Topic]:
-    """Return the topics of a run by name.
-
-    In lockstep `/clock` drives the trajectory, in real time the samples themselves do, and nobody waits
-    for the recorder. Without the plant a driver publishes and takes what stands under the plant's name,
-    but for the truth and the management of the graph. In a replay a player stands in for all peers,
-    under the recorder's name.
+    `point` is that of a trajectory, as an index; `type` that of the topic's messages.
     """
-    if replay:
-        return {name: _replayed(topic) for name, topic in table().items()}
-    if not realtime:
-        return {topic.name: topic for topic in TOPICS if topic.rate != "answer"}
-    topics = {topic.name: topic for topic in TOPICS if topic.name != CLOCK}
-    joint = topics["joint_states"]
-    topics["joint_states"] = replace(joint, consumers=(*joint.consumers, TRAJECTORY))
-    topics["recorded"] = replace(topics["recorded"], consumers=())
-    if with_plant:
-        return topics
-    del topics["truth"]
-    return {name: topic if topic.rate == "step" else _without_plant(topic) for name, topic in topics.items()}
+
+    name: str
+    topic: str
+    field: str
+    joint: str
+    unit: str
+    point: int = 0
+    type: str = ""
+
+
+def typed(signals: Iterable[Signal], topics: Iterable[Topic]) -> dict[str, Signal]:
+    """Return signals by name, each with the type of its topic."""
+    types = {topic.name: topic.type for topic in topics}
+    return {signal.name: signal._replace(type=types[signal.topic]) for signal in signals}
+
+
+class Topics:
+    """Nodes, topics and signals of a machine's graph."""
+
+    def __init__(self, machine: Machine):
+        self.machine = machine
+        self.controllers = {CONTROLLER.format(name): name for name in machine.names}
+        self.nodes = (PLANT, TRAJECTORY, POSITION, *self.controllers, VALVE, RECORDER)
+        self.sensors = (SAMPLE, *(f"{name}/pressure" for name in machine.names))
+        self.commands = tuple(f"{name}/valve_voltage" for name in machine.names)
+
+    @cached_property
+    def all(self) -> tuple[Topic, ...]:
+        """All topics."""
+        return (*self._measured(), *self._computed(), *self._managing())
+
+    @cached_property
+    def by_name(self) -> dict[str, Topic]:
+        """All topics by name."""
+        return {topic.name: topic for topic in self.all}
+
+    @property
+    def recorded(self) -> tuple[Topic, ...]:
+        """What a bag holds of a run in lockstep."""
+        return tuple(topic for topic in self.all if topic.recorded and topic.rate != "answer")
+
+    def of_run(
+        self, realtime: bool = False, with_plant: bool = True, replay: bool = False
+    ) -> dict[str, Topic]:
+        """Return the topics of a run by name.
+
+        In lockstep `/clock` drives the trajectory, in real time the samples themselves do, and nobody waits
+        for the recorder. Without the plant a driver publishes and takes what stands under the plant's name,
+        but for the truth and the management of the graph. In a replay a player stands in for all peers,
+        under the recorder's name.
+        """
+        if replay:
+            return {name: _replayed(topic) for name, topic in self.of_run().items()}
+        if not realtime:
+            return {topic.name: topic for topic in self.all if topic.rate != "answer"}
+        topics = {topic.name: topic for topic in self.all if topic.name != CLOCK}
+        joint = topics[SAMPLE]
+        topics[SAMPLE] = replace(joint, consumers=(*joint.consumers, TRAJECTORY))
+        topics["recorded"] = replace(topics["recorded"], consumers=())
+        if with_plant:
+            return topics
+        del topics["truth"]
+        return {name: one if one.rate == "step" else _without_plant(one) for name, one in topics.items()}
+
+    @cached_property
+    def signals(self) -> dict[str, Signal]:
+        """Signals by name, each with the type of its topic."""
+        return typed([*self._of_the_coordinate(), *self._of_actuators()], self.all)
+
+    def _measured(self) -> Iterator[Topic]:
+        coordinate = self.machine.coordinate
+        yield _topic(CLOCK, "rosgraph_msgs/msg/Clock", PLANT, [TRAJECTORY], "simulated time", "s")
+        what = f"measured {self.machine.name} {coordinate.name}"
+        yield _topic(SAMPLE, JOINT, PLANT, [POSITION], what, coordinate.unit)
+        for node, name in self.controllers.items():
+            listeners = (POSITION, node, VALVE)
+            yield _topic(f"{name}/pressure", PRESSURE, PLANT, listeners, "measured pressure", "Pa")
+        yield _topic("truth", JOINT, PLANT, [], "state of the emulated hardware", "SI")
+
+    def _computed(self) -> Iterator[Topic]:
+        c, controllers = self.machine.coordinate, self.controllers
+        place, motion = f"{c.unit}, {c.unit}/s", f"{c.unit}, {c.unit}/s, {c.unit}/s^2"
+        what = f"{c.name} to follow, published one of its periods ahead"
+        yield _topic(REFERENCE, MOTION, TRAJECTORY, [POSITION], what, motion)
+        yield _topic("estimate", JOINT, POSITION, controllers, f"observer: {c.name}, velocity", place)
+        what = f"observer: disturbance {c.effort} tau of Eq. (26), positive against a rising {c.name}"
+        yield _topic("disturbance", WRENCH, POSITION, [], what, c.effort_unit)
+        for node, name in controllers.items():
+            yield _topic(f"{name}/pressure_reference", PRESSURE, POSITION, [node], "pressure to reach", "Pa")
+        for node, name in controllers.items():
+            yield _topic(f"{name}/mass_flow", JOINT, node, [VALVE], "mass flow to reach (velocity)", "kg/s")
+        for name in self.commands:
+            yield _topic(name, JOINT, VALVE, [PLANT], "valve voltage (effort)", "V")
+        what = "when the voltages that answer a sample left, real time only"
+        yield _topic(ANSWERED, TIME_REFERENCE, VALVE, [], what, "s", "answer")
+
+    def _managing(self) -> Iterator[Topic]:
+        nodes, text, instant = self.nodes, "std_msgs/msg/String", "builtin_interfaces/msg/Time"
+        what = "health of each node, once a second of its time"
+        yield Topic("diagnostics", "diagnostic_msgs/msg/DiagnosticArray", nodes, (), what, "-", "1 Hz")
+        what = "what the node was started with, as JSON"
+        yield Topic("configuration", text, nodes, nodes, what, "-", "event")
+        yield Topic("ready", text, nodes, (PLANT,), "the node's peers are there", "-", "event")
+        yield _topic("recorded", instant, RECORDER, [PLANT], "recorded up to", "s", "event")
+        yield _topic("end", instant, RECORDER, nodes[:-1], "the run is over", "s", "event")
+
+    def _of_the_coordinate(self) -> Iterator[Signal]:
+        c, joint = self.machine.coordinate, self.machine.name
+        velocity = f"{c.unit}/s"
+        yield Signal(c.name, SAMPLE, "position", joint, c.unit)
+        yield Signal(f"reference_{c.name}", REFERENCE, "positions", joint, c.unit)
+        yield Signal("reference_velocity", REFERENCE, "velocities", joint, velocity)
+        yield Signal("reference_acceleration", REFERENCE, "accelerations", joint, f"{velocity}^2")
+        # with a plan that of the plan
+        yield Signal(f"followed_{c.name}", REFERENCE, "positions", joint, c.unit, -1)
+        yield Signal(f"estimate_{c.name}", "estimate", "position", joint, c.unit)
+        yield Signal("estimate_velocity", "estimate", "velocity", joint, velocity)
+        yield Signal("disturbance", "disturbance", DISTURBANCE[c.kind], "", c.effort_unit)
+        yield Signal(f"truth_{c.name}", "truth", "position", joint, c.unit)
+        yield Signal("truth_velocity", "truth", "velocity", joint, velocity)
+        yield Signal(f"truth_{c.effort}", "truth", "effort", joint, c.effort_unit)
+
+    def _of_actuators(self) -> Iterator[Signal]:
+        for name in self.machine.names:
+            valve, gas, asked = f"{name}_valve", f"{name}_gas", f"{name}/pressure_reference"
+            yield Signal(f"{name}_pressure", f"{name}/pressure", "fluid_pressure", "", "Pa")
+            yield Signal(f"{name}_pressure_reference", asked, "fluid_pressure", "", "Pa")
+            yield Signal(f"{name}_mass_flow", f"{name}/mass_flow", "velocity", valve, "kg/s")
+            yield Signal(f"{name}_voltage", f"{name}/valve_voltage", "effort", valve, "V")
+            yield Signal(f"truth_{name}_contraction", "truth", "position", name, "m")
+            yield Signal(f"truth_{name}_rate", "truth", "velocity", name, "m/s")
+            yield Signal(f"truth_{name}_force", "truth", "effort", name, "N")
+            yield Signal(f"truth_{name}_pressure", "truth", "effort", gas, "Pa")
+            yield Signal(f"truth_{name}_flow", "truth", "velocity", gas, "kg/s")
 
 
 def _replayed(topic: Topic) -> Topic:
@@ -198,63 +256,3 @@ def resolve(name: str, namespace: str = "") -> str:
 def is_health_instant(stamp_ns: int, period_ns: int) -> bool:
     """Whether the step at `stamp_ns` is the first of its second, when nodes report their health."""
     return stamp_ns // SECOND_NS != (stamp_ns - period_ns) // SECOND_NS
-
-
-class Signal(NamedTuple):
-    """One number on a topic: its message field, and the joint where the field is a list.
-
-    `point` is that of a trajectory, as an index; `type` that of the topic's messages.
-    """
-
-    name: str
-    topic: str
-    field: str
-    joint: str
-    unit: str
-    point: int = 0
-    type: str = ""
-
-
-def typed(signals: Iterable[Signal], topics: Iterable[Topic]) -> dict[str, Signal]:
-    """Return signals by name, each with the type of its topic."""
-    types = {topic.name: topic.type for topic in topics}
-    return {signal.name: signal._replace(type=types[signal.topic]) for signal in signals}
-
-
-def _muscle_signals(muscle: str) -> list[Signal]:
-    valve = f"{muscle}_valve"
-    return [
-        Signal(f"{muscle}_pressure", f"{muscle}/pressure", "fluid_pressure", "", "Pa"),
-        Signal(
-            f"{muscle}_pressure_reference",
-            f"{muscle}/pressure_reference",
-            "fluid_pressure",
-            "",
-            "Pa",
-        ),
-        Signal(f"{muscle}_mass_flow", f"{muscle}/mass_flow", "velocity", valve, "kg/s"),
-        Signal(f"{muscle}_voltage", f"{muscle}/valve_voltage", "effort", valve, "V"),
-        Signal(f"truth_{muscle}_contraction", "truth", "position", muscle, "m"),
-        Signal(f"truth_{muscle}_rate", "truth", "velocity", muscle, "m/s"),
-        Signal(f"truth_{muscle}_force", "truth", "effort", muscle, "N"),
-        Signal(f"truth_{muscle}_pressure", "truth", "effort", f"{muscle}_gas", "Pa"),
-        Signal(f"truth_{muscle}_flow", "truth", "velocity", f"{muscle}_gas", "kg/s"),
-    ]
-
-
-_SIGNALS = (
-    Signal("angle", "joint_states", "position", "knee", "rad"),
-    Signal("reference_angle", "reference", "positions", "knee", "rad"),
-    Signal("reference_velocity", "reference", "velocities", "knee", "rad/s"),
-    Signal("reference_acceleration", "reference", "accelerations", "knee", "rad/s^2"),
-    Signal("followed_angle", "reference", "positions", "knee", "rad", -1),  # with a plan that of the plan
-    Signal("estimate_angle", "estimate", "position", "knee", "rad"),
-    Signal("estimate_velocity", "estimate", "velocity", "knee", "rad/s"),
-    Signal("disturbance", "disturbance", "wrench.torque.y", "", "N m"),
-    Signal("truth_angle", "truth", "position", "knee", "rad"),
-    Signal("truth_velocity", "truth", "velocity", "knee", "rad/s"),
-    Signal("truth_torque", "truth", "effort", "knee", "N m"),
-    *_muscle_signals("extensor"),
-    *_muscle_signals("flexor"),
-)
-SIGNALS = typed(_SIGNALS, TOPICS)

@@ -45,7 +45,9 @@ class Batch:
         self.results = {unit.name: one for unit in units if (one := self._finished(unit)) is not None}
         self.failed: dict[str, dict[str, Any]] = {}
         self.skipped = tuple(self.results)
-        self._summary_is_ours()
+        summary = folder / SUMMARY
+        if summary.exists() and set(_object(summary)) != set(self.summary()):
+            raise OrthosisError(f"{summary} is no summary of a batch; give another --out")
 
     def run(
         self,
@@ -102,12 +104,6 @@ class Batch:
             "failed": self.failed,
             "missing": [name for name in names if name not in self.results and name not in self.failed],
         }
-
-    def _summary_is_ours(self) -> None:
-        """Raise OrthosisError if there is a file of the summary's name that is no summary."""
-        file = self.folder / SUMMARY
-        if file.exists() and set(_object(file)) != set(self.summary()):
-            raise OrthosisError(f"{file} is no summary of a batch; give another --out")
 
     def _finished(self, unit: Unit) -> dict[str, Any] | None:
         result = self._earlier(unit)

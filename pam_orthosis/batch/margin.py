@@ -18,6 +18,7 @@ from pam_orthosis.batch.executors import local
 from pam_orthosis.batch.unit import Unit, work
 from pam_orthosis.control import margin
 from pam_orthosis.errors import OrthosisError, RunFailed
+from pam_orthosis.model.machines import machine_from
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.progress import Progress, silent
 
@@ -33,7 +34,7 @@ def measure(parameters: Parameters, workers: int, progress: Progress = silent) -
         progress: of the units.
 
     Raises:
-        OrthosisError: the knee is lost on the hardware as it is, or the runs end before the gait begins.
+        OrthosisError: the machine is lost on the hardware as it is, or the runs end before it moves.
         RunFailed: a unit gave no answer.
     """
     _refuse_short(parameters)
@@ -41,18 +42,22 @@ def measure(parameters: Parameters, workers: int, progress: Progress = silent) -
     nominal = margin.maximum_error(parameters)
     if math.isinf(nominal):
         raise OrthosisError(
-            "the knee is lost on the hardware as it is: there is no margin; check gains and model"
+            f"the {parameters.declared.name} is lost on the hardware as it is: there is no margin;"
+            " check gains and model"
         )
     present = margin.perturbations(parameters)
+    unit, shown = parameters.declared.coordinate.shown_unit, parameters.declared.coordinate.shown_factor
     units = [_unit(parameters, name, direction, nominal) for name, direction in product(present, DIRECTIONS)]
     rows = _worked(units, workers, progress)
     doubled, lost = margin.thresholds(parameters, nominal)
     return {
         "duration_s": parameters.scenario.duration,
         "seed": parameters.scenario.seed,
-        "max_abs_error_deg": math.degrees(nominal),
-        "doubled_deg": math.degrees(doubled),
-        "lost_deg": math.degrees(lost),
+        "machine": parameters.declared.name,
+        "error_unit": unit,
+        f"max_abs_error_{unit}": shown * nominal,
+        f"doubled_{unit}": shown * doubled,
+        f"lost_{unit}": shown * lost,
         "margins": [rows[unit.name] for unit in units],
         "not_there": [name for name in margin.NAMES if name not in present],
     }
@@ -63,15 +68,17 @@ def _refuse_short(parameters: Parameters) -> None:
     begins = scenario.start_hold + scenario.start_ramp
     if scenario.duration < begins:
         raise OrthosisError(
-            f"scenario.duration = {scenario.duration:g} s is too short: the gait begins after {begins:g} s;"
-            " give a cycle more than that, or the margins are those of a knee at rest"
+            f"scenario.duration = {scenario.duration:g} s is too short: the motion begins after {begins:g} s;"
+            " give a cycle more than that, or the margins are those at rest"
         )
 
 
 def _unit(parameters: Parameters, name: str, direction: str, nominal: float) -> Unit:
-    shipped = load().flat()
+    machine = parameters.declared
+    shipped = load({}, machine).flat()
     changed = {key: value for key, value in parameters.flat().items() if value != shipped[key]}
-    return Unit(f"{name}, {direction}", __name__, (json.dumps(changed), name, direction, repr(nominal)))
+    own = (machine.name, machine.text) if machine.text else ()
+    return Unit(f"{name}, {direction}", __name__, (json.dumps(changed), name, direction, repr(nominal), *own))
 
 
 def _worked(units: Sequence[Unit], workers: int, progress: Progress) -> dict[str, dict[str, Any]]:
@@ -93,8 +100,9 @@ def one(parameters: Parameters, name: str, direction: str, nominal: float) -> di
     """Return the margins against one perturbation in one direction, as plain data.
 
     Args:
-        nominal: maximum error of the hardware as it is, rad.
+        nominal: maximum error of the hardware as it is, rad or m.
     """
+    coordinate = parameters.declared.coordinate
     changed = margin.perturbations(parameters)[name]
     ladder = changed.ladder(direction)
 
@@ -115,7 +123,9 @@ def one(parameters: Parameters, name: str, direction: str, nominal: float) -> di
         "runs": [
             {
                 "value": value,
-                "max_abs_error_deg": math.degrees(known[value]) if known[value] < math.inf else None,
+                f"max_abs_error_{coordinate.shown_unit}": (
+                    coordinate.shown_factor * known[value] if known[value] < math.inf else None
+                ),
             }
             for value in sorted(known)
         ],
@@ -124,9 +134,10 @@ def one(parameters: Parameters, name: str, direction: str, nominal: float) -> di
 
 def main(arguments: Sequence[str]) -> int:
     """Measure one unit's margins and print them; return 0, or 2 if these parameters cannot run."""
-    overrides, name, direction, nominal = arguments
+    overrides, name, direction, nominal, *own = arguments
     try:
-        result = one(load(json.loads(overrides)), name, direction, float(nominal))
+        machine = machine_from(own[1], own[0], own[0]) if own else None
+        result = one(load(json.loads(overrides), machine), name, direction, float(nominal))
     except OrthosisError as error:
         print(error, file=sys.stderr)
         return error.exit_status

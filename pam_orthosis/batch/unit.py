@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 LONGEST_COMPLAINT = 500
+ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # units share cores, not work within one
 _RUNNING: set[subprocess.Popen] = set()
 
 
@@ -90,7 +91,7 @@ def end_all() -> None:
 def _run(command: Sequence[str], seconds: float | None) -> subprocess.CompletedProcess:
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True,
-        errors="replace", env=_environment(),
+        errors="replace", env=ENVIRONMENT | os.environ,
     )  # fmt: skip
     _RUNNING.add(process)
     try:
@@ -102,11 +103,6 @@ def _run(command: Sequence[str], seconds: float | None) -> subprocess.CompletedP
     finally:
         _RUNNING.discard(process)
     return subprocess.CompletedProcess(command, process.returncode, result, complained)
-
-
-def _environment() -> dict[str, str]:
-    """Return the environment of a unit: cores are shared by units, not within one."""
-    return {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", **os.environ}
 
 
 def _judged(unit: Unit, done: subprocess.CompletedProcess) -> tuple[dict | None, str]:

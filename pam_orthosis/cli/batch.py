@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from pam_orthosis.cli.check import not_negative
+from pam_orthosis.cli.check import add_bound_arguments, bound_of, not_negative
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import output
 from pam_orthosis.progress import shown
@@ -46,9 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--timeout", type=not_negative, metavar="S", help="seconds after which a bag counts as failed"
     )
-    parser.add_argument(
-        "--bound-deg", type=not_negative, default=3.0, help="bound of check and study, degrees (3)"
-    )
+    add_bound_arguments(parser)
     parser.add_argument("--with", dest="more", default="", metavar="ARGUMENTS",
                         help="more arguments for the task, e.g. --with='--skip-s 2'")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
@@ -89,7 +87,9 @@ def describe(summary: dict) -> str:
 
 
 def _units(arguments: argparse.Namespace) -> list:
+    from pam_orthosis.bag.verdict import bound_in
     from pam_orthosis.batch.unit import Unit
+    from pam_orthosis.model.machines import KNEE
 
     task, seconds = arguments.task, arguments.timeout
     try:
@@ -97,13 +97,13 @@ def _units(arguments: argparse.Namespace) -> list:
     except ValueError as error:
         raise OrthosisError(f"--with {arguments.more!r}: {error}") from None
     if task == "study":
+        bound = f"{bound_in(bound_of(arguments), KNEE):g}"
         return [
-            Unit(name, "pam_orthosis.batch.walk", (text, f"{arguments.bound_deg:g}"), True, True, seconds)
+            Unit(name, "pam_orthosis.batch.walk", (text, bound), True, True, seconds)
             for name, text in _walks(arguments.inputs, more)
         ]
-    given = {"check": ("--json", f"--bound-deg={arguments.bound_deg:g}"), "gap": ("--json",), "report": ()}[
-        task
-    ]
+    bounds = [f"--bound-{unit}={value:g}" for value, unit in filter(None, [arguments.bound])]
+    given = {"check": ("--json", *bounds), "gap": ("--json",), "report": ()}[task]
     return [
         Unit(name, PROGRAM, (task, str(bag), *given, *more), task != "check", task != "report", seconds, bag)
         for name, bag in _named([path.resolve() for path in arguments.inputs]).items()

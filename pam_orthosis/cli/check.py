@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Judge the tracking of a bag, from the bag alone, against a bound on the largest error.
 
-The error is reference - measured angle. Steady state: its mean size while the reference rests, at less than
-2 % of its peak speed for 0.1 s or more. Observer's velocity lag: delay of the estimated velocity behind the
-measured motion, negative if it is ahead. Voltage variation: sum of the changes of a valve voltage per second.
+The error is reference - measured angle or position. Steady state: its mean size while the reference rests, at
+less than 2 % of its peak speed for 0.1 s or more. Observer's velocity lag: delay of the estimated velocity
+behind the measured motion, negative if it is ahead. Voltage variation: sum of the changes of a valve voltage
+per second.
 """
 
 from __future__ import annotations
@@ -12,12 +13,13 @@ import argparse
 import json
 import math
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from pam_orthosis.bag.timing import Timing
-    from pam_orthosis.bag.verdict import Verdict
+    from pam_orthosis.bag.verdict import Bound, Verdict
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,10 +39,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_verdict_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what `check` and `run` have in common."""
-    parser.add_argument(
-        "--bound-deg", type=not_negative, default=3.0, help="bound on the largest error, degrees (3)"
-    )
+    add_bound_arguments(parser)
     parser.add_argument("--json", action="store_true", help="print the verdict as JSON")
+
+
+def add_bound_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare a bound on the largest error, in the unit in which a machine's errors are shown."""
+    group = parser.add_mutually_exclusive_group()
+    for unit, of in (("deg", "degrees, for what turns"), ("mm", "for what slides")):
+        told = f"bound on the largest error, {of} (3)"
+        kind = partial(_bound, unit)
+        group.add_argument(f"--bound-{unit}", type=kind, dest="bound", metavar=unit.upper(), help=told)
+
+
+def _bound(unit: str, text: str) -> tuple[float, str]:
+    return not_negative(text), unit
+
+
+def bound_of(arguments: argparse.Namespace) -> Bound:
+    """Return the bound that is given, or the one that holds without."""
+    from pam_orthosis.bag.verdict import DEFAULT, Bound
+
+    return Bound(*arguments.bound) if arguments.bound else DEFAULT
 
 
 def execute(arguments: argparse.Namespace) -> int:
@@ -48,7 +68,7 @@ def execute(arguments: argparse.Namespace) -> int:
     from pam_orthosis.bag.verdict import judge_all  # what reads bags takes its time to load
 
     options = arguments.skip_s, arguments.partial, arguments.namespace
-    verdicts = judge_all(arguments.bag, arguments.bound_deg, *options)
+    verdicts = judge_all(arguments.bag, bound_of(arguments), *options)
     return show(verdicts, arguments.json)
 
 
@@ -70,27 +90,25 @@ def titled(leg: str, text: str) -> str:
 
 def describe(verdict: Verdict) -> str:
     """Return a verdict as a few lines of text."""
-    variation = verdict.voltage_variation_per_s
+    variation, unit = verdict.voltage_variation_per_s, verdict.unit
     rows = [
-        ("maximum error", verdict.max_abs_error_deg, "deg"),
-        ("  after the first cycle", verdict.max_abs_error_after_first_cycle_deg, "deg"),
-        ("RMS error", verdict.rms_error_deg, "deg"),
-        ("steady-state error", verdict.steady_state_error_deg, "deg"),
+        ("maximum error", verdict.max_abs_error, unit),
+        ("  after the first cycle", verdict.max_abs_error_after_first_cycle, unit),
+        ("RMS error", verdict.rms_error, unit),
+        ("steady-state error", verdict.steady_state_error, unit),
         ("observer's velocity lag", verdict.observer_velocity_lag_ms, "ms"),
         *((f"{muscle} voltage variation", value, "V/s") for muscle, value in variation.items()),
     ]
     lines = [f"{name:26s} {value:8.3f} {unit}" for name, value, unit in rows if value is not None]
     lines += _timing(verdict.timing) if verdict.timing else []
     if verdict.not_led:
-        lines.append(
-            f"not judged                 {verdict.not_led} samples: the scenario leaves the knee free"
-        )
+        lines.append(f"not judged                 {verdict.not_led} samples: the scenario leaves it free")
     lines += [f"left out                   {remark}" for remark in verdict.remarks]
     if verdict.incomplete:
         lines.append(f"INCOMPLETE: {verdict.incomplete}; `check --partial` judges what is there")
     answer = "PASSED" if verdict.passed else "FAILED"
     lines.append(
-        f"{answer}: maximum {verdict.max_abs_error_deg:.3f} deg, bound {verdict.bound_deg:g} deg,"
+        f"{answer}: maximum {verdict.max_abs_error:.3f} {unit}, bound {verdict.bound:g} {unit},"
         f" {verdict.samples} samples in {verdict.duration_s:.3f} s"
     )
     return "\n".join(lines)

@@ -15,7 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from pam_orthosis.errors import OrthosisError, naming
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import (
     as_text,
     make_folder,
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="+",
         metavar="MEASURED",
-        help="recordings to fit: bags of the knee or the test rig, .csv tables of the knee; or of --system",
+        help="recordings to fit: bags of a machine or the test rig, .csv tables of the knee; or of --system",
     )
     parser.add_argument(
         "--held-out", type=Path, nargs="+", default=[], metavar="BAG",
@@ -54,6 +54,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="YAML with parameters of the nominal model that differ from the bag's"
         " (by `gap`, `improve`, `plan` or `identify`)",
     )  # fmt: skip
+    parser.add_argument(
+        "--machine",
+        type=Path,
+        metavar="FILE",
+        help="tables, or bags that do not say so, are of a machine of your own: its YAML file",
+    )
     parser.add_argument(
         "--system", type=Path, metavar="FILE.py",
         help="a system of your own: Python with system(), see pam_orthosis.discrepancy.api; the file is run",
@@ -110,20 +116,28 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     """Read the recordings and pass the stages before the search."""
     # scipy and CasADi take a second to load
     from pam_orthosis.discrepancy import patch
+    from pam_orthosis.discrepancy.apparatus import apparatus_of, untold, without_record
     from pam_orthosis.discrepancy.beginning import begin
-    from pam_orthosis.discrepancy.data import without_record
+    from pam_orthosis.discrepancy.data import recording
     from pam_orthosis.discrepancy.telling import telling
+    from pam_orthosis.discrepancy.user_file import load_system
     from pam_orthosis.discrepancy.verdict import assumed_words, untold_words
+    from pam_orthosis.model.machines import read_machine
+    from pam_orthosis.model.parameters import load
 
-    given = patch.read(arguments.model) if arguments.model else {}
-    paths = [*arguments.measured, *arguments.held_out]
+    paths, namespace = [*arguments.measured, *arguments.held_out], arguments.namespace
+    given, assumed, rows, read = {}, [], {}, recording
     if arguments.system:
-        parameters, system, read, rows = *_own_system(arguments.system), {}
+        parameters, system = load(), load_system(arguments.system)
     else:
-        parameters, system, read, rows = _system(paths, given, arguments.namespace, arguments.model)
-    assumed = [] if arguments.system else without_record(paths, arguments.namespace)
+        apparatus = apparatus_of(paths, read_machine(arguments.machine) if arguments.machine else None)
+        given = patch.read(arguments.model, apparatus.machine) if arguments.model else {}
+        parameters, read = apparatus.nominal(paths, given, namespace, arguments.model), apparatus.read
+        system = apparatus.system(parameters, None)
+        assumed = [] if arguments.machine else without_record(paths, namespace)
+        rows = untold(paths, parameters, apparatus.keys, given, namespace)
     heading = assumed_words(assumed, len(paths), arguments.model) + untold_words(rows, parameters)
-    every = [read(path, system, arguments.namespace) for path in counted(paths, progress, "reading")]
+    every = [read(path, system, namespace) for path in counted(paths, progress, "reading")]
     training, held_out = every[: len(arguments.measured)], every[len(arguments.measured) :]
     if arguments.out:
         _try(arguments.out)
@@ -161,44 +175,6 @@ def _stages(start, data, last: str) -> str:
     return "\n".join(parts)
 
 
-def _system(paths: list[Path], given, namespace: str, model: Path | None = None):
-    """Return nominal model, the system that the recordings are of, how they are read, rows that they miss."""
-    from pam_orthosis.discrepancy import knee, rig
-    from pam_orthosis.discrepancy.data import agreed_belief, untold
-    from pam_orthosis.discrepancy.patch import PLANNED
-    from pam_orthosis.model.parameters import load
-
-    specimens = {rig.specimen_of(path) for path in paths}
-    if len(specimens) > 1:
-        names = ", ".join(sorted("the knee" if one is None else f"a rig with a {one}" for one in specimens))
-        raise OrthosisError(f"recordings of different systems ({names}): one at a time")
-    specimen = specimens.pop()
-    apparatus, alone = (knee.APPARATUS, knee.ALONE) if specimen is None else (rig.APPARATUS, {})
-    # a plan is of one motion, which the recordings need not show, and no part of the apparatus
-    given = {key: value for key, value in given.items() if not key.startswith(PLANNED)}
-    recorded = agreed_belief(paths, apparatus, given, namespace, alone)
-    with naming(model or paths[0]):
-        parameters = load({**recorded, **given})
-    rows = untold(paths, parameters, apparatus, given, namespace)
-    if specimen is None:
-        return parameters, knee.knee(parameters), _recording, rows
-    return parameters, rig.test_rig(parameters, specimen), rig.recording, rows
-
-
-def _own_system(path: Path):
-    """Return the settings, the system that a user's file defines, and how its recordings are read."""
-    from pam_orthosis.discrepancy.user_file import load_system
-    from pam_orthosis.model.parameters import load
-
-    return load(), load_system(path), _recording
-
-
-def _recording(path: Path, system, namespace: str):
-    from pam_orthosis.discrepancy.data import from_bag, from_csv, is_table
-
-    return from_csv(path, system) if is_table(path) else from_bag(path, system, namespace)
-
-
 def _check_apart(measured: list[Path], held_out: list[Path]) -> None:
     """Check that no recording is given twice, be it as a bag's folder and as the file in it."""
     from pam_orthosis.bag.sources import check_once, data_files
@@ -214,7 +190,9 @@ def _check_apart(measured: list[Path], held_out: list[Path]) -> None:
 def _check_out(arguments: argparse.Namespace) -> None:
     folder = arguments.out
     if arguments.system and arguments.model:
-        raise OrthosisError(f"--model changes the knee or the rig; change {arguments.system} itself")
+        raise OrthosisError(f"--model changes a machine's parameters; change {arguments.system} itself")
+    if arguments.system and arguments.machine:
+        raise OrthosisError("--system and --machine each say what the recordings are of: give one")
     if arguments.until and (folder or arguments.json):
         raise OrthosisError("--until prints words only; leave --out and --json out")
     if folder is not None and folder.exists() and not folder.is_dir():

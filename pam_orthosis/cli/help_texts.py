@@ -12,7 +12,7 @@ ANSWERS = {
     "gap": ("the gap is explained, or there is none", "the gap is unexplained"),
     "report": ("the files are written", ""),
     "paper": ("the page is written", ""),
-    "improve": ("the knee follows better", "the knee follows no better"),
+    "improve": ("the machine follows better", "the machine follows no better"),
     "margin": ("the margins are measured", ""),
     "plan": ("the plan is written", ""),
     "batch": ("all answers are yes", "one answer is no"),
@@ -30,6 +30,7 @@ EXAMPLES = {
         "pam-orthosis run --legs 2 --composed",
         "pam-orthosis run --model found/model.yaml",
         "pam-orthosis run --realtime --duration 10",
+        "pam-orthosis run --machine cylinder.yaml --composed",
     ),
     "replay": (
         "pam-orthosis replay walk",
@@ -47,12 +48,14 @@ EXAMPLES = {
     "identify": (
         "pam-orthosis identify rig --out muscle.yaml --figures figures",
         "pam-orthosis identify table.csv --muscle dmsp_20 --nominal-length-m 0.3",
+        "pam-orthosis identify table.csv --machine elbow.yaml",
     ),
     "gap": (
         "pam-orthosis gap case/training_gait case/training_diagnostic"
         " --held-out case/held_out_gait case/held_out_diagnostic --out found",
         "pam-orthosis gap case/training_gait --until check",
         "pam-orthosis gap recording.csv --model nominal.yaml --json",
+        "pam-orthosis gap cylinder.csv --machine cylinder.yaml",
         "pam-orthosis gap carriage.csv --system motor_carriage.py",
     ),
     "report": (
@@ -64,6 +67,7 @@ EXAMPLES = {
     "improve": (
         "pam-orthosis improve --out better",
         "pam-orthosis improve --scenario person --rounds 1 --out better-person",
+        "pam-orthosis improve --machine cylinder.yaml --out better-cylinder",
     ),
     "margin": (
         "pam-orthosis margin --out margin",

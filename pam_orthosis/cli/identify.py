@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from pam_orthosis.cli.check import not_negative
 from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.files import as_text, output, refuse_existing, write_files
-from pam_orthosis.model.parameters import load
 from pam_orthosis.model.specimens import SPECIMENS
 from pam_orthosis.progress import Progress, shown
 
@@ -27,7 +26,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     data = "rig bags, .csv tables (columns such as p_Pa_gauge,L_m,F_N,slack), or folders of them"
     parser.add_argument("data", type=Path, nargs="+", metavar="DATA", help=data)
-    parser.add_argument("--muscle", choices=SPECIMENS, help="which muscle (named by bags and file names)")
+    muscle = f"which muscle, {' or '.join(SPECIMENS)} (named by bags and file names)"
+    parser.add_argument("--muscle", metavar="NAME", help=muscle)
+    parser.add_argument(
+        "--machine", type=Path, metavar="FILE", help="the muscles are those of this machine, and its values"
+    )
     parser.add_argument(
         "--nominal-length-m", type=not_negative, metavar="M", help="nominal length of the muscle in a table"
     )
@@ -74,10 +77,14 @@ def execute(arguments: argparse.Namespace) -> int:
 def _identified(arguments: argparse.Namespace, progress: Progress) -> Identified:
     """Identify, write what was asked for."""
     from pam_orthosis.identification import rows  # scipy takes a second to load
-    from pam_orthosis.identification.data import read_data
+    from pam_orthosis.identification.data import bench_of, read_data
     from pam_orthosis.identification.identify import identify
+    from pam_orthosis.model.machines import read_machine
 
-    data = read_data(arguments.data, arguments.muscle, arguments.nominal_length_m, progress)
+    with naming(arguments.machine):
+        bench = bench_of(read_machine(arguments.machine) if arguments.machine else None)
+    length = arguments.nominal_length_m
+    data = read_data(arguments.data, arguments.muscle, length, progress, bench)
     held_out = _held_out(arguments, data)
     with naming(arguments.data[0]):
         found = identify(data, held_out, tuple(arguments.degrees), arguments.damping, progress)
@@ -163,7 +170,7 @@ def _held_out(arguments: argparse.Namespace, data: Data) -> list[float]:
     """Return gauge pressures, Pa; those that were asked for must be in the data."""
     from pam_orthosis.identification.identify import check_levels
 
-    parameters = load()
+    parameters = data.parameters
     absolute = parameters.rig.procedure.held_out_pressures
     if arguments.held_out_bar is not None:
         absolute = [bar * 1e5 for bar in arguments.held_out_bar]

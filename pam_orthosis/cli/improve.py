@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pam_orthosis.cli.parameters import add_parameter_arguments, check_controllable, chosen
 from pam_orthosis.files import as_text, locked, output, refuse_used, write_files
-from pam_orthosis.model.parameters import load, scenario_overrides
 from pam_orthosis.progress import Shown, shown
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ RESULTS = "model.yaml", "improve.json", "improve.md", "improve.png"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
-    parser.add_argument("--scenario", default="default", metavar="NAME", help="motion and person (default)")
+    add_parameter_arguments(parser, "motion and person (default)")
     parser.add_argument(
         "--seeds", type=_positive, default=3, metavar="N", help="noise seeds of the runs that judge (3)"
     )
@@ -34,14 +34,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=output, required=True, metavar="DIR", help="folder of model, table, figure and bags"
     )
-    parser.add_argument(
-        "--param", action="append", default=[], metavar="KEY=VALUE", help="set a parameter (repeatable)"
-    )
     parser.add_argument("--json", action="store_true", help="print the rounds as JSON")
 
 
 def execute(arguments: argparse.Namespace) -> int:
-    """Improve; return 0 if the knee follows better in the end, 1 if not."""
+    """Improve; return 0 if the machine follows better in the end, 1 if not."""
     # the search has threads of its own; set before numpy is loaded
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with shown("compiling the model") as progress:
@@ -52,13 +49,15 @@ def execute(arguments: argparse.Namespace) -> int:
 
 def _improved(arguments: argparse.Namespace, progress: Shown) -> tuple[Sequence[Round], str]:
     """Make what is missing of the rounds and the files; return the rounds and their table."""
-    from pam_orthosis.cli.run import assignments
     from pam_orthosis.improvement import resumed
     from pam_orthosis.improvement.rounds import improve
 
-    parameters = load(scenario_overrides(arguments.scenario) | assignments(arguments.param))
+    parameters = chosen(arguments)
+    check_controllable(parameters)
+    machine = parameters.declared
     seeds = [parameters.scenario.seed + number for number in range(arguments.seeds)]
     given = parameters.flat() | {"seeds": seeds, "rounds": arguments.rounds, "scenario": arguments.scenario}
+    given |= {"machine": machine.text} if machine.text else {}
     if not (arguments.out / resumed.STATE).exists():
         refuse_used(arguments.out)
     with locked(arguments.out):

@@ -33,7 +33,7 @@ VERBS = {
     "report": "draw a recorded run",
     "paper": "compute the paper's figures and results again, side by side",
     "improve": "learn missing effects, let the controllers use them, show tracking before and after",
-    "margin": "how far the hardware may change before the knee follows badly or is lost",
+    "margin": "how far the hardware may change before the machine follows badly or is lost",
     "plan": "plan a gait within the reach of muscles and supply, by the nominal model",
     "batch": "do the same to many bags or parameter sets, on all cores or a cluster",
     "gap-hide": "record a blind test case of the gap workflow",

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measure the margins of the closed loop: how far the hardware may change before the knee follows badly.
+"""Measure the margins of the closed loop: how far the hardware may change before the machine follows badly.
 
 One property of the emulated hardware at a time is changed, more and less: the loop's delay, the joint's
 friction, the muscles' hysteresis, the valve's lag, the supply, the masses. The controllers stay as they are.
-For each, the value is found at which the maximum error has doubled, and the one at which the knee is lost:
-the error is beyond control.guard.tracking_error (20 deg), a guard vents, or the muscles cannot hold the knee
-at the start. The first change that is tried is small, each further one twice as large; then the limit is
-bisected to a tenth of the change (or an eighth of the first one). Where nothing happens up to the end of the
-range, the end is printed, such as "> 50". Exit status 0: measured.
+For each, the value is found at which the maximum error has doubled, and the one at which the machine is
+lost: the error is beyond control.guard.tracking_error (20 deg for the knee), a guard vents, or the actuators
+cannot hold it at the start. The first change that is tried is small, each further one twice as large; then
+the limit is bisected to a tenth of the change (or an eighth of the first one). Where nothing happens up to
+the end of the range, the end is printed, such as "> 50". Exit status 0: measured.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import os
 from contextlib import nullcontext
 from pathlib import Path
 
+from pam_orthosis.cli.parameters import add_model_argument, add_parameter_arguments, chosen, with_model
 from pam_orthosis.files import as_text, claimed, output, write_files
-from pam_orthosis.model.parameters import load, scenario_overrides
 from pam_orthosis.progress import shown
 
 SECONDS = 6.0  # of the gait: the start, and one and a half cycles
@@ -27,15 +27,8 @@ SECONDS = 6.0  # of the gait: the start, and one and a half cycles
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
-    parser.add_argument("--scenario", default="default", metavar="NAME", help="what the knee does (default)")
-    parser.add_argument(
-        "--model", type=Path, metavar="FILE",
-        help="nominal model of the controllers (by `gap`, `improve`, `plan` or `identify`); the hardware"
-        " stays",
-    )  # fmt: skip
-    parser.add_argument(
-        "--param", action="append", default=[], metavar="KEY=VALUE", help="set a parameter (repeatable)"
-    )
+    add_parameter_arguments(parser, "what the machine does (default)")
+    add_model_argument(parser)
     parser.add_argument(
         "--duration", type=float, default=SECONDS, metavar="S", help=f"simulated seconds a run ({SECONDS:g})"
     )
@@ -49,11 +42,8 @@ def execute(arguments: argparse.Namespace) -> int:
     """Measure and print; return 0."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # units share the cores; set before numpy is loaded
     from pam_orthosis.batch.margin import measure
-    from pam_orthosis.cli.run import assignments, with_model
 
-    given = assignments(arguments.param)
-    overrides = scenario_overrides(arguments.scenario) | {"scenario.duration": arguments.duration} | given
-    parameters = with_model(load(overrides), arguments.model, given)
+    parameters = with_model(chosen(arguments, {"scenario.duration": arguments.duration}), arguments)
     with claimed(arguments.out) if arguments.out else nullcontext(), shown("margins") as progress:
         margins = measure(parameters, os.cpu_count() or 1, progress)
         _show({"scenario": arguments.scenario, **margins}, arguments.out, arguments.json)

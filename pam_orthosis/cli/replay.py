@@ -6,19 +6,19 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pam_orthosis.bag.topics import SECOND_NS, SIGNALS
+from pam_orthosis.bag.topics import SECOND_NS, Signal, Topics
 from pam_orthosis.cli.check import titled
-from pam_orthosis.cli.run import assignments, need_ros, simulated, supervise_recorded
+from pam_orthosis.cli.parameters import assignments
+from pam_orthosis.cli.run import need_ros, simulated, supervise_recorded
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import claimed, output
 from pam_orthosis.model.parameters import Parameters, load
-from pam_orthosis.nodes import launch
 from pam_orthosis.progress import Shown, shown
 
 if TYPE_CHECKING:
@@ -53,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(arguments: argparse.Namespace) -> int:
     """Print the comparison; return 0 if all answers are there and equal to the bit, 1 if not."""
     from pam_orthosis.bag.legs import namespaces  # what reads bags takes its time to load
+    from pam_orthosis.bag.read import recorded_machine
 
     need_ros()
     legs = namespaces(arguments.bag) if arguments.namespace is None else [arguments.namespace]
@@ -67,7 +68,8 @@ def execute(arguments: argparse.Namespace) -> int:
         by_leg = {leg: [_as_dict(one) for one in topics] for leg, topics in replayed.items()}
         print(json.dumps({"identical": identical, "legs": by_leg}, indent=2))
     else:
-        print("\n\n".join(titled(leg, _table(topics)) for leg, topics in replayed.items()))
+        signals = Topics(recorded_machine(arguments.bag)).signals
+        print("\n\n".join(titled(leg, _table(topics, signals)) for leg, topics in replayed.items()))
         print(_answer(compared))
     return 0 if identical else 1
 
@@ -75,6 +77,7 @@ def execute(arguments: argparse.Namespace) -> int:
 def _replay(arguments: argparse.Namespace, namespace: str, progress: Shown) -> list[TopicComparison]:
     from pam_orthosis.bag.compare import compare
     from pam_orthosis.bag.script import Script, held_ns
+    from pam_orthosis.nodes import launch
     from pam_orthosis.nodes.supervisor import supervise
 
     bag = arguments.bag.resolve()
@@ -113,16 +116,16 @@ def _leg(bag: Path, namespace: str) -> str:
 
 def _parameters(bag: Path, namespace: str, changes: Sequence[str], progress: Shown) -> Parameters:
     """Return the parameters of the recorded run, as far as this version knows them, with changes."""
-    from pam_orthosis.bag.read import recorded_parameters, run_record
+    from pam_orthosis.bag.read import recorded_machine, recorded_parameters, run_record
 
-    recorded = recorded_parameters(bag, run_record(bag), namespace)
-    known = load().flat()
+    recorded, machine = recorded_parameters(bag, run_record(bag), namespace), recorded_machine(bag)
+    known = load({}, machine).flat()
     if unknown := sorted(recorded.keys() - known.keys()):
         progress.note(f"recorded by another version: it has no {', '.join(unknown)}")
     if not recorded:
         progress.note("the bag holds no parameters: the nodes take the shipped ones")
     kept = {key: value for key, value in recorded.items() if key in known}
-    made = load(kept | assignments(changes))
+    made = load(kept | assignments(changes), machine)
     wanted = made.flat()
     for key in SAMPLING:
         if recorded and wanted[key] != (was := recorded.get(key, known[key])):
@@ -144,16 +147,18 @@ def _as_dict(one: TopicComparison) -> dict[str, Any]:
     return asdict(one) | {"identical": one.identical}
 
 
-def _table(topics: Sequence[TopicComparison]) -> str:
+def _table(topics: Sequence[TopicComparison], signals: Mapping[str, Signal]) -> str:
     rows = [f"{'topic':28s} {'compared':>8s} {'equal':>8s} {'alone':>6s}  largest difference"]
     for one in topics:
-        line = f"{one.topic:28s} {one.compared:8d} {one.equal:8d} {one.alone:6d}  {_differences(one)}"
+        line = (
+            f"{one.topic:28s} {one.compared:8d} {one.equal:8d} {one.alone:6d}  {_differences(one, signals)}"
+        )
         rows.append(line.rstrip())
     return "\n".join(rows)
 
 
-def _differences(one: TopicComparison) -> str:
-    largest = [f"{name} {value:.3g} {SIGNALS[name].unit}" for name, value in one.differences.items() if value]
+def _differences(one: TopicComparison, signals: Mapping[str, Signal]) -> str:
+    largest = [f"{name} {value:.3g} {signals[name].unit}" for name, value in one.differences.items() if value]
     if largest or one.identical:
         return ", ".join(largest) or "none"
     return "in what is no signal" if one.compared else "nothing to compare"

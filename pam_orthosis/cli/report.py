@@ -7,7 +7,7 @@ import argparse
 from functools import partial
 from pathlib import Path
 
-from pam_orthosis.cli.check import describe, not_negative
+from pam_orthosis.cli.check import add_bound_arguments, bound_of, describe
 from pam_orthosis.files import (
     REMAKE,
     Write,
@@ -28,9 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=output, metavar="DIR", help="folder of page and picture (a new one, BAG-report, here)"
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier report of that name")
-    parser.add_argument(
-        "--bound-deg", type=not_negative, default=3.0, help="bound on the largest error, degrees (3)"
-    )
+    add_bound_arguments(parser)
     parser.add_argument(
         "--only",
         choices=("page", "picture", "animation", "table"),
@@ -65,14 +63,17 @@ def _page(bag: Path, arguments: argparse.Namespace) -> Write:
     from pam_orthosis.report.run_data import read_run
     from pam_orthosis.report.run_page import run_page  # plotly takes a second to load
 
-    verdict = judge(bag, arguments.bound_deg, namespace=arguments.namespace)
+    verdict = judge(bag, bound_of(arguments), namespace=arguments.namespace)
     return as_text(run_page(read_run(bag, arguments.namespace), verdict, describe(verdict)))
 
 
 def _picture(bag: Path, arguments: argparse.Namespace) -> Write:
+    from pam_orthosis.bag.read import recorded_machine
+    from pam_orthosis.bag.verdict import bound_in
     from pam_orthosis.report.walk import draw_run  # matplotlib takes a second to load
 
-    return partial(draw_run, bag, arguments.bound_deg, arguments.namespace)
+    bound = bound_in(bound_of(arguments), recorded_machine(bag))
+    return partial(draw_run, bag, bound, arguments.namespace)
 
 
 def _table(bag: Path, arguments: argparse.Namespace) -> Write:

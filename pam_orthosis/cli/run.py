@@ -8,29 +8,37 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from pam_orthosis.bag.topics import SECOND_NS
-from pam_orthosis.cli.check import add_verdict_arguments, show
-from pam_orthosis.errors import OrthosisError, RunFailed, naming
+from pam_orthosis.cli.check import add_verdict_arguments, bound_of, show
+from pam_orthosis.cli.parameters import (
+    add_model_argument,
+    add_parameter_arguments,
+    check_controllable,
+    chosen,
+    machine_of,
+    with_model,
+)
+from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.files import Used, claimed, output
-from pam_orthosis.model.parameters import Parameters, load, scenario_names, scenario_overrides
-from pam_orthosis.nodes import launch
+from pam_orthosis.model.parameters import Parameters, scenario_names
 from pam_orthosis.progress import Progress, shown
-from pam_orthosis.reading import from_yaml
+
+if TYPE_CHECKING:
+    from pam_orthosis.nodes import launch
 
 ROS_WHEELS = "pip install 'ros-jazzy-rclpy[fastrtps]==7.1.6' ros-jazzy-common-interfaces (Linux, x86-64)"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
-    scenario = "motion, person and disturbance; see --list (default)"
-    parser.add_argument("--scenario", default="default", metavar="NAME", help=scenario)
+    add_parameter_arguments(parser, "motion, person and disturbance; see --list (default)")
     parser.add_argument("--list", action="store_true", help="print the scenarios with their meaning")
     parser.add_argument("--duration", type=float, metavar="S", help="simulated seconds (20)")
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the sensor noise")
@@ -53,37 +61,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="keep ROS_DOMAIN_ID and the transport as they are set, so that other programs see the nodes"
         " (otherwise a free domain on the loopback device); always so with --no-plant",
     )
-    parser.add_argument(
-        "--param",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="set a parameter, e.g. control.position.c1=30 (repeatable)",
-    )
-    parser.add_argument(
-        "--model", type=Path, metavar="FILE",
-        help="YAML that changes the nominal model of the controllers (by `gap`, `improve`, `plan` or"
-        " `identify`); the emulated hardware stays",
-    )  # fmt: skip
+    add_model_argument(parser)
     add_verdict_arguments(parser)
 
 
 def execute(arguments: argparse.Namespace) -> int:
     """Run and judge; return 0 if the bound holds, 1 if not."""
-    from pam_orthosis.bag.verdict import judge_all  # what reads bags takes its time to load
+    from pam_orthosis.bag.verdict import bound_in, judge_all  # what reads bags takes its time to load
 
     if arguments.list:
         print("\n".join(f"{name:24s} {meaning}" for name, meaning in scenario_names().items()))
         return 0
     need_ros()
-    given = assignments(arguments.param)
-    parameters = with_model(load(_overrides(arguments)), arguments.model, given)
+    bound = bound_of(arguments)
+    bound_in(bound, machine_of(arguments))
+    wanted = {"scenario.duration": arguments.duration, "scenario.seed": arguments.seed}
+    given = {key: value for key, value in wanted.items() if value is not None}
+    parameters = with_model(chosen(arguments, given), arguments)
     mode = _mode(arguments, parameters)
+    check_controllable(parameters)
     with ExitStack() as stack:
         bag = claim(stack, arguments.out, arguments.scenario)
         _run(parameters, bag.resolve(), arguments.scenario, mode, arguments.open)
     print(f"recorded {bag}", file=sys.stderr)
-    return show(judge_all(bag, arguments.bound_deg), arguments.json)
+    return show(judge_all(bag, bound), arguments.json)
 
 
 def claim(stack: ExitStack, out: Path | None, scenario: str) -> Path:
@@ -114,66 +115,14 @@ def _mode(arguments: argparse.Namespace, parameters: Parameters) -> launch.Mode:
     if arguments.no_plant and not arguments.realtime:
         raise OrthosisError("--no-plant: hardware does not wait for its controllers; give --realtime too")
     from pam_orthosis.control.legs import differences
+    from pam_orthosis.nodes.launch import Mode
 
+    if arguments.legs > 1 and not parameters.declared.experiments:
+        raise OrthosisError(f"--legs 2 is for the knee, not for the machine of {arguments.machine}")
     if arguments.legs > 1 and parameters.scenario.plan.enabled:
         raise OrthosisError("--legs 2: a plan is of one leg, the other is half a cycle ahead; leave it out")
     legs = differences(parameters) if arguments.legs > 1 else {}
-    return launch.Mode(arguments.composed, arguments.realtime, not arguments.no_plant, legs)
-
-
-def with_model(parameters: Parameters, model: Path | None, given: Mapping[str, Any]) -> Parameters:
-    """Return the parameters with the nominal model of a file, if there is one, and the same hardware."""
-    if model is None:
-        return parameters
-    from pam_orthosis.control.loop import ClosedLoop  # casadi takes a second to load
-    from pam_orthosis.discrepancy import patch
-    from pam_orthosis.model.plant import with_belief
-
-    changes = patch.read_belief(model)
-    if twice := [key for key in given if changes.get(key, given[key]) != given[key]]:
-        raise OrthosisError(f"{twice[0]}: --param and {model} give different values; leave one of them")
-    with naming(model):
-        known = with_belief(parameters, changes)
-    with shown("preparing the controllers of this model"):
-        ClosedLoop(known)  # leaves its machine code for the nodes, whose time to be ready is limited
-    return known
-
-
-def _overrides(arguments: argparse.Namespace) -> dict[str, Any]:
-    overrides = scenario_overrides(arguments.scenario)
-    if arguments.duration is not None:
-        overrides["scenario.duration"] = arguments.duration
-    if arguments.seed is not None:
-        overrides["scenario.seed"] = arguments.seed
-    return overrides | assignments(arguments.param)
-
-
-def assignments(texts: Iterable[str]) -> dict[str, Any]:
-    """Return parameters from texts KEY=VALUE; OrthosisError for another text or a key with two values."""
-    given: dict[str, Any] = {}
-    for key, value in map(_assignment, texts):
-        if key in given and given[key] != value:
-            raise OrthosisError(f"--param {key} is given twice, as {given[key]} and {value}; give it once")
-        given[key] = value
-    return given
-
-
-def _assignment(text: str) -> tuple[str, Any]:
-    key, equals, value = text.partition("=")
-    if not equals:
-        raise OrthosisError(f"--param {text}: give KEY=VALUE")
-    return key, _value(value)
-
-
-def _value(text: str) -> Any:
-    """Return a value as YAML reads it, but numbers as everybody else does."""
-    for number in (int, float):  # YAML 1.1 takes 075 for 61 and 1e-4 for a text
-        with suppress(ValueError):
-            return number(text)
-    try:
-        return from_yaml(text, "--param")
-    except OrthosisError:  # a text, which the row of the key refuses if it wants none
-        return text
+    return Mode(arguments.composed, arguments.realtime, not arguments.no_plant, legs)
 
 
 def _unused(scenario: str) -> Path:
@@ -182,11 +131,13 @@ def _unused(scenario: str) -> Path:
 
 
 def _run(parameters: Parameters, bag: Path, scenario: str, mode: launch.Mode, visible: bool) -> None:
+    from pam_orthosis.nodes import launch  # --help needs none of it
+
     with tempfile.TemporaryDirectory(prefix="pam-orthosis-") as folder, ExitStack() as stack:
         work = Path(folder)
         if visible or not mode.with_plant:
             domain, environment = os.environ.get("ROS_DOMAIN_ID", "0"), launch.open_environment(work)
-            launch.refuse_used_domain(domain, environment, mode)
+            launch.refuse_used_domain(domain, environment, mode, parameters.declared)
         else:
             domain = stack.enter_context(launch.free_domain())
             environment = launch.environment(work, domain)

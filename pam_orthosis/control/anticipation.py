@@ -8,7 +8,9 @@ from collections import deque
 from collections.abc import Iterator
 
 from pam_orthosis.control import effects
-from pam_orthosis.control.trajectory import Reference
+from pam_orthosis.control.observer import Estimate
+from pam_orthosis.control.reference import Reference
+from pam_orthosis.model.parameters import Parameters
 
 
 class Pending:
@@ -47,7 +49,7 @@ class Anticipation:
     that it would meet without the lag (predictor of Smith and Artstein), as far as the model is right.
     """
 
-    def __init__(self, belief):
+    def __init__(self, belief: Parameters):
         self._period = belief.scenario.control_period
         lag = effects.command_lag(belief)
         self._pending = Pending(lag, self._period)
@@ -69,20 +71,20 @@ class Anticipation:
         if self._last is not None:
             self._jerk = (now.acceleration - self._last) / (periods * self._period)
         self._last = now.acceleration
-        q, v, a, j, t = now.angle, now.velocity, now.acceleration, self._jerk, self.horizon
+        q, v, a, j, t = now.position, now.velocity, now.acceleration, self._jerk, self.horizon
         return Reference(
             q + t * (v + t * (a / 2 + t * j / 6)), v + t * (a + t * j / 2), a + t * j, now.mean_pressure
         )
 
-    def estimate(self, now, reference: Reference, ahead: Reference) -> tuple[float, float, float]:
+    def estimate(self, now: Estimate, reference: Reference, ahead: Reference) -> tuple[float, float, float]:
         """Return the estimate at the horizon; without a command the error goes on at its rate."""
         rate = reference.velocity - now.velocity
-        error = reference.angle - now.angle + self.horizon * rate
+        error = reference.position - now.position + self.horizon * rate
         for correction, duration, middle in self._pending:
             rate -= correction * duration
             error -= correction * duration * (self.horizon - middle)
-        return ahead.angle - error, ahead.velocity - rate, now.disturbance
+        return ahead.position - error, ahead.velocity - rate, now.disturbance
 
     def note(self, correction: float) -> None:
-        """Take by how much the acceleration that was asked for is beyond that of the reference, rad/s^2."""
+        """Take by how much the acceleration that was asked for is beyond that of the reference."""
         self._pending.note(correction)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Diagnostic experiments: reference programmes that tell look-alike effects apart.
 
-A programme is a sequence of phases, each with a path of the knee angle, a path of the mean pressure
-of the muscles (co-contraction) and a switch that keeps the valves closed.
+A programme is a sequence of phases, each with a path of the position, a path of the mean pressure
+of the actuators (co-contraction) and a switch that keeps the valves closed.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from collections.abc import Callable, Sequence
 from itertools import accumulate
 from typing import NamedTuple
 
-from pam_orthosis.control.trajectory import VALVES_CLOSED, Reference
+from pam_orthosis.control.reference import PressureReference, Reference, Valve
+from pam_orthosis.model.parameters import Parameters, Section
 
 # time since the start of a phase -> value and its first two derivatives
 Path = Callable[[float], tuple[float, float, float]]
@@ -23,10 +24,10 @@ FADE = 1.0  # s, in which a multisine comes and goes
 
 
 class Phase(NamedTuple):
-    """A part of a programme: duration s, angle rad, mean pressure absolute Pa, valves closed."""
+    """A part of a programme: duration s, position rad or m, mean pressure absolute Pa, valves closed."""
 
     duration: float
-    angle: Path
+    position: Path
     mean: Path
     closed: bool = False
 
@@ -45,8 +46,9 @@ class Programme:
         index = max(bisect_right(self._starts, time) - 1, 0)
         phase = self._phases[index]
         since = min(max(time - self._starts[index], 0.0), phase.duration)
-        mean = VALVES_CLOSED if phase.closed and time >= self._starts[index] else phase.mean(since)[0]
-        return Reference(*phase.angle(since), mean)
+        closed = phase.closed and time >= self._starts[index]
+        mean: PressureReference = Valve.CLOSED if closed else phase.mean(since)[0]
+        return Reference(*phase.position(since), mean)
 
 
 def hold(value: float) -> Path:
@@ -103,44 +105,44 @@ def _window(time: float, duration: float) -> tuple[float, float, float]:
 
 
 class Script:
-    """Writes a programme from where the knee is: each call appends a phase."""
+    """Writes a programme from where the joint is: each call appends a phase."""
 
-    def __init__(self, angle: float, mean: float):
-        self.angle, self.mean = angle, mean
+    def __init__(self, position: float, mean: float):
+        self.position, self.mean = position, mean
         self.phases: list[Phase] = []
 
     def rest(self, duration: float) -> None:
         """Stay."""
-        self.phases.append(Phase(duration, hold(self.angle), hold(self.mean)))
+        self.phases.append(Phase(duration, hold(self.position), hold(self.mean)))
 
-    def go(self, duration: float, angle: float | None = None, mean: float | None = None) -> None:
-        """Move angle and mean pressure, at constant speed but for the ends."""
-        angle, mean = self.angle if angle is None else angle, self.mean if mean is None else mean
+    def go(self, duration: float, position: float | None = None, mean: float | None = None) -> None:
+        """Move position and mean pressure, at constant speed but for the ends."""
+        position, mean = self.position if position is None else position, self.mean if mean is None else mean
         blend = min(0.25, 0.4 * duration)
-        paths = (move(a, b, duration, blend) for a, b in ((self.angle, angle), (self.mean, mean)))
-        self.phases.append(Phase(duration, *paths))
-        self.angle, self.mean = angle, mean
+        path = move(self.position, position, duration, blend)
+        self.phases.append(Phase(duration, path, move(self.mean, mean, duration, blend)))
+        self.position, self.mean = position, mean
 
-    def throw(self, duration: float, angle: float, closed: float) -> None:
-        """Start a move and close the valves in its middle: the knee swings freely about its end."""
-        path = move(self.angle, angle, duration, 0.4 * duration)
+    def throw(self, duration: float, position: float, closed: float) -> None:
+        """Start a move and close the valves in its middle: the joint swings freely about its end."""
+        path = move(self.position, position, duration, 0.4 * duration)
         rest = lambda time: path(0.5 * duration + time)  # noqa: E731
         self.phases.append(Phase(0.5 * duration, path, hold(self.mean)))
         self.phases.append(Phase(closed, rest, hold(self.mean), closed=True))
-        self.angle = angle
+        self.position = position
 
     def close(self, duration: float) -> None:
         """Keep the valves closed; the reference stays."""
-        self.phases.append(Phase(duration, hold(self.angle), hold(self.mean), closed=True))
+        self.phases.append(Phase(duration, hold(self.position), hold(self.mean), closed=True))
 
     def shake(self, duration: float, amplitude: float, mean: float) -> None:
-        """A multisine about the present angle while the mean pressure moves."""
-        paths = multisine(self.angle, amplitude, duration), move(self.mean, mean, duration, 0.25)
+        """A multisine about the present position while the mean pressure moves."""
+        paths = multisine(self.position, amplitude, duration), move(self.mean, mean, duration, 0.25)
         self.phases.append(Phase(duration, *paths))
         self.mean = mean
 
 
-def triangle(script: Script, d) -> None:
+def triangle(script: Script, d: Section) -> None:
     """Slow triangle at two mean pressures, 10 s: friction and hysteresis against elasticity."""
     for mean in (d.low_mean, d.high_mean):
         script.go(1.0, d.low_angle, mean)
@@ -148,10 +150,10 @@ def triangle(script: Script, d) -> None:
         script.go(2.0, d.low_angle)
 
 
-def amplitudes(script: Script, d) -> None:
+def amplitudes(script: Script, d: Section) -> None:
     """Triangles of three amplitudes, 15 s: pre-sliding, backlash, dead band."""
     script.go(1.0, 0.5 * (d.low_angle + d.high_angle), 0.5 * (d.low_mean + d.high_mean))
-    centre, whole = script.angle, d.high_angle - d.low_angle
+    centre, whole = script.position, d.high_angle - d.low_angle
     for share, period in ((0.06, 2.0), (0.2, 2.0), (0.5, 3.0)):
         for _ in range(2):
             script.go(period / 4, centre + share * whole)
@@ -159,8 +161,8 @@ def amplitudes(script: Script, d) -> None:
             script.go(period / 4, centre)
 
 
-def cocontraction(script: Script, d) -> None:
-    """Sweep of the mean pressure at two held angles, 10 s: scales and offsets of force and pressure."""
+def cocontraction(script: Script, d: Section) -> None:
+    """Sweep of the mean pressure at two held positions, 10 s: scales and offsets of force and pressure."""
     for angle in (d.low_angle, d.high_angle):
         script.go(1.0, angle)
         script.go(1.4, mean=d.high_mean)
@@ -168,8 +170,8 @@ def cocontraction(script: Script, d) -> None:
         script.go(1.0, mean=0.5 * (d.low_mean + d.high_mean))
 
 
-def closed_hold(script: Script, d) -> None:
-    """Closed valves at four levels of pressure and angle, 10 s: leaks and creep."""
+def closed_hold(script: Script, d: Section) -> None:
+    """Closed valves at four levels of pressure and position, 10 s: leaks and creep."""
     for angle, mean in (
         (d.low_angle, d.low_mean), (d.high_angle, d.low_mean),
         (d.high_angle, d.high_mean), (d.low_angle, d.high_mean),
@@ -179,13 +181,13 @@ def closed_hold(script: Script, d) -> None:
         script.close(1.6)
 
 
-def shaking(script: Script, d) -> None:
+def shaking(script: Script, d: Section) -> None:
     """Multisine with a slowly varying mean pressure, 10 s: inertia, lags, delays."""
     script.go(1.0, 0.5 * (d.low_angle + d.high_angle), d.low_mean)
     script.shake(9.0, 0.05, d.high_mean)
 
 
-def decay(script: Script, d) -> None:
+def decay(script: Script, d: Section) -> None:
     """Fast steps, then closed valves: free decay at two mean pressures, 10 s: damping, mass, volume."""
     for mean in (d.low_mean, d.high_mean):
         script.go(1.0, d.low_angle, mean)
@@ -194,7 +196,7 @@ def decay(script: Script, d) -> None:
             script.rest(0.5)
 
 
-def locked(script: Script, d) -> None:
+def locked(script: Script, d: Section) -> None:
     """Steps of both pressures, 10 s, for a locked joint: volume, exponent, valve, hose, delays."""
     for mean in (d.high_mean, d.low_mean, 0.5 * (d.low_mean + d.high_mean)) * 2:
         script.go(0.1, mean=mean)
@@ -203,13 +205,13 @@ def locked(script: Script, d) -> None:
     script.go(2.0, mean=d.low_mean)
 
 
-def stiffness(script: Script, d) -> None:
+def stiffness(script: Script, d: Section) -> None:
     """Closed valves, 15 s, for a torque from outside: stiffness at the mean pressure of the controller."""
     script.rest(1.0)
     script.close(14.0)
 
 
-EXPERIMENTS: dict[str, tuple[Callable[[Script, object], None], ...]] = {
+EXPERIMENTS: dict[str, tuple[Callable[[Script, Section], None], ...]] = {
     "triangle": (triangle, amplitudes),
     "cocontraction": (cocontraction,) * 2,
     "locked": (locked,) * 2,
@@ -220,10 +222,10 @@ EXPERIMENTS: dict[str, tuple[Callable[[Script, object], None], ...]] = {
 }
 
 
-def make_programme(name: str, parameters) -> Programme:
+def make_programme(name: str, parameters: Parameters) -> Programme:
     """Return the programme of an experiment of `EXPERIMENTS` with the levels of `scenario.diagnostic`."""
     scenario = parameters.scenario
-    script = Script(scenario.start_angle, parameters.control.position.mean_pressure)
+    script = Script(parameters.at(parameters.declared.start), parameters.control.position.mean_pressure)
     for part in EXPERIMENTS[name]:
         part(script, scenario.diagnostic)
     return Programme(script.phases, scenario.start_hold)

@@ -7,111 +7,129 @@ models of the gap workflow: an effect's equation stands in its own file and nowh
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import SimpleNamespace
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
-from pam_orthosis.control.trajectory import Reference
-from pam_orthosis.model import orthosis
+from pam_orthosis.control.reference import Pressures, Reference
+from pam_orthosis.model import assembly
 from pam_orthosis.model.compiled import compiled
-from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.effects.base import ActiveEffects, enabled
 from pam_orthosis.model.integrate import runge_kutta_4
-from pam_orthosis.model.parameters import Section
+from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.rows import Section
+from pam_orthosis.model.signals import Expression
+
+Array: TypeAlias = NDArray[np.float64]
 
 MECHANICAL = ("body", "force", "torque")
 UNFORESEEN = ("periodic_torque",)  # its phase is another in each run: it is left to the observer
-CHANNELS = ("angle", "extensor_pressure", "flexor_pressure")
-PLAIN = len(orthosis.BASE_STATES)
 MEMORY_STEP = 1.0e-4  # s, of the integration of an effect's states: play of 2 mrad at 10 rad/s has 20,000/s
 STATE_STEP = 5.0e-4  # s, of the integration of a supply's states, which follow in 2 ms at the quickest
 CORRECTIONS = 2  # of the argument of an inverse function: see `corrected`
 
 
-def known(belief, *stages: str) -> tuple[str, ...]:
+def known(belief: Parameters, *stages: str) -> tuple[str, ...]:
     """Return the names of the believed effects that enter at these stages, see `effects.base.STAGES`.
 
     Those that controllers cannot use are left out.
     """
-    foreseen = [name for name in enabled(belief.effects) if name not in UNFORESEEN]
-    return tuple(name for name in foreseen if CATALOGUE[name].stage in stages)
+    machine = belief.declared
+    foreseen = [name for name in enabled(belief.at(machine.branch)) if name not in UNFORESEEN]
+    return tuple(name for name in foreseen if machine.catalogue[name].stage in stages)
 
 
-def assembled(belief, *names: str) -> orthosis.Assembly:
+def assembled(belief: Parameters, *names: str) -> assembly.Assembly:
     """Return the equations that the controllers believe, with these of the believed effects."""
-    m = belief.muscle.dmsp_20
-    laws = dict.fromkeys(orthosis.MUSCLES, orthosis.polynomial_law(m))
-    settings = Section("effects", {name: getattr(belief.effects, name) for name in names})
-    return orthosis.assemble(orthosis.Hardware(belief.leg, m, belief.valve, laws, settings))
+    return assembly.assemble(assembly.nominal(belief.declared, belief, _settings(belief, names)))
 
 
-def extra_foot_mass(belief):
-    """Return the mass at the ankle that the effects add, kg."""
-    return assembled(belief, *known(belief, "body")).signals.extra_foot_mass
+def values(belief: Parameters, name: str) -> Section:
+    """Return the settings of a believed effect."""
+    of: Section = belief.at(f"{belief.declared.branch}.{name}")
+    return of
 
 
-def added_by_effects(belief) -> ca.Function | None:
-    """Return (angle, velocity, absolute pressures (2,), own states, time) -> what the effects add.
+def _active(belief: Parameters, names: Sequence[str], states: ca.SX) -> ActiveEffects:
+    active = ActiveEffects(belief.declared.catalogue, _settings(belief, names))
+    active.bind(ca.vertsplit(states))
+    return active
 
-    It is the torque, N m, that all of them together add to the muscles', and the elastic forces of the
-    muscles (2,), N: those decide whether a muscle hangs slack, Eq. (13). None if the belief has none.
+
+def _settings(belief: Parameters, names: Sequence[str]) -> Section:
+    return Section("effects", {name: values(belief, name) for name in names})
+
+
+def inputs(belief: Parameters, time: Expression) -> Expression:
+    """Return the inputs of an assembly at a time, valves closed and nothing acting from outside."""
+    machine = belief.declared
+    voltages, external = len(machine.names), len(machine.inputs) - len(machine.names) - 1
+    return ca.vertcat(*[belief.valve.closed_voltage] * voltages, *[0] * external, time)
+
+
+def extra_mass(belief: Parameters) -> Expression:
+    """Return the mass that the effects add to the load, kg."""
+    return assembled(belief, *known(belief, "body")).signals.extra_mass
+
+
+def added_by_effects(belief: Parameters) -> ca.Function | None:
+    """Return (coordinate, velocity, absolute pressures, own states, time) -> what the effects add.
+
+    It is the torque or force that all of them together add to the actuators', and the actuators' elastic
+    forces, N: those decide whether a muscle hangs slack, Eq. (13). None if the belief has none.
     """
     names = known(belief, *MECHANICAL)
     if not names:
         return None
     whole, plain = assembled(belief, *names), assembled(belief)
-    plain_x, plain_u = ca.vertcat(plain.x, plain.u), ca.vertcat(whole.x[:PLAIN], whole.u)
+    plain_x = ca.vertcat(plain.x, plain.u)
+    plain_u = ca.vertcat(whole.x[: len(plain.states)], whole.u)
     with_them, without = (
-        ca.vertcat(s.torque, *(getattr(s, f"{name}_force") for name in orthosis.MUSCLES))
-        for s in (whole.signals, plain.signals)
+        ca.vertcat(s.effort, *(a.force for a in s.actuators.values())) for s in (whole.signals, plain.signals)
     )
-    inputs, added = _of_motion(belief, whole, with_them - ca.substitute(without, plain_x, plain_u))
-    return ca.Function("added_by_effects", inputs, [added[0], added[1:]])
+    of, added = _of_motion(belief, whole, with_them - ca.substitute(without, plain_x, plain_u))
+    return ca.Function("added_by_effects", of, [added[0], added[1:]])
 
 
-def effect_memory(belief) -> ca.Function:
-    """Return (states, angle and velocity (2,) before, now, absolute pressures (2,), time) -> states now.
+def effect_memory(belief: Parameters) -> ca.Function:
+    """Return (states, coordinate and velocity (2,) before, now, absolute pressures, time) -> states now.
 
-    In between, angle and velocity are taken as straight lines.
+    In between, coordinate and velocity are taken as straight lines.
     """
     whole = assembled(belief, *known(belief, *MECHANICAL))
-    inputs, rates = _of_motion(belief, whole, whole.rates[PLAIN:])
-    rate = ca.Function("memory_rate", inputs, [rates])
+    of, rates = _of_motion(belief, whole, whole.rates[len(belief.declared.states) :])
+    rate = ca.Function("memory_rate", of, [rates])
     period = belief.scenario.control_period
     steps = max(1, round(period / MEMORY_STEP))
-    z, motion, pressures, time = (ca.SX.sym(name, size) for name, size in _sizes(rates.shape[0]).items())
+    sizes = rate.size1_in(3), 2, rate.size1_in(2), 1
+    z, motion, pressures, time = (ca.SX.sym("of_step", size) for size in sizes)
     moved = runge_kutta_4(lambda s: rate(motion[0], motion[1], pressures, s, time), z, period / steps)
     folded = ca.Function("memory_step", [z, motion, pressures, time], [moved]).fold(steps)
-    z, before, pressures, time = (ca.MX.sym(name, size) for name, size in _sizes(rates.shape[0]).items())
+    first, before, held, at = (ca.MX.sym("of_period", size) for size in sizes)
     now = ca.MX.sym("now", 2)
     motions = before + (now - before) @ ca.DM((np.arange(steps) + 0.5) / steps).T
-    after = folded(z, motions, ca.repmat(pressures, 1, steps), ca.repmat(time, 1, steps))
-    return ca.Function("effect_memory", [z, before, now, pressures, time], [after])
+    after = folded(first, motions, ca.repmat(held, 1, steps), ca.repmat(at, 1, steps))
+    return ca.Function("effect_memory", [first, before, now, held, at], [after])
 
 
-def _sizes(states: int) -> dict[str, int]:
-    """Return the inputs of an effect's memory and their sizes."""
-    return {"states": states, "motion": 2, "pressures": 2, "time": 1}
-
-
-class EffectTorque:
-    """Torque of the believed effects along the reference motion.
+class AddedEffort:
+    """Torque or force of the believed effects along the reference motion.
 
     It is driven by the reference and by the measured pressures, never by the estimate: a known
     input for observer and controller, in no loop of its own. It is bounded as the effects are, it
     cannot chatter, and what reference and motion differ by is left to the observer.
     """
 
-    def __init__(self, belief, ahead: float = 0.0):
+    def __init__(self, belief: Parameters, ahead: float = 0.0):
         added = added_by_effects(belief)
         self.active = added is not None
         self.states = np.zeros(0)
         self.time = ahead
         self._period = belief.scenario.control_period
-        self._motion: np.ndarray | None = None
+        self._motion: Array | None = None
         if added is not None:
             self._added, self._memory = compiled(added), compiled(effect_memory(belief))
             self.states = np.zeros(added.size1_in(3))
@@ -120,57 +138,52 @@ class EffectTorque:
         """Take the next reference as it comes, without a motion to it."""
         self._motion = None
 
-    def step(
-        self, reference: Reference, extensor_pressure: float, flexor_pressure: float, periods: int = 1
-    ) -> float:
-        """Go on to a reference so many periods later; return the torque there, N m (absolute Pa)."""
+    def step(self, reference: Reference, pressures: Pressures, periods: int = 1) -> float:
+        """Go on to a reference so many periods later; return what is added there (absolute Pa)."""
         if not self.active:
             return 0.0
-        motion, pressures = np.array(reference[:2]), np.array([extensor_pressure, flexor_pressure])
-        if self._motion is not None:
-            change = motion - self._motion
+        motion, held = np.array(reference[:2]), np.array(pressures)
+        if (before := self._motion) is not None:
+            change = motion - before
             for left in range(periods - 1, -1, -1):
-                self._live_on(motion - change * (left / periods), pressures)
+                now = motion - change * (left / periods)
+                self._live_on(before, now, held)
+                before = now
         self._motion = motion
-        return float(self._added(motion[0], motion[1], pressures, self.states, self.time)[0][0])
+        return float(self._added(motion[0], motion[1], held, self.states, self.time)[0][0])
 
-    def _live_on(self, motion: np.ndarray, pressures: np.ndarray) -> None:
-        """Let a period pass, to this motion."""
+    def _live_on(self, before: Array, now: Array, pressures: Array) -> None:
+        """Let a period pass, from one motion to another."""
         self.time += self._period
         if len(self.states):
-            self.states[:] = self._memory(self.states, self._motion, motion, pressures, self.time)[0]
-        self._motion = motion
+            self.states[:] = self._memory(self.states, before, now, pressures, self.time)[0]
 
 
-def flow_of_opening(belief, muscle: str) -> ca.Function:
+def flow_of_opening(belief: Parameters, actuator: str) -> ca.Function:
     """Return (relative opening, absolute and supply pressure, Pa) -> mass flow with the effects, kg/s."""
     names = known(belief, "opening", "flow")
     opening, pressure, supply = (ca.SX.sym(name) for name in ("opening", "pressure", "supply"))
     whole = assembled(belief.substituted({"valve.supply_pressure": supply}), *names)
-    s = SimpleNamespace(**vars(whole.signals))
-    for name in orthosis.MUSCLES:
-        setattr(s, f"{name}_opening", opening if name == muscle else ca.SX(0))
-    active = ActiveEffects(
-        CATALOGUE, Section("effects", {name: getattr(belief.effects, name) for name in names})
-    )
-    active.bind([])  # no effect of these stages has states
+    s = whole.signals.copy()
+    for name, a in s.actuators.items():
+        a.opening = opening if name == actuator else ca.SX(0)
+    active = _active(belief, names, ca.SX(0, 1))  # no effect of these stages has states
     active.stages(s, "opening")
-    orthosis.flows(s)
+    assembly.set_flows(s)
     active.stages(s, "flow")
-    index = orthosis.BASE_STATES.index(f"{muscle}_pressure")
-    flow = ca.substitute(getattr(s, f"{muscle}_flow"), whole.x[index], pressure)
-    return ca.Function(f"{muscle}_flow", [opening, pressure, supply], [flow])
+    flow = ca.substitute(s.actuators[actuator].flow, whole.signals.actuators[actuator].pressure, pressure)
+    return ca.Function(f"{actuator}_flow", [opening, pressure, supply], [flow])
 
 
-def supply_after(belief, muscle: str) -> ca.Function | None:
+def supply_after(belief: Parameters, actuator: str) -> ca.Function | None:
     """Return (state, mass flow kg/s) -> state a period later, supply pressure Pa; None if it does not sag.
 
-    Of the air that is drawn, that of one muscle is known: the other one's valve vents meanwhile.
+    Of the air that is drawn, that of one actuator is known: the other one's valve vents meanwhile.
     """
     if not known(belief, "supply"):
         return None
     state, flow = ca.SX.sym("state", len(supply_scales(belief))), ca.SX.sym("flow")
-    drawn = {name: flow if name == muscle else 0.0 for name in orthosis.MUSCLES}
+    drawn = {name: flow if name == actuator else 0.0 for name in belief.declared.names}
     period, after = belief.scenario.control_period, state
     steps = max(1, round(period / STATE_STEP))
     for _ in range(steps):
@@ -178,37 +191,35 @@ def supply_after(belief, muscle: str) -> ca.Function | None:
     return ca.Function("supply_after", [state, flow], [after, supply(belief, after, drawn)[0]])
 
 
-def supply(belief, state, drawn: Mapping[str, Any]) -> tuple[Any, Any]:
-    """Return supply pressure, Pa, and the rates of its state while the muscles draw mass flows, kg/s."""
-    names = known(belief, "supply")
-    active = ActiveEffects(
-        CATALOGUE, Section("effects", {name: getattr(belief.effects, name) for name in names})
-    )
-    active.bind(ca.vertsplit(state))
-    flows = {f"{muscle}_flow": flow for muscle, flow in drawn.items()}
-    s = SimpleNamespace(supply_pressure=belief.valve.supply_pressure, **flows)
+def supply(
+    belief: Parameters, state: ca.SX, drawn: Mapping[str, Expression]
+) -> tuple[Expression, Expression]:
+    """Return supply pressure, Pa, and the rates of its state while the actuators draw mass flows, kg/s."""
+    s, active = assembled(belief).signals, _active(belief, known(belief, "supply"), state)
+    for name, flow in drawn.items():
+        s.actuators[name].flow = flow
     active.stages(s, "supply")
-    return s.supply_pressure, ca.vertcat(*active.rates(s))
+    return s.air.supply_pressure, ca.vertcat(*active.rates(s))
 
 
-def supply_scales(belief) -> tuple[float, ...]:
+def supply_scales(belief: Parameters) -> tuple[float, ...]:
     """Return the typical size of each state of the supply."""
-    return tuple(scale for name in known(belief, "supply") for scale in CATALOGUE[name].scales)
+    catalogue = belief.declared.catalogue
+    return tuple(scale for name in known(belief, "supply") for scale in catalogue[name].scales)
 
 
-def gas_model(belief) -> orthosis.Assembly:
+def gas_model(belief: Parameters) -> assembly.Assembly:
     """Return the assembly with the effects on volume, exponent and temperature, for Eq. (6)."""
     return assembled(belief, *known(belief, "gas"))
 
 
-def sensor_readings(belief) -> dict[str, ca.Function]:
+def sensor_readings(belief: Parameters) -> dict[str, ca.Function]:
     """Return the functions true value -> reading of the channels with a believed static error."""
-    names = tuple(name for name in known(belief, "sensor") if not CATALOGUE[name].states)
-    whole = assembled(belief, *names)
+    machine = belief.declared
+    whole = assembled(belief, *(n for n in known(belief, "sensor") if not machine.catalogue[n].states))
     readings = {}
-    for name in CHANNELS:
-        reading = getattr(whole.signals, f"measured_{name}")
-        true = whole.x[orthosis.BASE_STATES.index(name)]
+    for name, reading in zip(machine.channels, ca.vertsplit(whole.measured), strict=True):
+        true = whole.x[machine.states.index(name)]
         if not ca.is_equal(reading, true):
             readings[name] = ca.Function(f"{name}_reading", [true], [reading])
     return readings
@@ -217,11 +228,11 @@ def sensor_readings(belief) -> dict[str, ca.Function]:
 class Sensors:
     """Takes the believed static errors out of readings; without any it passes them on."""
 
-    def __init__(self, belief):
+    def __init__(self, belief: Parameters):
         self._inverse = {name: compiled(_unread(name, f)) for name, f in sensor_readings(belief).items()}
 
     def true(self, channel: str, reading: float) -> float:
-        """Return the value that `angle`, `extensor_pressure` or `flexor_pressure` has at a reading."""
+        """Return the value that a channel of the machine has at a reading."""
         inverse = self._inverse.get(channel)
         return reading if inverse is None else float(inverse(reading)[0][0])
 
@@ -231,7 +242,12 @@ def _unread(name: str, reading: ca.Function) -> ca.Function:
     return ca.Function(f"true_{name}", [shown], [corrected(lambda x: x, reading, shown, 4)])
 
 
-def corrected(inverse, function, wanted, corrections: int = CORRECTIONS):
+def corrected(
+    inverse: Callable[[Expression], Expression],
+    function: Callable[[Expression], Expression],
+    wanted: Expression,
+    corrections: int = CORRECTIONS,
+) -> Expression:
     """Return x with function(x) = wanted, from the inverse of a function that is nearly the same.
 
     Each correction asks the known inverse for what was missed; the rest shrinks by the relative
@@ -245,29 +261,30 @@ def corrected(inverse, function, wanted, corrections: int = CORRECTIONS):
     return x
 
 
-def command_lag(belief) -> float:
+def command_lag(belief: Parameters) -> float:
     """Return the time from a sample to the slow flow that answers it, s: dead time and lag of the spool."""
     names = known(belief, "command")
-    late = [name for name in names if CATALOGUE[name].late is not None]
-    delay = belief.valve.delay + sum(CATALOGUE[name].late(getattr(belief.effects, name)) for name in late)
+    late = {name: of for name in names if (of := belief.declared.catalogue[name].late) is not None}
+    delay: float = belief.valve.delay + sum(of(values(belief, name)) for name, of in late.items())
     return max(0.0, delay + _lag(belief, *(name for name in names if name not in late)))
 
 
-def _lag(belief, *names: str) -> float:
+def _lag(belief: Parameters, *names: str) -> float:
     """Return the delay of slow signals between voltage and spool by these effects, s: -G'(0) / G(0)."""
     if not names:
         return 0.0
     whole = assembled(belief, *names)
-    z, rates = whole.x[PLAIN:], whole.rates[PLAIN:]
-    spool, voltage = whole.signals.extensor_voltage, whole.u[0]
+    plain = len(belief.declared.states)
+    z, rates = whole.x[plain:], whole.rates[plain:]
+    spool, voltage = whole.signals.actuators[belief.declared.names[0]].voltage, whole.u[0]
     pairs = (rates, z), (rates, voltage), (spool, z), (spool, voltage)
     a, b, c, d = (np.array(ca.evalf(ca.jacobian(*pair))) for pair in pairs)
     once = np.linalg.solve(a, b)
     return float(((c @ np.linalg.solve(a, once)) / (d - c @ once))[0, 0])
 
 
-def _of_motion(belief, whole, expression):
+def _of_motion(belief: Parameters, whole: assembly.Assembly, expression: ca.SX) -> tuple[list[ca.SX], ca.SX]:
     """Return the inputs of a function of the motion, and the expression with the valves closed."""
-    time, closed = ca.SX.sym("time"), belief.valve.closed_voltage
-    inputs = [whole.x[0], whole.x[1], whole.x[2:PLAIN], whole.x[PLAIN:], time]
-    return inputs, ca.substitute(expression, whole.u, ca.vertcat(closed, closed, 0, time))
+    time, plain = ca.SX.sym("time"), len(belief.declared.states)
+    of = [whole.x[0], whole.x[1], whole.x[2:plain], whole.x[plain:], time]
+    return of, ca.substitute(expression, whole.u, inputs(belief, time))

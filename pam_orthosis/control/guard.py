@@ -8,30 +8,32 @@ from __future__ import annotations
 
 import math
 
+from pam_orthosis.model.parameters import Parameters, Section
+
 
 class SignalGuard:
     """Guards one measured signal.
 
     A sample is unusable if it is not finite, outside what the quantity can be, or farther from the last
-    usable one than the quantity can get in that time. Up to `hold` such samples in a row the last usable
+    usable one than the quantity can get in that time. While it is for no longer than `hold` the last usable
     one stands in (reaction: hold); then the signal is lost, for good. It is lost too when it repeats one
-    value to the last bit for `frozen` samples while what it should follow moves on.
+    value to the last bit for as long as `frozen` while what it should follow moves on.
 
     Args:
         low, high: limits of the plausible values.
-        step: largest plausible change from one sample to the next.
-        hold: samples that are bridged.
-        frozen: samples of one value, and `moved`: change of what it should follow in that time.
+        step: largest plausible change in a period.
+        hold: periods that are bridged.
+        frozen: periods of one value, and `moved`: change of what it should follow in that time.
         start: stands in if the first sample is unusable.
     """
 
     def __init__(
-        self, low: float, high: float, step: float, hold: int, frozen: int, moved: float, start: float
+        self, low: float, high: float, step: float, hold: int, frozen: float, moved: float, start: float
     ):
         self._low, self._high, self._step = low, high, step
         self._hold, self._frozen, self._moved = hold, frozen, moved
         self._last, self._started = start, False
-        self._missed = self._same = 0
+        self._missed = self._same = 0  # periods without a usable sample, and of one value
         self._since = 0  # periods, of the last usable sample
         self._followed: float | None = None
         self.held = 0
@@ -51,12 +53,12 @@ class SignalGuard:
         self._since += periods
         fault = self._fault(value)
         if fault:
-            self._missed += 1
+            self._missed += periods if self._missed else 1
             self.held += 1
             if self._missed > self._hold:
                 self.lost = self.lost or fault
             return self._last
-        self._watch_motion(value, followed)
+        self._watch_motion(value, followed, periods)
         self._last, self._started, self._missed, self._since = value, True, 0, 0
         return value
 
@@ -69,11 +71,11 @@ class SignalGuard:
             return "jumped"
         return ""
 
-    def _watch_motion(self, value: float, followed: float | None) -> None:
+    def _watch_motion(self, value: float, followed: float | None, periods: int) -> None:
         if followed is None or value != self._last or self._followed is None:
             self._same, self._followed = 0, followed
             return
-        self._same += 1
+        self._same += periods
         if self._same >= self._frozen and abs(followed - self._followed) > self._moved:
             self.lost = self.lost or "frozen"
 
@@ -97,25 +99,27 @@ class Overdue:
         return self._count > self._limit
 
 
-def driven(voltage: float, valve) -> float:
+def driven(voltage: float, valve: Section) -> float:
     """Return what a valve's drive makes of a voltage, V: within its range, the vent's if it is no number."""
-    if not math.isfinite(voltage):
-        return valve.minimum_voltage
-    return min(max(voltage, valve.minimum_voltage), valve.maximum_voltage)
+    least: float = valve.minimum_voltage
+    most: float = valve.maximum_voltage
+    return min(max(voltage, least), most) if math.isfinite(voltage) else least
 
 
-def angle_guard(parameters) -> SignalGuard:
-    """Return the guard of the measured knee angle."""
-    g, joint, period = parameters.control.guard, parameters.leg.joint, parameters.scenario.control_period
-    frozen = math.inf if joint.locked else _samples(g.frozen_time, period)
+def position_guard(parameters: Parameters) -> SignalGuard:
+    """Return the guard of the measured position of the coordinate."""
+    g, period, machine = parameters.control.guard, parameters.scenario.control_period, parameters.declared
+    mechanism = machine.mechanism(parameters)
+    low, high = mechanism.limits
+    frozen = math.inf if mechanism.locked else _samples(g.frozen_time, period)
     return SignalGuard(
-        joint.minimum - g.angle_margin, joint.maximum + g.angle_margin, g.angle_rate * period,
-        _samples(g.hold_time, period), frozen, g.angle_motion, parameters.scenario.start_angle,
+        low - g.angle_margin, high + g.angle_margin, g.angle_rate * period,
+        _samples(g.hold_time, period), frozen, g.angle_motion, parameters.at(machine.start),
     )  # fmt: skip
 
 
-def pressure_guard(parameters) -> SignalGuard:
-    """Return the guard of a measured muscle pressure."""
+def pressure_guard(parameters: Parameters) -> SignalGuard:
+    """Return the guard of a measured pressure."""
     g, period = parameters.control.guard, parameters.scenario.control_period
     return SignalGuard(
         g.lowest_pressure, parameters.valve.supply_pressure + g.pressure_margin, g.pressure_rate * period,
@@ -124,7 +128,7 @@ def pressure_guard(parameters) -> SignalGuard:
     )  # fmt: skip
 
 
-def overdue(seconds: float, parameters) -> Overdue:
+def overdue(seconds: float, parameters: Parameters) -> Overdue:
     """Return what notices a condition that lasts longer than this."""
     return Overdue(_samples(seconds, parameters.scenario.control_period))
 

@@ -3,14 +3,15 @@
 
 Three reactions, the mildest that is safe: *hold* bridges some unusable samples with the last usable one,
 *limited* cuts what is asked for to what is allowed, *vent* lets the air out: for good when a signal is
-lost, for the time being while knee or pressure do not follow. The position controller asks for it by a
-reference pressure of the ambient, which every later controller understands, and leads the knee back to its
+lost, for the time being while joint or pressure do not follow. The position controller asks for it by a
+reference pressure of the ambient, which every later controller understands, and leads the joint back to its
 reference afterwards. Without faults each returns what its controller returns, to the last bit.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 from pam_orthosis.control import guard
@@ -18,20 +19,21 @@ from pam_orthosis.control.inverse_valve import InverseValveModel
 from pam_orthosis.control.position import PositionCommand, PositionController
 from pam_orthosis.control.pressure import PressureController
 from pam_orthosis.control.rates import position_belief
+from pam_orthosis.control.reference import PressureReference, Pressures, Reference, Valve
 from pam_orthosis.control.returning import Release, Return, empty_below, vented
-from pam_orthosis.control.trajectory import VALVES_CLOSED, Reference
+from pam_orthosis.model.parameters import Parameters
 
 NEAR = 0.2  # of the largest error: what is followed is caught up with
 SILENT_PERIODS = 20  # without a sample, after which valves have vented by themselves
 VENT_FLOW = -1.0  # kg/s: far more than a valve can pass, so that it opens fully
 
 
-class _Guarded:
+class Guarded:
     """What the three have in common: guards, counters, and why they vent, for good or for the time being."""
 
     RELEASED = ""
 
-    def __init__(self, parameters, guards: dict[str, guard.SignalGuard]):
+    def __init__(self, parameters: Parameters, guards: dict[str, guard.SignalGuard]):
         self._guards = guards
         self._unusable = guard.overdue(parameters.control.guard.hold_time, parameters)
         self._vent = ""
@@ -47,17 +49,17 @@ class _Guarded:
             "vent": self._vent or (self.RELEASED if self._loose else ""),
         }
 
-    def _command_held(self, numbers) -> bool:
+    def _command_held(self, command: Iterable[PressureReference], periods: int) -> bool:
         """Return whether a command is unusable and to be held; vent if that lasts."""
-        broken = not all(map(math.isfinite, numbers))
+        broken = not all(math.isfinite(number) for number in command if number is not Valve.CLOSED)
         self._limited += broken
-        if self._unusable.step(broken):
+        if self._unusable.step(broken, periods):
             self._vent = self._vent or "command not finite"
         return broken
 
-    def _finite(self, what: str, *numbers: float) -> bool:
+    def _finite(self, what: str, *results: PressureReference) -> bool:
         """Return whether results are finite; vent for good if not."""
-        good = all(map(math.isfinite, numbers))
+        good = all(math.isfinite(number) for number in results if number is not Valve.CLOSED)
         if not good:
             self._vent = self._vent or f"{what} not finite"
         return good
@@ -75,28 +77,29 @@ class _Guarded:
         return venting
 
 
-class GuardedPosition(_Guarded):
+class GuardedPosition(Guarded):
     """The position controller behind guards of its measurements and its reference.
 
     A reference beyond the joint's limits is limited to them, an unusable one held. It vents for good when
-    a signal is lost. It releases the knee when that is far from its reference, or much faster or slower, or
-    when a muscle has not the pressure that was asked for, for too long. A knee that was released, and one
+    a signal is lost. It releases the joint when that is far from its reference, or much faster or slower, or
+    when an actuator has not the pressure that was asked for, for too long. A joint that was released, and one
     that is found vented or far from its reference at the start, is led back (`Return`). When so many
-    returns in a row have failed it stays released, until something else has vented the muscles meanwhile:
+    returns in a row have failed it stays released, until something else has vented the actuators meanwhile:
     an emergency stop, say.
     """
 
-    def __init__(self, parameters, controller: PositionController):
+    def __init__(self, parameters: Parameters, controller: PositionController):
         belief = position_belief(parameters)
-        guards = {"angle": guard.angle_guard(belief)}
-        guards |= {f"{name} pressure": guard.pressure_guard(belief) for name in ("extensor", "flexor")}
+        machine = belief.declared
+        guards = {machine.coordinate.name: guard.position_guard(belief)}
+        guards |= {f"{name} pressure": guard.pressure_guard(belief) for name in machine.names}
         super().__init__(belief, guards)
-        g, joint = belief.control.guard, belief.leg.joint
+        g, self._lost = belief.control.guard, f"{machine.name} does not follow"
         self._belief, self._controller = belief, controller
-        self._low, self._high = joint.minimum, joint.maximum
-        self._reference = Reference(belief.scenario.start_angle, 0.0, 0.0)
+        self._low, self._high = machine.mechanism(belief).limits
+        self._reference = Reference(belief.at(machine.start), 0.0, 0.0)
         self._distance, self._speed = g.tracking_error, g.velocity_error
-        self._pressure_error = g.pressure_error
+        self._pressure_error: float = g.pressure_error
         self._ambient = belief.valve.ambient_pressure
         self._watch_anew()
         self._begun, self._trusted = False, guard.overdue(g.trust_time, belief)
@@ -105,68 +108,67 @@ class GuardedPosition(_Guarded):
         self._return: Return | None = None
 
     def health(self) -> dict[str, Any]:
-        """Return what the guards did, and how often the knee was led back or is just now."""
+        """Return what the guards did, and how often the joint was led back or is just now."""
         return {**super().health(), "returns": self._returns, "returning": self._return is not None}
 
-    def retune(self, parameters) -> None:
+    def retune(self, parameters: Parameters) -> None:
         """Pass new values on to the controller."""
         self._controller.retune(parameters)
 
     def step(
-        self,
-        angle: float,
-        extensor_pressure: float,
-        flexor_pressure: float,
-        reference: Reference,
-        periods: int = 1,
+        self, position: float, pressures: Pressures, reference: Reference, periods: int = 1
     ) -> PositionCommand:
         """Return the reference pressures for one sample, whatever the numbers are.
 
         It is so many of the position controller's periods later than the last one.
         """
-        desired = reference.angle
-        if reference.planned_angle is not None:
-            reference = reference.followed()
-        reference = self._usable(reference)
+        desired = reference.position
+        if reference.planned is not None:
+            reference = Reference(*reference.planned, reference.mean_pressure)
+        reference = self._usable(reference, periods)
         follows = self._release is None and self._return is None
-        angle = self._guards["angle"].step(angle, reference.angle if follows else None, periods)
-        extensor = self._guards["extensor pressure"].step(extensor_pressure, periods=periods)
-        flexor = self._guards["flexor pressure"].step(flexor_pressure, periods=periods)
-        pressures = extensor, flexor
-        driven = reference.mean_pressure != VALVES_CLOSED
-        away = min(abs(aim - angle) for aim in (reference.angle, desired))  # a plan begins anywhere near
+        of_position, first, second = self._guards.values()
+        position = of_position.step(position, reference.position if follows else None, periods)
+        pressures = first.step(pressures[0], periods=periods), second.step(pressures[1], periods=periods)
+        driven = reference.mean_pressure is not Valve.CLOSED
+        away = min(abs(aim - position) for aim in (reference.position, desired))  # a plan begins near
         if driven and self._is_astray(away, pressures, periods):
             self._lead_back(pressures)
-        wanted = self._way(reference, angle, periods)
-        command = self._controller.step(angle, *pressures, wanted, periods)
-        if not self._finite("estimate", *command[:6]):
-            command = PositionCommand(self._ambient, self._ambient, angle, 0.0, 0.0, 0.0, False, False)
+        wanted = self._way(reference, position, periods)
+        command = self._controller.step(position, pressures, wanted, periods)
+        if not self._finite("estimate", *command.pressures, *command[1:5]):
+            command = PositionCommand((self._ambient, self._ambient), position, 0.0, 0.0, 0.0, False, False)
         if driven:
-            command = self._judged(command, wanted, angle, pressures, periods)
+            command = self._judged(command, wanted, position, pressures, periods)
         if self._venting():
             asked = self._ambient if self._vent or self._release is None else self._release.asked
-            return command._replace(extensor_pressure=asked, flexor_pressure=asked)
+            return command._replace(pressures=(asked, asked))
         return command
 
-    def _is_astray(self, away: float, pressures, periods: int) -> bool:
-        """Whether the knee may be anywhere, at the start or after a long silence, and is not at its place."""
+    def _is_astray(self, away: float, pressures: Pressures, periods: int) -> bool:
+        """Whether the joint is not at its place, at the start or after a long silence."""
         first, self._begun = not self._begun, True
         if self._release is not None or not (first or periods >= SILENT_PERIODS):
             return False
         return vented(pressures, self._belief) or away > NEAR * self._distance
 
-    def _way(self, reference: Reference, angle: float, periods: int) -> Reference:
+    def _way(self, reference: Reference, position: float, periods: int) -> Reference:
         """Return what the controller is to follow."""
-        if reference.mean_pressure == VALVES_CLOSED:
+        if reference.mean_pressure is Valve.CLOSED:
             return reference
         if self._release is not None:
-            return Reference(angle, 0.0, 0.0, reference.mean_pressure)
-        return reference if self._return is None else self._return.reference(angle, reference, periods)
+            return Reference(position, 0.0, 0.0, reference.mean_pressure)
+        return reference if self._return is None else self._return.reference(position, reference, periods)
 
     def _judged(
-        self, command: PositionCommand, wanted: Reference, angle: float, pressures, periods: int
+        self,
+        command: PositionCommand,
+        wanted: Reference,
+        position: float,
+        pressures: Pressures,
+        periods: int,
     ) -> PositionCommand:
-        """Return the command as it rises, after a look at knee and muscles; release what does not follow."""
+        """Return the command as it rises, after a look at the joint; release what does not follow."""
         if self._release is not None:
             if self._release.step(pressures, command.velocity, periods):
                 self._try_again(pressures)
@@ -174,37 +176,45 @@ class GuardedPosition(_Guarded):
                 self._failed = 0  # what fails is not the return
             return command
         if self._return is not None:
-            extensor, flexor = self._return.pressures(command[:2])
-            command = command._replace(extensor_pressure=extensor, flexor_pressure=flexor)
-        self._watch_motion(wanted, angle, command, pressures, periods)
+            command = command._replace(pressures=self._return.pressures(command.pressures))
+        self._watch_motion(wanted, position, command, pressures, periods)
         if self._return is not None and self._return.over:
             self._return = None
         if self._trusted.step(self._failed > 0 and self._return is None, periods):
             self._failed = 0
         return command
 
-    def _watch_motion(self, wanted: Reference, angle: float, command, pressures, periods: int) -> None:
-        away, faster = abs(wanted.angle - angle), abs(command.velocity - wanted.velocity)
+    def _watch_motion(
+        self,
+        wanted: Reference,
+        position: float,
+        command: PositionCommand,
+        pressures: Pressures,
+        periods: int,
+    ) -> None:
+        away, faster = abs(wanted.position - position), abs(command.velocity - wanted.velocity)
         far = self._far.step(away > self._distance, periods)
-        swings = self._swings.step(faster > self._speed)
-        short = any(map(self._is_short, command[:2], pressures))
+        swings = self._swings.step(faster > self._speed, periods)
+        short = any(map(self._is_short, command.pressures, pressures))
         if far or swings or self._unfilled.step(short, periods):
-            self.RELEASED = "knee does not follow" if far or swings else "pressure does not follow"
+            self.RELEASED = self._lost if far or swings else "pressure does not follow"
             self._loose, self._release, self._return = True, Release(self._belief), None
             self._failed += 1
 
-    def _is_short(self, asked: float, pressure: float) -> bool:
-        """Whether a muscle has not what is asked for: of a low pressure half is missed already."""
-        least = 0.5 * (asked + self._ambient)
+    def _is_short(self, asked: PressureReference, pressure: float) -> bool:
+        """Whether an actuator has not what is asked for: of a low pressure half is missed already."""
+        if asked is Valve.CLOSED:
+            return False
+        least: float = 0.5 * (asked + self._ambient)
         return abs(asked - pressure) > self._pressure_error or pressure < least
 
-    def _try_again(self, pressures) -> None:
+    def _try_again(self, pressures: Pressures) -> None:
         if self._failed > self._most:
-            self.RELEASED = f"knee does not follow, given up after {self._most} returns"
+            self.RELEASED = f"{self._lost}, given up after {self._most} returns"
         else:
             self._lead_back(pressures)
 
-    def _lead_back(self, pressures) -> None:
+    def _lead_back(self, pressures: Pressures) -> None:
         self._controller.restart()
         self._watch_anew()
         self._loose, self._release, self._return = False, None, Return(pressures, self._belief)
@@ -216,28 +226,28 @@ class GuardedPosition(_Guarded):
         self._swings = guard.overdue(g.hold_time, self._belief)
         self._unfilled = guard.overdue(g.pressure_time, self._belief)
 
-    def _usable(self, reference: Reference) -> Reference:
-        if self._command_held(number for number in reference[:4] if number is not None):
+    def _usable(self, reference: Reference, periods: int) -> Reference:
+        if self._command_held((number for number in reference[:4] if number is not None), periods):
             return self._reference._replace(velocity=0.0, acceleration=0.0)
-        if not self._low <= reference.angle <= self._high:
+        if not self._low <= reference.position <= self._high:
             self._limited += 1
-            nearest = min(max(reference.angle, self._low), self._high)
-            reference = reference._replace(angle=nearest, velocity=0.0, acceleration=0.0)
+            nearest = min(max(reference.position, self._low), self._high)
+            reference = reference._replace(position=nearest, velocity=0.0, acceleration=0.0)
         self._reference = reference
         return reference
 
 
-class GuardedPressure(_Guarded):
-    """The pressure controller of one muscle behind guards.
+class GuardedPressure(Guarded):
+    """The pressure controller of one actuator behind guards.
 
     A reference beyond the limits is limited, and that of the ambient vents, whatever the sensor shows. It
     vents for good when its signal is lost, and while the pressure is far from its reference for too long.
-    An empty muscle's pressure that stands still is no lost signal: something else may keep it vented.
+    An empty actuator's pressure that stands still is no lost signal: something else may keep it vented.
     """
 
     RELEASED = "pressure does not follow"
 
-    def __init__(self, parameters, controller: PressureController):
+    def __init__(self, parameters: Parameters, controller: PressureController):
         belief = parameters.belief()
         super().__init__(belief, {"pressure": guard.pressure_guard(belief)})
         g = belief.control.guard
@@ -245,55 +255,57 @@ class GuardedPressure(_Guarded):
         self._low, self._high = belief.valve.ambient_pressure, belief.control.position.maximum_pressure
         self._distance, self._far = g.pressure_error, guard.overdue(g.pressure_time, belief)
         self._empty = empty_below(belief)
-        self._wanted = (VALVES_CLOSED, belief.scenario.start_angle, 0.0)
+        self._wanted: PressureReference = Valve.CLOSED
+        self._estimate = belief.at(belief.declared.start), 0.0
 
-    def retune(self, parameters) -> None:
+    def retune(self, parameters: Parameters) -> None:
         """Pass new values on to the controller."""
         self._controller.retune(parameters)
 
     def step(
         self,
         pressure: float,
-        reference: float,
-        angle: float,
+        reference: PressureReference,
+        position: float,
         velocity: float,
         periods: int = 1,
         age: float = 0.0,
     ) -> float:
-        """Return the mass flow into the muscle, kg/s, finite whatever the numbers are.
+        """Return the mass flow into the actuator, kg/s, finite whatever the numbers are.
 
         The sample is so many control periods later than the last one; reference and estimate are so old, s.
         """
-        wanted = self._usable(reference, angle, velocity)
-        followed = None if wanted[0] == VALVES_CLOSED else wanted[0]
+        self._take(reference, position, velocity, periods)
+        wanted = self._wanted
+        followed = None if wanted is Valve.CLOSED else wanted
         pressure = self._guards["pressure"].step(
             pressure, None if pressure < self._empty else followed, periods
         )
         away = 0.0 if followed is None else abs(followed - pressure)
         self._watch(self._far.step(away > self._distance, periods), away < NEAR * self._distance)
-        flow = self._controller.step(pressure, *wanted, periods, age)
+        flow = self._controller.step(pressure, wanted, *self._estimate, periods, age)
         good = self._finite("mass flow", flow)
         return VENT_FLOW if self._venting() or not good or followed == self._low else flow
 
-    def _usable(self, *wanted: float) -> tuple[float, ...]:
-        if self._command_held(wanted):
-            return self._wanted
-        reference, *estimate = wanted
-        if reference != VALVES_CLOSED and not self._low <= reference <= self._high:
+    def _take(self, reference: PressureReference, position: float, velocity: float, periods: int) -> None:
+        """Keep what is asked for, within the limits, and the estimate, if they are usable."""
+        if self._command_held((reference, position, velocity), periods):
+            return
+        if reference is not Valve.CLOSED and not self._low <= reference <= self._high:
             self._limited += 1
             reference = min(max(reference, self._low), self._high)
-        self._wanted = (reference, *estimate)
-        return self._wanted
+        self._wanted, self._estimate = reference, (position, velocity)
 
 
-class GuardedValve(_Guarded):
+class GuardedValve(Guarded):
     """The inverse valve model behind guards: no voltage leaves it that is not finite and in range."""
 
-    def __init__(self, parameters, model: InverseValveModel):
+    def __init__(self, parameters: Parameters, model: InverseValveModel):
         belief = parameters.belief()
         super().__init__(belief, {"pressure": guard.pressure_guard(belief)})
         self._model = model
-        self._low, self._high = belief.valve.minimum_voltage, belief.valve.maximum_voltage
+        self._low: float = belief.valve.minimum_voltage
+        self._high: float = belief.valve.maximum_voltage
         self._flow = 0.0
 
     def step(self, mass_flow: float, pressure: float, periods: int = 1) -> float:
@@ -301,14 +313,14 @@ class GuardedValve(_Guarded):
 
         The sample is so many control periods later than the last one.
         """
-        flow = self._usable(mass_flow)
+        flow = self._usable(mass_flow, periods)
         pressure = self._guards["pressure"].step(pressure, periods=periods)
         voltage = self._model.step(flow, pressure, periods)
         good = self._finite("voltage", voltage)
         return self._low if self._venting() or not good else min(max(voltage, self._low), self._high)
 
-    def _usable(self, mass_flow: float) -> float:
-        if not self._command_held((mass_flow,)):
+    def _usable(self, mass_flow: float, periods: int) -> float:
+        if not self._command_held((mass_flow,), periods):
             self._flow = min(max(mass_flow, VENT_FLOW), -VENT_FLOW)
             self._limited += self._flow != mass_flow
         return self._flow

@@ -8,15 +8,18 @@ import numpy as np
 
 from pam_orthosis.control import effects
 from pam_orthosis.control.effects import Sensors
-from pam_orthosis.model import pneumatics
-from pam_orthosis.model.compiled import compiled
+from pam_orthosis.model.compiled import Compiled, compiled
+from pam_orthosis.model.components import pneumatics
+from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.rows import Section
+from pam_orthosis.model.signals import Expression
 
 # a valve behind a hose cannot pass more than the hose: beyond this share it counts as fully open
 HOSE_SHARE = 0.999
 
 
-def opening_for_flow(mass_flow, pressure, valve):
-    """Return the relative opening that gives a mass flow at a muscle pressure: `valve_flow` inverted."""
+def opening_for_flow(mass_flow: Expression, pressure: Expression, valve: Section) -> Expression:
+    """Return the relative opening that gives a mass flow at a chamber's pressure: `valve_flow` inverted."""
     inflow = pneumatics.orifice_flow(1.0, valve.supply_pressure, pressure, valve)
     outflow = pneumatics.orifice_flow(1.0, pressure, valve.ambient_pressure, valve)
     least = 1.0  # kg/s per unit conductance: keeps the quotient finite at equal pressures
@@ -25,7 +28,9 @@ def opening_for_flow(mass_flow, pressure, valve):
     return _opening(fill, valve) - _opening(vent, valve)
 
 
-def voltage_for_opening(opening, smoothing, dead_band, valve):
+def voltage_for_opening(
+    opening: Expression, smoothing: Expression, dead_band: Expression, valve: Section
+) -> Expression:
     """Return the voltage of a relative opening; about zero the dead band is faded in, V."""
     above = valve.maximum_voltage - valve.closed_voltage
     below = valve.closed_voltage - valve.minimum_voltage
@@ -35,72 +40,76 @@ def voltage_for_opening(opening, smoothing, dead_band, valve):
     return ca.fmin(ca.fmax(voltage, valve.minimum_voltage), valve.maximum_voltage)
 
 
-def voltage_function(belief, muscle: str = "extensor") -> ca.Function:
+def voltage_function(belief: Parameters, actuator: str) -> ca.Function:
     """Return (mass flow kg/s, absolute and supply pressure Pa) -> voltage V, the believed effects inverted.
 
     Effects on opening and flow (gain, curve, leak, hose) are met by correcting the flow that is asked of
     the plain valve; the half width of a believed dead band replaces `valve.dead_band`.
     """
     flow, pressure, supply = (ca.SX.sym(name) for name in ("flow", "pressure", "supply"))
-    opening = opening_with_effects(flow, pressure, supply, belief, muscle)
+    opening = opening_with_effects(flow, pressure, supply, belief, actuator)
     smoothing = belief.control.inverse_valve.dead_band_smoothing
     voltage = voltage_for_opening(opening, smoothing, dead_band(belief), belief.valve)
-    return ca.Function(f"{muscle}_inverse_valve", [flow, pressure, supply], [voltage])
+    return ca.Function(f"{actuator}_inverse_valve", [flow, pressure, supply], [voltage])
 
 
-def opening_with_effects(mass_flow, pressure, supply, belief, muscle: str):
+def opening_with_effects(
+    mass_flow: Expression, pressure: Expression, supply: Expression, belief: Parameters, actuator: str
+) -> Expression:
     """Return the relative opening that gives a mass flow through valve, hose and the believed effects."""
     valve = belief.substituted({"valve.supply_pressure": supply}).valve
 
-    def plain(flow):
+    def plain(flow: Expression) -> Expression:
         return opening_for_flow(flow, pressure, valve)
 
     if not effects.known(belief, "opening", "flow"):
         return plain(mass_flow)
-    passed = effects.flow_of_opening(belief, muscle)
+    passed = effects.flow_of_opening(belief, actuator)
     return effects.corrected(plain, lambda opening: passed(opening, pressure, supply), mass_flow)
 
 
-def dead_band(belief) -> float:
+def dead_band(belief: Parameters) -> float:
     """Return the half width of the dead band to compensate, V: learned, or `valve.dead_band`."""
-    learned = belief.effects.valve_dead_band
-    return learned.half_width if learned.enabled else belief.valve.dead_band
+    known: float = belief.valve.dead_band
+    if "valve_dead_band" in effects.known(belief, "spool"):
+        known = effects.values(belief, "valve_dead_band").half_width
+    return known
 
 
 class InverseValveModel:
-    """Inverse model of the valve of the `extensor` or the `flexor`; knows the belief only."""
+    """Inverse model of the valve of an actuator; knows the belief only."""
 
-    def __init__(self, parameters, muscle: str = "extensor"):
+    def __init__(self, parameters: Parameters, actuator: str):
         belief = parameters.belief()
-        self._voltage = compiled(voltage_function(belief, muscle))
-        self._sensors, self._channel = Sensors(belief), f"{muscle}_pressure"
-        self._supply = belief.valve.supply_pressure
-        after = effects.supply_after(belief, muscle)
+        self._voltage = compiled(voltage_function(belief, actuator))
+        self._sensors, self._channel = Sensors(belief), f"{actuator}_pressure"
+        self._supply: float = belief.valve.supply_pressure
+        after = effects.supply_after(belief, actuator)
         self._after = None if after is None else compiled(after)
         self._drawn = np.zeros(0 if after is None else after.size1_in(0))
         self._asked: float | None = None
 
     def step(self, mass_flow: float, pressure: float, periods: int = 1) -> float:
-        """Return the valve voltage, V, for a mass flow, kg/s, at an absolute muscle pressure, Pa.
+        """Return the valve voltage, V, for a mass flow, kg/s, at an absolute pressure, Pa.
 
         The sample is so many control periods later than the last one. A supply that is believed to sag
         does so by the flows that were asked for: it is in no loop.
         """
-        if self._after is not None:
-            self._draw(periods)
+        if self._after is not None and self._asked is not None:
+            self._draw(self._after, self._asked, periods)
         pressure = self._sensors.true(self._channel, pressure)
         voltage = float(self._voltage(mass_flow, pressure, self._supply)[0][0])
         self._asked = mass_flow
         return voltage
 
-    def _draw(self, periods: int) -> None:
+    def _draw(self, after: Compiled, asked: float, periods: int) -> None:
         """Let the supply sag by the flow that was asked for last, so long ago."""
-        for _ in range(periods if self._asked is not None else 0):
-            self._drawn[:], supply = self._after(self._drawn, self._asked)
+        for _ in range(periods):
+            self._drawn[:], supply = after(self._drawn, asked)
             self._supply = float(supply[0])
 
 
-def _opening(conductance, valve):
+def _opening(conductance: Expression, valve: Section) -> Expression:
     """Return the opening of the valve that makes valve and hose in series this conductance."""
     possible = ca.fmin(conductance, HOSE_SHARE * valve.hose.conductance)
     alone = possible / (1 - (possible / valve.hose.conductance) ** 3) ** (1 / 3)

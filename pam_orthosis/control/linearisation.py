@@ -14,17 +14,22 @@ integral, so that e = x_d - x obeys
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 from scipy import signal
 
-from pam_orthosis.model import muscle as muscle_model
-from pam_orthosis.model import pneumatics
 from pam_orthosis.model.compiled import compiled
-from pam_orthosis.model.orthosis import volume_terms
-from pam_orthosis.model.rig import carriage_acceleration, positioner_contraction
+from pam_orthosis.model.components import muscle as muscle_model
+from pam_orthosis.model.components import pneumatics
+from pam_orthosis.model.components.actuator import volume_terms
+from pam_orthosis.model.mechanisms.carriage import carriage_acceleration, positioner_contraction
+from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.rows import Section
+from pam_orthosis.model.signals import Expression
 
 # relative distance of the observer's poles: scipy places only distinct poles on one output
 POLE_SPREAD = (0.9, 1.0, 1.1)
@@ -49,12 +54,17 @@ class CarriageEstimate(NamedTuple):
     acceleration: float
 
 
-def error_coefficients(poles) -> np.ndarray:
+def error_coefficients(poles: Sequence[float]) -> NDArray[np.float64]:
     """Return alpha_0 .. alpha_3 of Eq. (12) for four poles of the error, 1/s^(4-k)."""
-    return np.poly(poles)[:0:-1].copy()
+    return np.array(np.poly(poles)[:0:-1])
 
 
-def demanded_jerk(reference, estimate, integral, alpha):
+def demanded_jerk(
+    reference: Sequence[Expression],
+    estimate: Sequence[Expression],
+    integral: Expression,
+    alpha: Sequence[float],
+) -> Expression:
     """Return v of Eq. (12) with the derivative orders of relative degree 3, m/s^3.
 
     Args:
@@ -70,27 +80,30 @@ def demanded_jerk(reference, estimate, integral, alpha):
     return v
 
 
-def positioner_force(position, pressure, belief):
+def positioner_force(position: Expression, pressure: Expression, belief: Parameters) -> Expression:
     """Return F_M,r of Eq. (8), N; not clamped at slack, so that its derivatives stay defined."""
+    contraction = positioner_contraction(position, belief.rig)
     gauge = pressure - belief.valve.ambient_pressure
-    return muscle_model.towing_force(positioner_contraction(position, belief), gauge, belief.muscle.mas_40)
+    return muscle_model.towing_force(contraction, gauge, belief.muscle.mas_40)
 
 
-def slack_pressure(position, belief):
+def slack_pressure(position: Expression, belief: Parameters) -> Expression:
     """Return the absolute pressure at which the MAS-40 begins to pull, Pa."""
-    contraction, m = positioner_contraction(position, belief), belief.muscle.mas_40
+    contraction, m = positioner_contraction(position, belief.rig), belief.muscle.mas_40
     gauge = muscle_model.counterforce(contraction, m) / muscle_model.area(contraction, m)
     return gauge + belief.valve.ambient_pressure
 
 
-def linearising_flow(jerk, position, velocity, pressure, belief):
+def linearising_flow(
+    jerk: Expression, position: Expression, velocity: Expression, pressure: Expression, belief: Parameters
+) -> Expression:
     """Return the mass flow of Eq. (11) that makes the third derivative of x_S equal to `jerk`, kg/s.
 
     Eq. (9) is solved for the pressure's rate, Eq. (6) for the flow; the partial derivatives come by
     differentiation of the model. dF_M,d/dt is neglected as in Eq. (10).
     """
     x, p = ca.SX.sym("x"), ca.SX.sym("p")
-    contraction = positioner_contraction(x, belief)
+    contraction = positioner_contraction(x, belief.rig)
     force = positioner_force(x, p, belief)
     by_pressure, by_position = ca.gradient(force, p), ca.gradient(force, x)
     rate = (-belief.rig.carriage_mass * jerk - by_position * velocity) / by_pressure
@@ -107,11 +120,11 @@ def linearising_flow(jerk, position, velocity, pressure, belief):
     return ca.substitute(flow, ca.vertcat(x, p), ca.vertcat(position, pressure))
 
 
-def control_function(belief) -> ca.Function:
+def control_function(belief: Parameters) -> ca.Function:
     """Return (reference, estimate, integral, pressure) -> mass flow, Eqs. (11)-(12)."""
     reference, estimate = ca.SX.sym("reference", 4), ca.SX.sym("estimate", 3)
     integral, pressure = ca.SX.sym("integral"), ca.SX.sym("pressure")
-    alpha = error_coefficients([-belief.rig.position.pole] * 4)
+    alpha = error_coefficients([-belief.rig.position.pole] * 4).tolist()
     jerk = demanded_jerk(ca.vertsplit(reference), ca.vertsplit(estimate), integral, alpha)
     flow = linearising_flow(jerk, estimate[0], estimate[1], pressure, belief)
     return ca.Function("carriage_control", [reference, estimate, integral, pressure], [flow])
@@ -125,14 +138,14 @@ class CarriageObserver:
     where the velocity comes from.
     """
 
-    def __init__(self, belief):
+    def __init__(self, belief: Parameters):
         position, pressure, force = ca.SX.sym("x"), ca.SX.sym("p"), ca.SX.sym("force")
         known = carriage_acceleration(
             force, positioner_force(position, pressure, belief), belief.rig.carriage_mass
         )
         self._known = compiled(ca.Function("carriage_known", [position, pressure, force], [known]))
         self._transition, self._input, self._gain = _observer_matrices(belief.rig)
-        self._state: np.ndarray | None = None
+        self._state: NDArray[np.float64] | None = None
 
     def step(self, position: float, pressure: float, force: float) -> CarriageEstimate:
         """Return the estimate at the instant of this measurement (m, absolute Pa, N)."""
@@ -146,7 +159,7 @@ class CarriageObserver:
         return CarriageEstimate(x, velocity, known + error)
 
 
-def _observer_matrices(rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _observer_matrices(rig: Section) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return transition (3, 3), input (3,) and gain (3,) of the sampled observer."""
     t = rig.control_period
     transition = np.array([[1, t, t**2 / 2], [0, 1, t], [0, 0, 1.0]])
@@ -159,7 +172,7 @@ def _observer_matrices(rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 class CarriageController:
     """Observer and linearising law with its integral; knows the belief only."""
 
-    def __init__(self, parameters):
+    def __init__(self, parameters: Parameters):
         belief = parameters.rig_belief()
         self._observer = CarriageObserver(belief)
         self._control = compiled(control_function(belief))

@@ -1,32 +1,57 @@
 # SPDX-License-Identifier: Apache-2.0
 """The closed loop without ROS: the same cores, wired by calls, for studies and tests.
 
-It knows the orthosis' plant, as `rig_loop` knows the rig's, and passes on measurements only.
+It knows the emulated machine, as `rig_loop` knows the rig, and passes on measurements only.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
+from typing import Any, Protocol
 
-from pam_orthosis.control.guarded import GuardedPosition, GuardedPressure, GuardedValve
+import numpy as np
+from numpy.typing import NDArray
+
+from pam_orthosis.control.diagnostic import Programme
+from pam_orthosis.control.guarded import Guarded, GuardedPosition, GuardedPressure, GuardedValve
 from pam_orthosis.control.inverse_valve import InverseValveModel
 from pam_orthosis.control.position import PositionController
 from pam_orthosis.control.pressure import PressureController
-from pam_orthosis.control.trajectory import make_trajectory
-from pam_orthosis.model.orthosis import MUSCLES
+from pam_orthosis.control.reference import as_number
+from pam_orthosis.control.trajectory import Trajectory, make_trajectory
+from pam_orthosis.model.machine import Machine
+from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
 from pam_orthosis.progress import Progress, silent
 
 TOLD = 200  # steps between two words on the progress
 
-SIGNALS = (
-    "time", "reference_angle", "reference_velocity", "reference_acceleration", "followed_angle",
-    "angle", "extensor_pressure", "flexor_pressure",
-    "estimated_angle", "estimated_velocity", "disturbance",
-    "extensor_pressure_reference", "flexor_pressure_reference",
-    "extensor_mass_flow", "flexor_mass_flow", "extensor_voltage", "flexor_voltage",
-    "true_angle", "true_velocity", "true_torque", "saturated", "clamped",
-)  # fmt: skip
+
+def signals(machine: Machine) -> tuple[str, ...]:
+    """Return what a run of a machine reports, in this order; the true effort is that from outside."""
+    q = machine.coordinate.name
+    kinds = "pressure_reference", "mass_flow", "voltage"
+    return (
+        "time", f"reference_{q}", "reference_velocity", "reference_acceleration", f"followed_{q}",
+        *machine.channels, f"estimated_{q}", "estimated_velocity", "disturbance",
+        *(f"{name}_{kind}" for kind in kinds for name in machine.names),
+        f"true_{q}", "true_velocity", f"true_{machine.coordinate.effort}", "saturated", "clamped",
+    )  # fmt: skip
+
+
+class Hardware(Protocol):
+    """What takes part in the loop: the methods of `Plant`."""
+
+    period_ns: int
+
+    def measure(self) -> Sequence[float]:
+        """Return a sample: position and both pressures."""
+
+    def truth(self) -> Sequence[float]:
+        """Return the true state: position, velocity, effort from outside, and more."""
+
+    def advance(self, *voltages: float) -> None:
+        """Let a control period pass."""
 
 
 class ClosedLoop:
@@ -40,54 +65,62 @@ class ClosedLoop:
         position: another position controller with the method `step` of `PositionController`.
     """
 
-    def __init__(self, parameters, seed: int = 0, plant=None, trajectory=None, position=None):
-        self.plant = Plant(parameters, seed) if plant is None else plant
+    def __init__(
+        self,
+        parameters: Parameters,
+        seed: int = 0,
+        plant: Hardware | None = None,
+        trajectory: Trajectory | Programme | None = None,
+        position: PositionController | None = None,
+    ):
+        self.plant: Hardware = Plant(parameters, seed) if plant is None else plant
         self._trajectory = make_trajectory(parameters) if trajectory is None else trajectory
         position = PositionController(parameters) if position is None else position
         self._every = parameters.control.position.every
         self._position = GuardedPosition(parameters, position)
-        self._pressure = [GuardedPressure(parameters, PressureController(parameters, m)) for m in MUSCLES]
-        self._valves = [GuardedValve(parameters, InverseValveModel(parameters, m)) for m in MUSCLES]
+        self._names, self.signals = parameters.declared.names, signals(parameters.declared)
+        self._pressure = [GuardedPressure(parameters, PressureController(parameters, n)) for n in self._names]
+        self._valves = [GuardedValve(parameters, InverseValveModel(parameters, n)) for n in self._names]
 
-    def health(self) -> dict[str, dict]:
+    def health(self) -> dict[str, dict[str, Any]]:
         """Return what each controller's guards have counted."""
-        guarded = {"position": self._position}
-        guarded |= {f"{m} pressure": each for m, each in zip(MUSCLES, self._pressure, strict=True)}
-        guarded |= {f"{m} valve": each for m, each in zip(MUSCLES, self._valves, strict=True)}
+        guarded: dict[str, Guarded] = {"position": self._position}
+        guarded |= {f"{n} pressure": each for n, each in zip(self._names, self._pressure, strict=True)}
+        guarded |= {f"{n} valve": each for n, each in zip(self._names, self._valves, strict=True)}
         return {name: each.health() for name, each in guarded.items()}
 
-    def run(self, steps: int, progress: Progress = silent) -> dict[str, np.ndarray]:
-        """Advance; returns an array of `steps` samples for each of `SIGNALS`, SI units.
+    def run(self, steps: int, progress: Progress = silent) -> dict[str, NDArray[np.float64]]:
+        """Advance; returns an array of `steps` samples for each of `signals`, SI units.
 
         What the position controller says is held between its steps; the reference is that of each instant.
         """
-        table = np.empty((steps, len(SIGNALS)))
+        table = np.empty((steps, len(self.signals)))
         for index in range(steps):
             if not index % TOLD:
                 progress("simulating", index, steps)
             table[index] = self._step(index)
-        return dict(zip(SIGNALS, table.T, strict=True))
+        return dict(zip(self.signals, table.T, strict=True))
 
-    def _step(self, index: int) -> tuple:
+    def _step(self, index: int) -> tuple[float, ...]:
         time_ns = index * self.plant.period_ns
-        measured, truth = self.plant.measure(), self.plant.truth()
+        (position, *pressures), truth = self.plant.measure(), self.plant.truth()
         reference = self._trajectory.sample(time_ns)
-        followed = reference.angle if reference.planned_angle is None else reference.planned_angle
+        followed = reference.position if reference.planned is None else reference.planned.position
         held = index % self._every
         if not held:
-            self._command = self._position.step(*measured, reference)
+            first, second = pressures
+            self._command = self._position.step(position, (first, second), reference)
         command, age = self._command, held * self.plant.period_ns * 1e-9
-        pressures, wanted = measured[1:], command[:2]
         flows = [
-            controller.step(p, p_ref, command.angle, command.velocity, age=age)
-            for controller, p, p_ref in zip(self._pressure, pressures, wanted, strict=True)
+            controller.step(p, p_ref, command.position, command.velocity, age=age)
+            for controller, p, p_ref in zip(self._pressure, pressures, command.pressures, strict=True)
         ]
         voltages = [
             valve.step(flow, p) for valve, flow, p in zip(self._valves, flows, pressures, strict=True)
         ]
         self.plant.advance(*voltages)
         return (
-            time_ns * 1e-9, *reference[:3], followed, *measured, command.angle, command.velocity,
-            command.disturbance, *wanted, *flows, *voltages,
-            truth.angle, truth.velocity, truth.torque, command.saturated, command.clamped,
+            time_ns * 1e-9, *reference[:3], followed, position, *pressures, command.position,
+            command.velocity, command.disturbance, *map(as_number, command.pressures), *flows, *voltages,
+            *truth[:3], command.saturated, command.clamped,
         )  # fmt: skip

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Margins of the closed loop: how far the hardware may change before the knee follows badly.
+"""Margins of the closed loop: how far the hardware may change before the machine follows badly.
 
 The emulated hardware is changed one thing at a time, away from what it is; the controllers keep their gains
 and their nominal model. Each value is a run of the closed loop without ROS.
@@ -17,9 +17,10 @@ import numpy as np
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.delay import NANOSECONDS, computing_ns, line_ns
-from pam_orthosis.model.orthosis import MUSCLES
+from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
+from pam_orthosis.model.rows import Row
 
 GROWTH = 2.0  # of the maximum error: the first limit
 SHARE = 0.1  # of a change to which a limit is found, or `FINEST` of the first step
@@ -58,49 +59,51 @@ class Perturbation:
 
 
 class _Factor(NamedTuple):
-    """Parameters of the hardware that change by one factor, the first one's value counts.
+    """Parameters of the hardware that change by one factor; value and unit of the first one count.
 
     Attributes:
         share: of the nominal value, the first step.
         low, high: factors between which they change, as far as their rows allow.
-        size: of the unit in that of the first parameter, if it is not 1: a number, and over what it counts.
+        size: where the first parameter is a factor: size and name of a unit, and the parameter of that unit.
     """
 
     name: str
-    unit: str
     meaning: str
     keys: tuple[str, ...]
     share: float
     low: float
     high: float
-    size: tuple[float, str] | None = None
+    size: tuple[float, str, str] | None = None
 
 
 DELAY = "delay"
 FACTORS = (
     _Factor(
-        "friction", "N m", "dry friction of the joint, the viscous in proportion",
+        "friction", "dry friction of the joint, the viscous in proportion",
         ("plant.effects.joint_friction.coulomb", "plant.effects.viscous_friction.viscosity"), 0.5, 0.0, 10.0,
     ),
     _Factor(
-        "hysteresis", "N", "half width of the muscles' force loop at 6 bar",
+        "friction", "dry friction of the carriage, the viscous in proportion",
+        tuple(f"plant.effects.carriage_friction.{name}" for name in ("coulomb", "viscosity")), 0.5, 0.0, 10.0,
+    ),
+    _Factor(
+        "hysteresis", "half width of the muscles' force loop at 6 bar",
         ("plant.effects.muscle_hysteresis.half_width",), 0.5, 0.0, 10.0,
     ),
     _Factor(
-        "valve frequency", "Hz", "natural frequency of the valve's spool: less is slower",
+        "valve frequency", "natural frequency of the valve's spool: less is slower",
         ("plant.effects.valve_lag.natural_frequency",), 0.1, 0.05, 2.0,
     ),
     _Factor(
-        "supply", "bar", "supply pressure, absolute",
-        ("plant.deviation.supply_pressure",), 0.05, 0.3, 1.5, (BAR, "valve.supply_pressure"),
+        "supply", "supply pressure, absolute",
+        ("plant.deviation.supply_pressure",), 0.05, 0.3, 1.5, (BAR, "bar", "valve.supply_pressure"),
     ),
     _Factor(
-        "mass", "-", "true / nominal mass of the apparatus, a person's in proportion",
+        "mass", "true / nominal mass of the apparatus, a person's in proportion",
         ("plant.deviation.moving_mass", "plant.deviation.person_mass"), 0.1, 0.5, 2.0,
     ),
 )  # fmt: skip
-NAMES = (DELAY, *(factor.name for factor in FACTORS))
-SENSORS = tuple(f"plant.effects.{muscle}_pressure_delay" for muscle in MUSCLES)
+NAMES = tuple(dict.fromkeys((DELAY, *(factor.name for factor in FACTORS))))
 VALVE = "plant.delay.valve"
 LINE = (VALVE, *(f"plant.delay.{part}" for part in ("computing", "converter", "hose_length")))
 LONGEST_DELAY = 50.0  # ms
@@ -153,10 +156,10 @@ def _bracket(known: Mapping[float, float], nominal: float, threshold: float) -> 
 
 
 def maximum_error(parameters: Parameters) -> float:
-    """Return the maximum error of a run of `scenario.duration`, rad; infinite if the knee is lost.
+    """Return the maximum error of a run of `scenario.duration`, rad or m; infinite if the joint is lost.
 
     It is lost when the error is beyond `control.guard.tracking_error`, when a guard vents, and when the
-    muscles cannot hold it at the start.
+    actuators cannot hold it at the start.
     """
     scenario = parameters.scenario
     try:
@@ -165,13 +168,14 @@ def maximum_error(parameters: Parameters) -> float:
         return math.inf
     loop = ClosedLoop(parameters, scenario.seed, plant=plant)
     run = loop.run(round(scenario.duration / scenario.control_period))
-    worst = float(np.abs(run["reference_angle"] - run["angle"]).max())
+    q = parameters.declared.coordinate.name
+    worst = float(np.abs(run[f"reference_{q}"] - run[q]).max())
     vented = any(health["vented_samples"] for health in loop.health().values())
     return math.inf if vented or not worst <= parameters.control.guard.tracking_error else worst
 
 
 def thresholds(parameters: Parameters, nominal: float) -> tuple[float, float]:
-    """Return the errors at which the nominal one has doubled and at which the knee is lost, rad."""
+    """Return the errors at which the nominal one has doubled and at which the joint is lost."""
     lost = parameters.control.guard.tracking_error
     return min(GROWTH * nominal, lost), lost
 
@@ -186,22 +190,33 @@ def _scaled(parameters: Parameters, factor: _Factor) -> Perturbation | None:
     known, first = parameters.flat(), factor.keys[0]
     if not _present(known, first):
         return None
-    rows = [parameters.row(key) for key in factor.keys if _present(known, key)]
-    low = max(factor.low, *(row.minimum / row.value for row in rows))
-    high = min(factor.high, *(row.maximum / row.value for row in rows))
-    size, whole = factor.size or (1.0, "")
+    keys = [key for key in factor.keys if _present(known, key)]
+    bounds = {key: _bounds(parameters.row(key)) for key in keys}
+    low = max(factor.low, *(bounds[key][0] / known[key] for key in keys))
+    high = min(factor.high, *(bounds[key][1] / known[key] for key in keys))
+    size, unit, whole = factor.size or (1.0, parameters.row(first).unit, "")
     nominal = known[first] * known.get(whole, 1.0) / size
 
     def overrides(value: float) -> dict[str, float]:
-        changed = ((row, row.value * (value / nominal)) for row in rows)
-        return {row.key: min(max(each, row.minimum), row.maximum) for row, each in changed}
+        changed = {key: known[key] * (value / nominal) for key in keys}
+        return {key: min(max(each, bounds[key][0]), bounds[key][1]) for key, each in changed.items()}
 
     step, least, most = (share * nominal for share in (factor.share, low, high))
-    return Perturbation(factor.name, factor.unit, factor.meaning, nominal, step, least, most, overrides)
+    return Perturbation(factor.name, unit, factor.meaning, nominal, step, least, most, overrides)
+
+
+def _bounds(row: Row) -> tuple[float, float]:
+    """Return between which values a parameter may be."""
+    low = -math.inf if row.minimum is None else row.minimum
+    return low, math.inf if row.maximum is None else row.maximum
 
 
 def _present(known: Mapping[str, Any], key: str) -> bool:
-    return bool(known[key]) and known.get(f"{key.rpartition('.')[0]}.enabled", True)
+    """Return whether the hardware has what a parameter says, or what a deviation changes."""
+    branch, _, name = key.rpartition(".")
+    changed = DEVIATIONS[name] if branch == "plant.deviation" else (key,)
+    there = bool(known.get(key)) and any(each in known for each in changed)
+    return there and known.get(f"{branch}.enabled", True)
 
 
 def _delay(parameters: Parameters) -> Perturbation:
@@ -212,10 +227,12 @@ def _delay(parameters: Parameters) -> Perturbation:
     known = parameters.flat()
     parts = {key: known[key] for key in LINE}
     line = (computing_ns(parameters) + line_ns(parameters)) / NANOSECONDS
-    fixed = sum(known[f"{key}.delay"] for key in SENSORS if known[f"{key}.enabled"]) / len(SENSORS)
-    if known["plant.effects.valve_delay.enabled"]:
-        fixed += known["plant.effects.valve_delay.delay"]
-    nominal, longest = (fixed + line) / MS, parameters.row(VALVE).maximum
+    names = parameters.declared.names
+    sensors = [f"plant.effects.{name}_pressure_delay.delay" for name in names]
+    fixed = sum(known[key] for key in sensors if _present(known, key)) / len(names)
+    if _present(known, key := "plant.effects.valve_delay.delay"):
+        fixed += known[key]
+    nominal, longest = (fixed + line) / MS, _bounds(parameters.row(VALVE))[1]
 
     def overrides(value: float) -> dict[str, float]:
         if value >= nominal:

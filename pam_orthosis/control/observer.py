@@ -1,44 +1,54 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nonlinear observer of knee angle, velocity and disturbance torque, Eqs. (29)-(32)."""
+"""Nonlinear observer of position, velocity and disturbance of the coordinate, Eqs. (29)-(32)."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
-from pam_orthosis.control import effects, live
-from pam_orthosis.control.knee import knee_acceleration
+from pam_orthosis.control import effects
+from pam_orthosis.control.axis import Axis
+from pam_orthosis.control.reference import Pressures
 from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.effects.base import STAGES
 from pam_orthosis.model.integrate import runge_kutta_4
+from pam_orthosis.model.machine import Machine
+from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.signals import Expression
 
 STEPS_PER_PERIOD = 2  # control period, whether a sample is taken in each or not
 # with effects known, what the integration leaves over is no longer small against what they leave over
 FINE_STEPS_PER_PERIOD = 8
-LIVE = ("control.observer.pole", "leg.person.mass")
 
 
 class Estimate(NamedTuple):
-    """Estimated angle rad, velocity rad/s, disturbance torque N m, and the residual y - y-hat rad."""
+    """Estimated position rad or m, its rate, disturbance N m or N, and the residual y - y-hat."""
 
-    angle: float
+    position: float
     velocity: float
     disturbance: float
     residual: float
 
 
-def system(x, pressures, belief, known_torque=0.0):
+def live_keys(machine: Machine) -> tuple[str, ...]:
+    """Return the keys of parameters that the observer takes while it runs."""
+    return ("control.observer.pole", *machine.live)
+
+
+def system(x: ca.SX, pressures: ca.SX, axis: Axis, known_effort: Expression = 0.0) -> ca.SX:
     """Return f of Eq. (31), which is Eq. (28) for the states of Eq. (29), x = [q, q-dot, tau], tau-dot = 0.
 
-    A `known_torque` (N m, in the direction of flexion) is an input: tau is what it leaves over.
+    A `known_effort` (N m or N, in the direction of the coordinate) is an input: tau is what it leaves over.
     """
-    rate = knee_acceleration(x[0], x[1], x[2] - known_torque, pressures[0], pressures[1], belief)
+    rate = axis.acceleration(x[0], x[1], x[2] - known_effort, (pressures[0], pressures[1]))
     return ca.vertcat(x[1], rate, 0)
 
 
-def characteristic(pole, damping):
+def characteristic(pole: Expression, damping: Expression) -> tuple[Expression, Expression, Expression]:
     """Return c2, c1, c0 of the error's polynomial s^3 + c2 s^2 + c1 s + c0: a real pole and a pair.
 
     All lie at the distance `pole` from zero, 1/s. The pair's damping 1 gives three equal poles, 0.5 a
@@ -48,19 +58,19 @@ def characteristic(pole, damping):
     return spread * pole, spread * pole**2, pole**3
 
 
-def gains(x, pressures, polynomial, belief):
+def gains(x: ca.SX, pressures: ca.SX, polynomial: Sequence[Expression], axis: Axis) -> ca.SX:
     """Return h of Eq. (31): the poles of A - h c, Eq. (32), are placed by Ackermann's formula.
 
-    The measurement c x of Eq. (30) is the angle, and so is its estimate: Eq. (31) prints y-hat-dot = c(x-hat)
-    where y-hat is meant.
+    The measurement c x of Eq. (30) is the position, and so is its estimate: Eq. (31) prints
+    y-hat-dot = c(x-hat) where y-hat is meant.
 
     Args:
         x: estimate (3,), the point of linearisation.
-        pressures: absolute pressures of extensor and flexor (2,), Pa.
+        pressures: absolute pressures of both actuators (2,), Pa.
         polynomial: c2, c1, c0 of the characteristic polynomial of A - h c.
     """
     point, held = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
-    jacobian = ca.jacobian(system(point, held, belief), point)
+    jacobian = ca.jacobian(system(point, held, axis), point)
     a = ca.substitute([jacobian], [point, held], [x, pressures])[0]
     c = ca.SX([[1, 0, 0]])
     observability = ca.vertcat(c, c @ a, c @ a @ a)
@@ -71,15 +81,15 @@ def gains(x, pressures, polynomial, belief):
     return placed @ ca.solve(observability, ca.SX([0, 0, 1]))
 
 
-def observer_step(belief) -> ca.Function:
-    """Return (x-hat, [y, p_e, p_f, known torque] before, the same now, values of `LIVE`) -> x-hat now.
+def observer_step(belief: Parameters) -> ca.Function:
+    """Return (x-hat, [y, pressures, known effort] before, the same now, tuned values) -> x-hat now.
 
     Between two samples the measured signals are taken as straight lines, so that the estimate of
     now contains the measurement of now.
     """
     one, steps = _fine_step(belief)
     x, before, now = ca.MX.sym("x", 3), ca.MX.sym("before", 4), ca.MX.sym("now", 4)
-    tuned = ca.MX.sym("tuned", len(LIVE))
+    tuned = ca.MX.sym("tuned", len(live_keys(belief.declared)))
     after = x
     for i in range(steps):
         middle = before + (now - before) * ((i + 0.5) / steps)
@@ -87,23 +97,24 @@ def observer_step(belief) -> ca.Function:
     return ca.Function("observer_step", [x, before, now, tuned], [after])
 
 
-def _fine_step(belief) -> tuple[ca.Function, int]:
-    """Return (x-hat, [y, p_e, p_f, known torque], values of `LIVE`) -> x-hat later, and its steps a period.
+def _fine_step(belief: Parameters) -> tuple[ca.Function, int]:
+    """Return (x-hat, [y, pressures, known effort], tuned values) -> x-hat later, and its steps a period.
 
     Functions that are called, not expressions that are written out for each step: their machine code is
     compiled in a fraction of the time.
     """
-    belief, tuned = live.with_symbols(belief, LIVE)
+    belief, tuned = belief.symbolic(live_keys(belief.declared))
+    axis = Axis(belief)
     steps = FINE_STEPS_PER_PERIOD if effects.known(belief, *STAGES) else STEPS_PER_PERIOD
     steps *= belief.control.position.every
     polynomial = characteristic(belief.control.observer.pole, belief.control.observer.damping)
     x, y = ca.SX.sym("x", 3), ca.SX.sym("y", 4)
     # linearising once a step is enough: the gains change slowly with the estimate
-    gain = ca.Function("observer_gain", [x, y, tuned], [gains(x, y[1:3], polynomial, belief)])
+    gain = ca.Function("observer_gain", [x, y, tuned], [gains(x, y[1:3], polynomial, axis)])
     h = ca.SX.sym("h", 3)
     rate = ca.Function("observer_rate", [x, y, h, tuned],
-                       [system(x, y[1:3], belief, y[3]) + h * (y[0] - x[0])])  # fmt: skip
-    start, seen, given = (ca.MX.sym(name, size) for name, size in (("x", 3), ("y", 4), ("tuned", len(LIVE))))
+                       [system(x, y[1:3], axis, y[3]) + h * (y[0] - x[0])])  # fmt: skip
+    start, seen, given = (ca.MX.sym(str(symbol), symbol.shape[0]) for symbol in (x, y, tuned))
     placed, step = gain(start, seen, given), belief.scenario.control_period / steps
     after = runge_kutta_4(lambda s: rate(s, seen, placed, given), start, step)
     return ca.Function("observer_fine_step", [start, seen, given], [after]), steps
@@ -112,38 +123,34 @@ def _fine_step(belief) -> tuple[ca.Function, int]:
 class Observer:
     """The observer with its memory. Raises nothing; feed it finite measurements only."""
 
-    def __init__(self, belief):
+    def __init__(self, belief: Parameters):
         self._step = compiled(observer_step(belief))
-        self._tuned = live.values(belief, LIVE)
-        self._state: np.ndarray | None = None
+        self._live = live_keys(belief.declared)
+        self._tuned = [belief.at(key) for key in self._live]
+        self._state: NDArray[np.float64] | None = None
         self._before = np.zeros(4)
 
-    def retune(self, parameters) -> None:
-        """Take the values of `LIVE`; the estimate goes on from where it is."""
-        self._tuned = live.values(parameters, LIVE)
+    def retune(self, parameters: Parameters) -> None:
+        """Take the values of `live_keys`; the estimate goes on from where it is."""
+        self._tuned = [parameters.at(key) for key in self._live]
 
     def restart(self) -> None:
         """Begin anew at the next measurement."""
         self._state = None
 
     def step(
-        self,
-        angle: float,
-        extensor_pressure: float,
-        flexor_pressure: float,
-        known_torque: float = 0.0,
-        periods: int = 1,
+        self, position: float, pressures: Pressures, known_effort: float = 0.0, periods: int = 1
     ) -> Estimate:
-        """Return the estimate at the instant of this measurement (rad, absolute Pa, N m).
+        """Return the estimate at the instant of this measurement (rad or m, absolute Pa, N m or N).
 
         It is so many control periods later than the last one: samples between them were missed.
         """
-        now = np.array([angle, extensor_pressure, flexor_pressure, known_torque])
+        now = np.array([position, *pressures, known_effort])
         if self._state is None:
-            self._state, self._before = np.array([angle, 0.0, 0.0]), now
+            self._state, self._before = np.array([position, 0.0, 0.0]), now
         for left in range(periods, 0, -1):
             then = now if left == 1 else self._before + (now - self._before) / left
             self._state[:] = self._step(self._state, self._before, then, self._tuned)[0]
             self._before = then
         q, velocity, disturbance = self._state.tolist()
-        return Estimate(q, velocity, disturbance, angle - q)
+        return Estimate(q, velocity, disturbance, position - q)

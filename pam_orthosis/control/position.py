@@ -3,37 +3,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import casadi as ca
 
-from pam_orthosis.control import effects, live, observer
+from pam_orthosis.control import effects, observer
 from pam_orthosis.control.anticipation import Anticipation
-from pam_orthosis.control.effects import EffectTorque, Sensors
-from pam_orthosis.control.knee import Pair, kinematics, leg_mechanics
-from pam_orthosis.control.observer import Observer
+from pam_orthosis.control.axis import Axis, Pair
+from pam_orthosis.control.effects import AddedEffort, Sensors
+from pam_orthosis.control.observer import Estimate, Observer
 from pam_orthosis.control.rates import position_belief
-from pam_orthosis.control.trajectory import VALVES_CLOSED, Reference
-from pam_orthosis.model import muscle as muscle_model
+from pam_orthosis.control.reference import PressureReference, Pressures, Reference, Valve
 from pam_orthosis.model.compiled import compiled
+from pam_orthosis.model.machine import Machine
+from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.signals import Expression
 
-TAUT = Pair(0.0, 0.0)  # neither muscle is rid of the other one
-NOTHING_ADDED = Pair(0.0, 0.0)
-_OF_COMMAND = ("control.position.c1", "control.position.c2", "leg.person.mass")
-LIVE = tuple(dict.fromkeys((*_OF_COMMAND, *observer.LIVE)))
+# gauge pressures of both actuators -> effort and forces (2,) that effects add
+Added = Callable[[Pair], tuple[Expression, Expression]]
+Limited = tuple[Pressures, bool, bool]  # absolute pressures; saturated; clamped
+
+NONE: Pair = (0.0, 0.0)
+GAINS = ("control.position.c1", "control.position.c2")
+
+
+def live_keys(machine: Machine) -> tuple[str, ...]:
+    """Return the keys of parameters that the position controller takes while it runs."""
+    return tuple(dict.fromkeys((*GAINS, *machine.live, *observer.live_keys(machine))))
 
 
 class PositionCommand(NamedTuple):
     """Reference pressures (absolute Pa), the estimate behind them, and what limited them.
 
-    A reference pressure of `VALVES_CLOSED` (0) keeps the valve closed.
-    `saturated`: the pressures' limits do not allow the torque that is needed.
-    `clamped`: the estimate lies outside the box in which the muscle model was identified.
+    `saturated`: the pressures' limits do not allow the torque or force that is needed.
+    `clamped`: the estimate lies outside the box in which an actuator's laws were identified.
     """
 
-    extensor_pressure: float
-    flexor_pressure: float
-    angle: float
+    pressures: tuple[PressureReference, PressureReference]
+    position: float
     velocity: float
     disturbance: float
     residual: float
@@ -41,8 +49,10 @@ class PositionCommand(NamedTuple):
     clamped: bool
 
 
-def desired_acceleration(estimate, reference, c1, c2):
-    """Return the q-double-dot that fulfils the condition of Eq. (37), rad/s^2.
+def desired_acceleration(
+    estimate: Sequence[Expression], reference: Sequence[Expression], c1: Expression, c2: Expression
+) -> Expression:
+    """Return the q-double-dot that fulfils the condition of Eq. (37).
 
     e1 = q_d - q, Eq. (33); e2 = q_d-dot - q-dot + c1 e1, Eq. (36). In the bracket of Eq. (37) the
     paper prints q_d-dot; differentiating Eq. (36) gives q_d-double-dot, used here, so that
@@ -54,122 +64,130 @@ def desired_acceleration(estimate, reference, c1, c2):
     return reference[2] + e1 + c1 * (e2 - c1 * e1) + c2 * e2
 
 
-def required_torque(estimate, reference, belief):
-    """Return the muscles' torque that gives the desired acceleration: Eq. (26) solved for M_k, N m."""
-    gains = belief.control.position
-    terms = leg_mechanics(estimate[0], estimate[1], belief)
+def required_effort(estimate: Expression, reference: Expression, axis: Axis) -> Expression:
+    """Return the actuators' effort that gives the desired acceleration: Eq. (26) solved for M_k."""
+    gains = axis.belief.control.position
+    terms = axis.terms(estimate[0], estimate[1])
     wanted = desired_acceleration(estimate, reference, gains.c1, gains.c2)
     return terms.inertia * wanted + terms.coriolis + terms.gravity + estimate[2]
 
 
 class Allocation(NamedTuple):
-    """Gauge pressures of extensor and flexor, Pa, and what limits them.
+    """Gauge pressures of both actuators, Pa, and what limits them.
 
-    `missed`: the torque is out of reach, and cut. `let_go`: share by which each muscle should be rid of the
+    `missed`: the effort is out of reach, and cut. `let_go`: share by which each muscle should be rid of the
     other one.
     """
 
-    extensor: Any
-    flexor: Any
-    missed: Any
+    pressures: Pair
+    missed: Expression
     let_go: Pair
 
 
-def pressures_for_torque(
-    torque, q, velocity, mean_pressure, belief, let_go=TAUT, added_force=NOTHING_ADDED
-) -> Allocation:
-    """Return the pressures that give a torque, N m.
+class Demand(NamedTuple):
+    """What is asked of both actuators at a motion.
 
-    With both muscles taut, Eqs. (14) and (27) make the torque linear in both pressures: the pairs
-    that give it lie on a line. On it the pair with the mean p_im (absolute) is taken; where that leaves the
-    limits, the nearest pair inside them: stiffness gives way before torque. Where one muscle comes near
-    its highest pressure the other should be let go slack: it pulls and drags no more. `let_go` is the share
-    by which each muscle is rid of the other one; in between the torque is exceeded by less than that pull.
-    `added_force` is what effects add to the elastic force of each muscle, N: a taut one pulls with it and
-    without it.
+    Attributes:
+        effort: torque or force in the direction of the coordinate.
+        q, velocity: of the coordinate.
+        mean_pressure: absolute, Pa.
+        let_go: share by which each muscle is rid of the other one.
+        added_force: what effects add to the elastic force of each, N: a taut muscle pulls with it and
+            without it.
+        about: gauge pressures about which forces that are not affine in them are linearised, Pa; None: the
+            mean.
     """
-    settings, ambient = belief.control.position, belief.valve.ambient_pressure
-    m = belief.muscle.dmsp_20
-    contraction, rate = kinematics(q, velocity, belief)
-    area = _both(lambda dl: muscle_model.area(dl, m), contraction)
-    counter = _both(lambda dl: muscle_model.counterforce(dl, m), contraction)
-    damping = _both(lambda v: muscle_model.damping_force(v, m), rate)
-    # without it, too: from there the torque of the effects is counted
-    slackening = _both(lambda force, added: force - ca.fmin(added, 0), counter, added_force)
-    low = _both(lambda *of: _lowest_pressure(*of, settings, ambient), area, slackening, damping)
-    high = settings.maximum_pressure - ambient
-    mean = mean_pressure - ambient
-    # area_f p_f - area_e p_e = level
-    level = 2 * torque / belief.leg.cogwheel_diameter
-    level += counter.flexor - counter.extensor + damping.flexor - damping.extensor
-    flexor = (level + 2 * mean * area.extensor) / (area.extensor + area.flexor)
-    least = ca.fmax(low.flexor, (level + area.extensor * low.extensor) / area.flexor)
-    most = ca.fmin(high, (level + area.extensor * high) / area.flexor)
-    flexor = ca.fmin(ca.fmax(ca.fmin(ca.fmax(flexor, least), most), low.flexor), high)
-    extensor = (area.flexor * flexor - level) / area.extensor
-    extensor = ca.fmin(ca.fmax(extensor, low.extensor), high)
-    pull = 2 * torque / belief.leg.cogwheel_diameter
-    alone = Pair(
-        (counter.extensor + damping.extensor - pull) / area.extensor,
-        (counter.flexor + damping.flexor + pull) / area.flexor,
-    )
-    needed = Pair((area.flexor * low.flexor - level) / area.extensor, least)
-    near = _both(lambda p: ca.fmin(ca.fmax((p - high) / settings.slack_reserve + 1, 0), 1), needed)
-    # what is needed may be beyond the limit at which both were cut
-    wanted = _both(ca.fmax, Pair(extensor, flexor), needed)
-    wanted = _both(lambda p, lone, share: p + share * (lone - p), wanted, alone, let_go)
-    missed = ca.logic_or(wanted.extensor > high, wanted.flexor > high)
+
+    effort: Expression
+    q: Expression
+    velocity: Expression
+    mean_pressure: Expression
+    let_go: Pair = NONE
+    added_force: Pair = NONE
+    about: Pair | None = None
+
+
+def pressures_for_effort(asked: Demand, axis: Axis) -> Allocation:
+    """Return the pressures that give an effort.
+
+    With both actuators taut, Eqs. (14) and (27) make the effort linear in both pressures: the pairs
+    that give it lie on a line. On it the pair with the mean p_im is taken; where that leaves the
+    limits, the nearest pair inside them: stiffness gives way before effort. Where one actuator comes near
+    its highest pressure the other, if it is a muscle, should be let go slack: it pulls and drags no more.
+    While it is let go the effort is exceeded by less than that pull.
+    """
+    settings, ambient = axis.belief.control.position, axis.belief.valve.ambient_pressure
+    mean, high = asked.mean_pressure - ambient, settings.maximum_pressure - ambient
     slack = settings.minimum_pressure - ambient
-    extensor = ca.fmin(wanted.extensor, high) + let_go.flexor * (slack - ca.fmin(wanted.extensor, high))
-    flexor = ca.fmin(wanted.flexor, high) + let_go.extensor * (slack - ca.fmin(wanted.flexor, high))
-    return Allocation(ca.fmax(extensor, slack), ca.fmax(flexor, slack), missed, near)
+    area, counter, damping = axis.forces(asked.q, asked.velocity, asked.about or (mean, mean))
+    share, arm = axis.lever(asked.q)
+    added = share * asked.added_force[0], asked.added_force[1]
+    # without what effects add, too: from there their effort is counted
+    slackening = _both(lambda force, more: force - ca.fmin(more, 0), counter, added)
+    muscles = axis.actuators[0].pulls_only, axis.actuators[1].pulls_only
+    # a muscle is taut at rest and as it shortens: else it would be asked for an effort that it has not
+    taut = _both(lambda a, f, d: (f + ca.fmax(d, 0)) / a + settings.slack_margin, area, slackening, damping)
+    low = _both(lambda muscle, p: ca.fmax(slack, p) if muscle else slack, muscles, taut)
+    pull = asked.effort / arm
+    # area[1] p[1] - area[0] p[0] = level
+    level = pull + (counter[1] - counter[0] + damping[1] - damping[0])
+    second = (level + 2 * mean * area[0]) / (area[0] + area[1])
+    least = ca.fmax(low[1], (level + area[0] * low[0]) / area[1])
+    most = ca.fmin(high, (level + area[0] * high) / area[1])
+    second = _within(_within(second, least, most), low[1], high)
+    first = _within((area[1] * second - level) / area[0], low[0], high)
+    alone = (counter[0] + damping[0] - pull) / area[0], (counter[1] + damping[1] + pull) / area[1]
+    needed = (area[1] * low[1] - level) / area[0], least
+    # what is needed may be beyond the limit at which both were cut
+    wanted = _both(ca.fmax, (first, second), needed)
+    wanted = _both(lambda p, lone, share: p + share * (lone - p), wanted, alone, asked.let_go)
+    missed = ca.logic_or(wanted[0] > high, wanted[1] > high)
+    cut = _both(lambda p: ca.fmin(p, high), wanted)
+    slackened = _both(lambda p, share: p + share * (slack - p), cut, (asked.let_go[1], asked.let_go[0]))
+    pressures = _both(lambda p: ca.fmax(p, slack), slackened)
+    near = _both(lambda p: _within((p - high) / settings.slack_reserve + 1, 0, 1), needed)
+    let_go = _both(lambda share, slackens: share if slackens else 0.0, near, (muscles[1], muscles[0]))
+    return Allocation(pressures, missed, let_go)
 
 
-def pressures_with_effects(torque, estimate, reference, mean, effect, belief, let_go) -> Allocation:
-    """Return what `pressures_for_torque` does, for the muscles and the believed effects together.
+def pressures_with_effects(asked: Demand, effect: Added | None, axis: Axis) -> Allocation:
+    """Return what `pressures_for_effort` does, for the actuators and the believed effects together.
 
-    `effect` is (extensor, flexor gauge pressure) -> torque and forces that the effects add along the
-    reference. They hardly depend on the pressures, so that a few corrections find those at which both add up
-    to the torque.
+    `effect` gives what the effects add along the reference. That hardly depends on the pressures, so that a
+    few corrections find those at which both add up to the effort; so they do where a force is linearised.
     """
-    allocated = pressures_for_torque(torque, estimate[0], estimate[1], mean, belief, let_go)
-    for _ in range(0 if effect is None else effects.CORRECTIONS + 1):
-        added, forces = effect(allocated[0], allocated[1])
-        rest, forces = torque - added, Pair(forces[0], forces[1])
-        allocated = pressures_for_torque(rest, estimate[0], estimate[1], mean, belief, let_go, forces)
+    allocated, rest = pressures_for_effort(asked, axis), asked
+    for _ in range(0 if effect is None and axis.affine else effects.CORRECTIONS + 1):
+        if effect is not None:
+            added, forces = effect(allocated.pressures)
+            rest = asked._replace(effort=asked.effort - added, added_force=(forces[0], forces[1]))
+        allocated = pressures_for_effort(rest._replace(about=allocated.pressures), axis)
     return allocated
 
 
-def command_function(belief) -> ca.Function:
+def command_function(belief: Parameters) -> ca.Function:
     """Return the position law as a function of numbers.
 
     (estimate, reference, mean pressure, share let go of each muscle, states of the effects, time, tuned
     values) -> (absolute pressures, saturated, clamped, share to let go). A locked joint is asked for no
-    torque: its motion cannot be fed back.
+    effort: its motion cannot be fed back.
     """
-    belief, tuned = live.with_symbols(belief, _OF_COMMAND)
+    belief, tuned = belief.symbolic((*GAINS, *belief.declared.live))
+    axis, ambient = Axis(belief), belief.valve.ambient_pressure
     estimate, reference, mean = ca.SX.sym("estimate", 3), ca.SX.sym("reference", 3), ca.SX.sym("mean")
-    law, ambient = effects.added_by_effects(belief), belief.valve.ambient_pressure
+    law: Any = effects.added_by_effects(belief)
     let_go = ca.SX.sym("let_go", 2)
     states, time = ca.SX.sym("states", law.size1_in(3) if law else 0), ca.SX.sym("time")
 
-    def effect(extensor, flexor):
-        pressures = ca.vertcat(extensor + ambient, flexor + ambient)
-        return law(reference[0], reference[1], pressures, states, time)
+    def effect(gauge: Pair) -> tuple[Expression, Expression]:
+        added, forces = law(reference[0], reference[1], ca.vertcat(*gauge) + ambient, states, time)
+        return added, forces
 
-    torque = 0.0 if belief.leg.joint.locked else required_torque(estimate, reference, belief)
-    extensor, flexor, saturated, near = pressures_with_effects(
-        torque, estimate, reference, mean, effect if law else None, belief, Pair(let_go[0], let_go[1])
-    )
-    contraction, _ = kinematics(estimate[0], estimate[1], belief)
-    m = belief.muscle.dmsp_20
-    clamped = ca.logic_or(
-        muscle_model.outside_box(contraction.extensor, extensor, m),
-        muscle_model.outside_box(contraction.flexor, flexor, m),
-    )
-    pressures = ca.vertcat(extensor + ambient, flexor + ambient)
+    effort = 0.0 if axis.mechanism.locked else required_effort(estimate, reference, axis)
+    asked = Demand(effort, estimate[0], estimate[1], mean, (let_go[0], let_go[1]))
+    gauge, saturated, near = pressures_with_effects(asked, effect if law else None, axis)
     inputs = [estimate, reference, mean, let_go, states, time, tuned]
-    outputs = [pressures, saturated, clamped, ca.vertcat(near.extensor, near.flexor)]
+    outputs = [ca.vertcat(*gauge) + ambient, saturated, axis.outside(estimate[0], gauge), ca.vertcat(*near)]
     return ca.Function("position_command", inputs, outputs)
 
 
@@ -180,26 +198,27 @@ class PositionController:
     of the law. With a lag of the valves in the belief the law plans for the instant at which it acts.
     """
 
-    def __init__(self, parameters):
+    def __init__(self, parameters: Parameters):
         belief = position_belief(parameters)
+        self._channels = belief.declared.channels
         self._observer = Observer(belief)
         self._command = compiled(command_function(belief))
-        self._tuned = live.values(belief, _OF_COMMAND)
+        self._tuned = _tuned(belief)
         self._mean = belief.control.position.mean_pressure
         self._let_go = [0.0, 0.0]
         self._change = belief.scenario.control_period / belief.control.position.slack_time
         self._sensors = Sensors(belief)
         self._ahead = Anticipation(belief)
-        self._now = EffectTorque(belief)
-        self._then = EffectTorque(belief, self._ahead.horizon)
+        self._now = AddedEffort(belief)
+        self._then = AddedEffort(belief, self._ahead.horizon)
 
-    def retune(self, parameters) -> None:
-        """Take the values of `LIVE`; estimate and references go on from where they are."""
-        self._tuned = live.values(parameters, _OF_COMMAND)
+    def retune(self, parameters: Parameters) -> None:
+        """Take the values of `live_keys`; estimate and references go on from where they are."""
+        self._tuned = _tuned(parameters)
         self._observer.retune(parameters)
 
     def restart(self) -> None:
-        """Begin anew at the next sample, wherever the knee is then; what lives in the leg goes on."""
+        """Begin anew at the next sample, wherever the load is then; what lives in the actuators goes on."""
         self._observer.restart()
         self._let_go = [0.0, 0.0]
         self._ahead.restart()
@@ -207,43 +226,43 @@ class PositionController:
         self._then.restart()
 
     def step(
-        self,
-        angle: float,
-        extensor_pressure: float,
-        flexor_pressure: float,
-        reference: Reference,
-        periods: int = 1,
+        self, position: float, pressures: Pressures, reference: Reference, periods: int = 1
     ) -> PositionCommand:
-        """Return the reference pressures for one sample (rad, absolute Pa; finite numbers).
+        """Return the reference pressures for one sample (rad or m, absolute Pa; finite numbers).
 
         It is so many of the position controller's periods later than the last one.
         """
-        angle = self._sensors.true("angle", angle)
-        pressures = (
-            self._sensors.true("extensor_pressure", extensor_pressure),
-            self._sensors.true("flexor_pressure", flexor_pressure),
-        )
-        known = self._now.step(reference, *pressures, periods)
-        estimate = self._observer.step(angle, *pressures, known, periods)
+        position, first, second = map(self._sensors.true, self._channels, (position, *pressures))
+        pressures = first, second
+        known = self._now.step(reference, pressures, periods)
+        estimate = self._observer.step(position, pressures, known, periods)
         mean = self._mean if reference.mean_pressure is None else reference.mean_pressure
-        if mean == VALVES_CLOSED:
-            return PositionCommand(VALVES_CLOSED, VALVES_CLOSED, *estimate, False, False)
-        wanted = self._wanted(estimate, reference, mean, pressures, periods)
-        (extensor, flexor), saturated, clamped = wanted
-        return PositionCommand(extensor, flexor, *estimate, saturated, clamped)
+        if mean is Valve.CLOSED:
+            return PositionCommand((Valve.CLOSED, Valve.CLOSED), *estimate, False, False)
+        wanted, saturated, clamped = self._wanted(estimate, reference, mean, pressures, periods)
+        return PositionCommand(wanted, *estimate, saturated, clamped)
 
-    def _wanted(self, estimate, reference: Reference, mean: float, pressures, periods: int):
+    def _wanted(
+        self,
+        estimate: Estimate,
+        reference: Reference,
+        mean: float,
+        pressures: Pressures,
+        periods: int,
+    ) -> Limited:
         """Return the reference pressures and what limits them, at the instant at which they act."""
         if not self._ahead.horizon:
             return self._law(estimate[:3], reference, mean, self._now, periods)
         then = self._ahead.reference(reference, periods)
-        self._then.step(then, *pressures, periods)
+        self._then.step(then, pressures, periods)
         point = self._ahead.estimate(estimate, reference, then)
-        c1, c2 = self._tuned[:2].tolist()
-        self._ahead.note(desired_acceleration(point, then, c1, c2) - then.acceleration)
+        c1, c2 = self._tuned[:2]
+        self._ahead.note(desired_acceleration(point, then[:3], c1, c2) - then.acceleration)
         return self._law(point, then, mean, self._then, periods)
 
-    def _law(self, estimate, reference: Reference, mean: float, effect: EffectTorque, periods: int):
+    def _law(
+        self, estimate: Sequence[float], reference: Reference, mean: float, effect: AddedEffort, periods: int
+    ) -> Limited:
         states, time, change = effect.states, effect.time, periods * self._change
         result = self._command(estimate, reference[:3], mean, self._let_go, states, time, self._tuned)
         pressures, saturated, clamped, near = result
@@ -251,17 +270,17 @@ class PositionController:
             min(max(wanted, now - change), now + change)
             for wanted, now in zip(near.tolist(), self._let_go, strict=True)
         ]
-        return pressures.tolist(), bool(saturated[0]), bool(clamped[0])
+        first, second = pressures.tolist()
+        return (first, second), bool(saturated[0]), bool(clamped[0])
 
 
-def _both(function, *pairs: Pair) -> Pair:
-    return Pair(function(*(pair.extensor for pair in pairs)), function(*(pair.flexor for pair in pairs)))
+def _tuned(parameters: Parameters) -> list[float]:
+    return [parameters.at(key) for key in (*GAINS, *parameters.declared.live)]
 
 
-def _lowest_pressure(area, counterforce, damping, settings, ambient):
-    """Return the gauge pressure below which a muscle hangs slack, at rest or as it shortens, Pa.
+def _both(function: Callable[..., Expression], *pairs: Pair) -> Pair:
+    return function(*(pair[0] for pair in pairs)), function(*(pair[1] for pair in pairs))
 
-    Without the damping a muscle that shortens fast would be asked for a torque that it has not.
-    """
-    taut = (counterforce + ca.fmax(damping, 0)) / area + settings.slack_margin
-    return ca.fmax(settings.minimum_pressure - ambient, taut)
+
+def _within(value: Expression, low: Expression, high: Expression) -> Expression:
+    return ca.fmin(ca.fmax(value, low), high)

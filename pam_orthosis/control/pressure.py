@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Backstepping pressure controller of one muscle, from the gas dynamics of Eq. (6)."""
+"""Backstepping pressure controller of one actuator, from the gas dynamics of Eq. (6)."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import casadi as ca
 from pam_orthosis.control import effects
 from pam_orthosis.control.anticipation import Pending
 from pam_orthosis.control.effects import Sensors
-from pam_orthosis.control.trajectory import VALVES_CLOSED
-from pam_orthosis.model import pneumatics
+from pam_orthosis.control.reference import PressureReference, Valve
 from pam_orthosis.model.compiled import compiled
+from pam_orthosis.model.components import pneumatics
+from pam_orthosis.model.parameters import Parameters
 
 LIVE = ("control.pressure.gain", "control.pressure.reference_filter")
 
 
-def mass_flow_function(belief, muscle: str) -> ca.Function:
-    """Return (pressure, wanted rate, angle, velocity, time) -> mass flow, kg/s, and its slope by the rate.
+def mass_flow_function(belief: Parameters, actuator: str) -> ca.Function:
+    """Return (pressure, wanted rate, position, velocity, time) -> mass flow, kg/s, and its slope by the rate.
 
     With e = p_ref - p and V = e^2 / 2 the wanted rate p_ref-dot + c e makes V-dot = -c e^2. Believed
     effects on volume, exponent and temperature are in Eq. (6) as they are in the model.
@@ -26,46 +27,40 @@ def mass_flow_function(belief, muscle: str) -> ca.Function:
     rate, time = ca.SX.sym("rate"), ca.SX.sym("time")
     model = effects.gas_model(belief)
     s = model.signals
-
-    def of_muscle(name: str):
-        return getattr(s, f"{muscle}_{name}")
-
-    flow = pneumatics.required_mass_flow(
-        of_muscle("pressure"), rate, of_muscle("rate"), of_muscle("volume") + of_muscle("dead_volume"),
-        of_muscle("volume_by_pressure"), of_muscle("volume_by_contraction"), s,
-    )  # fmt: skip
-    flow = ca.substitute(flow, model.u, ca.vertcat(0, 0, 0, time))
-    inputs = [of_muscle("pressure"), rate, s.angle, s.velocity, time]
-    return ca.Function(f"{muscle}_mass_flow", inputs, [ca.vertcat(flow, ca.gradient(flow, rate))])
+    a = s.actuators[actuator]
+    volume, slopes = a.volume + a.dead_volume, (a.volume_by_pressure, a.volume_by_contraction)
+    flow = pneumatics.required_mass_flow(a.pressure, rate, a.rate, volume, *slopes, a.air)
+    flow = ca.substitute(flow, model.u, effects.inputs(belief, time))
+    inputs = [a.pressure, rate, s.coordinate, s.velocity, time]
+    return ca.Function(f"{actuator}_mass_flow", inputs, [ca.vertcat(flow, ca.gradient(flow, rate))])
 
 
-def flow_limits(belief) -> ca.Function:
-    """Return absolute pressure -> least and most mass flow into a muscle that the valve can give, kg/s."""
+def flow_limits(belief: Parameters) -> ca.Function:
+    """Return absolute pressure -> least and most mass flow that the valve can give, kg/s."""
     pressure, valve = ca.SX.sym("pressure"), belief.valve
     ends = [pneumatics.valve_flow(opening, pressure, valve.supply_pressure, valve) for opening in (-1, 1)]
     return ca.Function("flow_limits", [pressure], [ca.vertcat(*ends)])
 
 
 class PressureController:
-    """Pressure controller of the `extensor` or the `flexor`; knows the belief only.
+    """Pressure controller of an actuator; knows the belief only.
 
     With a lag of the valves in the belief the error is that of the pressure once the flows on their way
     have arrived.
     """
 
-    def __init__(self, parameters, muscle: str):
+    def __init__(self, parameters: Parameters, actuator: str):
         belief = parameters.belief()
-        self._flow = compiled(mass_flow_function(belief, muscle))
-        self._sensors, self._channel = Sensors(belief), f"{muscle}_pressure"
-        lag = effects.command_lag(belief)
-        self._pending = Pending(lag, belief.scenario.control_period) if lag else None
-        self._limits = compiled(flow_limits(belief)) if lag else None
+        self._flow = compiled(mass_flow_function(belief, actuator))
+        self._sensors, self._channel = Sensors(belief), f"{actuator}_pressure"
+        self._pending = Pending(effects.command_lag(belief), belief.scenario.control_period)
+        self._limits = compiled(flow_limits(belief))
         self._steps = 0
         self._period = belief.scenario.control_period
         self._filtered: float | None = None
         self.retune(belief)
 
-    def retune(self, parameters) -> None:
+    def retune(self, parameters: Parameters) -> None:
         """Take the values of `LIVE`; the filter goes on from where it is."""
         settings = parameters.control.pressure
         self._gain = settings.gain
@@ -74,46 +69,37 @@ class PressureController:
     def step(
         self,
         pressure: float,
-        reference: float,
-        angle: float,
+        reference: PressureReference,
+        position: float,
         velocity: float,
         periods: int = 1,
         age: float = 0.0,
     ) -> float:
-        """Return the mass flow into the muscle, kg/s (absolute Pa, estimated rad and rad/s).
+        """Return the mass flow into the actuator, kg/s (absolute Pa, estimated rad or m, and its rate).
 
         The sample is so many control periods later than the last one. Reference and estimate are of an
-        instant so long before, s: the reference is held, the knee goes on at its velocity. A reference of
-        `VALVES_CLOSED` asks for no flow at all.
+        instant so long before, s: the reference is held, the load goes on at its velocity. A closed valve is
+        asked for no flow at all.
         """
-        angle += age * velocity
+        position += age * velocity
         time = self._steps * self._period
         self._steps += periods
-        if self._pending is not None:
-            self._pending.hold(periods)
-        if reference == VALVES_CLOSED:
+        self._pending.hold(periods)
+        if reference is Valve.CLOSED:
             self._filtered = None
-            if self._pending is not None:
-                self._pending.note(0.0)
+            self._pending.note(0.0)
             return 0.0
-        pressure = self._sensors.true(self._channel, pressure)
-        pressure = self._ahead(pressure, angle, velocity, time)
+        pressure = self._ahead(self._sensors.true(self._channel, pressure), position, velocity, time)
         rate = self._reference_rate(reference, periods) + self._gain * (reference - pressure)
-        flow = float(self._flow(pressure, rate, angle, velocity, time)[0][0])
-        return flow if self._pending is None else self._noted(flow, pressure)
-
-    def _ahead(self, pressure: float, angle: float, velocity: float, time: float) -> float:
-        """Return the pressure when a command of now begins to act; Eq. (6) is linear in flow and rate."""
-        if self._pending is None:
-            return pressure
-        still, slope = self._flow(pressure, 0.0, angle, velocity, time)[0].tolist()
-        return pressure + sum(duration * (flow - still) for flow, duration, _ in self._pending) / slope
-
-    def _noted(self, flow: float, pressure: float) -> float:
-        """Remember what the valve can give of a flow; return the flow."""
+        flow = float(self._flow(pressure, rate, position, velocity, time)[0][0])
         least, most = self._limits(pressure)[0].tolist()
-        self._pending.note(min(max(flow, least), most))
+        self._pending.note(min(max(flow, least), most))  # what the valve can give
         return flow
+
+    def _ahead(self, pressure: float, position: float, velocity: float, time: float) -> float:
+        """Return the pressure when a command of now begins to act; Eq. (6) is linear in flow and rate."""
+        still, slope = map(float, self._flow(pressure, 0.0, position, velocity, time)[0])
+        return pressure + sum(duration * (flow - still) for flow, duration, _ in self._pending) / slope
 
     def _reference_rate(self, reference: float, periods: int) -> float:
         """Return the rate of the filtered reference pressure since the last sample, Pa/s.
@@ -122,4 +108,5 @@ class PressureController:
         """
         before = reference if self._filtered is None else self._filtered
         self._filtered = reference + (before - reference) * self._forget**periods
-        return (self._filtered - before) / (periods * self._period)
+        rate: float = (self._filtered - before) / (periods * self._period)
+        return rate

@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from pam_orthosis.model.parameters import Parameters
 
 
-def position_belief(parameters) -> Any:
+def position_belief(parameters: Parameters) -> Parameters:
     """Return the belief of the position controller, whose control period is that of its own instants, s."""
     belief, every = parameters.belief(), parameters.control.position.every
     if every == 1:

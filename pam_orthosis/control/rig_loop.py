@@ -21,8 +21,10 @@ from pam_orthosis.control.linearisation import (
     slack_pressure,
 )
 from pam_orthosis.errors import RunFailed
-from pam_orthosis.model import pneumatics
-from pam_orthosis.model.rig import Cylinder, RigMeasurement, RigPlant, RigTruth, at_rig
+from pam_orthosis.model.components import pneumatics
+from pam_orthosis.model.machines import RIG
+from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.rig import Cylinder, RigMeasurement, RigPlant, RigTruth
 
 PRESSURE_TOLERANCE = 3.0e3  # Pa within which a pressure counts as set
 FORCE_FILTER_TIME = 0.02  # s, of the load cell where the release watches for 'no force'
@@ -92,7 +94,7 @@ class Ramp:
 class PressureHolder:
     """PI control of the investigated muscle's pressure; its output is a mass flow."""
 
-    def __init__(self, parameters, specimen: str):
+    def __init__(self, parameters: Parameters, specimen: str):
         belief = parameters.rig_belief()
         settings, m = belief.rig.pressure, getattr(belief.muscle, specimen)
         # Eq. (6) at the nominal length: one gain for all pressures and contractions
@@ -108,9 +110,10 @@ class PressureHolder:
     def step(self, pressure: float, reference: float) -> float:
         """Return the mass flow into the muscle, kg/s (absolute Pa)."""
         error = reference - pressure
-        wanted = self._integral + self._integral_gain * error
+        wanted: float = self._integral + self._integral_gain * error
         self._integral = min(max(wanted, -self._limit), self._limit)
-        return self._gain * error + self._integral
+        flow: float = self._gain * error + self._integral
+        return flow
 
 
 class Rig:
@@ -124,15 +127,22 @@ class Rig:
         plant: the hardware; None: a `RigPlant`.
     """
 
-    def __init__(self, parameters, specimen: str, seed: int = 0, position: float = 0.0, plant=None):
-        parameters = at_rig(parameters)
+    def __init__(
+        self,
+        parameters: Parameters,
+        specimen: str,
+        seed: int = 0,
+        position: float = 0.0,
+        plant: RigPlant | None = None,
+    ):
+        parameters = RIG.taken(parameters)
         self.rig = parameters.rig
         taut = float(slack_pressure(position, parameters.rig_belief()))
         self.plant = plant or RigPlant(parameters, specimen, seed, position, taut)
         self._speed = self.rig.procedure.speed * getattr(parameters.muscle, specimen).length
         self._carriage = CarriageController(parameters)
         self._holder = PressureHolder(parameters, specimen)
-        self._valves = [InverseValveModel(parameters) for _ in range(2)]
+        self._valves = [InverseValveModel(parameters, parameters.declared.names[0]) for _ in range(2)]
         self._ramp = Ramp(self.rig.reference.corner, self.rig.control_period, position)
         self._index = 0
         self._force = 0.0
@@ -148,7 +158,8 @@ class Rig:
         )
         flows = specimen_flow, flow
         pressures = measured[1:3]
-        voltages = tuple(v.step(f, p) for v, f, p in zip(self._valves, flows, pressures, strict=True))
+        first, second = (v.step(f, p) for v, f, p in zip(self._valves, flows, pressures, strict=True))
+        voltages = first, second
         self.plant.advance(*voltages)
         self._ramp.step(speed)
         share = self.rig.control_period / FORCE_FILTER_TIME
@@ -213,7 +224,8 @@ class Rig:
 
     @property
     def _patience(self) -> int:
-        return round(PATIENCE / self.rig.control_period)
+        steps: int = round(PATIENCE / self.rig.control_period)
+        return steps
 
 
 def force_procedure(rig: Rig, pressure: float) -> Iterator[RigSample]:
@@ -261,13 +273,13 @@ def diagnostic_procedure(
 class DecayRig:
     """The rig prepared for the free decay of section 2.4: a weight in place of the MAS-40."""
 
-    def __init__(self, parameters, specimen: str, seed: int = 0):
-        parameters = at_rig(parameters)
+    def __init__(self, parameters: Parameters, specimen: str, seed: int = 0):
+        parameters = RIG.taken(parameters)
         self._period, self._duration = parameters.rig.control_period, parameters.rig.decay.duration
         self._settings = getattr(parameters.rig.decay, specimen)
         self.plant = RigPlant(parameters, specimen, seed, weight=self._settings.weight)
         self._holder = PressureHolder(parameters, specimen)
-        self._valve = InverseValveModel(parameters)
+        self._valve = InverseValveModel(parameters, parameters.declared.names[0])
         self._closed = parameters.valve.closed_voltage
         self._ambient = parameters.valve.ambient_pressure
         self._index = 0
@@ -289,7 +301,8 @@ class DecayRig:
         yield from (self._step(pressure, None) for _ in range(self._steps(self._duration)))
 
     def _steps(self, duration: float) -> int:
-        return round(duration / self._period)
+        steps: int = round(duration / self._period)
+        return steps
 
     def _hold(self, pressure: float, duration: float, hand: float | None = None) -> Iterator[RigSample]:
         goal, steps = pressure - self._ambient, self._steps(duration)
@@ -304,7 +317,7 @@ class DecayRig:
         if wanted is not None:
             flow = self._holder.step(measured.specimen_pressure, wanted)
             voltage = self._valve.step(flow, measured.specimen_pressure)
-        self.plant.advance(voltage, self._closed, hand)
+        self.plant.advance(voltage, self._closed, hand=hand)
         time_ns = self._index * self.plant.period_ns
         self._index += 1
         still = CarriageReference(measured.position, 0.0, 0.0, 0.0)

@@ -4,43 +4,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-VALVES_CLOSED = 0.0  # Pa absolute, as a reference pressure: none is wanted, the valve stays closed
+from pam_orthosis.control import diagnostic
+from pam_orthosis.control.diagnostic import Programme
+from pam_orthosis.control.reference import Motion, Reference
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.rules import out_of_reach
 
-
-class Reference(NamedTuple):
-    """Desired knee angle rad, velocity rad/s, acceleration rad/s^2, mean pressure absolute Pa.
-
-    Without a mean pressure the controller takes its own; `VALVES_CLOSED` asks for closed valves. With a plan
-    the planned motion is followed; the desired one is what the error counts from.
-    """
-
-    angle: float
-    velocity: float
-    acceleration: float
-    mean_pressure: float | None = None
-    planned_angle: float | None = None
-    planned_velocity: float | None = None
-    planned_acceleration: float | None = None
-
-    def followed(self) -> Reference:
-        """Return the planned motion, as a reference of its own."""
-        return Reference(*self[4:], self.mean_pressure)
+# phase of the cycle -> value and its first two derivatives by the phase
+Shape = Callable[[float], tuple[float, float, float]]
 
 
 class Planned(NamedTuple):
     """Shapes, over the cycles from where it starts, of what a plan asks for; see `planning`.
 
-    `change` is the planned less the desired angle, rad, `mean` the mean pressure, absolute Pa, `resting` at
+    `change` is the planned less the desired position, `mean` the mean pressure, absolute Pa, `resting` at
     rest. Both were planned for one cycle time, s.
     """
 
-    change: Callable
-    mean: Callable
+    change: Shape
+    mean: Shape
     resting: float
     cycle_time: float
 
@@ -49,7 +37,7 @@ class Trajectory:
     """A periodic shape run through at a cadence that rises smoothly from zero, and may change on the way.
 
     Args:
-        shape: cycle phase -> angle and its first two derivatives by the phase, rad.
+        shape: cycle phase -> position and its first two derivatives by the phase.
         cycle_time, hold, ramp: duration of a cycle, of the rest before the motion and of each change
             of the cadence, s.
         phase: phase of the cycle at rest.
@@ -58,7 +46,7 @@ class Trajectory:
 
     def __init__(
         self,
-        shape: Callable,
+        shape: Shape,
         cycle_time: float,
         hold: float,
         ramp: float,
@@ -79,8 +67,8 @@ class Trajectory:
     def sample(self, time_ns: int) -> Reference:
         """Return the reference at an instant, nanoseconds since the start."""
         phase, rate, curvature = self._phase(time_ns * 1e-9 - self._hold)
-        angle, slope, bend = self._shape(self._start + phase)
-        reference = Reference(angle, slope * rate, bend * rate**2 + slope * curvature)
+        position, slope, bend = self._shape(self._start + phase)
+        reference = Reference(position, slope * rate, bend * rate**2 + slope * curvature)
         return reference if self._plan is None else _planned(self._plan, reference, phase, rate, curvature)
 
     def set_cycle_time(self, time_ns: int, cycle_time: float) -> None:
@@ -117,13 +105,13 @@ def _planned(plan: Planned, wanted: Reference, phase: float, rate: float, curvat
     """Return the reference with the plan's motion; below the planned cadence less of its mean pressure."""
     change, slope, bend = plan.change(phase)
     share = min(1.0, rate * plan.cycle_time)
-    return Reference(
-        *wanted[:3],
-        plan.resting + share * (plan.mean(phase)[0] - plan.resting),
-        wanted.angle + change,
+    planned = Motion(
+        wanted.position + change,
         wanted.velocity + slope * rate,
         wanted.acceleration + bend * rate**2 + slope * curvature,
     )
+    mean = plan.resting + share * (plan.mean(phase)[0] - plan.resting)
+    return wanted._replace(mean_pressure=mean, planned=planned)
 
 
 def _smooth_step(time: float, ramp: float) -> tuple[float, float, float]:
@@ -138,29 +126,29 @@ def _smooth_step(time: float, ramp: float) -> tuple[float, float, float]:
     return covered, cadence, (30 * s**2 - 60 * s**3 + 30 * s**4) / ramp
 
 
-def fourier_shape(cosine, sine) -> Callable:
-    """Return the shape of a Fourier series; coefficients by harmonic, the mean first, rad."""
+def fourier_shape(cosine: Sequence[float], sine: Sequence[float]) -> Shape:
+    """Return the shape of a Fourier series; coefficients by harmonic, the mean first."""
     a, b = np.asarray(cosine), np.asarray(sine)
     order = 2 * math.pi * np.arange(len(a))
 
     def shape(phase: float) -> tuple[float, float, float]:
         c, s = np.cos(order * phase), np.sin(order * phase)
-        angle = float(a @ c + b @ s)
+        position = float(a @ c + b @ s)
         slope = float((order * b) @ c - (order * a) @ s)
-        return angle, slope, float(-(order**2 * a) @ c - (order**2 * b) @ s)
+        return position, slope, float(-(order**2 * a) @ c - (order**2 * b) @ s)
 
     return shape
 
 
-def settling_shape(settled: Callable, more: Callable, cycles: float) -> Callable:
+def settling_shape(settled: Shape, more: Shape, cycles: float) -> Shape:
     """Return a shape to which is added at the start what dies away by a factor e within so many cycles."""
 
     def shape(phase: float) -> tuple[float, float, float]:
-        angle, slope, bend = settled(phase)
+        position, slope, bend = settled(phase)
         a, s, b = more(phase)
         left = math.exp(-phase / cycles)
         return (
-            angle + left * a,
+            position + left * a,
             slope + left * (s - a / cycles),
             bend + left * (b - 2 * s / cycles + a / cycles**2),
         )
@@ -168,8 +156,8 @@ def settling_shape(settled: Callable, more: Callable, cycles: float) -> Callable
     return shape
 
 
-def step_shape(low: float, high: float, rise: float) -> Callable:
-    """Return the shape of steps up at phase 0 and down at phase 0.5, quintic within the phase `rise`, rad."""
+def step_shape(low: float, high: float, rise: float) -> Shape:
+    """Return the shape of steps up at phase 0 and down at phase 0.5, quintic within the phase `rise`."""
 
     def shape(phase: float) -> tuple[float, float, float]:
         half, since = divmod(2 * (phase % 1.0), 1.0)
@@ -182,18 +170,24 @@ def step_shape(low: float, high: float, rise: float) -> Callable:
     return shape
 
 
-def make_trajectory(parameters):
-    """Return what `scenario` asks for: a `Trajectory` or the programme of a diagnostic experiment."""
-    from pam_orthosis.control import diagnostic  # its programmes are made of this module's references
+def make_trajectory(parameters: Parameters) -> Trajectory | Programme:
+    """Return what `scenario` asks for: a `Trajectory` or the programme of a diagnostic experiment.
 
-    s = parameters.scenario
+    Raises:
+        OrthosisError: the machine's stops are in the way, or the experiment is not for this machine.
+    """
+    s, machine = parameters.scenario, parameters.declared
+    for sentence in out_of_reach(parameters.flat(), machine):
+        raise OrthosisError(sentence)
     if s.trajectory in diagnostic.EXPERIMENTS:
+        if not machine.experiments:
+            raise OrthosisError(f"scenario.trajectory = {s.trajectory} is not for the {machine.name}")
         return diagnostic.make_programme(s.trajectory, parameters)
     plan = _plan(parameters) if s.plan.enabled else None
-    return Trajectory(_shape(s), s.cycle_time, s.start_hold, s.start_ramp, s.start_phase, plan)
+    return Trajectory(_shape(parameters), s.cycle_time, s.start_hold, s.start_ramp, s.start_phase, plan)
 
 
-def _plan(parameters) -> Planned:
+def _plan(parameters: Parameters) -> Planned:
     plan = parameters.scenario.plan
     change, mean = (
         settling_shape(
@@ -204,12 +198,12 @@ def _plan(parameters) -> Planned:
     return Planned(change, mean, parameters.control.position.mean_pressure, plan.cycle_time)
 
 
-def _shape(scenario) -> Callable:
-    if scenario.trajectory == "gait":
-        return fourier_shape(scenario.gait.cosine, scenario.gait.sine)
-    if scenario.trajectory == "sine":
-        return fourier_shape([scenario.sine.centre, 0.0], [0.0, scenario.sine.amplitude])
-    if scenario.trajectory == "steps":
-        step = scenario.step
-        return step_shape(step.low, step.high, step.rise / scenario.cycle_time)
-    return fourier_shape([scenario.start_angle], [0.0])
+def _shape(parameters: Parameters) -> Shape:
+    s = parameters.scenario
+    if s.trajectory == "gait":
+        return fourier_shape(s.gait.cosine, s.gait.sine)
+    if s.trajectory == "sine":
+        return fourier_shape([s.sine.centre, 0.0], [0.0, s.sine.amplitude])
+    if s.trajectory == "steps":
+        return step_shape(s.step.low, s.step.high, s.step.rise / s.cycle_time)
+    return fourier_shape([parameters.at(parameters.declared.start)], [0.0])

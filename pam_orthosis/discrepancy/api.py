@@ -27,27 +27,7 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
 
 __all__ = [
-    "Assembled",
-    "Calibration",
-    "Channel",
-    "Contribution",
-    "Effect",
-    "Equation",
-    "Input",
-    "Model",
-    "OrthosisError",
-    "Outcome",
-    "Parameter",
-    "Quantity",
-    "Recording",
-    "Source",
-    "System",
-    "as_dict",
-    "check_system",
-    "describe",
-    "find_gap",
-    "from_arrays",
-    "from_bag",
-    "from_csv",
-    "load_system",
-]
+    "Assembled", "Calibration", "Channel", "Contribution", "Effect", "Equation", "Input", "Model",
+    "OrthosisError", "Outcome", "Parameter", "Quantity", "Recording", "Source", "System", "as_dict",
+    "check_system", "describe", "find_gap", "from_arrays", "from_bag", "from_csv", "load_system",
+]  # fmt: skip

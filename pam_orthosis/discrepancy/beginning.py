@@ -3,19 +3,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pam_orthosis.discrepancy import check, measure, refit, structure
 from pam_orthosis.discrepancy.data import Recording
-from pam_orthosis.discrepancy.expected import Samples
 from pam_orthosis.discrepancy.fit import Fit
+from pam_orthosis.discrepancy.measure import Samples
 from pam_orthosis.discrepancy.problem import Problem, Scored
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.run import Run
-from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.system import Names, System, Values
 from pam_orthosis.discrepancy.whitening import noise_levels, noise_whitener
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Section
@@ -155,11 +155,7 @@ def _noise(replay: Replay, runs: Sequence[Run], settings: Section) -> dict[str, 
 
 
 def residual_noise(
-    replay: Replay,
-    runs: Sequence[Run],
-    settings: Section,
-    effects: tuple[str, ...],
-    values: Mapping[str, float],
+    replay: Replay, runs: Sequence[Run], settings: Section, effects: Names, values: Values
 ) -> dict[str, float]:
     """Return the noise (sd) of the channels that are predicted, as a model's residuals show it."""
     residuals: dict[str, list[np.ndarray]] = {}
@@ -172,7 +168,7 @@ def residual_noise(
 
 
 def _scored(
-    replay: Replay, run: Run, noise: Mapping[str, float], settings: Section, seed: int
+    replay: Replay, run: Run, noise: Values, settings: Section, seed: int
 ) -> tuple[Scored, dict[str, float]]:
     warm_up = _warm_up(run, settings)
     whiten, floor = noise_whitener(
@@ -183,10 +179,6 @@ def _scored(
 
 def strained_parameters(final: Fit) -> dict[str, float]:
     """Return ordinary parameters that left their tolerance, in multiples of it."""
-    named = {q for name in final.effects for q in (f"{name}.{p}" for p in _parameter_names(final, name))}
-    strain = {one.name: one.deviation(final.values) for one in final.free if one.name not in named}
+    ordinary = (one for one in final.free if one.name.partition(".")[0] not in final.effects)
+    strain = {one.name: one.deviation(final.values) for one in ordinary}
     return {name: value for name, value in strain.items() if abs(value) > TELLING_STRAIN}
-
-
-def _parameter_names(final: Fit, effect: str) -> list[str]:
-    return [key.split(".", 1)[1] for key in final.values if key.startswith(f"{effect}.")]

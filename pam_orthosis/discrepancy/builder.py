@@ -124,10 +124,10 @@ class Model:
             "effects": [one.name for one in self.effects],
         }
         for what, group in groups.items():
-            for name in group:
-                if not name.isidentifier() or group.count(name) > 1:
-                    reason = "is there twice" if name.isidentifier() else "is no name (letters, digits, _)"
-                    raise OrthosisError(f"{what}: {name!r} {reason}")
+            _check_group(what, group)
+        self._check_channels()
+
+    def _check_channels(self) -> None:
         for one in self.channels:
             if one.state is not None and one.state not in self.states:
                 raise OrthosisError(f"channel {one.name}: {one.state!r} is none of the states")
@@ -167,7 +167,7 @@ class Model:
 
 
 def _usual_gains(count: int) -> tuple[float, ...]:
-    """Return the knee's observer gains: those of a measured signal alone, or of one and its rate."""
+    """Return the shipped observer gains: those of a measured signal alone, or of one and its rate."""
     usual = load().gap.replay
     return (usual.pressure_gain,) if count == 1 else (usual.angle_gain, usual.velocity_gain)
 
@@ -183,3 +183,10 @@ def _place(system: System, traced: Traced, equations: Sequence[Equation], effect
         if any(traced.depends(system, equation, traced.marks[effect.stage])):
             return equation.name
     raise OrthosisError(f"effect {effect.name}: nothing that is predicted depends on {effect.stage!r}")
+
+
+def _check_group(what: str, names: Sequence[str]) -> None:
+    for name in names:
+        if not name.isidentifier() or names.count(name) > 1:
+            reason = "is there twice" if name.isidentifier() else "is no name (letters, digits, _)"
+            raise OrthosisError(f"{what}: {name!r} {reason}")

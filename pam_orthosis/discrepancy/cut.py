@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from pam_orthosis.discrepancy.system import Assembled, Channel, Equation, System
+from pam_orthosis.discrepancy.system import Assembled, Channel, Equation, Names, System
 
 INVERSION_STEPS = 4  # fixed-point steps: a sensor gain of 10 % is inverted to 1e-5 of the value
 
@@ -65,7 +65,7 @@ def divided(system: System, assembled: Assembled, equation: Equation) -> list[Eq
     own = closure(system, assembled, equation)
     group = _groups(system, assembled, equation, own)
 
-    def some(names: tuple[str, ...], one: int) -> tuple[str, ...]:
+    def some(names: Names, one: int) -> tuple[str, ...]:
         return tuple(name for name in names if group[name] == one)
 
     numbers = dict.fromkeys(group[name] for name in equation.channels)
@@ -182,21 +182,16 @@ def _inverse(system: System, static: Assembled, channel: Channel) -> ca.Function
     index = [c.name for c in system.channels].index(channel.name)
     place = static.states.index(channel.state)
     added = static.measured[channel.name] - static.x[place]
-    states = _as_measured(system, static, recorded)
+    states = ca.SX.zeros(len(static.states))
+    for i, one in enumerate(system.channels):
+        if one.state is not None:
+            states[static.states.index(one.state)] = recorded[i]
     true = recorded[index]
     steps = INVERSION_STEPS if _depends(added, static.x) else 1
     for _ in range(steps):
         states[place] = true
         true = recorded[index] - ca.substitute([added], [static.x], [states])[0]
     return ca.Function("inverse", [recorded, static.u, static.time, static.theta], [true])
-
-
-def _as_measured(system: System, static: Assembled, recorded: ca.SX) -> ca.SX:
-    states = ca.SX.zeros(len(static.states))
-    for i, channel in enumerate(system.channels):
-        if channel.state is not None:
-            states[static.states.index(channel.state)] = recorded[i]
-    return states
 
 
 def _depends(expression: ca.SX, symbols: ca.SX) -> bool:

@@ -3,20 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from pam_orthosis.bag.fields import check_field
-from pam_orthosis.bag.read import KNOWN, PLAUSIBLE, aligned, read_bag, recorded_parameters, run_record
+from pam_orthosis.bag.read import KNOWN, PLAUSIBLE, aligned, read_bag
 from pam_orthosis.bag.topics import Signal
 from pam_orthosis.discrepancy.system import Source, System
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model.parameters import BELIEF, Parameters
 from pam_orthosis.tables import is_table, read_numbers
 
 HIGHEST_CUTOFF = 0.4  # of the sampling rate
@@ -57,6 +55,11 @@ class Recording:
         """Return the samples from start to stop as a recording of its own, by the same clock."""
         signals = {key: value[start:stop] for key, value in self.signals.items()}
         return Recording(name, self.period, signals, self.remarks, self.start + start * self.period)
+
+
+def recording(path: Path, system: System, namespace: str = "") -> Recording:
+    """Return the recording of a table or a bag: see `from_csv` and `from_bag`."""
+    return from_csv(path, system) if is_table(path) else from_bag(path, system, namespace)
 
 
 def from_arrays(name: str, system: System, arrays: Mapping[str, np.ndarray]) -> Recording:
@@ -141,89 +144,6 @@ def _with_prompt_inputs(one: Recording, system: System, changed: float) -> Recor
         f" {1e3 * one.period:.3g} ms"
     )
     return replace(one, signals=kept, remarks=(*one.remarks, remark))
-
-
-def believed(path: Path, namespace: str = "") -> dict[str, Any]:
-    """Return the belief that a bag of ours was recorded with, as overrides; empty for another file.
-
-    `namespace`: of the leg whose belief it is.
-    """
-    if is_table(path):
-        return {}
-    recorded = recorded_parameters(path, run_record(path), namespace)
-    return {key: value for key, value in recorded.items() if key.split(".", 1)[0] in (*BELIEF, "rig")}
-
-
-def without_record(paths: Sequence[Path], namespace: str = "") -> list[Path]:
-    """Return the recordings that do not tell their apparatus: it is assumed."""
-    return [path for path in paths if not believed(path, namespace)]
-
-
-def untold(
-    paths: Sequence[Path],
-    parameters: Parameters,
-    apparatus: tuple[str, ...],
-    given: Collection[str] = (),
-    namespace: str = "",
-) -> dict[str, float]:
-    """Return the rows of the apparatus that a bag with a record says nothing of, and the value that is taken.
-
-    An older version recorded the bag, which did not have them. Effects that are off are left out.
-    """
-    records = [belief for path in paths if (belief := believed(path, namespace))]
-    taken = {k: v for k, v in parameters.flat().items() if k.startswith(apparatus) and k not in given}
-    return {
-        key: value
-        for key, value in taken.items()
-        if not _is_off(key, taken) and any(key not in record for record in records)
-    }
-
-
-def agreed_belief(
-    paths: Sequence[Path],
-    apparatus: tuple[str, ...],
-    given: Collection[str] = (),
-    namespace: str = "",
-    alone: Mapping[str, str] | None = None,
-) -> dict[str, Any]:
-    """Return the belief of the first bag that has one, as overrides; empty if none has.
-
-    What it does not tell of the apparatus is that of the next bag that does.
-
-    Args:
-        apparatus: how the keys begin that must have one value in all bags.
-        given: keys whose values the user gives.
-        namespace: of the leg in the bags.
-        alone: key -> why bags that differ in it cannot be used together, whatever the user gives.
-
-    Raises:
-        OrthosisError: bags of different apparatus.
-    """
-    alone = alone or {}
-    known = [(path, belief) for path in paths if (belief := believed(path, namespace))]
-    first, belief = known[0] if known else (None, {})
-    told_by = dict.fromkeys(belief, first)
-    for path, other in known[1:]:
-        for key, value in belief.items():
-            settled = key in given and key not in alone
-            if not key.startswith(apparatus) or settled or _is_off(key, belief, other):
-                continue
-            if key in other and other[key] != value:
-                help_ = "give recordings of one, or the value that is right with --model"
-                raise OrthosisError(
-                    f"recordings of different apparatus: {key} is {value} in {told_by[key]}, {other[key]} in"
-                    f" {path}; {alone.get(key, help_)}"
-                )
-        more = {k: v for k, v in other.items() if k.startswith(apparatus) and k not in belief}
-        belief, told_by = belief | more, told_by | dict.fromkeys(more, path)
-    return belief
-
-
-def _is_off(key: str, *beliefs: Mapping[str, Any]) -> bool:
-    """Return whether a key is of an effect that no belief has switched on."""
-    branch, _, rest = key.partition("effects.")
-    switch = f"{branch}effects.{rest.split('.', 1)[0]}.enabled"
-    return bool(rest) and not any(one.get(switch) for one in beliefs)
 
 
 def from_csv(path: Path, system: System) -> Recording:

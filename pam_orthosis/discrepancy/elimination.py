@@ -31,14 +31,9 @@ def eliminate_weak(found: Selection, settings: Section, tell: Progress) -> None:
             found.final_problem, left.effects, left.values, left.free
         )
         found.evidence.pop(weakest)
-        if len(found.final.effects) == 1:
-            _revalue(found)
-
-
-def _revalue(found: Selection) -> None:
-    """Give the only effect that is left its evidence anew: the last was that beside a dropped one."""
-    name = found.final.effects[0]
-    found.evidence[name] = _loss(found, name)[0]
+        if len(found.final.effects) == 1:  # its last evidence was that beside a dropped one
+            (name,) = found.final.effects
+            found.evidence[name] = _loss(found, name)[0]
 
 
 def _weakest(found: Selection, losses: Mapping[str, tuple[float, Fit]], settings: Section) -> str | None:

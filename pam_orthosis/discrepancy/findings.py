@@ -8,10 +8,49 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pam_orthosis.discrepancy import intervals
+from pam_orthosis.discrepancy.fit import Fit, scaled_slopes
+from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.selection import Selection
-from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.system import Equation, System
 from pam_orthosis.model.parameters import Section
+
+BLOCK = 1.0  # s
+QUANTILE = 1.96  # two-sided 95 % of a normal distribution
+
+
+def covariance(problem: Problem, model: Fit) -> np.ndarray:
+    """Return the covariance of the scaled free parameters: curvature, widened by the block sandwich.
+
+    Scores are summed over blocks of 1 s; their scatter replaces the assumption of white residuals
+    (Kauermann & Carroll 2001, clustered by time).
+    """
+    inverse = np.linalg.pinv(model.hessian)
+    meat = np.zeros_like(inverse)
+    for equation in problem.system.equations:
+        slopes, place = scaled_slopes(model.blocks[equation.name], model.free)
+        scores = slopes.T * model.blocks[equation.name].residual[:, None]
+        sums = _over_blocks(problem, equation, scores)
+        meat[np.ix_(place, place)] += sums.T @ sums
+    sandwich = inverse @ meat @ inverse
+    widening = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(inverse), 1e-300), 1.0))
+    return inverse * np.outer(widening, widening)
+
+
+def interval(model: Fit, spread: np.ndarray, name: str) -> tuple[float, float]:
+    """Return the 95 % interval of a parameter, inside its bounds."""
+    index = [one.name for one in model.free].index(name)
+    one = model.free[index]
+    half = QUANTILE * float(np.sqrt(spread[index, index])) * one.scale
+    value = model.values[name]
+    return max(value - half, one.lower), min(value + half, one.upper)
+
+
+def _over_blocks(problem: Problem, equation: Equation, scores: np.ndarray) -> np.ndarray:
+    sums = []
+    for one, part in problem.by_run(equation, scores):
+        whole = max(1, one.samples // round(BLOCK / one.run.period))
+        sums += [block.sum(axis=0) for piece in part for block in np.array_split(piece, whole)]
+    return np.array(sums)
 
 
 @dataclass(frozen=True)
@@ -39,9 +78,10 @@ def named_effect(system: System, found: Selection, spread: np.ndarray, name: str
         key = f"{name}.{q.name}"
         if key not in known:
             continue
-        parameters[q.name] = (final.values[key], q.unit, *intervals.interval(final, spread, key))
+        parameters[q.name] = (final.values[key], q.unit, *interval(final, spread, key))
     alike = _look_alikes(found, name, settings)
-    apart = _separated_by(system, (name, *alike)) if alike else ()
+    tests = (test for one in (name, *alike) for test in system.experiments(one))  # its own first
+    apart = tuple(dict.fromkeys(tests)) if alike else ()
     return Named(name, system.equation_of(name), parameters, found.evidence[name], alike, apart)
 
 
@@ -49,12 +89,6 @@ def first_accepted(found: Selection, named: Sequence[Named]) -> Named | None:
     """Return the effect that was accepted first of those that stayed."""
     order = [step.accepted for step in found.steps]
     return min(named, key=lambda one: order.index(one.name), default=None)
-
-
-def _first_round(found: Selection) -> tuple[float, Sequence[tuple[str, float]]]:
-    """Return `_round_of` the first accepted effect that stayed."""
-    accepted = [step.accepted for step in found.steps if step.accepted in found.final.effects]
-    return _round_of(found, accepted[0]) if accepted else (0.0, ())
 
 
 def _round_of(found: Selection, name: str) -> tuple[float, Sequence[tuple[str, float]]]:
@@ -70,7 +104,8 @@ def _round_of(found: Selection, name: str) -> tuple[float, Sequence[tuple[str, f
 
 def runner_up_of(found: Selection) -> tuple[str, float] | None:
     """Return the best effect that was not chosen in the first round, and how far it was behind."""
-    own, others = _first_round(found)
+    accepted = [step.accepted for step in found.steps if step.accepted in found.final.effects]
+    own, others = _round_of(found, str(accepted[0])) if accepted else (0.0, ())
     behind = [(name, own - evidence) for name, evidence in others]
     return min(behind, key=lambda item: item[1]) if behind else None
 
@@ -80,8 +115,3 @@ def _look_alikes(found: Selection, name: str, settings: Section) -> tuple[str, .
     own, others = _round_of(found, name)
     near = max(settings.ambiguous, settings.ambiguous_share * own)
     return tuple(other for other, evidence in others if own - evidence < near)
-
-
-def _separated_by(system: System, names: Sequence[str]) -> tuple[str, ...]:
-    """Return the experiments that part some effects, those of the first one first."""
-    return tuple(dict.fromkeys(test for name in names for test in system.experiments(name)))

@@ -12,7 +12,7 @@ from scipy.signal import welch
 
 from pam_orthosis.discrepancy.free import Free
 from pam_orthosis.discrepancy.problem import Block, Problem, sum_of_squares
-from pam_orthosis.discrepancy.system import Equation
+from pam_orthosis.discrepancy.system import Equation, Names, Values
 
 MOST_STEPS = 8
 CHORD_STEPS = 3
@@ -38,30 +38,24 @@ class Fit:
         blocks: equation -> linearisation at the solution.
     """
 
-    effects: tuple[str, ...]
-    values: Mapping[str, float]
+    effects: Names
+    values: Values
     cost: float
     hessian: np.ndarray
     free: Sequence[Free]
     samples: int
     blocks: Mapping[str, Block]
 
-    def error(self, name: str) -> float:
-        """Return the standard deviation of a parameter from the curvature."""
-        index = [one.name for one in self.free].index(name)
-        covariance = np.linalg.pinv(self.hessian)
-        return float(np.sqrt(covariance[index, index])) * self.free[index].scale
-
 
 def normal_equations(
-    blocks: Mapping[str, Block], free: Sequence[Free], values: Mapping[str, float]
+    blocks: Mapping[str, Block], free: Sequence[Free], values: Values
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return Hessian and gradient (halves) by the scaled parameters, priors included."""
     normal = _Normal(blocks, free)
     return normal.hessian, normal.gradient({name: block.residual for name, block in blocks.items()}, values)
 
 
-def prior_cost(free: Sequence[Free], values: Mapping[str, float]) -> float:
+def prior_cost(free: Sequence[Free], values: Values) -> float:
     """Return the squared deviations over their tolerance."""
     return float(sum(one.deviation(values) ** 2 for one in free))
 
@@ -107,15 +101,9 @@ def _solved(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
         return shortest
 
 
-def fit(
-    problem: Problem,
-    effects: tuple[str, ...],
-    start: Mapping[str, float],
-    free: Sequence[Free],
-    most: int = MOST_STEPS,
-) -> Fit:
+def fit(problem: Problem, effects: Names, start: Values, free: Sequence[Free], most: int = MOST_STEPS) -> Fit:
     """Return the fit of all free parameters from a start, with the problem's weights."""
-    values: Mapping[str, float] = _inside(start, free)
+    values: Values = _inside(start, free)
     names = tuple(one.name for one in free)
     blocks = problem.blocks(effects, values, names)
     for _ in range(most):
@@ -130,10 +118,10 @@ def fit(
 
 
 def fit_tempered(
-    problem: Problem, effects: tuple[str, ...], start: Mapping[str, float], free: Sequence[Free]
+    problem: Problem, effects: Names, start: Values, free: Sequence[Free]
 ) -> tuple[Problem, Fit]:
     """Return a fit whose weights agree with the misfit that it leaves, and the weighted problem."""
-    values: Mapping[str, float] = _inside(start, free)
+    values: Values = _inside(start, free)
     weights: dict[str, float] = {}
     plain = problem.weighted({equation.name: 1.0 for equation in problem.system.equations})
     names = tuple(one.name for one in free)
@@ -152,12 +140,12 @@ def fit_tempered(
     return problem, _finished(problem, effects, values, free, _weighted(blocks, weights))
 
 
-def _inside(values: Mapping[str, float], free: Sequence[Free]) -> dict[str, float]:
+def _inside(values: Values, free: Sequence[Free]) -> dict[str, float]:
     """Return values with the free ones inside their bounds: a projection knows none."""
     return {**values, **{one.name: min(max(values[one.name], one.lower), one.upper) for one in free}}
 
 
-def _weighted(blocks: Mapping[str, Block], weights: Mapping[str, float]) -> dict[str, Block]:
+def _weighted(blocks: Mapping[str, Block], weights: Values) -> dict[str, Block]:
     return {
         name: Block(weights[name] * b.residual, weights[name] * b.slopes, b.names, weights[name])
         for name, b in blocks.items()
@@ -165,11 +153,7 @@ def _weighted(blocks: Mapping[str, Block], weights: Mapping[str, float]) -> dict
 
 
 def _finished(
-    problem: Problem,
-    effects: tuple[str, ...],
-    values: Mapping[str, float],
-    free: Sequence[Free],
-    blocks: Mapping[str, Block],
+    problem: Problem, effects: Names, values: Values, free: Sequence[Free], blocks: Mapping[str, Block]
 ) -> Fit:
     hessian, _ = normal_equations(blocks, free, values)
     cost = sum_of_squares({name: block.residual for name, block in blocks.items()}) + prior_cost(free, values)
@@ -178,12 +162,8 @@ def _finished(
 
 
 def _descended(
-    problem: Problem,
-    effects: tuple[str, ...],
-    values: Mapping[str, float],
-    free: Sequence[Free],
-    blocks: Mapping[str, Block],
-) -> tuple[Mapping[str, float], float]:
+    problem: Problem, effects: Names, values: Values, free: Sequence[Free], blocks: Mapping[str, Block]
+) -> tuple[Values, float]:
     """Return values of lower cost and by how much, reusing one set of derivatives for a few steps."""
     names = [one.name for one in free]
     scale = np.array([one.scale for one in free])
@@ -211,24 +191,27 @@ def _descended(
     return values, first - cost
 
 
+def scaled_slopes(block: Block, free: Sequence[Free]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the derivatives by the scaled free parameters, transposed, and their places among these."""
+    index = {one.name: i for i, one in enumerate(free)}
+    scale = np.array([one.scale for one in free])
+    kept = [i for i, name in enumerate(block.names) if name in index]
+    place = np.array([index[block.names[i]] for i in kept], dtype=int)
+    return np.ascontiguousarray((block.slopes[:, kept] * scale[place]).T), place
+
+
 class _Normal:
     """Hessian of a linearisation, and gradients for other residuals with the same derivatives."""
 
     def __init__(self, blocks: Mapping[str, Block], free: Sequence[Free]):
         self._free = free
-        index = {one.name: i for i, one in enumerate(free)}
-        scale = np.array([one.scale for one in free])
         self._weight = np.array([one.scale / one.sd for one in free])
         self.hessian = np.diag(self._weight**2)
-        self._parts = {}
-        for name, block in blocks.items():
-            kept = [i for i, parameter in enumerate(block.names) if parameter in index]
-            place = np.array([index[block.names[i]] for i in kept], dtype=int)
-            matrix = np.ascontiguousarray((block.slopes[:, kept] * scale[place]).T)
+        self._parts = {name: scaled_slopes(block, free) for name, block in blocks.items()}
+        for matrix, place in self._parts.values():
             self.hessian[np.ix_(place, place)] += matrix @ matrix.T
-            self._parts[name] = matrix, place
 
-    def gradient(self, residuals: Mapping[str, np.ndarray], values: Mapping[str, float]) -> np.ndarray:
+    def gradient(self, residuals: Mapping[str, np.ndarray], values: Values) -> np.ndarray:
         """Return the gradient (half) by the scaled parameters."""
         gradient: np.ndarray = self._weight * np.array([one.deviation(values) for one in self._free])
         for name, (matrix, place) in self._parts.items():

@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.system import System, Values
 from pam_orthosis.model.effects.base import Quantity
 
 LOOSE = 2.0  # typical values: sd of an effect's details about them
@@ -26,16 +26,13 @@ class Free:
     sd: float
     centre: float = 0.0
 
-    def deviation(self, values: Mapping[str, float]) -> float:
+    def deviation(self, values: Values) -> float:
         """Return how far the parameter is from the centre of its prior, in standard deviations."""
         return (values[self.name] - self.centre) / self.sd
 
 
 def free_parameters(
-    system: System,
-    effects: Sequence[str],
-    refined: Sequence[str] = (),
-    scales: Mapping[str, float] | None = None,
+    system: System, effects: Sequence[str], refined: Sequence[str] = (), scales: Values | None = None
 ) -> list[Free]:
     """Return ordinary parameters and those of effects.
 
@@ -50,7 +47,7 @@ def free_parameters(
     return free
 
 
-def with_scales(system: System, free: Sequence[Free], scales: Mapping[str, float]) -> list[Free]:
+def with_scales(system: System, free: Sequence[Free], scales: Values) -> list[Free]:
     """Return free parameters with the priors of shape corrections scaled."""
     changed = []
     for one in free:

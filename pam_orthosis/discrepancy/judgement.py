@@ -6,14 +6,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from pam_orthosis.discrepancy import intervals, measure, structure
+from pam_orthosis.discrepancy import findings, measure, structure
 from pam_orthosis.discrepancy.beginning import Beginning, strained_parameters
 from pam_orthosis.discrepancy.findings import Named, first_accepted, named_effect, runner_up_of
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.noise_floor import decided_and_floor, remark_on_left_out
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.selection import Selection, Step
-from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.system import System, Values
 from pam_orthosis.model.parameters import Section
 
 LEAST_CLOSURE = 0.9  # below it named effects that leave a gap are no explanation
@@ -46,7 +46,7 @@ class Outcome:
     from_configured: tuple[str, ...]
     where: Sequence[structure.Where]
     left: Sequence[structure.Where]
-    strained: Mapping[str, float]
+    strained: Values
     empty: tuple[str, ...]
     steps: Sequence[Step]
     remarks: Sequence[str]
@@ -57,7 +57,7 @@ class Outcome:
 def outcome_of(start: Beginning, found: Selection, settings: Section) -> Outcome:
     """Return the judgement on what a search found, by the held-out recordings."""
     system, judge, final = start.system, start.held_out, found.final
-    spread = intervals.covariance(found.final_problem, final)
+    spread = findings.covariance(found.final_problem, final)
     judged, floor = decided_and_floor(start, found, spread, settings)
     configured = start.configured(judged)
     before, after = start.recalibrated(judged), measure.gap(judge, final, judged)

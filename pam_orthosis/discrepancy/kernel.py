@@ -1,5 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-# SPDX-License-Identifier: Apache-2.0
 """Machine code that replays one equation of a system, with or without parameter sensitivities.
 
 The expressions are those of the system's assembly; neighbours are read from the recording. At each
@@ -11,13 +10,13 @@ lag inside the step is as exact as the integration, so that no false delay appea
 from __future__ import annotations
 
 import ctypes
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from pam_orthosis.discrepancy.cut import Part
-from pam_orthosis.model.compiled import best_library, processor
+from pam_orthosis.discrepancy.system import Names
+from pam_orthosis.model.compiled import best_library, pointer, processor, taken_out
 
 # what is fitted may differ in its last digits from one processor to the next; not a number stays what it is
 FLAGS = (
@@ -77,7 +76,7 @@ class Kernel:
         wrt: parameters by which the residuals are differentiated; none for a plain replay.
     """
 
-    def __init__(self, part: Part, wrt: tuple[str, ...] = ()):
+    def __init__(self, part: Part, wrt: Names = ()):
         self.part, self.wrt = part, wrt
         self._observe, rates = _with_sensitivities(part, wrt)
         self._rates, self._held, self._fixed = _hoisted(rates)
@@ -99,7 +98,7 @@ class Kernel:
             flat = np.empty((len(z), self._results))
             self._library.orthosis_replay(
                 ctypes.c_long(len(z)), ctypes.c_long(substeps), ctypes.c_double(period),
-                _pointer(z), _pointer(theta), _pointer(state), _pointer(flat),
+                pointer(z), pointer(theta), pointer(state), pointer(flat),
             )  # fmt: skip
         if not self.wrt:
             return flat
@@ -151,11 +150,7 @@ class Kernel:
         return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
-def _pointer(array: np.ndarray) -> Any:
-    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
-
-
-def _with_sensitivities(part: Part, wrt: tuple[str, ...]) -> tuple[ca.Function, ca.Function]:
+def _with_sensitivities(part: Part, wrt: Names) -> tuple[ca.Function, ca.Function]:
     """Return observe and rates for the state with its sensitivities appended, columns by parameter.
 
     Runge-Kutta steps of the variational equation are the derivatives of the Runge-Kutta steps.
@@ -188,16 +183,10 @@ def _hoisted(rates: ca.Function) -> tuple[ca.Function, ca.Function, ca.Function]
     x, z, theta, period, fraction = (
         ca.SX.sym(name, rates.size1_in(i)) for i, name in enumerate(("x", "z", "theta", "period", "f"))
     )
-    inner, held, by_sample = _extracted(rates(x, z, theta, period, fraction), ca.vertcat(z, theta, period))
-    outer, fixed, by_theta = _extracted(by_sample, ca.vertcat(theta, period))
+    inner, held, by_sample = taken_out(rates(x, z, theta, period, fraction), ca.vertcat(z, theta, period))
+    outer, fixed, by_theta = taken_out(by_sample, ca.vertcat(theta, period))
     return (
         ca.Function("orthosis_rates", [x, z, theta, period, fraction, held], [inner]),
         ca.Function("orthosis_held", [z, theta, period, fixed], [outer]),
         ca.Function("orthosis_fixed", [theta, period], [by_theta]),
     )
-
-
-def _extracted(expression: ca.SX, symbols: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Return the expression with what depends on `symbols` alone taken out, its names, its values."""
-    inner, names, values = ca.extract_parametric(expression, symbols)
-    return ca.densify(inner), ca.vertcat(*names), ca.densify(ca.vertcat(*values))

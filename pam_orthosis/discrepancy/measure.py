@@ -8,14 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pam_orthosis.discrepancy.expected import Samples
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.problem import Problem
-from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.system import Names, System, Values
 
 # a gap that exceeds the noise floor by less than this share says nothing about closure
 LEAST_EXCESS = 0.03
 OVERALL = "overall"
+# (serial of a run, channel) -> one value a scored sample
+Samples = Mapping[tuple[int, str], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -36,9 +37,7 @@ def gap(problem: Problem, model: Fit, judged: Samples | None = None) -> Gap:
     return gap_at(problem, model.effects, model.values, judged)
 
 
-def gap_at(
-    problem: Problem, effects: tuple[str, ...], values: Mapping[str, float], judged: Samples | None = None
-) -> Gap:
+def gap_at(problem: Problem, effects: Names, values: Values, judged: Samples | None = None) -> Gap:
     """Return the gap between recordings and a model with given values; `judged` as for `gap`."""
     units, white = {}, {}
     for equation in problem.system.equations:

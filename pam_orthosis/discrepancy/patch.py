@@ -12,8 +12,8 @@ import yaml
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.files import write_text
+from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import BELIEF, load
-from pam_orthosis.model.rules import MUSCLES
 from pam_orthosis.reading import read_yaml
 
 HEADING = "# Model of the gap workflow: overrides by dotted key, for `--model` and `parameters.load`.\n"
@@ -42,8 +42,12 @@ def write(path: Path, changed: Mapping[str, Any]) -> None:
     write_text(path, text(changed))
 
 
-def read(path: Path) -> dict[str, Any]:
+def read(path: Path, machine: Machine | None = None) -> dict[str, Any]:
     """Return the overrides of a model file: dotted keys, nested sections, or rows as in `config/muscle.yaml`.
+
+    Args:
+        path: of the file.
+        machine: of another file than the shipped ones, whose parameters these are.
 
     Raises:
         OrthosisError: missing, malformed, not a mapping, or a value that its parameter cannot have.
@@ -51,7 +55,10 @@ def read(path: Path) -> dict[str, Any]:
     content = read_yaml(path) or {}
     if not isinstance(content, dict):
         raise OrthosisError(f"{path} is not a mapping of parameters to values")
-    known, rows = load(), {}
+    known, rows = load(machine=machine), {}
+    muscles = {name for name, _ in known.muscle.items()}
+    # a file of `identify` has the rows of config/muscle.yaml
+    content = {f"muscle.{key}" if key in muscles else key: value for key, value in content.items()}
     with naming(path):
         for key, value in _flat("", content):
             if key in rows:
@@ -60,13 +67,13 @@ def read(path: Path) -> dict[str, Any]:
     return rows
 
 
-def read_belief(path: Path) -> dict[str, Any]:
-    """Return the overrides of a file that tells what controllers believe, a plan included.
+def read_belief(path: Path, machine: Machine | None = None) -> dict[str, Any]:
+    """Return the overrides of a file that tells what controllers believe, a plan included; see `read`.
 
     Raises:
         OrthosisError: as `read`; it has a parameter that is no belief: of the hardware, or of the run.
     """
-    changed = read(path)
+    changed = read(path, machine)
     for key in changed:
         if not key.startswith((*BELIEVED, PLANNED)):
             raise OrthosisError(f"{path}: {key} is nothing that controllers believe; give it by --param")
@@ -75,9 +82,7 @@ def read_belief(path: Path) -> dict[str, Any]:
 
 def _flat(prefix: str, node: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     for key, value in node.items():
-        if not prefix and key in MUSCLES:  # a file of `identify`, whose rows are those of config/muscle.yaml
-            yield from _flat("muscle.", {key: value})
-        elif isinstance(value, dict) and value.keys() >= ROW:
+        if isinstance(value, dict) and value.keys() >= ROW:
             yield f"{prefix}{key}", value["value"]
         elif isinstance(value, dict):
             yield from _flat(f"{prefix}{key}.", value)

@@ -11,7 +11,7 @@ import numpy as np
 
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.run import Run
-from pam_orthosis.discrepancy.system import Equation
+from pam_orthosis.discrepancy.system import Equation, Names, Values
 from pam_orthosis.discrepancy.together import THREADS
 from pam_orthosis.discrepancy.whitening import Whitener
 
@@ -42,7 +42,7 @@ class Block:
 
     residual: np.ndarray
     slopes: np.ndarray
-    names: tuple[str, ...]
+    names: Names
     weight: float = 1.0
 
 
@@ -53,14 +53,14 @@ class Problem:
         self,
         replay: Replay,
         scored: Sequence[Scored],
-        weights: Mapping[str, float] | None = None,
+        weights: Values | None = None,
         shown: Mapping[str, np.ndarray] | None = None,
     ):
         self.replay, self.system, self.scored = replay, replay.system, list(scored)
         self.weights = dict(weights or {equation.name: 1.0 for equation in self.system.equations})
         self._shown = dict(shown or {})
 
-    def weighted(self, weights: Mapping[str, float]) -> Problem:
+    def weighted(self, weights: Values) -> Problem:
         """Return the same problem with other weights of the equations' residuals."""
         return Problem(self.replay, self.scored, weights, self._shown)
 
@@ -68,13 +68,11 @@ class Problem:
         """Return the same problem with some samples only: equation -> choice (n,) of its row of residuals."""
         return Problem(self.replay, self.scored, self.weights, samples)
 
-    def residual(
-        self, equation: Equation, effects: tuple[str, ...], values: Mapping[str, float]
-    ) -> np.ndarray:
+    def residual(self, equation: Equation, effects: Names, values: Values) -> np.ndarray:
         """Return the whitened residuals of one equation, all runs and channels in one row."""
         return self._joined(equation, [self._whitened(equation, one, effects, values) for one in self.scored])
 
-    def residuals(self, effects: tuple[str, ...], values: Mapping[str, float]) -> dict[str, np.ndarray]:
+    def residuals(self, effects: Names, values: Values) -> dict[str, np.ndarray]:
         """Return the whitened residuals of all equations."""
         tasks = [(equation, one) for equation in self.system.equations for one in self.scored]
         pieces = list(_POOL.map(lambda t: self._whitened(t[0], t[1], effects, values), tasks))
@@ -93,9 +91,7 @@ class Problem:
             yield one, row[start:end].reshape(count, one.samples, *row.shape[1:])
             start = end
 
-    def blocks(
-        self, effects: tuple[str, ...], values: Mapping[str, float], names: tuple[str, ...]
-    ) -> dict[str, Block]:
+    def blocks(self, effects: Names, values: Values, names: Names) -> dict[str, Block]:
         """Return residuals and derivatives by those of `names` that matter, of every equation."""
         tasks = [(equation, one) for equation in self.system.equations for one in self.scored]
         pieces = list(_POOL.map(lambda t: self._linearised(t[0], t[1], effects, values, names), tasks))
@@ -116,9 +112,7 @@ class Problem:
         whole = np.concatenate(pieces)
         return whole[self._shown[equation.name]] if equation.name in self._shown else whole
 
-    def _whitened(
-        self, equation: Equation, one: Scored, effects: tuple[str, ...], values: Mapping[str, float]
-    ) -> list[np.ndarray]:
+    def _whitened(self, equation: Equation, one: Scored, effects: Names, values: Values) -> list[np.ndarray]:
         """Return whitened residuals, one entry a channel, of one run."""
         raw = self.replay.residuals(one.run, equation, effects, values)
         return [one.white(c, raw[:, i]) for i, c in enumerate(equation.channels)]
@@ -130,12 +124,7 @@ class Problem:
         )
 
     def _linearised(
-        self,
-        equation: Equation,
-        one: Scored,
-        effects: tuple[str, ...],
-        values: Mapping[str, float],
-        names: tuple[str, ...],
+        self, equation: Equation, one: Scored, effects: Names, values: Values, names: Names
     ) -> tuple[list[np.ndarray], list[np.ndarray], tuple[str, ...]]:
         """Return whitened residuals and derivatives, one entry a channel, of one run."""
         lagging = self._lagging(equation, effects) & set(names)
@@ -153,11 +142,11 @@ class Problem:
         ]
         return [w[:, 0] for w in white], [w[:, 1:] for w in white], (*relevant, *sorted(lagging))
 
-    def total(self, effects: tuple[str, ...], values: Mapping[str, float]) -> float:
+    def total(self, effects: Names, values: Values) -> float:
         """Return the squared whitened residuals of all equations."""
         return sum_of_squares(self.residuals(effects, values))
 
-    def _lagging(self, equation: Equation, effects: tuple[str, ...]) -> set[str]:
+    def _lagging(self, equation: Equation, effects: Names) -> set[str]:
         """Return parameters that shift what an equation sees in time: differentiated by differences."""
         return {
             f"{name}.{q.name}"

@@ -10,9 +10,10 @@ from itertools import product
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from pam_orthosis.discrepancy.fit import Fit
+from pam_orthosis.discrepancy.fit import Fit, scaled_slopes
 from pam_orthosis.discrepancy.free import WIDE, with_scales
-from pam_orthosis.discrepancy.problem import Block, Problem
+from pam_orthosis.discrepancy.problem import Problem
+from pam_orthosis.discrepancy.system import Values
 
 SHAPE_SCALES = (0.05, 0.3, 1.0)  # of the shape corrections' priors: how good may the maps be?
 
@@ -28,7 +29,7 @@ class Level:
         occam: what the assumption costs: twice the log of the ratio of prior and posterior volumes.
     """
 
-    scales: Mapping[str, float]
+    scales: Values
     weight: np.ndarray
     centre: np.ndarray
     factor: tuple[np.ndarray, bool]
@@ -58,10 +59,9 @@ class Projection:
 
     def __init__(self, problem: Problem, base: Fit):
         self.problem, self.base = problem, base
-        self._index = {one.name: i for i, one in enumerate(base.free)}
         self._scale = np.array([one.scale for one in base.free])
         self.position = np.array([base.values[one.name] / one.scale for one in base.free])
-        self._matrices = {name: self._scaled(block) for name, block in base.blocks.items()}
+        self._matrices = {name: scaled_slopes(block, base.free) for name, block in base.blocks.items()}
         self._squares = {name: float(np.sum(b.residual**2)) for name, b in base.blocks.items()}
         self._unchanged = {name: self.correlated(name, b.residual) for name, b in base.blocks.items()}
         self._data_hessian = np.zeros((len(self._scale), len(self._scale)))
@@ -77,14 +77,15 @@ class Projection:
         options = [(WIDE,) if name in self.base.effects else SHAPE_SCALES for name in shapes]
         return [dict(zip(shapes, chosen, strict=True)) for chosen in product(*options)]
 
-    def level(self, scales: Mapping[str, float]) -> Level:
+    def level(self, scales: Values) -> Level:
         """Return what the scales of the shape corrections' priors make of the base."""
         own = with_scales(self.problem.system, self.base.free, scales)
         weight = np.array([one.scale / one.sd for one in own])
         centre = np.array([one.centre / one.scale for one in own])
         hessian = self._data_hessian + np.diag(weight**2)
         factor = cho_factor(hessian + 1e-9 * np.diag(np.diag(hessian)))
-        occam = 2 * float(np.sum(np.log(np.diag(factor[0])))) - _log_weights(weight)
+        priors = 2 * float(np.sum(np.log(weight[weight > 0])))
+        occam = 2 * float(np.sum(np.log(np.diag(factor[0])))) - priors
         return Level(scales, weight, centre, factor, occam)
 
     def correlated(self, equation: str, columns: np.ndarray) -> np.ndarray:
@@ -93,12 +94,6 @@ class Projection:
         out = np.zeros((len(self._scale), *columns.shape[1:]))
         out[place] = matrix @ columns
         return out
-
-    def _scaled(self, block: Block) -> tuple[np.ndarray, np.ndarray]:
-        """Return the derivatives by the scaled ordinary parameters, transposed, and their places."""
-        kept = [i for i, name in enumerate(block.names) if name in self._index]
-        place = np.array([self._index[block.names[i]] for i in kept], dtype=int)
-        return np.ascontiguousarray((block.slopes[:, kept] * self._scale[place]).T), place
 
     def stuck(self, level: Level) -> np.ndarray:
         """Return the gradient that the base's own fit could not follow to its end.
@@ -145,8 +140,3 @@ class Projection:
     def values(self, position: np.ndarray) -> dict[str, float]:
         """Return the ordinary parameters at a scaled position."""
         return {one.name: float(x * one.scale) for one, x in zip(self.base.free, position, strict=True)}
-
-
-def _log_weights(weight: np.ndarray) -> float:
-    """Return the log determinant of the priors that there are."""
-    return 2 * float(np.sum(np.log(weight[weight > 0])))

@@ -12,14 +12,13 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from pam_orthosis.discrepancy.candidates import Candidate, candidate, secant_gain
+from pam_orthosis.discrepancy.candidates import Candidate, Trial, candidate, secant_gain
 from pam_orthosis.discrepancy.fit import Fit, fit, score
 from pam_orthosis.discrepancy.free import of_effect
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.system import Equation
 from pam_orthosis.discrepancy.together import together
-from pam_orthosis.discrepancy.trial import Trial
 
 SILENT = 0.5  # whitened samples: by how much a silent effect may change them
 AROUND = 0.1  # s, on both sides of a sample, in which it must be silent too
@@ -90,9 +89,9 @@ def _around(problem: Problem, equation: Equation, row: np.ndarray) -> np.ndarray
 
 def _seconds(problem: Problem, shown: Mapping[str, np.ndarray]) -> float:
     """Return the time that is shown in the equation that has least of it."""
-    return min(_seconds_of(problem, e, shown[e.name]) for e in problem.system.equations)
-
-
-def _seconds_of(problem: Problem, equation: Equation, shown: np.ndarray) -> float:
-    seconds = sum(one.run.period * float(part.sum()) for one, part in problem.by_run(equation, shown))
-    return seconds / len(equation.channels)
+    seconds = [
+        sum(one.run.period * float(part.sum()) for one, part in problem.by_run(e, shown[e.name]))
+        / len(e.channels)
+        for e in problem.system.equations
+    ]
+    return min(seconds)

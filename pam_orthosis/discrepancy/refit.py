@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from pam_orthosis.discrepancy.candidates import Candidate
 from pam_orthosis.discrepancy.fit import Fit, fit_tempered, score
@@ -11,24 +11,22 @@ from pam_orthosis.discrepancy.free import free_parameters, ordinary, scales_of, 
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.replay import Replay
-from pam_orthosis.discrepancy.system import System
-from pam_orthosis.progress import Progress, silent
+from pam_orthosis.discrepancy.system import System, Values
+from pam_orthosis.progress import Progress
 
 LEFT_OVER = 1.3  # power density over noise that an effect leaves: its details are refined
 
 
-def recalibrated(
-    problem: Problem, tell: Progress = silent, present: tuple[str, ...] = ()
-) -> tuple[Problem, Fit]:
+def recalibrated(problem: Problem, tell: Progress) -> tuple[Problem, Fit]:
     """Return the weighted problem and the model with its ordinary parameters fitted within tolerances."""
-    free = free_parameters(problem.system, present)
+    free = ordinary(problem.system)
     tell("recalibrating the nuisance parameters within their tolerances")
-    start = problem.replay.defaults(present)
-    fits = [fit_tempered(problem, present, one, free) for one in (start, *_from_simpler(problem, start))]
+    start = problem.replay.defaults(())
+    fits = [fit_tempered(problem, (), one, free) for one in (start, *_from_simpler(problem, start))]
     return at_best_level(*_better(problem, fits))
 
 
-def _from_simpler(problem: Problem, start: Mapping[str, float]) -> list[dict[str, float]]:
+def _from_simpler(problem: Problem, start: Values) -> list[dict[str, float]]:
     """Return where the ordinary parameters lie for the model without the effects that it has already.
 
     Friction makes a model stick: from parameters that are off it may not find back.

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-# SPDX-License-Identifier: Apache-2.0
 """Replay of recordings by a system's model with chosen effects on; residuals and their derivatives."""
 
 from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable
 from dataclasses import replace
 from threading import Lock
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
@@ -17,7 +17,7 @@ import numpy as np
 from pam_orthosis.discrepancy.cut import Part, cut, divided
 from pam_orthosis.discrepancy.kernel import Kernel
 from pam_orthosis.discrepancy.run import Run, Shift
-from pam_orthosis.discrepancy.system import Assembled, Equation, System
+from pam_orthosis.discrepancy.system import Assembled, Equation, Names, System, Values
 
 STEP_TIMES_RATE = 1.4  # longest Runge-Kutta step times the fastest eigenvalue (stable up to 2.78)
 MOST_SUBSTEPS = 64
@@ -42,7 +42,7 @@ class Replay:
         effects = system.bare().catalogue.values()  # those that the model has already among them
         self._scales = {n: s for one in effects for n, s in zip(one.states, one.scales, strict=True)}
 
-    def defaults(self, effects: tuple[str, ...]) -> dict[str, float]:
+    def defaults(self, effects: Names) -> dict[str, float]:
         """Return all parameters at their neutral or typical values: calibrations, shapes, effects."""
         values = {one.name: 0.0 for one in self.system.calibrations}
         values.update(
@@ -65,19 +65,12 @@ class Replay:
             )
         return self._touched[effect]
 
-    def residuals(
-        self, run: Run, equation: Equation, effects: tuple[str, ...], values: Mapping[str, float]
-    ) -> np.ndarray:
+    def residuals(self, run: Run, equation: Equation, effects: Names, values: Values) -> np.ndarray:
         """Return recorded minus predicted, (n, channels of the equation)."""
         return self._evaluate(run, equation, effects, values, ())
 
     def sensitivities(
-        self,
-        run: Run,
-        equation: Equation,
-        effects: tuple[str, ...],
-        values: Mapping[str, float],
-        wrt: tuple[str, ...],
+        self, run: Run, equation: Equation, effects: Names, values: Values, wrt: Names
     ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
         """Return residuals (n, c), their derivatives (n, c, k), and the k parameters of `wrt` that matter.
 
@@ -107,16 +100,11 @@ class Replay:
             return equation.name in self.touched(name)
         if effect.advance is None:
             return False
-        typical = _Values({q.name: q.typical for q in effect.parameters})
+        typical = SimpleNamespace(**{q.name: q.typical for q in effect.parameters})
         return len(equation.channels) == 1 or not set(equation.channels) & set(effect.advance(typical))
 
     def _evaluate(
-        self,
-        run: Run,
-        equation: Equation,
-        effects: tuple[str, ...],
-        values: Mapping[str, float],
-        wrt: tuple[str, ...],
+        self, run: Run, equation: Equation, effects: Names, values: Values, wrt: Names
     ) -> np.ndarray:
         """Return residuals (n, channels), with `wrt` (n, channels, 1 + len(wrt)): the derivatives behind."""
         parts, shift = self._parts_of(equation, effects), self._shift(equation, effects, values)
@@ -137,13 +125,7 @@ class Replay:
         return joined
 
     def _evaluate_part(
-        self,
-        run: Run,
-        equation: Equation,
-        part: Part,
-        values: Mapping[str, float],
-        shift: Shift,
-        wrt: tuple[str, ...],
+        self, run: Run, equation: Equation, part: Part, values: Values, shift: Shift, wrt: Names
     ) -> np.ndarray:
         theta = np.array([values[name] for name in part.parameters])
         key = (run.serial, part.channels, part.parameters, wrt, theta.tobytes(), shift.key())
@@ -169,7 +151,7 @@ class Replay:
             self._data[key] = run.data(equation, self._nominal)
         return self._data[key]
 
-    def _shift(self, equation: Equation, effects: tuple[str, ...], values: Mapping[str, float]) -> Shift:
+    def _shift(self, equation: Equation, effects: Names, values: Values) -> Shift:
         advance: dict[str, float] = {}
         own, late = 0.0, self.system.late
         for name in effects:
@@ -184,18 +166,18 @@ class Replay:
                     advance[channel] = advance.get(channel, 0.0) + seconds
         return Shift(own, own + late, advance)
 
-    def _own_values(self, name: str, values: Mapping[str, float]) -> _Values:
+    def _own_values(self, name: str, values: Values) -> SimpleNamespace:
         parameters = self.system.catalogue[name].parameters
-        return _Values({q.name: values[f"{name}.{q.name}"] for q in parameters})
+        return SimpleNamespace(**{q.name: values[f"{name}.{q.name}"] for q in parameters})
 
-    def _parts_of(self, equation: Equation, effects: tuple[str, ...]) -> tuple[Part, ...]:
+    def _parts_of(self, equation: Equation, effects: Names) -> tuple[Part, ...]:
         """Return the parts of an equation that do not feel each other."""
         others = sorted(set(effects) - set(self.system.shapes))
         shifts = bool(self.system.late) or any(self.shifts(name, equation) for name in others)
         kept = [n for n in others if equation.name in self.touched(n) and not self.shifts(n, equation)]
         return self._cut(equation, (*self.system.shapes, *kept), shifts)
 
-    def _cut(self, equation: Equation, effects: tuple[str, ...], late: bool = False) -> tuple[Part, ...]:
+    def _cut(self, equation: Equation, effects: Names, late: bool = False) -> tuple[Part, ...]:
         key = (equation.name, effects, late)
         if key not in self._parts:
             with _CASADI:
@@ -204,7 +186,7 @@ class Replay:
                 self._parts[key] = tuple(cut(self.system, whole, static, piece, late) for piece in pieces)
         return self._parts[key]
 
-    def _assembled(self, effects: tuple[str, ...]) -> tuple[Assembled, Assembled]:
+    def _assembled(self, effects: Names) -> tuple[Assembled, Assembled]:
         """Return the assembly with effects on, and the same without lagging sensors."""
         if self._latest is None or self._latest[0] != effects:
             whole = static = self.system.assemble(effects)
@@ -214,7 +196,7 @@ class Replay:
             self._latest = effects, whole, static
         return self._latest[1], self._latest[2]
 
-    def _kernel(self, part: Part, wrt: tuple[str, ...]) -> Kernel:
+    def _kernel(self, part: Part, wrt: Names) -> Kernel:
         key = (part.channels, part.parameters, wrt, part.late)
         if key not in self._kernels:
             with _CASADI:
@@ -241,13 +223,6 @@ class Replay:
 
 def _parameters(parts: tuple[Part, ...]) -> set[str]:
     return {name for part in parts for name in part.parameters}
-
-
-class _Values:
-    """Values by attribute, as an effect's functions want them."""
-
-    def __init__(self, values: Mapping[str, float]):
-        self.__dict__.update(values)
 
 
 def _with_theta_of(whole: Assembled, rest: Assembled) -> Assembled:

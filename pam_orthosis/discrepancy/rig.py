@@ -3,48 +3,33 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import partial
+from collections.abc import Mapping
 from pathlib import Path
 
-import casadi as ca
-
 from pam_orthosis.bag.read import run_record
-from pam_orthosis.discrepancy.data import Recording, from_bag, is_table
-from pam_orthosis.discrepancy.system import Assembled, Calibration, Channel, Equation, System
+from pam_orthosis.discrepancy.data import Recording, from_bag
+from pam_orthosis.discrepancy.machine_system import Symbols, View, from_rows, machine_system
+from pam_orthosis.discrepancy.system import Channel, System
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model import orthosis, rig
-from pam_orthosis.model.effects.base import enabled
-from pam_orthosis.model.parameters import Section
-from pam_orthosis.model.rig_effects import RIG_CATALOGUE, at_rig
+from pam_orthosis.model.deviations import DEVIATIONS, GAS
+from pam_orthosis.model.machine import Machine
+from pam_orthosis.model.machines import KNEE
+from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.rig import with_specimen
+from pam_orthosis.model.signals import Expression, Signals
 from pam_orthosis.model.specimens import SPECIMENS
+from pam_orthosis.tables import is_table
 
-# tolerance -> believed parameters that it multiplies, beside those of the muscles
-MULTIPLIES = {
-    "carriage_mass": "rig.carriage_mass",
-    "conductance": "valve.conductance",
-    "critical_ratio": "valve.critical_ratio",
-    "polytropic_exponent": "valve.polytropic_exponent",
-    "supply_pressure": "valve.supply_pressure",
-    "hose_volume": "valve.hose.volume",
+# those of each actuator's valve and pressure sensor
+OF_ACTUATORS = {
+    "closed_voltage": "standard deviation of the {} valve's mid position",
+    "pressure_offset": "standard deviation of the {} sensor's offset",
 }
-# of the knee's tolerances, those of gas, valves and pressure sensors
-SHARED_TOLERANCES = (
-    "conductance", "critical_ratio", "polytropic_exponent", "supply_pressure", "hose_volume",
-    "extensor_closed_voltage", "flexor_closed_voltage", "extensor_pressure_offset", "flexor_pressure_offset",
-)  # fmt: skip
-# keys of the belief that recordings share
-APPARATUS = (
-    "muscle.",
-    "valve.",
-    "rig.effects.",
-    "rig.carriage_mass",
-    "rig.position_offset",
-    "rig.supply_pressure",
-)
+# keys of the nominal model that recordings share
+OF_RIG = ("effects.", "carriage_mass", "position_offset", "supply_pressure")
+APPARATUS = ("muscle.", "valve.", *(f"rig.{name}" for name in OF_RIG))
 POSITION, FORCE = "rig_position", "rig_force"
-PRESSURES = {"extensor": "rig_pressure", "flexor": "rig_positioner_pressure"}
-VOLTAGES = ("rig_voltage", "rig_positioner_voltage")
+PRESSURES = {"specimen": "rig_pressure", "positioner": "rig_positioner_pressure"}
 CHANNELS = (
     Channel(POSITION, "position", "m", "mm", 1e3),
     Channel(FORCE, None, "N", "N", 1.0),
@@ -53,34 +38,54 @@ CHANNELS = (
 UNFIT_TESTS = {"decay": "the MAS-40 is unhooked in a free decay"}
 
 
-def test_rig(parameters, specimen: str) -> System:
-    """Return the rig as the belief describes it; `plant` is not read.
+def test_rig(parameters: Parameters, specimen: str) -> System:
+    """Return the rig as its parameters describe it; `plant` is not read.
 
     Args:
         parameters: the tree; effects that `rig.effects.*` switches on belong to the nominal model.
         specimen: the investigated muscle, one of `model.specimens.SPECIMENS`.
     """
-    belief = rig.at_rig(parameters).only("muscle", "valve", "rig", "gap")
-    present = enabled(belief.rig.effects)
-    return System(
-        name=f"test rig with a {specimen}",
+    return machine_system(with_specimen(specimen), parameters, _view)
+
+
+def _view(machine: Machine, nominal: Parameters) -> View:
+    investigated, positioner = (one.parameters for one in machine.actuators)
+    replay = nominal.gap.rig.replay
+    return View(
+        title=f"test rig with a {investigated.removeprefix('muscle.')}",
+        equation="carriage",
         channels=CHANNELS,
-        inputs=VOLTAGES,
-        derived={"velocity": "position"},
-        equations=_equations(belief.gap),
-        calibrations=_calibrations(belief),
-        catalogue={name: effect for name, effect in _catalogue().items() if name not in present},
-        assemble=lambda effects: _assemble(belief, specimen, effects),
-        needs=dict.fromkeys(("gas", "valve", "supply"), VOLTAGES),
-        equation_names={"torque": "carriage"},
-        branch="rig.effects",
-        input_period="rig.control_period",
-        simpler={name: partial(_without, parameters, name, specimen) for name in present},
+        inputs=("rig_voltage", "rig_positioner_voltage"),
+        calibrations=from_rows(nominal, *_tolerances(machine, nominal)),
+        # Eq. (8) neglects the positioner's damping: what it has is all deviation
+        multiplied={
+            **DEVIATIONS,
+            "carriage_mass": ("rig.carriage_mass",),
+            "specimen_damping": (f"{investigated}.force.damping",),
+        },
+        added={"position_offset": "rig.position_offset", "positioner_damping": f"{positioner}.force.damping"},
+        gains=(replay.position_gain, replay.velocity_gain),
+        learns=False,
+        beside=_load_cell,
     )
 
 
-def _without(parameters, effect: str, specimen: str) -> System:
-    return test_rig(parameters.changed({f"rig.effects.{effect}.enabled": False}), specimen)
+def _tolerances(machine: Machine, nominal: Parameters) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the keys of the rows of all tolerances, and what those of actuators mean."""
+    keys = {name: f"gap.rig.tolerance.{name}" for name, _ in nominal.gap.rig.tolerance.items()}
+    keys |= {name: f"gap.tolerance.{name}" for name in GAS}
+    meanings = {}
+    for kind, meaning in OF_ACTUATORS.items():
+        for known, name in zip(KNEE.names, machine.names, strict=True):
+            keys[f"{name}_{kind}"] = f"gap.tolerance.{known}_{kind}"
+            meanings[f"{name}_{kind}"] = meaning.format(name)
+    return keys, meanings
+
+
+def _load_cell(s: Signals, symbols: Symbols) -> Mapping[str, Expression]:
+    """Return what the load cell shows."""
+    tension = s.actuators["specimen"].tension
+    return {FORCE: (1 + symbols["load_cell_scale"]) * tension + symbols["load_cell_offset"]}
 
 
 def recording(path: Path, system: System, namespace: str = "") -> Recording:
@@ -101,93 +106,3 @@ def specimen_of(path: Path) -> str | None:
         return None
     specimen = run_record(path).get("specimen")
     return specimen if specimen in SPECIMENS else None
-
-
-def _catalogue():
-    """Return the rig's effects with the rig's channels in place of the signals they lag behind."""
-    channels = {at_rig(f"{muscle}_pressure"): name for muscle, name in PRESSURES.items()}
-
-    def told(effect):
-        if effect.advance is None:
-            return replace(effect, coordinate=channels.get(effect.coordinate, effect.coordinate))
-        return replace(effect, advance=lambda p: {channels[k]: v for k, v in effect.advance(p).items()})
-
-    return {name: told(effect) for name, effect in RIG_CATALOGUE.items()}
-
-
-def _equations(settings) -> tuple[Equation, ...]:
-    observer = settings.rig.replay
-    motion = {POSITION: {"position": observer.position_gain, "velocity": observer.velocity_gain}}
-    gas = {name: {f"{m}_pressure": settings.replay.pressure_gain} for m, name in PRESSURES.items()}
-    return (
-        Equation("carriage", ("position", "velocity"), (POSITION, FORCE), motion, stiff=True),
-        Equation(
-            "gas", tuple(f"{m}_pressure" for m in PRESSURES), tuple(PRESSURES.values()), gas, stiff=True
-        ),
-    )
-
-
-def _calibrations(belief) -> tuple[Calibration, ...]:
-    keys = [f"gap.rig.tolerance.{name}" for name, _ in belief.gap.rig.tolerance.items()]
-    keys += [f"gap.tolerance.{name}" for name in SHARED_TOLERANCES]
-    rows = [belief.row(key) for key in keys]
-    names = [at_rig(row.key.rsplit(".", 1)[1]) for row in rows]
-    return tuple(
-        Calibration(name, row.value, row.unit, at_rig(row.meaning))
-        for name, row in zip(names, rows, strict=True)
-    )
-
-
-def _assemble(belief, specimen: str, effects: tuple[str, ...]) -> Assembled:
-    names = [one.name for one in _calibrations(belief)]
-    own = [f"{name}.{q.name}" for name in effects for q in RIG_CATALOGUE[name].parameters]
-    theta = ca.SX.sym("theta", len(names) + len(own))
-    symbols = dict(zip([*names, *own], ca.vertsplit(theta), strict=True))
-    assembly = rig.assembled(_hardware(belief, specimen, effects, symbols))
-    u = ca.SX.sym("u", 2)
-    volts = [u[i] + symbols[at_rig(f"{m}_closed_voltage")] for i, m in enumerate(orthosis.MUSCLES)]
-    inputs = ca.vertcat(*volts, *[0] * (len(rig.INPUTS) - 2))  # no weight, no hand
-    measured = _measured(assembly.signals, symbols)
-    rates, *seen = ca.substitute([assembly.rates, *measured.values()], [assembly.u], [inputs])
-    told = dict(zip(measured, seen, strict=True))
-    time = ca.SX.sym("time")
-    return Assembled(assembly.states, assembly.x, u, time, theta, (*names, *own), rates, told)
-
-
-def _measured(s, symbols) -> dict[str, ca.SX]:
-    """Return what the sensors show: channel -> expression."""
-    force = (1 + symbols["load_cell_scale"]) * s.extensor_tension + symbols["load_cell_offset"]
-    pressures = {
-        name: getattr(s, f"measured_{m}_pressure") + symbols[at_rig(f"{m}_pressure_offset")]
-        for m, name in PRESSURES.items()
-    }
-    return {POSITION: s.position, FORCE: force, **pressures}
-
-
-def _hardware(belief, specimen: str, effects, symbols) -> rig.RigHardware:
-    values = belief.flat()
-    deviating = {key: values[key] * (1 + symbols[name]) for name, key in MULTIPLIES.items()}
-    deviating["rig.position_offset"] = values["rig.position_offset"] + symbols["position_offset"]
-    true = belief.substituted(deviating)
-    muscles = {"extensor": getattr(true.muscle, specimen), "flexor": true.muscle.mas_40}
-    settings = dict(belief.rig.effects.items())
-    for name in effects:
-        own = {q.name: symbols[f"{name}.{q.name}"] for q in RIG_CATALOGUE[name].parameters}
-        settings[name] = Section(f"rig.effects.{name}", {"enabled": True, **own})
-    return rig.RigHardware(
-        rig=true.rig,
-        valve=true.valve,
-        muscles=muscles,
-        damping={
-            "extensor": muscles["extensor"].force.damping * (1 + symbols["specimen_damping"]),
-            "flexor": muscles["flexor"].force.damping + symbols["positioner_damping"],
-        },
-        laws={m: _law(one, symbols[at_rig(f"{m}_force")]) for m, one in muscles.items()},
-        effects=Section("rig.effects", settings),
-        catalogue=RIG_CATALOGUE,
-    )
-
-
-def _law(m, deviation) -> orthosis.MuscleLaw:
-    law = orthosis.polynomial_law(m)
-    return orthosis.MuscleLaw(lambda dl, p: (1 + deviation) * law.force(dl, p), law.volume)

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from pam_orthosis.discrepancy.cut import Part
 from pam_orthosis.discrepancy.data import Recording, smoothed
-from pam_orthosis.discrepancy.system import Equation, System
+from pam_orthosis.discrepancy.system import Equation, System, Values
 
 Noise = Mapping[str, np.ndarray]  # channel or input -> samples that are added to it
 _SERIAL = count()
@@ -31,7 +31,7 @@ class Shift:
 
     own: float = 0.0
     inputs: float = 0.0
-    advance: Mapping[str, float] = field(default_factory=dict)
+    advance: Values = field(default_factory=dict)
 
     def key(self) -> tuple[Any, ...]:
         """Return what tells shifts apart."""

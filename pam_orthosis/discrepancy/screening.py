@@ -3,16 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from pam_orthosis.discrepancy.candidates import Candidate, candidate, secant_gain, widened_shape
+from pam_orthosis.discrepancy.candidates import Candidate, Trial, candidate, secant_gain, widened_shape
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.projection import Projection
+from pam_orthosis.discrepancy.system import Values
 from pam_orthosis.discrepancy.together import together
-from pam_orthosis.discrepancy.trial import Trial
 from pam_orthosis.progress import Progress
 
 LEAST_SCREEN = 6.0  # gain of a score test below which a fit is not worth its time
@@ -26,7 +24,7 @@ SECOND_START = 0.3  # of the best start's gain: a second start is tried
 
 
 def fitted_candidates(
-    problem: Problem, base: Fit, most: int, bars: Mapping[str, float], tell: Progress
+    problem: Problem, base: Fit, most: int, bars: Values, tell: Progress
 ) -> tuple[list[Candidate], dict[str, float]]:
     """Return the candidates that a score test lets through, fitted, best evidence first, and all gains.
 
@@ -66,7 +64,7 @@ def _room(problem: Problem, name: str) -> float:
     return max(1 / problem.weights[equation] ** 2 for equation in problem.replay.touched(name))
 
 
-def worth_polishing(problem: Problem, ranked: list[Candidate], bars: Mapping[str, float]) -> list[Candidate]:
+def worth_polishing(problem: Problem, ranked: list[Candidate], bars: Values) -> list[Candidate]:
     """Return the candidates that a full fit may lift over what is asked of them."""
     near = [
         one

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-# SPDX-License-Identifier: Apache-2.0
 """Selection: effects are added one by one while recordings say so, refitted together, and dropped again."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from pam_orthosis.discrepancy import quiet, selection
 from pam_orthosis.discrepancy.confirmation import (
@@ -21,10 +20,11 @@ from pam_orthosis.discrepancy.elimination import eliminate_weak
 from pam_orthosis.discrepancy.fit import Fit, fit, score
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.projection import Projection
-from pam_orthosis.discrepancy.refit import at_best_level, recalibrated, refitted, with_details
+from pam_orthosis.discrepancy.refit import at_best_level, refitted, with_details
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.screening import fitted_candidates, worth_polishing
 from pam_orthosis.discrepancy.selection import Ranking, Selection, Step
+from pam_orthosis.discrepancy.system import Values
 from pam_orthosis.discrepancy.together import together
 from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress, silent
@@ -32,28 +32,18 @@ from pam_orthosis.progress import Progress, silent
 ASKED_IN_SILENCE = 3
 
 
-def search(
-    problem: Problem,
-    held_out: Problem,
-    settings: Section,
-    tell: Progress = silent,
-    present: tuple[str, ...] = (),
-) -> Selection:
-    """Return the effects that recordings ask for, with the fit of all of them together.
-
-    Args:
-        problem: training recordings.
-        held_out: recordings that accept or refuse an effect, never fitted.
-        settings: `gap.evidence`.
-        present: effects to start from.
-    """
-    return extended(*recalibrated(problem, tell, present), held_out, settings, tell)
-
-
 def extended(
     problem: Problem, base: Fit, held_out: Problem, settings: Section, tell: Progress = silent
 ) -> Selection:
-    """Return what the search adds to a recalibrated model; arguments as for `search`."""
+    """Return what the search adds to a recalibrated model, with the fit of all effects together.
+
+    Args:
+        problem: training recordings.
+        base: the model.
+        held_out: recordings that accept or refuse an effect, never fitted.
+        settings: `gap.evidence`.
+        tell: told what is worked on.
+    """
     found = Selection(problem, base, problem, base, present=_earned(problem, base, tell))
     while len(found.final.effects) < settings.effects:
         step = _round(found, held_out, settings, tell)
@@ -121,7 +111,7 @@ def _accepted(
     held_out: Problem,
     able: Sequence[tuple[float, Problem, Fit]],
     told: Ranking,
-    gains: Mapping[str, float],
+    gains: Values,
     blocked: tuple[str, ...] = (),
 ) -> Step:
     """Return the step with the first of some models that held-out recordings confirm, or why none is.

@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from pam_orthosis.discrepancy.candidates import penalty
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.problem import Problem
+from pam_orthosis.discrepancy.system import Values
 from pam_orthosis.model.parameters import Section
 
 Ranking = tuple[tuple[str, float], ...]  # effects with their evidence, best first
@@ -28,7 +28,7 @@ class Step:
     held_out_t: float
     ranked: Ranking
     reason: str
-    gains: Mapping[str, float] = field(default_factory=dict)
+    gains: Values = field(default_factory=dict)
     blocked: tuple[str, ...] = ()
 
 
@@ -54,7 +54,7 @@ class Selection:
     steps: list[Step] = field(default_factory=list)
     evidence: dict[str, float] = field(default_factory=dict)
     entered: dict[str, float] = field(default_factory=dict)
-    alike: dict[str, Mapping[str, float]] = field(default_factory=dict)
+    alike: dict[str, Values] = field(default_factory=dict)
     apart: dict[str, frozenset[str]] = field(default_factory=dict)
     present: dict[str, tuple[float, frozenset[str]]] = field(default_factory=dict)
 
@@ -103,7 +103,7 @@ def larger(found: Selection, name: str, settings: Section) -> frozenset[str]:
 
 
 def blocked(
-    found: Selection, bars: Mapping[str, float], gains: Mapping[str, float], told: Ranking, settings: Section
+    found: Selection, bars: Values, gains: Values, told: Ranking, settings: Section
 ) -> tuple[str, ...]:
     """Return effects that only larger ones keep from being added, the most evident first."""
     system, base = found.problem.system, found.final

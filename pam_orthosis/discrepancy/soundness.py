@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable
+from itertools import chain
 from types import SimpleNamespace
 from typing import Any
 
@@ -81,9 +82,15 @@ def _check_effect(system: System, name: str, effect: Effect) -> None:
         raise OrthosisError(f"{where}: each parameter of a shape correction needs a prior")
     if effect.scales and len(effect.scales) != len(effect.states):
         raise OrthosisError(f"{where}: {len(effect.scales)} scales of {len(effect.states)} states")
-    for start in effect.starts:
-        for key in start:
-            _known(f"{where}: starts", key, [q.name for q in effect.parameters])
+    _check_names(system, where, effect)
+
+
+def _check_names(system: System, where: str, effect: Effect) -> None:
+    own = [q.name for q in effect.parameters]
+    for key in chain(*effect.starts):
+        _known(f"{where}: starts", key, own)
+    for key in effect.periodic or ():
+        _known(f"{where}: periodic", key, own)
     typical = SimpleNamespace(**{q.name: q.typical for q in effect.parameters})
     for channel in effect.advance(typical) if effect.advance else ():
         _known(f"{where}: advance", channel, [one.name for one in system.channels])

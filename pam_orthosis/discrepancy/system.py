@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the gap workflow needs to know of a system: equations, signals, tolerances, catalogue.
 
-The engine knows nothing of knees. A system gives its equations as one assembly of expressions, with
+The engine knows no machine. A system gives its equations as one assembly of expressions, with
 the parameters as symbols; the engine cuts it into equations that are driven by recorded neighbours.
 """
 
@@ -10,10 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeAlias
 
 import casadi as ca
 
 from pam_orthosis.model.effects.base import Effect
+
+Names: TypeAlias = tuple[str, ...]
+Values: TypeAlias = Mapping[str, float]  # parameter -> value
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from pam_orthosis.discrepancy.candidates import penalty
+from pam_orthosis.discrepancy.candidates import Trial, penalty
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.problem import Block, Problem
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.together import together
-from pam_orthosis.discrepancy.trial import Trial
 from pam_orthosis.progress import Progress, silent
 
 ALIKE = 0.95  # cosine of two signatures above which they are one

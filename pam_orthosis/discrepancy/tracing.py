@@ -24,8 +24,8 @@ TIME = "time"
 Added = Sequence[Mapping[str, Any]]
 
 
-class Values:
-    """Values by attribute; a name that is not there is refused with those that are."""
+class Attributes:
+    """Attributes by attribute; a name that is not there is refused with those that are."""
 
     def __init__(self, what: str, values: Mapping[str, Any]):
         self.__dict__.update(_what=what, _values=dict(values))
@@ -41,7 +41,7 @@ class Values:
         return name in self._values
 
 
-class Signals(Values):
+class Signals(Attributes):
     """Signals by attribute; what is assigned gets what effects add to it.
 
     Args:
@@ -103,7 +103,7 @@ class Traced:
         known |= {one.name: self.u[i] for i, one in enumerate(model.inputs)} | {TIME: self.time}
         signals = Signals(known, self._entering)
         values = {one.name: one.value + self._symbols.get(one.name, 0.0) for one in model.parameters}
-        self.rates = dict(model.equations(signals, Values("parameter", values)))
+        self.rates = dict(model.equations(signals, Attributes("parameter", values)))
         _check_keys("rates that the equations return", model.states, self.rates)
         for channel in model.channels:
             if f"measured_{channel.name}" not in signals:
@@ -125,7 +125,7 @@ class Traced:
             if one.stage == stage:
                 values = {q.name: self._symbols[f"{one.name}.{q.name}"] for q in one.parameters}
                 own = tuple(self._of_state[state] for state in one.states)
-                told: Any = one.expression(signals, Values("parameter", values), own)
+                told: Any = one.expression(signals, Attributes("parameter", values), own)
                 contribution = told if isinstance(told, Contribution) else Contribution({stage: told})
                 self._effect_rates[one.name] = contribution.rates
                 added.append(contribution.add)

@@ -17,6 +17,7 @@ from scipy.signal import welch
 
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.run import Run
+from pam_orthosis.discrepancy.system import Names, Values
 
 DRAWS = 5
 NEIGHBOURS = 5  # frequencies that are averaged above the lowest ones
@@ -69,9 +70,9 @@ def _upper_power(residual: np.ndarray, period: float) -> float:
 def noise_whitener(
     replay: Replay,
     run: Run,
-    effects: tuple[str, ...],
-    values: Mapping[str, float],
-    noise: Mapping[str, float],
+    effects: Names,
+    values: Values,
+    noise: Values,
     cutoff: float,
     warm_up: int,
     seed: int = 0,

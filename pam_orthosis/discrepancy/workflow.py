@@ -1,5 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-# SPDX-License-Identifier: Apache-2.0
 """The gap workflow: check, replay, find where, name, add, show."""
 
 from __future__ import annotations

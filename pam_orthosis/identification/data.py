@@ -9,24 +9,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy import signal
 
-from pam_orthosis.bag.read import (
-    Bag,
-    aligned,
-    read_bag,
-    recorded_parameters,
-    run_record,
-)
+from pam_orthosis.bag.read import Bag, aligned, read_bag, recorded_parameters, run_record
 from pam_orthosis.bag.record import METADATA_FILE
 from pam_orthosis.bag.sources import check_once
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.table import read_table
-from pam_orthosis.model.muscle import composed_volume
+from pam_orthosis.model.components.muscle import composed_volume
+from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import Parameters, load
+from pam_orthosis.model.specimens import SPECIMENS, specimens_of
 from pam_orthosis.progress import Progress, counted, silent
 from pam_orthosis.tables import is_table
 
@@ -92,11 +89,31 @@ class Volumes:
     volume: np.ndarray
 
 
+class Bench(NamedTuple):
+    """Where it is measured: parameters of rig and muscles, and which muscles there are."""
+
+    parameters: Parameters
+    specimens: tuple[str, ...] = SPECIMENS
+
+
+def bench_of(machine: Machine | None = None) -> Bench:
+    """Return the shipped test rig; with a machine, its muscles and what its file says of muscles and valves.
+
+    Raises:
+        OrthosisError: it has no muscle.
+    """
+    if machine is None:
+        return Bench(load())
+    own = {key: value for key, value in machine.values.items() if key.startswith(("muscle.", "valve."))}
+    return Bench(load(own), specimens_of(machine))
+
+
 @dataclass(frozen=True)
 class Data:
     """All data of one muscle; `specimen` is its section in config/, `length` its nominal length, m."""
 
     specimen: str
+    parameters: Parameters
     length: float
     samples: Samples
     static: bool
@@ -109,14 +126,16 @@ def read_data(
     specimen: str | None = None,
     length: float | None = None,
     progress: Progress = silent,
+    bench: Bench | None = None,
 ) -> Data:
     """Read rig bags and tables, or folders of them, of one muscle.
 
     Args:
         paths: bags, `.csv` tables, or folders that hold some.
-        specimen: section of `config/muscle.yaml`; None: as bags or file names say.
+        specimen: section of `config/muscle.yaml`; None: as bags or file names say, or the only one.
         length: nominal length of a table's muscle, m; None: that of the specimen's measured map.
         progress: told of each bag and table.
+        bench: where it was measured (the shipped test rig).
 
     Raises:
         OrthosisError: nothing usable there, data of several muscles or of another one than `specimen`, the
@@ -124,11 +143,11 @@ def read_data(
     """
     bags, tables = _sources(paths)
     runs = {path: run_record(path) for path in bags}
-    specimen = specimen or _one_specimen(runs, tables)
+    parameters, specimens = bench or bench_of()
+    specimen = specimen or _one_specimen(runs, tables, specimens)
     _check_specimen(runs, specimen)
-    parameters = load()
-    if not hasattr(parameters.muscle, specimen):
-        raise OrthosisError(f"no muscle {specimen}; config/muscle.yaml has dmsp_20, dmsp_10")
+    if specimen not in specimens:
+        raise OrthosisError(f"no muscle {specimen} here; there are: {', '.join(specimens)}")
     lengths = {_bag_length(path, run, specimen, parameters) for path, run in runs.items()}
     lengths |= {length or getattr(parameters.muscle, specimen).geometry.map_length} if tables else set()
     if len(lengths) > 1:
@@ -145,10 +164,13 @@ def read_data(
             volumes.append(_volumes(path, specimen, parameters))
         else:
             samples.append(_bag_samples(path, serial, parameters))
-    samples += [_table_samples(path, nominal) for path in counted(tables, progress, "reading tables")]
+    samples += [
+        _table_samples(path, nominal, parameters) for path in counted(tables, progress, "reading tables")
+    ]
     if not samples:
         raise OrthosisError("no force measurement among the data: give bags of `rig` or a table")
-    return Data(specimen, nominal, _joined(Samples, samples), not bags, decays, _joined(Volumes, volumes))
+    volume = _joined(Volumes, volumes)
+    return Data(specimen, parameters, nominal, _joined(Samples, samples), not bags, decays, volume)
 
 
 def _sources(paths: Iterable[Path]) -> tuple[list[Path], list[Path]]:
@@ -170,11 +192,13 @@ def _is_bag(path: Path) -> bool:
     return path.suffix in (".mcap", ".db3") or (path / METADATA_FILE).exists()
 
 
-def _one_specimen(runs, tables: Sequence[Path]) -> str:
+def _one_specimen(runs, tables: Sequence[Path], specimens: Sequence[str]) -> str:
     names = {run["specimen"] for run in runs.values() if "specimen" in run}
     for path in tables:
         plain = path.stem.lower().replace("_", "").replace("-", "")
-        names |= {name for name in ("dmsp_20", "dmsp_10") if name.replace("_", "") in plain}
+        names |= {name for name in specimens if name.replace("_", "") in plain}
+    if not names and len(specimens) == 1:
+        return specimens[0]
     if not names:
         raise OrthosisError("the data do not name their muscle: give --muscle")
     if len(names) > 1:
@@ -229,8 +253,8 @@ def _bag_samples(path: Path, serial: int, parameters: Parameters) -> Samples:
     return whole.where(kept)
 
 
-def _table_samples(path: Path, length: float) -> Samples:
-    table = read_table(path)
+def _table_samples(path: Path, length: float, parameters: Parameters) -> Samples:
+    table = read_table(path, parameters.valve.ambient_pressure)
     contraction = table.contraction if table.contraction is not None else length - table.length
     zero = np.zeros(len(table.force))
     if (
@@ -279,10 +303,10 @@ def _volumes(path: Path, specimen: str, parameters: Parameters) -> Volumes:
     return Volumes(pressure - _value(bag, "valve.ambient_pressure", parameters), position, volume)
 
 
-def differentiated(position: np.ndarray, stamps: np.ndarray, order: int = 1) -> np.ndarray:
+def differentiated(position: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     """Return the velocity of evenly stamped positions by local least squares, per second."""
     period = float(np.median(np.diff(stamps))) / SECOND_NS
-    return signal.savgol_filter(position, DERIVATIVE_SAMPLES, order + 1, deriv=order, delta=period)
+    return signal.savgol_filter(position, DERIVATIVE_SAMPLES, 2, deriv=1, delta=period)
 
 
 def _joined(kind, parts: list):

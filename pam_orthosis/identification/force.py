@@ -19,7 +19,7 @@ from scipy import fft, stats
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.data import Samples
-from pam_orthosis.model.muscle import polynomial
+from pam_orthosis.model.components.muscle import polynomial
 from pam_orthosis.progress import Progress, counted, silent
 
 RANK_TOLERANCE = 1.0e-9  # of a singular value, relative to the largest (columns of equal norm)

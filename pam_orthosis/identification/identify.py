@@ -138,9 +138,10 @@ def identify(
         by_length = leave_one_out(training, lengths, lambda s: fit_force(s, d, degrees), progress)
     box = _box(training)
     progress("fitting the volume")
+    degree = len(data.parameters.at(f"muscle.{data.specimen}.volume.v")) - 1
     return Identified(
         data, training, data.samples.where(judged), force, decay,
-        fit_volume(data.volumes, data.specimen) if data.volumes else None,
+        fit_volume(data.volumes, degree) if data.volumes else None,
         by_length, box, _stiff(force, box), damping,
     )  # fmt: skip
 

@@ -13,7 +13,7 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import write_text
 from pam_orthosis.identification.edit import replaced
 from pam_orthosis.identification.identify import Identified
-from pam_orthosis.model.parameters import Row, load
+from pam_orthosis.model.rows import Row
 from pam_orthosis.reading import read_text
 
 # the lowest pressure is no finding: the force is linear in the pressure
@@ -48,14 +48,16 @@ def check(found: Identified) -> None:
         OrthosisError: a value leaves its bounds or contradicts the muscle's geometry.
     """
     try:
-        load({f"muscle.{found.data.specimen}.{key}": value for key, value in values(found).items()})
+        found.data.parameters.changed(
+            {f"muscle.{found.data.specimen}.{key}": value for key, value in values(found).items()}
+        )
     except OrthosisError as error:
         raise OrthosisError(f"the data give no possible muscle; check their units: {error}") from None
 
 
 def as_yaml(found: Identified, source: str) -> str:
     """Return the rows as YAML in the layout of `config/muscle.yaml`, checked against its bounds."""
-    parameters = load()
+    parameters = found.data.parameters
     tree: dict[str, Any] = {}
     for key, value in values(found).items():
         row = parameters.row(f"muscle.{found.data.specimen}.{key}").with_value(value)
@@ -73,7 +75,7 @@ def update(file: Path, found: Identified, source: str) -> None:
     Raises:
         OrthosisError: the file cannot be read or has not all of the rows.
     """
-    parameters = load()
+    parameters = found.data.parameters
     muscle, fields = found.data.specimen, {}
     for key, value in values(found).items():
         parameters.row(f"muscle.{muscle}.{key}").with_value(value)

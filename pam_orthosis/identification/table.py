@@ -15,21 +15,19 @@ from typing import NamedTuple
 import numpy as np
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model.parameters import load
 from pam_orthosis.reading import shown
 from pam_orthosis.tables import read_numbers
 
-AMBIENT = "ambient"  # what an absolute pressure is reduced by: `valve.ambient_pressure`
-# column -> quantity, factor to SI, what is taken off
+# column -> quantity, factor to SI, whether it counts from vacuum
 COLUMNS = {
-    **{f"p_{u}_gauge": ("pressure", f, None) for u, f in (("Pa", 1.0), ("kPa", 1e3), ("bar", 1e5))},
-    **{f"p_{u}_abs": ("pressure", f, AMBIENT) for u, f in (("Pa", 1.0), ("kPa", 1e3), ("bar", 1e5))},
-    **{f"L_{u}": ("length", f, None) for u, f in (("m", 1.0), ("mm", 1e-3))},
-    **{f"dL_{u}": ("contraction", f, None) for u, f in (("m", 1.0), ("mm", 1e-3))},
-    **{f"F_{u}": ("force", f, None) for u, f in (("N", 1.0), ("kN", 1e3))},
-    **{f"sigma_F_{u}": ("sigma", f, None) for u, f in (("N", 1.0), ("kN", 1e3))},
-    **{f"v_{u}": ("rate", f, None) for u, f in (("m_s", 1.0), ("mm_s", 1e-3))},
-    "slack": ("slack", 1.0, None),
+    **{f"p_{u}_gauge": ("pressure", f, False) for u, f in (("Pa", 1.0), ("kPa", 1e3), ("bar", 1e5))},
+    **{f"p_{u}_abs": ("pressure", f, True) for u, f in (("Pa", 1.0), ("kPa", 1e3), ("bar", 1e5))},
+    **{f"L_{u}": ("length", f, False) for u, f in (("m", 1.0), ("mm", 1e-3))},
+    **{f"dL_{u}": ("contraction", f, False) for u, f in (("m", 1.0), ("mm", 1e-3))},
+    **{f"F_{u}": ("force", f, False) for u, f in (("N", 1.0), ("kN", 1e3))},
+    **{f"sigma_F_{u}": ("sigma", f, False) for u, f in (("N", 1.0), ("kN", 1e3))},
+    **{f"v_{u}": ("rate", f, False) for u, f in (("m_s", 1.0), ("mm_s", 1e-3))},
+    "slack": ("slack", 1.0, False),
 }
 # what a column in the right unit cannot exceed
 PLAUSIBLE = {
@@ -54,8 +52,10 @@ class Table(NamedTuple):
     rate: np.ndarray | None
 
 
-def read_table(path: Path) -> Table:
-    """Read a table; rows marked slack are left out, but a force-free end (F = 0) is kept.
+def read_table(path: Path, ambient: float) -> Table:
+    """Read a table; absolute pressures are reduced by the ambient one, Pa.
+
+    Rows marked slack are left out, but a force-free end (F = 0) is kept.
 
     At the highest pressure that still hangs slack a muscle has its force-free length: that row
     carries information, those below do not.
@@ -63,7 +63,7 @@ def read_table(path: Path) -> Table:
     Raises:
         OrthosisError: unreadable, unknown or doubled column, not a number, implausible values.
     """
-    columns = _columns(path)
+    columns = _columns(path, ambient)
     for needed in ("pressure", "force"):
         if needed not in columns:
             raise OrthosisError(f"{path}: no column for the {needed}; name it e.g. {_example(needed)}")
@@ -89,12 +89,11 @@ def _force_free_end(slack: np.ndarray, columns) -> np.ndarray:
     return mark
 
 
-def _columns(path: Path) -> dict[str, np.ndarray]:
+def _columns(path: Path, ambient: float) -> dict[str, np.ndarray]:
     result: dict[str, np.ndarray] = {}
     for name, values in read_numbers(path, partial(_check_names, path)).items():
-        quantity, factor, reduced_by = COLUMNS[name]
-        offset = load().valve.ambient_pressure if reduced_by == AMBIENT else 0.0
-        result[quantity] = factor * values - offset
+        quantity, factor, absolute = COLUMNS[name]
+        result[quantity] = factor * values - (ambient if absolute else 0.0)
     return result
 
 

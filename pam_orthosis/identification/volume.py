@@ -10,11 +10,9 @@ from scipy import optimize, stats
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.data import Volumes
-from pam_orthosis.model.muscle import polynomial
+from pam_orthosis.model.components.muscle import polynomial
 
 PRESSURE_DEGREE = 2
-# degree in the contraction: Eq. (16) and Eq. (17)
-CONTRACTION_DEGREE = {"dmsp_10": 1, "dmsp_20": 2}
 NEAR_CONTRACTION, NEAR_PRESSURE = 1e-3, 2e4  # m, Pa: measuring points that are nearer are one
 RANK_TOLERANCE = 1e-8  # of the largest singular value, columns of equal norm
 
@@ -34,14 +32,15 @@ class VolumeFit:
         return polynomial(self.v, contraction) * polynomial(self.w, pressure)
 
 
-def fit_volume(data: Volumes, specimen: str) -> VolumeFit:
+def fit_volume(data: Volumes, degree: int) -> VolumeFit:
     """Fit the product of polynomials; its scale goes to v, so that w_0 = 1.
+
+    `degree` is that in the contraction: 1 in Eq. (16), 2 in Eq. (17).
 
     Raises:
         OrthosisError: too few measuring points, pressures or contractions, or points that do not
             identify the coefficients.
     """
-    degree = CONTRACTION_DEGREE[specimen]
     _check_spread("contractions", _apart(data.contraction, NEAR_CONTRACTION), degree)
     _check_spread("pressures", _apart(data.pressure, NEAR_PRESSURE), PRESSURE_DEGREE)
     count = degree + 1 + PRESSURE_DEGREE

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Improve the knee: what the gap workflow learns from its recordings goes into the controllers' model."""
+"""Improve a machine: what the gap workflow learns from its recordings goes into the controllers' model."""

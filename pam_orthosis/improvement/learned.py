@@ -7,22 +7,27 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pam_orthosis.model.deviations import DEVIATIONS
-from pam_orthosis.model.effects import CATALOGUE
-from pam_orthosis.model.orthosis import MUSCLES
+from pam_orthosis.model.effects.base import Effect
+from pam_orthosis.model.machine import Machine
 
-# what a controller cannot invert is not learned: a curve of the valve hides its dead band, whose step the
-# inverse valve model needs
-LEARNABLE = {name: effect for name, effect in CATALOGUE.items() if name != "valve_curve_misfit"}
 DIGITS = 6
 REACH = 0.97  # of a supply pressure: what a controller asks of a muscle at most
-OFFSETS = ("angle", *(f"{muscle}_pressure" for muscle in MUSCLES))
+
+
+def learnable(machine: Machine) -> dict[str, Effect]:
+    """Return the effects of a machine that its controllers can learn.
+
+    What they cannot invert is left out: a curve of the valve hides its dead band, whose step the inverse
+    valve model needs.
+    """
+    return {name: effect for name, effect in machine.catalogue.items() if name != "valve_curve_misfit"}
 
 
 def named(nominal, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
     """Return the overrides that switch effects on with values (`effect.parameter` -> value)."""
     changes: dict[str, Any] = {}
     for name in effects:
-        own = {q.name: values[f"{name}.{q.name}"] for q in CATALOGUE[name].parameters}
+        own = {q.name: values[f"{name}.{q.name}"] for q in nominal.declared.catalogue[name].parameters}
         changes |= _effect(nominal, name, own)
     return changes
 
@@ -38,19 +43,21 @@ def calibrated(nominal, effects: Sequence[str], values: Mapping[str, float]) -> 
     before, changes = nominal.flat(), {}
     for name, keys in DEVIATIONS.items():
         factor = 1 + values.get(name, 0.0)
-        changes |= {key: _within(nominal, key, before[key] * factor) for key in keys if factor != 1}
+        there = [key for key in keys if key in before and factor != 1]
+        changes |= {key: _within(nominal, key, before[key] * factor) for key in there}
 
     def present(effect: str, parameter: str, off: float) -> float:
         if effect in effects:
             return values[f"{effect}.{parameter}"]
         return before[f"effects.{effect}.{parameter}"] if before[f"effects.{effect}.enabled"] else off
 
-    for muscle in MUSCLES:
-        name, factor = f"{muscle}_force_scale", 1 + values[f"{muscle}_force"]
+    machine = nominal.declared
+    for actuator in machine.names:
+        name, factor = f"{actuator}_force_scale", 1 + values[f"{actuator}_force"]
         changes |= _effect(nominal, name, {"scale": factor * present(name, "scale", 1.0)})
-    for channel in OFFSETS:
-        name = f"{channel}_offset"
-        changes |= _effect(nominal, name, {"offset": values[name] + present(name, "offset", 0.0)})
+    for name in (f"{channel}_offset" for channel in machine.channels):
+        if name in machine.catalogue:
+            changes |= _effect(nominal, name, {"offset": values[name] + present(name, "offset", 0.0)})
     return changes | _limits(nominal, changes) | _shapes(nominal, effects, values)
 
 
@@ -64,7 +71,7 @@ def _limits(nominal, changes: Mapping[str, Any]) -> dict[str, Any]:
 def _shapes(nominal, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
     """Return the corrections of static maps that are no effect in their own right."""
     changes: dict[str, Any] = {}
-    for name, effect in LEARNABLE.items():
+    for name, effect in learnable(nominal.declared).items():
         own = {q.name: values.get(f"{name}.{q.name}") for q in effect.parameters}
         if effect.shape and name not in effects and None not in own.values():
             changes |= _effect(nominal, name, own)

@@ -8,14 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pam_orthosis.bag.simulated import record_run
 from pam_orthosis.bag.verdict import Verdict, judge
+from pam_orthosis.discrepancy.apparatus import apparatus_of
 from pam_orthosis.discrepancy.data import from_bag
-from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.verdict import as_dict
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.files import placed
 from pam_orthosis.improvement import learned
-from pam_orthosis.improvement.experiments import Experiment, experiments, record
+from pam_orthosis.improvement.experiments import Experiment, experiments
 from pam_orthosis.improvement.resumed import Found, read_found, write_found
 from pam_orthosis.model.parameters import BELIEF, Parameters
 from pam_orthosis.model.plant import with_belief
@@ -27,20 +28,20 @@ SHARE_KEY, SHARE = "gap.evidence.share", 0.01
 
 @dataclass(frozen=True)
 class Tracking:
-    """How the knee follows with one nominal model: the verdict of each bag."""
+    """How the machine follows with one nominal model: the verdict of each bag."""
 
     bags: tuple[Path, ...]
     verdicts: tuple[Verdict, ...]
 
     @property
     def largest(self) -> float:
-        """Largest error of the worst run, deg."""
-        return max(v.max_abs_error_deg for v in self.verdicts)
+        """Largest error of the worst run, in the verdicts' unit."""
+        return max(v.max_abs_error for v in self.verdicts)
 
     @property
     def rms(self) -> float:
-        """RMS error of the worst run, deg."""
-        return max(v.rms_error_deg for v in self.verdicts)
+        """RMS error of the worst run, in the verdicts' unit."""
+        return max(v.rms_error for v in self.verdicts)
 
     @property
     def variation(self) -> float:
@@ -49,9 +50,10 @@ class Tracking:
 
     def as_dict(self) -> dict[str, float]:
         """Return the figures."""
+        unit = self.verdicts[0].unit
         return {
-            "max_abs_error_deg": self.largest,
-            "rms_error_deg": self.rms,
+            f"max_abs_error_{unit}": self.largest,
+            f"rms_error_{unit}": self.rms,
             "voltage_variation_per_s": self.variation,
         }
 
@@ -122,7 +124,7 @@ def improve(
         model = {**known, **learned.calibrated(nominal, found.effects, found.values), **effects}
         after = judged(with_belief(parameters, model), scenario, place, seeds, progress)
         kept = after.largest < last.tracking.largest
-        words = "kept" if kept else "the knee follows no better: not kept"
+        words = "kept" if kept else f"the {parameters.declared.name} follows no better: not kept"
         rounds.append(Round(number, found, kept, after, model if kept else last.model, words))
         if not kept:
             break
@@ -155,16 +157,17 @@ def _record_once(parameters: Parameters, seed: int, scenario: str, bag: Path) ->
     """Record a bag, unless it is there: it appears whole or not at all."""
     if not bag.exists():
         with placed(bag) as unfinished:
-            record(parameters, seed, scenario, unfinished)
+            record_run(parameters.changed({"scenario.seed": seed}), scenario, unfinished)
 
 
 def find_effects(parameters: Parameters, bags: Bags, progress: Progress) -> Found:
     """Return what the gap workflow finds in the bags; `parameters` is the nominal model and `gap`.
 
     Effects count here whether or not they close enough of the gap to be called its explanation, and beside
-    larger ones in the same equation sooner than there: the knee judges them by how it follows.
+    larger ones in the same equation sooner than there: the machine judges them by how it follows.
     """
-    system = knee(parameters, learned.LEARNABLE)
+    machine = parameters.declared
+    system = apparatus_of([bag for _, bag in bags.values()]).system(parameters, learned.learnable(machine))
     training, held_out = (
         [from_bag(bag, system) for experiment, bag in bags.values() if experiment.held_out == unseen]
         for unseen in (False, True)

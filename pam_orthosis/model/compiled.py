@@ -16,9 +16,11 @@ import tempfile
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
+import numpy.typing as npt
 
 # contraction into fused multiply-add would make results differ between processors; the others change none:
 # a source's own functions are put in place, and nobody asks for `errno` or for what the arithmetic signals
@@ -49,13 +51,13 @@ class Compiled:
         inputs = [np.zeros(function.sparsity_in(i).shape, order="F") for i in range(function.n_in())]
         outputs = [np.zeros(function.sparsity_out(i).shape, order="F") for i in range(function.n_out())]
         for i, array in enumerate(inputs):
-            self._buffer.set_arg(i, memoryview(array))
+            self._buffer.set_arg(i, array.data)  # type: ignore[call-arg]  # the stub asks for its size
         for i, array in enumerate(outputs):
-            self._buffer.set_res(i, memoryview(array))
+            self._buffer.set_res(i, array.data)  # type: ignore[call-arg]
         self.inputs = [array.reshape(-1, order="F") for array in inputs]
         self.outputs = [array.reshape(-1, order="F") for array in outputs]
 
-    def __call__(self, *arguments) -> list[np.ndarray]:
+    def __call__(self, *arguments: npt.ArrayLike) -> list[npt.NDArray[np.float64]]:
         """Evaluate; returns flat arrays that the next call overwrites."""
         for target, argument in zip(self.inputs, arguments, strict=True):
             target[:] = argument
@@ -63,16 +65,25 @@ class Compiled:
         return self.outputs
 
 
+def pointer(array: npt.NDArray[Any]) -> ctypes.c_void_p:
+    """Return where an array begins, for machine code."""
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def taken_out(expression: ca.SX, symbols: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Return the expression with what depends on `symbols` alone taken out, its names, its values."""
+    inner, names, values = ca.extract_parametric(expression, symbols)
+    return ca.densify(inner), ca.vertcat(*names), ca.densify(ca.vertcat(*values))
+
+
 class Distrusted(Exception):
     """A cache of machine code that others can write to, or that cannot run: the message says why."""
 
 
-def compiled(function: ca.Function, use_compiler: bool = True) -> Compiled:
+def compiled(function: ca.Function) -> Compiled:
     """Return the function as machine code if gcc or cc is there, else on CasADi's virtual machine."""
-    library = _library(function) if use_compiler else None
-    if library is None:
-        return Compiled(function)
-    return Compiled(ca.external(function.name(), str(library)))
+    library = _library(function)
+    return Compiled(function if library is None else ca.external(function.name(), str(library)))
 
 
 def loads(library: Path) -> bool:

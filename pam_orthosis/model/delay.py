@@ -10,19 +10,23 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 
+from pam_orthosis.model.rows import Section
+
 NANOSECONDS = 1e9
 
 
-def computing_ns(parameters) -> int:
+def computing_ns(parameters: Section) -> int:
     """Return the time from a sample to the voltage that answers it, where nothing measures it, ns."""
-    return round(parameters.plant.delay.computing * NANOSECONDS)
+    nanoseconds: int = round(parameters.plant.delay.computing * NANOSECONDS)
+    return nanoseconds
 
 
-def line_ns(parameters) -> int:
+def line_ns(parameters: Section) -> int:
     """Return the time from a voltage that comes to its flow into the muscle, ns."""
     delay = parameters.plant.delay
     travel = delay.hose_length * delay.hose_per_metre
-    return round((delay.converter + delay.valve + travel) * NANOSECONDS)
+    nanoseconds: int = round((delay.converter + delay.valve + travel) * NANOSECONDS)
+    return nanoseconds
 
 
 class Line:

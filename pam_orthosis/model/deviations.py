@@ -13,3 +13,4 @@ DEVIATIONS = {
     "hose_volume": ("valve.hose.volume",),
     "hose_conductance": ("valve.hose.conductance",),
 }
+GAS = ("conductance", "critical_ratio", "polytropic_exponent", "supply_pressure", "hose_volume")

@@ -3,29 +3,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import casadi as ca
 
+from pam_orthosis.model.signals import Expression
 
-def runge_kutta_4(rates, x, step):
+
+def runge_kutta_4(rates: Callable[[Expression], Expression], x: Expression, step: Expression) -> Expression:
     """Return the state after one classical Runge-Kutta step; `rates` maps a state to its rates."""
     k1 = rates(x)
     k2 = rates(x + step / 2 * k1)
     k3 = rates(x + step / 2 * k2)
     k4 = rates(x + step * k3)
     return x + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-
-
-def period_map(name: str, right_hand_side: ca.Function, step: float, steps: int) -> ca.Function:
-    """Return (x, u) -> x after `steps` Runge-Kutta steps with the inputs held."""
-    x = ca.SX.sym("x", right_hand_side.size1_in(0))
-    u = ca.SX.sym("u", right_hand_side.size1_in(1))
-    after = runge_kutta_4(lambda state: right_hand_side(state, u)[0], x, step)
-    one = ca.Function(f"{name}_step", [x, u], [after])
-    if steps == 1:
-        return ca.Function(name, [x, u], [after])
-    start, held = ca.MX.sym("x", x.shape[0]), ca.MX.sym("u", u.shape[0])
-    folded = one.fold(steps)
-    return ca.Function(name, [start, held], [folded(start, ca.repmat(held, 1, steps))])
 
 
 def steps_map(name: str, right_hand_side: ca.Function, steps: int) -> ca.Function:

@@ -8,135 +8,59 @@ The tree has one branch a file of `config/`. The branches `muscle`, `valve`, `le
 
 from __future__ import annotations
 
-import difflib
-import math
-import sys
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.reading import read_yaml, shown
+from pam_orthosis.model.rows import Row, Section, Value
+from pam_orthosis.reading import config_folder, mapping, meant, read_yaml
 
-Value = float | int | bool | str | list
+if TYPE_CHECKING:
+    from pam_orthosis.model.machine import Machine
 
+__all__ = [
+    "BELIEF", "SUBJECTS", "Parameters", "Row", "Section", "Value", "config_folder", "experiments", "load",
+    "scenario_names", "scenario_overrides",
+]  # fmt: skip
 SUBJECTS = ("muscle", "valve", "leg", "control", "rig", "plant", "scenario", "gap")
 # the knee's nodes know no rig; the rig's controllers know these and their rig
-BELIEF = ("muscle", "valve", "leg", "control", "effects", "scenario")
-
-
-@dataclass(frozen=True)
-class Row:
-    """One parameter: dotted key, value, unit, bounds (None where there are none), meaning, source."""
-
-    key: str
-    value: Value
-    unit: str
-    minimum: float | None
-    maximum: float | None
-    meaning: str
-    source: str
-    options: tuple[str, ...] = ()
-
-    def with_value(self, value: Any) -> Row:
-        """Return the row with another value, checked.
-
-        Raises:
-            OrthosisError: wrong type, not finite, out of bounds or not one of the options.
-        """
-        return replace(self, value=self._checked(value))
-
-    def _checked(self, value: Any) -> Value:
-        if isinstance(self.value, list):
-            return self._checked_list(value)
-        if isinstance(self.value, bool) or isinstance(value, bool):
-            return self._same_type(value, bool, "true or false")
-        if isinstance(self.value, str):
-            return self._checked_choice(self._same_type(value, str, "a text"))
-        return self._checked_number(value)
-
-    def _checked_list(self, value: Any) -> list[float]:
-        if not isinstance(value, list) or len(value) != len(self.value):
-            raise OrthosisError(f"{self.key}: give a list of {len(self.value)} numbers, not {shown(value)}")
-        return [self._within(self._finite(item)) for item in value]
-
-    def _checked_choice(self, value: str) -> str:
-        if self.options and value not in self.options:
-            raise OrthosisError(f"{self.key}: {shown(value)} is not one of {', '.join(self.options)}")
-        return value
-
-    def _same_type(self, value: Any, kind: type, words: str) -> Any:
-        if not isinstance(value, kind) or not isinstance(self.value, kind):
-            expected = words if isinstance(self.value, kind) else "a number or text as in config/"
-            raise OrthosisError(f"{self.key}: give {expected}, not {shown(value)}")
-        return value
-
-    def _finite(self, value: Any) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise OrthosisError(f"{self.key}: give a number in {self.unit}, not {shown(value)}")
-        try:
-            number = float(value)
-        except OverflowError:  # a whole number beyond all floating-point ones
-            number = math.inf
-        if 0.0 < abs(number) < sys.float_info.min:
-            raise OrthosisError(f"{self.key}: {shown(value)} is too small a number; give 0 or a larger one")
-        if not math.isfinite(number):
-            raise OrthosisError(f"{self.key}: {shown(value)} is not a finite number")
-        return number
-
-    def _checked_number(self, value: Any) -> float | int:
-        number = self._within(self._finite(value))
-        if isinstance(self.value, int):
-            if number != int(number):
-                raise OrthosisError(f"{self.key}: give a whole number, not {shown(value)}")
-            return int(number)
-        return number
-
-    def _within(self, number: float) -> float:
-        for bound, broken in ((self.minimum, number.__lt__), (self.maximum, number.__gt__)):
-            if bound is not None and broken(bound):
-                raise OrthosisError(
-                    f"{self.key} = {number:g} {self.unit} is outside {self.minimum} .. {self.maximum}"
-                    f" {self.unit}; check its unit"
-                )
-        return number
-
-
-class MissingParameter(AttributeError, OrthosisError):
-    """The tree has no such parameter: a name is wrong, or its row has gone from config/."""
-
-
-class Section:
-    """A branch of the tree, read by attribute: `parameters.leg.shank.length`."""
-
-    def __init__(self, path: str, children: dict[str, Any]):
-        self.__dict__.update(children)
-        self._path = path
-
-    def __getattr__(self, name: str) -> Any:
-        raise MissingParameter(f"no parameter {self._path}.{name}: does its row stand in config/?")
-
-    def items(self) -> Iterable[tuple[str, Any]]:
-        """Pairs of name and value or branch."""
-        return [(k, v) for k, v in self.__dict__.items() if not k.startswith("_")]
+BELIEF = ("muscle", "valve", "leg", "control", "effects", "scenario", "machine")
+# rows of the knee alone, and of knee and rig
+OF_KNEE = (
+    "leg.", "scenario.start_angle", "plant.mounting.", "plant.sensor.angle", "plant.deviation.moving_mass",
+    "plant.deviation.person_mass", "plant.deviation.extensor_force", "plant.deviation.flexor_force",
+)  # fmt: skip
+OF_SHIPPED = (*OF_KNEE, "rig.", "plant.rig.", "plant.effects.", "effects.")
 
 
 class Parameters(Section):
-    """The whole tree, or the part of it that a component may know."""
+    """The whole tree of a machine, or the part of it that a component may know."""
 
-    def __init__(self, rows: Mapping[str, Row], values: Mapping[str, Any] | None = None):
+    def __init__(self, declared: Machine, rows: Mapping[str, Row], values: Mapping[str, Any] | None = None):
+        self._declared = declared
         self._rows = dict(rows)
         self._values = {key: row.value for key, row in rows.items()}
         self._values.update(values or {})
         super().__init__("parameters", _nested(self._values))
+
+    @property
+    def declared(self) -> Machine:
+        """The machine whose parameters these are."""
+        return self._declared
 
     def row(self, key: str) -> Row:
         """Return the row of a dotted key; OrthosisError if there is none."""
         if key not in self._rows:
             raise _unknown(key, self._rows)
         return self._rows[key]
+
+    def at(self, key: str) -> Any:
+        """Return the value or the branch at a dotted key; OrthosisError if there is none."""
+        found: Any = self
+        for step in key.split("."):
+            found = getattr(found, step)
+        return found
 
     def rows(self) -> list[Row]:
         """Return all rows in the order of the files."""
@@ -153,7 +77,7 @@ class Parameters(Section):
     def only(self, *branches: str) -> Parameters:
         """Return the tree with no other branches than these."""
         kept = {k: r for k, r in self._rows.items() if k.split(".", 1)[0] in branches}
-        return Parameters(kept, {k: v for k, v in self._values.items() if k in kept})
+        return Parameters(self._declared, kept, {k: v for k, v in self._values.items() if k in kept})
 
     def belief(self) -> Parameters:
         """Return what controllers and identification may know: no plant."""
@@ -171,14 +95,9 @@ class Parameters(Section):
         """
         from pam_orthosis.model.rules import broken_rules  # --help needs none of them
 
-        rows = dict(self._rows)
-        for key, value in overrides.items():
-            if key not in rows:
-                raise _unknown(key, rows)
-            rows[key] = rows[key].with_value(value)
-        result = Parameters(rows)
+        result = Parameters(self._declared, self._rows | _with_values(self._rows, overrides))
         try:
-            broken = list(broken_rules(result.flat()))
+            broken = list(broken_rules(result.flat(), self._declared))
         except (TypeError, IndexError, KeyError) as error:  # a row in config/ of another kind, or gone
             raise OrthosisError(f"config/: a value is of the wrong kind or missing ({error})") from error
         for message in broken:
@@ -189,16 +108,29 @@ class Parameters(Section):
         """Return the tree with values replaced unchecked, e.g. by CasADi symbols for sensitivities."""
         for key in values:
             self.row(key)
-        return Parameters(self._rows, {**self._values, **values})
+        return Parameters(self._declared, self._rows, {**self._values, **values})
+
+    def symbolic(self, keys: Sequence[str]) -> tuple[Parameters, Any]:
+        """Return the tree with symbols in place of the values of these keys, and the vector of symbols."""
+        import casadi as ca  # takes a second to load
+
+        symbols = ca.SX.sym("live", len(keys))
+        return self.substituted(dict(zip(keys, ca.vertsplit(symbols), strict=True))), symbols
 
 
-def load(overrides: Mapping[str, Any] | None = None) -> Parameters:
-    """Return the shipped parameters with dotted-key overrides.
+def load(overrides: Mapping[str, Any] | None = None, machine: Machine | None = None) -> Parameters:
+    """Return the shipped parameters with dotted-key overrides, or those of a machine of another file.
 
     Raises:
         OrthosisError: unknown key, wrong type, not finite, out of bounds or inconsistent values.
     """
-    return Parameters(_shipped_rows()).changed(overrides or {})
+    from pam_orthosis.model.machines import KNEE  # --help needs none of them
+
+    declared = machine or KNEE
+    rows = _shipped_rows() if declared is KNEE else _rows_for(declared)
+    parameters = Parameters(declared, rows).changed(overrides or {})
+    declared.check(parameters)
+    return parameters
 
 
 def scenario_names() -> dict[str, str]:
@@ -219,65 +151,70 @@ def scenario_overrides(name: str) -> dict[str, Any]:
     return dict(scenarios[name].get("set") or {})
 
 
-def config_folder() -> Path:
-    """Return the folder of the shipped YAML files (installed package, or source tree)."""
-    package = Path(__file__).resolve().parent.parent
-    installed = package / "config"
-    return installed if installed.is_dir() else package.parent / "config"
-
-
 @lru_cache(maxsize=1)
 def _shipped_rows() -> dict[str, Row]:
-    from pam_orthosis.model.effects import CATALOGUE  # the catalogue needs Row's neighbours
-    from pam_orthosis.model.rig_effects import RIG_CATALOGUE
+    from pam_orthosis.model.machines import KNEE, RIG  # --help needs none of them
 
     rows: dict[str, Row] = {}
     for subject in SUBJECTS:
-        file = f"{subject}.yaml"
-        tree = _mapping(read_yaml(config_folder() / file), file)
-        tree = _mapping(tree.get("defaults"), f"defaults in {file}") if subject == "scenario" else tree
+        tree = _subject(subject)
         if subject == "plant":
-            rows.update(_true_effect_rows(tree))
+            of_rig = mapping(tree.get("rig"), "config/: rig in plant.yaml")
+            own = {name: effect for name, effect in RIG.catalogue.items() if effect.of == "translation"}
+            rows.update(_effect_rows("plant.effects", tree.pop("effects", {}), KNEE.catalogue))
+            rows.update(_effect_rows("plant.rig.effects", of_rig.pop("effects", {}), own))
         rows.update(_rows_of(tree, subject))
-    rows.update(_effect_rows("effects", {}, CATALOGUE))
-    rows.update(_effect_rows("rig.effects", {}, RIG_CATALOGUE))
+    rows.update(_effect_rows("effects", {}, KNEE.catalogue))
+    rows.update(_effect_rows("rig.effects", {}, RIG.catalogue))
     return rows
 
 
-def _true_effect_rows(plant: dict[str, Any]) -> dict[str, Row]:
-    """Take the settings of effects out of the plant's tree; return their rows."""
-    from pam_orthosis.model.effects import CATALOGUE
-    from pam_orthosis.model.effects.carriage_friction import RIG_EFFECTS
+def _rows_for(machine: Machine) -> dict[str, Row]:
+    """Return the rows that a machine's file gives itself, and those that all machines share."""
+    effects = machine.catalogue
+    rows = {row.key: row for row in machine.rows}
+    own = OF_KNEE if machine.parameters == "leg" else (f"{machine.parameters}.",)
+    others = tuple(key for key in OF_SHIPPED if key not in own)
+    shared = {key: row for key, row in _shipped_rows().items() if not key.startswith(others)}
+    true = _effect_rows("plant.effects", {}, effects)
+    known = shared | rows | true | _effect_rows(machine.branch, {}, effects)
+    try:
+        return known | _with_values(known, machine.values)
+    except OrthosisError as error:
+        raise OrthosisError(f"values of the machine {machine.name}: {error}") from None
 
-    rows = _effect_rows("plant.effects", plant.pop("effects", {}), CATALOGUE)
-    rig = _mapping(plant.get("rig"), "rig in plant.yaml")
-    return rows | _effect_rows("plant.rig.effects", rig.pop("effects", {}), RIG_EFFECTS)
+
+def _with_values(rows: Mapping[str, Row], values: Mapping[str, Any]) -> dict[str, Row]:
+    """Return the rows of some keys with other values; OrthosisError for an unknown key or unusable value."""
+    if unknown := [key for key in values if key not in rows]:
+        raise _unknown(unknown[0], rows)
+    return {key: rows[key].with_value(value) for key, value in values.items()}
+
+
+def _subject(subject: str) -> dict[str, Any]:
+    tree = mapping(read_yaml(config_folder() / f"{subject}.yaml"), f"config/: {subject}.yaml")
+    return (
+        mapping(tree.get("defaults"), "config/: defaults in scenario.yaml") if subject == "scenario" else tree
+    )
 
 
 @lru_cache(maxsize=1)
-def _scenarios() -> dict[str, dict]:
-    tree = _mapping(read_yaml(config_folder() / "scenario.yaml"), "scenario.yaml")
-    scenarios = _mapping(tree.get("scenarios"), "scenarios in scenario.yaml")
+def _scenarios() -> dict[str, dict[str, Any]]:
+    tree = mapping(read_yaml(config_folder() / "scenario.yaml"), "config/: scenario.yaml")
+    scenarios = mapping(tree.get("scenarios"), "config/: scenarios in scenario.yaml")
     for name, entry in scenarios.items():
-        where = f"scenario {name} in scenario.yaml"
-        if not isinstance(_mapping(entry, where).get("meaning"), str):
+        where = f"config/: scenario {name} in scenario.yaml"
+        if not isinstance(mapping(entry, where).get("meaning"), str):
             raise OrthosisError(f"{where} has no meaning")
-        _mapping(entry.get("set") or {}, f"set of {where}")
+        mapping(entry.get("set") or {}, f"set of {where}")
     return scenarios
-
-
-def _mapping(node: Any, where: str) -> dict[str, Any]:
-    """Return a node of a file of config/ if it is a mapping of names."""
-    if not isinstance(node, dict) or not all(isinstance(key, str) for key in node):
-        raise OrthosisError(f"config/: {where} is not a mapping of names")
-    return node
 
 
 def _rows_of(tree: Mapping[str, Any], prefix: str) -> dict[str, Row]:
     rows: dict[str, Row] = {}
     for name, node in tree.items():
         key = f"{prefix}.{name}"
-        if "value" in _mapping(node, key) and "meaning" in node:
+        if "value" in mapping(node, f"config/: {key}") and "meaning" in node:
             rows[key] = _row(key, node)
         else:
             rows.update(_rows_of(node, key))
@@ -311,7 +248,7 @@ def _check_kinds(key: str, node: Mapping[str, Any]) -> None:
     ]
     if not all(isinstance(number, int | float) and not isinstance(number, bool) for number in numbers):
         raise OrthosisError(f"{key} in config/: value, min and max must be numbers")
-    if not isinstance(node["value"], Value) or not isinstance(node["meaning"], str):
+    if not isinstance(node["value"], float | int | bool | str | list) or not isinstance(node["meaning"], str):
         raise OrthosisError(f"{key} in config/: value or meaning is of the wrong kind")
 
 
@@ -322,13 +259,12 @@ def _effect_rows(
     for effect in catalogue.values():
         for row in effect.rows(prefix):
             rows[row.key] = row
-    for effect_name, settings in _mapping(values, prefix).items():
-        for name, value in _mapping(settings, f"{prefix}.{effect_name}").items():
-            key = f"{prefix}.{effect_name}.{name}"
-            if key not in rows:
-                raise _unknown(key, rows)
-            rows[key] = rows[key].with_value(value)
-    return rows
+    given = {
+        f"{prefix}.{effect}.{name}": value
+        for effect, settings in mapping(values, f"config/: {prefix}").items()
+        for name, value in mapping(settings, f"config/: {prefix}.{effect}").items()
+    }
+    return rows | _with_values(rows, given)
 
 
 def _nested(flat: Mapping[str, Any]) -> dict[str, Any]:
@@ -350,6 +286,4 @@ def _sections(branches: dict[str, Any], path: str) -> dict[str, Any]:
 
 
 def _unknown(key: str, known: Iterable[str]) -> OrthosisError:
-    close = difflib.get_close_matches(key, list(known), n=1, cutoff=0.5)
-    hint = f"; did you mean {close[0]}?" if close else ""
-    return OrthosisError(f"unknown parameter {key}{hint}")
+    return OrthosisError(f"unknown parameter {key}{meant(key, known)}")

@@ -4,59 +4,55 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from operator import itemgetter
+from typing import Any, TypeAlias
 
 import casadi as ca
 import numpy as np
+import numpy.typing as npt
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model import integrate, orthosis
+from pam_orthosis.model import integrate
+from pam_orthosis.model.assembly import Hardware, assemble
 from pam_orthosis.model.compiled import compiled
+from pam_orthosis.model.components import muscle
+from pam_orthosis.model.components.actuator import Actuator
 from pam_orthosis.model.delay import Line, computing_ns, line_ns
 from pam_orthosis.model.deviations import DEVIATIONS
+from pam_orthosis.model.machine import ActuatorOf, Machine
+from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.signals import Expression
 
-BISECTIONS = 60  # until the knee rests
-STILL = 0.1  # rad/s^2 that a knee at rest may have left
+Array: TypeAlias = npt.NDArray[np.float64]
+
+BISECTIONS = 60  # until the machine rests
+STILL = 0.1  # rad/s^2 or m/s^2 that a machine at rest may have left
+# what the truth tells of an actuator -> as what the equations know it
+TRUTH = {
+    "contraction": "contraction", "rate": "rate", "force": "tension", "pressure": "pressure", "flow": "flow",
+}  # fmt: skip
 SAME_FACTOR = 1e-4  # relative difference of two factors that are written with six digits
 
 
-class Measurement(NamedTuple):
-    """One sample of the sensors: knee angle rad, absolute pressures Pa."""
+def true_parameters(parameters: Parameters, branches: tuple[str, ...] = ("",)) -> Parameters:
+    """Return the parameters of the emulated hardware: the belief times its deviations.
 
-    angle: float
-    extensor_pressure: float
-    flexor_pressure: float
-
-
-class Truth(NamedTuple):
-    """The true state: rad, rad/s, N m (external torque on the knee), m, m/s, N, Pa, kg/s."""
-
-    angle: float
-    velocity: float
-    torque: float
-    extensor_contraction: float
-    flexor_contraction: float
-    extensor_rate: float
-    flexor_rate: float
-    extensor_force: float
-    flexor_force: float
-    extensor_pressure: float
-    flexor_pressure: float
-    extensor_flow: float
-    flexor_flow: float
-
-
-def true_parameters(parameters):
-    """Return the parameters of the emulated hardware: the belief times its deviations."""
+    Args:
+        branches: beginnings of the keys that deviate.
+    """
     values = parameters.flat()
-    true = {}
-    for name, keys in DEVIATIONS.items():
-        for key in keys:
-            true[key] = values[key] * values[f"plant.deviation.{name}"]
+    true = {
+        key: values[key] * values[f"plant.deviation.{name}"]
+        for name, keys in DEVIATIONS.items()
+        for key in keys
+        if key in values and key.startswith(branches)
+    }
     return parameters.substituted(true)
 
 
-def with_belief(parameters, changes):
+def with_belief(parameters: Parameters, changes: Mapping[str, Any]) -> Parameters:
     """Return the tree with another belief about the same emulated hardware: deviations make up for it.
 
     Args:
@@ -66,8 +62,11 @@ def with_belief(parameters, changes):
         OrthosisError: unusable values, or a belief so far from the hardware that no deviation reaches it.
     """
     before, after = parameters.flat(), parameters.changed(changes).flat()
+    if own := [key for key in changes if key.startswith("machine.")]:
+        raise OrthosisError(f"{own[0]}: the hardware has it from the machine's file too; change it there")
     deviations = {}
-    for name, keys in DEVIATIONS.items():
+    for name, every in DEVIATIONS.items():
+        keys = [key for key in every if key in before]
         if gone := [key for key in keys if before[key] and not after[key]]:
             raise OrthosisError(f"{gone[0]} = 0: no deviation leads from nothing to the hardware's")
         ratios = [before[key] / after[key] for key in keys if after[key]] or [1.0]
@@ -78,78 +77,85 @@ def with_belief(parameters, changes):
     return parameters.changed({**changes, **deviations})
 
 
-def true_hardware(parameters) -> orthosis.Hardware:
-    """Return what the emulated hardware is built from."""
-    true = true_parameters(parameters)
-    m, plant = true.muscle.dmsp_20, true.plant
-    if plant.muscle_law == "geometric":
-        laws = {
-            name: orthosis.geometric_law(
-                m,
-                getattr(plant.deviation, f"{name}_force"),
-                getattr(plant.mounting, name),
-            )
-            for name in orthosis.MUSCLES
-        }
-    else:
-        laws = dict.fromkeys(orthosis.MUSCLES, orthosis.polynomial_law(m))
-    return orthosis.Hardware(true.leg, m, true.valve, laws, plant.effects)
+def true_hardware(parameters: Parameters) -> Hardware:
+    """Return what the emulated hardware of the parameters' machine is built from."""
+    true, machine = true_parameters(parameters), parameters.declared
+    actuators = {one.name: _true_actuator(one, true) for one in machine.actuators}
+    return Hardware(machine, machine.mechanism(true), true.valve, actuators, true.plant.effects)
+
+
+def _true_actuator(one: ActuatorOf, true: Parameters) -> Actuator:
+    """Return an actuator of the hardware; muscles obey the braid's geometry, or what is believed of them."""
+    if one.kind != "muscle" or true.plant.muscle_law != "geometric":
+        return one.built(true)
+    known = true.flat()
+    keys = ((f"plant.deviation.{one.name}_force", 1.0), (f"plant.mounting.{one.name}", 0.0))
+    force, shortened = (true.at(key) if key in known else default for key, default in keys)
+    return muscle.braid(true.at(one.parameters), force, shortened)
 
 
 class Plant:
-    """Emulated orthosis with sensors, advanced one control period at a time.
+    """Emulated machine with sensors, advanced one control period at a time.
 
     Args:
         parameters: the whole tree, truth included.
         seed: of the sensor noise.
+        machine: what is emulated; None: what the parameters are of.
 
     Raises:
-        OrthosisError: the knee cannot be held at its starting angle with these parameters.
+        OrthosisError: it cannot be held at its start with these parameters.
     """
 
-    def __init__(self, parameters, seed: int = 0):
-        self._p = parameters
-        mass = ca.SX.sym("person_mass")  # an input: the person may change on the way
-        assembly = orthosis.assemble(true_hardware(parameters.substituted({"leg.person.mass": mass})))
+    def __init__(self, parameters: Parameters, seed: int = 0, machine: Machine | None = None):
+        machine = machine or parameters.declared
+        self._p, self.machine = parameters, machine
+        given, live = parameters.symbolic(machine.live)  # inputs: they may change on the way
+        hardware = self._hardware(given)
+        self._assembly = assembly = assemble(hardware)
         self.states = assembly.states
-        inputs = [assembly.x, ca.vertcat(assembly.u, mass)]
+        self._names = (*assembly.states, *machine.outputs)
+        inputs = [assembly.x, ca.vertcat(assembly.u, live)]
         right_hand_side = ca.Function("plant_rates", inputs, ca.cse([assembly.rates, assembly.outputs]))
         self.period_ns = round(parameters.scenario.control_period * 1e9)
         self._grid = np.arange(0, self.period_ns, round(parameters.plant.simulation.step * 1e9))
-        self._steps = len(self._grid) + 1  # a voltage changes within one of them
+        self._computing_ns, line = self._delays_ns()
+        # a voltage that comes late changes within one of the steps
+        self._steps = len(self._grid) + ((self._computing_ns + line) % self.period_ns > 0)
         self._advance = compiled(integrate.steps_map("plant_steps", right_hand_side, self._steps))
         self._outputs = compiled(ca.Function("plant_outputs", inputs, [assembly.outputs]))
         self._noise = np.random.default_rng(seed)
-        closed = parameters.valve.closed_voltage
-        self._held = np.array([closed, closed, 0.0, 0.0, parameters.leg.person.mass])
+        self._sensors = [*_sensors(machine, parameters)]
+        self._measurement, self._truth, self._of_truth = _tuples(machine)
+        closed, count = parameters.valve.closed_voltage, len(machine.actuators)
+        self.lines = tuple(Line(closed, line) for _ in machine.actuators)
+        self._held = np.array([*[closed] * count, *self._external(0.0), 0.0, *self._live_values()])
+        self._own = slice(count, len(machine.inputs))  # of the inputs, those beside the voltages
         self.state, inputs_of_steps, self._lengths = self._advance.inputs
         self._inputs = inputs_of_steps.reshape(self._steps, -1)
-        self._computing_ns = computing_ns(parameters)
-        self.lines = tuple(Line(closed, line_ns(parameters)) for _ in orthosis.MUSCLES)
+        self._whole = np.diff(self._grid, append=self.period_ns) / 1e9  # lengths of a period's steps, s
         self._index = 0
         self._reported: dict[str, float] | None = None
-        self.state[:] = self._resting_state(ca.Function("acceleration", inputs, [assembly.rates[1]]))
+        self.state[:] = self._start(hardware, ca.Function("acceleration", inputs, [assembly.rates[1]]))
 
-    def retune(self, parameters) -> None:
-        """Put a person of another mass into the orthosis, from the next period on."""
-        self._p = parameters
-        self._held[4] = parameters.leg.person.mass
-        self._reported = None
+    def measure(self) -> Any:
+        """Return noisy, quantised sensor readings of the present state, with the names of the channels.
 
-    def measure(self) -> Measurement:
-        """Return noisy, quantised sensor readings of the present state; draws noise once a call."""
-        sensor, noise, y = self._p.plant.sensor, self._noise.standard_normal(3).tolist(), self._report()
-        angle = y["measured_angle"] + sensor.angle_noise * noise[0]
-        pressures = [
-            y[f"measured_{muscle}_pressure"] + sensor.pressure_noise * noise[index]
-            for index, muscle in enumerate(orthosis.MUSCLES, start=1)
-        ]
-        return Measurement(
-            quantised(angle, sensor.angle_resolution),
-            *(quantised(pressure, sensor.pressure_resolution) for pressure in pressures),
-        )
+        It draws noise once a call.
+        """
+        y, drawn = self._report(), self._noise.standard_normal(len(self._sensors)).tolist()
+        shown = zip(self._sensors, drawn, strict=True)
+        return self._measurement(*(quantised(y[name] + noise * d, step) for (name, noise, step), d in shown))
 
-    def advance(self, extensor_voltage: float, flexor_voltage: float) -> None:
+    def truth(self) -> Any:
+        """Return the true state, SI (for the recorder and for tests, never for a controller).
+
+        Coordinate, velocity, effort from outside; then of all actuators contractions, rates, forces,
+        pressures (absolute) and flows.
+        """
+        position, velocity, *others = self._of_truth(self._report())
+        return self._truth(position, velocity, float(self._held[self._own.start]), *others)
+
+    def advance(self, *voltages: float) -> None:
         """Let a control period pass; the voltages answer the sample at its start.
 
         They come when they have been computed, and act when they have gone through converter, valve and hose.
@@ -158,38 +164,77 @@ class Plant:
             OrthosisError: a voltage is not finite.
         """
         at_ns = self.time_ns + self._computing_ns
-        for line, voltage in enumerate((extensor_voltage, flexor_voltage)):
+        for line, voltage in zip(range(len(self.lines)), voltages, strict=True):
             self.take(line, voltage, at_ns)
         self.live_on()
 
     def take(self, line: int, voltage: float, at_ns: int) -> None:
-        """Take a voltage of the extensor's (0) or flexor's (1) valve that comes at an instant of the plant.
+        """Take a voltage of the valve of an actuator (its number) that comes at an instant of the plant.
 
         Raises:
             OrthosisError: a voltage is not finite.
         """
         if not math.isfinite(voltage):
-            raise OrthosisError("the plant was given a valve voltage that is not finite")
+            raise OrthosisError(f"the {self.machine.name} was given a valve voltage that is not finite")
         self.lines[line].put(quantised(voltage, self._p.plant.voltage_resolution), at_ns)
 
     def live_on(self) -> None:
         """Integrate one control period with the voltages that act in it; a step begins where one changes."""
         begin_ns = self.time_ns
         end_ns = begin_ns + self.period_ns
-        self._held[2:4] = self._external_torque(), begin_ns * 1e-9
+        time = begin_ns * 1e-9
+        self._held[self._own] = *self._external(time), time
         coming = {max(instant, begin_ns) for line in self.lines for instant in line.changes(end_ns)}
+        if coming <= {begin_ns}:
+            self._held[: len(self.lines)] = [line.at(begin_ns) for line in self.lines]
+            self._integrate(np.broadcast_to(self._held, self._inputs.shape), self._whole)
+        else:
+            self._live_through(coming, begin_ns)
+        self._index += 1
+        self._reported = None
+
+    def _live_through(self, coming: Collection[int], begin_ns: int) -> None:
+        """Integrate one control period in which voltages change at some instants."""
         starts = np.union1d(self._grid, [instant - begin_ns for instant in coming])
         inputs = np.tile(self._held, (len(starts), 1))
         for instant in sorted(coming):
-            inputs[np.searchsorted(starts, instant - begin_ns) :, :2] = self._acting(instant)
+            acting = [line.at(instant) for line in self.lines]
+            inputs[np.searchsorted(starts, instant - begin_ns) :, : len(acting)] = acting
         lengths = np.diff(starts, append=self.period_ns) / 1e9
         for first in range(0, len(starts), self._steps):
             self._integrate(inputs[first : first + self._steps], lengths[first : first + self._steps])
         self._held[:] = inputs[-1]
-        self._index += 1
+
+    def retune(self, parameters: Parameters) -> None:
+        """Take other values of what may change on the way, from the next period on."""
+        self._p = parameters
+        self._held[self._own.stop :] = self._live_values()
         self._reported = None
 
-    def _integrate(self, inputs: np.ndarray, lengths: np.ndarray) -> None:
+    def signals(self) -> dict[str, float]:
+        """Return states and outputs by name, free of noise (for the recorder, studies and tests)."""
+        return dict(self._report())
+
+    @property
+    def time_ns(self) -> int:
+        """The present instant, ns since the start."""
+        return int(self._index * self.period_ns)
+
+    def _hardware(self, parameters: Parameters) -> Hardware:
+        return true_hardware(parameters)
+
+    def _delays_ns(self) -> tuple[int, int]:
+        """Return how long a voltage is computed and how long it is on its way, ns."""
+        return computing_ns(self._p), line_ns(self._p)
+
+    def _external(self, time: float) -> Sequence[float]:
+        """Return what acts on the mechanism from outside at a time, s."""
+        return (external_torque(self._p, time, math.sin),)
+
+    def _live_values(self) -> list[float]:
+        return [self._p.at(key) for key in self.machine.live]
+
+    def _integrate(self, inputs: Array, lengths: Array) -> None:
         """Take at most as many steps as are compiled, each of its length, s, and under its inputs."""
         self._inputs[: len(inputs)] = inputs
         self._lengths[:] = 0.0
@@ -197,63 +242,63 @@ class Plant:
         self._advance.evaluate()
         self.state[:] = self._advance.outputs[0]
 
-    def truth(self) -> Truth:
-        """Return the true state (for the recorder and for tests, never for a controller)."""
-        y = self._report()
-        q, velocity, pe, pf = self.state[:4].tolist()
-        return Truth(
-            q, velocity, float(self._held[2]),
-            y["extensor_contraction"], y["flexor_contraction"], y["extensor_rate"], y["flexor_rate"],
-            y["extensor_tension"], y["flexor_tension"], pe, pf, y["extensor_flow"], y["flexor_flow"],
-        )  # fmt: skip
-
-    def signals(self) -> dict[str, float]:
-        """Return the states and `orthosis.OUTPUTS` by name, free of noise (for studies and tests)."""
-        return dict(zip(self.states, self.state.tolist(), strict=True)) | self._report()
-
     def _report(self) -> dict[str, float]:
-        """Return the model's outputs by name at the present step, evaluated once a step."""
+        """Return states and outputs by name at the present step, evaluated once a step."""
         if self._reported is None:
-            values = self._outputs(self.state, self._held)[0].tolist()
-            self._reported = dict(zip(orthosis.OUTPUTS, values, strict=True))
+            values = self.state.tolist() + self._outputs(self.state, self._held)[0].tolist()
+            self._reported = dict(zip(self._names, values, strict=True))
         return self._reported
 
-    def _acting(self, instant_ns: int) -> list[float]:
-        return [line.at(instant_ns) for line in self.lines]
-
-    def _external_torque(self) -> float:
-        return external_torque(self._p, self.time_ns * 1e-9, math.sin)
-
-    @property
-    def time_ns(self) -> int:
-        """The present instant, ns since the start."""
-        return self._index * self.period_ns
-
-    def _resting_state(self, accelerate: ca.Function) -> np.ndarray:
-        """Return the state at rest at the starting angle, valves closed, muscles near the mean pressure."""
-        start = self._p.scenario.start_angle
+    def _start(self, hardware: Hardware, accelerate: ca.Function) -> Array:
+        """Return the state at rest at the start, valves closed, pressures near their mean."""
+        start = self._p.at(self.machine.start)
         mean = self._p.control.position.mean_pressure
         x = np.zeros(len(self.states))
-        x[:4] = start, 0.0, mean, mean
-        if self._p.leg.joint.locked:
+        x[0], x[2 : 2 + len(self.lines)] = start, mean
+        if hardware.mechanism.locked:
             return x
+        q = ca.SX.sym("q")
+        pulls = ca.jacobian(ca.vertcat(*hardware.mechanism.contractions(q)), q)
+        signs = np.sign(ca.Function("pulls", [q], [pulls])(start).full()).ravel()
         ambient, supply = self._p.valve.ambient_pressure, self._p.valve.supply_pressure
-        low, high = ambient - mean, supply - mean  # shift of the flexor up, of the extensor down
+        low, high = ambient - mean, supply - mean  # what moves it up is added where an actuator does so
         for _ in range(BISECTIONS):
             shift = 0.5 * (low + high)
-            x[2] = min(max(mean - shift, ambient), supply)
-            x[3] = min(max(mean + shift, ambient), supply)
+            x[2 : 2 + len(signs)] = np.clip(mean + signs * shift, ambient, supply)
             low, high = (shift, high) if float(accelerate(x, self._held)) < 0 else (low, shift)
         if not abs(float(accelerate(x, self._held))) <= STILL:
+            place = f"{self.machine.start} = {start} {self.machine.coordinate.unit}"
             raise OrthosisError(
-                f"the muscles cannot hold the knee at scenario.start_angle = {start} rad:"
-                " choose another angle, a lighter person or a higher supply pressure"
+                f"the actuators cannot hold the {self.machine.name} at {place}: choose another"
+                f" {self.machine.coordinate.name}, a lighter person or load, or a higher supply pressure"
             )
         return x
 
 
-def external_torque(parameters, time, sine=ca.sin):
-    """Return the torque that shakes the knee at a time, N m."""
+def _sensors(machine: Machine, parameters: Parameters) -> Iterator[tuple[str, float, float]]:
+    """Yield the output that each sensor shows, its noise and its step, as the machine's channels."""
+    first, *pressures = (f"measured_{channel}" for channel in machine.channels)
+    noise, step = (parameters.at(f"{machine.sensor}_{end}") for end in ("noise", "resolution"))
+    yield first, noise, step
+    shared = parameters.plant.sensor
+    yield from ((name, shared.pressure_noise, shared.pressure_resolution) for name in pressures)
+
+
+def _tuples(machine: Machine) -> tuple[Any, Any, Callable[[dict[str, float]], tuple[float, ...]]]:
+    """Return the types of a measurement and of the truth, and what takes the latter out of a report."""
+    named: Any = namedtuple  # a type checker cannot know these names
+    shown, known = (
+        [f"{name}_{kind}" for kind in told for name in machine.names] for told in (TRUTH, TRUTH.values())
+    )
+    own = machine.coordinate.name, "velocity"
+    truth = named("Truth", (*own, machine.coordinate.effort, *shown))
+    return named("Measurement", machine.channels), truth, itemgetter(*own, *known)
+
+
+def external_torque(
+    parameters: Parameters, time: Expression, sine: Callable[[Any], Any] = ca.sin
+) -> Expression:
+    """Return the torque that shakes the load at a time, N m."""
     plant = parameters.plant
     return plant.external_torque * sine(2 * math.pi * plant.external_frequency * time)
 

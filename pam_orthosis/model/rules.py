@@ -9,38 +9,37 @@ from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Any
 
+from pam_orthosis.model.components import muscle
+from pam_orthosis.model.machine import Machine
+from pam_orthosis.model.mechanisms import leg
+
 SHAPES = {"gait": "gait", "sine": "sine", "steps": "step"}  # trajectory -> section of its shape
-MUSCLES = ("dmsp_20", "dmsp_10", "mas_40")
 # each chain must be strictly increasing
 ORDERED = (
     ("valve.ambient_pressure", "control.position.minimum_pressure", "control.position.mean_pressure",
      "control.position.maximum_pressure", "valve.supply_pressure"),
     ("valve.minimum_voltage", "valve.closed_voltage", "valve.maximum_voltage"),
-    ("leg.joint.minimum", "leg.joint.maximum"),
     ("scenario.diagnostic.low_angle", "scenario.diagnostic.high_angle"),
     ("scenario.diagnostic.low_mean", "scenario.diagnostic.high_mean"),
-    *(tuple(f"muscle.{m}.box.{end}_contraction" for end in ("minimum", "maximum")) for m in MUSCLES),
+    *leg.ORDERED,
 )  # fmt: skip
 # what any apparatus of this kind has of one size: where one is so many times another, a decimal point slipped
 ALIKE = (
-    ("leg.thigh.length", "leg.shank.length"),
-    ("leg.thigh.mass", "leg.shank.mass"),
-    ("leg.thigh.width", "leg.shank.width"),
+    *leg.ALIKE,
     ("control.position.c1", "control.position.c2"),
     ("gap.tolerance.extensor_force", "gap.tolerance.flexor_force"),
     ("gap.tolerance.extensor_closed_voltage", "gap.tolerance.flexor_closed_voltage"),
     ("gap.tolerance.extensor_pressure_offset", "gap.tolerance.flexor_pressure_offset"),
 )
 SLIP = 8.0
-BRAID_SHARE = (0.3, 5.0)  # what identified coefficients and the braid's geometry differ by at most
 PHASES = 60
 LEAST_DELAY = 5.0e-4  # s, of a Pade approximation: its states have less than a quarter of it
 LONGEST_PERIOD = 0.05  # s, of the position controller: as long as a control period may be
-FARTHEST_PLAN = 0.35  # rad: beyond it guards would take the knee for one that does not follow
+FARTHEST_PLAN = 0.35  # rad: beyond it guards would take the joint for one that does not follow
 
 
-def broken_rules(values: Mapping[str, Any]) -> Iterator[str]:
-    """Yield one sentence for each broken rule among the values that are there."""
+def broken_rules(values: Mapping[str, Any], machine: Machine) -> Iterator[str]:
+    """Yield one sentence for each broken rule among the values that are there, those of a machine."""
     for chain in ORDERED:
         known = [key for key in chain if key in values]
         for low, high in pairwise(known):
@@ -48,14 +47,14 @@ def broken_rules(values: Mapping[str, Any]) -> Iterator[str]:
                 yield f"{low} = {values[low]} must be below {high} = {values[high]}"
     for group in ALIKE:
         yield from _alike(values, group)
-    for name in MUSCLES:
-        yield from _braid_rule(values, f"muscle.{name}")
+    yield from muscle.broken_rules(values)
     yield from _period_rule(values)
     yield from _every_rule(values)
     yield from _duration_rule(values)
     yield from _step_rule(values)
-    yield from _linkage_rule(values)
-    yield from _reach_rule(values)
+    yield from leg.broken_rules(values)
+    if machine.start.startswith("scenario."):  # the scenarios are its own
+        yield from out_of_reach(values, machine)
     yield from _plan_rule(values)
     yield from _delay_rule(values)
 
@@ -74,7 +73,7 @@ def _period_rule(values: Mapping[str, Any]) -> Iterator[str]:
 
 def _delay_rule(values: Mapping[str, Any]) -> Iterator[str]:
     """Check that a dead time of the hardware, whose differential equations have it as a divisor, is one."""
-    effect, delay = "plant.effects.valve_delay", values.get("plant.effects.valve_delay.delay")
+    effect, delay = "plant.effects.valve_delay", values.get("plant.effects.valve_delay.delay", 0.0)
     if values.get(f"{effect}.enabled") and delay != 0.0 and delay < LEAST_DELAY:
         yield f"{effect}.delay = {delay} s must be 0 or at least {LEAST_DELAY} s: hardware is never early"
 
@@ -112,67 +111,28 @@ def _alike(values: Mapping[str, Any], keys: tuple[str, ...]) -> Iterator[str]:
         yield f"{told} are of the same kind and differ {SLIP:g}-fold or more; has a decimal point slipped?"
 
 
-def _braid_rule(values: Mapping[str, Any], muscle: str) -> Iterator[str]:
-    """Compare what the coefficients give at no contraction with the ideal braid and its cylinder."""
-    diameter, angle = (values.get(f"{muscle}.geometry.{name}") for name in ("diameter", "fibre_angle"))
-    if diameter is None:
+def out_of_reach(values: Mapping[str, Any], machine: Machine) -> Iterator[str]:
+    """Yield a sentence if the machine's stops are before where it is to start or to follow."""
+    stops = {key: values[key] for key in machine.stops if key in values}
+    if len(stops) < 2 or "scenario.trajectory" not in values:
         return
-    section = math.pi / 4 * diameter**2
-    area = section * (3 * math.cos(angle) ** 2 - 1) / math.sin(angle) ** 2
-    volume = section * values[f"{muscle}.map_length"]
-    for name, ideal, unit in (("force.a", area, "m^2"), ("volume.v", volume, "m^3")):
-        first = values[f"{muscle}.{name}"][0]
-        if not BRAID_SHARE[0] * ideal < first < BRAID_SHARE[1] * ideal:
-            yield (
-                f"{muscle}.{name} gives {first:g} {unit} at no contraction, the geometry in"
-                f" {muscle}.geometry {ideal:.3g} {unit}; has a decimal point slipped?"
-            )
-
-
-def _linkage_rule(values: Mapping[str, Any]) -> Iterator[str]:
-    """Check that Eq. (24) has a solution wherever the joint may go."""
-    if "leg.configuration" not in values:
-        return
-    if abs(values["leg.configuration"]) != 1:
-        yield f"leg.configuration = {values['leg.configuration']} must be 1 (knee up) or -1 (knee down)"
-    thigh, shank = _segment_lengths(values)
-    angles = (values["leg.joint.minimum"], values["leg.joint.maximum"])
-    reach = min(math.hypot(thigh + shank * math.cos(q), shank * math.sin(q)) for q in angles)
-    if abs(values["leg.bearing_height"]) >= reach:
-        yield (
-            f"leg.bearing_height = {values['leg.bearing_height']} m is out of reach of a leg bent as far as"
-            f" leg.joint allows: from hip to ankle there are {reach:.3g} m then"
-        )
-
-
-def _segment_lengths(values: Mapping[str, Any]) -> tuple[float, ...]:
-    if not values.get("leg.person.present"):
-        return values["leg.thigh.length"], values["leg.shank.length"]
-    height = values["leg.person.height"]
-    return tuple(values[f"leg.person.{name}.length_fraction"] * height for name in ("thigh", "shank"))
-
-
-def _reach_rule(values: Mapping[str, Any]) -> Iterator[str]:
-    """Check that the knee may go where it is to start and to follow."""
-    low, high = values.get("leg.joint.minimum"), values.get("leg.joint.maximum")
-    if low is None or high is None or "scenario.trajectory" not in values:
-        return
-    for name, angle in _angles(values):
-        if not low <= angle <= high:
-            limits = f"leg.joint.minimum = {low} .. leg.joint.maximum = {high}"
-            yield f"{name} goes to {angle:.3g} rad, outside {limits}"
+    low, high = stops.values()
+    for name, place in _places(values, machine.start):
+        if not low <= place <= high:
+            limits = " .. ".join(f"{key} = {value}" for key, value in stops.items())
+            yield f"{name} goes to {place:.3g} {machine.coordinate.unit}, outside {limits}"
             return
 
 
-def _angles(values: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
-    yield "scenario.start_angle", values["scenario.start_angle"]
+def _places(values: Mapping[str, Any], start: str) -> Iterator[tuple[str, float]]:
+    yield start, values[start]
     if values["scenario.trajectory"] == "sine":
         centre, amplitude = values["scenario.sine.centre"], values["scenario.sine.amplitude"]
         yield from (("scenario.sine.amplitude", centre + sign * amplitude) for sign in (-1, 1))
     if values["scenario.trajectory"] == "steps":
         yield from ((key, values[key]) for key in ("scenario.step.low", "scenario.step.high"))
     if values["scenario.trajectory"] == "gait":
-        yield from (("scenario.gait", angle) for angle in _waves(values, "scenario.gait"))
+        yield from (("scenario.gait", place) for place in _waves(values, "scenario.gait"))
 
 
 def _plan_rule(values: Mapping[str, Any]) -> Iterator[str]:
@@ -190,7 +150,7 @@ def _plan_rule(values: Mapping[str, Any]) -> Iterator[str]:
     if farthest >= FARTHEST_PLAN:
         yield f"scenario.plan.angle goes {farthest:.3g} rad away, {FARTHEST_PLAN} at most is wanted"
     low, high = (values.get(f"control.position.{end}_pressure") for end in ("minimum", "maximum"))
-    if low is not None and not low <= min(pressures) <= max(pressures) <= high:
+    if low is not None and high is not None and not low <= min(pressures) <= max(pressures) <= high:
         told = f"goes from {min(pressures):.3g} to {max(pressures):.3g} Pa"
         yield f"scenario.plan.pressure {told}, outside control.position's limits {low:.3g} .. {high:.3g} Pa"
 
@@ -206,7 +166,8 @@ def motion_digest(values: Mapping[str, Any]) -> str:
     """Return what tells one motion, of a leg with or without a person, from another."""
     trajectory = values["scenario.trajectory"]
     keys = [key for key in sorted(values) if key.startswith(f"scenario.{SHAPES.get(trajectory)}.")]
-    keys += ["scenario.start_phase", "scenario.start_angle", "leg.person.present"]
+    others = "scenario.start_phase", "scenario.start_angle", "leg.person.present"
+    keys += [key for key in others if key in values]  # no machine but the knee has a leg
     numbers = [values[key] if isinstance(values[key], list) else [values[key]] for key in keys]
     told = trajectory, keys, [[float(number) for number in each] for each in numbers]
     return hashlib.sha256(repr(told).encode()).hexdigest()[:12]

@@ -15,17 +15,25 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
+import numpy.typing as npt
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model import lanes, orthosis
+from pam_orthosis.model import lanes
+from pam_orthosis.model.assembly import Assembly, assemble
+from pam_orthosis.model.compiled import pointer, taken_out
 from pam_orthosis.model.delay import computing_ns, line_ns
-from pam_orthosis.model.leg_table import NODES, ORDER, TERMS, LegTable
-from pam_orthosis.model.plant import BISECTIONS, STILL, Plant, external_torque, true_hardware
+from pam_orthosis.model.leg_table import TERMS, LegTable, leg_mechanics, leg_terms
+from pam_orthosis.model.machines import KNEE
+from pam_orthosis.model.mechanisms import Knee
+from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.plant import BISECTIONS, STILL, Array, Plant, external_torque, true_hardware
 from pam_orthosis.model.rules import broken_rules
 
+ORDER, NODES = 20, 30  # of the leg's polynomials
 LANES = 8  # sets that are advanced together: one vector of the widest registers there are
 MEASURED = ("measured_angle", "measured_extensor_pressure", "measured_flexor_pressure")
 # what decides over grid and structure of a study: the same for all of its sets
@@ -35,7 +43,7 @@ LOOP = """
 static void rk4(lane* x, const lane* u, const lane* theta, const lane* held, double h) {{
   lane k[{states}], sum[{states}], y[{states}];
   for (int s = 0; s < 4; s++) {{
-    study_rates(s ? y : x, u, theta, held, k);
+    call<study_rates>(k, s ? y : x, u, theta, held);
     double ahead = s == 2 ? h : 0.5 * h;
     for (int i = 0; i < {states}; i++) {{
       sum[i] = s == 0 ? k[i] : sum[i] + (s == 3 ? k[i] : 2.0 * k[i]);
@@ -45,19 +53,15 @@ static void rk4(lane* x, const lane* u, const lane* theta, const lane* held, dou
   for (int i = 0; i < {states}; i++) x[i] += h / 6.0 * sum[i];
 }}
 
-static lane within(lane value, lane low, lane high) {{
-  return lane_smaller(lane_larger(value, low), high);
-}}
-
 static const double angles[{nodes}] = {{{angles}}}, weights[{size}][{nodes}] = {{{weights}}};
 
 /* fits the leg's terms at the nodes */
 static void tabulate(const lane* keys, lane* table) {{
   lane angle, terms[{terms}];
-  for (int i = 0; i < {terms} * {size}; i++) table[i] = all(0.0);
+  for (int i = 0; i < {terms} * {size}; i++) table[i] = 0.0;
   for (int n = 0; n < {nodes}; n++) {{
-    angle = all(angles[n]);
-    study_leg(keys, &angle, terms);
+    angle = angles[n];
+    call<study_leg>(terms, keys, &angle);
     for (int t = 0; t < {terms}; t++)
       for (int i = 0; i < {size}; i++) table[{size} * t + i] += weights[i][n] * terms[t];
   }}
@@ -66,45 +70,47 @@ static void tabulate(const lane* keys, lane* table) {{
 /* sets the state at rest; returns the acceleration that is left */
 static lane rest(lane* x, const lane* u, const lane* theta, const lane* fixed) {{
   lane start[4], held[{held}], k[{states}];
-  study_start(theta, start);
-  study_held(u, theta, fixed, held);
+  call<study_start>(start, theta);
+  call<study_held>(held, u, theta, fixed);
   lane mean = start[1], ambient = start[2], supply = start[3];
-  lane low = ambient - mean, high = supply - mean;
-  for (int i = 0; i < {states}; i++) x[i] = all(0.0);
+  lane low = ambient - mean, high = supply - mean, down;
+  for (int i = 0; i < {states}; i++) x[i] = 0.0;
   x[0] = start[0];
   x[2] = x[3] = mean;
-  k[1] = all(0.0);
+  k[1] = 0.0;
   for (int n = 0; n < {bisections}; n++) {{
     lane shift = 0.5 * (low + high);
-    x[2] = within(mean - shift, ambient, supply);
-    x[3] = within(mean + shift, ambient, supply);
-    study_rates(x, u, theta, held, k);
-    low = lane_below_zero(k[1], shift, low);
-    high = lane_below_zero(k[1], high, shift);
+    x[2] = smaller(larger(mean - shift, ambient), supply);
+    x[3] = smaller(larger(mean + shift, ambient), supply);
+    call<study_rates>(k, x, u, theta, held);
+    down = k[1] < 0.0;
+    low = where(down, shift) + where(!down, low);
+    high = where(down, high) + where(!down, shift);
   }}
   return k[1];
 }}
 
-void study(long periods, long steps, double period, const double* lengths, const long* ages,
-           const double* sets, const double* voltages, double* result, double* unrest) {{
+extern "C" void study(
+    long periods, long steps, double period, const double* lengths, const long* ages,
+    const double* sets, const double* voltages, double* result, double* unrest) {{
   lane x[{states}], u[4], theta[{theta}], fixed[{fixed}], held[{held}], told[{told}];
-  for (int i = 0; i < {keys}; i++) theta[i] = *(const loose*)(sets + {lanes} * i);
+  for (int i = 0; i < {keys}; i++) theta[i] = load(sets + {lanes} * i);
   tabulate(theta, theta + {keys});
-  study_fixed(theta, fixed);
-  study_closed(theta, u);
-  *(loose*)unrest = rest(x, u, theta, fixed);
+  call<study_fixed>(fixed, theta);
+  call<study_closed>(u, theta);
+  store(unrest, rest(x, u, theta, fixed));
   for (long n = 0; n < periods; n++) {{
-    study_told(x, u, theta, told);
-    for (int i = 0; i < {told}; i++) *(loose*)(result + {lanes} * (n * {told} + i)) = told[i];
-    u[3] = all(n * period);
-    study_torque(theta, u + 3, u + 2);
+    call<study_told>(told, x, u, theta);
+    for (int i = 0; i < {told}; i++) store(result + {lanes} * (n * {told} + i), told[i]);
+    u[3] = n * period;
+    call<study_torque>(u + 2, theta, u + 3);
     for (long s = 0; s < steps; s++) {{
       long given = n - ages[s];
       if (given >= 0) {{
-        u[0] = all(voltages[2 * given]);
-        u[1] = all(voltages[2 * given + 1]);
+        u[0] = voltages[2 * given];
+        u[1] = voltages[2 * given + 1];
       }}
-      if (s == 0 || ages[s] != ages[s - 1]) study_held(u, theta, fixed, held);
+      if (s == 0 || ages[s] != ages[s - 1]) call<study_held>(held, u, theta, fixed);
       rk4(x, u, theta, held, lengths[s]);
     }}
   }}
@@ -118,26 +124,28 @@ class Study:
     Args:
         parameters: the whole tree; its values hold where a set says nothing.
         keys: the parameters that the sets give: numbers, of any branch that the hardware is made of.
-        signals: what is recorded: states of the model and `orthosis.OUTPUTS`, free of noise, SI units.
+        signals: what is recorded: states of the model and the machine's outputs, free of noise, SI units.
 
     Raises:
         OrthosisError: an unknown signal, or a key that is unknown or not a number that sets can differ in.
     """
 
-    def __init__(self, parameters, keys: Sequence[str], signals: Sequence[str] = MEASURED):
+    def __init__(self, parameters: Parameters, keys: Sequence[str], signals: Sequence[str] = MEASURED):
         self.parameters, self.keys, self.signals = parameters, tuple(keys), tuple(signals)
         for key in self.keys:
             _check_key(parameters, key)
         symbols = ca.SX.sym("keys", max(1, len(self.keys)))
         given = {key: symbols[i] for i, key in enumerate(self.keys)}
-        self._table = LegTable(*_stops(parameters, self.keys))
+        self._table = LegTable(*_stops(parameters, self.keys), ORDER, NODES)
         assembly, self._functions = _functions(
             parameters.substituted(given), symbols, self.signals, self._table
         )
         self.states = assembly.states
         self._kernels: dict[int, _Kernel] = {}
 
-    def simulate(self, sets, voltages, workers: int | None = None) -> dict[str, np.ndarray]:
+    def simulate(
+        self, sets: npt.ArrayLike, voltages: npt.ArrayLike, workers: int | None = None
+    ) -> dict[str, Array]:
         """Return signal -> (sets, periods): sample k is of the instant before the voltages k act.
 
         Sets whose knee cannot be held at its starting angle are NaN.
@@ -150,7 +158,7 @@ class Study:
         Raises:
             OrthosisError: wrong shapes, a value out of its bounds or against the rules, a voltage not finite.
         """
-        sets, voltages = self._checked(sets, voltages)
+        sets, voltages = self._checked(np.asarray(sets, float), np.asarray(voltages, float))
         width = LANES if len(sets) > 1 else 1
         kernel = self._kernel(width)
         if kernel.missing:
@@ -169,8 +177,7 @@ class Study:
             self._kernels[width] = _Kernel(self, width)
         return self._kernels[width]
 
-    def _checked(self, sets, voltages) -> tuple[np.ndarray, np.ndarray]:
-        sets, voltages = np.asarray(sets, float), np.asarray(voltages, float)
+    def _checked(self, sets: Array, voltages: Array) -> tuple[Array, Array]:
         if sets.ndim != 2 or sets.shape[1] != len(self.keys):
             raise OrthosisError(f"give parameter sets as (sets, {len(self.keys)}), not {sets.shape}")
         if voltages.ndim != 2 or voltages.shape[1] != 2 or not np.isfinite(voltages).all():
@@ -181,7 +188,7 @@ class Study:
         quantised = np.round(voltages / resolution) * resolution if resolution > 0 else voltages
         return sets, np.ascontiguousarray(quantised)
 
-    def _check_sets(self, sets: np.ndarray) -> None:
+    def _check_sets(self, sets: Array) -> None:
         rows, flat = [self.parameters.row(key) for key in self.keys], self.parameters.flat()
         for number, values in enumerate(sets.tolist()):
             try:
@@ -189,10 +196,10 @@ class Study:
                 flat.update((row.key, row.with_value(value).value) for row, value in pairs)
             except OrthosisError as error:
                 raise OrthosisError(f"parameter set {number}: {error}") from None
-            for message in broken_rules(flat):
+            for message in broken_rules(flat, KNEE):
                 raise OrthosisError(f"parameter set {number}: {message}")
 
-    def _one_by_one(self, sets, voltages) -> dict[str, np.ndarray]:
+    def _one_by_one(self, sets: Array, voltages: Array) -> dict[str, Array]:
         """Without a compiler: one `Plant` after the other."""
         table = np.full((len(sets), len(voltages), len(self.signals)), np.nan)
         for values, rows in zip(sets.tolist(), table, strict=True):
@@ -217,28 +224,29 @@ class _Kernel:
         self._width, self._told = width, len(study.signals)
         self._keys = max(1, len(study.keys))
         path = lanes.library("study", _source(study, width))
-        self._library = None if path is None else ctypes.CDLL(str(path))
+        self._run: Any = None if path is None else ctypes.CDLL(str(path)).study
 
     @property
     def missing(self) -> bool:
         """Whether there is no compiler."""
-        return self._library is None
+        return self._run is None
 
-    def __call__(self, sets: np.ndarray, voltages: np.ndarray) -> np.ndarray:
+    def __call__(self, sets: Array, voltages: Array) -> Array:
         """Return (sets, periods, signals) of at most as many sets as there are lanes."""
         full = np.zeros((self._keys, self._width))
         full[: sets.shape[1]] = sets[np.minimum(np.arange(self._width), len(sets) - 1)].T
         result = np.empty((len(voltages), self._told, self._width))
         unrest = np.empty(self._width)
-        self._library.study(
+        self._run(
             ctypes.c_long(len(voltages)), ctypes.c_long(len(self._ages)), ctypes.c_double(self._period),
-            *map(_pointer, (self._lengths, self._ages, full, voltages, result, unrest)),
+            *map(pointer, (self._lengths, self._ages, full, voltages, result, unrest)),
         )  # fmt: skip
         result[:, :, ~(np.abs(unrest) <= STILL)] = np.nan
-        return result.transpose(2, 0, 1)[: len(sets)]
+        told: Array = result.transpose(2, 0, 1)[: len(sets)]
+        return told
 
 
-def _steps(parameters, period_ns: int) -> tuple[np.ndarray, np.ndarray]:
+def _steps(parameters: Parameters, period_ns: int) -> tuple[Array, npt.NDArray[Any]]:
     """Return the lengths of a period's integration steps, s, and how many periods old their voltages are."""
     count, rest = divmod(computing_ns(parameters) + line_ns(parameters), period_ns)
     grid = np.arange(0, period_ns, round(parameters.plant.simulation.step * 1e9))
@@ -247,36 +255,42 @@ def _steps(parameters, period_ns: int) -> tuple[np.ndarray, np.ndarray]:
     return np.diff(starts, append=period_ns) / 1e9, ages.astype(ctypes.c_long)
 
 
-def _check_key(parameters, key: str) -> None:
+def _check_key(parameters: Parameters, key: str) -> None:
     value = parameters.row(key).value
     if key in COMMON or key.startswith(DELAY) or not isinstance(value, float):
         raise OrthosisError(f"{key} cannot differ between the sets of one study: it shapes all of them")
 
 
-def _stops(parameters, keys: Sequence[str]) -> tuple[float, float]:
+def _stops(parameters: Parameters, keys: Sequence[str]) -> tuple[float, float]:
     """Return the joint's stops, rad; the widest that sets may have where these differ in them."""
-    low, high = parameters.row("leg.joint.minimum"), parameters.row("leg.joint.maximum")
-    return (
-        low.minimum if low.key in keys else parameters.leg.joint.minimum,
-        high.maximum if high.key in keys else parameters.leg.joint.maximum,
-    )
+    rows = [parameters.row(key) for key in KNEE.stops]
+    low, high = rows[0].minimum, rows[1].maximum
+    if low is None or rows[0].key not in keys:
+        low = parameters.leg.joint.minimum
+    if high is None or rows[1].key not in keys:
+        high = parameters.leg.joint.maximum
+    return low, high
 
 
-def _functions(parameters, keys: ca.SX, signals: Sequence[str], table: LegTable):
+def _functions(
+    parameters: Parameters, keys: ca.SX, signals: Sequence[str], table: LegTable
+) -> tuple[Assembly, tuple[ca.Function, ...]]:
     """Return the assembly and the CasADi functions that the machine code is made of.
 
     `theta` is what is constant over a run: the values of the keys, then the leg's table.
     """
     coefficients, angle = ca.SX.sym("table", TERMS * (ORDER + 1)), ca.SX.sym("angle")
     theta, hardware = ca.vertcat(keys, coefficients), true_hardware(parameters)
-    assembly = orthosis.assemble(replace(hardware, mechanics=table.mechanics(coefficients)))
+    assembly = assemble(
+        replace(hardware, mechanism=Knee(hardware.mechanism.parameters, leg_mechanics(table, coefficients)))
+    )
     known = dict(zip(assembly.states, ca.vertsplit(assembly.x), strict=True))
-    known |= dict(zip(orthosis.OUTPUTS, ca.vertsplit(assembly.outputs), strict=True))
+    known |= dict(zip(KNEE.outputs, ca.vertsplit(assembly.outputs), strict=True))
     if unknown := [name for name in signals if name not in known]:
         raise OrthosisError(f"no signal {unknown[0]}; there are: {', '.join(known)}")
     x, u, time = assembly.x, assembly.u, ca.SX.sym("time")
-    rates, held, at_period = _taken_out(ca.cse(assembly.rates), ca.vertcat(u, theta))
-    by_period, fixed, at_start = _taken_out(at_period, theta)
+    rates, held, at_period = taken_out(ca.densify(ca.cse(assembly.rates)), ca.vertcat(u, theta))
+    by_period, fixed, at_start = taken_out(at_period, theta)
     told = ca.cse(ca.vertcat(*(known[name] for name in signals)))
     valve, start = parameters.valve, parameters.scenario.start_angle
     at_rest = (
@@ -286,7 +300,7 @@ def _functions(parameters, keys: ca.SX, signals: Sequence[str], table: LegTable)
         valve.supply_pressure,
     )
     return assembly, (
-        ca.Function("study_leg", [keys, angle], [table.terms(hardware.leg, angle)]),
+        ca.Function("study_leg", [keys, angle], [leg_terms(hardware.mechanism.parameters, angle)]),
         ca.Function("study_rates", [x, u, theta, held], [rates]),
         ca.Function("study_held", [u, theta, fixed], [by_period]),
         ca.Function("study_fixed", [theta], [at_start]),
@@ -297,29 +311,15 @@ def _functions(parameters, keys: ca.SX, signals: Sequence[str], table: LegTable)
     )
 
 
-def _taken_out(expression: ca.SX, symbols: ca.SX):
-    """Return the expression with what depends on `symbols` alone taken out, its names, its values."""
-    inner, names, values = ca.extract_parametric(ca.densify(expression), symbols)
-    return ca.densify(inner), ca.vertcat(*names), ca.densify(ca.vertcat(*values))
-
-
 def _source(study: Study, width: int) -> str:
     functions = {function.name(): function for function in study._functions}
     fixed, held = (max(1, functions[name].size1_out(0)) for name in ("study_fixed", "study_held"))
     keys, table = max(1, len(study.keys)), study._table
     loop = LOOP.format(
-        nodes=NODES, size=ORDER + 1, terms=TERMS, angles=_numbers(table.angles),
-        weights=", ".join(f"{{{_numbers(row)}}}" for row in table.weights),
+        nodes=NODES, size=ORDER + 1, terms=TERMS, angles=str(table.angles.tolist())[1:-1],
+        weights=", ".join(f"{{{str(row)[1:-1]}}}" for row in table.weights()),
         states=len(study.states), keys=keys, theta=keys + TERMS * (ORDER + 1), told=len(study.signals),
         lanes=width, fixed=fixed, held=held,
         bisections=0 if study.parameters.leg.joint.locked else BISECTIONS,
     )  # fmt: skip
-    return lanes.header(width) + "".join(lanes.source(one, width) for one in functions.values()) + loop
-
-
-def _numbers(values: np.ndarray) -> str:
-    return ", ".join(map(repr, values.tolist()))
-
-
-def _pointer(array: np.ndarray):
-    return ctypes.c_void_p(array.ctypes.data)
+    return lanes.source(study._functions, width) + loop

@@ -21,7 +21,7 @@ from std_msgs.msg import String
 from pam_orthosis.bag.cdr import serialised_stamp_ns
 from pam_orthosis.bag.record import BagWriter
 from pam_orthosis.bag.script import Instant, Script, held_ns
-from pam_orthosis.bag.topics import CLOCK, NODES, RECORDER, SECOND_NS
+from pam_orthosis.bag.topics import CLOCK, RECORDER, SECOND_NS
 from pam_orthosis.errors import RunFailed
 from pam_orthosis.nodes import graph, messages, process, transport
 from pam_orthosis.nodes.launch import PLAYER, REPLAYED
@@ -70,8 +70,8 @@ class BagPlayer(graph.GraphNode):
 
     def started(self) -> None:
         """Speak for all the nodes that are not there: the plant waits for them."""
-        for name in set(NODES) - set(self._script.nodes):
-            self._ready[0].publish(String(data=name))
+        for name in set(self.table.nodes) - set(self._script.nodes):
+            self.say_ready(name)
         self._begin()
 
     def close(self) -> None:
@@ -82,7 +82,7 @@ class BagPlayer(graph.GraphNode):
         kind = transport.message_class(self.topics[topic].type)
         publisher = self.create_publisher(kind, topic, transport.qos())
         there = lambda: publisher.get_subscription_count() >= listeners  # noqa: E731
-        self._peers[f"a listener on {topic}"] = there
+        self.barrier.await_peer(f"a listener on {topic}", there)
         return publisher
 
     def _tell(self, topic: str):

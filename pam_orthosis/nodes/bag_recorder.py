@@ -18,20 +18,19 @@ from std_msgs.msg import String
 from pam_orthosis.bag.cdr import Reader, Unreadable, canonical, serialised_stamp_ns
 from pam_orthosis.bag.record import BagWriter, run_metadata
 from pam_orthosis.bag.steps import Message, StepCollector
-from pam_orthosis.bag.topics import NODES, RECORDER, Topic, in_leg
+from pam_orthosis.bag.topics import RECORDER, SAMPLE, Topic, in_leg
 from pam_orthosis.bag.writer_process import BagWriterProcess
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, process
-from pam_orthosis.nodes.pace import INPUTS as COMMANDS
 from pam_orthosis.nodes.pace import VOLTAGE
 from pam_orthosis.nodes.parameters import Setting
 from pam_orthosis.nodes.recorded_leg import RecordedLeg
 from pam_orthosis.nodes.recorded_scene import RecordedScene
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX, NOTE_PREFIX
 from pam_orthosis.reading import from_json
-from pam_orthosis.scene.messages import TYPES, LegScene, in_scene
-from pam_orthosis.scene.sampled import INPUTS, SampledScene
+from pam_orthosis.scene.messages import TYPES, Scene, in_scene
+from pam_orthosis.scene.sampled import SampledScene
 
 QUEUE_DEPTH = 5000
 LATE_NS = 150_000_000
@@ -57,7 +56,7 @@ class BagRecorder(graph.GraphNode):
         settings = {"directory": folder, "scenario_name": scenario, "sample_timeout": silence, "legs": legs}
         settings |= {"aside": aside}
         super().__init__(RECORDER, settings)
-        self.run_ns = round(self.parameters.scenario.duration * 1e9 / self.period_ns) * self.period_ns
+        self._run_ns = round(self.parameters.scenario.duration * 1e9 / self.period_ns) * self.period_ns
         run = run_metadata(self.parameters, self.settings["scenario_name"], self.settings["legs"])
         self._writer = self._made_writer(Path(self.settings["directory"]), run)
         self._heard = False
@@ -72,7 +71,7 @@ class BagRecorder(graph.GraphNode):
         if len(self.legs) > 1:
             self._await_all_legs()
         if self.settings["aside"]:
-            self.await_peer("the process that writes the bag", self._begun)
+            self.barrier.await_peer("the process that writes the bag", self._begun)
         self.create_timer(LOOK_SECONDS, self._look)
 
     def served_legs(self) -> tuple[str, ...]:
@@ -149,14 +148,14 @@ class BagRecorder(graph.GraphNode):
         for leg in self.legs:
             there: set[str] = set()
             self.listen_to("ready", _noter(there), leg=leg, latched=True)
-            self.await_peer(f"the nodes of {leg}", partial(others.issubset, there))
+            self.barrier.await_peer(f"the nodes of {leg}", partial(others.issubset, there))
 
     def _make_legs(self) -> list[RecordedLeg]:
         """In lockstep the legs share their instants, and the bag has one order; by the wall clock not."""
         if self.realtime:
-            return [RecordedLeg(self, leg, self._collector([leg])) for leg in self.legs]
+            return [RecordedLeg(self, leg, self._run_ns, self._collector([leg])) for leg in self.legs]
         shared = self._collector(self.legs)
-        return [RecordedLeg(self, leg, shared) for leg in self.legs]
+        return [RecordedLeg(self, leg, self._run_ns, shared) for leg in self.legs]
 
     def _collector(self, legs: Sequence[str]) -> StepCollector:
         topics = {in_leg(name, leg, self.legs): topic for leg in legs for name, topic in self.topics.items()}
@@ -175,16 +174,15 @@ class BagRecorder(graph.GraphNode):
     def _view(self, leg: RecordedLeg) -> None:
         """Have what viewers need of a leg written beside its measurements."""
         names = {topic: self.resolve_topic_name(in_scene(topic, leg.name)) for topic in TYPES}
-        scene = RecordedScene(
-            SampledScene(LegScene(self.parameters, leg.name, self.legs)), self._writer.add_topic, names
-        )
-        self._viewed |= {in_leg(topic, leg.name, self.legs): (scene, topic) for topic in INPUTS}
+        sampled = SampledScene(Scene(self.parameters, leg.name, self.legs))
+        scene = RecordedScene(sampled, self._writer.add_topic, names)
+        self._viewed |= {in_leg(topic, leg.name, self.legs): (scene, topic) for topic in sampled.inputs}
 
     def _receiver(self, topic: Topic, leg: RecordedLeg, clean: bool = False) -> Callable[[bytes], None]:
         """Return what takes the messages of a topic; they are `clean` if their padding is zero."""
         clean = clean or self.realtime  # there no two runs are alike, and there is better use for the time
         name = in_leg(topic.name, leg.name, self.legs)
-        tick = topic.name == "joint_states"
+        tick = topic.name == SAMPLE
         answer, shared = topic.rate == "answer", topic.shared
         first = leg.name == self.legs[0]
 
@@ -212,17 +210,16 @@ class BagRecorder(graph.GraphNode):
 
     def _vents(self, topic: Topic, data: bytes) -> bool:
         """Whether a message lets a valve vent: who says so does no harm."""
-        if topic.name not in COMMANDS:
+        if topic.name not in self.table.commands:
             return False
         with suppress(Unreadable):
             return Reader(topic.type, VOLTAGE)(data)[1] == (self.parameters.valve.minimum_voltage,)
         return False
 
-    @staticmethod
-    def _of_the_run(leg: RecordedLeg, stamp_ns: int, data: bytes) -> bool:
+    def _of_the_run(self, leg: RecordedLeg, stamp_ns: int, data: bytes) -> bool:
         """Whether a health report is of a node of the run: others publish theirs on the same topic."""
         reported = deserialize_message(data, DiagnosticArray).status
-        return {one.name for one in reported} <= set(NODES) and leg.is_near(stamp_ns)
+        return {one.name for one in reported} <= set(self.table.nodes) and leg.is_near(stamp_ns)
 
     def _begun(self) -> bool:
         """Whether the other process has begun the bag."""

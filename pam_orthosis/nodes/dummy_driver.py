@@ -22,10 +22,9 @@ from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
 from pam_orthosis.nodes import messages, process
 from pam_orthosis.nodes.layout import EVERYTHING
-from pam_orthosis.nodes.parameters import declare_rows
+from pam_orthosis.nodes.parameters import MACHINE, declare_rows, declare_settings, machine_of
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX
 
-MUSCLES = ("extensor", "flexor")
 SILENCE_PERIODS = 20
 INFINITE = float("inf")
 SPIN_SECONDS = 0.2  # the events executor dispatches nothing without a time-out
@@ -39,18 +38,18 @@ class EmulatedHardware:
         self._valve = parameters.valve
         self._plant = Plant(parameters)
 
-    def read(self) -> tuple[float, float, float]:
-        """Return knee angle, rad, and absolute pressures of extensor and flexor, Pa."""
+    def read(self) -> tuple[float, ...]:
+        """Return the coordinate, rad or m, and the absolute pressure of each actuator, Pa."""
         return tuple(self._plant.measure())
 
-    def write(self, muscle: str, voltage: float, at_ns: int) -> None:
-        """Set a valve within its range, at an instant since the start."""
-        self._plant.take(MUSCLES.index(muscle), driven(voltage, self._valve), at_ns)
+    def write(self, line: int, voltage: float, at_ns: int) -> None:
+        """Set the valve of an actuator (its number) within its range, at an instant since the start."""
+        self._plant.take(line, driven(voltage, self._valve), at_ns)
 
     def vent(self) -> None:
-        """Let the air out of both muscles."""
-        for muscle in MUSCLES:
-            self.write(muscle, self._valve.minimum_voltage, self._plant.time_ns)
+        """Let the air out of all actuators."""
+        for line in range(len(self._plant.machine.names)):
+            self.write(line, self._valve.minimum_voltage, self._plant.time_ns)
 
     def live_on(self, periods: int) -> None:
         """Let emulated time pass; devices just live on."""
@@ -63,23 +62,24 @@ class DummyDriver(Node):
 
     def __init__(self) -> None:
         super().__init__("dummy_driver")
-        self._hardware = EmulatedHardware(declare_rows(self, EVERYTHING))
+        self._machine = machine_of(declare_settings(self, MACHINE))
+        self._hardware = EmulatedHardware(declare_rows(self, self._machine, EVERYTHING))
         self._joint = self.create_publisher(JointState, "joint_states", qos_profile_sensor_data)
-        self._pressure = {
-            muscle: self.create_publisher(FluidPressure, f"{muscle}/pressure", qos_profile_sensor_data)
-            for muscle in MUSCLES
-        }
-        self._silent: dict[str, int] = {}  # periods since each muscle's last voltage; none has come yet
-        for muscle in MUSCLES:
-            self.create_subscription(JointState, f"{muscle}/valve_voltage", self._receiver(muscle), 10)
+        self._pressures = [
+            self.create_publisher(FluidPressure, f"{name}/pressure", qos_profile_sensor_data)
+            for name in self._machine.names
+        ]
+        self._silent: dict[int, int] = {}  # periods since each valve's last voltage; none has come yet
+        for line, name in enumerate(self._machine.names):
+            self.create_subscription(JointState, f"{name}/valve_voltage", self._receiver(line), 10)
         self._first_ns, self._passed = self.get_clock().now().nanoseconds, 0
         self.create_timer(self._hardware.period_ns * 1e-9, self._tick)
 
-    def _receiver(self, muscle: str):
+    def _receiver(self, line: int):
         def receive(message: JointState) -> None:
             if message.effort and abs(message.effort[0]) < INFINITE:  # nor is NaN
-                self._hardware.write(muscle, message.effort[0], self._elapsed_ns())
-                self._silent = {**dict.fromkeys(MUSCLES, 0), **self._silent, muscle: 0}
+                self._hardware.write(line, message.effort[0], self._elapsed_ns())
+                self._silent = {**dict.fromkeys(range(len(self._pressures)), 0), **self._silent, line: 0}
 
         return receive
 
@@ -99,14 +99,14 @@ class DummyDriver(Node):
         return self.get_clock().now().nanoseconds - self._first_ns
 
     def _publish(self, stamp_ns: int) -> None:
-        angle, *pressures = self._hardware.read()
-        self._joint.publish(messages.joint_state(stamp_ns, ["knee"], position=[angle]))
-        for muscle, pressure in zip(MUSCLES, pressures, strict=True):
-            self._pressure[muscle].publish(messages.fluid_pressure(stamp_ns, muscle, pressure))
+        place, *pressures = self._hardware.read()
+        self._joint.publish(messages.joint_state(stamp_ns, [self._machine.name], position=[place]))
+        for publisher, name, pressure in zip(self._pressures, self._machine.names, pressures, strict=True):
+            publisher.publish(messages.fluid_pressure(stamp_ns, name, pressure))
 
     def _act(self, periods: int) -> None:
-        """Let periods pass; vent both muscles when the voltages of either have stopped coming."""
-        self._silent = {muscle: count + periods for muscle, count in self._silent.items()}
+        """Let periods pass; vent all actuators when the voltages of one have stopped coming."""
+        self._silent = {line: count + periods for line, count in self._silent.items()}
         if max(self._silent.values(), default=0) > SILENCE_PERIODS:
             self._hardware.vent()
         self._hardware.live_on(periods)

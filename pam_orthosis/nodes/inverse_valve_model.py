@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node: inverse valve model of both muscles, from mass flow and pressure to valve voltage."""
+"""Node: inverse valve model of all actuators, from mass flow and pressure to valve voltage."""
 
 from __future__ import annotations
 
@@ -15,14 +15,12 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.nodes import graph, messages, process
 from pam_orthosis.nodes.join import Join
 
-MUSCLES = ("extensor", "flexor")
-
 
 class InverseValveModelNode(graph.GraphNode):
     """Publishes each step's voltage of each valve as soon as its own inputs are there.
 
-    The service `emergency_stop` makes it vent both muscles, whatever is asked of it, until `reset`, and for
-    so long at least that the position controller notices: it leads the knee back afterwards.
+    The service `emergency_stop` makes it vent all actuators, whatever is asked of it, until `reset`, and for
+    so long at least that the position controller notices: it leads the machine back afterwards.
     """
 
     def __init__(self) -> None:
@@ -32,38 +30,39 @@ class InverseValveModelNode(graph.GraphNode):
         self._shortest_ns = round(self.parameters.control.guard.rest_time * 1e9)
         self.offer("emergency_stop", self._vent)
         self.offer("reset", self._reset)
-        self._both = Join(MUSCLES, self._answered)
+        names = self.machine.names
+        self._all = Join(names, self._answered)
         self._answer = self.publish_to("answered") if self.realtime else None
         self._models = {
-            muscle: GuardedValve(self.parameters, InverseValveModel(self.parameters, muscle))
-            for muscle in MUSCLES
+            name: GuardedValve(self.parameters, InverseValveModel(self.parameters, name)) for name in names
         }
-        self._voltages = {muscle: self._voltage_of(muscle) for muscle in MUSCLES}
+        self._voltages = {name: self._voltage_of(name) for name in names}
         self._answered_ns: dict[str, int] = {}
         self._joins = [
             self.join_inputs(
-                {f"{muscle}/mass_flow": ["velocity[0]"], f"{muscle}/pressure": ["fluid_pressure"]},
-                partial(self._step, muscle),
+                {f"{name}/mass_flow": ["velocity[0]"], f"{name}/pressure": ["fluid_pressure"]},
+                partial(self._step, name),
             )
-            for muscle in MUSCLES
+            for name in names
         ]
 
     def health(self) -> dict[str, Any]:
         """Count lost inputs; tell of an emergency stop, and what the guards did."""
         dropped = sum(join.dropped for join in self._joins)
-        guards = {f"{m}_{name}": value for m in MUSCLES for name, value in self._models[m].health().items()}
+        models = self._models.items()
+        guards = {f"{m}_{name}": value for m, one in models for name, value in one.health().items()}
         return {"dropped_inputs": dropped, "emergency_stop": self._venting, **guards}
 
     def abandon(self) -> bool:
-        """Tell both valves to vent: nobody controls them any more."""
+        """Tell all valves to vent: nobody controls them any more."""
         self._venting, self._reset_asked = True, False
-        for muscle, stamp_ns in self._answered_ns.items():
-            self._publish(muscle, stamp_ns + self.period_ns, self._vented)
+        for name, stamp_ns in self._answered_ns.items():
+            self._publish(name, stamp_ns + self.period_ns, self._vented)
         return True
 
     def _vent(self) -> str:
         self._venting, self._reset_asked, self._stopped_ns = True, False, self.time_ns
-        return "both muscles are vented until reset"
+        return f"{' and '.join(self.machine.names)} are vented until reset"
 
     def _reset(self) -> str:
         if not self._venting:
@@ -77,21 +76,21 @@ class InverseValveModelNode(graph.GraphNode):
             self._answer.publish(messages.time_reference(stamp_ns, self.now_ns()))
         self.step_done(stamp_ns)
 
-    def _voltage_of(self, muscle: str) -> Callable[..., None]:
-        example = messages.joint_state(0, [f"{muscle}_valve"], effort=[0.0])
-        return self.publish_numbers(f"{muscle}/valve_voltage", example)
+    def _voltage_of(self, name: str) -> Callable[..., None]:
+        example = messages.joint_state(0, [f"{name}_valve"], effort=[0.0])
+        return self.publish_numbers(f"{name}/valve_voltage", example)
 
-    def _step(self, muscle: str, stamp_ns: int, flow: tuple, pressure: tuple) -> None:
-        asked = self._models[muscle].step(*flow, *pressure, self.periods_since(stamp_ns))
+    def _step(self, name: str, stamp_ns: int, flow: tuple, pressure: tuple) -> None:
+        asked = self._models[name].step(*flow, *pressure, self.periods_since(stamp_ns))
         if self._reset_asked and self.time_ns - self._stopped_ns >= self._shortest_ns:
             self._venting = self._reset_asked = False
         voltage = self._vented if self._venting else asked
-        self._publish(muscle, stamp_ns, voltage)
-        self._both.add(muscle, stamp_ns, voltage)
+        self._publish(name, stamp_ns, voltage)
+        self._all.add(name, stamp_ns, voltage)
 
-    def _publish(self, muscle: str, stamp_ns: int, voltage: float) -> None:
-        self._answered_ns[muscle] = stamp_ns
-        self._voltages[muscle](stamp_ns, voltage)
+    def _publish(self, name: str, stamp_ns: int, voltage: float) -> None:
+        self._answered_ns[name] = stamp_ns
+        self._voltages[name](stamp_ns, voltage)
 
 
 def main() -> int:

@@ -13,18 +13,21 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import yaml
 
-from pam_orthosis.bag.topics import PLANT, RECORDER, resolve, table
+from pam_orthosis.bag.topics import PLANT, RECORDER, Topics, resolve
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, config_folder
-from pam_orthosis.nodes.layout import EVERYTHING, LAYOUT, NodeSpec
+from pam_orthosis.nodes.layout import EVERYTHING, NodeSpec, layout
+
+if TYPE_CHECKING:
+    from pam_orthosis.model.machine import Machine
 
 COMPOSED = "composed"
 PLAYER, REPLAYED = "bag_player", "replayed"
-MODE_SETTINGS = ("realtime", "with_plant", "replay", "leg")
+MODE_SETTINGS = ("machine_file", "realtime", "with_plant", "replay", "leg")
 DOMAINS = range(102)  # higher ids use ports that the system hands out to anybody
 FIRST_PORT, PORTS = 7400, 250  # of domain 0, and of each: the DDS wire protocol
 UDP_TABLES = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
@@ -53,14 +56,16 @@ def commands(
     A node's file holds its own section, and in it the branches of the tree that it may know. Several
     legs are so many groups of the same nodes, each in its namespace, and one recorder outside them.
     """
-    told = {"realtime": mode.realtime, "with_plant": mode.with_plant, "replay": False, "leg": ""}
+    told = {**_of_machine(work, parameters.declared), "realtime": mode.realtime}
+    told |= {"with_plant": mode.with_plant, "replay": False, "leg": ""}
     recorder = {**told, "directory": as_parameter(bag), "scenario_name": scenario}
-    specs = [spec for spec in LAYOUT.values() if mode.with_plant or spec.name != PLANT]
+    nodes = layout(Topics(parameters.declared))
+    specs = [spec for spec in nodes.values() if mode.with_plant or spec.name != PLANT]
     if not mode.legs:
         recorder["aside"] = mode.composed
         return _Group(work, parameters, specs, "", recorder).commands(mode.composed)
     recorder["legs"] = json.dumps(mode.legs)
-    group = _Group(work, parameters, [LAYOUT[RECORDER]], "", recorder).commands(False)
+    group = _Group(work, parameters, [nodes[RECORDER]], "", recorder).commands(False)
     for number, (leg, differences) in enumerate(mode.legs.items()):
         there = [spec for spec in specs if spec.name != RECORDER]
         own_clock = ["-r", f"/clock:=/{leg}/clock"] if number else []
@@ -88,17 +93,29 @@ def replay_commands(
 
     Parameter files are written into `work`. `leg` is the nodes' leg if it was one of several.
     """
-    told = {"realtime": False, "with_plant": True, "replay": True, "leg": leg}
+    topics = Topics(parameters.declared)
+    told = {**_of_machine(work, parameters.declared), "realtime": False}
+    told |= {"with_plant": True, "replay": True, "leg": leg}
     spec = NodeSpec(PLAYER, PLAYER, EVERYTHING)
     group = _Group(work, parameters, [spec], "", told | player | {"nodes": ",".join(nodes)}).commands(False)
     for node in nodes:
-        group |= _Group(work, parameters, [LAYOUT[node]], "", told, _aside(node)).commands(False)
+        spec, remaps = layout(topics)[node], _aside(topics, node)
+        group |= _Group(work, parameters, [spec], "", told, remaps).commands(False)
     return group
 
 
-def _aside(node: str) -> list[str]:
+def _of_machine(work: Path, machine: Machine) -> dict[str, str]:
+    """Write the file of a machine of a user's into `work` for the nodes; return their setting of it."""
+    if not machine.text:
+        return {"machine_file": ""}
+    file = work / f"{machine.name}.yaml"
+    file.write_text(machine.text, encoding="utf-8")
+    return {"machine_file": str(file)}
+
+
+def _aside(topics: Topics, node: str) -> list[str]:
     """Return the remappings that put a node's answers beside those of the bag."""
-    answers = [t.name for t in table().values() if t.rate == "step" and node in t.producers]
+    answers = [t.name for t in topics.of_run().values() if t.rate == "step" and node in t.producers]
     pairs = [f"{name}:={'/' * name.startswith('/')}{REPLAYED}/{name.lstrip('/')}" for name in answers]
     return [word for pair in pairs for word in ("-r", pair)]
 
@@ -164,7 +181,7 @@ def open_environment(work: Path) -> dict[str, str]:
     return {**os.environ, "ROS_LOG_DIR": str(work / "ros")}
 
 
-def refuse_used_domain(domain: str, environment: Mapping[str, str], mode: Mode) -> None:
+def refuse_used_domain(domain: str, environment: Mapping[str, str], mode: Mode, machine: Machine) -> None:
     """Refuse a ROS domain in which somebody speaks on the topics of a run, before this one disturbs him.
 
     Raises:
@@ -172,13 +189,13 @@ def refuse_used_domain(domain: str, environment: Mapping[str, str], mode: Mode) 
     """
     if not domain.isdecimal() or not _in_use(int(domain)):
         return
-    topics = [
+    names = [
         resolve(topic.name, leg)
         for leg in mode.legs or [""]
-        for topic in table(mode.realtime, mode.with_plant).values()
+        for topic in Topics(machine).of_run(mode.realtime, mode.with_plant).values()
         if not topic.shared and (mode.with_plant or PLANT not in topic.producers)
     ]
-    command = [sys.executable, "-m", "pam_orthosis.nodes.neighbours", *topics]
+    command = [sys.executable, "-m", "pam_orthosis.nodes.neighbours", *names]
     done = subprocess.run(command, env=dict(environment), capture_output=True, text=True, check=False)
     if found := done.stdout.strip():
         raise OrthosisError(f"ROS domain {domain} is used: {found}; end that, or set another ROS_DOMAIN_ID")

@@ -19,13 +19,12 @@ from rclpy.publisher import Publisher
 from rclpy.qos import qos_profile_sensor_data
 
 from pam_orthosis.bag.cdr import serialised_stamp_ns
-from pam_orthosis.bag.topics import BY_NAME
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.nodes import process, transport
-from pam_orthosis.nodes.parameters import Setting, declare_rows, declare_settings
+from pam_orthosis.nodes.parameters import MACHINE, Setting, declare_rows, declare_settings, machine_of
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX
-from pam_orthosis.scene.messages import DESCRIPTION, LATCHED, TYPES, LegScene
-from pam_orthosis.scene.sampled import INPUTS, SampledScene
+from pam_orthosis.scene.messages import DESCRIPTION, LATCHED, TYPES, Scene
+from pam_orthosis.scene.sampled import SampledScene
 
 NAME = "leg_state_publisher"
 SPIN_SECONDS = 0.2  # the events executor dispatches nothing without a time-out
@@ -38,17 +37,17 @@ class LegStatePublisher(Node):
         super().__init__(NAME)
         leg = Setting("", "namespace of the leg if it is one of several: the prefix of its frames")
         legs = Setting("", "namespaces of all legs, from left to right, comma between; none: one leg")
-        self.settings = declare_settings(self, {"leg": leg, "legs": legs})
-        parameters = declare_rows(self, ("leg", "muscle", "valve"))
+        self.settings = declare_settings(self, {**MACHINE, "leg": leg, "legs": legs})
+        parameters = declare_rows(self, machine_of(self.settings), ("leg", "machine", "muscle", "valve"))
         names = self.settings["legs"].split(",") if self.settings["legs"] else [self.settings["leg"]]
         if self.settings["leg"] not in names:
             raise OrthosisError(f"{NAME}: leg {self.settings['leg']} is none of {', '.join(names)}")
-        scene = LegScene(parameters, self.settings["leg"], names)
+        scene = Scene(parameters, self.settings["leg"], names)
         self._scene = SampledScene(scene, again=True)
         self._outputs = {topic: self._publisher(topic) for topic in TYPES}
         self.declare_parameter(DESCRIPTION, scene.description)
-        for topic in INPUTS:
-            kind = transport.message_class(BY_NAME[topic].type)
+        for topic, name in self._scene.inputs.items():
+            kind = transport.message_class(name)
             receive = self._receiver(topic)
             self.create_subscription(kind, topic, receive, qos_profile_sensor_data, raw=True)
 

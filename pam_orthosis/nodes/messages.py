@@ -14,18 +14,18 @@ from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pam_orthosis.bag.topics import SECOND_NS
-from pam_orthosis.control.trajectory import Reference
+from pam_orthosis.control.reference import Reference, as_number
 
-KNEE = "knee"
 MOTION = ("positions", "velocities", "accelerations")
-# fields of a message of `trajectory`, as of a `Reference`
+# fields of a message of `trajectory`, as of `Reference.from_numbers`
 REFERENCE = [
     *(f"points[0].{field}[0]" for field in MOTION),
     "points[0].effort[0]?",
     "points[1].positions[0]?",  # a plan without the rest is unusable
     *(f"points[1].{field}[0]" for field in MOTION[1:]),
 ]
-NO_FORCE = (0.0, 0.0, 0.0)  # of the wrench of which `torque` is the other half
+# the numbers of a wrench before and behind a torque about y or a force along x, as the table of signals says
+AROUND = {"rotation": ((0.0,) * 4, (0.0,)), "translation": ((), (0.0,) * 5)}
 
 
 def time(stamp_ns: int) -> Time:
@@ -68,7 +68,7 @@ def frame_of(leg: str, name: str) -> str:
 def fluid_pressure(
     stamp_ns: int, muscle: str, pressure: float, variance: float = 0.0, leg: str = ""
 ) -> FluidPressure:
-    """Return an absolute muscle pressure (Pa) and its variance (Pa^2, 0 = unknown)."""
+    """Return an absolute pressure of an actuator (Pa) and its variance (Pa^2, 0 = unknown)."""
     frame = frame_of(leg, f"{muscle}_muscle")
     return FluidPressure(header=header(stamp_ns, frame), fluid_pressure=pressure, variance=variance)
 
@@ -78,30 +78,28 @@ def time_reference(stamp_ns: int, at_ns: int) -> TimeReference:
     return TimeReference(header=header(stamp_ns), time_ref=time(at_ns), source="system clock")
 
 
-def torque(stamp_ns: int, value: float, leg: str = "") -> WrenchStamped:
-    """Return a torque (N m) in the axis of the knee."""
-    message = WrenchStamped(header=header(stamp_ns, frame_of(leg, KNEE)))
-    message.wrench.torque.y = value
-    return message
+def wrench(stamp_ns: int, joint: str, leg: str = "") -> WrenchStamped:
+    """Return what acts on a joint, in its frame: nothing yet."""
+    return WrenchStamped(header=header(stamp_ns, frame_of(leg, joint)))
 
 
-def trajectory(stamp_ns: int, reference: Reference) -> JointTrajectory:
-    """Return the reference (rad, rad/s, rad/s^2) for one instant.
+def trajectory(stamp_ns: int, joint: str, reference: Reference) -> JointTrajectory:
+    """Return the reference of a joint (rad, rad/s, rad/s^2 or m, m/s, m/s^2) for one instant.
 
     The mean pressure of the muscles (absolute Pa), if one is asked for, travels as the effort: the
     effort that both muscles hold against each other, as pressure is the effort of a bond graph. The
-    motion that a plan lets the knee follow instead is the second point, of the same instant.
+    motion that a plan has followed instead is the second point, of the same instant.
     """
     points = [_point(*reference[:3])]
     if reference.mean_pressure is not None:
-        points[0].effort = [reference.mean_pressure]
-    if reference.planned_angle is not None:
-        points.append(_point(*reference[4:]))
-    return JointTrajectory(header=header(stamp_ns), joint_names=[KNEE], points=points)
+        points[0].effort = [as_number(reference.mean_pressure)]
+    if reference.planned is not None:
+        points.append(_point(*reference.planned))
+    return JointTrajectory(header=header(stamp_ns), joint_names=[joint], points=points)
 
 
-def _point(angle: float, velocity: float, acceleration: float) -> JointTrajectoryPoint:
-    return JointTrajectoryPoint(positions=[angle], velocities=[velocity], accelerations=[acceleration])
+def _point(place: float, velocity: float, acceleration: float) -> JointTrajectoryPoint:
+    return JointTrajectoryPoint(positions=[place], velocities=[velocity], accelerations=[acceleration])
 
 
 def diagnostics(

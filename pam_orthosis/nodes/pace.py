@@ -4,32 +4,58 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any
 
 from builtin_interfaces.msg import Time
 
-from pam_orthosis.bag.topics import BY_NAME, NODES
 from pam_orthosis.errors import RunFailed
 from pam_orthosis.nodes import messages
+from pam_orthosis.nodes.graph import GraphNode
+from pam_orthosis.nodes.topic_node import Numbers
 
-if TYPE_CHECKING:
-    from pam_orthosis.nodes.plant_simulator import PlantSimulator
-
-INPUTS, VOLTAGE = ("extensor/valve_voltage", "flexor/valve_voltage"), ("effort[0]",)
+VOLTAGE = ("effort[0]",)
 MAX_UNRECORDED_STEPS, MAX_UNRECORDED_NS = 50, 250_000_000  # and the recorder keeps a chunk in memory
 WATCH_SECONDS = 0.25
 SILENCE_SAMPLES = 20  # without an answer, after which valves vent
 MAX_PERIODS_AT_ONCE = 100  # of the hardware's life in one callback: others must have their turn
 
 
+class PacedNode(GraphNode):
+    """A node of hardware that takes a step when its pace lets it.
+
+    Attributes:
+        abandoned: the run was cut short; no step is taken any more.
+    """
+
+    abandoned = False
+
+    @abstractmethod
+    def publish_sample(self, stamp_ns: int) -> None:
+        """Publish what the sensors say at an instant."""
+
+    @abstractmethod
+    def take(self, line: int, voltage: float, at_ns: int) -> None:
+        """Take a voltage of an actuator's valve (its number) that comes at an instant of the run."""
+
+    @abstractmethod
+    def advance(self, *voltages: float) -> None:
+        """Let one period pass that these voltages answer."""
+
+    @abstractmethod
+    def live_on(self) -> None:
+        """Let one period pass under the voltages that have come."""
+
+
 class Lockstep:
-    """Step k is over when both its voltages are there: the result does not depend on the machine's load.
+    """Step k is over when all its voltages are there: the result does not depend on the machine's load.
 
     It stays at most `MAX_UNRECORDED_STEPS` and `MAX_UNRECORDED_NS` ahead of the recorder, which ends the run
     after the last.
     """
 
-    def __init__(self, plant: PlantSimulator):
+    def __init__(self, plant: PacedNode):
         self._plant = plant
         steps = round(plant.parameters.scenario.duration * 1e9 / plant.period_ns)
         self._last_ns = (steps - 1) * plant.period_ns
@@ -40,7 +66,7 @@ class Lockstep:
         self._begun = False
         self._early: tuple[Any, ...] = ()
         self._progress = time.monotonic()
-        self._join = plant.join_inputs(dict.fromkeys(INPUTS, VOLTAGE), self._answered)
+        self._join = plant.join_inputs(dict.fromkeys(plant.table.commands, VOLTAGE), self._answered)
         plant.listen_to("recorded", self._on_recorded)
         plant.create_timer(WATCH_SECONDS, self._watch)
 
@@ -59,12 +85,12 @@ class Lockstep:
         self._progress = time.monotonic()
         self._plant.publish_sample(self._stamp_ns)
 
-    def _answered(self, stamp_ns: int, extensor: tuple, flexor: tuple) -> None:
+    def _answered(self, stamp_ns: int, *voltages: Numbers) -> None:
         if not self._begun:  # in a replay the answer may overtake the word that all are ready
-            self._early = (stamp_ns, extensor, flexor)
+            self._early = (stamp_ns, *voltages)
         if not self._begun or self._plant.abandoned:
             return
-        self._plant.advance(*extensor, *flexor)
+        self._plant.advance(*(voltage for (voltage,) in voltages))
         self._plant.step_done(stamp_ns)
         self._progress = time.monotonic()
         self._stamp_ns += self._plant.period_ns
@@ -93,12 +119,12 @@ class Lockstep:
     def _cause(self) -> str:
         """Return who is gone, or else what did not come: who sends that may wait for somebody himself."""
         fed = self._plant.settings["replay"]
-        if absent := [] if fed else self._plant.ownership.absent(NODES):
+        if absent := [] if fed else self._plant.ownership.absent(self._plant.table.nodes):
             return f"{' and '.join(absent)} {'is' if len(absent) == 1 else 'are'} gone"
         if self._waits:
             return "bag_recorder does not keep up"
         topics = self._join.missing(self._stamp_ns)
-        producers = {name for topic in topics for name in BY_NAME[topic].producers}
+        producers = {name for topic in topics for name in self._plant.topics[topic].producers}
         return f"{' and '.join(topics)} did not come from {' and '.join(sorted(producers))}"
 
 
@@ -113,14 +139,14 @@ class RealTime:
     instead of ever older ones.
     """
 
-    def __init__(self, plant: PlantSimulator):
+    def __init__(self, plant: PacedNode):
         self._plant = plant
         self._first_ns = 0
         self._passed = 0  # periods that the hardware has lived through
         self._sampled = 0  # period of the last sample
         self._skipped = self._late = self._silent = 0
-        self._answered_ns, self._unanswered = dict.fromkeys(INPUTS, 0), dict.fromkeys(INPUTS, 0)
-        for line, topic in enumerate(INPUTS):
+        self._answered_ns, self._unanswered = (dict.fromkeys(plant.table.commands, 0) for _ in range(2))
+        for line, topic in enumerate(self._answered_ns):
             plant.listen_to_numbers(topic, VOLTAGE, self._receiver(line, topic))
 
     def begin(self) -> None:
@@ -137,11 +163,11 @@ class RealTime:
             "vented_without_commands": self._silent,
         }
 
-    def _receiver(self, line: int, topic: str) -> Any:
-        def receive(stamp_ns: int, voltage: float) -> None:
-            self._plant.take(line, voltage, self._plant.now_ns() - self._first_ns)
+    def _receiver(self, line: int, topic: str) -> Callable[[int, Numbers], None]:
+        def receive(stamp_ns: int, voltage: Numbers) -> None:
+            self._plant.take(line, *voltage, self._plant.now_ns() - self._first_ns)
             if not any(self._answered_ns.values()):  # nobody was silent before there was anybody
-                self._unanswered = dict.fromkeys(INPUTS, 0)
+                self._unanswered = dict.fromkeys(self._answered_ns, 0)
             self._unanswered[topic] = 0
             self._answered_ns[topic] = stamp_ns
 
@@ -162,10 +188,10 @@ class RealTime:
             self._sample(due)
 
     def _vent_in_silence(self) -> None:
-        """Have both valves vent in the next period where either gets no commands any more."""
+        """Have all valves vent in the next period where any gets no commands any more."""
         if max(self._unanswered.values()) > SILENCE_SAMPLES and any(self._answered_ns.values()):
             self._silent += 1
-            for line in range(len(INPUTS)):
+            for line in range(len(self._answered_ns)):
                 vented = self._plant.parameters.valve.minimum_voltage
                 self._plant.take(line, vented, self._passed * self._plant.period_ns)
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -12,8 +13,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.machine import Machine
+from pam_orthosis.model.machines import KNEE, read_machine
 from pam_orthosis.model.parameters import Parameters, Row, load
-from pam_orthosis.nodes.layout import LIVE_KEYS
+from pam_orthosis.nodes.layout import live_keys
 
 _SIM_TIME = "use_sim_time"
 _OF_ROS = (_SIM_TIME, "start_type_description_service", "qos_overrides.")
@@ -25,6 +28,15 @@ class Setting(NamedTuple):
     default: float | str | bool
     meaning: str
     options: tuple[str, ...] = ()
+
+
+MACHINE = {"machine_file": Setting("", "YAML file of the machine whose graph this is; none: the knee")}
+
+
+def machine_of(settings: Mapping[str, Any]) -> Machine:
+    """Return the machine of a node with the settings `MACHINE`; OrthosisError if its file is unusable."""
+    file = settings["machine_file"]
+    return read_machine(Path(file)) if file else KNEE
 
 
 def declare_settings(node: Node, settings: Mapping[str, Setting]) -> dict[str, Any]:
@@ -62,8 +74,10 @@ def refuse_sim_time(node: Node) -> None:
     node.add_on_set_parameters_callback(on_set)
 
 
-def declare_rows(node: Node, branches: Sequence[str], live: Collection[str] = ()) -> Parameters:
-    """Declare the rows of the branches that a node may know, and return what they are set to.
+def declare_rows(
+    node: Node, machine: Machine, branches: Sequence[str], live: Collection[str] = ()
+) -> Parameters:
+    """Declare the rows of the branches of a machine that a node may know, and return what they are set to.
 
     Rows but those of `live` cannot be set later. To be called last: a parameter that is then set but
     not declared is an error.
@@ -71,12 +85,13 @@ def declare_rows(node: Node, branches: Sequence[str], live: Collection[str] = ()
     Raises:
         OrthosisError: unknown parameter, wrong type, out of range or inconsistent values.
     """
+    setters = {key: node for node, keys in reversed(live_keys(machine).items()) for key in keys}
     values = {
-        row.key: _plain(_declare(node, row.key, row.value, _descriptor(row, row.key in live)))
-        for row in load().only(*branches).rows()
+        row.key: _plain(_declare(node, row.key, row.value, _descriptor(row, row.key in live, setters)))
+        for row in load({}, machine).only(*branches).rows()
     }
     _refuse_unknown(node)
-    return load(values).only(*branches)
+    return load(values, machine).only(*branches)
 
 
 def take_changes(node: Node, live: Collection[str], take: Callable[[dict[str, Any]], None]) -> None:
@@ -110,10 +125,10 @@ def _refuse_unknown(node: Node) -> None:
             raise OrthosisError(f"{node.get_name()} has no parameter {name}: check its name in config/")
 
 
-def _descriptor(row: Row, live: bool) -> ParameterDescriptor:
+def _descriptor(row: Row, live: bool, setters: Mapping[str, str]) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         description=f"{row.meaning} [{row.unit}]",
-        additional_constraints=_constraints(row, live),
+        additional_constraints=_constraints(row, live, setters.get(row.key, "")),
         read_only=not live,
     )
     if row.minimum is None or row.maximum is None or isinstance(row.value, list):
@@ -127,9 +142,8 @@ def _descriptor(row: Row, live: bool) -> ParameterDescriptor:
     return descriptor
 
 
-def _constraints(row: Row, live: bool) -> str:
+def _constraints(row: Row, live: bool, setter: str) -> str:
     options = [f"one of {', '.join(row.options)}"] if row.options else []
-    setter = next((node for node, keys in LIVE_KEYS.items() if row.key in keys), None)
     if live:
         when = "may be set while the node runs"
     elif setter:

@@ -4,45 +4,46 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Sequence
+from operator import itemgetter
 
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
-from pam_orthosis.bag.topics import CLOCK, NODES, PLANT
+from pam_orthosis.bag.topics import CLOCK, PLANT, SAMPLE
 from pam_orthosis.control.guard import driven
-from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
-from pam_orthosis.model.plant import Plant, Truth
-from pam_orthosis.nodes import graph, messages, process
-from pam_orthosis.nodes.pace import Lockstep, RealTime
+from pam_orthosis.model.plant import Plant
+from pam_orthosis.nodes import messages, process
+from pam_orthosis.nodes.pace import Lockstep, PacedNode, RealTime
 from pam_orthosis.nodes.parameters import Setting
 
-TRUE = ("knee", "extensor", "flexor", "extensor_gas", "flexor_gas")
 VENT_SAMPLES, VENT_SAMPLE_NS = 10, 50_000_000  # after the end of a run that was cut short
 DELIVERY_SECONDS = 0.3  # less than the supervisor grants for the end
 
 
-class PlantSimulator(graph.GraphNode):
+class PlantSimulator(PacedNode):
     """Publishes what the sensors say and takes the valve voltages; begins when all nodes are ready."""
 
     def __init__(self) -> None:
         timeout = Setting(5.0, "wall time without an answer after which the run fails [s]")
         super().__init__(PLANT, {"answer_timeout": timeout})
         self._plant = Plant(self.parameters, self.parameters.scenario.seed)
-        self._absent = set(NODES)
-        self._newest_ns, self.abandoned = -1, False
+        self._absent = set(self.table.nodes)
+        self._newest_ns: int | None = None
         self._time = None if self.realtime else self.publish_numbers(CLOCK, Clock())
-        joint = messages.joint_state(0, [messages.KNEE], position=[0.0])
-        self._joint = self.publish_numbers("joint_states", joint)
+        joint, actuators = self.machine.name, self.machine.names
+        self._joint = self.publish_numbers(SAMPLE, messages.joint_state(0, [joint], position=[0.0]))
         leg = self.settings["leg"]
         self._pressures = [
-            self.publish_numbers(f"{muscle}/pressure", messages.fluid_pressure(0, muscle, 0.0, leg=leg))
-            for muscle in ("extensor", "flexor")
+            self.publish_numbers(f"{name}/pressure", messages.fluid_pressure(0, name, 0.0, leg=leg))
+            for name in actuators
         ]
         sensor = self.parameters.plant.sensor
         self._variance = sensor.pressure_noise**2 + sensor.pressure_resolution**2 / 12
-        zeros = [0.0] * len(TRUE)
-        self._truth = self.publish_numbers("truth", messages.joint_state(0, TRUE, zeros, zeros, zeros))
+        true = [joint, *actuators, *(f"{name}_gas" for name in actuators)]
+        self._ordered, zeros = order_of_truth(len(actuators)), [0.0] * len(true)
+        self._truth = self.publish_numbers("truth", messages.joint_state(0, true, zeros, zeros, zeros))
         self._pace = RealTime(self) if self.realtime else Lockstep(self)
 
     def started(self) -> None:
@@ -53,13 +54,13 @@ class PlantSimulator(graph.GraphNode):
         """Count lost or late inputs."""
         return self._pace.health()
 
-    def advance(self, extensor_voltage: float, flexor_voltage: float) -> None:
+    def advance(self, *voltages: float) -> None:
         """Let one period pass that these voltages answer; a valve vents under none that it can follow."""
         valve = self.parameters.valve
-        self._plant.advance(driven(extensor_voltage, valve), driven(flexor_voltage, valve))
+        self._plant.advance(*[driven(voltage, valve) for voltage in voltages])
 
     def take(self, line: int, voltage: float, at_ns: int) -> None:
-        """Take a voltage of the extensor's (0) or flexor's (1) valve that comes at an instant of the run."""
+        """Take a voltage of an actuator's valve (its number) that comes at an instant of the run."""
         self._plant.take(line, driven(voltage, self.parameters.valve), at_ns)
 
     def live_on(self) -> None:
@@ -69,28 +70,27 @@ class PlantSimulator(graph.GraphNode):
     def abandon(self) -> bool:
         """Let the hardware live on alone: valves without commands vent, as the last samples show."""
         self.abandoned = True
-        vent, periods = self.parameters.valve.minimum_voltage, max(1, VENT_SAMPLE_NS // self.period_ns)
-        for _ in range(VENT_SAMPLES if self._newest_ns >= 0 else 0):
+        vents = [self.parameters.valve.minimum_voltage] * len(self._pressures)
+        periods = max(1, VENT_SAMPLE_NS // self.period_ns)
+        for _ in range(0 if self._newest_ns is None else VENT_SAMPLES):
             for _ in range(periods):
-                self.advance(vent, vent)
+                self.advance(*vents)
             self.publish_sample(self._newest_ns + periods * self.period_ns)
         self.wait_until_delivered(DELIVERY_SECONDS)
         return False
 
     def retune(self, parameters: Parameters) -> None:
-        """Put a person of another mass into the orthosis, from the next step on."""
-        if not parameters.leg.person.present:
-            raise OrthosisError("leg.person.mass: no person is in the orthosis (leg.person.present)")
+        """Take another load, such as a person of another mass, from the next step on."""
         self._plant.retune(parameters)
 
     def publish_sample(self, stamp_ns: int) -> None:
         """Publish the sensors' values and the truth of the present step."""
         self._newest_ns = stamp_ns
-        measured, truth = self._plant.measure(), self._plant.truth()
-        self._joint(stamp_ns, measured.angle)
-        for send, pressure in zip(self._pressures, measured[1:], strict=True):
+        place, *pressures = self._plant.measure()
+        self._joint(stamp_ns, place)
+        for send, pressure in zip(self._pressures, pressures, strict=True):
             send(stamp_ns, pressure, self._variance)
-        self._truth(stamp_ns, *true_numbers(truth))
+        self._truth(stamp_ns, *self._ordered((*self._plant.truth(), 0.0)))
         if self._time and stamp_ns % (self.every * self.control_ns) == 0:
             self._time(stamp_ns)
 
@@ -101,14 +101,15 @@ class PlantSimulator(graph.GraphNode):
             self._pace.begin()
 
 
-def true_numbers(truth: Truth) -> tuple[float, ...]:
-    """Return the truth of each of `TRUE`: positions, then velocities, then efforts."""
-    return (
-        truth.angle, truth.extensor_contraction, truth.flexor_contraction, 0.0, 0.0,
-        truth.velocity, truth.extensor_rate, truth.flexor_rate, truth.extensor_flow, truth.flexor_flow,
-        truth.torque, truth.extensor_force, truth.flexor_force,
-        truth.extensor_pressure, truth.flexor_pressure,
-    )  # fmt: skip
+def order_of_truth(count: int) -> Callable[[Sequence[float]], tuple[float, ...]]:
+    """Return what puts the truth of so many actuators, and a 0, in the order of its message.
+
+    That is positions, velocities, then efforts of the joint, of the actuators and of their gas.
+    """
+    kinds = (range(first, first + count) for first in range(3, 3 + 5 * count, count))
+    contractions, rates, forces, pressures, flows = kinds
+    positions = (0, *contractions, *[-1] * count)
+    return itemgetter(*positions, 1, *rates, *flows, 2, *forces, *pressures)
 
 
 def main() -> int:

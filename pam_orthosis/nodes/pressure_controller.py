@@ -1,24 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node: pressure controller of one muscle, from pressures and estimate to a mass flow."""
+"""Node: pressure controller of one actuator, from pressures and estimate to a mass flow."""
 
 from __future__ import annotations
 
 import sys
 from typing import Any
 
+from pam_orthosis.bag.topics import CONTROLLER
 from pam_orthosis.control.guarded import GuardedPressure
 from pam_orthosis.control.pressure import PressureController
+from pam_orthosis.control.reference import from_number
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages, process
 from pam_orthosis.nodes.parameters import Setting
 
 
 class PressureControllerNode(graph.GraphNode):
-    """Publishes the mass flow of each step into the `extensor` or the `flexor`."""
+    """Publishes the mass flow of each step into an actuator of the machine."""
 
     def __init__(self, name: str = "pressure_controller") -> None:
-        muscle = Setting("", "muscle whose pressure is controlled", ("extensor", "flexor"))
-        super().__init__(name, {"muscle": muscle}, "{muscle}_pressure_controller")
+        muscle = Setting("", "actuator whose pressure is controlled, e.g. extensor")
+        super().__init__(name, {"muscle": muscle}, CONTROLLER.format("{muscle}"))
         self._muscle = self.settings["muscle"]
         controller = PressureController(self.parameters, self._muscle)
         self._controller = GuardedPressure(self.parameters, controller)
@@ -41,12 +43,13 @@ class PressureControllerNode(graph.GraphNode):
 
     def _step(self, stamp_ns: int, pressure: tuple, wanted: tuple, estimate: tuple, age: float = 0.0) -> None:
         periods = self.periods_since(stamp_ns)
-        self._flow(stamp_ns, self._controller.step(*pressure, *wanted, *estimate, periods, age))
+        flow = self._controller.step(*pressure, from_number(*wanted), *estimate, periods, age)
+        self._flow(stamp_ns, flow)
         self.step_done(stamp_ns)
 
 
 def main() -> int:
-    """Run the node; the parameter `muscle` says for which muscle."""
+    """Run the node; the parameter `muscle` says for which actuator."""
     return process.run(lambda: [PressureControllerNode()])
 
 

@@ -94,7 +94,7 @@ def _status(nodes: Sequence[GraphNode], ended: bool) -> str:
     if any(node.stranger for node in nodes):
         return "refused"
     if not all(node.ready for node in nodes):
-        return f"starting {sum(len(node.missing_peers()) for node in nodes)}"
+        return f"starting {sum(len(node.barrier.missing()) for node in nodes)}"
     return f"running {min(node.time_ns for node in nodes)}"
 
 
@@ -114,72 +114,89 @@ class RunLog:
         """Say how the run ended, where no error does."""
         self.look(nodes)
         if self._begun:
-            how = "is over" if all(node.ended for node in nodes) else "was cut short"
+            how = "is over" if _ended(nodes) else "was cut short"
             reached = max(node.time_ns for node in nodes) / SECOND_NS
             nodes[0].get_logger().info(f"the run {how} at {reached:.3f} s")
+
+
+class _Watch:
+    """Looks between callbacks whether nodes are to spin on, by a timer and at each step.
+
+    A timer alone has to queue behind all that has arrived, which is much on a busy machine.
+    """
+
+    def __init__(self, nodes: Sequence[GraphNode], signals: Sequence[int]):
+        self._nodes, self._signals, self._due = nodes, signals, 0.0
+        self.over, self.heartbeat, self.log = Future(), Heartbeat(), RunLog()
+        self.errors: list[Exception] = []
+        nodes[0].create_timer(HEARTBEAT_SECONDS, self.look)
+        for node in nodes:
+            node.pulse, node.alarm = self.pulse, self.look
+
+    def pulse(self) -> None:
+        """Look, if there is a signal or it is time."""
+        if self._signals or time.monotonic() >= self._due:
+            self.look()
+
+    def look(self) -> None:
+        """End the spinning at the run's end, a failure, a signal, or without the supervisor."""
+        self._due = time.monotonic() + HEARTBEAT_SECONDS
+        self.log.look(self._nodes)
+        failed = self._signals or any(node.failure for node in self._nodes)
+        ended = all(node.ended for node in self._nodes)
+        if failed or not self.heartbeat.beat(self._nodes) or ended:
+            self.over.set_result(None)
+
+    def fail(self, error: Exception) -> None:
+        """Take what a callback raised."""
+        self.errors.append(error)
+        self.over.set_result(None)
 
 
 def spin(nodes: Sequence[GraphNode], signals: Sequence[int]) -> bool:
     """Run nodes until the run ends, one of `caught_signals` is there or the supervisor is gone; close them.
 
-    Returns whether the run came to its end.
-
-    Signals are looked at between callbacks, so that a step is never cut in two, by a timer and at each
-    step: a timer alone has to queue behind all that has arrived, which is much on a busy machine. The
-    events executor is the fast one; it needs a finite time-out to dispatch at all.
+    Returns whether the run came to its end. Signals are looked at between callbacks, so that a step is never
+    cut in two.
     """
-    over, heartbeat, log = Future(), Heartbeat(), RunLog()
-    due = 0.0
-
-    def pulse() -> None:
-        if signals or time.monotonic() >= due:
-            watch()
-
-    def watch() -> None:
-        nonlocal due
-        due = time.monotonic() + HEARTBEAT_SECONDS
-        log.look(nodes)
-        failed = signals or any(node.failure for node in nodes)
-        if failed or not heartbeat.beat(nodes) or all(node.ended for node in nodes):
-            over.set_result(None)
-
-    nodes[0].create_timer(HEARTBEAT_SECONDS, watch)
-    for node in nodes:
-        node.pulse, node.alarm = pulse, watch
-    executor = EventsExecutor()
+    watch = _Watch(nodes, signals)
+    executor = EventsExecutor()  # the fast one; it needs a finite time-out to dispatch at all
     for node in nodes:
         executor.add_node(node)
-    errors: list[Exception] = []
-
-    def fail(error: Exception) -> None:
-        errors.append(error)
-        over.set_result(None)
-
-    _connect(nodes, Exchange(executor, fail))
+    _connect(nodes, Exchange(executor, watch.fail))
     failed = True
     try:
-        while not over.done():
-            executor.spin_until_future_complete(over, timeout_sec=3600.0)
-        if errors:
-            raise errors[0]
+        while not watch.over.done():
+            executor.spin_until_future_complete(watch.over, timeout_sec=3600.0)
+        if watch.errors:
+            raise watch.errors[0]
         failed = False
     finally:
-        heartbeat.ends_within(LEAVING_SECONDS if heartbeat.orphaned else None)
-        if not all(node.ended for node in nodes):
-            heartbeat.tell("leaving")
-            seconds = ORPHAN_SECONDS if heartbeat.orphaned else LAST_WORDS_SECONDS
-            _abandon(nodes, executor, seconds, patient=not failed)
-        for node in nodes:
-            node.close()
-    if all(node.ended for node in nodes):
-        heartbeat.tell("closed")
+        _close(nodes, executor, watch.heartbeat, patient=not failed)
+    if _ended(nodes):
+        watch.heartbeat.tell("closed")
     for node in nodes:
         if node.failure:
             raise node.failure()
-    log.end(nodes)
+    watch.log.end(nodes)
     for node in nodes:
         node.destroy_node()
+    return _ended(nodes)
+
+
+def _ended(nodes: Sequence[GraphNode]) -> bool:
     return all(node.ended for node in nodes)
+
+
+def _close(nodes: Sequence[GraphNode], executor: EventsExecutor, heartbeat: Heartbeat, patient: bool) -> None:
+    """Close nodes; those of a run that is cut short say and hear last words before."""
+    heartbeat.ends_within(LEAVING_SECONDS if heartbeat.orphaned else None)
+    if not _ended(nodes):
+        heartbeat.tell("leaving")
+        seconds = ORPHAN_SECONDS if heartbeat.orphaned else LAST_WORDS_SECONDS
+        _abandon(nodes, executor, seconds, patient)
+    for node in nodes:
+        node.close()
 
 
 def _connect(nodes: Sequence[GraphNode], exchange: Exchange) -> None:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
 
 from rclpy.duration import Duration
 
@@ -12,9 +11,7 @@ from pam_orthosis.bag.steps import StepCollector
 from pam_orthosis.bag.topics import SECOND_NS, in_leg
 from pam_orthosis.errors import RunFailed
 from pam_orthosis.nodes import messages
-
-if TYPE_CHECKING:
-    from pam_orthosis.nodes.bag_recorder import BagRecorder
+from pam_orthosis.nodes.graph import GraphNode
 
 GRACE_NS = SECOND_NS // 2
 ACK_SECONDS, ACK_WAITS = 0.2, 5
@@ -26,15 +23,18 @@ class RecordedLeg:
     Args:
         node: the recorder.
         name: namespace of the leg, none if there is one only.
+        run_ns: length of the run.
         steps: where its messages are gathered; in lockstep all legs share one.
     """
 
-    def __init__(self, node: BagRecorder, name: str, steps: StepCollector):
+    def __init__(self, node: GraphNode, name: str, run_ns: int, steps: StepCollector):
         self.name = name
+        self._run_ns = run_ns
         self.steps = steps
         self._node = node
-        self.end_ns = None if node.realtime else node.run_ns
-        self._sampled, self._newest_ns = time.monotonic(), 0
+        self.end_ns = None if node.realtime else run_ns
+        self._sampled = time.monotonic()
+        self._newest_ns: int | None = None
         self._acknowledged_ns = -1
         self._answered = True
         self._recorded = node.publish_to("recorded", leg=name)
@@ -47,7 +47,8 @@ class RecordedLeg:
     def sampled(self, stamp_ns: int) -> None:
         """Note that the leg has taken a sample; in real time the run begins with its first."""
         self._sampled, self._newest_ns = time.monotonic(), stamp_ns
-        self.end_ns = self.end_ns or stamp_ns + self._node.run_ns
+        if self.end_ns is None:
+            self.end_ns = stamp_ns + self._run_ns
 
     def within(self, stamp_ns: int) -> bool:
         """Whether an instant is of the run: references are published ahead, drivers do not end with it."""
@@ -55,7 +56,7 @@ class RecordedLeg:
 
     def is_near(self, stamp_ns: int) -> bool:
         """Whether an instant is not much later than the newest sample."""
-        return not self._newest_ns or stamp_ns <= self._newest_ns + SECOND_NS
+        return self._newest_ns is None or stamp_ns <= self._newest_ns + SECOND_NS
 
     def unhurried(self, sampled: bool, answered: bool) -> bool:
         """Whether what has just come leaves time to write, in real time.

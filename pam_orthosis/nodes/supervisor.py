@@ -12,9 +12,9 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from pam_orthosis.bag.topics import NODES, RECORDER
+from pam_orthosis.bag.topics import RECORDER
 from pam_orthosis.errors import RunFailed
-from pam_orthosis.nodes.launch import COMPOSED
+from pam_orthosis.nodes.launch import COMPOSED, PLAYER
 from pam_orthosis.processes import (
     SILENCE_SECONDS,
     Idleness,
@@ -123,10 +123,8 @@ class Child:
 
     @property
     def records(self) -> bool:
-        """Whether the process writes a bag, or may."""
-        leg, _, name = self.name.rpartition("/")
-        of_leg = bool(leg) and name == COMPOSED  # of several legs: the recorder is a process of its own
-        return not of_leg and name not in set(NODES) - {RECORDER}
+        """Whether the process writes a bag; a leg among several does not: their recorder stands outside."""
+        return self.name in (RECORDER, COMPOSED, PLAYER)
 
     def stop(self) -> None:
         """Ask the process to end; one that cannot hear is killed."""

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node: the reference angle, published one of its periods before the instant that it is valid for."""
+"""Node: the reference, published one of its periods before the instant that it is valid for."""
 
 from __future__ import annotations
 
 import sys
 
-from pam_orthosis.bag.topics import CLOCK, TRAJECTORY
-from pam_orthosis.control.trajectory import Reference, Trajectory, make_trajectory
+from pam_orthosis.bag.topics import CLOCK, REFERENCE, SAMPLE, TRAJECTORY
+from pam_orthosis.control.reference import Reference
+from pam_orthosis.control.trajectory import Trajectory, make_trajectory
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages, process
@@ -17,7 +18,7 @@ class TrajectoryPublisher(graph.GraphNode):
 
     Its steps are those of the position controller, which has them from the references' stamps.
 
-    The clock is `/clock` in lockstep and the sample of the knee angle in real time, so that reference
+    The clock is `/clock` in lockstep and the sample in real time, so that reference
     and sample carry the same stamps without two timers that drift apart. The services `start` and
     `stop` begin the motion anew and bring it to rest.
     """
@@ -27,12 +28,15 @@ class TrajectoryPublisher(graph.GraphNode):
         self._trajectory = make_trajectory(self.parameters)
         self._first_ns = 0
         self._next_ns: int | None = None
-        plain, stiff, planned = (messages.trajectory(0, Reference(*[0.0] * count)) for count in (3, 4, 7))
-        self._reference = self.publish_numbers("reference", plain, stiff, planned)
+        plain, stiff, planned = (
+            messages.trajectory(0, self.machine.name, Reference.from_numbers(*[0.0] * count))
+            for count in (3, 4, 7)
+        )
+        self._reference = self.publish_numbers(REFERENCE, plain, stiff, planned)
         self.offer("start", self._start)
         self.offer("stop", self._stop)
         if self.realtime:
-            self.listen_to_numbers("joint_states", [], self._tick, depth=1)
+            self.listen_to_numbers(SAMPLE, [], self._tick, depth=1)
         else:
             self.listen_to_numbers(CLOCK, [], self._tick)
 
@@ -42,13 +46,13 @@ class TrajectoryPublisher(graph.GraphNode):
 
     def _start(self) -> str:
         if not self._changeable().stopped:
-            raise OrthosisError("the knee is moving already")
+            raise OrthosisError(f"the {self.machine.name} is moving already")
         self._changeable().go_on(self._ahead_ns())
         return f"moving within {self.parameters.scenario.start_ramp:g} s"
 
     def _stop(self) -> str:
         if self._changeable().stopped:
-            raise OrthosisError("the knee has been stopped already")
+            raise OrthosisError(f"the {self.machine.name} has been stopped already")
         self._changeable().stop(self._ahead_ns())
         return f"at rest within {self.parameters.scenario.start_ramp:g} s"
 
@@ -61,7 +65,7 @@ class TrajectoryPublisher(graph.GraphNode):
         """Return the instant, since the start, of the reference that is published next."""
         return (self._next_ns or 0) - self._first_ns
 
-    def _tick(self, now_ns: int) -> None:
+    def _tick(self, now_ns: int, _numbers: tuple = ()) -> None:
         if self._next_ns is None:
             self._first_ns = self._next_ns = now_ns
         if self._next_ns < now_ns:  # skipped samples need no reference
@@ -76,7 +80,7 @@ class TrajectoryPublisher(graph.GraphNode):
 
     def _publish(self, stamp_ns: int) -> None:
         reference = self._trajectory.sample(stamp_ns - self._first_ns)
-        self._reference(stamp_ns, *(number for number in reference if number is not None))
+        self._reference(stamp_ns, *reference.numbers())
 
 
 def main() -> int:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plan a gait within the reach of the muscles: where the knee gives way, and co-contraction ahead of need."""
+"""Plan a cycle within the reach of the actuators: where it gives way, and co-contraction ahead of need."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from pam_orthosis.control.knee import leg_mechanics
-from pam_orthosis.control.position import pressures_for_torque
+from pam_orthosis.control.axis import Axis
+from pam_orthosis.control.position import Demand, pressures_for_effort
 from pam_orthosis.control.trajectory import Trajectory, make_trajectory
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
@@ -29,19 +29,19 @@ _PHASES = np.arange(NODES) / NODES
 _MIDDLES = _PHASES + 0.5 / NODES
 _NEAR_REST = np.cos(np.pi * _PHASES) ** 16  # 1 at the phase of rest, within a tenth of a cycle nearly 0
 HARMONICS = 24  # as many as the rows of `scenario.plan` have coefficients
-ROUNDS = 4  # at most: the effects' torque depends on the pressures, and these on it
-SETTLED = 1.0e-3  # rad by which another round does not change the result any more
+ROUNDS = 4  # at most: the effects' effort depends on the pressures, and these on it
+SETTLED = 1.0e-3  # rad or m by which another round does not change the result any more
 DIGITS = 6
 SHARES = 0.9, 1.0  # of what an open valve passes: who is late cannot catch up with all of it, the last resort
-LEAD = 0.02  # s by which the knee is late where valves are at their limits, and more is asked for earlier
+LEAD = 0.02  # s by which the machine is late where valves are at their limits, and more is asked for earlier
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What was planned: duration of the cycle, s, wanted angle, (N,) rad, and the planned cycle.
+    """What was planned: duration of the cycle, s, wanted coordinate, (N,) rad or m, and the planned cycle.
 
-    `asked` is the angle that is asked for so that the knee makes the planned one, (N,) rad. `made_for` is
-    the digest of the motion. `early` is the planned cycle at the start, if it differs: creep takes `settling`
+    `asked` is the coordinate that is asked for so that the planned one is made, (N,). `made_for` is the
+    digest of the motion. `early` is the planned cycle at the start, if it differs: creep takes `settling`
     cycles, by a factor e, to find its own.
     """
 
@@ -58,7 +58,7 @@ class Plan:
         """Return the parameters that let the trajectory publisher ask for the plan."""
         changed: dict[str, Any] = {"scenario.plan.enabled": True, "scenario.plan.cycle_time": self.cycle_time}
         changed["scenario.plan.made_for"] = self.made_for
-        changed |= _rows("scenario.plan", self.asked - self.wanted, _mean(self.cycle))
+        changed |= _rows("scenario.plan", self.asked - self.wanted, self.cycle.mean_pressure)
         if self.early:
             changed |= _rows("scenario.plan.start", *self._at_the_start(self.early))
             changed["scenario.plan.start.settling"] = float(f"{self.settling:.{DIGITS}g}")
@@ -66,19 +66,19 @@ class Plan:
 
     @property
     def farthest(self) -> float:
-        """Return the largest distance of the planned motion from the wanted one, rad."""
+        """Return the largest distance of the planned motion from the wanted one, rad or m."""
         if not self.early:
             return self.cycle.largest
-        begun = self.cycle.angle - self.wanted + self._at_the_start(self.early)[0]
+        begun = self.cycle.position - self.wanted + self._at_the_start(self.early)[0]
         return max(self.cycle.largest, float(np.abs(begun).max()))
 
     def _at_the_start(self, early: Cycle) -> tuple[np.ndarray, np.ndarray]:
-        """Return by what angle, rad, and mean pressure, Pa, differ at the start."""
+        """Return by what coordinate and mean pressure, Pa, differ at the start."""
         growth = np.exp(EARLY / self.settling)  # it has died away by so much where it is planned
-        settled, then = _mean(self.cycle), _mean(early)
+        settled, then = self.cycle.mean_pressure, early.mean_pressure
         both = np.append(settled, then)
         mean = np.clip(settled + growth * (then - settled), both.min(), both.max())
-        return growth * (early.angle - self.cycle.angle), mean - settled
+        return growth * (early.position - self.cycle.position), mean - settled
 
 
 def _rows(group: str, angle: np.ndarray, pressure: np.ndarray) -> dict[str, list[float]]:
@@ -86,10 +86,6 @@ def _rows(group: str, angle: np.ndarray, pressure: np.ndarray) -> dict[str, list
     for name, values in (("angle", angle), ("pressure", pressure)):
         rows[f"{group}.{name}.cosine"], rows[f"{group}.{name}.sine"] = fourier(values)
     return rows
-
-
-def _mean(cycle: Cycle) -> np.ndarray:
-    return (cycle.extensor_pressure + cycle.flexor_pressure) / 2
 
 
 def fourier(values: np.ndarray) -> tuple[list[float], list[float]]:
@@ -110,54 +106,60 @@ def make_plan(
     Args:
         reserve: by how much supply and highest pressure are lower than in that model, Pa.
         progress: called with what is worked on.
-        recorded: what a run of it showed: the torque missing in the model is planned for, the search begins
-            at the cycle that the knee made, and by what it fell short of an earlier plan more is asked for.
+        recorded: what a run of it showed: the effort missing in the model is planned for, the search begins
+            at the cycle that was made, and by what it fell short of an earlier plan more is asked for.
 
     Raises:
-        OrthosisError: the scenario has no cycle, or no motion was found that the muscles can make.
+        OrthosisError: the scenario has no cycle, or no motion was found that the actuators can make.
     """
     nominal = _with_reserve(parameters.belief(), reserve)
     trajectory = make_trajectory(nominal)
     if not isinstance(trajectory, Trajectory):
         raise OrthosisError(f"{nominal.scenario.trajectory} has no cycle to plan: take gait, sine or steps")
-    angle, velocity, acceleration = _cycle(trajectory, nominal)
+    position, velocity, acceleration = _cycle(trajectory, nominal)
     progress("searching the nearest motion")
     mean = np.full(NODES, nominal.control.position.mean_pressure)
-    starts = [_unhurried(nominal, angle, velocity, acceleration), Cycle(angle, mean, mean, 0.0)]
+    starts = [
+        _unhurried(nominal, position, velocity, acceleration),
+        Cycle(position, np.array([mean, mean]), 0.0),
+    ]
     missing = np.zeros(NODES)
     if recorded:
         starts, missing = [_cycle_of(recorded), *starts], recorded.missing(_MIDDLES)
-    search = partial(_nearest, nominal, angle=angle, velocity=velocity, missing=missing, progress=progress)
+    search = partial(
+        _nearest, nominal, position=position, velocity=velocity, missing=missing, progress=progress
+    )
     cycle = search(starts)
-    _check_near(cycle.largest)
-    asked = cycle.angle + (_fell_short(recorded, nominal.scenario.cycle_time) if recorded else 0.0)
-    settling, early = along(nominal, angle, velocity, cycle).settling, None
+    _check_near(nominal, cycle.largest)
+    asked = cycle.position + (_fell_short(recorded, nominal.scenario.cycle_time) if recorded else 0.0)
+    settling, early = along(nominal, position, velocity, cycle).settling, None
     if settling:
         with suppress(NotFound):  # then the start is asked for what the settled cycle is
             early = search([cycle], start_of_run=True)
     made_for = motion_digest(nominal.flat())
-    plan = Plan(nominal.scenario.cycle_time, angle, cycle, asked, made_for, early, settling or 1.0)
-    _check_near(plan.farthest)
+    plan = Plan(nominal.scenario.cycle_time, position, cycle, asked, made_for, early, settling or 1.0)
+    _check_near(nominal, plan.farthest)
     return plan
 
 
-def _check_near(away: float) -> None:
+def _check_near(nominal: Parameters, away: float) -> None:
     if away >= FARTHEST_PLAN:
-        found = f"the nearest motion found is {np.degrees(away):.0f} deg away from the wanted one"
+        shown = nominal.declared.coordinate.shown(away, ".0f")
+        found = f"the nearest motion found is {shown} away from the wanted one"
         raise OrthosisError(f"{found}; {HELPS}")
 
 
 def _nearest(
-    nominal, starts: list[Cycle], angle, velocity, missing, progress, start_of_run: bool = False
+    nominal, starts: list[Cycle], position, velocity, missing, progress, start_of_run: bool = False
 ) -> Cycle:
     """Return the nearest cycle found, with the first of `SHARES` with which there is one."""
-    period = nominal.scenario.cycle_time / NODES
+    period, shown = nominal.scenario.cycle_time / NODES, nominal.declared.coordinate.shown
 
     def found(share: float, start: Cycle) -> Cycle:
-        effects = along(nominal, angle, velocity, start)
-        torque = (effects.early if start_of_run else effects.settled) + missing
-        cycle = nearest_cycle(nominal, start, angle, velocity, torque, period, share)
-        progress(f"searching the nearest motion, so far within {np.degrees(cycle.largest):.2f} deg")
+        effects = along(nominal, position, velocity, start)
+        effort = (effects.early if start_of_run else effects.settled) + missing
+        cycle = nearest_cycle(nominal, start, position, velocity, effort, period, share)
+        progress(f"searching the nearest motion, so far within {shown(cycle.largest)}")
         return cycle
 
     return _first(lambda share: _settled(partial(found, share), starts), SHARES)
@@ -191,7 +193,7 @@ def _with_reserve(nominal: Parameters, reserve: float) -> Parameters:
 
 
 def _cycle(trajectory: Trajectory, nominal) -> tuple[np.ndarray, ...]:
-    """Return angle, velocity, acceleration at the nodes of a cycle, from where it starts, at full cadence."""
+    """Return coordinate, velocity, acceleration at the nodes of a cycle from its start, at full cadence."""
     s = nominal.scenario
     covered = 0.5 * s.start_ramp / s.cycle_time  # in cycles, when the ramp is over
     start = s.start_hold + s.start_ramp + (np.ceil(covered) - covered) * s.cycle_time
@@ -200,30 +202,31 @@ def _cycle(trajectory: Trajectory, nominal) -> tuple[np.ndarray, ...]:
     return tuple(np.array(each) for each in zip(*references, strict=True))
 
 
-def _unhurried(nominal, angle: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Cycle:
+def _unhurried(nominal, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Cycle:
     """Return the wanted cycle with the pressures that it takes, as if valves could give any at once."""
     q, rate, wanted = (ca.SX.sym(name) for name in ("q", "rate", "wanted"))
-    terms, mean = leg_mechanics(q, rate, nominal), nominal.control.position.mean_pressure
-    torque = terms.inertia * wanted + terms.coriolis + terms.gravity
-    found = pressures_for_torque(torque, q, rate, mean, nominal)
-    law = ca.Function("unhurried", [q, rate, wanted], [found.extensor, found.flexor])
-    gauge = law(*(each.reshape(1, -1) for each in (angle, velocity, acceleration)))
-    extensor, flexor = (np.array(each).ravel() + nominal.valve.ambient_pressure for each in gauge)
-    return Cycle(angle, extensor, flexor, 0.0)
+    axis, mean = Axis(nominal), nominal.control.position.mean_pressure
+    terms = axis.terms(q, rate)
+    effort = terms.inertia * wanted + terms.coriolis + terms.gravity
+    found = pressures_for_effort(Demand(effort, q, rate, mean), axis)
+    law = ca.Function("unhurried", [q, rate, wanted], list(found.pressures))
+    gauge = law(*(each.reshape(1, -1) for each in (position, velocity, acceleration)))
+    pressures = [np.array(each).ravel() + nominal.valve.ambient_pressure for each in gauge]
+    return Cycle(position, np.array(pressures), 0.0)
 
 
 def _cycle_of(recorded: Recorded) -> Cycle:
-    pressures = recorded.extensor_pressure(_PHASES), recorded.flexor_pressure(_PHASES)
-    return Cycle(recorded.angle(_PHASES), *pressures, 0.0)
+    pressures = [series(_PHASES) for series in recorded.pressures]
+    return Cycle(recorded.position(_PHASES), np.array(pressures), 0.0)
 
 
 def _fell_short(recorded: Recorded, cycle_time: float) -> np.ndarray:
-    """Return by what the knee fell short of a plan, `LEAD` earlier, rad; nothing where it rests.
+    """Return by what the machine fell short of a plan, `LEAD` earlier; nothing where it rests.
 
-    Nothing either of a run without a plan: muscles may not be able to make that motion at all.
+    Nothing either of a run without a plan: the actuators may not be able to make that motion.
     """
     later = _PHASES + LEAD / cycle_time
-    short = recorded.planned * (recorded.followed_angle(later) - recorded.angle(later))
+    short = recorded.planned * (recorded.followed(later) - recorded.position(later))
     return short - short[0] * _NEAR_REST
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Optimal control of one cycle: the periodic motion nearest to a gait that muscles and valves can make.
+"""Optimal control of one cycle: the periodic motion nearest to a wanted one that the actuators can make.
 
 The unknowns are states and mass flows at the nodes of a grid, bound by the equations of the controllers'
 model (implicit midpoint rule). Pressures in bar and flows in g/s there keep the numbers of like size.
@@ -12,17 +12,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import current_thread, main_thread
-from types import FrameType, SimpleNamespace
+from types import FrameType
 
 import casadi as ca
 import numpy as np
 
 from pam_orthosis.control import effects
-from pam_orthosis.control.knee import leg_mechanics
+from pam_orthosis.control.axis import Axis
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model import leg as leg_model
-from pam_orthosis.model import muscle as muscle_model
-from pam_orthosis.model import orthosis
+from pam_orthosis.model.assembly import set_pressure_rates
+from pam_orthosis.model.mechanisms.base import acceleration
 from pam_orthosis.processes import ENDING
 
 BAR, GRAM = 1.0e5, 1.0e-3
@@ -31,7 +30,7 @@ DRAWING = 0.02  # g/s over which a valve begins to draw from the supply, for the
 SECONDS = 60.0  # of processor time
 ITERATIONS = 1000
 HELPS = "a slower cycle, a lighter person or more supply pressure helps"
-# of the objective, beside the largest error in degrees: what is left open is what the controllers do anyway
+# of the objective, beside the largest error in degrees or mm: what is left open the controllers do anyway
 FLOW_WEIGHT, ERROR_WEIGHT, MEAN_WEIGHT = 1.0e-3, 1.0e-2, 1.0e-3
 
 
@@ -41,24 +40,29 @@ class NotFound(OrthosisError):
 
 @dataclass(frozen=True)
 class Cycle:
-    """A periodic motion at N equidistant instants: rad, absolute Pa; `largest` is its error, rad.
+    """A periodic motion at N equidistant instants: (N,) rad or m, both pressures (2, N), absolute Pa.
 
-    `solution` is, of a cycle that was found, states and flows as the search has them.
+    `largest` is its error, rad or m. `solution` is, of a cycle that was found, states and flows as the search
+    has them.
     """
 
-    angle: np.ndarray
-    extensor_pressure: np.ndarray
-    flexor_pressure: np.ndarray
+    position: np.ndarray
+    pressures: np.ndarray
     largest: float
     solution: tuple[np.ndarray, np.ndarray] | None = None
+
+    @property
+    def mean_pressure(self) -> np.ndarray:
+        """Mean of both pressures, (N,) Pa."""
+        return self.pressures.sum(axis=0) / 2
 
 
 def nearest_cycle(
     nominal,
     start: Cycle,
-    angle: np.ndarray,
+    position: np.ndarray,
     velocity: np.ndarray,
-    torque: np.ndarray,
+    effort: np.ndarray,
     period: float,
     share: float = 1.0,
 ) -> Cycle:
@@ -66,51 +70,55 @@ def nearest_cycle(
 
     Args:
         start: where the search begins.
-        angle: (N,) wanted, rad.
-        velocity: (N,) its rate, rad/s.
-        torque: (N,) what is added to the muscles' torque between an instant and the next, N m.
+        position: (N,) wanted, rad or m.
+        velocity: (N,) its rate.
+        effort: (N,) what is added to the actuators' torque or force between an instant and the next.
         period: between two instants, s.
         share: of what an open valve passes, that is asked for at most.
 
     Raises:
         NotFound: no motion was found that the muscles can make.
     """
-    count, rate = len(angle), _rates(nominal, share)
+    count, rate = len(position), _rates(nominal, share)
     low = nominal.control.position.minimum_pressure / BAR
     high = nominal.control.position.maximum_pressure / BAR
     opti = ca.Opti()
     x, flow, largest = opti.variable(rate.size1_in(0), count), opti.variable(2, count), opti.variable()
     after = ca.horzcat(x[:, 1:], x[:, 0])
-    rates, margins = rate.map(count)((x + after) / 2, flow, torque.reshape(1, -1))
+    rates, margins = rate.map(count)((x + after) / 2, flow, effort.reshape(1, -1))
     opti.subject_to(ca.vec(after - x - period * rates) == 0)
     opti.subject_to(ca.vec(margins) >= 0)
     opti.subject_to(opti.bounded(low, ca.vec(x[2:4, :]), high))
-    error = x[0, :] - angle.reshape(1, -1)
+    error = x[0, :] - position.reshape(1, -1)
     opti.subject_to(opti.bounded(-largest, error, largest))
-    opti.subject_to(error[0] == 0)  # where the knee begins
+    opti.subject_to(error[0] == 0)  # where the run begins
     mean = (x[2, :] + x[3, :]) / 2 - nominal.control.position.mean_pressure / BAR
     change = flow - ca.horzcat(flow[:, -1], flow[:, :-1])
     cost = FLOW_WEIGHT * ca.sumsqr(change) + MEAN_WEIGHT * ca.sumsqr(mean) * period
-    cost += ERROR_WEIGHT * ca.sumsqr(error * 180 / np.pi) * period
-    opti.minimize(largest * 180 / np.pi + cost)
+    shown = nominal.declared.coordinate.shown_factor
+    cost += ERROR_WEIGHT * ca.sumsqr(error * shown) * period
+    opti.minimize(largest * shown + cost)
     if start.solution:
         opti.set_initial(x, start.solution[0])
         opti.set_initial(flow, start.solution[1])
     else:
-        opti.set_initial(x[0, :], start.angle.reshape(1, -1))
+        opti.set_initial(x[0, :], start.position.reshape(1, -1))
         opti.set_initial(x[1, :], velocity.reshape(1, -1))
-        opti.set_initial(x[2, :], start.extensor_pressure.reshape(1, -1) / BAR)
-        opti.set_initial(x[3, :], start.flexor_pressure.reshape(1, -1) / BAR)
+        opti.set_initial(x[2:4, :], start.pressures / BAR)
     opti.set_initial(largest, start.largest or 0.1)
+    value = _solved(opti).value
+    states = value(x)
+    return Cycle(states[0], states[2:4] * BAR, float(value(largest)), (states, value(flow)))
+
+
+def _solved(opti: ca.Opti) -> ca.OptiSol:
     limits = {"max_iter": ITERATIONS, "max_cpu_time": SECONDS, "tol": 1e-5, "mu_strategy": "adaptive"}
     opti.solver("ipopt", {"print_time": False}, {**limits, "print_level": 0, "sb": "yes"})
     try:
         with _interrupts():
-            value = opti.solve().value
+            return opti.solve()
     except RuntimeError:
-        raise NotFound(f"the search found no motion that these muscles can make; {HELPS}") from None
-    states = value(x)
-    return Cycle(states[0], states[2] * BAR, states[3] * BAR, float(value(largest)), (states, value(flow)))
+        raise NotFound(f"the search found no motion that these actuators can make; {HELPS}") from None
 
 
 @contextmanager
@@ -138,38 +146,37 @@ def _interrupts() -> Iterator[None]:
 
 
 def _rates(nominal, share: float) -> ca.Function:
-    """Return (state, mass flows, torque of the effects) -> (rates, distances from the flows allowed)."""
+    """Return (state, mass flows, effort of the effects) -> (rates, distances from the flows allowed)."""
     model = effects.gas_model(nominal)
     supply, own, supply_rates, scales = _supply(nominal)
-    s = SimpleNamespace(**vars(model.signals))
-    flow, torque = ca.SX.sym("flow", 2), ca.SX.sym("torque")
-    pressures = [s.extensor_pressure, s.flexor_pressure]
-    s.extensor_flow, s.flexor_flow = flow[0] * GRAM, flow[1] * GRAM
-    orthosis.gas(s)
-    rates = [s.velocity, _acceleration(s, torque, nominal), s.extensor_pressure_rate, s.flexor_pressure_rate]
+    s, flow, effort = model.signals.copy(), ca.SX.sym("flow", 2), ca.SX.sym("effort")
+    for i, a in enumerate(s.actuators.values()):
+        a.flow = flow[i] * GRAM
+    set_pressure_rates(s)
+    rates = [s.velocity, _acceleration(s, effort, Axis(nominal))]
+    rates += [a.pressure_rate for a in s.actuators.values()]
     rates.append(supply_rates(flow * GRAM))
     margins = []
-    for i, name in enumerate(orthosis.MUSCLES):
+    for i, (name, a) in enumerate(s.actuators.items()):
         passes = effects.flow_of_opening(nominal, name)
-        margins.append(share * passes(1.0, pressures[i], supply) / GRAM - flow[i])
-        margins.append(flow[i] - share * passes(-1.0, pressures[i], supply) / GRAM)
+        margins.append(share * passes(1.0, a.pressure, supply) / GRAM - flow[i])
+        margins.append(flow[i] - share * passes(-1.0, a.pressure, supply) / GRAM)
     scale = ca.DM([1.0, 1.0, BAR, BAR, *scales])
-    base = model.x[: len(orthosis.BASE_STATES)]
+    base = model.x[: len(nominal.declared.states)]
     scaled = ca.SX.sym("scaled", scale.shape[0])
     whole = [ca.vertcat(*rates) / scale, ca.vertcat(*margins)]
     whole = ca.substitute(whole, [ca.vertcat(base, own)], [scaled * scale])
-    return ca.Function("cycle_rates", [scaled, flow, torque], [ca.cse(term) for term in whole])
+    return ca.Function("cycle_rates", [scaled, flow, effort], [ca.cse(term) for term in whole])
 
 
-def _acceleration(s, torque, nominal):
-    m, pulls = nominal.muscle.dmsp_20, []
-    for name in orthosis.MUSCLES:
-        contraction, gauge = getattr(s, f"{name}_contraction"), getattr(s, f"{name}_gauge")
-        pull = muscle_model.towing_force(contraction, gauge, m)
-        pull -= muscle_model.damping_force(getattr(s, f"{name}_rate"), m)
-        pulls.append(_positive(pull, SLACKENING))
-    whole = leg_model.knee_torque(*pulls, nominal.leg) + torque
-    return orthosis.acceleration(whole, leg_mechanics(s.angle, s.velocity, nominal))
+def _acceleration(s, effort, axis: Axis):
+    pulls = []
+    for one, a in zip(axis.actuators, s.actuators.values(), strict=True):
+        pull = one.force(a.contraction, a.gauge) - one.damping * a.rate
+        pulls.append(_positive(pull, SLACKENING) if one.pulls_only else pull)
+    share, arm = axis.lever(s.coordinate)
+    whole = arm * (pulls[1] - share * pulls[0]) + effort
+    return acceleration(whole, axis.terms(s.coordinate, s.velocity))
 
 
 def _supply(nominal):
@@ -178,7 +185,7 @@ def _supply(nominal):
     own = ca.SX.sym("supply", len(scales))
 
     def at(flow):
-        drawn = {name: _positive(flow[i], DRAWING * GRAM) for i, name in enumerate(orthosis.MUSCLES)}
+        drawn = {name: _positive(flow[i], DRAWING * GRAM) for i, name in enumerate(nominal.declared.names)}
         return effects.supply(nominal, own, drawn)
 
     return at(ca.SX(2, 1))[0], own, lambda flow: at(flow)[1], scales

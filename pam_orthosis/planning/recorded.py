@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a recorded run shows by the phase of the gait: the torque that the model missed, the cycle made."""
+"""What a recorded run shows by the phase of the cycle: the effort that the model missed, the cycle made."""
 
 from __future__ import annotations
 
@@ -9,19 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
-from pam_orthosis.bag.read import Bag, aligned, read_bag
+from pam_orthosis.bag.read import Bag, aligned, read_bag, recorded_machine
 from pam_orthosis.bag.topics import SECOND_NS
-from pam_orthosis.control.trajectory import Trajectory, make_trajectory
+from pam_orthosis.control.trajectory import make_trajectory
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.rules import FARTHEST_PLAN
 
 HARMONICS = 12
-SAME_MOTION = 1.0e-3  # rad
+SAME_MOTION = 1.0e-3  # rad or m
 
 Series = Callable[[np.ndarray], np.ndarray]
-MOTION = ("angle", "extensor_pressure", "flexor_pressure", "followed_angle")
-NEEDED = ("reference_angle", "disturbance", *MOTION)
 
 
 @dataclass(frozen=True)
@@ -29,19 +28,18 @@ class Recorded:
     """What came again in each cycle of a run, as functions of the phases (n,), 0 where the motion starts.
 
     Attributes:
-        missing: in the model: torque, N m in the direction of flexion. It is what the observer found,
-            Eq. (29), with its lag: the controllers will meet it with that lag again.
-        angle: of the knee, rad.
-        extensor_pressure, flexor_pressure: absolute, Pa.
-        followed_angle: that the knee was to follow, rad.
-        planned: whether that was a plan's, which muscles can make, and not the wanted one.
+        missing: in the model: torque or force in the direction of the coordinate. It is what the observer
+            found, Eq. (29), with its lag: the controllers will meet it with that lag again.
+        position: coordinate, rad or m.
+        pressures: absolute, Pa.
+        followed: coordinate that was to be followed.
+        planned: whether that was a plan's, which the actuators can make, and not the wanted one.
     """
 
     missing: Series
-    angle: Series
-    extensor_pressure: Series
-    flexor_pressure: Series
-    followed_angle: Series
+    position: Series
+    pressures: tuple[Series, ...]
+    followed: Series
     planned: bool
 
 
@@ -56,12 +54,16 @@ def recorded_in(path: Path, parameters: Parameters, namespace: str = "") -> Reco
     Raises:
         OrthosisError: the bag is unusable, of another motion or model, or has no whole cycle at full cadence.
     """
-    bag = read_bag(path, NEEDED, namespace=namespace)
+    machine, of_bag = parameters.declared, recorded_machine(path)
+    if of_bag.text != machine.text:
+        raise OrthosisError(f"{path} is of another machine ({of_bag.name}, planned is {machine.name})")
+    reference, needed = f"reference_{machine.coordinate.name}", _needed(machine)
+    bag = read_bag(path, needed, namespace=namespace)
     _check_model(bag, parameters)
-    stamps, values = aligned(*(bag[name] for name in NEEDED))
-    signals = dict(zip(NEEDED, values, strict=True))
-    time = (stamps - bag["reference_angle"].stamp_ns[0]) / SECOND_NS
-    _check_motion(bag, make_trajectory(parameters), time, signals["reference_angle"])
+    stamps, values = aligned(*(bag[name] for name in needed))
+    signals = dict(zip(needed, values, strict=True))
+    time = (stamps - bag[reference].stamp_ns[0]) / SECOND_NS
+    _check_motion(bag, parameters, time, signals[reference])
     try:
         return recorded(time, signals, parameters)
     except OrthosisError as error:
@@ -73,18 +75,20 @@ def recorded(time: np.ndarray, signals: Mapping[str, np.ndarray], parameters: Pa
 
     Args:
         time: (n,) since the start of the run, s.
-        signals: (n,) each: `reference_angle`, `followed_angle` and measured `angle`, rad, measured
-            pressures, Pa, and `disturbance`, tau of Eq. (26), N m.
+        signals: (n,) each: of the coordinate the reference, what was followed and what was measured; measured
+            pressures, Pa; `disturbance`, tau of Eq. (26).
         parameters: of the run.
 
     Raises:
-        OrthosisError: no whole cycle at full cadence, or the knee was far from the wanted motion there.
+        OrthosisError: no whole cycle at full cadence, or the machine was far from the wanted motion there.
     """
     scenario = parameters.scenario
     steady = time >= scenario.start_hold + scenario.start_ramp
     if not steady.any() or np.ptp(time[steady]) < scenario.cycle_time:
         raise OrthosisError("no whole cycle at full cadence; record a longer run")
-    _check_near(np.abs(signals["reference_angle"] - signals["angle"])[steady].max())
+    q, names = parameters.declared.coordinate.name, parameters.declared.names
+    reference, followed = signals[f"reference_{q}"], signals[f"followed_{q}"]
+    _check_near(parameters, np.abs(reference - signals[q])[steady].max())
     phase = (time[steady] - scenario.start_hold - 0.5 * scenario.start_ramp) / scenario.cycle_time
     there = np.sort(phase % 1.0)
     if max(np.diff(there, append=there[0] + 1.0)) > 0.5 / HARMONICS:
@@ -95,8 +99,14 @@ def recorded(time: np.ndarray, signals: Mapping[str, np.ndarray], parameters: Pa
         found, *_ = np.linalg.lstsq(waves, values[steady], rcond=None)
         return lambda phase: _waves(phase) @ found
 
-    planned = bool(np.any(signals["followed_angle"] != signals["reference_angle"]))
-    return Recorded(series(-signals["disturbance"]), *(series(signals[name]) for name in MOTION), planned)
+    pressures = tuple(series(signals[f"{name}_pressure"]) for name in names)
+    planned = bool(np.any(followed != reference))
+    return Recorded(series(-signals["disturbance"]), series(signals[q]), pressures, series(followed), planned)
+
+
+def _needed(machine: Machine) -> list[str]:
+    q = machine.coordinate.name
+    return [f"reference_{q}", "disturbance", *machine.channels, f"followed_{q}"]
 
 
 def _waves(phase: np.ndarray) -> np.ndarray:
@@ -105,17 +115,19 @@ def _waves(phase: np.ndarray) -> np.ndarray:
     return np.hstack([np.cos(at), np.sin(at[:, 1:])])
 
 
-def _check_near(away: float) -> None:
+def _check_near(parameters: Parameters, away: float) -> None:
     if away >= FARTHEST_PLAN:
-        what = f"the knee was {np.degrees(away):.0f} deg away from the wanted motion"
+        machine = parameters.declared
+        what = f"the {machine.name} was {machine.coordinate.shown(away, '.0f')} away from the wanted motion"
         raise OrthosisError(f"{what}: record a run with a plan that was made without --after")
 
 
-def _check_motion(bag: Bag, trajectory: Trajectory, time: np.ndarray, angle: np.ndarray) -> None:
-    wanted = np.array([trajectory.sample(round(each * SECOND_NS)).angle for each in time])
-    away = float(np.abs(wanted - angle).max())
+def _check_motion(bag: Bag, parameters: Parameters, time: np.ndarray, reference: np.ndarray) -> None:
+    trajectory = make_trajectory(parameters)
+    wanted = np.array([trajectory.sample(round(each * SECOND_NS)).position for each in time])
+    away = float(np.abs(wanted - reference).max())
     if away > SAME_MOTION:
-        what = f"shows another motion, {np.degrees(away):.1f} deg away"
+        what = f"shows another motion, {parameters.declared.coordinate.shown(away, '.1f')} away"
         raise OrthosisError(f"{bag.path} {what}: record a run of the scenario that is to be planned")
 
 

@@ -8,15 +8,12 @@ import io
 from html import escape
 from itertools import takewhile
 
-import matplotlib as mpl
 import numpy as np
-
-mpl.use("Agg")  # no display
 from matplotlib.figure import Figure
 
 from pam_orthosis.discrepancy import structure
 from pam_orthosis.discrepancy.judgement import Outcome
-from pam_orthosis.discrepancy.missing import missing_rate, order
+from pam_orthosis.discrepancy.structure import missing_rate, order
 from pam_orthosis.report.html import document
 
 WINDOW = 4.0  # s, shown of a recording: where the gap is largest

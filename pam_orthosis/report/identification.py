@@ -5,13 +5,9 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO
 
 import matplotlib as mpl
 import numpy as np
-
-mpl.use("Agg")  # no display
-from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
 from pam_orthosis.files import Write
@@ -29,22 +25,17 @@ def drawn(found: Identified, folder: Path) -> dict[Path, Write]:
     figures = {FORCE: _force(found), RESIDUAL: _residual(found)}
     if found.volume:
         figures[VOLUME] = _volume(found)
-    return {folder / name: partial(_save, figure) for name, figure in figures.items()}
+    return {folder / name: partial(figure.savefig, dpi=DPI) for name, figure in figures.items()}
 
 
-def _save(figure: Figure, stream: BinaryIO) -> None:
-    figure.savefig(stream, dpi=DPI)
-    plt.close(figure)
-
-
-def _force(found: Identified):
+def _force(found: Identified) -> Figure:
     """Force against contraction: measured and calculated at each pressure; and the surface."""
-    figure = plt.figure(figsize=(12, 5), layout="constrained")
+    figure = Figure(figsize=(12, 5), layout="constrained")
     curves, surface = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2, projection="3d")
     s, model = found.data.samples, found.force.model
     levels = np.unique(s.level)[:: -(-len(np.unique(s.level)) // MOST_CURVES)]
     held = set(np.unique(found.held_out.level).tolist()) if len(found.held_out) else set()
-    for colour, level in zip(plt.get_cmap("viridis")(np.linspace(0, 0.9, len(levels))), levels, strict=True):
+    for colour, level in zip(mpl.colormaps["viridis"](np.linspace(0, 0.9, len(levels))), levels, strict=True):
         part = s.where(s.level == level)
         curves.plot(
             part.contraction * 1e3, part.force, ".", ms=2 if not found.data.static else 6, color=colour
@@ -76,14 +67,13 @@ def _force_surface(axes, found: Identified) -> None:
     axes.view_init(elev=22, azim=35)
 
 
-def _residual(found: Identified):
+def _residual(found: Identified) -> Figure:
     """Residuals by direction: the two branches of the hysteresis, and what holds on held-out data."""
     parts = [("data of the fit", found.training)]
     if len(found.held_out):
         parts.append(("held-out pressures", found.held_out))
-    figure, axes = plt.subplots(
-        1, len(parts), figsize=(6 * len(parts), 4.5), sharey=True, squeeze=False, layout="constrained"
-    )
+    figure = Figure(figsize=(6 * len(parts), 4.5), layout="constrained")
+    axes = figure.subplots(1, len(parts), sharey=True, squeeze=False)
     for ax, (title, s) in zip(axes[0], parts, strict=True):
         _branches(ax, s, found.force.model.residual(s))
         ax.set(title=f"{found.data.specimen}, {title}", xlabel="contraction / mm")
@@ -101,12 +91,13 @@ def _branches(ax, s: Samples, residual: np.ndarray) -> None:
             ax.plot(s.contraction[side] * 1e3, residual[side], ".", ms=size, color=COLOURS[sign], label=name)
 
 
-def _volume(found: Identified):
-    figure, ax = plt.subplots(figsize=(7, 5), layout="constrained")
+def _volume(found: Identified) -> Figure:
+    figure = Figure(figsize=(7, 5), layout="constrained")
+    ax = figure.subplots()
     data, fit = found.data.volumes, found.volume
     levels = np.unique(np.round(data.pressure, -5))
     x = np.linspace(0, data.contraction.max(), 100)
-    for colour, level in zip(plt.get_cmap("viridis")(np.linspace(0, 0.9, len(levels))), levels, strict=True):
+    for colour, level in zip(mpl.colormaps["viridis"](np.linspace(0, 0.9, len(levels))), levels, strict=True):
         near = np.abs(data.pressure - level) < 0.5e5
         ax.plot(data.contraction[near] * 1e3, data.volume[near] * 1e6, "o", ms=4, color=colour)
         reach = x <= data.contraction[near].max()

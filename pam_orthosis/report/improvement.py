@@ -6,15 +6,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, BinaryIO
 
-import matplotlib as mpl
 import numpy as np
-
-mpl.use("Agg")  # no display
 from matplotlib.figure import Figure
 
-from pam_orthosis.bag.read import aligned, read_bag
-from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.improvement.rounds import Round, Tracking
+from pam_orthosis.report.run_data import read_run
 
 DPI = 110
 BEFORE, AFTER = "0.6", "tab:red"
@@ -32,8 +28,8 @@ def table(rounds: Sequence[Mapping[str, Any]]) -> str:
 def _row(one: Mapping[str, Any]) -> str:
     dropped = "" if one["kept"] else " (not kept)"
     largest, rms, variation = one["tracking"].values()
-    name = _model(one["round"], one["effects"])
-    return f"| {name}{dropped} | {largest:.3f} deg | {rms:.3f} deg | {variation:.0f} V/s |\n"
+    name, unit = _model(one["round"], one["effects"]), next(iter(one["tracking"])).rpartition("_")[2]
+    return f"| {name}{dropped} | {largest:.3f} {unit} | {rms:.3f} {unit} | {variation:.0f} V/s |\n"
 
 
 def _model(number: int, effects: Sequence[str]) -> str:
@@ -57,8 +53,9 @@ def draw(rounds: Sequence[Round], stream: BinaryIO) -> None:
         time, reference, error = _errors(one.tracking)
         axes[1].plot(time, error, color=colour, lw=0.8, label=_label(one))
     axes[0].plot(time, reference, color="k", lw=1)
-    axes[0].set_ylabel("reference / deg")
-    axes[1].set(ylabel="error / deg", xlabel="time / s")
+    unit = kept[0].tracking.verdicts[0].unit
+    axes[0].set_ylabel(f"reference / {unit}")
+    axes[1].set(ylabel=f"error / {unit}", xlabel="time / s")
     axes[1].legend(loc="lower left", fontsize=8)
     _bars(right.subplots(), judged)
     figure.savefig(stream, dpi=DPI, format="png")
@@ -73,13 +70,13 @@ def _bars(axes, judged: Sequence[Round]) -> None:
     axes.bar(places - 0.2, [one.tracking.largest for one in judged], 0.4, label="maximum", color="tab:blue")
     axes.bar(places + 0.2, [one.tracking.rms for one in judged], 0.4, label="RMS", color="tab:orange")
     axes.set_xticks(places, [f"round {one.number}" for one in judged])
-    axes.set(ylabel="error of the worst run / deg")
+    axes.set(ylabel=f"error of the worst run / {judged[0].tracking.verdicts[0].unit}")
     axes.legend()
 
 
 def _errors(tracking: Tracking) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return time, s, reference and error, deg, of the worst run, from its bag."""
-    worst = max(zip(tracking.bags, tracking.verdicts, strict=True), key=lambda p: p[1].max_abs_error_deg)[0]
-    bag = read_bag(worst, ("reference_angle", "angle"))
-    stamps, (reference, angle) = aligned(bag["reference_angle"], bag["angle"])
-    return (stamps - stamps[0]) / SECOND_NS, np.degrees(reference), np.degrees(reference - angle)
+    """Return time, s, reference and error of the worst run, from its bag."""
+    worst = max(zip(tracking.bags, tracking.verdicts, strict=True), key=lambda p: p[1].max_abs_error)[0]
+    run = read_run(worst)
+    reference, error = run.panels[0].curves[0], run.panels[1].curves[0]
+    return error.time, np.interp(error.time, reference.time, reference.value), error.value

@@ -7,20 +7,20 @@ from collections.abc import Mapping, Sequence
 from itertools import groupby
 from typing import Any, BinaryIO
 
-import matplotlib as mpl
-
-mpl.use("Agg")  # no display
 from matplotlib.figure import Figure
 
 DPI = 110
 COLUMNS = 3
 TRIED, LOST, NOMINAL = "tab:blue", "tab:red", "0.5"
-HEAD = ("perturbation", "unit", "nominal", "error doubles", "knee is lost")
+HEAD = ("perturbation", "unit", "nominal", "error doubles", "{} is lost")
 
 
 def table(found: Mapping[str, Any]) -> str:
     """Return the table in Markdown, what its limits mean, and what was left out."""
-    cells = [HEAD, *(_cells(row) for row in found["margins"])]
+    cells = [
+        tuple(name.format(found["machine"]) for name in HEAD),
+        *(_cells(row) for row in found["margins"]),
+    ]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = [_line(row, widths) for row in cells]
     lines.insert(1, "|".join(["", *("-" * (width + 2) for width in widths), ""]))
@@ -47,10 +47,11 @@ def _limit(row: Mapping[str, Any], which: str) -> str:
 
 
 def _notes(found: Mapping[str, Any]) -> list[str]:
-    error, doubled, lost = (found[key] for key in ("max_abs_error_deg", "doubled_deg", "lost_deg"))
+    unit = found["error_unit"]
+    error, doubled, lost = (found[f"{key}_{unit}"] for key in ("max_abs_error", "doubled", "lost"))
     notes = [
-        f"Maximum error on the hardware as it is: {error:.2f} deg. Doubled: {doubled:.2f} deg."
-        f" Lost: beyond {lost:.1f} deg, or a guard vents.",
+        f"Maximum error on the hardware as it is: {error:.2f} {unit}. Doubled: {doubled:.2f} {unit}."
+        f" Lost: beyond {lost:.1f} {unit}, or a guard vents.",
         f"Runs of {found['duration_s']:g} s, seed {found['seed']}. Each limit lies between two values.",
     ]
     return notes + [f"Not in this hardware: {name}." for name in found["not_there"]]
@@ -71,12 +72,14 @@ def draw(found: Mapping[str, Any], stream: BinaryIO) -> None:
 
 
 def _panel(axes, found: Mapping[str, Any], name: str, rows: Sequence[Mapping[str, Any]]) -> None:
-    runs = {run["value"]: run["max_abs_error_deg"] for row in rows for run in row["runs"]}
+    unit = found["error_unit"]
+    doubled_error, lost_error = found[f"doubled_{unit}"], found[f"lost_{unit}"]
+    runs = {run["value"]: run[f"max_abs_error_{unit}"] for row in rows for run in row["runs"]}
     followed = sorted((value, error) for value, error in runs.items() if error is not None)
     lost = [value for value, error in runs.items() if error is None]
     axes.plot(*zip(*followed, strict=True), color=TRIED, marker=".", label="maximum error")
-    axes.plot(lost, [found["lost_deg"]] * len(lost), color=LOST, marker="x", ls="", label="knee lost")
+    axes.plot(lost, [lost_error] * len(lost), color=LOST, marker="x", ls="", label=f"{found['machine']} lost")
     axes.axvline(rows[0]["nominal"], color=NOMINAL, lw=0.8, label="nominal")
-    axes.axhline(found["doubled_deg"], color=NOMINAL, ls="--", lw=0.8, label="error doubled")
-    axes.axhline(found["lost_deg"], color=LOST, ls="--", lw=0.8)
-    axes.set(yscale="log", xlabel=f"{name} / {rows[0]['unit']}", ylabel="error / deg")
+    axes.axhline(doubled_error, color=NOMINAL, ls="--", lw=0.8, label="error doubled")
+    axes.axhline(lost_error, color=LOST, ls="--", lw=0.8)
+    axes.set(yscale="log", xlabel=f"{name} / {rows[0]['unit']}", ylabel=f"error / {unit}")

@@ -1,26 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the page of a run shows: its signals in degrees, bar, V and N m, thinned honestly where too many."""
+"""What pictures of a run show: its signals in degrees or mm, bar and V, thinned honestly; the machine."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from pam_orthosis.bag.read import Bag, Series, aligned, read_bag
+from pam_orthosis.bag.read import Bag, Series, aligned, read_bag, recorded_machine
 from pam_orthosis.bag.topics import SECOND_NS
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.machine import Machine
+from pam_orthosis.model.parameters import load
+from pam_orthosis.scene.shape import Shape, Sketch
+from pam_orthosis.scene.shapes import shape_of
 
 BAR = 1e5  # Pa
 MOST_POINTS = 3000  # of a curve
-NEEDED = ("angle", "reference_angle")
-MUSCLES = ("extensor", "flexor")
-USEFUL = (
-    "estimate_angle",
-    "disturbance",
-    *(f"{m}_{kind}" for kind in ("pressure", "pressure_reference", "voltage") for m in MUSCLES),
-)
+
+Convert = Callable[[np.ndarray], np.ndarray]
 
 
 class Curve(NamedTuple):
@@ -40,15 +41,42 @@ class Panel(NamedTuple):
 
 
 class RunData(NamedTuple):
-    """A recorded run: bag, its panels, and whether a curve was thinned."""
+    """A recorded run: bag, machine, its panels (coordinate and error first), its first stamp."""
 
     bag: Bag
+    machine: Machine
     panels: list[Panel]
+    start_ns: int
 
     @property
     def thinned(self) -> bool:
         """Whether a curve shows fewer points than there are samples."""
         return any(len(c.time) < c.samples for panel in self.panels for c in panel.curves)
+
+    @property
+    def measured(self) -> Series:
+        """The measured coordinate."""
+        return self.bag[self.machine.coordinate.name]
+
+    @property
+    def time(self) -> np.ndarray:
+        """Instants of the measured coordinate since the start, s."""
+        return (self.measured.stamp_ns - self.start_ns) / SECOND_NS
+
+    @property
+    def last_cycle(self) -> float:
+        """Length of the last cycle, s: of all that there is, where it is shorter."""
+        end = float(self.time[-1])
+        return min(self.bag.parameters.get("scenario.cycle_time", end), end)
+
+
+class View(NamedTuple):
+    """The machine at some instants: seconds (n,), its shape, its side view, pressures (n,) bar or None."""
+
+    time: np.ndarray
+    shape: Shape
+    sketch: Sketch
+    pressures: dict[str, np.ndarray | None]
 
 
 def read_run(path: Path, namespace: str = "") -> RunData:
@@ -57,22 +85,56 @@ def read_run(path: Path, namespace: str = "") -> RunData:
     Raises:
         OrthosisError: the bag is unusable.
     """
-    bag = read_bag(path, NEEDED, USEFUL, namespace)
-    start = int(bag["angle"].stamp_ns[0])
-    error = Series(*_error(bag))
+    machine = recorded_machine(path)
+    name, pressures = machine.coordinate.name, [f"{one}_pressure" for one in machine.names]
+    voltages = [f"{one}_voltage" for one in machine.names]
+    references = [f"{one}_reference" for one in pressures]
+    useful = (f"estimate_{name}", "disturbance", *pressures, *references, *voltages)
+    bag = read_bag(path, (name, f"reference_{name}"), useful, namespace)
+    stamps, (reference, measured) = aligned(bag[f"reference_{name}"], bag[name])
+    if len(stamps) < 2:
+        raise OrthosisError(f"{path}: {name} and reference share no stamps")
+    start, unit = int(bag[name].stamp_ns[0]), machine.coordinate.shown_unit
+
+    def convert(values: np.ndarray) -> np.ndarray:
+        return machine.coordinate.shown_factor * values
+
+    def curves(names: list[str], convert: Convert = np.asarray) -> list[Curve]:
+        there = [one for one in names if one in bag.series]
+        return [_curve(one.replace("_", " "), bag[one], start, convert) for one in there]
+
+    by_muscle = [one for pair in zip(pressures, references, strict=True) for one in pair]
     panels = [
-        Panel("knee angle / deg", [
-            _curve("reference", bag["reference_angle"], start, np.degrees),
-            _curve("measured", bag["angle"], start, np.degrees),
-            *_curves(bag, ["estimate_angle"], start, np.degrees),
+        Panel(f"{machine.name} {name} / {unit}", [
+            _curve("reference", bag[f"reference_{name}"], start, convert),
+            _curve("measured", bag[name], start, convert),
+            *curves([f"estimate_{name}"], convert),
         ]),
-        Panel("error / deg", [_curve("error", error, start, np.degrees)]),
-        Panel("pressure / bar absolute", _curves(
-            bag, [f"{m}_pressure{kind}" for m in MUSCLES for kind in ("", "_reference")], start, _bar)),
-        Panel("valve voltage / V", _curves(bag, [f"{m}_voltage" for m in MUSCLES], start)),
-        Panel("estimated disturbance / N m", _curves(bag, ["disturbance"], start)),
+        Panel(f"error / {unit}", [_curve("error", Series(stamps, reference - measured), start, convert)]),
+        Panel("pressure / bar absolute", curves(by_muscle, lambda pressure: pressure / BAR)),
+        Panel("valve voltage / V", curves(voltages)),
+        Panel(f"estimated disturbance / {machine.coordinate.effort_unit}", curves(["disturbance"])),
     ]  # fmt: skip
-    return RunData(bag, [panel for panel in panels if panel.curves])
+    return RunData(bag, machine, [panel for panel in panels if panel.curves], start)
+
+
+def view(run: RunData, picked: np.ndarray) -> View:
+    """Return the machine at some samples of its coordinate, by their numbers; each pressure is the newest."""
+    series = run.measured
+    parameters = load({}, run.machine)
+    drawn = parameters.only("leg", "muscle", "machine").flat()
+    known = {key: value for key, value in run.bag.parameters.items() if key in drawn}
+    shape = shape_of(parameters.changed(known))
+
+    def held(name: str) -> np.ndarray | None:
+        if name not in run.bag.series:
+            return None
+        stamps, value = run.bag[name]
+        newest = np.searchsorted(stamps, series.stamp_ns[picked], side="right") - 1
+        return value[np.maximum(newest, 0)] / BAR
+
+    pressures = {name: held(f"{name}_pressure") for name in run.machine.names}
+    return View(run.time[picked], shape, shape.sketch(series.value[picked]), pressures)
 
 
 def thinned(time: np.ndarray, value: np.ndarray, most: int = MOST_POINTS) -> tuple[np.ndarray, np.ndarray]:
@@ -88,21 +150,6 @@ def thinned(time: np.ndarray, value: np.ndarray, most: int = MOST_POINTS) -> tup
     return time[kept], value[kept]
 
 
-def _error(bag: Bag) -> tuple[np.ndarray, np.ndarray]:
-    stamps, (reference, angle) = aligned(bag["reference_angle"], bag["angle"])
-    return stamps, reference - angle
-
-
-def _curves(bag: Bag, names: list[str], start_ns: int, convert=np.asarray) -> list[Curve]:
-    return [
-        _curve(name.replace("_", " "), bag[name], start_ns, convert) for name in names if name in bag.series
-    ]
-
-
-def _curve(name: str, series: Series, start_ns: int, convert=np.asarray) -> Curve:
+def _curve(name: str, series: Series, start_ns: int, convert: Convert) -> Curve:
     time, value = thinned((series.stamp_ns - start_ns) / SECOND_NS, convert(series.value))
     return Curve(name, time, value, len(series.value))
-
-
-def _bar(pressure: np.ndarray) -> np.ndarray:
-    return pressure / BAR

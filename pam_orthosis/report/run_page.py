@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 from html import escape
-from typing import Any
 
 from pam_orthosis import __version__
 from pam_orthosis.bag.verdict import Verdict
-from pam_orthosis.model import parameters as tree
+from pam_orthosis.model.parameters import load
 from pam_orthosis.report.html import document, table
 from pam_orthosis.report.run_data import MOST_POINTS, RunData
 from pam_orthosis.report.run_figure import run_figure
@@ -31,7 +30,7 @@ def run_page(run: RunData, verdict: Verdict, words: str) -> str:
         words: the verdict as text.
     """
     name = run.bag.path.name
-    figure = run_figure(run, verdict.bound_deg)
+    figure = run_figure(run, verdict.bound)
     plots = figure.to_html(
         full_html=False, include_plotlyjs=True, div_id=FIGURE_ID, config=CONFIG, auto_play=False,
         post_script=QUIET_PAUSE,
@@ -50,8 +49,8 @@ def run_page(run: RunData, verdict: Verdict, words: str) -> str:
 
 def _hint(run: RunData) -> str:
     words = (
-        "<p>Drag to zoom in all plots at once, double click to zoom out. The muscles' colour is their"
-        " pressure (dark 1 bar, light 7 bar), their width their diameter.</p>"
+        "<p>Drag to zoom in all plots at once, double click to zoom out. The actuators' colour is"
+        " their pressure (dark 1 bar, light 7 bar), their width their diameter.</p>"
     )
     if run.thinned:
         words += (
@@ -66,10 +65,10 @@ def _cycles(verdict: Verdict) -> str:
     if not verdict.cycles:
         return ""
     rows = [
-        (str(c.number or "rest"), f"{c.start_s:.2f}", f"{c.max_abs_error_deg:.3f}", f"{c.rms_error_deg:.3f}")
+        (str(c.number or "rest"), f"{c.start_s:.2f}", f"{c.max_abs_error:.3f}", f"{c.rms_error:.3f}")
         for c in verdict.cycles
     ]
-    head = ("cycle", "from / s", "maximum error / deg", "RMS error / deg")
+    head = ("cycle", "from / s", f"maximum error / {verdict.unit}", f"RMS error / {verdict.unit}")
     return "<h2>Cycle by cycle</h2>" + table(head, rows)
 
 
@@ -80,7 +79,7 @@ def _metadata(run: RunData) -> str:
         *sorted(metadata.items()),
         ("page written by", f"pam-orthosis {__version__}"),
     ]
-    changed = _changed(run.bag.parameters)
+    changed = _changed(run)
     page = "<h2>Recording</h2>" + table(("what", "value"), rows)
     if run.bag.parameters:
         page += "<h2>Parameters that differ from the shipped ones</h2>"
@@ -90,10 +89,10 @@ def _metadata(run: RunData) -> str:
     return page
 
 
-def _changed(parameters: dict[str, Any]) -> list[tuple[str, ...]]:
-    shipped = {row.key: row for row in tree.load().rows()}
+def _changed(run: RunData) -> list[tuple[str, ...]]:
+    shipped = {row.key: row for row in load(machine=run.machine).rows()}
     return [
         (key, str(value), str(shipped[key].value), shipped[key].unit, shipped[key].meaning)
-        for key, value in parameters.items()
+        for key, value in run.bag.parameters.items()
         if key in shipped and value != shipped[key].value
     ]

@@ -10,25 +10,23 @@ from typing import BinaryIO
 
 import numpy as np
 
-from pam_orthosis.bag.read import read_bag
-from pam_orthosis.bag.topics import SECOND_NS, SIGNALS
-
-SAMPLED = "angle"
+from pam_orthosis.bag.read import read_bag, recorded_machine
+from pam_orthosis.bag.topics import SECOND_NS, Topics
 
 
 def write_table(bag_path: Path, namespace: str, stream: BinaryIO) -> None:
-    """Write all signals of a bag at the stamps of the measured angle; `time` is in s since the first.
+    """Write all signals of a bag at the stamps of the measured coordinate; `time` is in s since the first.
 
     A cell is empty where a topic has no message of that stamp. Names and units are those of
-    `bag.topics.SIGNALS`; `gap` reads such a table.
+    `bag.topics.Topics`; `gap` reads such a table.
 
     Raises:
         OrthosisError: the bag is unusable.
     """
-    others = [name for name in SIGNALS if name != SAMPLED]
-    bag = read_bag(bag_path, [SAMPLED], others, namespace)
-    stamps = bag[SAMPLED].stamp_ns
-    names = [name for name in SIGNALS if name in bag.series]
+    sampled, *others = known = list(Topics(recorded_machine(bag_path)).signals)
+    bag = read_bag(bag_path, [sampled], others, namespace)
+    stamps = bag[sampled].stamp_ns
+    names = [name for name in known if name in bag.series]
     time = [repr(second) for second in ((stamps - stamps[0]) / SECOND_NS).tolist()]
     columns = [time, *(_cells(stamps, *bag[name]) for name in names)]
     text = TextIOWrapper(stream, encoding="utf-8", newline="")

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The leg in space, for rviz, Lichtblick and the like: description, frames, markers."""
+"""A machine in space, for rviz, Lichtblick and the like: description, frames, markers."""

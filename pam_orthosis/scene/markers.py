@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Markers of the muscles: each as long and as thick as it is, its colour by its pressure, and its chain."""
+"""Markers of the actuators: each as long and as thick as it is, its colour by its pressure, and its chain."""
 
 from __future__ import annotations
 
@@ -9,48 +9,41 @@ from typing import Any
 
 import numpy as np
 
-from pam_orthosis.scene import ros
-from pam_orthosis.scene.frames import Vector
+from pam_orthosis.bag import messages as ros
+from pam_orthosis.scene.shape import ZERO, Bar, Vector
 
 CYLINDER, LINE_STRIP = 3, 4
 _ALONG_X = (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5))  # a cylinder stands on z
 _COLD, _HOT = (0.15, 0.35, 0.85), (0.9, 0.15, 0.1)
-_ZERO = (0.0, 0.0, 0.0)
 _CHAIN_WIDTH, _CHAIN_COLOUR = 0.004, (0.3, 0.3, 0.3)
 
 
-# what differs from one instant to the next in each marker of a muscle
-MOVING = (
+# what differs from one instant to the next in the marker of an actuator and in that of its chain
+_MOVING = (
     ("pose.position.x", "scale.x", "scale.y", "scale.z", "color.r", "color.g", "color.b"),
     ("points[0].x",),
 )
 
 
-def muscle_markers(header: Any, name: str, anchor_distance: float) -> list[Any]:
-    """Return the markers of a muscle, with zeros for what is `MOVING`.
-
-    Args:
-        header: of the frame at its fixed end.
-        name: of the muscle.
-        anchor_distance: from its fixed end to the knee's axis along the thigh, m.
-    """
-    ends = [_ZERO, (anchor_distance, 0.0, 0.0)]
-    width = (_CHAIN_WIDTH, 0.0, 0.0)
-    return [
-        _marker(header, name, 0, CYLINDER, _ZERO, _ZERO, turned=_ALONG_X),
-        _marker(header, name, 1, LINE_STRIP, width, _CHAIN_COLOUR, points=ends),
-    ]
+def moving_fields(bar: Bar) -> tuple[tuple[str, ...], ...]:
+    """Return what differs from one instant to the next in each marker of an actuator."""
+    return _MOVING if bar.reach is not None else _MOVING[:1]
 
 
-def muscle_numbers(length: float, diameter: float, share: float) -> tuple[tuple[float, ...], ...]:
-    """Return what is `MOVING`.
+def bar_markers(header: Any, name: str, bar: Bar) -> list[Any]:
+    """Return the markers of an actuator, with zeros for what moves; `header` is of its fixed end's frame."""
+    tube = _marker(header, name, 0, CYLINDER, ZERO, ZERO, turned=_ALONG_X)
+    if bar.reach is None:
+        return [tube]
+    width, ends = (_CHAIN_WIDTH, 0.0, 0.0), [ZERO, (bar.reach, 0.0, 0.0)]
+    return [tube, _marker(header, name, 1, LINE_STRIP, width, _CHAIN_COLOUR, points=ends)]
 
-    Args:
-        length: of the muscle, m.
-        diameter: of it, m.
-        share: of the highest pressure, 0 to 1.
-    """
-    return (length / 2, diameter, diameter, length, *pressure_colour(share)), (length,)
+
+def bar_numbers(bar: Bar, contraction: float, diameter: float, share: float) -> tuple[tuple[float, ...], ...]:
+    """Return what moves; `share` of the highest pressure is 0 to 1."""
+    length = bar.length(contraction)
+    tube = (bar.way * length / 2, diameter, diameter, length, *pressure_colour(share))
+    return (tube,) if bar.reach is None else (tube, (bar.way * length,))
 
 
 def pressure_colour(share: float) -> Vector:
@@ -79,7 +72,7 @@ def _marker(
         id=number,
         type=kind,
         action=0,
-        pose=ros.new("geometry_msgs/msg/Pose", position=ros.point(_ZERO), orientation=ros.quaternion(turned)),
+        pose=ros.new("geometry_msgs/msg/Pose", position=ros.point(ZERO), orientation=ros.quaternion(turned)),
         scale=ros.vector(size),
         color=ros.new("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
         lifetime=ros.new("builtin_interfaces/msg/Duration", sec=0, nanosec=0),

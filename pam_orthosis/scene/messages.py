@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a viewer needs of a leg, as serialised ROS messages: description, TF, joints, markers.
+"""What a viewer needs of a machine, as serialised ROS messages: description, TF, joints, markers.
 
 The same bytes go into the bag and, where their type is installed, out of a node.
 """
@@ -9,16 +9,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-
+from pam_orthosis.bag import messages as ros
 from pam_orthosis.bag.cdr import Template
 from pam_orthosis.bag.topics import SECOND_NS
-from pam_orthosis.model.orthosis import MUSCLES
-from pam_orthosis.scene import ros
-from pam_orthosis.scene.frames import ROOT, WORLD, LegFrames, Pose, Transform
-from pam_orthosis.scene.markers import MOVING, muscle_markers, muscle_numbers
+from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.scene.markers import bar_markers, bar_numbers, moving_fields
+from pam_orthosis.scene.shape import Pose, Transform
+from pam_orthosis.scene.shapes import shape_of
 from pam_orthosis.scene.urdf import robot_description
 
+WORLD = "world"
 PERIOD_NS = SECOND_NS // 25
 TF, TF_STATIC = "/tf", "/tf_static"
 DESCRIPTION, JOINTS, MARKERS = "robot_description", "leg_joints", "markers"
@@ -70,24 +70,29 @@ class _Parts:
         return Said(self._topic, self._make(stamp_ns, *numbers[len(_STAMP) :]))
 
 
-class LegScene:
-    """Makes the messages of one leg.
+class Scene:
+    """Makes the messages of one machine.
 
     Args:
-        parameters: tree with the branches `leg`, `muscle` and `valve`.
+        parameters: tree with the machine's branches, `muscle` and `valve`.
         leg: its namespace, which its frames have as prefix; none if it is the only one.
-        legs: the namespaces of all legs, from left to right.
+        legs: the namespaces of all, from left to right.
     """
 
-    def __init__(self, parameters: Any, leg: str = "", legs: Sequence[str] = ("",)):
-        self.frames = LegFrames(parameters)
-        self.description = robot_description(self.frames)
+    def __init__(self, parameters: Parameters, leg: str = "", legs: Sequence[str] = ("",)):
+        self.machine = parameters.declared
+        self.shape = shape_of(parameters)
+        self.description = robot_description(self.shape)
         self._prefix = f"{leg}/" if leg else ""
-        self._left = parameters.leg.hip_distance * ((len(legs) - 1) / 2 - legs.index(leg))
+        self._left = self.shape.spacing * ((len(legs) - 1) / 2 - legs.index(leg))
         self._pressures = parameters.valve.ambient_pressure, parameters.valve.supply_pressure
-        positions = self.frames.positions(0.0, self.frames.pose(0.0))
-        self._joints = Template(ros.serialised(TYPES[JOINTS], _joint_state(positions)), TYPES[JOINTS])
-        moving = [self._own(one) for one in self.frames.moving(positions)]
+        positions = self.shape.pose(0.0).positions
+        joints = ros.joint_state(0, list(positions), list(positions.values()))
+        self._joints = Template(
+            ros.serialised(TYPES[JOINTS], joints),
+            TYPES[JOINTS],
+        )
+        moving = [self._own(one) for one in self.shape.moving(positions)]
         self._transforms = _Parts(
             TF, _transforms(0, moving), {f"transforms[{i}]": _PLACE for i in range(len(moving))}
         )
@@ -96,27 +101,27 @@ class LegScene:
     def once(self, stamp_ns: int) -> list[Said]:
         """Return what is said once: the description, and the frames that do not move.
 
-        The hips of several legs are in one world; the hip of a single leg is the world.
+        The roots of several machines are in one world; that of a single one is the world.
         """
-        hip = [Transform(WORLD, self._prefix + ROOT, (0.0, self._left, 0.0))] if self._prefix else []
-        fixed = [*hip, *map(self._own, self.frames.fixed())]
+        side = (0.0, self._left, 0.0)
+        root = [Transform(WORLD, self._prefix + self.shape.root, side)] if self._prefix else []
+        fixed = [*root, *map(self._own, self.shape.fixed())]
         description = ros.new(TYPES[DESCRIPTION], data=self.description)
         return [_said(DESCRIPTION, description), _said(TF_STATIC, _transforms(stamp_ns, fixed))]
 
-    def sample(self, stamp_ns: int, angle: float, pressures: Iterable[float]) -> list[Said]:
+    def sample(self, stamp_ns: int, coordinate: float, pressures: Iterable[float]) -> list[Said]:
         """Return what is said at an instant.
 
         Args:
             stamp_ns: the instant.
-            angle: knee angle, rad.
-            pressures: of extensor and flexor, absolute, Pa.
+            coordinate: rad or m.
+            pressures: of the actuators, absolute, Pa.
         """
-        pose = self.frames.pose(angle)
-        positions = self.frames.positions(angle, pose)
-        places = ((*one.translation, *one.rotation) for one in self.frames.moving(positions))
+        pose = self.shape.pose(coordinate)
+        places = ((*one.translation, *one.rotation) for one in self.shape.moving(pose.positions))
         return [
             self._transforms(stamp_ns, places),
-            Said(JOINTS, self._joints(stamp_ns, *positions.values())),
+            Said(JOINTS, self._joints(stamp_ns, *pose.positions.values())),
             self._markers(stamp_ns, self._marker_numbers(pose, pressures)),
         ]
 
@@ -124,13 +129,10 @@ class LegScene:
         return one._replace(parent=self._prefix + one.parent, child=self._prefix + one.child)
 
     def _marker_parts(self) -> _Parts:
-        anchor = self.frames.shape.anchor_distance
-        markers = [
-            marker
-            for name in MUSCLES
-            for marker in muscle_markers(ros.header(0, f"{self._prefix}{name}_muscle"), name, anchor)
-        ]
-        moving = [fields for _ in MUSCLES for fields in MOVING]
+        markers, moving = [], []
+        for name, bar in self.shape.bars.items():
+            markers += bar_markers(ros.header(0, f"{self._prefix}{name}_muscle"), name, bar)
+            moving += moving_fields(bar)
         return _Parts(
             MARKERS,
             ros.new(TYPES[MARKERS], markers=markers),
@@ -139,25 +141,13 @@ class LegScene:
 
     def _marker_numbers(self, pose: Pose, pressures: Iterable[float]) -> Iterator[tuple[float, ...]]:
         low, high = self._pressures
-        for name, pressure in zip(MUSCLES, pressures, strict=True):
-            length = self.frames.muscle_length - pose.contractions[name]
-            yield from muscle_numbers(length, pose.diameters[name], (pressure - low) / (high - low))
+        for (name, bar), pressure in zip(self.shape.bars.items(), pressures, strict=True):
+            share = (pressure - low) / (high - low)
+            yield from bar_numbers(bar, pose.positions[name], pose.diameters[name], share)
 
 
 def _said(topic: str, message: Any) -> Said:
     return Said(topic, ros.serialised(TYPES[topic], message))
-
-
-def _joint_state(positions: dict[str, float]) -> Any:
-    nothing = np.zeros(0)
-    return ros.new(
-        TYPES[JOINTS],
-        header=ros.header(0),
-        name=list(positions),
-        position=np.array(list(positions.values())),
-        velocity=nothing,
-        effort=nothing,
-    )
 
 
 def _transforms(stamp_ns: int, transforms: Iterable[Transform]) -> Any:

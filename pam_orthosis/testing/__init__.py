@@ -1,6 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
 """Blind test recordings of a second, independently written plant. The gap workflow must not import this."""
-
-from pam_orthosis.testing.case import Case, make_case
-
-__all__ = ["Case", "make_case"]

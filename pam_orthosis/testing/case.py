@@ -10,7 +10,7 @@ valve curve and volume differ from the model's in shape as well.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,6 +46,7 @@ NOMINAL = {
 # realistic class: sizes of the misfits in shape (about 5 N rms, 2 %, 1 %)
 MAP_SD, VALVE_SD, VOLUME_SD = 3.5, 0.02, 0.01
 GAIT_SECONDS, HELD_OUT_GAIT_SECONDS, PUSH_SECONDS = 20.0, 14.0, 120.0
+CENTRE = np.array([0.08] + [0.0] * 6)  # rad: keeps drawn gaits off the stops
 PARTS = (diagnostic.triangle, diagnostic.cocontraction, diagnostic.closed_hold, diagnostic.decay)
 
 Recording = dict[str, np.ndarray]
@@ -54,7 +55,7 @@ Run = tuple[Any, float]  # trajectory, duration s
 
 @dataclass(frozen=True)
 class Case:
-    """Recordings (arrays by the names of `control.loop.SIGNALS`), nominal model, and the sealed answer."""
+    """Recordings (arrays by the names of `control.loop.signals`), nominal model, and the sealed answer."""
 
     training: dict[str, Recording]
     held_out: dict[str, Recording]
@@ -177,7 +178,7 @@ def record(
 
 def started(parameters: Parameters, trajectory: Any) -> Parameters:
     """Return the parameters with the angle at which a trajectory starts."""
-    return parameters.changed({"scenario.start_angle": trajectory.sample(0).angle})
+    return parameters.changed({"scenario.start_angle": trajectory.sample(0).position})
 
 
 def trajectories(rng: Generator, parameters: Parameters, held_out: bool = False) -> dict[str, Run]:
@@ -191,12 +192,8 @@ def _gait(rng: Generator, parameters: Parameters) -> Trajectory:
     """Return a gait whose harmonics, cadence and start are drawn about the default's."""
     gait = parameters.scenario.gait
     spread = 1 + 0.1 * rng.standard_normal((2, len(gait.cosine)))
-    shape = fourier_shape(np.array(gait.cosine) * spread[0] + _centre(), np.array(gait.sine) * spread[1])
+    shape = fourier_shape(np.array(gait.cosine) * spread[0] + CENTRE, np.array(gait.sine) * spread[1])
     return Trajectory(shape, rng.uniform(1.6, 3.0), parameters.scenario.start_hold, 1.0, rng.uniform())
-
-
-def _centre() -> np.ndarray:
-    return np.array([0.08] + [0.0] * 6)  # rad: keeps drawn gaits off the stops
 
 
 def _experiments(rng: Generator, parameters: Parameters) -> diagnostic.Programme:
@@ -240,8 +237,7 @@ def _hide(
     if effect.signed and rng.uniform() < 0.5:
         size = -size
     if effect.field in MISFITS:
-        name, waves = MISFITS[effect.field](rng, size)
-        misfits[name] = waves
+        misfits[effect.field] = MISFITS[effect.field](rng, size)
         return {effect.parameter: size}
     value = 1 + size if effect.around_one else size
     fields[effect.field] = 1.6 / (2 * math.pi * value) / 2 if effect.name == "valve_lag" else value
@@ -252,7 +248,7 @@ def _hide(
     return {effect.parameter: value, **extra}
 
 
-def _pushes(rng: Generator, size: float) -> tuple[str, np.ndarray]:
+def _pushes(rng: Generator, size: float) -> np.ndarray:
     torque = np.zeros(round(PUSH_SECONDS * 1e3))
     at = rng.uniform(1.0, 4.0)
     while at < PUSH_SECONDS - 1.0:
@@ -260,26 +256,14 @@ def _pushes(rng: Generator, size: float) -> tuple[str, np.ndarray]:
         push = size * rng.choice([-1, 1]) * rng.uniform(0.6, 1.0) * np.sin(np.linspace(0, np.pi, width))
         torque[round(1e3 * at) :][:width] += push
         at += rng.uniform(1.0, 4.0)
-    return "torque", torque
+    return torque
 
 
-def _force_misfit(rng: Generator, size: float) -> tuple[str, np.ndarray]:
-    return "force_waves", force_waves(rng, size / math.sqrt(2) * rng.choice([-1.0, 1.0], (2, 4)))
-
-
-def _valve_misfit(rng: Generator, size: float) -> tuple[str, np.ndarray]:
-    return "valve_waves", _waves(rng, size * rng.choice([-1.0, 1.0], 2), 6.0)
-
-
-def _volume_misfit(rng: Generator, size: float) -> tuple[str, np.ndarray]:
-    return "volume_waves", _waves(rng, size * rng.choice([-1.0, 1.0], 2), 3.0)
-
-
-MISFITS = {
-    "pushes": _pushes,
-    "force_waves": _force_misfit,
-    "valve_waves": _valve_misfit,
-    "volume_waves": _volume_misfit,
+MISFITS: dict[str, Callable[[Generator, float], np.ndarray]] = {
+    "torque": _pushes,
+    "force_waves": lambda rng, size: force_waves(rng, size / math.sqrt(2) * rng.choice([-1.0, 1.0], (2, 4))),
+    "valve_waves": lambda rng, size: _waves(rng, size * rng.choice([-1.0, 1.0], 2), 6.0),
+    "volume_waves": lambda rng, size: _waves(rng, size * rng.choice([-1.0, 1.0], 2), 3.0),
 }
 
 

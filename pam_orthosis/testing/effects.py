@@ -97,7 +97,7 @@ EFFECTS = {effect.name: effect for effect in _ALL}
 _OUTSIDE = [
     HiddenEffect("cogging_torque", "amplitude", "cogging", (0.2, 0.4, 0.8), "sin 14 q"),
     HiddenEffect("valve_cross_talk", "share", "cross_talk", (0.03, 0.06, 0.12), "opening of the other valve"),
-    HiddenEffect("random_pushes", "amplitude", "pushes", (0.5, 1.2, 2.5), "half sines at random instants"),
+    HiddenEffect("random_pushes", "amplitude", "torque", (0.5, 1.2, 2.5), "half sines at random instants"),
     HiddenEffect("drifting_valve_gain", "rise", "gain_drift", (0.06, 0.12, 0.25), "linear in time, extensor"),
     HiddenEffect("sticking_spool", "half_width", "spool_play", (0.02, 0.06, 0.15), "play of the spool, V"),
 ]

@@ -93,10 +93,6 @@ class HiddenPlant:
         """Return the true angle and velocity."""
         return Truth(*self.x[:2].tolist())
 
-    def noise_free(self) -> Measurement:
-        """Return what ideal sensors would read (for tests)."""
-        return Measurement(*self._sense())
-
     def _sense(self) -> tuple[float, float, float]:
         return physics.sense(
             self.x, self._wheel, self._anchors, self._ring, self._index, *self._held,
@@ -160,19 +156,11 @@ def apparatus(parameters: Parameters, deviations: Mapping[str, float]) -> Appara
 def leg_table(leg: Section, mass_factor: float) -> np.ndarray:
     """Return (6, n): inertia, its slope, gravity torque of the apparatus, then of 1 kg at the ankle."""
     q = TABLE_START + TABLE_STEP * np.arange(TABLE_SIZE)
-    rows = [
-        _inertia_and_gravity(q, leg, masses) for masses in (_apparatus_masses(leg, mass_factor), _ankle())
-    ]
-    return np.array([row for m, g in rows for row in (m, np.gradient(m, TABLE_STEP), g)])
-
-
-def _apparatus_masses(leg: Section, factor: float) -> dict[str, float]:
     names = {"thigh": leg.thigh.mass, "knee": leg.knee_mass, "shank": leg.shank.mass, "ankle": leg.shoe_mass}
-    return {name: factor * mass for name, mass in names.items()}
-
-
-def _ankle() -> dict[str, float]:
-    return {"thigh": 0.0, "knee": 0.0, "shank": 0.0, "ankle": 1.0}
+    apparatus = {name: mass_factor * mass for name, mass in names.items()}
+    ankle = {**dict.fromkeys(names, 0.0), "ankle": 1.0}
+    rows = [_inertia_and_gravity(q, leg, masses) for masses in (apparatus, ankle)]
+    return np.array([row for m, g in rows for row in (m, np.gradient(m, TABLE_STEP), g)])
 
 
 def _inertia_and_gravity(

@@ -7,10 +7,13 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from pam_orthosis.bag.record import BagWriter
-from pam_orthosis.bag.topics import BY_NAME, SECOND_NS, resolve
+from pam_orthosis.bag.topics import SECOND_NS, Topics, resolve
+from pam_orthosis.model.machines import KNEE
+
+TABLE = Topics(KNEE)
 
 PERIOD_NS = 5_000_000
-ANGLE_TYPE = BY_NAME["joint_states"].type
+ANGLE_TYPE = TABLE.by_name["joint_states"].type
 STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -42,7 +45,7 @@ def serialised_angle(stamp_ns, angle):
 
 
 def write(writer, topic, stamp_ns, message):
-    data = STORE.serialize_cdr(message, BY_NAME[topic].type)
+    data = STORE.serialize_cdr(message, TABLE.by_name[topic].type)
     writer.write(resolve(topic), stamp_ns, bytes(data))
 
 
@@ -52,7 +55,7 @@ def write_tracking_bag(folder, stamps, wanted, angle, parameters=None, drop_angl
     velocity = np.gradient(wanted, stamps * 1e-9)
     with BagWriter(folder, run) as writer:
         for topic in ("joint_states", "reference"):
-            writer.add_topic(resolve(topic), BY_NAME[topic].type)
+            writer.add_topic(resolve(topic), TABLE.by_name[topic].type)
         for k, stamp_ns in enumerate(stamps.tolist()):
             if k not in drop_angle:
                 write(writer, "joint_states", stamp_ns, joint_state(stamp_ns, "knee", [angle[k]]))

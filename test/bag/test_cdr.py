@@ -10,10 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pam_orthosis.bag.cdr import FIELDS, LITTLE_ENDIAN, Reader, Shape, Template, Unreadable, canonical, store
-from pam_orthosis.bag.topics import RECORDED
+from pam_orthosis.bag.topics import Topics
+from pam_orthosis.model.machines import KNEE
+
+TABLE = Topics(KNEE)
 
 JOINT = "sensor_msgs/msg/JointState"
-TYPES = sorted({topic.type for topic in RECORDED})
+TYPES = sorted({topic.type for topic in TABLE.recorded})
 TEXTS = st.text(st.characters(codec="ascii", min_codepoint=32), max_size=9)
 NUMBERS = st.floats(width=32)
 

@@ -5,7 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pam_orthosis.bag.steps import Message, StepCollector
-from pam_orthosis.bag.topics import NODES, ORDER, RECORDED, SLOW, is_health_instant
+from pam_orthosis.bag.topics import SLOW, Topics, is_health_instant
+from pam_orthosis.model.machines import KNEE
+
+TABLE = Topics(KNEE)
+ORDER = {topic.name: index for index, topic in enumerate(TABLE.all)}
 
 PERIOD_NS = 250_000_000
 
@@ -14,7 +18,7 @@ def _run(steps):
     """Return all messages of a run, topic by topic."""
     return [
         Message(topic.name, k * PERIOD_NS, name.encode())
-        for topic in RECORDED
+        for topic in TABLE.recorded
         for k in range(steps)
         if topic.rate == "step" or is_health_instant(k * PERIOD_NS, PERIOD_NS)
         for name in topic.producers
@@ -27,7 +31,7 @@ def _place(message):
 
 @given(st.permutations(_run(5)), st.lists(st.integers(0, 60), max_size=10))
 def test_any_arrival_gives_one_order_once(arrival, repeated):
-    steps = StepCollector(PERIOD_NS)
+    steps = StepCollector(PERIOD_NS, TABLE.of_run())
     out = []
     for message in [*arrival, *(arrival[index] for index in repeated)]:
         if steps.add(message):
@@ -40,17 +44,17 @@ def test_any_arrival_gives_one_order_once(arrival, repeated):
 def test_health_is_due_once_a_second_from_every_node():
     instants = [k for k in range(9) if is_health_instant(k * PERIOD_NS, PERIOD_NS)]
     assert instants == [0, 4, 8]
-    steps = StepCollector(PERIOD_NS)
+    steps = StepCollector(PERIOD_NS, TABLE.of_run())
     messages = _run(1)
     for message in messages[:-1]:
         steps.add(message)
     assert list(steps.complete()) == []
     steps.add(messages[-1])
-    assert len(list(steps.complete())) == 14 + len(NODES)
+    assert len(list(steps.complete())) == 14 + len(TABLE.nodes)
 
 
 def test_the_first_missing_topic_is_the_cause():
-    steps = StepCollector(PERIOD_NS)
+    steps = StepCollector(PERIOD_NS, TABLE.of_run())
     for message in _run(1):
         if ORDER[message.topic] < ORDER["extensor/mass_flow"]:
             steps.add(message)
@@ -59,7 +63,7 @@ def test_the_first_missing_topic_is_the_cause():
 
 
 def test_whatever_comes_for_later_instants_drops_nothing_of_this_one():
-    steps, run, out = StepCollector(PERIOD_NS), _run(3), []
+    steps, run, out = StepCollector(PERIOD_NS, TABLE.of_run()), _run(3), []
     for k in range(3, 5000):
         strange = Message("extensor/valve_voltage", k * PERIOD_NS, b"stranger")
         for message in (strange, *(m for m in run if k == 4999)):
@@ -72,7 +76,7 @@ def test_whatever_comes_for_later_instants_drops_nothing_of_this_one():
 def test_in_real_time_a_late_report_of_health_is_kept_and_holds_up_nothing():
     run = _run(8)
     late = next(m for m in run if m.topic == "diagnostics")
-    steps = StepCollector(PERIOD_NS, late_ns=PERIOD_NS)
+    steps = StepCollector(PERIOD_NS, TABLE.of_run(), late_ns=PERIOD_NS)
     for message in [m for m in run if m is not late]:
         steps.add(message)
     assert late not in list(steps.complete())
@@ -83,7 +87,7 @@ def test_in_real_time_a_late_report_of_health_is_kept_and_holds_up_nothing():
 
 
 def test_in_real_time_an_incomplete_instant_leaves_when_it_is_old():
-    steps = StepCollector(PERIOD_NS, late_ns=2 * PERIOD_NS)
+    steps = StepCollector(PERIOD_NS, TABLE.of_run(), late_ns=2 * PERIOD_NS)
     run = sorted(_run(8), key=_place)
     for message in [m for m in run if m.stamp_ns or m.topic not in ("truth", "estimate")]:
         steps.add(message)
@@ -99,7 +103,7 @@ def test_in_real_time_an_incomplete_instant_leaves_when_it_is_old():
 
 
 def test_what_waited_can_be_handed_out_in_parts():
-    steps = StepCollector(PERIOD_NS)
+    steps = StepCollector(PERIOD_NS, TABLE.of_run())
     for message in _run(5):
         steps.add(message)
     parts = [list(steps.complete(2)) for _ in range(4)]
@@ -114,7 +118,7 @@ def _slow_run(steps, every, first=0):
         k = message.stamp_ns // PERIOD_NS - first
         if message.topic != "diagnostics" and k >= 0 and (k % every == 0 or not _is_slow(message.topic)):
             messages.append(message)
-    for name in NODES:
+    for name in TABLE.nodes:
         period_ns = PERIOD_NS * (every if name in SLOW else 1)
         for k in range(0, steps, every if name in SLOW else 1):
             if is_health_instant((first + k) * PERIOD_NS, period_ns):
@@ -123,12 +127,12 @@ def _slow_run(steps, every, first=0):
 
 
 def _is_slow(topic):
-    return next(one for one in RECORDED if one.name == topic).slow
+    return next(one for one in TABLE.recorded if one.name == topic).slow
 
 
 @given(st.permutations(_slow_run(7, 3)))
 def test_slow_topics_are_due_at_their_own_instants_only(arrival):
-    steps, out = StepCollector(PERIOD_NS, every=3), []
+    steps, out = StepCollector(PERIOD_NS, TABLE.of_run(), every=3), []
     for message in arrival:
         if steps.add(message):
             out += steps.complete()
@@ -137,14 +141,14 @@ def test_slow_topics_are_due_at_their_own_instants_only(arrival):
 
 
 def test_an_instant_of_slow_nodes_waits_for_them_and_names_what_is_missing():
-    steps = StepCollector(PERIOD_NS, every=3)
+    steps = StepCollector(PERIOD_NS, TABLE.of_run(), every=3)
     run = _slow_run(5, 3)
     for message in run:
         if (message.topic, message.stamp_ns) != ("estimate", 3 * PERIOD_NS):
             steps.add(message)
     assert [m.stamp_ns // PERIOD_NS for m in steps.complete()][-1] == 2
     assert list(steps.missing()) == ["estimate"]
-    quick = StepCollector(PERIOD_NS, every=3)
+    quick = StepCollector(PERIOD_NS, TABLE.of_run(), every=3)
     for message in run:
         if message.stamp_ns == PERIOD_NS and message.topic != "truth":
             quick.add(message)
@@ -153,7 +157,7 @@ def test_an_instant_of_slow_nodes_waits_for_them_and_names_what_is_missing():
 
 def test_in_real_time_the_messages_tell_which_instants_are_slow():
     first = 2
-    steps, out = StepCollector(PERIOD_NS, late_ns=100 * PERIOD_NS, every=3), []
+    steps, out = StepCollector(PERIOD_NS, TABLE.of_run(), late_ns=100 * PERIOD_NS, every=3), []
     run = _slow_run(7, 3, first)
     for message in run:
         if message.topic == "truth" and message.stamp_ns == (first + 3) * PERIOD_NS:

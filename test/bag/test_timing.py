@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 from pam_orthosis.bag.timing import judge_timing, timing
-from pam_orthosis.bag.topics import PLANT, TRAJECTORY, table
+from pam_orthosis.bag.topics import PLANT, TRAJECTORY, Topics
+from pam_orthosis.model.machines import KNEE
+
+TABLE = Topics(KNEE)
 
 ROOT = Path(__file__).resolve().parents[2]
 MS = 1_000_000
@@ -36,11 +39,11 @@ def test_a_run_in_lockstep_has_no_timing():
 
 @pytest.mark.parametrize("with_plant", [True, False])
 def test_in_real_time_samples_drive_the_trajectory_and_answers_are_told(with_plant):
-    topics = table(realtime=True, with_plant=with_plant)
+    topics = TABLE.of_run(realtime=True, with_plant=with_plant)
     assert "/clock" not in topics
     assert TRAJECTORY in topics["joint_states"].consumers
     assert ("truth" in topics) == with_plant
     assert topics["joint_states"].producers == (PLANT,)
     assert (PLANT in topics["diagnostics"].producers) == with_plant
     assert "answered" in topics
-    assert "answered" not in table()
+    assert "answered" not in TABLE.of_run()

@@ -9,19 +9,21 @@ import pytest
 from bags import PERIOD_NS, STORE, joint_state, reference, write, write_tracking_bag
 from pam_orthosis.bag.read import Bag, Series
 from pam_orthosis.bag.record import BagWriter
-from pam_orthosis.bag.topics import BY_NAME, resolve
-from pam_orthosis.bag.verdict import (
+from pam_orthosis.bag.topics import Topics, resolve
+from pam_orthosis.bag.tracking import (
     CATCH_UP_SECONDS,
-    _closed,
     cycle_table,
-    judge,
     not_led,
     steady_state_error,
     total_variation_rate,
     velocity_lag,
 )
+from pam_orthosis.bag.verdict import Bound, _closed, judge
 from pam_orthosis.cli.main import main
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.machines import KNEE
+
+TABLE = Topics(KNEE)
 
 TIME_NS = np.arange(1000, dtype=np.int64) * PERIOD_NS
 TIME = TIME_NS * 1e-9
@@ -31,28 +33,28 @@ def test_error_is_reference_minus_angle_joined_by_stamp(tmp_path):
     angle = 0.3 * np.sin(TIME)
     reference = angle + np.radians(np.where(TIME_NS == 500 * PERIOD_NS, 2.0, 0.5))
     bag = write_tracking_bag(tmp_path / "bag", TIME_NS, reference, angle, drop_angle={3, 4, 700})
-    verdict = judge(bag, bound_deg=1.9)
+    verdict = judge(bag, Bound(1.9))
     assert verdict.samples == 997
-    assert verdict.max_abs_error_deg == pytest.approx(2.0)
-    assert verdict.rms_error_deg == pytest.approx(np.sqrt((996 * 0.25 + 4.0) / 997))
+    assert verdict.max_abs_error == pytest.approx(2.0)
+    assert verdict.rms_error == pytest.approx(np.sqrt((996 * 0.25 + 4.0) / 997))
     assert verdict.duration_s == pytest.approx(999 * PERIOD_NS * 1e-9)
     assert not verdict.passed
-    assert judge(bag, bound_deg=2.1).passed
+    assert judge(bag, Bound(2.1)).passed
 
 
 def test_an_error_of_exactly_the_bound_passes(tmp_path):
     bag = write_tracking_bag(tmp_path / "bag", TIME_NS, np.full_like(TIME, 0.05), np.zeros_like(TIME))
-    largest = judge(bag).max_abs_error_deg
-    assert judge(bag, bound_deg=largest).passed
-    assert not judge(bag, bound_deg=np.nextafter(largest, 0.0)).passed
+    largest = judge(bag).max_abs_error
+    assert judge(bag, Bound(largest)).passed
+    assert not judge(bag, Bound(np.nextafter(largest, 0.0))).passed
 
 
 def test_skipped_seconds_are_not_judged(tmp_path):
     angle = np.zeros_like(TIME)
     reference = np.radians(np.where(TIME < 1.0, 9.0, 0.1))
     bag = write_tracking_bag(tmp_path / "bag", TIME_NS, reference, angle)
-    assert judge(bag, skip_s=1.0).max_abs_error_deg == pytest.approx(0.1)
-    assert judge(bag, skip_s=0.99).max_abs_error_deg == pytest.approx(9.0)
+    assert judge(bag, skip_s=1.0).max_abs_error == pytest.approx(0.1)
+    assert judge(bag, skip_s=0.99).max_abs_error == pytest.approx(9.0)
     with pytest.raises(OrthosisError, match="no sample after"):
         judge(bag, skip_s=1e3)
 
@@ -63,10 +65,10 @@ def test_first_cycle_is_known_from_the_run_metadata(tmp_path):
     angle = np.zeros_like(TIME)
     bag = write_tracking_bag(tmp_path / "a", TIME_NS, reference, angle, parameters=parameters)
     verdict = judge(bag)
-    assert verdict.max_abs_error_after_first_cycle_deg == pytest.approx(0.2)
+    assert verdict.max_abs_error_after_first_cycle == pytest.approx(0.2)
     assert [cycle.start_s for cycle in verdict.cycles] == [0.0, 1.0, 3.0]
     foreign = judge(write_tracking_bag(tmp_path / "b", TIME_NS, reference, angle))
-    assert foreign.max_abs_error_after_first_cycle_deg is None
+    assert foreign.max_abs_error_after_first_cycle is None
     assert foreign.cycles == []
 
 
@@ -123,7 +125,7 @@ def test_total_variation_counts_every_step():
 def test_cycle_table_has_each_cycle_s_own_maximum():
     error = np.where(TIME < 2.0, 1.0, -3.0)
     table = cycle_table(TIME, error, hold_s=0.0, cycle_s=2.0)
-    assert [(row.number, row.start_s, row.max_abs_error_deg) for row in table] == [
+    assert [(row.number, row.start_s, row.max_abs_error) for row in table] == [
         (1, 0, 1),
         (2, 2, 3),
         (3, 4, 3),
@@ -132,7 +134,7 @@ def test_cycle_table_has_each_cycle_s_own_maximum():
 
 def test_the_rest_before_the_motion_is_one_row_however_long_it_is():
     table = cycle_table(TIME, np.where(TIME < 0.3, 2.0, 1.0), hold_s=3.1, cycle_s=1.0)
-    assert [(row.number, row.start_s, row.max_abs_error_deg) for row in table[:2]] == [
+    assert [(row.number, row.start_s, row.max_abs_error) for row in table[:2]] == [
         (0, 0.0, 2.0),
         (1, 3.1, 1.0),
     ]
@@ -147,7 +149,7 @@ def _two_rates(folder, wanted, angle, every=5, lost=()):
     rates = {"control.position.every": every, "scenario.control_period": PERIOD_NS * 1e-9}
     with BagWriter(folder, {"parameters": json.dumps(rates)}) as writer:
         for topic in ("joint_states", "reference"):
-            writer.add_topic(resolve(topic), BY_NAME[topic].type)
+            writer.add_topic(resolve(topic), TABLE.by_name[topic].type)
         for k in range(count):
             write(writer, "joint_states", int(stamps[k]), joint_state(int(stamps[k]), "knee", [angle[k]]))
             if k % every == 0 and k not in lost:
@@ -163,15 +165,15 @@ def test_at_two_rates_the_samples_between_those_of_the_reference_are_judged_too(
     verdict = judge(_two_rates(tmp_path / "walk", wanted, angle))
     assert verdict.samples == 401
     assert not verdict.passed
-    assert verdict.max_abs_error_deg == pytest.approx(4.0 + np.degrees(1e-3), abs=1e-3)
-    assert verdict.rms_error_deg == pytest.approx(np.sqrt(np.degrees(1e-3) ** 2 + 4.1**2 / 401), abs=0.01)
+    assert verdict.max_abs_error == pytest.approx(4.0 + np.degrees(1e-3), abs=1e-3)
+    assert verdict.rms_error == pytest.approx(np.sqrt(np.degrees(1e-3) ** 2 + 4.1**2 / 401), abs=0.01)
 
 
 def test_nothing_is_made_up_where_the_reference_was_lost(tmp_path):
     wanted = np.linspace(0.2, 0.8, 101)
     verdict = judge(_two_rates(tmp_path / "walk", wanted, wanted, lost=(50,)))
     assert verdict.samples == 101 - 9
-    assert verdict.max_abs_error_deg < 1e-6
+    assert verdict.max_abs_error < 1e-6
 
 
 def _tracking(folder, drop=(), **parameters):
@@ -222,13 +224,13 @@ def test_samples_that_are_lost_here_and_there_are_no_matter(tmp_path):
 def test_a_leg_that_the_run_had_and_the_bag_has_not_is_named(tmp_path, capsys):
     with BagWriter(tmp_path / "walk", {"legs": '{"left": {}, "right": {}}'}) as writer:
         for topic in ("joint_states", "reference"):
-            writer.add_topic(resolve(topic, "/left"), BY_NAME[topic].type)
+            writer.add_topic(resolve(topic, "/left"), TABLE.by_name[topic].type)
         for stamp_ns in range(0, 10 * PERIOD_NS, PERIOD_NS):
             for topic, message in (
                 ("joint_states", joint_state(stamp_ns, "knee", [0.1])),
                 ("reference", reference(stamp_ns, (0.1, 0.0))),
             ):
-                data = STORE.serialize_cdr(message, BY_NAME[topic].type)
+                data = STORE.serialize_cdr(message, TABLE.by_name[topic].type)
                 writer.write(resolve(topic, "/left"), stamp_ns, bytes(data))
     assert main(["check", str(tmp_path / "walk")]) == 2
     assert "the run had a leg right, and the bag has no /right/joint_states" in capsys.readouterr().err
@@ -238,7 +240,7 @@ def test_an_observer_that_diverged_leaves_the_verdict_of_the_knee(tmp_path, caps
     folder = tmp_path / "walk"
     with BagWriter(folder) as writer:
         for topic in ("joint_states", "reference", "estimate"):
-            writer.add_topic(resolve(topic), BY_NAME[topic].type)
+            writer.add_topic(resolve(topic), TABLE.by_name[topic].type)
         for k in range(100):
             stamp_ns = k * PERIOD_NS
             write(writer, "joint_states", stamp_ns, joint_state(stamp_ns, "knee", [0.3]))
@@ -266,7 +268,7 @@ def test_only_a_scenario_lets_the_knee_go_and_no_controller(tmp_path, trajectory
         for muscle, pressure in (("extensor", extensor), ("flexor", flexor))
     }
     known = {} if trajectory is None else {"scenario.trajectory": trajectory}
-    bag = Bag(tmp_path, {"reference_angle": Series(stamps, 0.0 * stamps), **references}, {}, known)
+    bag = Bag(tmp_path, {"reference_angle": Series(stamps, 0.0 * stamps), **references}, {}, known, KNEE)
     assert _closed(bag, stamps).tolist() == (excused & (stamps > stamps[200])).tolist()
 
 
@@ -274,11 +276,11 @@ def test_a_leg_among_others_can_be_judged_alone(tmp_path, capsys):
     with BagWriter(tmp_path / "walk") as writer:
         for leg, topics in (("/left", ("joint_states", "reference")), ("/arm", ("joint_states",))):
             for topic in topics:
-                writer.add_topic(resolve(topic, leg), BY_NAME[topic].type)
+                writer.add_topic(resolve(topic, leg), TABLE.by_name[topic].type)
                 for stamp_ns in range(0, 10 * PERIOD_NS, PERIOD_NS):
                     told = {"joint_states": joint_state(stamp_ns, "knee", [0.1]),
                             "reference": reference(stamp_ns, (0.1, 0.0))}[topic]  # fmt: skip
-                    data = STORE.serialize_cdr(told, BY_NAME[topic].type)
+                    data = STORE.serialize_cdr(told, TABLE.by_name[topic].type)
                     writer.write(resolve(topic, leg), stamp_ns, bytes(data))
     assert main(["check", str(tmp_path / "walk")]) == 0
     assert "left leg" in capsys.readouterr().out

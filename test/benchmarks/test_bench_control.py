@@ -18,8 +18,8 @@ from control_campaign.hardware import drawn
 
 from pam_orthosis.control import effects
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.improvement.learned import LEARNABLE
-from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.improvement.learned import learnable
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.plant import Plant
 
@@ -98,7 +98,7 @@ def test_where_no_plan_is_found_the_run_without_one_shows_what_the_model_lacks(m
     run = bench_control._run(load(case.overrides()), case, "replanned", {})
     assert not seen[0].planned
     at = np.arange(10) / 10
-    assert seen[0].followed_angle(at) == pytest.approx(seen[0].angle(at), abs=np.radians(1.0))
+    assert seen[0].followed(at) == pytest.approx(seen[0].position(at), abs=np.radians(1.0))
     assert np.degrees(np.abs(run["reference_angle"] - run["angle"]).max()) < 1.0
 
 
@@ -185,9 +185,10 @@ def test_what_a_task_changes_is_not_believed_as_it_was(monkeypatch):
 
 
 def test_what_is_learned_names_no_effect_that_controllers_leave_alone():
-    values = {f"{n}.{q.name}": q.typical for n in learn.EFFECTS for q in CATALOGUE[n].parameters}
+    values = {f"{n}.{q.name}": q.typical for n in learn.EFFECTS for q in KNEE.catalogue[n].parameters}
     assert all(learn._matters(name, values) for name in learn.EFFECTS)
-    assert set(learn.EFFECTS) <= set(LEARNABLE)
-    assert set(learn.MECHANICAL) == {n for n in learn.EFFECTS if CATALOGUE[n].stage in effects.MECHANICAL}
+    assert set(learn.EFFECTS) <= set(learnable(KNEE))
+    stages = {n: KNEE.catalogue[n].stage for n in learn.EFFECTS}
+    assert set(learn.MECHANICAL) == {n for n, stage in stages.items() if stage in effects.MECHANICAL}
     assert learn.tolerances(0) == {}
     load(learn.tolerances(1))

@@ -11,16 +11,16 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 from speed.scripted import scripted
 
-from pam_orthosis.model import orthosis
-from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.assembly import assemble
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.plant import Plant, true_hardware
 
 
 def test_a_script_has_the_rates_of_the_plant_with_every_effect():
-    on = {f"plant.effects.{name}.enabled": True for name in CATALOGUE}
+    on = {f"plant.effects.{name}.enabled": True for name in KNEE.catalogue}
     parameters = load({**on, "leg.person.present": True})
-    assembly = orthosis.assemble(true_hardware(parameters))
+    assembly = assemble(true_hardware(parameters))
     rates = ca.Function("rates", [assembly.x, assembly.u], [assembly.rates])
     script, rng, rest = scripted(rates), np.random.default_rng(1), Plant(parameters).state
     for k in range(20):

@@ -12,12 +12,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from stiffness import measured, modelled
 
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load, scenario_overrides
 
 ANGLE = 0.6
 EXACT = {
-    **{f"plant.effects.{name}.enabled": False for name in CATALOGUE},
+    **{f"plant.effects.{name}.enabled": False for name in KNEE.catalogue},
     **{f"plant.deviation.{name}": 1.0 for name, _ in load().plant.deviation.items()},
     "plant.muscle_law": "polynomial",
     "plant.external_torque": 2.0,

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from pam_orthosis.cli.main import VERBS, main
-from pam_orthosis.cli.run import _assignment
+from pam_orthosis.cli.parameters import _assignment
 
 WALK = Path(__file__).resolve().parents[2] / "bags" / "walk"
 

@@ -73,7 +73,7 @@ def test_json_alone_on_standard_output_and_what_is_not_there(known, capsys):
         (["--scenario", "moon"], "no scenario 'moon'"),
         (["--duration", "nan"], "scenario.duration"),
         (["--duration", "soon"], "invalid float value"),
-        (["--duration", "1.5"], "too short: the gait begins after 3 s"),
+        (["--duration", "1.5"], "too short: the motion begins after 3 s"),
         (["--param", "valve.delay=0.01", "--param", "valve.delay=0.02"], "valve.delay is given twice"),
         (["--param", "plant.delay.computing=1e-320"], "too small a number"),
         (["--param", "seed"], "give KEY=VALUE"),

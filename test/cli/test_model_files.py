@@ -11,7 +11,8 @@ from pam_orthosis.cli import run
 from pam_orthosis.discrepancy import beginning, knee, patch
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.improvement import learned
-from pam_orthosis.model import muscle
+from pam_orthosis.model.components import muscle
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import config_folder, load
 from pam_orthosis.model.plant import Plant, with_belief
 from pam_orthosis.planning import plan as planning
@@ -53,7 +54,7 @@ def of_gap(folder):
 def of_improve(folder):
     """As the verb writes it: ordinary parameters calibrated, maps corrected, an effect learned."""
     belief, out = load(), folder / "improved.yaml"
-    system = knee.knee(belief, learned.LEARNABLE)
+    system = knee.knee(belief, learned.learnable(KNEE))
     values = {one.name: 0.3 * one.sd for one in system.calibrations}
     values |= {f"{e}.{q.name}": 0.1 * q.prior for e in system.shapes for q in system.catalogue[e].parameters}
     values |= {f"{e}.{q.name}": q.typical for e in EFFECTS for q in system.catalogue[e].parameters}
@@ -84,7 +85,9 @@ def test_gap_reads_it(written, tmp_path, monkeypatch, capsys):
     table = tmp_path / "x.csv"  # a recording of another motion than the plan's, without a record of any
     table.write_text("time,angle,extensor_pressure,flexor_pressure\n0,0.5,2e5,2e5\n0.002,0.5,2e5,2e5\n")
     seen, whole = [], knee.knee
-    monkeypatch.setattr(knee, "knee", lambda parameters: seen.append(parameters) or whole(parameters))
+    monkeypatch.setattr(
+        knee, "knee", lambda parameters, *more: seen.append(parameters) or whole(parameters, *more)
+    )
     monkeypatch.setattr(beginning, "begin", lambda *_: taken(expected, seen[0]))
     assert entry.main(["gap", str(table), "--model", str(file)]) == 2
     assert "read and taken" in capsys.readouterr().err

@@ -13,7 +13,7 @@ import pytest
 from pam_orthosis import files
 from pam_orthosis.bag import recover
 from pam_orthosis.cli import main as entry
-from pam_orthosis.cli import run
+from pam_orthosis.cli import parameters, run
 from pam_orthosis.errors import OrthosisError
 
 
@@ -179,5 +179,5 @@ def test_one_plan_is_not_followed_by_two_legs(tmp_path, capsys):
     [("075", 75), ("1e-4", 1e-4), ("30", 30), ("true", True), ("[1, 2]", [1, 2]), ("gait", "gait")],
 )
 def test_numbers_are_read_as_everybody_reads_them(text, value):
-    (read,) = run.assignments([f"key={text}"]).values()
+    (read,) = parameters.assignments([f"key={text}"]).values()
     assert (read, type(read)) == (value, type(value))

@@ -8,7 +8,7 @@ import pytest
 
 from pam_orthosis.control.anticipation import Anticipation, Pending
 from pam_orthosis.control.pressure import PressureController
-from pam_orthosis.control.trajectory import VALVES_CLOSED, Reference
+from pam_orthosis.control.reference import Reference, Valve
 from pam_orthosis.model.parameters import load
 
 DELAY = 0.0087
@@ -49,7 +49,7 @@ def test_the_error_ahead_is_the_one_that_comes():
     horizon = round(ahead.horizon / FINE)
     for index, correction in enumerate(corrections):
         now = index * fine
-        estimate = SimpleNamespace(angle=-error[now], velocity=-rate[now], disturbance=0.7)
+        estimate = SimpleNamespace(position=-error[now], velocity=-rate[now], disturbance=0.7)
         angle, velocity, disturbance = ahead.estimate(estimate, still, still)
         # the present command acts during the second half of the period of the horizon: not yet given
         begin = now + late
@@ -85,5 +85,5 @@ def test_closed_valves_are_a_command_too():
     controller = PressureController(load(KNOWING), "flexor")
     controller.step(3e5, 3.4e5, 0.6, 0.0)
     for _ in range(2):
-        assert controller.step(3e5, VALVES_CLOSED, 0.6, 0.0) == 0.0
+        assert controller.step(3e5, Valve.CLOSED, 0.6, 0.0) == 0.0
     assert [value for value, _, _ in controller._pending] == [0.0, 0.0]

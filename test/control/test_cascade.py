@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from pam_orthosis.control import inverse_valve, observer, position, pressure
-from pam_orthosis.control.knee import Pair, kinematics, knee_acceleration, muscle_torque
-from pam_orthosis.control.trajectory import Reference
-from pam_orthosis.model import muscle as muscle_model
-from pam_orthosis.model import orthosis, parameters, pneumatics
+from pam_orthosis.control.axis import Axis
+from pam_orthosis.control.reference import Reference
+from pam_orthosis.model import parameters
+from pam_orthosis.model.components import muscle as muscle_model
+from pam_orthosis.model.components import pneumatics
+from pam_orthosis.model.components.actuator import volume_terms
 
 RANDOM = np.random.default_rng(11)
 STATES = np.column_stack([
@@ -28,9 +30,9 @@ def belief():
 def test_observer_poles_lie_where_they_were_placed(belief):
     """Eigenvalues of A - h c, the Jacobian of Eq. (32) taken by differences, not by CasADi."""
     x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
-    f = ca.Function("f", [x, p], [observer.system(x, p, belief)])
+    f = ca.Function("f", [x, p], [observer.system(x, p, Axis(belief))])
     polynomial = observer.characteristic(100.0, 0.5)
-    h = ca.Function("h", [x, p], [observer.gains(x, p, polynomial, belief)])
+    h = ca.Function("h", [x, p], [observer.gains(x, p, polynomial, Axis(belief))])
     for state, held in zip(STATES, PRESSURES, strict=True):
         a = np.column_stack([
             (f(state + d, held).full()[:, 0] - f(state - d, held).full()[:, 0]) / 2e-6
@@ -52,12 +54,13 @@ def test_a_disturbance_is_estimated_late_by_the_sum_of_the_poles_time_constants(
 def test_observer_finds_velocity_and_a_constant_disturbance(belief):
     """Fed by its own model under 2 N m: the estimate must end at the true state."""
     x, p = ca.SX.sym("x", 2), ca.SX.sym("p", 2)
-    f = ca.Function("f", [x, p], [ca.vertcat(x[1], knee_acceleration(x[0], x[1], 2.0, p[0], p[1], belief))])
+    rate = Axis(belief).acceleration(x[0], x[1], 2.0, (p[0], p[1]))
+    f = ca.Function("f", [x, p], [ca.vertcat(x[1], rate)])
     period, state = belief.scenario.control_period, ca.DM([0.8, 0.0])
     watch = observer.Observer(belief)
     held = [3.3e5, 4.0e5]
     for _ in range(200):
-        estimate = watch.step(float(state[0]), *held)
+        estimate = watch.step(float(state[0]), held)
         for _ in range(10):
             k1 = f(state, held)
             state = state + period / 10 * f(state + period / 20 * k1, held)
@@ -80,14 +83,15 @@ def test_lyapunov_function_of_the_position_loop_decreases(belief):
 
 def allocate(belief, extensor_free=0.0, flexor_free=0.0):
     torque, q, w = (ca.SX.sym(n) for n in ("torque", "q", "w"))
-    mean, let_go = belief.control.position.mean_pressure, Pair(extensor_free, flexor_free)
-    found = position.pressures_for_torque(torque, q, w, mean, belief, let_go)
-    return ca.Function("allocate", [torque, q, w], [found.extensor, found.flexor, found.missed])
+    mean = belief.control.position.mean_pressure
+    asked = position.Demand(torque, q, w, mean, let_go=(extensor_free, flexor_free))
+    found = position.pressures_for_effort(asked, Axis(belief))
+    return ca.Function("allocate", [torque, q, w], [*found.pressures, found.missed])
 
 
 def torque_of(belief):
     q, w, extensor, flexor = (ca.SX.sym(n) for n in ("q", "w", "extensor", "flexor"))
-    return ca.Function("torque", [q, w, extensor, flexor], [muscle_torque(q, w, extensor, flexor, belief)])
+    return ca.Function("torque", [q, w, extensor, flexor], [Axis(belief).effort(q, w, (extensor, flexor))])
 
 
 def test_the_pressures_give_the_torque_and_keep_their_mean(belief):
@@ -188,13 +192,13 @@ def gas_rate(belief, p, flow, q, w):
     """Return dp/dt of the flexor in the belief, by the forward law."""
     section, valve = belief.muscle.dmsp_20, belief.valve
     angle, velocity = ca.SX.sym("q"), ca.SX.sym("w")
-    contraction, rate = kinematics(angle, velocity, belief)
-    volume, by_p, by_x = orthosis.volume_terms(
+    (_, contraction), (_, rate) = Axis(belief).kinematics(angle, velocity)
+    volume, by_p, by_x = volume_terms(
         lambda dl, gauge: muscle_model.volume(dl, gauge, section),
-        contraction.flexor,
+        contraction,
         p - valve.ambient_pressure,
     )
-    found = pneumatics.pressure_rate(p, flow, rate.flexor, volume + valve.hose.volume, by_p, by_x, valve)
+    found = pneumatics.pressure_rate(p, flow, rate, volume + valve.hose.volume, by_p, by_x, valve)
     return float(ca.Function("rate", [angle, velocity], [found])(q, w))
 
 
@@ -226,7 +230,7 @@ def test_inverse_valve_inverts_the_valve(belief):
 
 def test_voltage_stays_in_range_and_lifts_over_the_dead_band():
     p = parameters.load()
-    model = inverse_valve.InverseValveModel(p)
+    model = inverse_valve.InverseValveModel(p, "flexor")
     assert model.step(0.0, 3e5) == pytest.approx(p.valve.closed_voltage)
     assert model.step(1.0, 3e5) == p.valve.maximum_voltage
     assert model.step(-1.0, 3e5) == p.valve.minimum_voltage

@@ -8,7 +8,8 @@ from pam_orthosis.control.diagnostic import EXPERIMENTS, make_programme, move, m
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.position import PositionController
 from pam_orthosis.control.pressure import PressureController
-from pam_orthosis.control.trajectory import VALVES_CLOSED, Reference, make_trajectory
+from pam_orthosis.control.reference import Reference, Valve
+from pam_orthosis.control.trajectory import make_trajectory
 from pam_orthosis.model.parameters import load, scenario_names, scenario_overrides
 
 SCENARIOS = [name for name in scenario_names() if name.startswith("diagnostic")]
@@ -19,7 +20,7 @@ def sampled(programme, step_ms=2):
     """Return the references at every step: (n, 3) angle and derivatives, (n,) mean pressure."""
     times = np.arange(0, round(programme.duration * 1e3), step_ms)
     references = [programme.sample(int(t) * MS) for t in times]
-    return np.array([r[:3] for r in references]), np.array([r.mean_pressure for r in references])
+    return np.array([r[:3] for r in references]), np.array([r.numbers()[3] for r in references])
 
 
 def run(scenario, seconds, **overrides):
@@ -47,7 +48,7 @@ def test_angle_velocity_and_acceleration_belong_together(name):
             np.abs(slope - motion[1:-1, order + 1]).max() < 0.02 * np.abs(motion[:, order + 1]).max() + 1e-9
         )
     assert np.abs(np.diff(motion[:, 2])).max() <= 0.2 * np.abs(motion[:, 2]).max() + 1e-9
-    open_ = mean != VALVES_CLOSED
+    open_ = mean != Valve.CLOSED.value
     assert np.abs(np.diff(mean)[open_[1:] & open_[:-1]]).max() < 2.0e4
 
 
@@ -57,7 +58,7 @@ def test_the_protocol_uses_two_mean_pressures_and_closed_valves():
     d = p.scenario.diagnostic
     for level in (d.low_mean, d.high_mean):
         assert np.isclose(mean, level).mean() > 0.05
-    assert 0.1 < (mean == VALVES_CLOSED).mean() < 0.3
+    assert 0.1 < (mean == Valve.CLOSED.value).mean() < 0.3
     assert motion[:, 0].min() >= 0.25
     assert motion[:, 0].max() <= 1.1
 
@@ -81,7 +82,7 @@ def test_the_asked_mean_pressure_is_held():
 
 def test_closed_valves_are_closed_and_the_knee_swings():
     recorded, p = run("diagnostic-decay", 3.5)
-    closed = recorded["extensor_pressure_reference"] == VALVES_CLOSED
+    closed = recorded["extensor_pressure_reference"] == Valve.CLOSED.value
     assert 0.2 < closed.mean() < 0.6
     for muscle in ("extensor", "flexor"):
         assert (recorded[f"{muscle}_voltage"][closed] == p.valve.closed_voltage).all()
@@ -99,7 +100,7 @@ def test_closed_valves_hold_the_air():
         "diagnostic-hold", 3.0,
         **{"plant.effects.extensor_leak.enabled": True, "plant.effects.extensor_leak.coefficient": 5e-10},
     )  # fmt: skip
-    closed = np.flatnonzero(tight["extensor_pressure_reference"] == VALVES_CLOSED)
+    closed = np.flatnonzero(tight["extensor_pressure_reference"] == Valve.CLOSED.value)
     middle, end = closed[len(closed) // 3], closed[-1]
     falls = [r["extensor_pressure"][middle] - r["extensor_pressure"][end] for r in (tight, leaky)]
     assert abs(falls[0]) < 3e3
@@ -119,7 +120,7 @@ def test_a_locked_joint_does_not_move_and_its_pressures_step():
 def test_the_pressure_controller_restarts_gently_after_closed_valves():
     controller = PressureController(load(), "extensor")
     controller.step(3.0e5, 3.0e5, 0.6, 0.0)
-    assert controller.step(3.0e5, VALVES_CLOSED, 0.6, 0.0) == 0.0
+    assert controller.step(3.0e5, Valve.CLOSED, 0.6, 0.0) == 0.0
     assert abs(controller.step(3.0e5, 3.0e5, 0.6, 0.0)) < 1e-9
 
 
@@ -127,7 +128,7 @@ def test_without_a_mean_pressure_the_controllers_own_is_taken():
     p = load()
     explicit = Reference(0.6, 0.0, 0.0, p.control.position.mean_pressure)
     own, asked = PositionController(p), PositionController(p)
-    measured = (0.6, 3.9e5, 3.3e5)
+    measured = (0.6, (3.9e5, 3.3e5))
     assert own.step(*measured, Reference(*explicit[:3])) == asked.step(*measured, explicit)
 
 

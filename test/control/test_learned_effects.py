@@ -11,27 +11,26 @@ import pytest
 from pam_orthosis.bag.read import aligned, read_bag
 from pam_orthosis.control import effects, inverse_valve, observer, position, pressure
 from pam_orthosis.control.anticipation import Anticipation
+from pam_orthosis.control.axis import Axis
 from pam_orthosis.control.inverse_valve import InverseValveModel
-from pam_orthosis.control.knee import muscle_torque
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.position import PositionController
 from pam_orthosis.control.pressure import PressureController
-from pam_orthosis.control.trajectory import Reference
+from pam_orthosis.control.reference import Reference
 from pam_orthosis.model import parameters as parameter_tree
-from pam_orthosis.model.effects import CATALOGUE
-from pam_orthosis.model.effects.valve_dead_band import opened
-from pam_orthosis.model.orthosis import MUSCLES
+from pam_orthosis.model.effects.valves import opened
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.planning import problem
 
 WALK = Path(__file__).parents[2] / "bags" / "walk"
 MECHANICAL = [
     name
-    for name, effect in CATALOGUE.items()
+    for name, effect in KNEE.catalogue.items()
     if effect.stage in effects.MECHANICAL and name not in effects.UNFORESEEN
 ]
-GAS = [name for name, effect in CATALOGUE.items() if effect.stage == "gas"]
-PASSED = [name for name, effect in CATALOGUE.items() if effect.stage in ("opening", "flow")]
+GAS = [name for name, effect in KNEE.catalogue.items() if effect.stage == "gas"]
+PASSED = [name for name, effect in KNEE.catalogue.items() if effect.stage in ("opening", "flow")]
 HARDWARE = ("joint_friction", "viscous_friction", "muscle_hysteresis", "valve_lag", "valve_dead_band")
 
 
@@ -73,9 +72,9 @@ def test_without_effects_the_controllers_answer_what_they_answered_before():
     valve = InverseValveModel(parameters, "extensor")
     for row in np.array(columns).T[:400]:
         angle, pe, pf, *reference, wanted, flow, voltage, estimated, velocity = row
-        command = controller.step(angle, pe, pf, Reference(*reference))
-        assert (command.angle, command.velocity) == pytest.approx((estimated, velocity), rel=1e-9, abs=1e-12)
-        assert command.extensor_pressure == pytest.approx(wanted, rel=1e-9)
+        command = controller.step(angle, (pe, pf), Reference(*reference))
+        assert command[1:3] == pytest.approx((estimated, velocity), rel=1e-9, abs=1e-12)
+        assert command.pressures[0] == pytest.approx(wanted, rel=1e-9)
         assert loop.step(pe, wanted, estimated, velocity) == pytest.approx(flow, rel=1e-9, abs=1e-15)
         assert valve.step(flow, pe) == pytest.approx(voltage, rel=1e-9)
 
@@ -93,7 +92,9 @@ def test_finer_steps_of_the_observer_are_no_longer_program():
 
 
 def test_effects_that_are_off_change_no_bit():
-    sizes = {f"effects.{name}.{e.fitted[0].name}": 0.9 * e.fitted[0].typical for name, e in CATALOGUE.items()}
+    sizes = {
+        f"effects.{name}.{e.fitted[0].name}": 0.9 * e.fitted[0].typical for name, e in KNEE.catalogue.items()
+    }
     runs = [ClosedLoop(p, 1).run(300) for p in (load(), load(sizes))]
     assert all(np.array_equal(runs[0][name], runs[1][name]) for name in runs[0])
 
@@ -109,13 +110,14 @@ def test_the_pressures_give_the_torque_together_with_the_effect(name):
     law, command = effects.added_by_effects(belief), position.command_function(belief)
     estimate, reference = [0.5, 1.2, 0.7], [0.51, 1.3, 4.0]
     size = law.size1_in(3)
-    states = np.linspace(0.5, 0.2, size) * (CATALOGUE[name].scales or np.zeros(size))
-    gains = [belief.flat()[key] for key in position._OF_COMMAND]
+    states = np.linspace(0.5, 0.2, size) * (KNEE.catalogue[name].scales or np.zeros(size))
+    gains = [belief.flat()[key] for key in (*position.GAINS, *KNEE.live)]
     pressures = command(estimate, reference, 3.6e5, [0.0, 0.0], states, 0.4, gains)[0].full()[:, 0]
     added = float(law(*reference[:2], pressures, states, 0.4)[0])
     q, velocity = ca.SX.sym("q"), ca.SX.sym("velocity")
     point = ca.vertcat(q, velocity, estimate[2])
-    both = muscle_torque(q, velocity, *pressures, belief), position.required_torque(point, reference, belief)
+    axis = Axis(belief)
+    both = axis.effort(q, velocity, pressures), position.required_effort(point, reference, axis)
     muscles, wanted = (float(v) for v in ca.Function("both", [q, velocity], both)(*estimate[:2]))
     given = added + muscles
     assert given == pytest.approx(wanted, abs=2e-3)
@@ -129,11 +131,11 @@ def test_both_muscles_stay_taut_with_what_an_effect_adds_to_their_forces(stretch
     belief = believing("creep").belief()
     law, command = effects.added_by_effects(belief), position.command_function(belief)
     estimate, states = [0.03, 1.5, 0.0], [stretched, -stretched]  # creep's springs, m
-    gains = [belief.flat()[key] for key in position._OF_COMMAND]
+    gains = [belief.flat()[key] for key in (*position.GAINS, *KNEE.live)]
     pressures = command(estimate, [*estimate[:2], 0.0], 3.0e5, [0.0, 0.0], states, 0.0, gains)[0].full()[:, 0]
     added = law(*estimate[:2], pressures, states, 0.0)[1].full()[:, 0]
     plain = effects.assembled(belief)
-    forces = [getattr(plain.signals, f"{name}_force") for name in MUSCLES]
+    forces = [one.force for one in plain.signals.actuators.values()]
     elastic = ca.Function("elastic", [plain.x], forces)(np.append(estimate[:2], pressures))
     assert added.min() < -20.0
     assert min(map(float, elastic)) > 3.0
@@ -144,7 +146,7 @@ def test_both_muscles_stay_taut_with_what_an_effect_adds_to_their_forces(stretch
 @pytest.mark.parametrize("name", ["joint_friction", "muscle_hysteresis", "parallel_elasticity", "creep"])
 def test_what_the_effect_explains_is_no_disturbance_any_more(name):
     """The plant has one effect; the estimate of the disturbance shrinks once the belief has it too."""
-    others = {f"plant.effects.{n}.enabled": n == name for n in CATALOGUE}
+    others = {f"plant.effects.{n}.enabled": n == name for n in KNEE.catalogue}
     same = {f"plant.deviation.{n}": 1.0 for n, _ in load().plant.deviation.items()}
     plant = {**others, **same, "plant.muscle_law": "polynomial", "valve.dead_band": 0.0,
              "scenario.start_hold": 0.3, "scenario.start_ramp": 0.5,
@@ -164,8 +166,8 @@ def test_what_the_effect_explains_is_no_disturbance_any_more(name):
 def test_the_mass_flow_gives_the_wanted_rate_in_the_believed_gas(name):
     belief = believing(name).belief()
     model = effects.assembled(belief, name)
-    s, x = model.signals, [0.6, 1.5, 3.1e5, 3.7e5, *[0.0] * (model.x.shape[0] - 4)]
-    rate = ca.Function("rate", [model.x, model.u], [s.flexor_pressure_rate, s.flexor_flow])
+    a, x = model.signals.actuators["flexor"], [0.6, 1.5, 3.1e5, 3.7e5, *[0.0] * (model.x.shape[0] - 4)]
+    rate = ca.Function("rate", [model.x, model.u], [a.pressure_rate, a.flow])
     flow = pressure.mass_flow_function(belief, "flexor")
     found, plain = (float(v) for v in rate(x, [5.0, 5.4, 0.0, 7.0])), load().belief()
     wanted, passed = found
@@ -214,8 +216,8 @@ def test_a_supply_that_sags_is_met_by_a_wider_opening():
 @pytest.fixture
 def second_supply_effect(monkeypatch):
     """Another effect of the supply in the catalogue: a long line before the regulator."""
-    line = replace(CATALOGUE["supply_sag"], name="supply_line", states=("line_sag",), scales=(2.0e4,))
-    monkeypatch.setitem(CATALOGUE, "supply_line", line)
+    line = replace(KNEE.catalogue["supply_sag"], name="supply_line", states=("line_sag",), scales=(2.0e4,))
+    monkeypatch.setitem(KNEE.catalogue, "supply_line", line)
     parameter_tree._shipped_rows.cache_clear()
     yield {"effects.supply_line.resistance": 1e7, "effects.supply_line.time_constant": 0.5}
     parameter_tree._shipped_rows.cache_clear()
@@ -242,7 +244,7 @@ def test_all_effects_of_the_supply_are_compensated_and_planned_with(second_suppl
 
 def test_the_voltage_undoes_the_believed_dead_band():
     parameters = believing("valve_dead_band", **{"effects.valve_dead_band.half_width": 0.21})
-    model, valve = inverse_valve.InverseValveModel(parameters), parameters.valve
+    model, valve = inverse_valve.InverseValveModel(parameters, "flexor"), parameters.valve
     for flow in (-3e-3, 3e-3):
         opening = float(inverse_valve.opening_for_flow(flow, 3.4e5, valve))
         deviation = model.step(flow, 3.4e5) - valve.closed_voltage
@@ -283,20 +285,20 @@ def test_known_effects_lower_the_error_without_chatter():
 def test_compensation_is_in_no_loop():
     """The known torque follows from reference and pressures alone: another angle changes nothing in it."""
     belief = believing("joint_friction", "muscle_hysteresis").belief()
-    first, second = effects.EffectTorque(belief), effects.EffectTorque(belief)
+    first, second = effects.AddedEffort(belief), effects.AddedEffort(belief)
     for index in range(40):
         reference = Reference(0.4 + 0.01 * index, 2.0, 0.0)
-        assert first.step(reference, 3e5, 4e5) == second.step(reference, 3e5, 4e5)
-    assert first.step(Reference(0.8, 2.0, 0.0), 3e5, 4e5) < -0.8  # friction and hysteresis brake
-    assert abs(effects.EffectTorque(belief).step(Reference(0.8, 0.0, 0.0), 3e5, 4e5)) < 1e-9  # rest: none
+        assert first.step(reference, (3e5, 4e5)) == second.step(reference, (3e5, 4e5))
+    assert first.step(Reference(0.8, 2.0, 0.0), (3e5, 4e5)) < -0.8  # friction and hysteresis brake
+    assert abs(effects.AddedEffort(belief).step(Reference(0.8, 0.0, 0.0), (3e5, 4e5))) < 1e-9  # rest: none
 
 
 @pytest.mark.parametrize("half_width", [5e-4, 2e-3, 1e-2])
 def test_play_is_followed_at_any_width_and_speed(half_width):
     """A state that is quick beside the steps of its integration would leave its range and shake the knee."""
     belief = believing("backlash", **{"effects.backlash.half_width": half_width}).belief()
-    known, period = effects.EffectTorque(belief), belief.scenario.control_period
+    known, period = effects.AddedEffort(belief), belief.scenario.control_period
     for time in np.arange(0.0, 1.0, period):
         motion = 0.6 + 0.5 * np.sin(20 * time), 10 * np.cos(20 * time), -200 * np.sin(20 * time)
-        known.step(Reference(*motion), 3.6e5, 3.6e5)
+        known.step(Reference(*motion), (3.6e5, 3.6e5))
         assert np.abs(known.states).max() < 1 + 1e-6

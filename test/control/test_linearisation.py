@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pam_orthosis.control import linearisation, rig_loop
-from pam_orthosis.model import muscle, parameters, pneumatics
+from pam_orthosis.model import parameters
+from pam_orthosis.model.components import muscle, pneumatics
 
 BELIEF = parameters.load().rig_belief()
 

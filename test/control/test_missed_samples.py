@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 from pam_orthosis.control.anticipation import Anticipation, Pending
-from pam_orthosis.control.effects import EffectTorque
-from pam_orthosis.control.guard import Overdue, angle_guard
+from pam_orthosis.control.effects import AddedEffort
+from pam_orthosis.control.guard import Overdue, position_guard
+from pam_orthosis.control.guarded import GuardedPosition
 from pam_orthosis.control.inverse_valve import InverseValveModel
-from pam_orthosis.control.loop import SIGNALS, ClosedLoop
+from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.observer import Observer
+from pam_orthosis.control.position import PositionCommand
 from pam_orthosis.control.pressure import PressureController, mass_flow_function
-from pam_orthosis.control.trajectory import Reference
+from pam_orthosis.control.reference import Reference
 from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes.graph import MOST_PERIODS, GraphNode
 
@@ -32,16 +34,16 @@ class Sparse(ClosedLoop):
         if seen[-1] == index:
             periods = index - seen[-2] if len(seen) > 1 and self.told else 1
             self._voltages = self._answer(measured, reference, periods)
-        error = reference.angle - self.plant.truth().angle
+        error = reference.position - self.plant.truth().angle
         self.plant.advance(*self._voltages)
-        return (error, *[0.0] * (len(SIGNALS) - 1))
+        return (error, *[0.0] * (len(self.signals) - 1))
 
     def _answer(self, measured, reference, periods):
-        command = self._position.step(*measured, reference, periods)
+        command = self._position.step(measured[0], measured[1:], reference, periods)
         voltages = []
-        pairs = zip(self._pressure, self._valves, measured[1:], command[:2], strict=True)
+        pairs = zip(self._pressure, self._valves, measured[1:], command.pressures, strict=True)
         for controller, valve, pressure, wanted in pairs:
-            flow = controller.step(pressure, wanted, command.angle, command.velocity, periods)
+            flow = controller.step(pressure, wanted, command.position, command.velocity, periods)
             voltages.append(valve.step(flow, pressure, periods))
         return voltages
 
@@ -74,9 +76,9 @@ def test_a_steadily_rising_pressure_reference_is_followed_at_its_own_rate(period
 def test_the_observer_takes_straight_lines_over_missed_samples():
     whole, sparse = Observer(P), Observer(P)
     for k in range(7):
-        last = whole.step(0.3 + 0.01 * k, 3e5 + 1e3 * k, 2e5)
-    sparse.step(0.3, 3e5, 2e5)
-    assert sparse.step(0.36, 3.06e5, 2e5, periods=6) == pytest.approx(last, abs=1e-9)
+        last = whole.step(0.3 + 0.01 * k, (3e5 + 1e3 * k, 2e5))
+    sparse.step(0.3, (3e5, 2e5))
+    assert sparse.step(0.36, (3.06e5, 2e5), periods=6) == pytest.approx(last, abs=1e-9)
 
 
 def _believing(name):
@@ -86,11 +88,11 @@ def _believing(name):
 @pytest.mark.parametrize("name", ["creep", "muscle_hysteresis", "joint_friction"])
 def test_what_an_effect_remembers_lives_on_over_missed_samples(name):
     belief = _believing(name).belief()
-    whole, sparse = EffectTorque(belief), EffectTorque(belief)
+    whole, sparse = AddedEffort(belief), AddedEffort(belief)
     motion = [Reference(0.3 + 0.01 * k, 2.0, 0.0) for k in range(7)]
-    torques = [whole.step(reference, 3e5, 2e5) for reference in motion]
-    sparse.step(motion[0], 3e5, 2e5)
-    assert sparse.step(motion[6], 3e5, 2e5, periods=6) == pytest.approx(torques[6], rel=1e-9)
+    torques = [whole.step(reference, (3e5, 2e5)) for reference in motion]
+    sparse.step(motion[0], (3e5, 2e5))
+    assert sparse.step(motion[6], (3e5, 2e5), periods=6) == pytest.approx(torques[6], rel=1e-9)
     assert sparse.time == pytest.approx(6 * P.scenario.control_period)
     assert sparse.states == pytest.approx(whole.states, rel=1e-9)
 
@@ -112,12 +114,12 @@ def test_the_jerk_of_a_reference_is_per_time_not_per_sample():
     steady = [Reference(0.5, 0.0, 3.0 * k) for k in range(4)]
     *_, last = [whole.reference(reference) for reference in steady]
     sparse.reference(steady[0])
-    assert sparse.reference(steady[3], periods=3) == pytest.approx(last[:3] + (None,) * 4)
+    assert sparse.reference(steady[3], periods=3)[:3] == pytest.approx(last[:3])
 
 
 def test_the_supply_goes_on_sagging_over_missed_samples():
     parameters = _believing("supply_sag")
-    whole, sparse, unaware = (InverseValveModel(parameters) for _ in range(3))
+    whole, sparse, unaware = (InverseValveModel(parameters, "flexor") for _ in range(3))
     for _ in range(5):
         *_, last = [whole.step(2e-3, 3e5)]
     for model, periods in ((sparse, 4), (unaware, 1)):
@@ -137,7 +139,7 @@ def test_what_lasts_too_long_is_counted_in_time():
 
 
 def test_an_unusable_sample_behind_missed_ones_leaves_time_for_the_next():
-    guard, step = angle_guard(P), P.control.guard.angle_rate * P.scenario.control_period
+    guard, step = position_guard(P), P.control.guard.angle_rate * P.scenario.control_period
     low = P.scenario.start_angle
     guard.step(low)
     guard.step(np.nan, periods=3)
@@ -147,11 +149,61 @@ def test_an_unusable_sample_behind_missed_ones_leaves_time_for_the_next():
 def test_a_guard_allows_for_the_time_that_has_passed():
     low = P.scenario.start_angle
     far = low + 2.5 * P.control.guard.angle_rate * P.scenario.control_period
-    impatient, patient = angle_guard(P), angle_guard(P)
+    impatient, patient = position_guard(P), position_guard(P)
     for each in (impatient, patient):
         each.step(low)
     assert impatient.step(far) == low
     assert patient.step(far, periods=3) == far
+
+
+def _lost_after(guard, periods, value, followed=None):
+    """Return how many samples of one value a guard takes until the signal is lost."""
+    for count in range(1, 99):
+        guard.step(value, followed, periods)
+        if guard.lost:
+            return count
+    raise AssertionError("never lost")
+
+
+@pytest.mark.parametrize("periods", [1, 3])
+def test_an_unusable_signal_is_bridged_for_a_time_however_many_samples_there_are(periods):
+    guard, bridged = position_guard(P), P.control.guard.hold_time / P.scenario.control_period
+    guard.step(P.scenario.start_angle)
+    count = _lost_after(guard, periods, np.nan)
+    assert 1 + (count - 2) * periods <= bridged < 1 + (count - 1) * periods
+
+
+@pytest.mark.parametrize("periods", [1, 3])
+def test_a_signal_counts_as_frozen_after_a_time_however_many_samples_there_are(periods):
+    guard, frozen = position_guard(P), P.control.guard.frozen_time / P.scenario.control_period
+    low, moved = P.scenario.start_angle, P.scenario.start_angle + 2 * P.control.guard.angle_motion
+    guard.step(low, low)
+    count = _lost_after(guard, periods, low, moved)
+    assert guard.lost == "frozen"
+    assert (count - 1) * periods < frozen <= count * periods
+
+
+def _released_after(periods, estimated=0.0, wanted=P.scenario.start_angle):
+    """Return after how many control periods a knee is released that swings, or follows what is no angle."""
+
+    class Swinging:
+        def step(self, angle, *_pressures_reference_periods):
+            return PositionCommand((3e5, 3e5), angle, estimated, 0.0, 0.0, False, False)
+
+    guarded, passed = GuardedPosition(P, Swinging()), 0
+    while not guarded.health()["vent"]:
+        guarded.step(P.scenario.start_angle, (3e5, 3e5), Reference(wanted, 0.0, 0.0), periods)
+        passed += periods
+    return passed
+
+
+@pytest.mark.parametrize("periods", [1, 3])
+@pytest.mark.parametrize(
+    "fault", [{"estimated": 1.1 * P.control.guard.velocity_error}, {"wanted": np.nan}], ids=["swings", "NaN"]
+)
+def test_a_knee_is_released_after_a_time_however_many_samples_there_are(periods, fault):
+    patience = P.control.guard.hold_time / P.scenario.control_period
+    assert patience < _released_after(periods, **fault) <= patience + 2 * periods
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from pam_orthosis.control.guard import angle_guard
+from pam_orthosis.control.guard import position_guard
 from pam_orthosis.control.guarded import GuardedPosition
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.observer import Observer
@@ -52,7 +52,7 @@ def test_its_observer_integrates_as_finely_as_one_that_works_each_period():
     slow, fine = (load({**FAST, "control.position.every": every}) for every in (5, 1))
     coarse, whole = Observer(position_belief(slow)), Observer(fine.belief())
     for k in range(151):
-        measured = 0.3 + 0.003 * k, 3e5 + 400 * k, 2e5
+        measured = 0.3 + 0.003 * k, (3e5 + 400 * k, 2e5)
         if k % 5 == 0:
             one = coarse.step(*measured)
         last = whole.step(*measured)
@@ -62,9 +62,9 @@ def test_its_observer_integrates_as_finely_as_one_that_works_each_period():
 def test_its_guards_count_time_not_steps():
     p = load({**FAST, "control.position.every": 5})
     guarded = GuardedPosition(p, PositionController(p))
-    slow = angle_guard(position_belief(p))
+    slow = position_guard(position_belief(p))
     assert guarded._guards["angle"]._hold == slow._hold == round(p.control.guard.hold_time / 0.010)
-    assert slow._step == pytest.approx(5 * angle_guard(p)._step)
+    assert slow._step == pytest.approx(5 * position_guard(p)._step)
 
 
 def test_an_old_estimate_goes_on_at_its_velocity_and_an_old_reference_stays():

@@ -22,7 +22,7 @@ def test_velocity_and_acceleration_are_the_derivatives(overrides):
     step = 10_000  # ns
     for t in np.linspace(0.9e9, 5e9, 300).astype(int).tolist():
         before, now, after = (trajectory.sample(t + d) for d in (-step, 0, step))
-        assert now.velocity == pytest.approx((after.angle - before.angle) / 2e-5, abs=1e-5)
+        assert now.velocity == pytest.approx((after.position - before.position) / 2e-5, abs=1e-5)
         assert now.acceleration == pytest.approx((after.velocity - before.velocity) / 2e-5, abs=1e-3)
 
 
@@ -30,14 +30,14 @@ def test_it_rests_then_repeats_every_cycle():
     p = parameters.load({"scenario.cycle_time": 1.6})
     trajectory = make_trajectory(p)
     assert trajectory.sample(0).velocity == 0
-    assert trajectory.sample(0).angle == pytest.approx(p.scenario.start_angle, abs=1e-6)
+    assert trajectory.sample(0).position == pytest.approx(p.scenario.start_angle, abs=1e-6)
     for t in (4000 * MS, 4321 * MS, 5100 * MS):
         assert trajectory.sample(t) == pytest.approx(trajectory.sample(t + 1600 * MS), abs=1e-9)
 
 
 def test_the_gait_is_that_of_a_healthy_knee():
     trajectory = make_trajectory(parameters.load())
-    degrees = np.rad2deg([trajectory.sample(t * MS).angle for t in range(4000, 6000, 4)])
+    degrees = np.rad2deg([trajectory.sample(t * MS).position for t in range(4000, 6000, 4)])
     assert 60 < degrees.max() < 70
     assert -2 < degrees.min() < 6
 
@@ -57,7 +57,7 @@ def test_changes_of_the_cadence_keep_the_derivatives_consistent():
     step = 10_000  # ns
     for t in np.linspace(4.9e9, 17e9, 500).astype(int).tolist():
         before, now, after = (trajectory.sample(t + d) for d in (-step, 0, step))
-        assert now.velocity == pytest.approx((after.angle - before.angle) / 2e-5, abs=1e-5)
+        assert now.velocity == pytest.approx((after.position - before.position) / 2e-5, abs=1e-5)
         assert now.acceleration == pytest.approx((after.velocity - before.velocity) / 2e-5, abs=1e-3)
 
 
@@ -84,7 +84,7 @@ def test_a_cycle_time_set_at_rest_is_that_of_the_next_start():
 
 def test_steps_go_from_level_to_level_in_the_time_of_a_rise():
     trajectory = make_trajectory(parameters.load({**STEPS, "scenario.step.rise": 0.25}))
-    angles = np.array([trajectory.sample(t * MS).angle for t in range(8000, 12000, 10)])
+    angles = np.array([trajectory.sample(t * MS).position for t in range(8000, 12000, 10)])
     assert (angles.min(), angles.max()) == pytest.approx((0.3, 0.9))
     between = (angles > 0.3 + 1e-9) & (angles < 0.9 - 1e-9)
     assert between.sum() * 0.01 == pytest.approx(4 * 0.25, abs=0.05)  # two cycles
@@ -96,7 +96,7 @@ def test_steps_go_from_level_to_level_in_the_time_of_a_rise():
 def test_scenarios_start_where_their_motion_does(name):
     p = parameters.load(parameters.scenario_overrides(name))
     trajectory = make_trajectory(p)
-    assert trajectory.sample(0).angle == pytest.approx(p.scenario.start_angle, abs=1e-5)
-    degrees = np.rad2deg([trajectory.sample(t * MS).angle for t in range(4000, 9000, 20)])
+    assert trajectory.sample(0).position == pytest.approx(p.scenario.start_angle, abs=1e-5)
+    degrees = np.rad2deg([trajectory.sample(t * MS).position for t in range(4000, 9000, 20)])
     assert 50 < degrees.max() < 70
     assert -2 < degrees.min() < 20

@@ -5,7 +5,7 @@ import pytest
 
 from pam_orthosis.control.guarded import GuardedPosition
 from pam_orthosis.control.position import PositionCommand
-from pam_orthosis.control.trajectory import Reference
+from pam_orthosis.control.reference import Reference
 from pam_orthosis.model.parameters import load
 
 P = load()
@@ -20,7 +20,7 @@ class Controller:
     velocity = 0.0
 
     def step(self, angle, *_):
-        return PositionCommand(MEAN, MEAN, angle, self.velocity, 0.0, 0.0, False, False)
+        return PositionCommand((MEAN, MEAN), angle, self.velocity, 0.0, 0.0, False, False)
 
 
 def released(velocities, wanted=0.0):
@@ -28,9 +28,9 @@ def released(velocities, wanted=0.0):
     controller = Controller()
     guarded = GuardedPosition(P, controller)
     for controller.velocity in velocities:
-        command = guarded.step(0.6, MEAN, MEAN, Reference(0.6, wanted, 0.0, MEAN))
+        command = guarded.step(0.6, (MEAN, MEAN), Reference(0.6, wanted, 0.0, MEAN))
     told = guarded.health()["vent"]
-    assert bool(told) == (command.extensor_pressure != MEAN)
+    assert bool(told) == (command.pressures != (MEAN, MEAN))
     return told
 
 

@@ -7,13 +7,13 @@ from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.discrepancy.data import from_arrays
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.replay import Replay
-from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 
 SECONDS = 14.0
 # a plant that is as believed
 BELIEVED = {
-    **{f"plant.effects.{name}.enabled": False for name in CATALOGUE},
+    **{f"plant.effects.{name}.enabled": False for name in KNEE.catalogue},
     "plant.muscle_law": "polynomial",
     "plant.simulation.step": 5e-5,
     "valve.dead_band": 0.0,

@@ -16,7 +16,7 @@ from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.improvement import learned
 from pam_orthosis.model.delay import NANOSECONDS, computing_ns, line_ns
-from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 
 TRUE = 4.3e-3  # s, no whole number of periods
@@ -61,7 +61,7 @@ def seen_delay(p):
 @pytest.mark.parametrize("nominal", [0.0, 15e-3])
 def test_a_whole_search_finds_the_delay_of_the_shipped_hardware_however_wrong_the_nominal_one_is(nominal):
     p = load({"valve.delay": nominal})
-    system = knee(p, {name: CATALOGUE[name] for name in AMONG})
+    system = knee(p, {name: KNEE.catalogue[name] for name in AMONG})
     run = ClosedLoop(p, 1).run(round(SECONDS / p.scenario.control_period))
     outcome = find_gap(system, [from_arrays("run", system, run)], [], p.gap)
     names = [one.name for one in outcome.effects]

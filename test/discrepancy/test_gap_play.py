@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy import beginning, expected, intervals, measure, noise_floor
+from pam_orthosis.discrepancy import beginning, findings, measure, noise_floor
 from pam_orthosis.discrepancy.data import from_arrays
 from pam_orthosis.discrepancy.fit import fit_tempered
 from pam_orthosis.discrepancy.free import free_parameters
@@ -27,10 +27,10 @@ def judged(bench, effect, training, held_out):
     problem, judge, _ = beginning.prepared(bench.replay, [training], [held_out], settings)
     free = free_parameters(bench.system, (effect,))
     weighted, model = fit_tempered(problem, (effect,), bench.replay.defaults((effect,)), free)
-    spread, runs = intervals.covariance(weighted, model), [one.run for one in weighted.scored]
+    spread, runs = findings.covariance(weighted, model), [one.run for one in weighted.scored]
     noise = beginning.residual_noise(bench.replay, runs, settings, model.effects, model.values)
-    squares = expected.expected_squares(judge, model, spread, noise, settings.replay.cross_cutoff)
-    masks = expected.decided(judge, squares)
+    squares = noise_floor.expected_squares(judge, model, spread, noise, settings.replay.cross_cutoff)
+    masks = noise_floor.decided(judge, squares)
     key = judge.scored[0].run.serial, "angle"
     told = [np.sqrt(np.mean(squares[key])), np.sqrt(np.mean(squares[key][masks[key]]))]
     seen = [measure.gap(judge, model, one).white["angle"] for one in (None, masks)]
@@ -100,9 +100,9 @@ def test_too_few_samples_that_chance_does_not_decide_are_none_to_judge_by():
     scored = [SimpleNamespace(run=SimpleNamespace(serial=7, period=0.002))]
     problem = SimpleNamespace(scored=scored)
     still = {(7, "angle"): np.r_[np.ones(2000), np.full(8000, 9.0)]}
-    assert expected.decided(problem, still) is None
+    assert noise_floor.decided(problem, still) is None
     moving = {(7, "angle"): np.r_[np.ones(8000), np.full(2000, 9.0)]}
-    mask = expected.decided(problem, moving)[7, "angle"]
+    mask = noise_floor.decided(problem, moving)[7, "angle"]
     assert mask[:7600].all()
     assert not mask[7900:].any()
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pam_orthosis.discrepancy import beginning, candidates, quiet, refit
-from pam_orthosis.discrepancy.candidates import COARSE, DIFFERENCE, candidate
+from pam_orthosis.discrepancy.candidates import COARSE, DIFFERENCE, Trial, candidate
 from pam_orthosis.discrepancy.data import from_arrays
 from pam_orthosis.discrepancy.fit import fit_tempered
 from pam_orthosis.discrepancy.free import free_parameters
@@ -16,7 +16,6 @@ from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.problem import Problem, Scored
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.replay import Replay
-from pam_orthosis.discrepancy.trial import Trial
 from pam_orthosis.model.parameters import load
 from pam_orthosis.testing.case import make_case
 

@@ -11,7 +11,7 @@ import pytest
 import pam_orthosis.discrepancy as package
 from pam_orthosis.discrepancy import beginning
 from pam_orthosis.discrepancy import knee as knee_module
-from pam_orthosis.discrepancy.candidates import candidate
+from pam_orthosis.discrepancy.candidates import Trial, candidate
 from pam_orthosis.discrepancy.cut import cut
 from pam_orthosis.discrepancy.data import Recording
 from pam_orthosis.discrepancy.fit import _descended, bounded_step, fit_tempered
@@ -21,9 +21,8 @@ from pam_orthosis.discrepancy.problem import Block
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.run import Run, Shift
-from pam_orthosis.discrepancy.trial import Trial
 from pam_orthosis.discrepancy.whitening import SEGMENT, minimum_phase, noise_levels
-from pam_orthosis.model import leg as leg_model
+from pam_orthosis.model.mechanisms import leg as leg_model
 
 CUTOFF = 40.0
 
@@ -48,7 +47,7 @@ def test_the_fitter_knows_neither_the_plant_nor_what_is_hidden():
 def test_tabulated_mechanics_are_those_of_lagrange(bench, person):
     belief = bench.parameters.changed({"leg.person.present": person})
     q, velocity = ca.SX.sym("q"), ca.SX.sym("velocity")
-    table = knee_module.tabulated(belief.leg.joint, knee_module.mass_tables(belief), 0.0, 0.0)
+    table = knee_module.tabulated_leg(belief)(0.0, 0.0)
     near, exact = table(q, velocity, None, 0.7), leg_model.mechanics(q, velocity, belief.leg, 0.7)
     terms = ("inertia", "coriolis", "gravity")
     difference = ca.Function("d", [q, velocity], [getattr(near, t) - getattr(exact, t) for t in terms])

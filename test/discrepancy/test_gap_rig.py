@@ -2,6 +2,7 @@
 """The test rig as the second system of the gap workflow."""
 
 import ast
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,23 +24,26 @@ from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.rig import RigMeasurement, RigTruth
-from pam_orthosis.testing import rig_case, rig_plant
 from pam_orthosis.testing.quantities import Hidden
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+
+import hidden_rig
+
 FEW = ("carriage_friction", "muscle_hysteresis", "creep", "force_map_misfit")
-SYSTEMS = {"knee.py", "rig.py"}
+SYSTEMS = {"knee.py", "rig.py", "apparatus.py"}
 ENGINE_KNOWS_NOT = {"knee", "rig", "test_rig", "orthosis", "leg"}
 
 
 @pytest.fixture(scope="module")
 def belief():
-    return rig_case.nominal()
+    return hidden_rig.nominal()
 
 
 @pytest.fixture(scope="module")
 def system(belief):
     """The rig with a few effects: kernels are built for each of them."""
-    whole = system_of.test_rig(belief, rig_case.SPECIMEN)
+    whole = system_of.test_rig(belief, hidden_rig.SPECIMEN)
     return replace(whole, catalogue={name: whole.catalogue[name] for name in FEW})
 
 
@@ -51,7 +55,7 @@ def replay(system):
 def recorded(belief, effects, seed=1):
     """Return two runs of a rig that is as believed but for hidden effects."""
     rng = np.random.default_rng(seed)
-    return [rig_case.record(rng, belief, Hidden(**effects)) for _ in range(2)]
+    return [hidden_rig.record(rng, belief, Hidden(**effects)) for _ in range(2)]
 
 
 def search(belief, system, replay, **effects):
@@ -82,9 +86,9 @@ def test_a_model_file_without_end_is_refused(tmp_path):
 def test_with_nothing_hidden_the_plant_is_the_nominal_model(belief, system, replay, monkeypatch):
     """Two realisations of the same equations; the observer's share of the agreement is small."""
     for name in ("POSITION_NOISE", "FORCE_NOISE", "PRESSURE_NOISE"):
-        monkeypatch.setattr(rig_plant, name, 0.0)
+        monkeypatch.setattr(hidden_rig, name, 0.0)
     for name in ("POSITION_RESOLUTION", "FORCE_RESOLUTION", "PRESSURE_RESOLUTION", "VOLTAGE_RESOLUTION"):
-        monkeypatch.setattr(rig_plant, name, 1e-9)
+        monkeypatch.setattr(hidden_rig, name, 1e-9)
     run = Run(system, from_arrays("run", system, recorded(belief, {})[0]), 40.0)
     moving = slice(1000, None)
     carriage, gas = (
@@ -112,7 +116,7 @@ def test_hidden_carriage_friction_is_named_and_goes_into_the_model(belief, syste
     patch.write(tmp_path / "model.yaml", patch.overrides(system, ["carriage_friction"], values))
     changed = load(patch.read(tmp_path / "model.yaml"))
     assert changed.rig.effects.carriage_friction.enabled
-    assert "carriage_friction" not in system_of.test_rig(changed, rig_case.SPECIMEN).catalogue
+    assert "carriage_friction" not in system_of.test_rig(changed, hidden_rig.SPECIMEN).catalogue
 
 
 def test_hidden_muscle_hysteresis_is_named(belief, system, replay):
@@ -153,7 +157,7 @@ def test_free_decays_and_mixed_systems_are_refused(system, tmp_path, capsys):
 
 
 def test_each_effect_of_the_rig_enters_the_equation_that_it_names(belief):
-    whole = system_of.test_rig(belief, rig_case.SPECIMEN)
+    whole = system_of.test_rig(belief, hidden_rig.SPECIMEN)
     replay = Replay(whole)
     for name in whole.candidates:
         assert replay.touched(name), f"{name} changes nothing"

@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the search asks of a further effect."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from pam_orthosis.discrepancy import elimination, screening, select, selection
-from pam_orthosis.discrepancy.candidates import Candidate
-from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.discrepancy.candidates import Candidate, Trial
+from pam_orthosis.model.effects.base import Effect, Quantity
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.progress import silent
 
@@ -22,7 +25,7 @@ def touched(name):
 
 def found_so_far(evidence, alike, present=None):
     problem = SimpleNamespace(
-        replay=SimpleNamespace(touched=touched), system=SimpleNamespace(catalogue=CATALOGUE, shapes=())
+        replay=SimpleNamespace(touched=touched), system=SimpleNamespace(catalogue=KNEE.catalogue, shapes=())
     )
     return selection.Selection(
         problem, None, problem, None, evidence=evidence, alike=alike, present=present or {}
@@ -119,3 +122,29 @@ def test_the_one_that_is_left_is_valued_without_the_dropped_one(monkeypatch):
     elimination.eliminate_weak(found, SETTINGS, silent)
     assert found.final.effects == ("joint_friction",)
     assert found.evidence == {"joint_friction": 9050.0}
+
+
+def starts_of(effect):
+    """Return the start positions of a trial beside a model whose residual is a wave of 3 Hz."""
+    equation = SimpleNamespace(name="dynamics", channels=("x",))
+    wave = np.sin(2 * np.pi * 3.0 * 0.01 * np.arange(1000))[:, None]
+    run = SimpleNamespace(recording=SimpleNamespace(samples=1000), period=0.01)
+    problem = SimpleNamespace(
+        system=SimpleNamespace(catalogue={effect.name: effect}, shapes=(), equations=[equation]),
+        replay=SimpleNamespace(
+            touched=lambda _: {"dynamics"}, defaults=lambda _: {}, residuals=lambda *_: wave
+        ),
+        scored=[SimpleNamespace(run=run, white=lambda _, values: values)],
+    )
+    trial = Trial(SimpleNamespace(problem=problem, base=SimpleNamespace(effects=(), values={})), effect.name)
+    return [dict(zip((q.name for q in effect.fitted), p * trial.scale, strict=True)) for p in trial.starts()]
+
+
+def test_an_effect_says_itself_that_it_is_periodic():
+    size = Quantity("size", 1.0, "N", 0.0, 50.0, "", 0.0)
+    hertz, turn = Quantity("hertz", 1.0, "Hz", 0.01, 20.0, ""), Quantity("turn", 0.1, "rad", -7.0, 7.0, "")
+    wave = Effect("hum", "force", (size, hertz, turn), None, "", "", periodic=("hertz", "turn"))
+    assert {round(p["hertz"], 1) for p in starts_of(wave)} >= {1.0, 3.0}
+    assert len({p["turn"] for p in starts_of(wave) if round(p["hertz"], 1) == 3.0}) == 4
+    named = replace(wave, parameters=(size, replace(hertz, name="frequency")), periodic=None)
+    assert {p["frequency"] for p in starts_of(named)} == {1.0}

@@ -12,7 +12,7 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from pam_orthosis.bag.record import BagWriter
-from pam_orthosis.bag.topics import JOINT, SECOND_NS, SIGNALS
+from pam_orthosis.bag.topics import JOINT, SECOND_NS, Topics
 from pam_orthosis.cli.main import main
 from pam_orthosis.discrepancy.api import (
     Assembled,
@@ -35,8 +35,11 @@ from pam_orthosis.discrepancy.api import (
 )
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.rig import test_rig as rig_system
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report.gap import _stand_ins
+
+TABLE = Topics(KNEE)
 
 CARRIAGE = Path(__file__).resolve().parents[2] / "examples" / "motor_carriage.py"
 FRICTION = 2.0  # N
@@ -179,7 +182,7 @@ def _write_bag(folder, samples):
 
 
 def test_reading_bags_knows_the_rig_without_changing_the_knee():
-    assert not [name for name in SIGNALS if name.startswith("rig_")]
+    assert not [name for name in TABLE.signals if name.startswith("rig_")]
 
 
 def test_a_system_by_hand_and_ours_fit_together():

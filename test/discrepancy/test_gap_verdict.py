@@ -14,12 +14,11 @@ from pam_orthosis.bag.arrays import write_arrays
 from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.cli.main import main
 from pam_orthosis.discrepancy import beginning, judgement, workflow
-from pam_orthosis.discrepancy.data import without_record
+from pam_orthosis.discrepancy.apparatus import without_record
 from pam_orthosis.discrepancy.measure import Gap, over_noise
 from pam_orthosis.discrepancy.verdict import as_dict, assumed_words, describe
-from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.machines import KNEE, RIG
 from pam_orthosis.model.parameters import load
-from pam_orthosis.model.rig_effects import RIG_CATALOGUE
 
 FRICTION = {"plant__effects__joint_friction__enabled": True, "plant__effects__joint_friction__coulomb": 0.6}
 
@@ -125,13 +124,13 @@ def test_an_effect_at_a_bound_that_empties_it_is_no_explanation(friction):
     ],
 )
 def test_bounds_that_empty_an_effect_are_told_from_those_that_do_not(effect, parameter, empty, meant):
-    q = next(q for q in CATALOGUE[effect].parameters if q.name == parameter)
+    q = next(q for q in KNEE.catalogue[effect].parameters if q.name == parameter)
     assert all(q.is_empty(value) for value in empty)
     assert not any(q.is_empty(value) for value in meant)
 
 
 def test_every_effect_means_something_at_its_typical_values():
-    for effect in (*CATALOGUE.values(), *RIG_CATALOGUE.values()):
+    for effect in (*KNEE.catalogue.values(), *RIG.catalogue.values()):
         for q in effect.parameters:
             assert not q.is_empty(q.typical), f"{effect.name}.{q.name}"
             if q.meaningful:

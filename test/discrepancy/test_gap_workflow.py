@@ -11,7 +11,6 @@ import pytest
 
 from pam_orthosis.bag.arrays import write_arrays
 from pam_orthosis.bag.record import run_metadata
-from pam_orthosis.cli import gap as gap_verb
 from pam_orthosis.cli import main as cli
 from pam_orthosis.discrepancy import (
     beginning,
@@ -26,10 +25,9 @@ from pam_orthosis.discrepancy import (
     structure,
     workflow,
 )
+from pam_orthosis.discrepancy.apparatus import agreed_belief, apparatus_of, believed, untold
 from pam_orthosis.discrepancy.beginning import begin
 from pam_orthosis.discrepancy.data import (
-    agreed_belief,
-    believed,
     from_arrays,
     from_bag,
     from_csv,
@@ -40,7 +38,7 @@ from pam_orthosis.discrepancy.telling import Telling, telling
 from pam_orthosis.discrepancy.verdict import _answer, as_dict, describe, untold_words
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report import gap as gap_page
 
@@ -175,7 +173,7 @@ def test_the_effect_added_to_the_model_leaves_nothing_to_find(friction, bench):
 
 
 def test_a_catalogue_that_is_used_up_ends_the_search(bench):
-    only = {"joint_friction": CATALOGUE["joint_friction"]}
+    only = {"joint_friction": KNEE.catalogue["joint_friction"]}
     few = knee.knee(bench.parameters, only)
     training, held_out = bench.recording(1, **FRICTION), bench.recording(3, 1.7, **FRICTION)
     outcome = find_gap(few, [training], [held_out], bench.parameters.gap)
@@ -299,7 +297,8 @@ def test_data_tell_what_they_can_show_and_what_looks_alike(bench):
     # the effects name it, but a recording of it cannot be searched
     assert "diagnostic-locked" in bench.system.catalogue["valve_lag"].separated_by
     assert "diagnostic-locked" not in told.experiments
-    assert findings._separated_by(bench.system, ("valve_lag", "flexor_dead_volume")) == ("diagnostic-decay",)
+    apart = [bench.system.experiments(name) for name in ("valve_lag", "flexor_dead_volume")]
+    assert apart == [(), ("diagnostic-decay",)]
 
 
 def test_held_out_data_without_excitation_are_refused(bench):
@@ -566,7 +565,9 @@ def test_a_delay_that_no_recording_tells_is_not_taken_in_silence(tmp_path):
         ([old], {key: 4e-3}, {}, 4e-3),
         ([tmp_path / "x.csv"], {}, {}, today.valve.delay),  # of a table the whole apparatus is assumed
     ):
-        parameters, _, _, rows = gap_verb._system(paths, given, "")
+        apparatus = apparatus_of(paths)
+        parameters = apparatus.nominal(paths, given)
+        rows = untold(paths, parameters, apparatus.keys, given)
         assert (rows, parameters.valve.delay) == (assumed, taken)
     words = untold_words({key: today.valve.delay}, today)
     assert "without these parameters; taken: valve.delay = 0.0099 s; give what is right" in words
@@ -616,7 +617,8 @@ def test_the_belief_is_that_of_the_leg(tmp_path):
     assert believed(tmp_path / "two", "/left")["leg.shank.mass"] == load().leg.shank.mass
     belief = agreed_belief([tmp_path / "two"], knee.APPARATUS, namespace="/right")
     assert belief["leg.shank.mass"] == 4.0
-    assert gap_verb._system([tmp_path / "two"], {}, "/right")[0].leg.shank.mass == 4.0
+    nominal = apparatus_of([tmp_path / "two"]).nominal([tmp_path / "two"], {}, "/right")
+    assert nominal.leg.shank.mass == 4.0
 
 
 @pytest.mark.parametrize(("every", "kept"), [(1, True), (5, False)])

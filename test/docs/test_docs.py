@@ -11,8 +11,10 @@ import pytest
 import pam_orthosis
 from pam_orthosis.cli.help_texts import ANSWERS, EXAMPLES
 from pam_orthosis.cli.main import VERBS, verb_parser
-from pam_orthosis.model import parameters
-from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model import machines, parameters
+from pam_orthosis.model.machines import KNEE
+from pam_orthosis.model.mechanisms import MECHANISMS
+from pam_orthosis.model.mechanisms.one_axis import TRANSMISSIONS
 from pam_orthosis.model.plant import Plant
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -78,11 +80,22 @@ def test_every_node_effect_verb_and_scenario_is_in_the_reference(pages):
         }
 
     assert names("nodes") == {"index", *nodes.executables()}
-    assert names("effects") == {"index", *CATALOGUE}
+    assert names("effects") == {"index", *KNEE.catalogue}
     assert names("parameters") == {"index", *parameters.SUBJECTS}
     assert re.findall(r"^## (\S+)$", pages["reference/cli.md"], flags=re.M) == list(VERBS)
     scenarios = re.findall(r"^\| `([\w-]+)` \|", pages["reference/scenarios.md"], flags=re.M)
     assert scenarios == list(parameters.scenario_names())
+
+
+def test_every_key_of_a_machines_file_is_in_the_reference(pages):
+    page = pages["reference/machine-file.md"]
+    fields = [*machines.INLINE.values(), *TRANSMISSIONS.values()]
+    fields += [one.fields for one in MECHANISMS.values() if hasattr(one, "fields")]
+    for one in (one for some in fields for one in some):
+        row = f"| `{one.name}` | {one.meaning} | {one.unit} | "
+        assert row in page
+    for key in (*machines.TOP, *machines.OF_ACTUATOR):
+        assert f"| `{key}` | " in page
 
 
 def test_the_parameters_of_a_node_are_those_that_it_reads(pages):
@@ -155,7 +168,7 @@ def test_a_new_effect_is_one_file(monkeypatch):
     space = {}
     exec(examples()[0], space)
     (effect,) = space["EFFECTS"]
-    monkeypatch.setitem(CATALOGUE, effect.name, effect)
+    monkeypatch.setitem(KNEE.catalogue, effect.name, effect)
     parameters._shipped_rows.cache_clear()
     try:
         on = parameters.load({"plant.effects.detent.enabled": True, "plant.effects.detent.torque": 5.0})

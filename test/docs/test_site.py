@@ -25,6 +25,7 @@ SEEN = [
     "reference/parameters/plant.html",
     "reference/scenarios.html",
     "reference/equations.html",
+    "reference/machine-file.html",
 ]
 
 

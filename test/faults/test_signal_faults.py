@@ -19,7 +19,7 @@ from pam_orthosis.control.inverse_valve import InverseValveModel
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.position import PositionController
 from pam_orthosis.control.pressure import PressureController
-from pam_orthosis.control.trajectory import VALVES_CLOSED, Reference
+from pam_orthosis.control.reference import Reference
 from pam_orthosis.model.parameters import load
 
 P = load()
@@ -30,7 +30,7 @@ NUMBER = ANY | SENSIBLE
 PRESSURE = NUMBER | st.floats(5e4, 9e5)
 CASES = settings(max_examples=60, deadline=None)
 # compiling takes most of the time: one of each serves all examples
-VALVE, PRESSURE_CONTROLLER = InverseValveModel(P), PressureController(P, "extensor")
+VALVE, PRESSURE_CONTROLLER = InverseValveModel(P, "extensor"), PressureController(P, "extensor")
 
 
 def _samples(*strategies):
@@ -58,13 +58,10 @@ def test_every_mass_flow_is_finite(samples):
 def test_every_pressure_reference_is_within_the_limits(samples):
     guarded = GuardedPosition(P, PositionController(P))
     for angle, extensor, flexor, *reference in samples:
-        command = guarded.step(angle, extensor, flexor, Reference(*reference))
-        assert all(map(math.isfinite, command[:6]))
-        for pressure in command[:2]:
-            assert (
-                pressure == VALVES_CLOSED
-                or P.valve.ambient_pressure <= pressure <= P.control.position.maximum_pressure
-            )
+        command = guarded.step(angle, (extensor, flexor), Reference(*reference))
+        assert all(map(math.isfinite, (*command.pressures, *command[1:5])))
+        for pressure in command.pressures:
+            assert P.valve.ambient_pressure <= pressure <= P.control.position.maximum_pressure
 
 
 @pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf, 99.0])
@@ -135,7 +132,7 @@ def test_recorded_runs_pass_the_guards_to_the_bit(name):
         (GuardedValve(p, InverseValveModel(p, "extensor")), InverseValveModel(p, "extensor")),
     ]
     for angle, pe, pf, q, dq, ddq, *answer, flow in np.array(aligned(*bag.series.values())[1]).T.tolist():
-        arguments = [(angle, pe, pf, Reference(q, dq, ddq)), (pe, *answer), (flow, pe)]
+        arguments = [(angle, (pe, pf), Reference(q, dq, ddq)), (pe, *answer), (flow, pe)]
         for (guarded, plain), given_ in zip(pairs, arguments, strict=True):
             assert guarded.step(*given_) == plain.step(*given_)
     assert not any(any(guarded.health().values()) for guarded, _ in pairs)

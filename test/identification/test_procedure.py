@@ -12,12 +12,12 @@ import yaml
 
 from pam_orthosis.bag.read import read_bag, recorded_parameters, run_record
 from pam_orthosis.bag.rig_record import record_rig
+from pam_orthosis.bag.simulated import record_run
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.rig_loop import DecayRig, Rig, RigTruth, force_procedure, volume_procedure
 from pam_orthosis.discrepancy import patch
 from pam_orthosis.identification.data import read_data
 from pam_orthosis.identification.identify import identify
-from pam_orthosis.improvement.experiments import record
 from pam_orthosis.model import parameters
 
 PRESSURES, HELD_OUT = (2e5, 3.5e5, 5e5, 7e5), (4.5e5, 6.5e5)
@@ -122,7 +122,7 @@ def test_what_the_rig_identified_is_a_model_for_gap_plan_and_run(bags, tmp_path,
     held = [str(p / 1e5) for p in HELD_OUT]
     assert main(["identify", str(bags), "--out", str(rows), "--held-out-bar", *held]) == 0
     changed = {"scenario.duration": 14.0, "scenario.seed": 3}
-    record(parameters.load(changed), 3, "default", walk)
+    record_run(parameters.load(changed | {"scenario.seed": 3}), "default", walk)
     capsys.readouterr()
     for model in ([], ["--model", str(rows)]):
         assert main(["gap", str(walk), *model, "--until", "replay"]) == 0

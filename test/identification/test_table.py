@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables: units in the columns' names, and what is wrong with a table is said."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,9 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.data import read_data
 from pam_orthosis.identification.identify import identify
 from pam_orthosis.identification.table import read_table
-from pam_orthosis.model import parameters
 
 MEASURED = Path(__file__).resolve().parents[3] / "shared" / "data" / "muscle"
+AMBIENT = 1.013e5
 GOOD = ["p_Pa_gauge,L_m,F_N,slack", "200000,0.29,300,0", "300000,0.27,250,0", "200000,0.22,0,1"]
 
 
@@ -24,17 +25,19 @@ def table(tmp_path, lines):
 
 
 def test_the_same_data_in_other_units_are_the_same(tmp_path):
-    si = read_table(table(tmp_path, GOOD))
+    si = read_table(table(tmp_path, GOOD), AMBIENT)
     other = ["p_bar_abs,L_mm,F_kN", "3.013,290,0.3", "4.013,270,0.25"]
-    read = read_table(table(tmp_path, other))
+    read = read_table(table(tmp_path, other), AMBIENT)
     assert read.pressure == pytest.approx(si.pressure[:2])
     assert read.length == pytest.approx(si.length[:2])
     assert read.force == pytest.approx(si.force[:2])
 
 
 def test_contractions_in_either_unit_are_the_same(tmp_path):
-    metres = read_table(table(tmp_path, ["p_Pa_gauge,dL_m,F_N", "200000,0.01,300", "300000,0.03,250"]))
-    other = read_table(table(tmp_path, ["p_kPa_gauge,dL_mm,F_N", "200,10,300", "300,30,250"]))
+    metres = read_table(
+        table(tmp_path, ["p_Pa_gauge,dL_m,F_N", "200000,0.01,300", "300000,0.03,250"]), AMBIENT
+    )
+    other = read_table(table(tmp_path, ["p_kPa_gauge,dL_mm,F_N", "200,10,300", "300,30,250"]), AMBIENT)
     assert metres.contraction.tolist() == [0.01, 0.03]
     assert other.contraction == pytest.approx(metres.contraction)
     assert other.pressure == pytest.approx(metres.pressure)
@@ -43,22 +46,20 @@ def test_contractions_in_either_unit_are_the_same(tmp_path):
 @pytest.mark.parametrize(("unit", "metres_a_second"), [("m_s", 1.0), ("mm_s", 1e-3)])
 def test_rates_and_deviations_name_their_unit_too(tmp_path, unit, metres_a_second):
     rows = [f"2,0.29,0.3,0.004,{0.05 / metres_a_second}", f"3,0.27,0.25,0.005,{-0.05 / metres_a_second}"]
-    read = read_table(table(tmp_path, [f"p_bar_gauge,L_m,F_kN,sigma_F_kN,v_{unit}", *rows]))
+    read = read_table(table(tmp_path, [f"p_bar_gauge,L_m,F_kN,sigma_F_kN,v_{unit}", *rows]), AMBIENT)
     assert read.rate == pytest.approx([0.05, -0.05])
     assert read.sigma == pytest.approx([4.0, 5.0])
     assert read.pressure == pytest.approx([2e5, 3e5])
 
 
-def test_absolute_pressures_are_reduced_by_the_configured_ambient(tmp_path, monkeypatch):
+def test_absolute_pressures_are_reduced_by_the_ambient_one(tmp_path):
     lines = ["p_bar_abs,L_mm,F_kN", "3.013,290,0.3", "4.013,270,0.25"]
-    high = parameters.load({"valve.ambient_pressure": 9.0e4})
-    monkeypatch.setattr("pam_orthosis.identification.table.load", lambda: high)
-    assert read_table(table(tmp_path, lines)).pressure == pytest.approx([211300, 311300])
+    assert read_table(table(tmp_path, lines), 9.0e4).pressure == pytest.approx([211300, 311300])
 
 
 def test_slack_rows_are_left_out_but_for_the_force_free_end(tmp_path):
     lines = [*GOOD, "300000,0.22,0,1", "200000,0.25,0,1"]
-    read = read_table(table(tmp_path, lines))
+    read = read_table(table(tmp_path, lines), AMBIENT)
     assert read.pressure.tolist() == [200000, 300000, 300000]
     assert read.force.tolist() == [300, 250, 0]
 
@@ -83,7 +84,7 @@ def test_slack_rows_are_left_out_but_for_the_force_free_end(tmp_path):
 )
 def test_an_unusable_table_says_why(tmp_path, lines, message):
     with pytest.raises(OrthosisError, match=message):
-        read_table(table(tmp_path, lines))
+        read_table(table(tmp_path, lines), AMBIENT)
 
 
 def test_a_table_of_another_nominal_length_is_refused(tmp_path):
@@ -128,7 +129,7 @@ def test_the_measured_map_of_a_dmsp_10_needs_its_force_free_end_for_nine_coeffic
     assert data.length == 0.25
     assert identify(data).force.rank == 9
     with pytest.raises(OrthosisError, match="only 8 of 9"):
-        identify(type(data)(data.specimen, data.length, data.samples.where(data.samples.force > 0), True))
+        identify(replace(data, samples=data.samples.where(data.samples.force > 0)))
     assert np.isclose(identify(data, degrees=(3, 3)).force.rank, 8)
 
 

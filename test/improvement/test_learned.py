@@ -6,17 +6,17 @@ import pytest
 from pam_orthosis.discrepancy import patch
 from pam_orthosis.improvement import learned
 from pam_orthosis.model.deviations import DEVIATIONS
-from pam_orthosis.model.effects import CATALOGUE
 from pam_orthosis.model.effects.base import enabled
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.plant import true_parameters, with_belief
 
 RIGHT = {
     **dict.fromkeys(DEVIATIONS, 0.0), "extensor_force": 0.02, "flexor_force": -0.01,
     "angle_offset": 1e-3, "extensor_pressure_offset": 300.0, "flexor_pressure_offset": -200.0,
-    **{f"{n}.{q.name}": 0.0 for n, e in CATALOGUE.items() if e.shape for q in e.parameters},
+    **{f"{n}.{q.name}": 0.0 for n, e in KNEE.catalogue.items() if e.shape for q in e.parameters},
 }  # fmt: skip
-FRICTION = {f"joint_friction.{q.name}": q.typical for q in CATALOGUE["joint_friction"].parameters}
+FRICTION = {f"joint_friction.{q.name}": q.typical for q in KNEE.catalogue["joint_friction"].parameters}
 
 
 def test_values_beyond_a_bound_stop_at_it():

@@ -10,7 +10,7 @@ from pam_orthosis.bag.verdict import judge
 from pam_orthosis.cli.main import main
 from pam_orthosis.discrepancy import patch
 from pam_orthosis.improvement import experiments, rounds
-from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.progress import silent
 
@@ -51,8 +51,8 @@ def test_rounds_go_on_until_no_effect_earns_its_place(tmp_path, short):
     assert seen == [False, True]  # the second search starts from what the first one found
     first, second, last = done
     assert second.tracking.largest < first.tracking.largest
-    assert [judge(bag).max_abs_error_deg for bag in second.tracking.bags] == [
-        verdict.max_abs_error_deg for verdict in second.tracking.verdicts
+    assert [judge(bag).max_abs_error for bag in second.tracking.bags] == [
+        verdict.max_abs_error for verdict in second.tracking.verdicts
     ]
     assert last.model == second.model
     assert last.tracking is None
@@ -71,13 +71,15 @@ def test_an_effect_that_does_not_help_is_not_kept(tmp_path, short):
 def test_the_search_finds_friction_in_bags_of_its_own(tmp_path, monkeypatch):
     """With the gap workflow, on a plant that lacks nothing but friction, in a catalogue of two."""
     exact = {
-        **{f"plant.effects.{name}.enabled": name == "joint_friction" for name in CATALOGUE},
+        **{f"plant.effects.{name}.enabled": name == "joint_friction" for name in KNEE.catalogue},
         **{f"plant.deviation.{name}": 1.0 for name, _ in load().plant.deviation.items()},
         "plant.muscle_law": "polynomial", "valve.dead_band": 0.0,
         "scenario.duration": 10.0, "scenario.start_hold": 0.2, "scenario.start_ramp": 0.5,
     }  # fmt: skip
     monkeypatch.setattr(
-        rounds.learned, "LEARNABLE", {n: CATALOGUE[n] for n in ("joint_friction", "extensor_leak")}
+        rounds.learned,
+        "learnable",
+        lambda machine: {n: machine.catalogue[n] for n in ("joint_friction", "extensor_leak")},
     )
     made = [experiments.Experiment("gait", {}, 7), experiments.Experiment("unseen", {}, 8, True)]
     monkeypatch.setattr(rounds, "experiments", lambda _: made)
@@ -103,11 +105,11 @@ def test_the_verb_writes_model_table_and_figure(tmp_path, short, monkeypatch, ca
 
 def _counted(monkeypatch, answers, cut=None):
     """Count recordings and searches; the search of this number is interrupted."""
-    calls, record = {"bags": [], "searches": 0}, rounds.record
+    calls, record = {"bags": [], "searches": 0}, rounds.record_run
 
-    def counted(parameters, seed, scenario, bag):
+    def counted(parameters, scenario, bag):
         calls["bags"].append(bag.name)
-        record(parameters, seed, scenario, bag)
+        record(parameters, scenario, bag)
 
     def find(*_):
         calls["searches"] += 1
@@ -115,7 +117,7 @@ def _counted(monkeypatch, answers, cut=None):
             raise KeyboardInterrupt
         return answers.pop(0)
 
-    monkeypatch.setattr(rounds, "record", counted)
+    monkeypatch.setattr(rounds, "record_run", counted)
     monkeypatch.setattr(rounds, "find_effects", find)
     return calls
 
@@ -151,13 +153,13 @@ def test_what_was_cut_short_continues_to_the_same_result(tmp_path, short, monkey
 
 
 def test_a_bag_that_was_cut_short_is_made_again(tmp_path, short, monkeypatch):
-    def dies(_parameters, _seed, _scenario, bag):
+    def dies(_parameters, _scenario, bag):
         bag.mkdir()
         (bag / "half.mcap").write_bytes(b"half")
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch_:
-        patch_.setattr(rounds, "record", dies)
+        patch_.setattr(rounds, "record_run", dies)
         assert main(_command(tmp_path / "out")) == 3
     assert not list((tmp_path / "out").rglob("half.mcap"))
     calls = _counted(monkeypatch, [found()])

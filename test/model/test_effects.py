@@ -7,33 +7,36 @@ import pytest
 import yaml
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model import integrate, orthosis
-from pam_orthosis.model.effects import CATALOGUE, pade, valve_curve_misfit
+from pam_orthosis.model import integrate
+from pam_orthosis.model.assembly import assemble
+from pam_orthosis.model.effects import pade, valves
 from pam_orthosis.model.effects.base import STAGES
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load, scenario_names
 from pam_orthosis.model.plant import Plant, true_hardware
+from pam_orthosis.model.rows import Section
 
 PERIOD, SUBSTEPS, PERIODS = 2.0e-3, 20, 150
-NONE = {f"plant.effects.{name}.enabled": False for name in CATALOGUE}
+NONE = {f"plant.effects.{name}.enabled": False for name in KNEE.catalogue}
 UNITS = {
     "-", "N m", "N m s/rad", "rad/s", "N", "m", "N s/m", "N/m", "s", "N m/rad", "rad", "kg", "Hz", "V",
     "kg/(s Pa)", "Pa s/kg", "m^3", "K", "Pa",
 }  # fmt: skip
-every = pytest.mark.parametrize("effect", CATALOGUE.values(), ids=CATALOGUE.keys())
+every = pytest.mark.parametrize("effect", KNEE.catalogue.values(), ids=KNEE.catalogue.keys())
 
 
 def simulate(settings):
     """Swing the knee by opposed valve voltages; returns (periods, 3) noise-free measurements."""
     parameters = load({**NONE, "scenario.start_angle": 0.6, **settings})
-    assembly = orthosis.assemble(true_hardware(parameters))
-    step = integrate.period_map("swing", assembly.function("rates"), PERIOD / SUBSTEPS, SUBSTEPS)
+    assembly = assemble(true_hardware(parameters))
+    steps = integrate.steps_map("swing", assembly.function("rates"), SUBSTEPS)
     time = np.arange(PERIODS) * PERIOD
     swing = 0.8 * np.sin(2 * np.pi * 5 * time)
     torque = np.zeros(PERIODS)
     u = np.array([5 + swing + 0.25, 5 - swing + 0.2, torque, time])
     start = np.zeros(len(assembly.states))
     start[:4] = 0.6, 0.0, 3.9e5, 3.3e5
-    x = np.array(step.mapaccum(PERIODS)(start, u))
+    x = np.array(steps.mapaccum(PERIODS)(start, np.tile(u, (SUBSTEPS, 1)), PERIOD / SUBSTEPS))
     measured = ca.Function("measured", [assembly.x, assembly.u], [assembly.measured])
     return np.array(measured.map(PERIODS)(x, u)).T
 
@@ -100,7 +103,7 @@ def test_it_documents_itself(effect):
         assert q.meaning
         assert q.unit in UNITS
         assert (q.prior is not None) == effect.shape
-    assert set(effect.confounded_with) <= set(CATALOGUE) - {effect.name}
+    assert set(effect.confounded_with) <= set(KNEE.catalogue) - {effect.name}
     assert effect.separated_by
     assert set(effect.separated_by) <= set(scenario_names())
 
@@ -108,8 +111,8 @@ def test_it_documents_itself(effect):
 @every
 def test_its_coordinate_is_a_signal(effect):
     settings = {**NONE, **switched_on(effect)}
-    signals = orthosis.assemble(true_hardware(load(settings))).signals
-    assert hasattr(signals, effect.coordinate)
+    signals = assemble(true_hardware(load(settings))).signals
+    assert effect.coordinate in signals.named("angle", "torque")
 
 
 @every
@@ -135,7 +138,7 @@ WANTED = """joint_friction viscous_friction muscle_hysteresis pressure_dependent
 
 
 def test_the_catalogue_is_the_issues():
-    assert " ".join(sorted(CATALOGUE)) == " ".join(sorted(WANTED.split()))
+    assert " ".join(sorted(KNEE.catalogue)) == " ".join(sorted(WANTED.split()))
 
 
 def test_all_effects_at_once_still_simulate():
@@ -182,12 +185,16 @@ def test_sensor_effects_reach_the_plants_measurement():
 
 def test_shape_corrections_are_bounded():
     """No term of the force map exceeds its coefficient, however far out the muscle is."""
-    effect = CATALOGUE["force_map_misfit"]
+    effect = KNEE.catalogue["force_map_misfit"]
     section = load({**NONE, **switched_on(effect)})
-    signals = orthosis.assemble(true_hardware(section)).signals
+    signals = assemble(true_hardware(section)).signals
     values = {q.name: 0.0 for q in effect.parameters} | {"extensor_c21": 5.0}
-    force = effect.expression(signals, type("Values", (), values), ()).add["extensor_force"]
-    inputs = [signals.angle, signals.extensor_pressure]
+    extensor, flexor = signals.actuators.values()
+    before = extensor.force, flexor.force
+    effect.enter(signals, Section("values", values), ())
+    assert ca.is_equal(flexor.force, before[1])
+    force = extensor.force - before[0]
+    inputs = [signals.coordinate, extensor.pressure]
     function = ca.Function("f", inputs, [force])
     extreme = [abs(float(function(q, p))) for q in (-3.0, 0.2, 0.9, 4.0) for p in (0.0, 2e5, 5e5, 9e5)]
     assert max(extreme) <= 5.0 + 1e-9
@@ -196,6 +203,6 @@ def test_shape_corrections_are_bounded():
 
 def test_the_valves_correction_reaches_from_wide_vent_to_wide_fill():
     openings = np.linspace(-1.0, 1.0, 201)
-    ones = [1.0] * (2 * valve_curve_misfit.SIDE + 1)
-    weight = np.array([float(valve_curve_misfit.relative_error(o, ones)) for o in openings])
+    ones = [1.0] * (2 * valves.SIDE + 1)
+    weight = np.array([float(valves.relative_error(o, ones)) for o in openings])
     assert weight.min() > 0.8 * weight.max()

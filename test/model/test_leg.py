@@ -5,9 +5,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from pam_orthosis.model import leg as leg_model
 from pam_orthosis.model import parameters
 from pam_orthosis.model.integrate import runge_kutta_4
+from pam_orthosis.model.mechanisms import leg as leg_model
+from pam_orthosis.model.mechanisms.base import stop_effort
 
 GRAVITY = 9.81
 
@@ -111,7 +112,7 @@ def test_a_free_leg_keeps_its_energy():
 
 def test_a_stop_only_pushes():
     joint = parameters.load().leg.joint
-    assert float(leg_model.stop_torque(joint.minimum - 0.01, 0.0, joint)) > 0
-    assert float(leg_model.stop_torque(joint.maximum + 0.01, 0.0, joint)) < 0
-    assert float(leg_model.stop_torque(joint.maximum + 0.01, -50.0, joint)) == 0
-    assert float(leg_model.stop_torque(0.5, 3.0, joint)) == 0
+    assert float(stop_effort(joint.minimum - 0.01, 0.0, joint)) > 0
+    assert float(stop_effort(joint.maximum + 0.01, 0.0, joint)) < 0
+    assert float(stop_effort(joint.maximum + 0.01, -50.0, joint)) == 0
+    assert float(stop_effort(0.5, 3.0, joint)) == 0

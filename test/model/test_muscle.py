@@ -5,9 +5,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from pam_orthosis.model import leg as leg_model
-from pam_orthosis.model import muscle, parameters
-from pam_orthosis.model.orthosis import geometric_law, volume_terms
+from pam_orthosis.model import parameters
+from pam_orthosis.model.components import muscle
+from pam_orthosis.model.components.actuator import volume_terms
+from pam_orthosis.model.mechanisms import leg as leg_model
 
 MUSCLES = ("dmsp_20", "dmsp_10")
 
@@ -76,7 +77,7 @@ def test_volume_polynomial_follows_the_geometry():
 
 def test_volume_slopes_are_those_of_the_volume():
     section = parameters.load().muscle.dmsp_20
-    law = geometric_law(section).volume
+    law = muscle.braid(section).volume
     dl, p = ca.SX.sym("dl"), ca.SX.sym("p")
     terms = ca.Function("terms", [dl, p], volume_terms(law, dl, p))
     _, by_pressure, by_contraction = (float(t) for t in terms(0.04, 3e5))

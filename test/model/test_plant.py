@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model import integrate, orthosis, parameters
-from pam_orthosis.model.compiled import compiled
-from pam_orthosis.model.effects import CATALOGUE
+from pam_orthosis.model import integrate, parameters
+from pam_orthosis.model.assembly import assemble
+from pam_orthosis.model.compiled import Compiled, compiled
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.plant import DEVIATIONS, Plant, true_hardware, with_belief
 
 VOLTAGES = 5 + 1.6 * np.sin(np.arange(250)[:, None] * np.array([0.06, 0.043]) + [0.0, 2.0])
@@ -49,7 +50,7 @@ def test_same_seed_same_measurements_other_seed_others():
 def test_the_muscles_do_the_work_that_the_leg_gains():
     """Energy balance with closed valves, friction off: d(T + U) = torque times q-dot."""
     off = {f"plant.effects.{n}.enabled": False for n in ("joint_friction", "viscous_friction")}
-    assembly = orthosis.assemble(true_hardware(parameters.load(off)))
+    assembly = assemble(true_hardware(parameters.load(off)))
     n = len(assembly.states)
     x, work = ca.SX.sym("x", n), ca.SX.sym("work")
     u = ca.DM([5.0, 5.0, 0.0, 0.0])
@@ -64,14 +65,14 @@ def test_the_muscles_do_the_work_that_the_leg_gains():
     start = np.zeros(n + 1)
     start[:4] = 0.9, 0.0, 2.5e5, 4.2e5
     end = step.fold(1500)(start)
-    energy = _mechanical_energy(true_hardware(parameters.load(off)).leg)
+    energy = _mechanical_energy(true_hardware(parameters.load(off)).mechanism.parameters)
     gained = float(energy(end[0], end[1])) - float(energy(0.9, 0.0))
     assert abs(float(end[0]) - 0.9) > 0.03
     assert gained == pytest.approx(float(end[n]), abs=1e-7)
 
 
 def _mechanical_energy(leg):
-    from pam_orthosis.model.leg import bodies, energies
+    from pam_orthosis.model.mechanisms.leg import bodies, energies
 
     q, w = ca.SX.sym("q"), ca.SX.sym("w")
     kinetic, potential = energies(q, w, bodies(q, leg))
@@ -79,13 +80,13 @@ def _mechanical_energy(leg):
 
 
 def test_machine_code_and_virtual_machine_agree():
-    assembly = orthosis.assemble(true_hardware(parameters.load()))
+    assembly = assemble(true_hardware(parameters.load()))
     function = assembly.function("agreement")
     x = np.zeros(len(assembly.states))
     x[:4] = 0.6, 1.5, 3.1e5, 3.9e5
     results = [
-        np.concatenate([part.copy() for part in compiled(function, use)(x, [5.4, 4.7, 0.3, 1.0])])
-        for use in (True, False)
+        np.concatenate([part.copy() for part in made(function)(x, [5.4, 4.7, 0.3, 1.0])])
+        for made in (compiled, Compiled)
     ]
     assert np.allclose(results[0], results[1], rtol=1e-12, atol=1e-12)
 
@@ -104,7 +105,7 @@ def plainly_built(monkeypatch):
 
 
 def test_what_makes_the_machine_code_fast_changes_no_bit(plainly_built):
-    on = {f"plant.effects.{name}.enabled": True for name in CATALOGUE}
+    on = {f"plant.effects.{name}.enabled": True for name in KNEE.catalogue}
     every = {**on, "leg.person.present": True, "plant.simulation.step": 1e-3}
     fast = driven(every)
     plainly_built()

@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model import muscle, parameters, rig
+from pam_orthosis.model import parameters, rig
+from pam_orthosis.model.assembly import assemble
+from pam_orthosis.model.components import muscle
+from pam_orthosis.model.mechanisms import carriage
+from pam_orthosis.model.mechanisms.base import GRAVITY
 
 QUIET = {
     "plant.sensor.pressure_noise": 0.0,
@@ -28,8 +32,8 @@ def settled(overrides=None, volts=(6.0, 9.0), **options):
 
 def test_equations_1_and_2_keep_their_signs():
     p = parameters.load()
-    assert rig.carriage_acceleration(300.0, 100.0, 20.0) == 10.0
-    assert rig.positioner_contraction(0.05, p) == pytest.approx(p.rig.position_offset - 0.05)
+    assert carriage.carriage_acceleration(300.0, 100.0, 20.0) == 10.0
+    assert carriage.positioner_contraction(0.05, p.rig) == pytest.approx(p.rig.position_offset - 0.05)
 
 
 def test_both_muscles_pull_equally_when_the_carriage_rests():
@@ -42,7 +46,7 @@ def test_both_muscles_pull_equally_when_the_carriage_rests():
 
 def test_a_weight_hangs_in_place_of_the_mas_40():
     plant = settled(weight=20.0, volts=(6.0, 5.0))
-    assert plant.truth().specimen_force == pytest.approx(20.0 * rig.GRAVITY, abs=3.0)
+    assert plant.truth().specimen_force == pytest.approx(20.0 * GRAVITY, abs=3.0)
 
 
 def test_a_hand_holds_the_carriage_where_it_wants():
@@ -86,8 +90,8 @@ def test_the_calliper_sees_the_braid_swell():
 def test_carriage_friction_is_an_effect_that_can_be_switched_off():
     def force(enabled):
         overrides = {"plant.rig.effects.carriage_friction.enabled": enabled}
-        assembly = rig.assemble(parameters.load(overrides), "dmsp_20")
-        return assembly.signals.carriage_force
+        hardware = rig.true_hardware(parameters.load(overrides), rig.with_specimen("dmsp_20"))
+        return assemble(hardware).signals.effort
 
     assert force(True).n_dep() != force(False).n_dep() or str(force(True)) != str(force(False))
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import pam_orthosis
 
 ROOT = Path(pam_orthosis.__file__).parent
-BY_THE_WALL_CLOCK = {"watch", "_watch", "_look", "_wait_for_peers", "acknowledge", "_on_recorded"}
+BY_THE_WALL_CLOCK = {"watch", "_watch", "_look", "acknowledge", "_on_recorded"}
 
 
 class Counting:

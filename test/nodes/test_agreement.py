@@ -4,15 +4,18 @@
 import os
 import socket
 import subprocess
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from conftest import wait_for
 
+from pam_orthosis.model.machines import read_machine
 from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes import launch
 
 rclpy = pytest.importorskip("rclpy")
+CYLINDER = Path(__file__).resolve().parents[2] / "examples" / "cylinder" / "cylinder.yaml"
 
 
 @pytest.fixture
@@ -45,6 +48,7 @@ def start(tmp_path, monkeypatch):
         ("scenario.duration:=600.0", "scenario.duration", "600.0", "20.0"),
         ("realtime:=true", "realtime", "True", "False"),
         ("leg.shank.mass:=4.5", "leg.shank.mass", "4.5", str(load().leg.shank.mass)),
+        (f"machine_file:={CYLINDER}", "machine_file", read_machine(CYLINDER).identity, "knee"),
     ],
 )
 def test_both_nodes_name_the_parameter_in_which_they_differ(start, setting, key, one, other):
@@ -62,8 +66,8 @@ def test_both_nodes_name_the_parameter_in_which_they_differ(start, setting, key,
 
 def test_nodes_that_agree_wait_for_the_others(start):
     first, second, turn = start()
-    wait_for(lambda: turn() or second.role not in first._agreements[0].absent)
-    wait_for(lambda: turn() or first.role not in second._agreements[0].absent)
+    wait_for(lambda: turn() or second.role not in first.barrier._agreements[0].absent)
+    wait_for(lambda: turn() or first.role not in second.barrier._agreements[0].absent)
     assert first.failure is None
     assert second.failure is None
 
@@ -85,17 +89,17 @@ def test_what_is_no_configuration_is_passed_over():
 
 
 def test_a_node_that_waits_says_for_whom_once_and_then_every_half_minute(start, monkeypatch):
-    from pam_orthosis.nodes import graph
+    from pam_orthosis.nodes import barrier
 
     node = start()[0]
-    said, now = [], [graph.time.monotonic()]
-    node._report_due = now[0] + graph.PEER_SECONDS  # as if it had just been made
+    said, now = [], [barrier.time.monotonic()]
+    node.barrier._report_due = now[0] + barrier.PEER_SECONDS  # as if it had just been made
     monkeypatch.setattr(node, "get_logger", lambda: SimpleNamespace(info=said.append))
-    monkeypatch.setattr(graph.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(barrier.time, "monotonic", lambda: now[0])
     counts = []
     for _ in range(100):
         now[0] += 1.0
-        node._wait_for_peers()
+        node.barrier._look()
         counts.append(len(said))
     assert counts[3] == 0
     assert [counts[10], counts[30], counts[40], counts[70], counts[99]] == [1, 1, 2, 3, 4]

@@ -15,6 +15,7 @@ from pam_orthosis.nodes import dummy_driver, messages
 
 VENT, CLOSED = load().valve.minimum_voltage, load().valve.closed_voltage
 OPEN = 7.0
+EXTENSOR, FLEXOR = 0, 1
 
 
 class Applied(dummy_driver.EmulatedHardware):
@@ -52,18 +53,18 @@ def driver(hardware):
     rclpy.shutdown()
 
 
-def _told(driver, muscle, *effort):
-    driver._receiver(muscle)(messages.joint_state(0, [f"{muscle}_valve"], effort=effort))
+def _told(driver, line, *effort):
+    driver._receiver(line)(messages.joint_state(0, ["valve"], effort=effort))
 
 
 def test_a_muscle_without_voltages_vents_both(driver, hardware):
-    _told(driver, "extensor", OPEN)
-    _told(driver, "flexor", OPEN)
+    _told(driver, EXTENSOR, OPEN)
+    _told(driver, FLEXOR, OPEN)
     for _ in range(dummy_driver.SILENCE_PERIODS + 1):
-        _told(driver, "extensor", OPEN)
+        _told(driver, EXTENSOR, OPEN)
         driver._act(1)
     assert hardware.applied == [(OPEN, OPEN)] * dummy_driver.SILENCE_PERIODS + [(VENT, VENT)]
-    for muscle in dummy_driver.MUSCLES:
+    for muscle in (EXTENSOR, FLEXOR):
         _told(driver, muscle, OPEN)
     driver._act(1)
     assert hardware.applied[-1] == (OPEN, OPEN)
@@ -71,13 +72,13 @@ def test_a_muscle_without_voltages_vents_both(driver, hardware):
 
 @pytest.mark.parametrize("effort", [(), (math.nan,), (math.inf,)], ids=str)
 def test_what_is_no_voltage_is_passed_over(driver, hardware, effort):
-    _told(driver, "extensor", *effort)
+    _told(driver, EXTENSOR, *effort)
     driver._act(1)
     assert hardware.applied == [(CLOSED, CLOSED)]
 
 
 def test_a_voltage_beyond_the_valves_range_is_limited(driver, hardware):
-    _told(driver, "extensor", 1e9)
+    _told(driver, EXTENSOR, 1e9)
     driver._act(1)
     assert hardware.applied == [(load().valve.maximum_voltage, CLOSED)]
 
@@ -85,7 +86,7 @@ def test_a_voltage_beyond_the_valves_range_is_limited(driver, hardware):
 def test_it_vents_at_its_end_whatever_ended_it(hardware, monkeypatch):
     class Failing:
         def add_node(self, node):
-            for muscle in dummy_driver.MUSCLES:
+            for muscle in (EXTENSOR, FLEXOR):
                 node._hardware.write(muscle, OPEN, 0)
 
         def spin_once(self, timeout_sec):
@@ -101,5 +102,5 @@ def test_it_vents_at_its_end_whatever_ended_it(hardware, monkeypatch):
 
 def test_a_voltage_is_set_when_it_comes(driver, hardware, monkeypatch):
     monkeypatch.setattr(driver, "_elapsed_ns", lambda: 3_100_000)
-    _told(driver, "extensor", OPEN)
+    _told(driver, EXTENSOR, OPEN)
     assert hardware.came == [3_100_000]

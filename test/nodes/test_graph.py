@@ -13,12 +13,15 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from pam_orthosis.bag.read import read_bag
-from pam_orthosis.bag.topics import NODES, RECORDED, RECORDER, SECOND_NS, resolve, table
+from pam_orthosis.bag.topics import RECORDER, SECOND_NS, Topics, resolve
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.loop import ClosedLoop
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes import launch
 from pam_orthosis.scene.messages import LATCHED, PERIOD_NS, TYPES
+
+TABLE = Topics(KNEE)
 
 # signal of the bag -> signal of the closed loop without ROS
 SAME = {
@@ -66,7 +69,8 @@ def test_the_bag_holds_every_topic_of_the_table_completely(in_processes):
     with AnyReader([bag]) as reader:
         counts = {c.topic: (c.msgtype, c.msgcount) for c in reader.connections}
     expected = {
-        resolve(topic.name): (topic.type, steps if topic.rate == "step" else len(NODES)) for topic in RECORDED
+        resolve(topic.name): (topic.type, steps if topic.rate == "step" else len(TABLE.nodes))
+        for topic in TABLE.recorded
     }
     for topic, kind in TYPES.items():
         expected[resolve(topic)] = (kind, 1 if topic in LATCHED else SECOND_NS // PERIOD_NS)
@@ -141,7 +145,7 @@ def test_the_live_graph_is_the_table(live_run, monkeypatch):
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=int(environment["ROS_DOMAIN_ID"]))
     node = rclpy.create_node("observer_of_the_test", context=context)
-    expected = {t.name: (sorted(t.producers), sorted(t.subscribers)) for t in table().values()}
+    expected = {t.name: (sorted(t.producers), sorted(t.subscribers)) for t in TABLE.of_run().values()}
     try:
         wait_for(lambda: _all_discovered(_seen(node), expected))
         assert _seen(node) == expected
@@ -158,7 +162,7 @@ def _seen(node):
             sorted(end.node_name for end in ends(resolve(topic.name)))
             for ends in (node.get_publishers_info_by_topic, node.get_subscriptions_info_by_topic)
         )
-        for topic in table().values()
+        for topic in TABLE.of_run().values()
     }
 
 

@@ -114,7 +114,8 @@ def test_a_second_run_in_an_open_domain_is_refused_and_disturbs_nobody(stranger,
 def test_who_only_says_that_all_are_ready_starts_no_run(in_process):
     from std_msgs.msg import String
 
-    from pam_orthosis.bag.topics import NODES
+    from pam_orthosis.bag.topics import Topics
+    from pam_orthosis.model.machines import KNEE
     from pam_orthosis.nodes.plant_simulator import PlantSimulator
     from pam_orthosis.nodes.transport import qos
 
@@ -122,7 +123,7 @@ def test_who_only_says_that_all_are_ready_starts_no_run(in_process):
     plant, executor = PlantSimulator(), rclpy.executors.SingleThreadedExecutor()
     executor.add_node(plant)
     publisher = other.create_publisher(String, "ready", qos(latched=True))
-    for name in NODES:
+    for name in Topics(KNEE).nodes:
         publisher.publish(String(data=name))
     wait_for(lambda: turn() or plant.count_publishers("ready") == 3)  # of both nodes, and the stranger's
     for _ in range(50):

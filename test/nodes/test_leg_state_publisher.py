@@ -16,7 +16,7 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model import leg as leg_model
+from pam_orthosis.model.mechanisms import leg as leg_model
 from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes import messages, transport
 from pam_orthosis.nodes.leg_state_publisher import LegStatePublisher

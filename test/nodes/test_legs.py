@@ -11,20 +11,23 @@ from rosbags.typesys import Stores, get_typestore
 
 from pam_orthosis.bag.legs import namespaces
 from pam_orthosis.bag.read import read_bag, run_record
-from pam_orthosis.bag.topics import BY_NAME, RECORDED, resolve
+from pam_orthosis.bag.topics import Topics, resolve
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.legs import differences
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.trajectory import make_trajectory
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes import launch
 from pam_orthosis.nodes.supervisor import supervise
 
+TABLE = Topics(KNEE)
+
 PARTS = ("extensor_muscle", "flexor_muscle", "knee")
 LATE = """
 import sys
-from pam_orthosis.nodes import composed, graph
-graph.PEER_POLL_SECONDS = 3.0
+from pam_orthosis.nodes import barrier, composed
+barrier.PEER_POLL_SECONDS = 3.0
 sys.exit(composed.main())
 """
 
@@ -56,8 +59,9 @@ def test_the_right_leg_is_half_a_cycle_ahead_and_begins_where_its_shape_does():
     hold, ramp, cycle = (getattr(parameters.scenario, n) for n in ("start_hold", "start_ramp", "cycle_time"))
     at = hold + ramp + 3 * cycle
     left, half = make_trajectory(parameters), round((at + cycle / 2) * 1e9)
-    assert make_trajectory(right).sample(round(at * 1e9)).angle == pytest.approx(left.sample(half).angle)
-    assert later.angle == right.scenario.start_angle
+    moved = make_trajectory(right).sample(round(at * 1e9))
+    assert moved.position == pytest.approx(left.sample(half).position)
+    assert later.position == right.scenario.start_angle
     assert right.scenario.seed != parameters.scenario.seed
 
 
@@ -92,7 +96,7 @@ def test_both_legs_are_judged(two_legs, capsys):
 
 
 def test_the_left_leg_is_that_of_a_run_with_one_leg_to_the_byte(two_legs, in_processes):
-    measured = {resolve(topic.name) for topic in RECORDED} - {"/diagnostics", "/clock"}
+    measured = {resolve(topic.name) for topic in TABLE.recorded} - {"/diagnostics", "/clock"}
     left = [one for one in _content(two_legs[1], "/left") if one[0] in measured]
     alone = [one for one in _content(in_processes[1]) if one[0] in measured]
     assert _without_frames(left) == _without_frames(alone)
@@ -103,7 +107,7 @@ def _without_frames(messages):
     """Return topics, stamps and bytes of messages, whose frames have lost their names."""
     store, told = get_typestore(Stores.ROS2_JAZZY), []
     for topic, stamp_ns, data in messages:
-        kind = BY_NAME[topic.removeprefix("/")].type
+        kind = TABLE.by_name[topic.removeprefix("/")].type
         message = store.deserialize_cdr(data, kind)
         message.header.frame_id = ""
         told.append((topic, stamp_ns, bytes(store.serialize_cdr(message, kind))))
@@ -118,7 +122,7 @@ def test_measurements_name_frames_that_there_are(two_legs):
         }
     for leg in ("left", "right"):
         for topic, _, data in _content(two_legs[1], f"/{leg}"):
-            entry = BY_NAME.get(topic.removeprefix("/"))
+            entry = TABLE.by_name.get(topic.removeprefix("/"))
             if entry and entry.type.endswith(("FluidPressure", "WrenchStamped")):
                 named.add(store.deserialize_cdr(data, entry.type).header.frame_id)
     assert named == {f"{leg}/{part}" for leg in ("left", "right") for part in PARTS}

@@ -5,11 +5,12 @@ import os
 
 import pytest
 
-from pam_orthosis.control.position import LIVE as LIVE_OF_POSITION
+from pam_orthosis.control.position import live_keys
 from pam_orthosis.control.pressure import LIVE as LIVE_OF_PRESSURE
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
-from pam_orthosis.nodes.layout import LIVE_KEYS
+from pam_orthosis.nodes import layout
 
 rclpy = pytest.importorskip("rclpy")
 
@@ -43,8 +44,9 @@ def _position_controller(make_node, **parameters):
 
 
 def test_the_layout_lists_what_the_cores_take():
-    assert set(LIVE_KEYS["position_controller"]) == set(LIVE_OF_POSITION)
-    assert set(LIVE_KEYS["pressure_controller"]) == set(LIVE_OF_PRESSURE)
+    live = layout.live_keys(KNEE)
+    assert set(live["position_controller"]) == set(live_keys(KNEE))
+    assert set(live["pressure_controller"]) == set(LIVE_OF_PRESSURE)
 
 
 def test_every_parameter_has_a_description_a_unit_and_a_range(make_node):
@@ -52,7 +54,7 @@ def test_every_parameter_has_a_description_a_unit_and_a_range(make_node):
     for row in load().belief().rows():
         descriptor = node.describe_parameter(row.key)
         assert descriptor.description == f"{row.meaning} [{row.unit}]"
-        assert descriptor.read_only == (row.key not in LIVE_OF_POSITION)
+        assert descriptor.read_only == (row.key not in live_keys(KNEE))
         ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
         if row.minimum is not None and row.maximum is not None and not isinstance(row.value, list):
             assert [(r.from_value, r.to_value) for r in ranges] == [(row.minimum, row.maximum)]

@@ -16,16 +16,18 @@ from test_replay import _changed
 from pam_orthosis.bag.legs import namespaces
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.bag.script import Script
-from pam_orthosis.bag.topics import BY_NAME, NODES, RECORDED, SIGNALS, resolve
+from pam_orthosis.bag.simulated import record_run, recorded_signals
+from pam_orthosis.bag.topics import Topics, resolve
 from pam_orthosis.bag.verdict import judge
-from pam_orthosis.batch.walk import RECORDED as WALKED
-from pam_orthosis.batch.walk import walk
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.discrepancy.data import from_bag
 from pam_orthosis.discrepancy.knee import knee
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report.run_data import read_run
+
+TABLE = Topics(KNEE)
 
 pytest.importorskip("rclpy")
 # three periods of 2 ms: neither the second nor the run is a multiple of it
@@ -64,12 +66,12 @@ def _counts(bag):
 
 
 def test_the_slow_nodes_say_something_at_their_own_steps_and_nothing_is_missing(slow_position):
-    assert {name for name, topic in BY_NAME.items() if topic.slow} == SLOW_TOPICS
+    assert {name for name, topic in TABLE.by_name.items() if topic.slow} == SLOW_TOPICS
     counts = _counts(slow_position)
-    for topic in RECORDED:
+    for topic in TABLE.recorded:
         expected = SLOW_STEPS if topic.name in SLOW_TOPICS else STEPS
         if topic.rate == "1 Hz":
-            expected = 2 * len(NODES)  # at 0 s, and at the first step of each node from 1 s on
+            expected = 2 * len(TABLE.nodes)  # at 0 s, and at the first step of each node from 1 s on
         assert counts[resolve(topic.name)] == expected, topic.name
     stamps = read_bag(slow_position, ["estimate_angle"])["estimate_angle"].stamp_ns
     np.testing.assert_array_equal(stamps, np.arange(SLOW_STEPS) * EVERY * 2_000_000)
@@ -84,7 +86,7 @@ def test_each_node_reports_at_its_first_step_of_a_second_that_all_is_well(slow_p
             assert status.message == "ok", status
             reported.setdefault(status.name, []).append(stamp_ns)
     slow = {"position_controller", "trajectory_publisher"}
-    expected = {name: [0, 1_002_000_000 if name in slow else 1_000_000_000] for name in NODES}
+    expected = {name: [0, 1_002_000_000 if name in slow else 1_000_000_000] for name in TABLE.nodes}
     assert reported == expected
 
 
@@ -92,7 +94,7 @@ def test_the_graph_gives_the_numbers_of_the_loop(slow_position):
     recorded, parameters = read_bag(slow_position, SAME), _parameters()
     expected = ClosedLoop(parameters, parameters.scenario.seed).run(STEPS)
     for name, other in SAME.items():
-        step = EVERY if SIGNALS[name].topic in SLOW_TOPICS else 1
+        step = EVERY if TABLE.signals[name].topic in SLOW_TOPICS else 1
         np.testing.assert_array_equal(recorded[name].value, expected[other][::step], err_msg=name)
 
 
@@ -147,9 +149,8 @@ def test_all_that_reads_bags_reads_this_one(slow_position, tmp_path):
     assert from_bag(slow_position, knee(load())).samples == STEPS
     curves = {curve.name: curve.samples for panel in read_run(slow_position).panels for curve in panel.curves}
     assert (curves["measured"], curves["reference"], curves["error"]) == (STEPS, SLOW_STEPS, SLOW_STEPS)
-    walk(_parameters(), tmp_path / "walked")
-    names = [{"estimated_angle": "estimate_angle", "estimated_velocity": "estimate_velocity"}.get(n, n)
-             for n in WALKED]  # fmt: skip
+    record_run(_parameters(), "test", tmp_path / "walked")
+    names = recorded_signals(KNEE)
     walked, recorded = (read_bag(bag, names) for bag in (tmp_path / "walked", slow_position))
     for name in names:
         np.testing.assert_array_equal(walked[name].stamp_ns, recorded[name].stamp_ns, err_msg=name)

@@ -10,11 +10,14 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from pam_orthosis.bag.read import read_bag
-from pam_orthosis.bag.topics import NODES, resolve, table
+from pam_orthosis.bag.topics import Topics, resolve
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import config_folder, load
 
 pytest.importorskip("rclpy")
 from pam_orthosis.nodes.pace import MAX_PERIODS_AT_ONCE
+
+TABLE = Topics(KNEE)
 
 # a period that a busy machine keeps too, most of the time
 SLOW = ["--param", "scenario.control_period=0.04", "--param", "scenario.trajectory=hold"]
@@ -26,7 +29,7 @@ GENTLE += ["--param", "control.observer.pole=15", "--param", "control.pressure.g
 class FakePlant:
     """What `RealTime` needs of its node, and a clock that the test sets."""
 
-    period_ns = 5_000_000
+    period_ns, table = 5_000_000, TABLE
 
     def __init__(self):
         self.parameters = load()
@@ -62,7 +65,7 @@ class FakePlant:
 
     def answer(self, voltage, stamp_ns):
         for receive in self.receivers.values():
-            receive(stamp_ns, voltage)
+            receive(stamp_ns, (voltage,))
 
 
 @pytest.fixture
@@ -98,13 +101,13 @@ def test_valves_without_commands_vent(plant):
 
 
 def test_valves_vent_when_one_of_them_was_never_told_anything(plant):
-    from pam_orthosis.nodes.pace import INPUTS, SILENCE_SAMPLES
+    from pam_orthosis.nodes.pace import SILENCE_SAMPLES
 
     for _ in range(2 * SILENCE_SAMPLES):  # nobody is there yet
         plant.now += plant.period_ns
         plant.tick()
     for _ in range(SILENCE_SAMPLES + 2):
-        plant.receivers[INPUTS[0]](plant.samples[-1], 6.0)
+        plant.receivers[plant.table.commands[0]](plant.samples[-1], (6.0,))
         plant.now += plant.period_ns
         plant.tick()
     vent = plant.parameters.valve.minimum_voltage
@@ -217,7 +220,7 @@ def test_a_run_by_the_wall_clock_tells_its_timing(run_graph, layout):
     assert not np.any(np.diff(_stamps(bag)) % PERIOD_NS)
     with AnyReader([bag]) as reader:
         there = {connection.topic for connection in reader.connections}
-    assert there >= {resolve(topic.name) for topic in table(realtime=True).values() if topic.recorded}
+    assert there >= {resolve(topic.name) for topic in TABLE.of_run(realtime=True).values() if topic.recorded}
 
 
 def test_more_than_any_machine_can_do_costs_samples_not_the_run(run_graph):
@@ -230,7 +233,7 @@ def test_more_than_any_machine_can_do_costs_samples_not_the_run(run_graph):
     assert timing["periods"] - timing["skipped_samples"] == len(_stamps(bag))
     with AnyReader([bag]) as reader:
         counts = {connection.topic: connection.msgcount for connection in reader.connections}
-    assert counts["/diagnostics"] > len(NODES)
+    assert counts["/diagnostics"] > len(TABLE.nodes)
 
 
 @pytest.mark.parametrize("every", [1, 2])

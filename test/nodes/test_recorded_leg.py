@@ -15,9 +15,9 @@ SAMPLE, ANSWER, OTHER = (True, False), (False, True), (False, False)
 @pytest.fixture
 def leg():
     settings = {"with_plant": False, "sample_timeout": 5.0}
-    node = SimpleNamespace(realtime=True, run_ns=10**9, publish_to=lambda topic, leg: None, settings=settings)
+    node = SimpleNamespace(realtime=True, publish_to=lambda topic, leg: None, settings=settings)
     node.ready, node.legs = False, [""]
-    return RecordedLeg(node, "", None)
+    return RecordedLeg(node, "", 10**9, None)
 
 
 def test_nothing_is_written_while_the_controllers_work(leg):

@@ -4,7 +4,6 @@
 import os
 import signal
 from time import sleep
-from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -12,14 +11,16 @@ import pytest
 
 from pam_orthosis.cli.main import main
 from pam_orthosis.control import effects
+from pam_orthosis.control.axis import Axis
 from pam_orthosis.control.guarded import GuardedPosition
-from pam_orthosis.control.knee import knee_acceleration
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.position import PositionController
-from pam_orthosis.control.trajectory import Reference, fourier_shape, make_trajectory
+from pam_orthosis.control.reference import Motion, Reference
+from pam_orthosis.control.trajectory import fourier_shape, make_trajectory
 from pam_orthosis.discrepancy import patch
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model import pneumatics
+from pam_orthosis.model.components import pneumatics
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load, scenario_overrides
 from pam_orthosis.model.plant import with_belief
 from pam_orthosis.planning import plan as plan_module
@@ -63,12 +64,11 @@ def test_the_planned_pressures_give_the_planned_motion(weak):
     cycle = make_plan(weak.changed({f"effects.{name}.enabled": False for name in EFFECTS})).cycle
     step = belief.scenario.cycle_time / NODES
     q, w, pe, pf = (ca.SX.sym(name) for name in ("q", "w", "pe", "pf"))
-    law = ca.Function("law", [q, w, pe, pf], [knee_acceleration(q, w, 0.0, pe, pf, belief)])
-    before, after = np.roll(cycle.angle, 1), np.roll(cycle.angle, -1)
-    rate, found = (after - before) / (2 * step), (after - 2 * cycle.angle + before) / step**2
+    law = ca.Function("law", [q, w, pe, pf], [Axis(belief).acceleration(q, w, 0.0, (pe, pf))])
+    before, after = np.roll(cycle.position, 1), np.roll(cycle.position, -1)
+    rate, found = (after - before) / (2 * step), (after - 2 * cycle.position + before) / step**2
     given = [
-        float(law(*row)) for row in zip(cycle.angle, rate, cycle.extensor_pressure, cycle.flexor_pressure,
-                                        strict=True)
+        float(law(*row)) for row in zip(cycle.position, rate, *cycle.pressures, strict=True)
     ]  # fmt: skip
     assert np.std(given - found) < 0.05 * np.std(found)
 
@@ -83,21 +83,18 @@ def narrow():
 def needed_flow(belief, muscle):
     """Return (contraction's angle, velocity, absolute pressure, its rate) -> mass flow by Eq. (6), kg/s."""
     s = effects.gas_model(belief).signals
-    rate, pressure = ca.SX.sym("rate"), getattr(s, f"{muscle}_pressure")
-    volume = getattr(s, f"{muscle}_volume") + getattr(s, f"{muscle}_dead_volume")
-    slopes = getattr(s, f"{muscle}_volume_by_pressure"), getattr(s, f"{muscle}_volume_by_contraction")
-    gas = SimpleNamespace(polytropic_exponent=s.polytropic_exponent, temperature=s.temperature)
-    winding = getattr(s, f"{muscle}_rate")
-    flow = pneumatics.required_mass_flow(pressure, rate, winding, volume, *slopes, gas)
-    return ca.Function("flow", [s.angle, s.velocity, pressure, rate], [flow])
+    a, rate = s.actuators[muscle], ca.SX.sym("rate")
+    volume, slopes = a.volume + a.dead_volume, (a.volume_by_pressure, a.volume_by_contraction)
+    flow = pneumatics.required_mass_flow(a.pressure, rate, a.rate, volume, *slopes, a.air)
+    return ca.Function("flow", [s.coordinate, s.velocity, a.pressure, rate], [flow])
 
 
 def share_of_the_valve(belief, plan, muscle):
     """Return the mass flow of each node as a share of what the valve passes, filling or venting."""
-    pressure, step = getattr(plan.cycle, f"{muscle}_pressure"), plan.cycle_time / NODES
-    after, next_angle = np.roll(pressure, -1), np.roll(plan.cycle.angle, -1)
-    here, angle = (pressure + after) / 2, (plan.cycle.angle + next_angle) / 2
-    rates = (next_angle - plan.cycle.angle) / step, (after - pressure) / step
+    pressure, step = plan.cycle.pressures[KNEE.names.index(muscle)], plan.cycle_time / NODES
+    after, next_angle = np.roll(pressure, -1), np.roll(plan.cycle.position, -1)
+    here, angle = (pressure + after) / 2, (plan.cycle.position + next_angle) / 2
+    rates = (next_angle - plan.cycle.position) / step, (after - pressure) / step
     law, passes = needed_flow(belief, muscle), effects.flow_of_opening(belief, muscle)
     needed = np.array([float(law(*row)) for row in zip(angle, rates[0], here, rates[1], strict=True)])
     supply = belief.valve.supply_pressure
@@ -112,43 +109,44 @@ def test_a_plan_asks_for_nine_tenths_of_the_air_that_an_open_valve_passes_and_no
 
 
 def test_a_plan_keeps_the_limits_and_its_reserve(weak, plan):
-    for pressure in (plan.cycle.extensor_pressure, plan.cycle.flexor_pressure):
+    for pressure in plan.cycle.pressures:
         assert pressure.min() >= weak.control.position.minimum_pressure - 1.0
         assert pressure.max() <= weak.control.position.maximum_pressure - RESERVE + 1.0
-    assert np.abs(plan.cycle.angle - plan.wanted).max() == pytest.approx(plan.cycle.largest, rel=0.01)
+    assert np.abs(plan.cycle.position - plan.wanted).max() == pytest.approx(plan.cycle.largest, rel=0.01)
     assert plan.cycle.largest > np.radians(0.5)
 
 
 def test_a_larger_reserve_gives_way_farther(weak, plan):
     careful = make_plan(weak, 1.0e4)
-    less = plan.cycle.flexor_pressure.max() - careful.cycle.flexor_pressure.max()
+    less = plan.cycle.pressures[1].max() - careful.cycle.pressures[1].max()
     assert less == pytest.approx(1.0e4 - RESERVE, abs=50)
     assert careful.cycle.largest > plan.cycle.largest
 
 
 def test_where_nothing_lacks_the_plan_is_the_wanted_motion():
     cycle = (plan := make_plan(load(scenario_overrides("person")))).cycle
-    assert np.degrees(np.abs(cycle.angle - plan.wanted).max()) < 0.02
+    assert np.degrees(np.abs(cycle.position - plan.wanted).max()) < 0.02
 
 
 def test_the_planned_reference_is_differentiable_and_passes_through_the_nodes(weak, plan):
     trajectory = make_trajectory(weak.changed(plan.overrides))
     for time in np.arange(0.5, 6.0, 0.137):
         early, now, late = (trajectory.sample(round((time + shift) * 1e9)) for shift in (-1e-4, 0.0, 1e-4))
-        assert now.planned_velocity == pytest.approx((late[4] - early[4]) / 2e-4, abs=2e-4)
-        assert now.planned_acceleration == pytest.approx((late[5] - early[5]) / 2e-4, abs=2e-2)
+        (before, rate_before, _), planned, (after, rate_after, _) = early.planned, now.planned, late.planned
+        assert planned.velocity == pytest.approx((after - before) / 2e-4, abs=2e-4)
+        assert planned.acceleration == pytest.approx((rate_after - rate_before) / 2e-4, abs=2e-2)
     cycle_s, first = weak.scenario.cycle_time, 4.0  # hold, ramp and its lost half cycle
     for index in range(0, NODES, 7):
         asked = trajectory.sample(round((first + index * cycle_s / NODES) * 1e9))
-        assert asked.angle == pytest.approx(plan.wanted[index], abs=1e-6)
-        assert asked.planned_angle == pytest.approx(plan.cycle.angle[index], abs=1e-3)
+        assert asked.position == pytest.approx(plan.wanted[index], abs=1e-6)
+        assert asked.planned.position == pytest.approx(plan.cycle.position[index], abs=1e-3)
 
 
 def test_at_rest_nothing_is_asked_for_but_what_is_wanted(weak, plan):
     resting = make_trajectory(weak.changed(plan.overrides)).sample(0)
     assert resting.mean_pressure == weak.control.position.mean_pressure
-    assert resting.planned_angle == pytest.approx(resting.angle, abs=1e-3)
-    assert resting.planned_velocity == 0.0
+    assert resting.planned.position == pytest.approx(resting.position, abs=1e-3)
+    assert resting.planned.velocity == 0.0
 
 
 def test_a_search_that_fails_begins_elsewhere_and_loses_nothing_that_was_found(monkeypatch):
@@ -158,12 +156,12 @@ def test_a_search_that_fails_begins_elsewhere_and_loses_nothing_that_was_found(m
         starts.append(start)
         if len(starts) != 2:
             raise NotFound("none")
-        return Cycle(angle, start.extensor_pressure, start.flexor_pressure, 0.01)
+        return Cycle(angle, start.pressures, 0.01)
 
     monkeypatch.setattr(plan_module, "nearest_cycle", nearest)
     assert make_plan(load()).cycle.largest == 0.01
-    assert np.ptp(starts[0].flexor_pressure) > 0
-    assert np.ptp(starts[1].flexor_pressure) == 0
+    assert np.ptp(starts[0].pressures[1]) > 0
+    assert np.ptp(starts[1].pressures[1]) == 0
 
 
 def test_a_valve_is_asked_for_all_it_passes_only_if_nothing_is_found_otherwise(monkeypatch):
@@ -173,7 +171,7 @@ def test_a_valve_is_asked_for_all_it_passes_only_if_nothing_is_found_otherwise(m
         asked.append(share)
         if share < 1.0:
             raise NotFound("none")
-        return Cycle(angle, start.extensor_pressure, start.flexor_pressure, 0.01)
+        return Cycle(angle, start.pressures, 0.01)
 
     monkeypatch.setattr(plan_module, "nearest_cycle", nearest)
     make_plan(load())
@@ -190,16 +188,16 @@ def test_fourier_coefficients_are_those_of_the_shape():
 def test_the_controllers_follow_the_plan_and_guard_it():
     p = load()
     plain, planned, broken = (
-        GuardedPosition(p, PositionController(p)).step(0.1, 3.6e5, 3.6e5, reference)
+        GuardedPosition(p, PositionController(p)).step(0.1, (3.6e5, 3.6e5), reference)
         for reference in (
             Reference(0.2, 0.3, 0.0, 4e5),
-            Reference(0.5, 0.0, 0.0, 4e5, 0.2, 0.3, 0.0),
-            Reference(0.5, 0.0, 0.0, 4e5, 0.2, float("nan"), 0.0),
+            Reference(0.5, 0.0, 0.0, 4e5, Motion(0.2, 0.3, 0.0)),
+            Reference(0.5, 0.0, 0.0, 4e5, Motion(0.2, float("nan"), 0.0)),
         )
     )
     assert planned == plain
     assert broken != plain
-    assert all(np.isfinite(broken[:6]))
+    assert all(np.isfinite([*broken.pressures, *broken[1:5]]))
 
 
 @pytest.mark.parametrize(

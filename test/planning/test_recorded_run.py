@@ -15,10 +15,13 @@ from pam_orthosis.model.plant import with_belief
 from pam_orthosis.planning import plan
 from pam_orthosis.planning.plan import make_plan
 from pam_orthosis.planning.problem import NotFound
-from pam_orthosis.planning.recorded import NEEDED, Recorded, recorded, recorded_in
+from pam_orthosis.planning.recorded import Recorded, recorded, recorded_in
 
 WALK = Path(__file__).parents[2] / "bags" / "walk"
 LOW_SUPPLY = 5.25e5  # Pa
+SIGNALS = (
+    "reference_angle", "disturbance", "angle", "extensor_pressure", "flexor_pressure", "followed_angle",
+)  # fmt: skip
 STEPS = 1400
 PHASES = np.arange(50) / 50
 
@@ -53,10 +56,10 @@ def test_what_comes_again_in_each_cycle_is_found_at_its_phase():
     found = run_of(time, shown)
     wanted = torque(PHASES)
     assert found.missing(PHASES) == pytest.approx(wanted, abs=0.12)
-    assert found.angle(PHASES) == pytest.approx(0.01 * wanted, abs=0.0012)
-    assert found.extensor_pressure(PHASES) == pytest.approx(3e5 + 1e5 * wanted, abs=0.12e5)
-    assert found.flexor_pressure(PHASES) == pytest.approx(4e5 - 1e5 * wanted, abs=0.12e5)
-    assert found.followed_angle(PHASES) == pytest.approx(0.02 * wanted, abs=0.0024)
+    assert found.position(PHASES) == pytest.approx(0.01 * wanted, abs=0.0012)
+    assert found.pressures[0](PHASES) == pytest.approx(3e5 + 1e5 * wanted, abs=0.12e5)
+    assert found.pressures[1](PHASES) == pytest.approx(4e5 - 1e5 * wanted, abs=0.12e5)
+    assert found.followed(PHASES) == pytest.approx(0.02 * wanted, abs=0.0024)
     assert found.planned
 
 
@@ -86,9 +89,11 @@ def test_a_plan_after_one_run_gains_what_a_plan_by_the_model_alone_does_not():
 
 def cycle_seen(planned):
     """What was recorded of a knee that fell short of what it followed, and in what shapes."""
-    sizes = {"angle": 0.4, "extensor_pressure": 3e5, "flexor_pressure": 4e5, "followed_angle": 0.44}
-    shapes = {k: lambda phase, size=size: size * (1 + torque(phase) / 10) for k, size in sizes.items()}
-    return Recorded(np.zeros_like, **shapes, planned=planned)
+
+    def shape(size):
+        return lambda phase: size * (1 + torque(phase) / 10)
+
+    return Recorded(np.zeros_like, shape(0.4), (shape(3e5), shape(4e5)), shape(0.44), planned=planned)
 
 
 def test_the_search_begins_at_the_recorded_cycle_and_elsewhere_if_that_leads_nowhere(monkeypatch):
@@ -103,23 +108,23 @@ def test_the_search_begins_at_the_recorded_cycle_and_elsewhere_if_that_leads_now
 
     monkeypatch.setattr(plan, "nearest_cycle", search)
     plan.make_plan(p, recorded=seen)
-    for name in ("angle", "extensor_pressure", "flexor_pressure"):
-        assert getattr(starts[0], name) == pytest.approx(getattr(seen, name)(at))
+    assert starts[0].position == pytest.approx(seen.position(at))
+    assert starts[0].pressures == pytest.approx(np.array([series(at) for series in seen.pressures]))
     plan.make_plan(p)
-    assert starts[1].extensor_pressure == pytest.approx(starts[-1].extensor_pressure)
-    assert starts[1].extensor_pressure != pytest.approx(starts[0].extensor_pressure, rel=0.01)
+    assert starts[1].pressures == pytest.approx(starts[-1].pressures)
+    assert starts[1].pressures != pytest.approx(starts[0].pressures, rel=0.01)
 
 
 def test_by_what_the_knee_fell_short_of_a_plan_more_is_asked_for_a_little_earlier(monkeypatch):
     p, at = load(scenario_overrides("person")), np.arange(plan.NODES) / plan.NODES
     monkeypatch.setattr(plan, "nearest_cycle", lambda _belief, start, *_: start)
     after_one, after_none = (plan.make_plan(p, recorded=cycle_seen(planned)) for planned in (True, False))
-    more, later = after_one.asked - after_one.cycle.angle, at + plan.LEAD / p.scenario.cycle_time
+    more, later = after_one.asked - after_one.cycle.position, at + plan.LEAD / p.scenario.cycle_time
     in_motion = (at > 0.25) & (at < 0.75)
     assert more[in_motion] == pytest.approx(0.04 * (1 + torque(later[in_motion]) / 10), rel=1e-2)
     assert more[0] == 0.0  # where the knee rests
     assert 0.0 < more[:20].max() <= 0.05
-    assert np.array_equal(after_none.asked, after_none.cycle.angle)
+    assert np.array_equal(after_none.asked, after_none.cycle.position)
     cosine = after_one.overrides["scenario.plan.angle.cosine"]
     assert cosine[0] == pytest.approx((after_one.asked - after_one.wanted).mean(), abs=1e-5)
 
@@ -127,19 +132,19 @@ def test_by_what_the_knee_fell_short_of_a_plan_more_is_asked_for_a_little_earlie
 def test_a_run_without_a_whole_cycle_is_refused():
     time = np.arange(900) * 0.005  # 3 s until full cadence, a cycle of 2 s
     with pytest.raises(OrthosisError, match="no whole cycle at full cadence"):
-        recorded(time, dict.fromkeys(NEEDED, np.zeros(900)), load())
+        recorded(time, dict.fromkeys(SIGNALS, np.zeros(900)), load())
 
 
 def test_a_run_that_lacks_a_part_of_each_cycle_is_refused():
     time = np.arange(STEPS) * load().scenario.control_period
     time = time[(time < 3.2) | (time > 6.8)]
     with pytest.raises(OrthosisError, match="part of each is missing"):
-        recorded(time, dict.fromkeys(NEEDED, np.zeros(len(time))), load())
+        recorded(time, dict.fromkeys(SIGNALS, np.zeros(len(time))), load())
 
 
 def test_a_knee_that_did_not_make_the_motion_tells_nothing_of_it():
     time = np.arange(STEPS) * load().scenario.control_period
-    signals = dict.fromkeys(NEEDED, np.zeros(STEPS))
+    signals = dict.fromkeys(SIGNALS, np.zeros(STEPS))
     recorded(time, signals | {"angle": np.full(STEPS, 0.34)}, load())
     with pytest.raises(OrthosisError, match="the knee was 21 deg away"):
         recorded(time, signals | {"angle": np.full(STEPS, 0.36)}, load())

@@ -5,9 +5,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from pam_orthosis.control.effects import EffectTorque
+from pam_orthosis.control.effects import AddedEffort
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.control.trajectory import Reference, fourier_shape, make_trajectory, settling_shape
+from pam_orthosis.control.reference import Reference
+from pam_orthosis.control.trajectory import fourier_shape, make_trajectory, settling_shape
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load, scenario_overrides
 from pam_orthosis.model.plant import with_belief
@@ -21,7 +22,7 @@ LOW_SUPPLY = 5.4e5  # Pa
 EFFECTS = ("joint_friction", "viscous_friction", "muscle_hysteresis", "valve_lag", "valve_dead_band")
 PHASES = np.arange(NODES) / NODES
 MIDDLES = PHASES + 0.5 / NODES
-PRESSURES = Cycle(PHASES, np.full(NODES, 6e5), np.full(NODES, 6e5), 0.0)
+PRESSURES = Cycle(PHASES, np.full((2, NODES), 6e5), 0.0)
 
 
 def walk_of(belief):
@@ -52,11 +53,11 @@ def test_creep_dies_away_as_the_effect_itself_does_cycle_by_cycle():
     angle, velocity = walk_of(belief)
     found = along(belief, angle, velocity, PRESSURES)
     assert found.settling == pytest.approx(6.0 / 2.0, rel=0.02)
-    law = EffectTorque(belief)
+    law = AddedEffort(belief)
     at = np.arange(400) / 400
     q, rate = (np.interp(at, PHASES, each, period=1.0) for each in (angle, velocity))
     for cycle in range(4):
-        torque = [law.step(Reference(*row, 0.0), 6e5, 6e5) for row in zip(q, rate, strict=True)]
+        torque = [law.step(Reference(*row, 0.0), (6e5, 6e5)) for row in zip(q, rate, strict=True)]
         left = np.exp((EARLY - cycle - MIDDLES) / found.settling)
         expected = found.settled + (found.early - found.settled) * left
         assert np.interp(MIDDLES, at, torque, period=1.0)[:-2] == pytest.approx(expected[:-2], abs=0.06)
@@ -78,10 +79,10 @@ def test_each_swing_is_asked_for_what_was_planned_for_it(creeping, plan):
 
     def asked(cycle):  # the ramp loses half a cycle
         reference = trajectory.sample(round((2.0 + (cycle + EARLY) * 2.0) * 1e9))
-        return reference.planned_angle, reference.mean_pressure
+        return reference.planned.position, reference.mean_pressure
 
     def planned(each):
-        return each.angle[node], (each.extensor_pressure[node] + each.flexor_pressure[node]) / 2
+        return each.position[node], each.pressures[:, node].mean()
 
     for found, wanted, away in zip(asked(0), planned(plan.early), (1e-3, 3e3), strict=True):
         assert found == pytest.approx(wanted, abs=away)
@@ -122,8 +123,8 @@ def test_a_search_begins_where_the_one_before_ended(creeping, plan, monkeypatch)
     with pytest.raises(NotFound):
         nearest_cycle(belief, plan.cycle, angle, velocity, np.zeros(NODES), 2.0 / NODES)
     states, flows, largest = begun
-    assert states[0] == pytest.approx(plan.cycle.angle)
-    assert states[2] * 1e5 == pytest.approx(plan.cycle.extensor_pressure)
+    assert states[0] == pytest.approx(plan.cycle.position)
+    assert states[2:4] * 1e5 == pytest.approx(plan.cycle.pressures)
     assert flows.shape == (2, NODES)
     assert np.abs(flows).max() > 1.0  # g/s
     assert largest == plan.cycle.largest
@@ -137,7 +138,7 @@ def test_a_start_that_is_too_far_away_is_refused_as_such(creeping, monkeypatch):
     def nearest(_belief, start, angle, _velocity, torque, *_):
         settled.append(torque)
         away = 0.1 if np.array_equal(torque, settled[0]) else 0.3
-        return Cycle(angle + away, start.extensor_pressure, start.flexor_pressure, away)
+        return Cycle(angle + away, start.pressures, away)
 
     monkeypatch.setattr(plan_module, "nearest_cycle", nearest)
     with pytest.raises(OrthosisError, match=r"nearest motion found is 2\d deg away"):

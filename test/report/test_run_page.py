@@ -15,10 +15,10 @@ from browser import opened, started
 from pam_orthosis.bag.read import aligned, read_bag
 from pam_orthosis.bag.verdict import judge
 from pam_orthosis.cli.main import main
-from pam_orthosis.model import leg as leg_model
 from pam_orthosis.model import parameters
-from pam_orthosis.report.leg_shape import LegShape
+from pam_orthosis.model.mechanisms import leg as leg_model
 from pam_orthosis.report.run_data import MOST_POINTS, thinned
+from pam_orthosis.scene.shapes import shape_of
 
 WALK = Path(__file__).resolve().parents[2] / "bags" / "walk"
 
@@ -91,9 +91,9 @@ def test_the_curves_are_the_bags(curves):
 
 def test_verdict_cycles_and_recording_are_told(page):
     verdict = judge(WALK)
-    assert f"{verdict.max_abs_error_deg:.3f} deg" in page
+    assert f"{verdict.max_abs_error:.3f} deg" in page
     for cycle in verdict.cycles:
-        assert f"<td>{cycle.max_abs_error_deg:.3f}</td><td>{cycle.rms_error_deg:.3f}</td>" in page
+        assert f"<td>{cycle.max_abs_error:.3f}</td><td>{cycle.rms_error:.3f}</td>" in page
     assert "<td>scenario</td><td>default</td>" in page
     assert "scenario.duration" in page
 
@@ -119,28 +119,27 @@ def test_thinning_keeps_every_peak():
 def test_the_drawn_leg_is_the_models():
     p = parameters.load()
     angles = np.array([0.0, 0.4, 1.1])
-    pose = LegShape(p).pose(angles)
+    sketch = shape_of(p).sketch(angles)
+    knee, ankle = sketch.body[:, 1], sketch.body[:, 2]
     for i, q in enumerate(angles):
         bodies = leg_model.bodies(q, p.leg)
-        assert pose.knee[i] == pytest.approx(bodies[1].position.full().ravel())
-        assert pose.ankle[i] == pytest.approx(bodies[3].position.full().ravel())
+        assert knee[i] == pytest.approx(bodies[1].position.full().ravel())
+        assert ankle[i] == pytest.approx(bodies[3].position.full().ravel())
         for name, contraction in zip(("extensor", "flexor"), leg_model.contractions(q, p.leg), strict=True):
-            muscle = pose.muscles[name]
+            muscle = sketch.actuators[name]
             length = np.linalg.norm(muscle.lower[i] - muscle.upper[i])
             assert length == pytest.approx(p.muscle.dmsp_20.length - contraction)
-            assert np.linalg.norm(muscle.chain[i] - pose.knee[i]) == pytest.approx(
-                p.leg.cogwheel_diameter / 2
-            )
+            assert np.linalg.norm(muscle.chain[i] - knee[i]) == pytest.approx(p.leg.cogwheel_diameter / 2)
 
 
 def test_the_extensor_straightens_the_drawn_leg():
     """The chain's pull on the cogwheel, times its lever, turns the shank towards the straight leg."""
     for configuration in (1, -1):
         p = parameters.load({"leg.configuration": configuration})
-        pose = LegShape(p).pose(np.array([0.8]))
+        sketch = shape_of(p).sketch(np.array([0.8]))
         for name, flexes in (("extensor", -1), ("flexor", 1)):
-            muscle = pose.muscles[name]
-            lever, pull = (muscle.chain - pose.knee)[0], (muscle.upper - muscle.chain)[0]
+            muscle = sketch.actuators[name]
+            lever, pull = (muscle.chain - sketch.body[:, 1])[0], (muscle.upper - muscle.chain)[0]
             turns = lever[0] * pull[1] - lever[1] * pull[0]  # > 0: from x to z
             assert np.sign(-turns * configuration) == flexes
 

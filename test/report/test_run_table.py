@@ -7,12 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from pam_orthosis.bag.read import read_bag
-from pam_orthosis.bag.topics import SIGNALS
+from pam_orthosis.bag.topics import Topics
 from pam_orthosis.cli.main import main
 from pam_orthosis.discrepancy.data import from_bag, from_csv
 from pam_orthosis.discrepancy.knee import knee
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report.table import _cells
+
+TABLE = Topics(KNEE)
 
 WALK = Path(__file__).parents[2] / "bags" / "walk"
 
@@ -27,7 +30,7 @@ def test_all_signals_come_back_to_the_bit_and_gap_reads_the_table(tmp_path, caps
     assert main(["report", str(WALK), "--only", "table", "--out", str(tmp_path)]) == 0
     file = tmp_path / "walk.csv"
     assert capsys.readouterr().out.split() == [str(file)]
-    columns, bag = _columns(file), read_bag(WALK, [], optional=SIGNALS)
+    columns, bag = _columns(file), read_bag(WALK, [], optional=TABLE.signals)
     assert set(columns) == {"time", *bag.series}
     assert {"angle", "reference_angle", "extensor_voltage", "truth_flexor_force"} <= set(columns)
     for name in bag.series:

@@ -8,14 +8,16 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from pam_orthosis.bag import messages as ros
 from pam_orthosis.bag.read import recorded_parameters, run_record
+from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
-from pam_orthosis.scene import ros
-from pam_orthosis.scene.messages import MARKERS, PERIOD_NS, TF, TF_STATIC, TYPES, LegScene
-from pam_orthosis.scene.sampled import INPUTS, SampledScene
+from pam_orthosis.scene.messages import MARKERS, PERIOD_NS, TF, TF_STATIC, TYPES, Scene
+from pam_orthosis.scene.sampled import SampledScene, inputs
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 VENTED, FULL = 1.013e5, 7.0e5
+INPUTS = tuple(inputs(KNEE))
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 
 
@@ -25,7 +27,7 @@ def read(said):
 
 @pytest.fixture(scope="module")
 def scene():
-    return LegScene(load())
+    return Scene(load())
 
 
 def measured(stamp_ns, angle, *pressures):
@@ -55,10 +57,10 @@ def add(sampled, stamp_ns, angle=0.3, pressures=(2e5, 3e5)):
 def test_a_muscle_is_drawn_as_long_as_it_is_and_red_when_full(scene):
     markers = read(scene.sample(0, 0.5, (VENTED, FULL)))[MARKERS].markers
     tubes = {one.ns: one for one in markers if one.type == 3}
-    pose = scene.frames.pose(0.5)
+    pose = scene.shape.pose(0.5)
     for name, tube in tubes.items():
         assert tube.header.frame_id == f"{name}_muscle"
-        assert tube.scale.z == pytest.approx(0.5 - pose.contractions[name])
+        assert tube.scale.z == pytest.approx(0.5 - pose.positions[name])
         assert tube.pose.position.x == pytest.approx(tube.scale.z / 2)
         assert tube.scale.x == pytest.approx(pose.diameters[name])
     assert tubes["extensor"].color.b > tubes["extensor"].color.r
@@ -70,12 +72,12 @@ def test_the_chain_goes_from_the_muscle_to_the_cogwheel(scene):
     tube, chain = (one for one in markers if one.ns == "extensor")
     start, end = chain.points
     assert start.x == pytest.approx(tube.scale.z)
-    assert end.x - start.x == pytest.approx(0.06 + scene.frames.pose(0.5).contractions["extensor"])
+    assert end.x - start.x == pytest.approx(0.06 + scene.shape.pose(0.5).positions["extensor"])
 
 
 @pytest.mark.parametrize("leg", ["", "right"])
 def test_what_is_filled_in_reads_as_a_serialiser_writes_it(leg):
-    scene = LegScene(load(), leg, ("left", "right") if leg else ("",))
+    scene = Scene(load(), leg, ("left", "right") if leg else ("",))
     said = scene.sample(12_000_000_345, 0.7, (VENTED, 3e5))
     for topic, message in read(said).items():
         again = bytes(STORE.serialize_cdr(message, TYPES[topic]))
@@ -91,7 +93,7 @@ def test_what_a_shipped_bag_holds_for_viewers_is_made_of_its_measurements(name):
     known = recorded_parameters(BAGS / name, run_record(BAGS / name))
     shipped = load().only("leg", "muscle", "valve").flat()
     parameters = load({key: value for key, value in known.items() if key in shipped})
-    sampled, made, there = SampledScene(LegScene(parameters)), [], []
+    sampled, made, there = SampledScene(Scene(parameters)), [], []
     with AnyReader([BAGS / name], default_typestore=STORE) as reader:
         for connection, stamp_ns, data in reader.messages():
             topic = connection.topic.lstrip("/")
@@ -113,7 +115,7 @@ def test_a_sample_makes_no_message_objects(scene, monkeypatch):
 def test_two_legs_stand_side_by_side_in_one_world():
     p = load()
     for leg, side in (("left", 1), ("right", -1)):
-        said = read(LegScene(p, leg, ("left", "right")).once(0))[TF_STATIC].transforms
+        said = read(Scene(p, leg, ("left", "right")).once(0))[TF_STATIC].transforms
         assert (said[0].header.frame_id, said[0].child_frame_id) == ("world", f"{leg}/hip")
         assert said[0].transform.translation.y == pytest.approx(side * p.leg.hip_distance / 2)
         assert all(one.child_frame_id.startswith(f"{leg}/") for one in said)
@@ -122,7 +124,7 @@ def test_two_legs_stand_side_by_side_in_one_world():
 def test_all_frames_of_the_description_are_in_tf_once(scene):
     said = read([*scene.once(0), *scene.sample(0, 0.2, (2e5, 2e5))])
     children = [one.child_frame_id for topic in (TF, TF_STATIC) for one in said[topic].transforms]
-    assert sorted(children) == sorted(scene.frames.links[1:])
+    assert sorted(children) == sorted(scene.shape.links[1:])
 
 
 def test_it_speaks_once_a_period_and_describes_the_leg_once(scene):
@@ -159,7 +161,7 @@ def test_an_instant_that_lacks_a_measurement_is_passed_over(scene):
 
 def test_code_for_messages_is_made_before_the_first_sample(scene, monkeypatch):
     store = get_typestore(Stores.ROS2_JAZZY)
-    monkeypatch.setattr(ros, "_store", lambda: store)
+    monkeypatch.setattr(ros, "store", lambda: store)
     sampled = SampledScene(scene)
     sampled.prepare()
     made = set(store.cache)

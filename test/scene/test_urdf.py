@@ -5,9 +5,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from pam_orthosis.model import leg as leg_model
+from pam_orthosis.model.mechanisms import leg as leg_model
 from pam_orthosis.model.parameters import load
-from pam_orthosis.scene.frames import LegFrames
+from pam_orthosis.scene.shapes import shape_of
 from pam_orthosis.scene.urdf import robot_description
 
 urdf = pytest.importorskip("urdf_parser_py.urdf", reason="urdf-parser-py is not installed")
@@ -28,7 +28,7 @@ def parameters(request):
 
 @pytest.fixture(scope="module")
 def robot(parameters):
-    return urdf.URDF.from_xml_string(robot_description(LegFrames(parameters)).encode())
+    return urdf.URDF.from_xml_string(robot_description(shape_of(parameters)).encode())
 
 
 def rotation(axis, angle):
@@ -54,7 +54,7 @@ def by_description(robot, positions):
 
 def by_tf(frames, angle):
     """Return the pose (4, 4) of each frame in the root's, from the transforms that are published."""
-    positions = frames.positions(angle, frames.pose(angle))
+    positions = frames.pose(angle).positions
     waiting = [*frames.moving(positions), *frames.fixed()]
     poses = {"hip": np.eye(4)}
     while waiting:
@@ -86,12 +86,12 @@ def test_the_description_has_the_parts_of_a_leg(robot):
 
 @pytest.mark.parametrize("angle", ANGLES)
 def test_tf_and_description_put_knee_and_ankle_where_the_model_has_them(parameters, robot, angle):
-    frames = LegFrames(parameters)
+    frames = shape_of(parameters)
     bodies = model_function(parameters, lambda q, leg: [leg_model.bodies(q, leg)[i].position for i in (1, 3)])
     knee, ankle = (point.full()[:, 0] for point in bodies(angle))
     hip = float(model_function(parameters, lambda q, leg: [leg_model.hip_angle(q, leg)])(angle))
     tf = by_tf(frames, angle)
-    described = by_description(robot, frames.positions(angle, frames.pose(angle)))
+    described = by_description(robot, frames.pose(angle).positions)
     for poses in (tf, described):
         np.testing.assert_allclose(poses["shank"][[0, 2], 3], knee, atol=1e-8)
         np.testing.assert_allclose(poses["foot"][[0, 2], 3], ankle, atol=1e-8)
@@ -104,7 +104,7 @@ def test_tf_and_description_put_knee_and_ankle_where_the_model_has_them(paramete
 
 @pytest.mark.parametrize("angle", ANGLES)
 def test_a_flexed_knee_turns_the_shank_about_y_and_pulls_the_muscles_as_the_model_says(parameters, angle):
-    frames = LegFrames(parameters)
+    frames = shape_of(parameters)
     poses = by_tf(frames, angle)
     turned = np.linalg.inv(poses["thigh"]) @ poses["shank"]
     flexion = rotation((0.0, parameters.leg.configuration, 0.0), angle)
@@ -116,27 +116,27 @@ def test_a_flexed_knee_turns_the_shank_about_y_and_pulls_the_muscles_as_the_mode
 
 
 def test_joint_ranges_are_what_the_joints_go_through(parameters, robot):
-    frames = LegFrames(parameters)
+    frames = shape_of(parameters)
     ranges = {joint.name: joint.limit for joint in robot.joints if joint.limit}
     knee = ranges["knee"]
     assert [knee.lower, knee.upper] == [parameters.leg.joint.minimum, parameters.leg.joint.maximum]
     for angle in np.linspace(knee.lower, knee.upper, 7):
-        for name, position in frames.positions(angle, frames.pose(angle)).items():
+        for name, position in frames.pose(angle).positions.items():
             assert ranges[name].lower - 1e-6 <= position <= ranges[name].upper + 1e-6, name
 
 
 @pytest.mark.parametrize("angle", ANGLES)
 def test_the_masses_of_the_description_give_the_model_its_gravity_and_inertia(parameters, robot, angle):
-    frames = LegFrames(parameters)
+    frames = shape_of(parameters)
 
     def state(q):
         """Return potential energy (J), and of each link with a mass: mass, centre, heading, moment."""
-        poses = by_description(robot, frames.positions(q, frames.pose(q)))
+        poses = by_description(robot, frames.pose(q).positions)
         heavy = [link for link in robot.links if link.inertial]
         centres = [(poses[one.name] @ [*one.inertial.origin.xyz, 1.0])[:3] for one in heavy]
         headings = [np.arctan2(poses[one.name][2, 0], poses[one.name][0, 0]) for one in heavy]
         masses = [one.inertial.mass for one in heavy]
-        potential = sum(m * leg_model.GRAVITY * c[2] for m, c in zip(masses, centres, strict=True))
+        potential = sum(m * 9.81 * c[2] for m, c in zip(masses, centres, strict=True))
         return (
             potential,
             masses,

@@ -3,15 +3,21 @@
 
 The plant, the controllers' model and the gap workflow use the same object. An effect adds to the
 signals of one stage of the model (see `STAGES`), may have states of its own, and is switched on by
-one line of YAML: `effects.NAME.enabled: true`. A new effect is one file in this folder.
+one line of YAML: `effects.NAME.enabled: true`. A new effect is one file in this folder. It is written for a
+kind of thing (see `Effect.of`); a machine has an instance of it for what it has of that kind.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from types import SimpleNamespace
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from pam_orthosis.model.rows import Row, Section
+from pam_orthosis.model.signals import Air, Expression, Signals
+
+if TYPE_CHECKING:
+    from pam_orthosis.model.machine import ActuatorOf
 
 # the order in which a model evaluates its signals; an effect sees all signals of earlier stages
 STAGES = (
@@ -64,12 +70,15 @@ class Quantity:
 class Contribution:
     """What an effect adds to signals (name -> expression) and the rates of its own states.
 
-    Rates that need signals of later stages are given as a function of the signals, which is called
-    when all stages are done.
+    `add` names fields of what the effect is of: an actuator's signals, the air, or else the machine's
+    signals; `actuators` holds what an effect of something else adds to fields of an actuator. Rates that
+    need signals of later stages are given as a function of the signals, which is called when all stages
+    are done.
     """
 
-    add: Mapping[str, Any]
-    rates: tuple | Callable[[Any], tuple] = ()
+    add: Mapping[str, Expression]
+    rates: tuple[Expression, ...] | Callable[[Signals], tuple[Expression, ...]] = ()
+    actuators: Mapping[str, Mapping[str, Expression]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -80,9 +89,14 @@ class Effect:
         name: key in the configuration.
         stage: the stage of the model that it enters, one of `STAGES`.
         parameters: its parameters.
-        expression: (signals, parameter values, own states) -> Contribution.
+        expression: (signals, parameter values, own states) -> Contribution. The signals are those of one
+            actuator where the effect is of actuators, else those of the machine.
         physics: one paragraph on the phenomenon.
         source: where equation and magnitudes come from.
+        of: `actuator` or `muscle`: each has an instance of its own, in whose texts its name stands for
+            `{actuator}`. `actuators` or `muscles`: one instance acts on each in the same way, with states
+            for each. `air`, or a kind of coordinate (`rotation`, `translation`) or of mechanism: one.
+        separate: of an instance that acts on several actuators: with parameters for each.
         states: names of its own states, zero at rest.
         scales: typical size of each state, for integration tolerances and reports.
         starts: for the gap workflow, sets of start values (name -> value) beside the typical ones.
@@ -92,22 +106,26 @@ class Effect:
         separated_by: scenarios or segments that tell them apart.
         shape: a smooth bounded correction of a static map; the gap workflow lets it vary within its
             priors beside every candidate.
-        advance: for a sensor that lags, values -> {"angle" | "extensor_pressure" | ...: seconds by which
-            the recorded signal has to be advanced to be the true one}.
+        advance: for a sensor that lags, values -> {channel: seconds by which the recorded signal has to be
+            advanced to be the true one}.
         late: for a delay of the inputs, values -> seconds by which the recorded ones act late.
         fastest: the shortest time constant that its states have at these values, values -> s.
         held: for the gap workflow, own state -> {channel: gain by which a replay holds it to the recording,
             1/s times the ratio of their units}; for a state that chance decides.
+        periodic: names of its frequency, Hz, and phase, rad; a search starts where residuals have peaks.
+        on: the actuators on which this instance acts.
     """
 
     name: str
     stage: str
     parameters: tuple[Quantity, ...]
-    expression: Callable[[Any, Any, tuple], Contribution]
+    expression: Callable[[Any, Any, tuple[Expression, ...]], Contribution]
     physics: str
     source: str
+    of: str = "machine"
+    separate: bool = False
     states: tuple[str, ...] = ()
-    scales: tuple[float, ...] = field(default=())
+    scales: tuple[float, ...] = ()
     starts: tuple[Mapping[str, float], ...] = ()
     minimum_effect: float = 0.0
     coordinate: str = "velocity"
@@ -118,6 +136,13 @@ class Effect:
     late: Callable[[Any], float] | None = None
     fastest: Callable[[Any], float] | None = None
     held: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    periodic: tuple[str, str] | None = None
+    on: tuple[str, ...] = ()
+
+    @property
+    def kind(self) -> str:
+        """The name that all of its instances share."""
+        return self.name.removeprefix("{actuator}_")
 
     @property
     def equation(self) -> str:
@@ -129,10 +154,8 @@ class Effect:
         """The parameters that the gap workflow estimates; the first one is the effect's size."""
         return tuple(quantity for quantity in self.parameters if quantity.fitted)
 
-    def rows(self, prefix: str) -> list:
+    def rows(self, prefix: str) -> list[Row]:
         """Return the configuration rows of this effect below a prefix, switched off."""
-        from pam_orthosis.model.parameters import Row  # parameters reads the catalogue
-
         path = f"{prefix}.{self.name}"
         switch = Row(f"{path}.enabled", False, "-", None, None, f"switches on: {self.title}", self.source)
         return [switch] + [
@@ -145,8 +168,95 @@ class Effect:
         """The name in words."""
         return self.name.replace("_", " ")
 
+    def instances(self, actuators: Sequence[ActuatorOf], kinds: Sequence[str]) -> list[Effect]:
+        """Return the instances that a machine has of it.
 
-def enabled(settings) -> list[str]:
+        Args:
+            actuators: of the machine.
+            kinds: of its coordinate and its mechanism.
+        """
+        if self.of in ("air", *kinds):
+            return [self._named((), actuators)]
+        fitting = [one for one in actuators if self.of.removesuffix("s") in ("actuator", one.kind)]
+        if self.of.endswith("s"):
+            return [self._named(fitting, actuators)] if fitting else []
+        return [self._named((one,), (one,)) for one in fitting]
+
+    def _named(self, on: Sequence[ActuatorOf], known: Sequence[ActuatorOf]) -> Effect:
+        """Return the instance that acts on some actuators; its texts name those that are known."""
+        names = [one.name for one in known]
+
+        def first(text: str) -> str:
+            return text.format(actuator=names[0])
+
+        def each(texts: Sequence[str], of: Sequence[str]) -> tuple[str, ...]:
+            """Return the texts, those that name an actuator once for each one."""
+            told = [[t.format(actuator=one) for one in of] if "{actuator}" in t else [t] for t in texts]
+            return tuple(text for group in told for text in group)
+
+        advance, per = self.advance, max(1, len(on))
+        return replace(
+            self,
+            name=first(self.name),
+            parameters=tuple(self._separate(one, q) for one in on for q in self.parameters)
+            if self.separate
+            else self.parameters,
+            physics=first(self.physics),
+            states=tuple(s.format(actuator=one.name) for one in on for s in self.states)
+            if on
+            else self.states,
+            scales=self.scales * per,
+            coordinate=first(self.coordinate),
+            confounded_with=each(self.confounded_with, names),
+            advance=None if advance is None else lambda p: {first(k): v for k, v in advance(p).items()},
+            on=tuple(one.name for one in on),
+        )
+
+    def _separate(self, actuator: ActuatorOf, q: Quantity) -> Quantity:
+        factor = actuator.sizes.get(self.name, 1.0)
+        return replace(
+            q,
+            name=f"{actuator.name}_{q.name}",
+            meaning=f"{actuator.name}: {q.meaning}",
+            typical=factor * q.typical,
+            minimum=factor * q.minimum,
+            maximum=factor * q.maximum,
+            prior=None if q.prior is None else factor * q.prior,
+        )
+
+    def enter(
+        self, signals: Signals, values: Section, own: tuple[Expression, ...]
+    ) -> tuple[Expression, ...] | Callable[[Signals], tuple[Expression, ...]]:
+        """Add to the signals; return the rates of the own states."""
+        if not self.on:
+            contribution = self.expression(signals, values, own)
+            _add(signals.air if self.of == "air" else signals, contribution.add)
+            for name, amounts in contribution.actuators.items():
+                _add(signals.actuators[name], amounts)
+            return contribution.rates
+        rates: list[Expression] = []
+        share = len(own) // len(self.on)
+        for index, name in enumerate(self.on):
+            of_one = self._values_of(name, values) if self.separate else values
+            actuator = signals.actuators[name]
+            contribution = self.expression(actuator, of_one, own[share * index : share * (index + 1)])
+            _add(actuator, contribution.add)
+            rates += contribution.rates  # type: ignore[arg-type]  # an actuator's need no later stage
+        return tuple(rates)
+
+    def _values_of(self, actuator: str, values: Section) -> Section:
+        start = f"{actuator}_"
+        return Section(
+            self.name, {k.removeprefix(start): v for k, v in values.items() if k.startswith(start)}
+        )
+
+
+def _add(target: Signals | Air | object, amounts: Mapping[str, Expression]) -> None:
+    for name, amount in amounts.items():
+        setattr(target, name, getattr(target, name) + amount)
+
+
+def enabled(settings: Section) -> list[str]:
     """Return the names of the effects that are switched on in a section of settings."""
     return [name for name, values in settings.items() if values.enabled]
 
@@ -159,10 +269,10 @@ class ActiveEffects:
         settings: section with the settings of each effect.
     """
 
-    def __init__(self, catalogue: Mapping[str, Effect], settings):
+    def __init__(self, catalogue: Mapping[str, Effect], settings: Section):
         self._effects = [catalogue[name] for name in enabled(settings)]
-        self._settings = settings
-        self._own: dict[str, tuple] = {}
+        self._values = dict(settings.items())
+        self._own: dict[str, tuple[Expression, ...]] = {}
         self._rates: dict[str, Any] = {}
 
     @property
@@ -170,30 +280,24 @@ class ActiveEffects:
         """Names of all states, effect by effect."""
         return tuple(state for effect in self._effects for state in effect.states)
 
-    def bind(self, symbols: list) -> None:
+    def bind(self, symbols: Sequence[Expression]) -> None:
         """Give the states their symbols, in the order of `states`."""
         rest = iter(symbols)
         for effect in self._effects:
             self._own[effect.name] = tuple(next(rest) for _ in effect.states)
 
-    def stages(self, signals: SimpleNamespace, *names: str) -> None:
+    def stages(self, signals: Signals, *names: str) -> None:
         """Let the effects of these stages, one after the other, add to the signals."""
         for name in names:
             for effect in self._effects:
                 if effect.stage == name:
-                    self._apply(effect, signals)
+                    own = self._own[effect.name]
+                    self._rates[effect.name] = effect.enter(signals, self._values[effect.name], own)
 
-    def rates(self, signals: SimpleNamespace) -> list:
+    def rates(self, signals: Signals) -> list[Expression]:
         """Return the derivatives of all states; call it when all stages are done."""
-        result: list = []
+        result: list[Expression] = []
         for effect in self._effects:
             own = self._rates[effect.name]
             result += own(signals) if callable(own) else own
         return result
-
-    def _apply(self, effect: Effect, signals: SimpleNamespace) -> None:
-        values = getattr(self._settings, effect.name)
-        contribution = effect.expression(signals, values, self._own[effect.name])
-        for name, amount in contribution.add.items():
-            setattr(signals, name, getattr(signals, name) + amount)
-        self._rates[effect.name] = contribution.rates

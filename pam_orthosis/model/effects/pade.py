@@ -6,20 +6,22 @@ Pade approximation (2, 3) of exp(-s T): numerator 1 - 2/5 sT + 1/20 (sT)^2, deno
 and a step does not show at the output at once. A replay of recorded samples may shift them instead.
 """
 
+from pam_orthosis.model.signals import Expression
 
-def chain(states, value, delay):
+
+def chain(states: tuple[Expression, ...], value: Expression, delay: Expression) -> tuple[Expression, ...]:
     """Return the rates of the three states, driven by a signal."""
     a, b, c = states
     return b / delay, c / delay, (value - 60 * a - 36 * b - 9 * c) / delay
 
 
-def delayed(states):
+def delayed(states: tuple[Expression, ...]) -> Expression:
     """Return the delayed signal."""
     a, b, c = states
     return 60 * a - 24 * b + 3 * c
 
 
-def lost(states, delay):
+def lost(states: tuple[Expression, ...], delay: Expression) -> Expression:
     """Return x(t) - x(t - T) of a signal x by whose derivative the chain is driven."""
     a, b, c = states
     return delay * (60 * a + 6 * b + c)

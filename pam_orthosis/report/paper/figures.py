@@ -6,10 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import BinaryIO
 
-import matplotlib as mpl
 import numpy as np
-
-mpl.use("Agg")  # no display
 from matplotlib.figure import Figure
 
 from pam_orthosis.report.paper.observer import DAMPING, PATTERNS, POLE, ObserverRun, TradeOff

@@ -11,9 +11,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from pam_orthosis.control.knee import muscle_torque
+from pam_orthosis.control.axis import Axis
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.model import leg as leg_model
 from pam_orthosis.model import parameters as tree
 from pam_orthosis.model.plant import Plant
 from pam_orthosis.progress import Progress, counted, silent
@@ -33,7 +32,7 @@ class ObserverRun:
 
     Attributes:
         parameters: of the run.
-        signals: arrays by name, as `control.loop.SIGNALS`.
+        signals: arrays by name, as `control.loop.signals`.
         disturbance_time: (n,) instants of `disturbance`, s.
         disturbance: (n,) the true disturbance torque of Eq. (26), N m.
         lag: of the estimated disturbance at its frequency, s.
@@ -149,10 +148,9 @@ def _torque(signals, p) -> tuple[np.ndarray, np.ndarray]:
 
 def _missing_torque(signals, seen, p) -> tuple[np.ndarray, np.ndarray]:
     """Return tau of Eq. (26) from the true motion and pressures with the controllers' model."""
-    nominal = p.belief()
+    axis = Axis(p.belief())
     q, velocity, acceleration, pe, pf = (ca.SX.sym(name) for name in ("q", "v", "a", "pe", "pf"))
-    terms = leg_model.mechanics(q, velocity, nominal.leg)
-    torque = muscle_torque(q, velocity, pe, pf, nominal)
+    terms, torque = axis.terms(q, velocity), axis.effort(q, velocity, (pe, pf))
     missing = torque - terms.inertia * acceleration - terms.coriolis - terms.gravity
     function = ca.Function("tau", [q, velocity, acceleration, pe, pf], [missing])
     rates = np.gradient(signals["true_velocity"], p.scenario.control_period)

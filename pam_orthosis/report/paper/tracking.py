@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pam_orthosis.bag.verdict import steady_state_error
+from pam_orthosis.bag.tracking import steady_state_error
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model import parameters as tree
 

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ROS messages by the definitions of rosbags: they need no ROS, and know `tf2_msgs`, which PyPI has not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from pam_orthosis.bag.cdr import store
+from pam_orthosis.bag.topics import JOINT, MOTION, PRESSURE, SECOND_NS
+
+
+def new(kind: str, **fields: Any) -> Any:
+    """Return a message of `package/msg/Type`; all fields are to be given."""
+    return store().types[kind](**fields)
+
+
+def serialised(kind: str, message: Any) -> bytes:
+    """Return a message as CDR, padded with zeros."""
+    return bytes(store().serialize_cdr(message, kind))
+
+
+def deserialised(kind: str, data: bytes) -> Any:
+    """Return the message that CDR holds."""
+    return store().deserialize_cdr(data, kind)
+
+
+def vector(values: Iterable[float], kind: str = "geometry_msgs/msg/Vector3") -> Any:
+    """Return a vector or point (x, y, z)."""
+    return new(kind, **dict(zip("xyz", map(float, values), strict=True)))
+
+
+def point(values: Iterable[float]) -> Any:
+    """Return a point (x, y, z), m."""
+    return vector(values, "geometry_msgs/msg/Point")
+
+
+def quaternion(values: Iterable[float]) -> Any:
+    """Return a rotation (x, y, z, w)."""
+    return new("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", map(float, values), strict=True)))
+
+
+def header(stamp_ns: int, frame: str = "") -> Any:
+    """Return a header."""
+    stamp = new("builtin_interfaces/msg/Time", sec=stamp_ns // SECOND_NS, nanosec=stamp_ns % SECOND_NS)
+    return new("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+
+def joint_state(
+    stamp_ns: int,
+    names: Sequence[str],
+    position: Sequence[float] = (),
+    velocity: Sequence[float] = (),
+    effort: Sequence[float] = (),
+) -> Any:
+    """Return named, stamped scalars; what is not known stays empty."""
+    numbers = {"position": position, "velocity": velocity, "effort": effort}
+    arrays = {name: np.array(values, dtype=float) for name, values in numbers.items()}
+    return new(JOINT, header=header(stamp_ns), name=list(names), **arrays)
+
+
+def fluid_pressure(stamp_ns: int, actuator: str, pressure: float) -> Any:
+    """Return an absolute pressure of an actuator, Pa, of unknown variance."""
+    own = header(stamp_ns, f"{actuator}_muscle")
+    return new(PRESSURE, header=own, fluid_pressure=pressure, variance=0.0)
+
+
+def trajectory(stamp_ns: int, joint: str, fields: Mapping[str, float]) -> Any:
+    """Return a trajectory of one point of one joint; what is not in `fields` stays empty."""
+    lists = ("positions", "velocities", "accelerations", "effort")
+    point = new(
+        f"{MOTION}Point",
+        **{name: np.array([fields[name]] if name in fields else [], dtype=float) for name in lists},
+        time_from_start=new("builtin_interfaces/msg/Duration", sec=0, nanosec=0),
+    )
+    return new(MOTION, header=header(stamp_ns), joint_names=[joint], points=[point])

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A machine of a user's own file as a system of the gap workflow, with the tolerances of knee and rig."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from pam_orthosis.bag.topics import Topics
+from pam_orthosis.discrepancy.machine_system import View, from_rows, graph_view, machine_system
+from pam_orthosis.discrepancy.system import Source, System
+from pam_orthosis.model.deviations import DEVIATIONS, GAS
+from pam_orthosis.model.effects.base import Effect
+from pam_orthosis.model.machine import Machine
+from pam_orthosis.model.parameters import Parameters
+
+APPARATUS = ("machine.", "muscle.", "valve.", "effects.")  # keys of the nominal model that recordings share
+
+
+def declared_machine(
+    machine: Machine, parameters: Parameters, catalogue: Mapping[str, Effect] | None = None
+) -> System:
+    """Return a machine as its file and the parameters describe it; see `machine_system`."""
+    return machine_system(machine, parameters, _view, catalogue)
+
+
+def _view(machine: Machine, nominal: Parameters) -> View:
+    own = {name: (f"{machine.parameters}.{name}",) for name in ("inertia", "damping")}
+    return replace(
+        graph_view(machine, nominal),
+        calibrations=from_rows(nominal, *_tolerances(machine, nominal)),
+        multiplied={**DEVIATIONS, **own},
+        sources=_sources(machine),
+    )
+
+
+def _tolerances(machine: Machine, nominal: Parameters) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the keys of the rows of all tolerances, and their meanings."""
+    keys: dict[str, str] = {}
+    meanings: dict[str, str] = {}
+
+    def add(name: str, row: str, meaning: str) -> None:
+        keys[name], meanings[name] = f"gap.{row}", f"standard deviation of {meaning}"
+
+    def add_each(kind: str, meaning: str) -> None:
+        for one in machine.names:
+            add(f"{one}_{kind}", f"tolerance.extensor_{kind}", meaning.format(one))
+
+    add("inertia", "tolerance.moving_mass", "the inertia, relative")
+    if nominal.flat()[f"{machine.parameters}.damping"]:
+        add("damping", "tolerance.muscle_damping", "the damping, relative")
+    add_each("force", "the {}'s static force, relative")
+    for name in GAS:
+        add(name, f"tolerance.{name}", f"the {name.replace('_', ' ')}, relative")
+    add_each("closed_voltage", "the {} valve's mid position")
+    offset = "tolerance.angle_offset" if machine.coordinate.unit == "rad" else "rig.tolerance.position_offset"
+    add(f"{machine.coordinate.name}_offset", offset, "the sensor's offset")
+    add_each("pressure_offset", "the {} sensor's offset")
+    return keys, meanings
+
+
+def _sources(machine: Machine) -> dict[str, Source]:
+    """Return where bags have the signals: the topics of the graph."""
+    voltages = (f"{name}_voltage" for name in machine.names)
+    signals = Topics(machine).signals
+    return {
+        name: Source(topic=one.topic, type=one.type, field=one.field, joint=one.joint)
+        for name in (*machine.channels, *voltages)
+        for one in [signals[name]]
+    }

@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A machine: a mechanism with named actuators, as one file declares it.
+
+The shipped ones are in `config/machines/`; their parts have parameters in the files of `config/`. A user's
+file may give the parameters of its parts itself: they become rows below `machine`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from pam_orthosis.model.components import cylinder, muscle
+from pam_orthosis.model.components.actuator import Actuator
+from pam_orthosis.model.effects import KINDS
+from pam_orthosis.model.effects.base import Effect
+from pam_orthosis.model.mechanisms import MECHANISMS
+from pam_orthosis.model.mechanisms.base import Coordinate, Mechanism
+from pam_orthosis.model.rows import Row, Section
+
+if TYPE_CHECKING:
+    from pam_orthosis.model.parameters import Parameters
+
+ACTUATORS: dict[str, Callable[[Section], Actuator]] = {
+    "muscle": muscle.actuator,
+    "cylinder": cylinder.actuator,
+}
+
+
+@dataclass(frozen=True)
+class ActuatorOf:
+    """An actuator of a machine.
+
+    Attributes:
+        name: in signals, topics and effects.
+        kind: `muscle` or `cylinder`.
+        parameters: its branch of the parameters.
+        transmission: the branch that says how the coordinate contracts it; empty where the mechanism does.
+        sizes: effect -> how many times larger than elsewhere its coefficients may be.
+    """
+
+    name: str
+    kind: str
+    parameters: str
+    transmission: str = ""
+    sizes: Mapping[str, float] = field(default_factory=dict)
+
+    def built(self, parameters: Parameters) -> Actuator:
+        """Return it as its parameters describe it."""
+        return ACTUATORS[self.kind](parameters.at(self.parameters))
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What a file declares.
+
+    Attributes:
+        name, meaning: of the machine.
+        kind: of its mechanism.
+        parameters: branch of its mechanism's parameters.
+        actuators: in the order of inputs, states and outputs.
+        start: key of the coordinate at which it rests at the start; empty: whoever runs it says so.
+        sensor: start of the keys `..._noise` and `..._resolution` of its coordinate's sensor.
+        effects: names of the kinds of effects that it may have, in this order; empty: all that fit.
+        branch: of the parameters that switches nominal effects on.
+        experiments: the diagnostic scenarios can be made with it.
+        takes: keys whose values are those of other keys.
+        rows: parameters that its file gives itself.
+        values: key -> value, where its file changes what `config/` says.
+        text: of its file; empty for those of `config/`.
+    """
+
+    name: str
+    meaning: str
+    kind: str
+    parameters: str
+    actuators: tuple[ActuatorOf, ...]
+    sensor: str
+    start: str = ""
+    effects: tuple[str, ...] = ()
+    branch: str = "effects"
+    experiments: bool = False
+    takes: Mapping[str, str] = field(default_factory=dict)
+    rows: tuple[Row, ...] = ()
+    values: Mapping[str, Any] = field(default_factory=dict)
+    text: str = ""
+
+    @property
+    def coordinate(self) -> Coordinate:
+        """Its coordinate's names and units."""
+        return MECHANISMS[self.kind].coordinate
+
+    @property
+    def stops(self) -> tuple[str, ...]:
+        """Keys of its coordinate's least and largest value."""
+        return tuple(f"{self.parameters}.{name}" for name in MECHANISMS[self.kind].stops)
+
+    @property
+    def identity(self) -> str:
+        """Its name and, if it is of a user's file, what tells it from another of this name."""
+        digest = hashlib.sha256(self.text.encode()).hexdigest()[:12]
+        return f"{self.name} ({digest})" if self.text else self.name
+
+    @property
+    def live(self) -> tuple[str, ...]:
+        """Keys of parameters that may change while it runs."""
+        return MECHANISMS[self.kind].live
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the actuators."""
+        return tuple(one.name for one in self.actuators)
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the states, those of effects left out."""
+        return (self.coordinate.name, "velocity", *(f"{name}_pressure" for name in self.names))
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs; `time` is that since the start of the run, s."""
+        return (*(f"{name}_voltage" for name in self.names), *MECHANISMS[self.kind].inputs, "time")
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of what sensors measure."""
+        return (self.coordinate.name, *(f"{name}_pressure" for name in self.names))
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of what a model reports beside its states, in this order."""
+        kinds = ("contraction", "rate", "tension", "flow")
+        own = (f"{name}_{kind}" for kind in kinds for name in self.names)
+        return (self.coordinate.effort, *own, *(f"measured_{channel}" for channel in self.channels))
+
+    @cached_property
+    def catalogue(self) -> dict[str, Effect]:
+        """The effects that it can have or lack, by name."""
+        kinds = (self.coordinate.kind, self.kind)
+        known = {effect.kind: effect for effect in KINDS}
+        chosen = [known[name] for name in self.effects] if self.effects else KINDS
+        instances = [one for effect in chosen for one in effect.instances(self.actuators, kinds)]
+        names = {one.name for one in instances}
+        return {
+            one.name: replace(
+                one,
+                confounded_with=tuple(name for name in one.confounded_with if name in names),
+                separated_by=one.separated_by if self.experiments else (),
+            )
+            for one in instances
+        }
+
+    def mechanism(self, parameters: Parameters) -> Mechanism:
+        """Return its mechanism as the parameters describe it."""
+        built: Any = MECHANISMS[self.kind]
+        own = [parameters.at(one.transmission) for one in self.actuators if one.transmission]
+        section = parameters.at(self.parameters)
+        made: Mechanism = built(section, tuple(map(built.transmission, own))) if own else built(section)
+        return made
+
+    def with_parts(self, **branches: str) -> Machine:
+        """Return the machine with other branches of parameters for some actuators (name -> branch)."""
+        parts = tuple(
+            replace(one, parameters=branches.get(one.name, one.parameters)) for one in self.actuators
+        )
+        return replace(self, actuators=parts)
+
+    def taken(self, parameters: Parameters) -> Parameters:
+        """Return the parameters with the values that it takes from other keys."""
+        return parameters.changed({key: parameters.at(other) for key, other in self.takes.items()})
+
+    def check(self, parameters: Parameters) -> None:
+        """Check that the parameters have the branches that it names; OrthosisError if not."""
+        self.mechanism(parameters)
+        for one in self.actuators:
+            one.built(parameters)
+        for end in ("noise", "resolution"):
+            parameters.at(f"{self.sensor}_{end}")

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Machines read from YAML files and checked: the shipped knee and rig, and files of users."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.components import cylinder
+from pam_orthosis.model.effects import KINDS
+from pam_orthosis.model.machine import ACTUATORS, ActuatorOf, Machine
+from pam_orthosis.model.mechanisms import MECHANISMS
+from pam_orthosis.model.mechanisms.one_axis import TRANSMISSIONS
+from pam_orthosis.model.rows import Field, Row
+from pam_orthosis.reading import config_folder, from_yaml, mapping, meant, read_text, shown
+
+TOP = (
+    "name", "meaning", "mechanism", "actuators", "sensor", "start", "effects", "branch", "experiments",
+    "takes", "values",
+)  # fmt: skip
+OF_ACTUATOR = ("kind", "parameters", "transmission", "sizes")
+NAME = re.compile(r"[a-z][a-z0-9_]{0,30}")
+OF_MACHINE = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
+MOST_ACTUATORS = 8
+OWN = "machine"  # branch of the parameters that a file gives itself
+INLINE: Mapping[str, Sequence[Field]] = {"cylinder": cylinder.FIELDS}
+EFFECTS = tuple(effect.kind for effect in KINDS)
+
+
+class _File:
+    """A file of a machine while it is read: its rows, and refusals that name it."""
+
+    def __init__(self, text: str, name: str, where: str):
+        self.name, self._where = name, where
+        self.rows: list[Row] = []
+        self.top = self.mapping(from_yaml(text, where), "a machine")
+        self.known(self.top, TOP, "a machine")
+
+    def refusal(self, words: str) -> OrthosisError:
+        return OrthosisError(f"{self._where}: {words}")
+
+    def mapping(self, node: Any, where: str) -> dict[str, Any]:
+        return mapping(node, f"{self._where}: {where}")
+
+    def known(self, node: Collection[str], names: Collection[str], where: str) -> None:
+        for key in node:
+            if key not in names:
+                raise self.refusal(
+                    f"{where} has no {shown(key)}{meant(key, names)}; it has {', '.join(names)}"
+                )
+
+    def one_of(self, node: Mapping[str, Any], key: str, names: Collection[str], where: str) -> str:
+        value = node.get(key)
+        if not isinstance(value, str) or value not in names:
+            raise self.refusal(f"{key} of {where} is one of {', '.join(names)}, not {shown(value)}")
+        return value
+
+    def text(self, node: Mapping[str, Any], key: str, default: str) -> str:
+        value = node.get(key, default)
+        if not isinstance(value, str) or not value:
+            raise self.refusal(f"{key} is a text, not {shown(value)}")
+        return value
+
+    def section(self, node: Mapping[str, Any], fields: Sequence[Field], branch: str, where: str) -> str:
+        """Take the values of a part as rows; return their branch."""
+        self.known(node, [one.name for one in fields], where)
+        for one in fields:
+            value = node.get(one.name, one.default)
+            if value is None:
+                raise self.refusal(f"{where} has no {one.name}: {one.meaning}, in {one.unit}")
+            try:
+                self.rows.append(one.row(branch, value, f"the file of {self.name}"))
+            except OrthosisError as error:
+                raise self.refusal(str(error)) from None
+        return branch
+
+
+def read_machine(path: Path) -> Machine:
+    """Return the machine that a file declares.
+
+    Raises:
+        OrthosisError: unreadable, an entry that is missing, unknown or unusable.
+    """
+    return machine_from(read_text(path), path.stem, str(path))
+
+
+def machine_from(text: str, name: str, where: str) -> Machine:
+    """Return the machine that a text declares, of this name if it gives none; refusals begin with `where`.
+
+    Raises:
+        OrthosisError: an entry that is missing, unknown or unusable.
+    """
+    file = _File(text, name, where)
+    top = file.top
+    kind, parameters = _mechanism(file)
+    declared = file.mapping(top.get("actuators"), "actuators")
+    if not 1 <= len(declared) <= MOST_ACTUATORS:
+        raise file.refusal(f"a machine has 1 to {MOST_ACTUATORS} actuators, not {len(declared)}")
+    actuators = tuple(_actuator(file, name, node, kind) for name, node in declared.items())
+    if not hasattr(MECHANISMS[kind], "transmission") and len(actuators) != 2:
+        raise file.refusal(f"a {kind} has two actuators, not {len(actuators)}")
+    chosen = top.get("effects", [])
+    if not isinstance(chosen, list) or not all(isinstance(name, str) for name in chosen):
+        raise file.refusal("effects is a list of names")
+    file.known(chosen, EFFECTS, "the catalogue of effects")
+    return Machine(
+        name=_name(file),
+        meaning=file.text(top, "meaning", name),
+        kind=kind,
+        parameters=parameters,
+        actuators=actuators,
+        sensor=_sensor(file, MECHANISMS[kind].coordinate.name, MECHANISMS[kind].coordinate.unit),
+        start=file.text(top, "start", f"{parameters}.start") if kind != "carriage" else "",
+        effects=tuple(chosen),
+        branch=file.text(top, "branch", "effects"),
+        experiments=top.get("experiments") is True,
+        takes=file.mapping(top.get("takes", {}), "takes"),
+        rows=tuple(file.rows),
+        values=file.mapping(top.get("values", {}), "values"),
+        text=text,
+    )
+
+
+def _name(file: _File) -> str:
+    """Return the machine's name, which its joint has on topics and in frames, where actuators have theirs."""
+    name = file.text(file.top, "name", file.name)
+    if not OF_MACHINE.fullmatch(name) or name in file.top["actuators"]:
+        raise file.refusal(
+            f"{shown(name)} cannot be the machine's name: give another than its actuators have, of letters,"
+            " digits, hyphens, underscores"
+        )
+    return name
+
+
+def _mechanism(file: _File) -> tuple[str, str]:
+    node = file.mapping(file.top.get("mechanism"), "mechanism")
+    kind = file.one_of(node, "kind", MECHANISMS, "the mechanism")
+    rest = {key: value for key, value in node.items() if key != "kind"}
+    fields = getattr(MECHANISMS[kind], "fields", None)
+    if fields is None:
+        file.known(rest, ("parameters",), f"a {kind}")
+        return kind, file.text(rest, "parameters", "")
+    branch = file.section(rest, fields, f"{OWN}.mechanism", f"the mechanism ({kind})")
+    values: dict[str, Any] = {row.key.rsplit(".", 1)[1]: row.value for row in file.rows}
+    if (
+        not values["minimum"] <= values["start"] <= values["maximum"]
+        or values["minimum"] == values["maximum"]
+    ):
+        told = ", ".join(f"{key} = {values[key]}" for key in ("minimum", "start", "maximum"))
+        raise file.refusal(f"the mechanism's start lies between its stops, not so: {told}")
+    return kind, branch
+
+
+def _actuator(file: _File, name: str, node: Any, mechanism: str) -> ActuatorOf:
+    where = f"actuator {name}"
+    if not NAME.fullmatch(name) or name in ("mechanism", "sensor", "truth"):
+        raise file.refusal(f"{shown(name)} cannot be an actuator's name: small letters, digits, underscores")
+    node = file.mapping(node, where)
+    kind = file.one_of(node, "kind", ACTUATORS, where)
+    inline = {key: value for key, value in node.items() if key not in OF_ACTUATOR}
+    if "parameters" in node or kind not in INLINE:
+        file.known(inline, OF_ACTUATOR, where)
+        branch = file.text(node, "parameters", "")
+    else:
+        branch = file.section(inline, INLINE[kind], f"{OWN}.{name}", where)
+    own = hasattr(MECHANISMS[mechanism], "transmission")
+    if own != ("transmission" in node):
+        raise file.refusal(
+            f"{where}: a {mechanism} {'needs a transmission' if own else 'has its own transmission'}"
+        )
+    sizes = file.mapping(node.get("sizes", {}), f"sizes of {where}")
+    file.known(sizes, EFFECTS, "the catalogue of effects")
+    return ActuatorOf(name, kind, branch, _transmission(file, name, node) if own else "", sizes)
+
+
+def _transmission(file: _File, name: str, node: Mapping[str, Any]) -> str:
+    where = f"transmission of actuator {name}"
+    given = file.mapping(node["transmission"], where)
+    ways = [way for way, fields in TRANSMISSIONS.items() if fields[0].name in given]
+    if len(ways) != 1:
+        firsts = ", ".join(fields[0].name for fields in TRANSMISSIONS.values())
+        raise file.refusal(f"{where} is given by one of {firsts}, not {shown(list(given))}")
+    branch = file.section(given, TRANSMISSIONS[ways[0]], f"{OWN}.{name}.transmission", where)
+    if ways[0] == "table":
+        _check_table(file, given, where)
+    return branch
+
+
+def _check_table(file: _File, given: Mapping[str, list[float]], where: str) -> None:
+    places, values = given["coordinates"], given["contractions"]
+    if not isinstance(places, list) or not isinstance(values, list) or len(places) != len(values):
+        raise file.refusal(f"{where}: coordinates and contractions are lists of the same length")
+    if not 3 <= len(places) <= 40 or any(low >= high for low, high in pairwise(places)):
+        raise file.refusal(f"{where}: coordinates are 3 to 40 rising numbers")
+
+
+def _sensor(file: _File, coordinate: str, unit: str) -> str:
+    node = file.top.get("sensor")
+    if isinstance(node, str):
+        return node
+    fields = [
+        Field(f"{coordinate}_noise", unit, 0.0, 1.0, "standard deviation of the sensor's noise"),
+        Field(f"{coordinate}_resolution", unit, 0.0, 1.0, "step of the sensor", 0.0),
+    ]
+    given = file.mapping(node, "sensor")
+    file.known(given, ("noise", "resolution"), "a sensor")
+    named = {f"{coordinate}_{key}": value for key, value in given.items()}
+    return f"{file.section(named, fields, f'{OWN}.sensor', 'the sensor')}.{coordinate}"
+
+
+def _shipped(name: str) -> Machine:
+    return replace(read_machine(config_folder() / "machines" / f"{name}.yaml"), text="")
+
+
+KNEE, RIG = _shipped("knee"), _shipped("rig")

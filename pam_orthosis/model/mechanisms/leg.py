@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mechanics of the leg in the orthosis: Lagrange's equations, Eqs. (24)-(26).
+
+Side view, hip in the origin, x along the ankle's linear bearing, z up. The knee angle q is zero
+for the straight leg and positive in flexion; the hip angle a is that of the thigh above x.
+Torques act in the direction of +q (flexion). The paper's Eq. (27) counts torque positive in
+extension; `knee_torque` carries the change of sign.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from pam_orthosis.model.mechanisms.base import GRAVITY, Mechanics
+from pam_orthosis.model.rows import Section
+from pam_orthosis.model.signals import Expression
+
+# rules between parameters: what rises from key to key, and what is of one size in any leg
+ORDERED = (("leg.joint.minimum", "leg.joint.maximum"),)
+ALIKE = tuple((f"leg.thigh.{name}", f"leg.shank.{name}") for name in ("length", "mass", "width"))
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body of the side view.
+
+    Mass kg, moment of inertia about its centre kg m^2, position of the centre (x, z) m and orientation
+    rad, the last two as functions of q.
+    """
+
+    mass: Expression
+    inertia: Expression
+    position: Expression
+    orientation: Expression
+
+
+def segment_lengths(leg: Section) -> tuple[Expression, Expression]:
+    """Return the lengths of thigh and shank, m; with a person, adjusted to the body height."""
+    person = leg.person
+    if not person.present:
+        return leg.thigh.length, leg.shank.length
+    return person.thigh.length_fraction * person.height, person.shank.length_fraction * person.height
+
+
+def broken_rules(values: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a sentence where Eq. (24) has no solution somewhere that the joint may go."""
+    if "leg.configuration" not in values:
+        return
+    if abs(values["leg.configuration"]) != 1:
+        yield f"leg.configuration = {values['leg.configuration']} must be 1 (knee up) or -1 (knee down)"
+    thigh, shank = (values[f"leg.{name}.length"] for name in ("thigh", "shank"))
+    if values["leg.person.present"]:
+        height = values["leg.person.height"]
+        thigh, shank = (values[f"leg.person.{n}.length_fraction"] * height for n in ("thigh", "shank"))
+    angles = (values["leg.joint.minimum"], values["leg.joint.maximum"])
+    reach = min(math.hypot(thigh + shank * math.cos(q), shank * math.sin(q)) for q in angles)
+    if abs(values["leg.bearing_height"]) >= reach:
+        yield (
+            f"leg.bearing_height = {values['leg.bearing_height']} m is out of reach of a leg bent as far as"
+            f" leg.joint allows: from hip to ankle there are {reach:.3g} m then"
+        )
+
+
+def hip_angle(q: Expression, leg: Section) -> Expression:
+    """Return the hip angle of Eq. (24), a = a(q, k1), rad.
+
+    The ankle stays on its bearing, at the height h over the hip:
+    l_th sin a + l_sh sin(a - k1 q) = h. The configuration factor k1 = 1 or -1 says whether the
+    flexed knee points up or down.
+    """
+    thigh_length, shank_length = segment_lengths(leg)
+    along = thigh_length + shank_length * ca.cos(q)
+    across = leg.configuration * shank_length * ca.sin(q)
+    reach = ca.sqrt(along**2 + across**2)
+    return ca.atan2(across, along) + ca.asin(leg.bearing_height / reach)
+
+
+def bodies(q: Expression, leg: Section) -> list[Body]:
+    """Return the bodies of apparatus and person (section 3): thighs, knee, shanks, foot and shoe.
+
+    The person's parts are De Leva's (1996) fractions of the body mass; without a person they are
+    left out.
+    """
+    hip = hip_angle(q, leg)
+    shank_angle = hip - leg.configuration * q
+    thigh, shank = _direction(hip), _direction(shank_angle)
+    thigh_length, shank_length = segment_lengths(leg)
+    knee = thigh_length * thigh
+    ankle = knee + shank_length * shank
+    parts = [
+        _bar(leg.thigh, thigh_length, 0.5 * thigh_length * thigh, hip),
+        Body(leg.knee_mass, 0.0, knee, 0.0),
+        _bar(leg.shank, shank_length, knee + 0.5 * shank_length * shank, shank_angle),
+        Body(leg.shoe_mass, 0.0, ankle, 0.0),
+    ]
+    person = leg.person
+    if person.present:
+        parts += [
+            _segment(person.thigh, person.mass, thigh_length, 0 * knee, thigh, hip),
+            _segment(person.shank, person.mass, shank_length, knee, shank, shank_angle),
+            Body(person.foot_mass_fraction * person.mass, 0.0, ankle, 0.0),
+        ]
+    return parts
+
+
+def mechanics(
+    q: Expression, velocity: Expression, leg: Section, extra_foot_mass: Expression = 0.0
+) -> Mechanics:
+    """Return m(q), k(q, q-dot) and G(q) of Eq. (26) from L = T - U by Eq. (25).
+
+    `extra_foot_mass` (kg) is a lumped mass at the ankle that an effect may add.
+    """
+    parts = bodies(q, leg)
+    foot = parts[3]
+    parts.append(Body(extra_foot_mass, 0.0, foot.position, 0.0))
+    kinetic, potential = energies(q, velocity, parts)
+    momentum = ca.gradient(kinetic, velocity)
+    inertia = ca.gradient(momentum, velocity)
+    # d/dt (dL/dq-dot) - dL/dq = m q-ddot + [d(dT/dq-dot)/dq q-dot - dT/dq] + dU/dq
+    coriolis = ca.gradient(momentum, q) * velocity - ca.gradient(kinetic, q)
+    return Mechanics(inertia, coriolis, ca.gradient(potential, q))
+
+
+def energies(q: Expression, velocity: Expression, parts: Sequence[Body]) -> tuple[Expression, Expression]:
+    """Return kinetic and potential energy T and U of the bodies, J."""
+    kinetic, potential = 0.0, 0.0
+    for body in parts:
+        speed = ca.jtimes(body.position, q, velocity)
+        kinetic += 0.5 * body.mass * ca.dot(speed, speed)
+        if not isinstance(body.orientation, float):
+            spin = ca.jtimes(body.orientation, q, velocity)
+            kinetic += 0.5 * body.inertia * spin**2
+        potential += body.mass * GRAVITY * body.position[1]
+    return kinetic, potential
+
+
+def knee_torque(extensor_force: Expression, flexor_force: Expression, leg: Section) -> Expression:
+    """Return the torque of Eq. (27) in the direction of flexion, N m.
+
+    The paper's M_k = d_cw / 2 (F_e - F_f) is positive in extension; here q and torque are positive
+    in flexion, hence the flexor's force comes first.
+    """
+    return leg.cogwheel_diameter / 2 * (flexor_force - extensor_force)
+
+
+def contractions(q: Expression, leg: Section) -> tuple[Expression, Expression]:
+    """Return the contractions of extensor and flexor, m: the chain winds on the cogwheel."""
+    wound = leg.cogwheel_diameter / 2 * (q - leg.symmetric_angle)
+    return leg.symmetric_contraction - wound, leg.symmetric_contraction + wound
+
+
+def _direction(angle: Expression) -> Expression:
+    return ca.vertcat(ca.cos(angle), ca.sin(angle))
+
+
+def _bar(bar: Section, length: Expression, position: Expression, orientation: Expression) -> Body:
+    """Return an aluminium profile of square section: J = m (l^2 + b^2) / 12."""
+    return Body(bar.mass, bar.mass * (length**2 + bar.width**2) / 12, position, orientation)
+
+
+def _segment(
+    segment: Section,
+    body_mass: Expression,
+    length: Expression,
+    proximal: Expression,
+    direction: Expression,
+    orientation: Expression,
+) -> Body:
+    mass = segment.mass_fraction * body_mass
+    centre = proximal + segment.centre_fraction * length * direction
+    return Body(mass, mass * (segment.gyration_fraction * length) ** 2, centre, orientation)

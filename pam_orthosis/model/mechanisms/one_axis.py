@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A load on one axis, turned or pushed by actuators whose contraction is any function of its coordinate.
+
+All forces follow from the contractions by virtual work: an actuator of tension F adds F dL/dq.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from pam_orthosis.model.mechanisms.base import ROTATION, TRANSLATION, Coordinate, Mechanics, stop_effort
+from pam_orthosis.model.rows import Field, Section
+from pam_orthosis.model.signals import Expression, Signals
+
+LARGE = 1.0e6
+CONTRACTION = Field("contraction", "m", -LARGE, LARGE, "contraction at the coordinate zero", 0.0)
+# how a contraction depends on the coordinate: name of the way -> what it is given by
+TRANSMISSIONS = {
+    "arm": (Field("arm", "m/rad or m/m", -LARGE, LARGE, "contraction per coordinate"), CONTRACTION),
+    "lever": (
+        Field("ground", "m", 1.0e-4, LARGE, "distance from the axis to the end that is held"),
+        Field("lever", "m", 1.0e-4, LARGE, "distance from the axis to the end on the load"),
+        Field(
+            "angle", "rad", -7.0, 7.0, "angle between the two at the coordinate zero; its sign is the side"
+        ),
+        CONTRACTION,
+    ),
+    "table": (
+        Field("coordinates", "rad or m", -LARGE, LARGE, "places, rising, 3 to 40 of them", many=True),
+        Field("contractions", "m", -LARGE, LARGE, "contraction at each place", many=True),
+    ),
+}
+
+
+def _fields(inertia: str, effort: str, unit: str) -> tuple[Field, ...]:
+    return (
+        Field("inertia", inertia, 1.0e-6, LARGE, "mass, or moment of inertia about the axis"),
+        Field("damping", f"{effort} s/{unit}", 0.0, LARGE, "viscous damping", 0.0),
+        Field("stiffness", f"{effort}/{unit}", 0.0, LARGE, "stiffness of a spring", 0.0),
+        Field("rest", unit, -LARGE, LARGE, "coordinate at which the spring is free of load", 0.0),
+        Field("weight", effort, -LARGE, LARGE, "force, or largest torque, by which gravity pulls back", 0.0),
+        Field("minimum", unit, -LARGE, LARGE, "lower stop"),
+        Field("maximum", unit, -LARGE, LARGE, "upper stop"),
+        Field("stop_stiffness", f"{effort}/{unit}", 0.0, 1.0e9, "stiffness of the stops", 1.0e5),
+        Field("stop_damping", f"{effort} s/{unit}^2", 0.0, 1.0e9, "damping of the stops per depth", 1.0e3),
+        Field("start", unit, -LARGE, LARGE, "coordinate at which it rests at the start"),
+    )
+
+
+def _between(a: Expression, b: Expression, angle: Expression) -> Expression:
+    """Return the third side of a triangle by the law of cosines."""
+    return ca.sqrt(a**2 + b**2 - 2 * a * b * ca.cos(angle))
+
+
+def _spline(places: list[float], values: list[float]) -> Callable[[Expression], Expression]:
+    """Return the natural cubic spline through a table, straight beyond its ends."""
+    from scipy.interpolate import CubicSpline  # takes a third of a second to load
+
+    spline = CubicSpline(places, values, bc_type="natural")
+    bends = np.diff(spline.c[0], prepend=0.0)
+
+    def contraction(q: Expression) -> Expression:
+        inside = ca.fmin(ca.fmax(q, places[0]), places[-1])
+        total = values[0] + float(spline.c[2][0]) * (inside - places[0])
+        for place, bend in zip(places[:-1], bends, strict=True):
+            total += float(bend) * ca.fmax(inside - place, 0) ** 3
+        slope_low, slope_high = (float(spline(end, 1)) for end in (places[0], places[-1]))
+        return total + slope_low * ca.fmin(q - places[0], 0) + slope_high * ca.fmax(q - places[-1], 0)
+
+    return contraction
+
+
+@dataclass(frozen=True)
+class OneAxis:
+    """What turning and pushing loads have in common; `transmissions` are the actuators', in order."""
+
+    inputs: ClassVar[tuple[str, ...]]
+    stops: ClassVar[tuple[str, ...]] = ("minimum", "maximum")
+    live: ClassVar[tuple[str, ...]] = ()
+    idle: ClassVar[Mapping[str, str]] = {}
+    locked: ClassVar[bool] = False
+    parameters: Section
+    transmissions: tuple[Callable[[Expression], Expression], ...]
+
+    @staticmethod
+    def transmission(section: Section) -> Callable[[Expression], Expression]:
+        """Return coordinate -> contraction, by a constant arm, a lever or a table."""
+        given = dict(section.items())
+        if "lever" in given:
+            a, b, angle = section.ground, section.lever, section.angle
+            straight = _between(a, b, angle)
+            return lambda q: section.contraction + straight - _between(a, b, angle + q)
+        if "coordinates" in given:
+            return _spline(section.coordinates, section.contractions)
+        return lambda q: section.contraction + section.arm * q
+
+    def contractions(self, q: Expression) -> tuple[Expression, ...]:
+        """Return the contraction of each actuator, m."""
+        return tuple(contraction(q) for contraction in self.transmissions)
+
+    @property
+    def limits(self) -> tuple[Expression, Expression]:
+        """Its stops."""
+        return self.parameters.minimum, self.parameters.maximum
+
+    def terms(self, q: Expression, velocity: Expression, extra_mass: Expression = 0.0) -> Mechanics:
+        """Return inertia, damping, and what weight and spring pull back."""
+        p = self.parameters
+        back = p.weight * self.leaning(q) + p.stiffness * (q - p.rest)
+        return Mechanics(p.inertia + extra_mass, p.damping * velocity, back)
+
+    def effort(self, s: Signals) -> Expression:
+        """Return the force or torque of actuators, stops and what acts from outside."""
+        arms = (ca.jtimes(contraction, s.coordinate, 1) for contraction in self.contractions(s.coordinate))
+        total = sum(one.tension * arm for one, arm in zip(s.actuators.values(), arms, strict=True))
+        return total + stop_effort(s.coordinate, s.velocity, self.parameters) + s.external[self.inputs[0]]
+
+    def leaning(self, _q: Expression) -> Expression:
+        """Return the share of the weight that pulls back: all of it on a line."""
+        return 1
+
+
+@dataclass(frozen=True)
+class Rotation(OneAxis):
+    """A load that turns about an axis; at `hanging` its centre of mass is below it."""
+
+    kind: ClassVar[str] = "rotation"
+    coordinate: ClassVar[Coordinate] = ROTATION
+    inputs: ClassVar[tuple[str, ...]] = ("external_torque",)
+    fields: ClassVar[tuple[Field, ...]] = (
+        *_fields("kg m^2", "N m", "rad"),
+        Field("hanging", "rad", -7.0, 7.0, "angle at which the load hangs straight down", 0.0),
+    )
+
+    def leaning(self, q: Expression) -> Expression:
+        """Return the share of the weight's largest torque."""
+        return ca.sin(q - self.parameters.hanging)
+
+
+@dataclass(frozen=True)
+class Translation(OneAxis):
+    """A load that slides along a line; its weight pulls towards lower coordinates."""
+
+    kind: ClassVar[str] = "translation"
+    coordinate: ClassVar[Coordinate] = TRANSLATION
+    inputs: ClassVar[tuple[str, ...]] = ("external_force",)
+    fields: ClassVar[tuple[Field, ...]] = _fields("kg", "N", "m")

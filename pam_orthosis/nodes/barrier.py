@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The start of a run: a node waits until all its peers are there and were started alike."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+from rclpy.node import Node
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.nodes.agreement import Agreement
+
+PEER_POLL_SECONDS = 0.02
+PEER_SECONDS, PEER_REPORT_SECONDS = 5.0, 30.0  # until it is said who is waited for, and said again
+
+
+class Barrier:
+    """Looks whether all peers are there, says for whom it waits, and lets the node start once.
+
+    Args:
+        node: that waits.
+        begin: is called when all are there.
+        fail: takes the error if two nodes were started differently.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        begin: Callable[[], None],
+        fail: Callable[[OrthosisError], None],
+    ):
+        self._node, self._begin, self._fail = node, begin, fail
+        self._peers: dict[str, Callable[[], bool]] = {}
+        self._agreements: list[Agreement] = []
+        self._report_due = time.monotonic() + PEER_SECONDS
+        self._timer = node.create_timer(PEER_POLL_SECONDS, self._look)
+
+    def await_peer(self, peer: str, there: Callable[[], bool]) -> None:
+        """Do not start before this one is there; `peer` names it in the log."""
+        self._peers[peer] = there
+
+    def await_agreement(self, agreement: Agreement) -> None:
+        """Do not start before all nodes of a leg are known to have been started alike."""
+        self._agreements.append(agreement)
+
+    def missing(self) -> list[str]:
+        """Return who or what must be there before the start and is not."""
+        absent = [role for agreement in self._agreements for role in agreement.absent]
+        return absent or [peer for peer, there in self._peers.items() if not there()]
+
+    def _look(self) -> None:
+        broken = next((each for each in self._agreements if each.text), None)
+        if broken:
+            if broken.known_to_all():
+                self._fail(OrthosisError(broken.text))
+        elif missing := self.missing():
+            self._say(missing)
+        else:
+            self._timer.cancel()
+            self._begin()
+
+    def _say(self, missing: Sequence[str]) -> None:
+        if time.monotonic() > self._report_due:
+            self._report_due = time.monotonic() + PEER_REPORT_SECONDS
+            self._node.get_logger().info(f"waiting for {', '.join(missing)}")

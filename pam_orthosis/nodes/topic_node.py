@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A ROS node whose publishers and subscriptions follow the table of topics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.serialization import serialize_message
+from rclpy.subscription import Subscription
+from std_srvs.srv import Trigger
+
+from pam_orthosis.bag.cdr import Reader, Template, Unreadable
+from pam_orthosis.bag.topics import PLANT, PUBLISHED_DEPTH, RECORDER, SLOW, Topics, in_leg
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.nodes.barrier import Barrier
+from pam_orthosis.nodes.exchange import Outlet
+from pam_orthosis.nodes.join import HoldingJoin, Join
+from pam_orthosis.nodes.layout import layout
+from pam_orthosis.nodes.ownership import Ownership
+from pam_orthosis.nodes.parameters import MACHINE, Setting, declare_rows, declare_settings, machine_of
+from pam_orthosis.nodes.transport import QUEUE_DEPTH, message_class, qos
+
+MODE = {
+    **MACHINE,
+    "realtime": Setting(False, "samples come by the wall clock; otherwise in lockstep with the voltages"),
+    "with_plant": Setting(True, "the emulated hardware takes part; otherwise a driver stands in for it"),
+    "replay": Setting(False, "a player stands in for all peers, and feeds a recorded bag"),
+    "leg": Setting("", "name of the leg if it is one of several: the prefix of its frames"),
+}
+
+Numbers = tuple[float, ...]
+
+
+class TopicNode(Node):
+    """A node of the table: declares its parameters, makes its publishers, subscriptions and services.
+
+    Args:
+        name: in the graph.
+        settings: parameters beside those of `config/`.
+        role: name in the table of topics if not `name`, with settings in braces.
+
+    Attributes:
+        ready: all its peers are there.
+        failure: ends the run; it makes the error when all is safe.
+        machine, table: whose graph this is, and its topics.
+        stranger: somebody who does not belong there was met by a node that has to end last.
+
+    Raises:
+        OrthosisError: unusable parameters.
+    """
+
+    def __init__(self, name: str, settings: Mapping[str, Setting] | None, role: str | None):
+        super().__init__(name)
+        self.settings = declare_settings(self, {**(settings or {}), **MODE})
+        self.realtime = self.settings["realtime"]
+        self.machine = machine_of(self.settings)
+        self.table = Topics(self.machine)
+        self.topics = self.table.of_run(*(self.settings[key] for key in ("realtime", "with_plant", "replay")))
+        self.role = (role or name).format(**self.settings)
+        specs = layout(self.table)
+        if self.role not in specs:
+            names = ", ".join(self.machine.names)
+            raise OrthosisError(f"{self.get_name()}: parameter muscle must be one of {names}")
+        self.spec = specs[self.role]
+        self.parameters = declare_rows(self, self.machine, self.spec.branches, self.spec.live)
+        self.every = self.parameters.control.position.every
+        self.control_ns = round(self.parameters.scenario.control_period * 1e9)
+        self.period_ns = self.control_ns * (self.every if self.role in SLOW else 1)  # of its own steps
+        self.ready = self.stranger = False
+        self.failure: Callable[[], OrthosisError] | None = None
+        self.outlets: list[Outlet] = []
+        self.inlets: list[tuple[str, Callable[[bytes], None]]] = []
+        self.unreadable = 0  # messages that came
+        self.ownership = Ownership(self, self.refuse)
+        self.barrier = Barrier(self, self.begin, self.fail)
+        self.legs = self.served_legs()
+
+    def served_legs(self) -> tuple[str, ...]:
+        """Return the namespaces, inside the node's own, of the legs that it serves."""
+        return ("",)
+
+    def begin(self) -> None:
+        """Do what is due when all peers are there."""
+        self.ready = True
+
+    def refuse(self, failure: Callable[[], OrthosisError]) -> None:
+        """End the run."""
+        self.failure = failure
+
+    def fail(self, error: OrthosisError) -> None:
+        """End the run from a timer: what is raised in one goes into the log with a traceback."""
+        self.refuse(lambda: error)
+
+    def met_stranger(self, topic: str, leg: str) -> None:
+        """Note that somebody who does not belong there publishes on a topic; the run is ended."""
+
+    def publish_to(self, topic: str, latched: bool = False, leg: str = "") -> Publisher:
+        """Create a publisher of the table, and wait for its subscribers before the start."""
+        entry, name = self.topics[topic], in_leg(topic, leg, self.legs)
+        quality = qos(PUBLISHED_DEPTH, latched)
+        publisher = self.create_publisher(message_class(entry.type), name, quality)
+        if len(self._owners(topic)) == 1 and entry.subscribers:
+            self.ownership.publishes(publisher.topic_name)
+        count = len(entry.subscribers)
+        if not latched:  # who comes later gets it too
+            there = lambda: publisher.get_subscription_count() >= count  # noqa: E731
+            self.barrier.await_peer(f"a listener on {name}", there)
+        return publisher
+
+    def publish_numbers(self, topic: str, *examples: Any) -> Callable[..., None]:
+        """Create a publisher of the table for messages like these; return `send(stamp_ns, *numbers)`.
+
+        The numbers are those of type float64 in the order of the message; as many belong to one example.
+        """
+        outlet, kind = Outlet(self.publish_to(topic)), self.topics[topic].type
+        self.outlets.append(outlet)
+        made = [Template(serialize_message(example), kind) for example in examples]
+        templates, send = {template.count: template for template in made}, outlet.send
+        return lambda stamp_ns, *numbers: send(templates[len(numbers)](stamp_ns, *numbers))
+
+    def listen_to_numbers(
+        self, topic: str, fields: Sequence[str], callback: Callable[[int, Numbers], None], **options: Any
+    ) -> None:
+        """Listen to a topic of the table; call `callback(stamp_ns, numbers)` with these of its fields.
+
+        A number that a message lacks is NaN, which guards take care of. A slow node passes over what is
+        between its steps unread, where it knows these instants beforehand.
+        """
+        begins_at_0 = not self.realtime and not self.settings["replay"]
+        own_ns = self.period_ns if begins_at_0 and self.period_ns > self.control_ns else 0
+        read = Reader(self.topics[topic].type, fields)
+
+        def receive(data: bytes) -> None:
+            try:
+                if own_ns and read.stamp_ns(data) % own_ns:
+                    return
+                stamp_ns, numbers = read(data)
+            except Unreadable:
+                self.unreadable += 1
+            else:
+                callback(stamp_ns, numbers)
+
+        self.listen_to(topic, receive, raw=True, **options)
+
+    def listen_to(self, topic: str, callback: Callable, leg: str = "", **options: Any) -> Subscription:
+        """Subscribe to a topic of the table, and wait for its publishers before the start.
+
+        Options are `depth`, `latched` (quality of service), `raw` (serialised messages) and `near`, which
+        takes raw messages instead that come from this process, with zeros for padding. In real time the
+        measurements are taken as they come, as from any sensor, once all peers are there.
+        """
+        entry, name, raw = self.topics[topic], in_leg(topic, leg, self.legs), options.pop("raw", False)
+        near = options.pop("near", callback)
+        if self.realtime and entry.rate == "step":
+            callback, near = self._once_ready(callback), self._once_ready(near)
+            options["reliable"] = PLANT not in entry.producers
+        if self.role != RECORDER:  # it records what comes until all have ended
+            callback, near = self._unless_failed(callback), self._unless_failed(near)
+        count = len(entry.producers)
+        kind, quality = message_class(entry.type), qos(**options)
+        subscribe = partial(self.create_subscription, kind, name, qos_profile=quality, raw=raw)
+        if entry.shared:
+            subscription = subscribe(callback)
+        else:
+            met = partial(self.met_stranger, topic, leg)
+            back = partial(self._may_come_again, topic)
+            subscription = self.ownership.listen(subscribe, callback, self._owners(topic), met, back)
+        if raw:
+            self.inlets.append((subscription.topic_name, near))
+        if not options.get("latched"):  # what is there comes by itself
+            peer = f"{name} of {' and '.join(entry.producers)}"
+            self.barrier.await_peer(peer, lambda: subscription.get_publisher_count() >= count)
+        return subscription
+
+    def join_inputs(
+        self, inputs: Mapping[str, Sequence[str]], step: Callable[..., None], newest: bool = False
+    ) -> Join | HoldingJoin:
+        """Listen to topics; call `step(stamp_ns, *fields of each)` once all of an instant are there.
+
+        With `newest`, in real time, a node that is behind skips to the newest measurements: it answers
+        fewer samples, not older ones. What they cause downstream then comes no faster than it can.
+        What slow nodes say is held until their next instant; `step` then takes as its last argument how
+        old that is, s.
+        """
+        slow = [topic for topic in inputs if self.topics[topic].slow]
+        holds = slow and self.every > 1 and self.role not in SLOW
+        join = HoldingJoin(inputs, slow, step, self.every * self.control_ns) if holds else Join(inputs, step)
+        for topic, fields in inputs.items():
+            measured = PLANT in self.topics[topic].producers
+            # of so many samples one is of an instant at which a slow node works
+            depth = self.every if newest and measured and self.realtime else QUEUE_DEPTH
+            self.listen_to_numbers(topic, fields, partial(join.add, topic), depth=depth)
+        return join
+
+    def offer(self, service: str, act: Callable[[], str]) -> None:
+        """Offer a std_srvs/Trigger; `act` returns what it did, or raises OrthosisError to refuse."""
+
+        def answer(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            try:
+                response.message, response.success = act(), True
+            except OrthosisError as error:
+                response.message, response.success = str(error), False
+            self.get_logger().info(f"{service}: {response.message}")
+            return response
+
+        self.create_service(Trigger, service, answer)
+        self.ownership.offers(service)
+
+    def _owners(self, topic: str) -> tuple[str, ...]:
+        """Return who publishes on a topic, by role; in a replay the nodes that are fed say of themselves."""
+        of_all = self.settings["replay"] and topic in ("ready", "configuration")
+        return self.table.nodes if of_all else self.topics[topic].producers
+
+    def _may_come_again(self, topic: str, nodes: set[str]) -> bool:
+        """Whether silent nodes of these names may have been killed: the end is said once, whoever lives."""
+        a_driver = not self.settings["with_plant"] and PLANT in self.topics[topic].producers
+        return topic != "end" and (a_driver or nodes <= set(self._owners(topic)))
+
+    def _once_ready(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+        return lambda message: callback(message) if self.ready else None
+
+    def _unless_failed(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return a callback that acts upon nothing once a stranger or another fault has ended the run."""
+        return lambda message: None if self.failure else callback(message)

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A machine of a user's file is searched as the knee is: its system follows from the declaration."""
+
+import csv
+import math
+from pathlib import Path
+
+import pytest
+
+from pam_orthosis.bag.simulated import record_run
+from pam_orthosis.cli.main import main
+from pam_orthosis.discrepancy.beginning import begin
+from pam_orthosis.discrepancy.data import from_csv
+from pam_orthosis.discrepancy.declared import declared_machine
+from pam_orthosis.discrepancy.soundness import check_system
+from pam_orthosis.model.machines import read_machine
+from pam_orthosis.model.parameters import load
+from pam_orthosis.model.plant import Plant
+from pam_orthosis.reading import config_folder
+
+SLIDE = """
+meaning: a double-acting cylinder on a carriage
+mechanism: {kind: translation, inertia: 5.0, damping: 40.0, minimum: 0.0, maximum: 0.3, start: 0.15}
+actuators:
+  push: {kind: cylinder, area: 8.0e-4, volume: 2.0e-5, length: 0.3, transmission: {arm: 1.0}}
+  pull: {kind: cylinder, area: 8.0e-4, volume: 2.0e-5, length: 0.3,
+         transmission: {arm: -1.0, contraction: 0.3}}
+sensor: {noise: 1.0e-5}
+"""
+COLUMNS = ("time", "position", "push_pressure", "pull_pressure", "push_voltage", "pull_voltage")
+PERIOD, STEPS = 0.002, 3500
+STIFFNESS, BRAKE = 12.0, 1.0  # V/m, V s/m
+# hardware that is as its file says
+AS_DECLARED = {
+    "scenario.control_period": PERIOD,
+    "valve.dead_band": 0.0,
+    "valve.delay": 0.0,
+    **{f"plant.delay.{part}": 0.0 for part in ("computing", "converter", "valve", "hose_length")},
+    **{
+        f"plant.deviation.{name}": 1.0
+        for name in ("conductance", "critical_ratio", "polytropic_exponent", "supply_pressure")
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def machine(tmp_path_factory):
+    path = tmp_path_factory.mktemp("machine") / "slide.yaml"
+    path.write_text(SLIDE, encoding="utf-8")
+    return path, read_machine(path)
+
+
+def _write(path, machine, seed, friction=0.0):
+    """Record the emulated machine as it follows a sum of sines; `friction`: N, hidden in it."""
+    effects = {f"plant.effects.{name}.enabled": False for name in machine.catalogue}
+    if friction:
+        effects["plant.effects.carriage_friction.enabled"] = True
+        effects["plant.effects.carriage_friction.coulomb"] = friction
+    plant = Plant(load({**AS_DECLARED, **effects}, machine), seed)
+    before = 0.15
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(COLUMNS)
+        for number in range(STEPS):
+            time = number * PERIOD
+            wanted = 0.15 + 0.05 * math.sin(3.0 * time + seed) + 0.02 * math.sin(9.0 * time)
+            measured = plant.measure()
+            error = wanted - measured[0]
+            drive = STIFFNESS * error - BRAKE * (measured[0] - before) / PERIOD
+            before = measured[0]
+            voltages = [min(max(5.0 + side * drive, 0.0), 10.0) for side in (1, -1)]
+            writer.writerow([f"{value:.9g}" for value in (time, *measured, *voltages)])
+            plant.advance(*voltages)
+    return path
+
+
+def test_the_system_of_a_file_fits_together_and_is_the_emulated_machine(machine, tmp_path):
+    """Two realisations of the same equations: what is left is noise."""
+    _, declared = machine
+    parameters = load(AS_DECLARED, declared)
+    system = declared_machine(declared, parameters)
+    check_system(system)
+    assert [one.name for one in system.equations] == ["force", "gas"]
+    assert {"carriage_friction", "push_leak", "pull_leak", "supply_sag"} <= set(system.candidates)
+    recorded = [from_csv(_write(tmp_path / f"{seed}.csv", declared, seed), system) for seed in (1, 2)]
+    start = begin(system, recorded[:1], recorded[1:], parameters.gap)
+    assert all(white < 1.3 for white in start.recalibrated().white.values())
+    resisted = from_csv(_write(tmp_path / "friction.csv", declared, 3, friction=8.0), system)
+    start = begin(system, recorded[:1], [resisted], parameters.gap)
+    assert start.recalibrated().white["position"] > 5
+
+
+def test_gap_takes_the_file_of_a_machine(machine, tmp_path, capsys):
+    path, declared = machine
+    table, judge = (_write(tmp_path / f"{seed}.csv", declared, seed) for seed in (1, 2))
+    given = ["gap", str(table), "--held-out", str(judge), "--machine", str(path)]
+    assert main([*given, "--until", "replay"]) == 0
+    words = capsys.readouterr().out
+    assert "position [mm]" in words
+    assert "knee" not in words
+    assert main(["gap", str(table), "--machine", str(path), "--system", "own.py"]) == 2
+    assert "give one" in capsys.readouterr().err
+    assert main(["gap", str(table), "--machine", str(tmp_path / "none.yaml")]) == 2
+    assert "none.yaml" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def bag(machine, tmp_path_factory):
+    """Return a bag of the closed loop with the machine, a recorded run without ROS."""
+    _, declared = machine
+    folder = tmp_path_factory.mktemp("bag") / "run"
+    motion = {"scenario.trajectory": "sine", "scenario.sine.centre": 0.15, "scenario.sine.amplitude": 0.05}
+    record_run(load({**AS_DECLARED, **motion, "scenario.duration": 14.0}, declared), "default", folder)
+    return folder
+
+
+def test_a_bag_says_itself_of_which_machine_it_is(bag, machine, capsys):
+    assert main(["gap", str(bag), "--until", "replay"]) == 0
+    alone = capsys.readouterr().out
+    assert "position [mm]" in alone
+    assert main(["gap", str(bag), "--machine", str(machine[0]), "--until", "replay"]) == 0
+    assert capsys.readouterr().out == alone
+
+
+def test_recordings_of_different_machines_are_not_mixed_in_silence(bag, machine, machine_files, capsys):
+    walk = str(Path(__file__).resolve().parents[2] / "bags" / "walk")
+    for command, words in (
+        ([str(bag), walk], "different systems (slide, the knee): one at a time"),
+        ([str(bag), "--machine", str(machine_files["elbow"])], "recorded with another file, of slide"),
+        ([walk, "--machine", str(machine[0])], "recorded with another file, of knee: leave --machine out"),
+    ):
+        assert main(["gap", *command, "--until", "check"]) == 2
+        error = capsys.readouterr().err
+        assert words in error
+        assert error.count("\n") == 1
+
+
+def test_a_knee_of_a_users_file_is_searched_as_the_knee(tmp_path, capsys):
+    file, table = tmp_path / "mine.yaml", tmp_path / "walk.csv"
+    shipped = (config_folder() / "machines" / "knee.yaml").read_text(encoding="utf-8")
+    lines = ["time,angle,extensor_pressure,flexor_pressure,extensor_voltage,flexor_voltage"]
+    waves = [[math.sin(0.02 * i + phase) for phase in range(5)] for i in range(3000)]
+    lines += [
+        f"{0.005 * i:.3f},{0.5 + 0.1 * a:.6f},{3e5 + 5e4 * b:.1f},{3e5 + 5e4 * c:.1f},{5 + d:.4f},{5 + e:.4f}"
+        for i, (a, b, c, d, e) in enumerate(waves)
+    ]
+    table.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    told = []
+    for command in (["--machine", str(file)], []):
+        file.write_text(shipped, encoding="utf-8")
+        assert main(["gap", str(table), *command, "--until", "replay"]) == 0
+        told.append(capsys.readouterr().out.splitlines()[-1])
+    assert told[0] == told[1]
+    file.write_text(shipped.replace("flexor:", "bender:"), encoding="utf-8")
+    assert main(["gap", str(table), "--machine", str(file), "--until", "replay"]) == 2
+    assert "mine: gap knows a knee by its extensor and flexor alone" in capsys.readouterr().err
