@@ -27,12 +27,14 @@ ROS = [
     "ros-jazzy-common-interfaces; sys_platform == 'linux' and platform_machine == 'x86_64'",
 ]
 CLUSTER = ["distributed>=2024.1"]
-DOCS = ["mkdocs>=1.6", "mkdocs-material>=9.5"]
+DOCS = ["mkdocs>=1.6", "mkdocs-material>=9.5", "mkdocstrings-python>=1.10"]
+PANDAS = ["pandas>=2.0"]
 HIDE = ["numba>=0.59"]
 TEST = [
     *CLUSTER,
     *DOCS,
     *HIDE,
+    *PANDAS,
     "catkin_pkg>=1.0",
     "colcon-common-extensions>=0.3",
     "hypothesis>=6",
@@ -85,6 +87,7 @@ setup(
         "pyyaml>=6.0",
         "rosbags>=0.11.6,<0.12",  # bag/bounded.py puts bounds into its readers
         "scipy>=1.10",
+        "shtab>=1.7",
         "threadpoolctl>=3.1",
         "zstandard>=0.20",
     ],
@@ -93,6 +96,7 @@ setup(
         "cluster": CLUSTER,
         "docs": DOCS,
         "hide": HIDE,
+        "pandas": PANDAS,
         "peer": ["pysindy>=2.0"],
         "ros": ROS,
         "test": TEST,

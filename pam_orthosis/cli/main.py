@@ -143,7 +143,7 @@ def _failed(message: str, status: int) -> int:
 def _dispatch(arguments: list[str]) -> int:
     verb = arguments[0] if arguments else "--help"
     if verb not in VERBS:
-        _top_parser().parse_args([verb])
+        _top_parser().parse_args(arguments[:2] or [verb])
     return _module(verb).execute(verb_parser(verb).parse_args(arguments[1:]))
 
 
@@ -165,6 +165,8 @@ def _module(verb: str) -> ModuleType:
 
 
 def _top_parser() -> Parser:
+    from pam_orthosis.cli import completion  # verbs need none of it
+
     verbs = "\n".join(f"  {verb:10s} {meaning}" for verb, meaning in VERBS.items())
     parser = Parser(
         prog="pam-orthosis",
@@ -174,6 +176,14 @@ def _top_parser() -> Parser:
     )
     parser.add_argument("verb", choices=VERBS, metavar="VERB", help="what to do")
     parser.add_argument("--version", action="version", version=f"pam-orthosis {__version__}")
+    told = 'print a script that completes arguments; bash: eval "$(pam-orthosis --print-completion bash)"'
+    parser.add_argument(
+        "--print-completion",
+        action=completion.Print,
+        choices=completion.SHELLS,
+        parsers=lambda: {name: verb_parser(name) for name in VERBS},
+        help=told,
+    )
     return parser
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Show a recorded run: a page that opens offline (plots, leg, verdict), pictures, or a CSV table."""
+"""Show a recorded run: an offline page (plots, leg, verdict), pictures, or a table (CSV, MATLAB)."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_bound_arguments(parser)
     parser.add_argument(
         "--only",
-        choices=("page", "picture", "animation", "table"),
-        help="make one of them (page and picture)",
+        choices=("page", "picture", "animation", "table", "mat"),
+        help="make one of them (page and picture); mat: a table for MATLAB",
     )
     parser.add_argument("--namespace", default="", metavar="NS", help="namespace of the leg in the bag")
 
@@ -46,7 +46,7 @@ def execute(arguments: argparse.Namespace) -> int:
     leg = arguments.namespace.strip("/").replace("/", "-")
     name = f"{bag_name(bag)}{leg and '-'}{leg}"
     makers = {"page": ("html", _page), "picture": ("png", _picture), "table": ("csv", _table),
-              "animation": ("gif", _animation)}  # fmt: skip
+              "mat": ("mat", _mat), "animation": ("gif", _animation)}  # fmt: skip
     kinds = [arguments.only] if arguments.only else ["page", "picture"]
     paths = {kind: folder / f"{name}.{makers[kind][0]}" for kind in kinds}
     refuse_existing(paths.values(), arguments.overwrite, REMAKE)
@@ -80,6 +80,12 @@ def _table(bag: Path, arguments: argparse.Namespace) -> Write:
     from pam_orthosis.report.table import write_table
 
     return partial(write_table, bag, arguments.namespace)
+
+
+def _mat(bag: Path, arguments: argparse.Namespace) -> Write:
+    from pam_orthosis.report.table import write_mat
+
+    return partial(write_mat, bag, arguments.namespace)
 
 
 def _animation(bag: Path, arguments: argparse.Namespace) -> Write:

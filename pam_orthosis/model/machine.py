@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from pam_orthosis.markup import table
 from pam_orthosis.model.components import cylinder, muscle
 from pam_orthosis.model.components.actuator import Actuator
 from pam_orthosis.model.effects import KINDS
@@ -160,6 +161,10 @@ class Machine:
         section = parameters.at(self.parameters)
         made: Mechanism = built(section, tuple(map(built.transmission, own))) if own else built(section)
         return made
+
+    def _repr_html_(self) -> str:
+        rows = [(one.name, one.kind, one.parameters) for one in self.actuators]
+        return table(("actuator", "kind", "parameters"), rows, f"{self.name}: {self.meaning}")
 
     def with_parts(self, **branches: str) -> Machine:
         """Return the machine with other branches of parameters for some actuators (name -> branch)."""

@@ -13,6 +13,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.markup import table
 from pam_orthosis.model.rows import Row, Section, Value
 from pam_orthosis.reading import config_folder, mapping, meant, read_yaml
 
@@ -116,6 +117,14 @@ class Parameters(Section):
 
         symbols = ca.SX.sym("live", len(keys))
         return self.substituted(dict(zip(keys, ca.vertsplit(symbols), strict=True))), symbols
+
+
+    def _repr_html_(self) -> str:
+        shipped = load(machine=self._declared).flat()
+        changed = [row for key, row in self._rows.items() if self._values[key] != shipped.get(key)]
+        rows = [(row.key, f"{self._values[row.key]}", row.unit, row.meaning) for row in changed]
+        words = f"{self._declared.name}: {len(self._rows)} parameters, {len(rows)} of them changed"
+        return table(("parameter", "value", "unit", "meaning"), rows, words)
 
 
 def load(overrides: Mapping[str, Any] | None = None, machine: Machine | None = None) -> Parameters:

@@ -22,13 +22,13 @@ MOST_CURVES = 12
 
 def drawn(found: Identified, folder: Path) -> dict[Path, Write]:
     """Draw what the data allow; return what writes each figure of a folder."""
-    figures = {FORCE: _force(found), RESIDUAL: _residual(found)}
+    figures = {FORCE: force_figure(found), RESIDUAL: _residual(found)}
     if found.volume:
         figures[VOLUME] = _volume(found)
     return {folder / name: partial(figure.savefig, dpi=DPI) for name, figure in figures.items()}
 
 
-def _force(found: Identified) -> Figure:
+def force_figure(found: Identified) -> Figure:
     """Force against contraction: measured and calculated at each pressure; and the surface."""
     figure = Figure(figsize=(12, 5), layout="constrained")
     curves, surface = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2, projection="3d")

@@ -20,6 +20,7 @@ from pam_orthosis.scene.shapes import shape_of
 
 BAR = 1e5  # Pa
 MOST_POINTS = 3000  # of a curve
+KINDS = "pressure", "pressure_reference", "voltage"  # of an actuator
 
 Convert = Callable[[np.ndarray], np.ndarray]
 
@@ -86,14 +87,27 @@ def read_run(path: Path, namespace: str = "") -> RunData:
         OrthosisError: the bag is unusable.
     """
     machine = recorded_machine(path)
+    name = machine.coordinate.name
+    by_actuator = [f"{one}_{kind}" for one in machine.names for kind in KINDS]
+    useful = (f"estimate_{name}", "disturbance", *by_actuator)
+    return run_data(read_bag(path, (name, f"reference_{name}"), useful, namespace))
+
+
+def run_data(bag: Bag) -> RunData:
+    """Return the panels of a bag that is read, or made of arrays.
+
+    Raises:
+        OrthosisError: it has no reference.
+    """
+    machine = bag.machine
     name, pressures = machine.coordinate.name, [f"{one}_pressure" for one in machine.names]
     voltages = [f"{one}_voltage" for one in machine.names]
     references = [f"{one}_reference" for one in pressures]
-    useful = (f"estimate_{name}", "disturbance", *pressures, *references, *voltages)
-    bag = read_bag(path, (name, f"reference_{name}"), useful, namespace)
+    if f"reference_{name}" not in bag.series:
+        raise OrthosisError(f"{bag.path}: there is no reference to draw the {name} against")
     stamps, (reference, measured) = aligned(bag[f"reference_{name}"], bag[name])
     if len(stamps) < 2:
-        raise OrthosisError(f"{path}: {name} and reference share no stamps")
+        raise OrthosisError(f"{bag.path}: {name} and reference share no stamps")
     start, unit = int(bag[name].stamp_ns[0]), machine.coordinate.shown_unit
 
     def convert(values: np.ndarray) -> np.ndarray:

@@ -20,7 +20,11 @@ OF_ACTUATORS = ("tab:blue", "tab:orange", "tab:purple", "tab:brown", "tab:pink",
 
 def draw_run(bag_path: Path, bound: float, namespace: str, stream: BinaryIO) -> None:
     """Write the picture of a bag as PNG; OrthosisError if the bag is unusable."""
-    run = read_run(bag_path, namespace)
+    drawn(read_run(bag_path, namespace), bound).savefig(stream, dpi=110, format="png")
+
+
+def drawn(run: RunData, bound: float) -> Figure:
+    """Return the figure of a run."""
     panels = run.panels[:PANELS]
     figure = Figure(figsize=(11, 8), layout="constrained")
     above, *axes = figure.subplots(1 + len(panels), 1, height_ratios=[1.5, 1, 0.8, 1][: 1 + len(panels)])
@@ -34,7 +38,7 @@ def draw_run(bag_path: Path, bound: float, namespace: str, stream: BinaryIO) -> 
     unit = panels[1].label.split(" / ")[1]
     axes[1].annotate(f"bound {bound:g} {unit}", (run.time[-1], bound), ha="right", va="top")
     axes[-1].set_xlabel("time / s")
-    figure.savefig(stream, dpi=110, format="png")
+    return figure
 
 
 def _draw_machine(axes, run: RunData) -> None:

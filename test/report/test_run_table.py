@@ -6,14 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from pam_orthosis.bag.read import read_bag
+from pam_orthosis.bag.read import Series, read_bag
+from pam_orthosis.bag.sampled import at_stamps
 from pam_orthosis.bag.topics import Topics
 from pam_orthosis.cli.main import main
 from pam_orthosis.discrepancy.data import from_bag, from_csv
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
-from pam_orthosis.report.table import _cells
+from pam_orthosis.report.table import _cell
 
 TABLE = Topics(KNEE)
 
@@ -43,7 +44,8 @@ def test_all_signals_come_back_to_the_bit_and_gap_reads_the_table(tmp_path, caps
 
 def test_where_a_topic_has_no_message_the_cell_is_empty():
     stamps = np.arange(6) * 5
-    assert _cells(stamps, np.array([5, 15, 40]), np.array([0.1, -2e-9, 3.0])) == [
+    there = at_stamps(stamps, Series(np.array([5, 15, 40]), np.array([0.1, -2e-9, 3.0])))
+    assert [_cell(value) for value in there.tolist()] == [
         "",
         "0.1",
         "",

@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What `check`, `identify` and `gap` answer, for programs and notebooks."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pam_orthosis.bag.verdict import Bound, Verdict, judge
+from pam_orthosis.files import as_text, write_files
+from pam_orthosis.library.pictures import Picture
+from pam_orthosis.library.run import Run
+from pam_orthosis.markup import table
+
+if TYPE_CHECKING:
+    from pam_orthosis.discrepancy.judgement import Outcome
+    from pam_orthosis.identification.identify import Identified
+
+Recorded = Run | str | Path
+
+
+class Check(Verdict):
+    """How well a run follows its reference; errors and bound are in `unit` (deg or mm)."""
+
+    def _repr_html_(self) -> str:
+        answer = "passed" if self.passed else "failed"
+        head = (
+            f"{answer}: maximum error {self.max_abs_error:.3f} {self.unit}, bound {self.bound:g} {self.unit}"
+        )
+        rows = [
+            (name.replace("_", " "), f"{value:.3f}" if isinstance(value, float) else str(value))
+            for name, value in self.as_dict().items()
+            if isinstance(value, float | int) and name != "passed"
+        ]
+        return table(("what", "value"), rows, head)
+
+
+def check(run: Recorded, bound: float = 3.0, skip_s: float = 0.0, namespace: str = "") -> Check:
+    """Judge how a run follows its reference, as the verb `check` does.
+
+    Args:
+        run: a run, or a bag.
+        bound: on the largest error, deg for what turns, mm for what slides.
+        skip_s: seconds at the start that are not judged.
+        namespace: of the leg in a bag.
+
+    Raises:
+        OrthosisError: the bag is unusable, or there is nothing to judge.
+    """
+    with ExitStack() as stack:
+        (bag,) = _as_bags(stack, [run])
+        return Check(**vars(judge(bag, Bound(bound), skip_s, namespace)))
+
+
+@dataclass(frozen=True)
+class Gap:
+    """What a gap search found.
+
+    Attributes:
+        outcome: all of it.
+        words: what the verb `gap` prints.
+    """
+
+    outcome: Outcome = field(repr=False)
+    words: str
+
+    @property
+    def verdict(self) -> str:
+        """`none`, `explained`, `unexplained`, or another word of `gap.json`."""
+        return self.outcome.verdict
+
+    @property
+    def effects(self) -> dict[str, dict[str, float]]:
+        """Effect -> parameter -> value, SI."""
+        return {one.name: {k: v[0] for k, v in one.parameters.items()} for one in self.outcome.effects}
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what `gap.json` holds on the search."""
+        from pam_orthosis.discrepancy.verdict import as_dict
+
+        return as_dict(self.outcome)
+
+    def changes(self) -> dict[str, Any]:
+        """Return the found effects as changes of the nominal model, for `parameters` and `model.yaml`."""
+        from pam_orthosis.discrepancy import patch
+
+        found = self.outcome
+        named = [one.name for one in found.effects]
+        return dict(patch.overrides(found.system, named, found.selection.final.values))
+
+    def save_page(self, path: str | Path) -> None:
+        """Write the page `gap.html`.
+
+        Raises:
+            OrthosisError: the file exists.
+        """
+        from pam_orthosis.report.gap import page
+
+        write_files({Path(path): as_text(page(self.outcome, self.words))})
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                one.name.replace("_", " "),
+                name.replace("_", " "),
+                f"{value:.4g}",
+                f"{low:.4g} .. {high:.4g}",
+                unit,
+            )
+            for one in self.outcome.effects
+            for name, (value, unit, low, high) in one.parameters.items()
+        ]
+        return table(("effect", "parameter", "value", "95 %", "unit"), rows, self.words.splitlines()[-1])
+
+
+def gap(
+    training: Iterable[Recorded], held_out: Iterable[Recorded] = (), model: str | Path | None = None
+) -> Gap:
+    """Find which physical effect the nominal model lacks, as the verb `gap` does.
+
+    Args:
+        training: runs, bags or tables to fit.
+        held_out: those that judge and are not fitted; if empty, the last quarter of each of `training`.
+        model: YAML file with parameters of the nominal model that differ from those recorded.
+
+    Raises:
+        OrthosisError: a recording is unfit, or they are of different machines.
+    """
+    from pam_orthosis.discrepancy import patch
+    from pam_orthosis.discrepancy.apparatus import apparatus_of
+    from pam_orthosis.discrepancy.verdict import describe
+    from pam_orthosis.discrepancy.workflow import find_gap
+
+    with ExitStack() as stack:
+        fitted, judged = _as_bags(stack, training), _as_bags(stack, held_out)
+        paths, file = [*fitted, *judged], None if model is None else Path(model)
+        apparatus = apparatus_of(paths)
+        given = patch.read(file, apparatus.machine) if file else {}
+        nominal = apparatus.nominal(paths, given, "", file)
+        system = apparatus.system(nominal, None)
+        every = [apparatus.read(path, system, "") for path in paths]
+        outcome = find_gap(system, every[: len(fitted)], every[len(fitted) :], nominal.gap)
+    return Gap(outcome, describe(outcome))
+
+
+@dataclass(frozen=True)
+class Muscle:
+    """An identified muscle.
+
+    Attributes:
+        found: coefficients of Eq. (14), their intervals, errors, the box in which they hold.
+    """
+
+    found: Identified
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all as plain data, SI."""
+        return self.found.as_dict()
+
+    def save(self, path: str | Path) -> None:
+        """Write the rows for a nominal model, as `identify --out` does.
+
+        Raises:
+            OrthosisError: the file exists, or the coefficients are no muscle's.
+        """
+        from pam_orthosis.identification import rows
+
+        rows.check(self.found)
+        write_files({Path(path): as_text(rows.as_yaml(self.found, "identified by pam_orthosis.identify"))})
+
+    def plot(self) -> Picture:
+        """Return measured and calculated force against the contraction."""
+        from pam_orthosis.report.identification import force_figure
+
+        return Picture(force_figure(self.found))
+
+    def _repr_html_(self) -> str:
+        held = {"fitted": self.found.errors(False), "held out": self.found.errors(True)}
+        rows = [
+            (name, f"{one['rms']:.2f}", f"{one['max']:.2f}", str(one["samples"]))
+            for name, one in held.items()
+            if one
+        ]
+        head = ("data", "RMS error / N", "maximum / N", "samples")
+        return table(head, rows, f"muscle {self.found.data.specimen}")
+
+
+def identify(
+    data: Sequence[str | Path], muscle: str | None = None, nominal_length: float | None = None
+) -> Muscle:
+    """Identify a muscle, Eqs. (18)-(23), as the verb `identify` does.
+
+    Args:
+        data: rig bags, `.csv` tables, or folders of them.
+        muscle: which, if bags and names of files do not say.
+        nominal_length: of the muscle of a table, m.
+
+    Raises:
+        OrthosisError: the data do not determine the parameters.
+    """
+    from pam_orthosis.identification.data import read_data
+    from pam_orthosis.identification.identify import identify as identified
+
+    read = read_data([Path(one) for one in data], muscle, nominal_length)
+    rig, ambient = read.parameters.rig, read.parameters.valve.ambient_pressure
+    return Muscle(identified(read, [p - ambient for p in rig.procedure.held_out_pressures]))
+
+
+def _as_bags(stack: ExitStack, runs: Iterable[Recorded]) -> list[Path]:
+    """Return the bags of runs; those that are none are written, until the stack is closed."""
+    paths = []
+    for number, one in enumerate(runs):
+        if isinstance(one, Run):
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pam-orthosis-")))
+            paths.append(one.save(folder / f"run-{number}"))
+        else:
+            paths.append(Path(one))
+    return paths

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A run as arrays: simulated, or read from a bag."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pam_orthosis.bag.arrays import write_arrays
+from pam_orthosis.bag.examples import BAGS, write_example
+from pam_orthosis.bag.read import Bag, Series
+from pam_orthosis.bag.record import run_metadata
+from pam_orthosis.bag.sampled import sampled, since_first
+from pam_orthosis.bag.simulated import recorded_signals
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.library.pictures import Picture
+from pam_orthosis.markup import table
+from pam_orthosis.model.machine import Machine
+from pam_orthosis.model.parameters import Parameters, load
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+Array = NDArray[np.float64]
+BOUND = 3.0  # deg or mm, drawn into a picture
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Signals of one run, all at the same instants.
+
+    Attributes:
+        parameters: of the run; of a bag those that it records.
+        scenario: its name.
+        stamps_ns: instants (n,), ns.
+        signals: name -> values (n,), SI; NaN where a bag has no message of that instant.
+    """
+
+    parameters: Parameters
+    scenario: str
+    stamps_ns: NDArray[np.int64]
+    signals: Mapping[str, Array] = field(repr=False)
+
+    def __getitem__(self, name: str) -> Array:
+        """Return a signal, (n,) SI.
+
+        Raises:
+            OrthosisError: the run has no such signal.
+        """
+        if name not in self.signals:
+            raise OrthosisError(f"no signal {name}; there are: {', '.join(self.signals)}")
+        return self.signals[name]
+
+    @property
+    def machine(self) -> Machine:
+        """What ran."""
+        return self.parameters.declared
+
+    @property
+    def time(self) -> Array:
+        """Seconds since the first sample, (n,)."""
+        return since_first(self.stamps_ns)
+
+    @cached_property
+    def error(self) -> Array:
+        """Reference - measured coordinate, (n,) rad or m.
+
+        Raises:
+            OrthosisError: the run follows no reference: it was driven by given voltages.
+        """
+        name = self.machine.coordinate.name
+        error: Array = self[f"reference_{name}"] - self[name]
+        return error
+
+    def to_pandas(self) -> DataFrame:
+        """Return a table: a column a signal, indexed by the time, s.
+
+        Raises:
+            OrthosisError: there is no pandas.
+        """
+        if find_spec("pandas") is None:
+            raise OrthosisError("pandas is not installed: pip install 'pam_orthosis[pandas]'")
+        from pandas import DataFrame, Index
+
+        return DataFrame(dict(self.signals), index=Index(self.time, name="time"))
+
+    def save(self, folder: str | Path) -> Path:
+        """Write a bag of what a recorder would see into a new folder; return it.
+
+        Raises:
+            OrthosisError: the run has no controllers' signals, or the folder is used.
+        """
+        path, every = Path(folder), self.parameters.control.position.every
+        written = {name: self[name] for name in recorded_signals(self.machine)}
+        write_arrays(path, self.stamps_ns, written, run_metadata(self.parameters, self.scenario), every)
+        return path
+
+    def save_mat(self, path: str | Path) -> None:
+        """Write a file for MATLAB: `time` and all signals, a column vector each, SI."""
+        from scipy.io import savemat  # takes its time to load
+
+        savemat(path, {"time": self.time, **self.signals}, oned_as="column")
+
+    def plot(self, bound: float = BOUND) -> Picture:
+        """Return the picture of `report`: moving machine, coordinate, error with its bound, pressures.
+
+        Args:
+            bound: on the error, deg or mm.
+
+        Raises:
+            OrthosisError: the run follows no reference.
+        """
+        from pam_orthosis.report.run_data import run_data
+        from pam_orthosis.report.walk import drawn
+
+        return Picture(drawn(run_data(self._bag()), bound))
+
+    def _bag(self) -> Bag:
+        series = {name: _known(self.stamps_ns, value) for name, value in self.signals.items()}
+        values = self.parameters.flat()
+        return Bag(Path(self.scenario), series, {"scenario": self.scenario}, values, self.machine)
+
+    def _repr_html_(self) -> str:
+        rows = [(name, f"{np.nanmin(v):.4g}", f"{np.nanmax(v):.4g}") for name, v in self.signals.items()]
+        words = f"{self.machine.name}, {self.scenario}: {len(self.time)} samples in {self.time[-1]:.3f} s"
+        return table(("signal (SI)", "least", "largest"), rows, words)
+
+
+class Runs(Sequence[Run]):
+    """Runs of several cases, all at the same instants: `runs["angle"]` is (cases, n)."""
+
+    def __init__(self, runs: Sequence[Run], cases: Mapping[str, Array]):
+        self._runs, self.cases = tuple(runs), dict(cases)
+
+    def __len__(self) -> int:
+        return len(self._runs)
+
+    def __iter__(self) -> Iterator[Run]:
+        return iter(self._runs)
+
+    def __getitem__(self, which: Any) -> Any:
+        """Return one run by its number, or a signal of all of them by its name, (cases, n)."""
+        if isinstance(which, str):
+            return np.array([run[which] for run in self._runs])
+        return self._runs[which]
+
+    @property
+    def time(self) -> Array:
+        """Seconds since the first sample, (n,)."""
+        return self._runs[0].time
+
+    def _repr_html_(self) -> str:
+        rows = [tuple(f"{value:g}" for value in values) for values in zip(*self.cases.values(), strict=True)]
+        return table(tuple(self.cases), rows, f"{len(self)} runs of {self.time[-1]:.3f} s")
+
+
+def read(path: str | Path, namespace: str = "") -> Run:
+    """Read a bag: ours, or one that was recorded on the same topics.
+
+    Args:
+        path: folder or `.mcap` file.
+        namespace: of the leg in the bag.
+
+    Raises:
+        OrthosisError: the bag is unusable.
+    """
+    bag, stamps, signals = sampled(Path(path), namespace)
+    shipped = load(machine=bag.machine)
+    known = shipped.flat()
+    recorded = {key: value for key, value in bag.parameters.items() if key in known}
+    return Run(shipped.changed(recorded), bag.run.get("scenario", Path(path).name), stamps, signals)
+
+
+def example(name: str, folder: str | Path) -> dict[str, Path]:
+    """Write recordings that come with the package into a new folder; return its bags by name.
+
+    Args:
+        name: `walk` or `person`, a bag each; `friction`, a case for `gap`.
+        folder: a new one.
+
+    Raises:
+        OrthosisError: no such example, or the folder cannot be written.
+    """
+    bags = write_example(name, Path(folder))
+    return {name: bags[0]} if name in BAGS else {bag.name: bag for bag in bags}
+
+
+def _known(stamps_ns: NDArray[np.int64], value: Array) -> Series:
+    """Return a signal where it is known."""
+    known = ~np.isnan(value)
+    return Series(stamps_ns[known], value[known])

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Machines, their parameters, and runs of them: in the closed loop, or driven by given voltages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pam_orthosis.bag.topics import SECOND_NS
+from pam_orthosis.control.loop import ClosedLoop
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.library.run import Array, Run, Runs
+from pam_orthosis.model.machine import Machine
+from pam_orthosis.model.machines import KNEE, read_machine
+from pam_orthosis.model.parameters import Parameters, load, scenario_overrides
+from pam_orthosis.model.plant import Plant
+from pam_orthosis.model.study import Study
+
+DRIVEN = "given voltages"
+
+
+def machine(path: str | Path | None = None) -> Machine:
+    """Return the machine of a [file](machine-file.md), or the knee.
+
+    Raises:
+        OrthosisError: the file is unusable.
+    """
+    return KNEE if path is None else read_machine(Path(path))
+
+
+def parameters(
+    scenario: str = "default", changes: Mapping[str, Any] | None = None, machine: Machine | None = None
+) -> Parameters:
+    """Return the parameters of a machine in a [scenario](scenarios.md).
+
+    Args:
+        scenario: what the machine does.
+        changes: dotted key -> value, such as `{"control.position.c1": 30.0}`.
+        machine: of `machine(path)`; the knee if None.
+
+    Raises:
+        OrthosisError: an unknown scenario or key, or an unusable value.
+    """
+    return load(scenario_overrides(scenario) | dict(changes or {}), machine)
+
+
+@overload
+def simulate(parameters: Parameters, *, voltages: ArrayLike | None = None) -> Run: ...
+@overload
+def simulate(
+    parameters: Parameters, cases: Mapping[str, ArrayLike], voltages: ArrayLike | None = None
+) -> Runs: ...
+def simulate(
+    parameters: Parameters, cases: Mapping[str, ArrayLike] | None = None, voltages: ArrayLike | None = None
+) -> Run | Runs:
+    """Simulate a machine with its cascade of controllers, or driven by given valve voltages.
+
+    The run lasts `scenario.duration`, or as long as there are voltages.
+
+    Args:
+        parameters: of machine, controllers and scenario.
+        cases: dotted key -> its values, (cases,): a run for each.
+        voltages: (n, actuators) V, each held for a control period; then no controller takes part, and the
+            states come out free of noise. Many cases of the knee are advanced in vector registers.
+
+    Raises:
+        OrthosisError: an unusable value or voltage, cases of different lengths, or the machine cannot be
+            held at its start.
+    """
+    if cases is None:
+        return (
+            _followed(parameters) if voltages is None else _driven(parameters, _checked(voltages, parameters))
+        )
+    columns = {key: np.atleast_1d(np.asarray(values)) for key, values in cases.items()}
+    if len({len(column) for column in columns.values()}) != 1:
+        raise OrthosisError("cases: give each key as many values as the others, one or more")
+    every = [parameters.changed(one) for one in _rows(columns)]
+    if voltages is None:
+        return Runs([_followed(one) for one in every], columns)
+    given = _checked(voltages, parameters)
+    if parameters.declared is not KNEE or len(every) == 1:
+        return Runs([_driven(one, given) for one in every], columns)
+    return Runs(_together(parameters, every, columns, given), columns)
+
+
+def _rows(columns: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    for values in zip(*(column.tolist() for column in columns.values()), strict=True):
+        yield dict(zip(columns, values, strict=True))
+
+
+def _checked(voltages: ArrayLike, parameters: Parameters) -> Array:
+    given, names = np.asarray(voltages, dtype=float), parameters.declared.names
+    if given.ndim != 2 or given.shape[1] != len(names) or not len(given) or not np.isfinite(given).all():
+        raise OrthosisError(f"voltages: give finite numbers, a row a control period: {', '.join(names)}")
+    return given
+
+
+def _stamps(parameters: Parameters, samples: int) -> Any:
+    return np.arange(samples) * round(parameters.scenario.control_period * SECOND_NS)
+
+
+def _followed(parameters: Parameters) -> Run:
+    settings = parameters.scenario
+    steps = round(settings.duration / settings.control_period)
+    told = ClosedLoop(parameters, settings.seed).run(steps)
+    signals = {name.replace("estimated_", "estimate_", 1): value for name, value in told.items()}
+    del signals["time"]
+    return Run(parameters, "simulated", _stamps(parameters, steps), signals)
+
+
+def _driven(parameters: Parameters, voltages: Array) -> Run:
+    plant, states = Plant(parameters), []
+    for row in voltages.tolist():
+        states.append(list(plant.signals().values()))
+        plant.advance(*row)
+    names = list(plant.signals())
+    told = dict(zip(names, np.array(states).T, strict=True))
+    return _as_run(parameters, {name: told[name] for name in parameters.declared.states}, voltages)
+
+
+def _as_run(parameters: Parameters, states: Mapping[str, Array], voltages: Array) -> Run:
+    names = (f"{name}_voltage" for name in parameters.declared.names)
+    signals = {**states, **dict(zip(names, voltages.T, strict=True))}
+    return Run(parameters, DRIVEN, _stamps(parameters, len(voltages)), signals)
+
+
+def _together(
+    parameters: Parameters, every: list[Parameters], columns: Mapping[str, Array], voltages: Array
+) -> list[Run]:
+    states = parameters.declared.states
+    told = Study(parameters, list(columns), states).simulate(
+        np.column_stack(list(columns.values())), voltages
+    )
+    return [
+        _as_run(one, {name: told[name][number] for name in states}, voltages)
+        for number, one in enumerate(every)
+    ]
