@@ -4,10 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 from typing import NamedTuple
-
-import numpy as np
 
 from pam_orthosis.control import diagnostic
 from pam_orthosis.control.diagnostic import Programme
@@ -15,9 +12,7 @@ from pam_orthosis.control.reference import Motion, Reference
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.rules import out_of_reach
-
-# phase of the cycle -> value and its first two derivatives by the phase
-Shape = Callable[[float], tuple[float, float, float]]
+from pam_orthosis.model.shapes import Shape, fourier_shape, scenario_shape, smooth_step
 
 
 class Planned(NamedTuple):
@@ -94,7 +89,7 @@ class Trajectory:
         """Return phase and its two time derivatives, the sum of all changes of the cadence."""
         phase = rate = curvature = 0.0
         for begin, before, after in self._changes:
-            covered, cadence, growth = _smooth_step(time - begin, self._ramp)
+            covered, cadence, growth = smooth_step(time - begin, self._ramp)
             phase += covered / after - covered / before
             rate += cadence / after - cadence / before
             curvature += growth / after - growth / before
@@ -114,32 +109,6 @@ def _planned(plan: Planned, wanted: Reference, phase: float, rate: float, curvat
     return wanted._replace(mean_pressure=mean, planned=planned)
 
 
-def _smooth_step(time: float, ramp: float) -> tuple[float, float, float]:
-    """Return integral, value and derivative of a quintic step from 0 to 1 within `ramp`, s."""
-    if time <= 0:
-        return 0.0, 0.0, 0.0
-    if time >= ramp:
-        return time - 0.5 * ramp, 1.0, 0.0
-    s = time / ramp
-    covered = ramp * (2.5 * s**4 - 3 * s**5 + s**6)
-    cadence = 10 * s**3 - 15 * s**4 + 6 * s**5
-    return covered, cadence, (30 * s**2 - 60 * s**3 + 30 * s**4) / ramp
-
-
-def fourier_shape(cosine: Sequence[float], sine: Sequence[float]) -> Shape:
-    """Return the shape of a Fourier series; coefficients by harmonic, the mean first."""
-    a, b = np.asarray(cosine), np.asarray(sine)
-    order = 2 * math.pi * np.arange(len(a))
-
-    def shape(phase: float) -> tuple[float, float, float]:
-        c, s = np.cos(order * phase), np.sin(order * phase)
-        position = float(a @ c + b @ s)
-        slope = float((order * b) @ c - (order * a) @ s)
-        return position, slope, float(-(order**2 * a) @ c - (order**2 * b) @ s)
-
-    return shape
-
-
 def settling_shape(settled: Shape, more: Shape, cycles: float) -> Shape:
     """Return a shape to which is added at the start what dies away by a factor e within so many cycles."""
 
@@ -152,20 +121,6 @@ def settling_shape(settled: Shape, more: Shape, cycles: float) -> Shape:
             slope + left * (s - a / cycles),
             bend + left * (b - 2 * s / cycles + a / cycles**2),
         )
-
-    return shape
-
-
-def step_shape(low: float, high: float, rise: float) -> Shape:
-    """Return the shape of steps up at phase 0 and down at phase 0.5, quintic within the phase `rise`."""
-
-    def shape(phase: float) -> tuple[float, float, float]:
-        half, since = divmod(2 * (phase % 1.0), 1.0)
-        s = min(0.5 * since / rise, 1.0)
-        size = (low - high) if half else (high - low)
-        way = size * s**3 * (10 - 15 * s + 6 * s**2)
-        slope = 30 * size * s**2 * (1 - s) ** 2 / rise
-        return (high if half else low) + way, slope, 60 * size * s * (1 - s) * (1 - 2 * s) / rise**2
 
     return shape
 
@@ -184,7 +139,9 @@ def make_trajectory(parameters: Parameters) -> Trajectory | Programme:
             raise OrthosisError(f"scenario.trajectory = {s.trajectory} is not for the {machine.name}")
         return diagnostic.make_programme(s.trajectory, parameters)
     plan = _plan(parameters) if s.plan.enabled else None
-    return Trajectory(_shape(parameters), s.cycle_time, s.start_hold, s.start_ramp, s.start_phase, plan)
+    return Trajectory(
+        scenario_shape(parameters), s.cycle_time, s.start_hold, s.start_ramp, s.start_phase, plan
+    )
 
 
 def _plan(parameters: Parameters) -> Planned:
@@ -196,14 +153,3 @@ def _plan(parameters: Parameters) -> Planned:
         for s, more in ((plan.angle, plan.start.angle), (plan.pressure, plan.start.pressure))
     )
     return Planned(change, mean, parameters.control.position.mean_pressure, plan.cycle_time)
-
-
-def _shape(parameters: Parameters) -> Shape:
-    s = parameters.scenario
-    if s.trajectory == "gait":
-        return fourier_shape(s.gait.cosine, s.gait.sine)
-    if s.trajectory == "sine":
-        return fourier_shape([s.sine.centre, 0.0], [0.0, s.sine.amplitude])
-    if s.trajectory == "steps":
-        return step_shape(s.step.low, s.step.high, s.step.rise / s.cycle_time)
-    return fourier_shape([parameters.at(parameters.declared.start)], [0.0])

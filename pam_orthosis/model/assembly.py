@@ -64,7 +64,7 @@ def nominal(machine: Machine, parameters: Parameters, effects: Section) -> Hardw
 def assemble(hardware: Hardware) -> Assembly:
     """Return the equations of motion and gas with all effects that are on."""
     machine, mechanism = hardware.machine, hardware.mechanism
-    effects = ActiveEffects(machine.catalogue, hardware.effects)
+    effects = ActiveEffects(machine.catalogue | machine.tissue, hardware.effects)
     names = (*machine.states, *effects.states)
     x, u = ca.SX.sym("x", len(names)), ca.SX.sym("u", len(machine.inputs))
     effects.bind(ca.vertsplit(x)[len(machine.states) :])

@@ -20,6 +20,7 @@ from pam_orthosis.model.effects import KINDS
 from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.mechanisms import MECHANISMS
 from pam_orthosis.model.mechanisms.base import Coordinate, Mechanism
+from pam_orthosis.model.person.tissue import TISSUE
 from pam_orthosis.model.rows import Row, Section
 
 if TYPE_CHECKING:
@@ -153,6 +154,12 @@ class Machine:
             )
             for one in instances
         }
+
+    @cached_property
+    def tissue(self) -> dict[str, Effect]:
+        """What a person in the emulated hardware adds to it, by name."""
+        kinds = (self.coordinate.kind, self.kind)
+        return {one.name: one for effect in TISSUE for one in effect.instances(self.actuators, kinds)}
 
     def mechanism(self, parameters: Parameters) -> Mechanism:
         """Return its mechanism as the parameters describe it."""

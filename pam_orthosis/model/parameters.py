@@ -32,7 +32,7 @@ OF_KNEE = (
     "leg.", "scenario.start_angle", "plant.mounting.", "plant.sensor.angle", "plant.deviation.moving_mass",
     "plant.deviation.person_mass", "plant.deviation.extensor_force", "plant.deviation.flexor_force",
 )  # fmt: skip
-OF_SHIPPED = (*OF_KNEE, "rig.", "plant.rig.", "plant.effects.", "effects.")
+OF_SHIPPED = (*OF_KNEE, "rig.", "plant.rig.", "plant.effects.", "plant.person.tissue.", "effects.")
 
 
 class Parameters(Section):
@@ -118,7 +118,6 @@ class Parameters(Section):
         symbols = ca.SX.sym("live", len(keys))
         return self.substituted(dict(zip(keys, ca.vertsplit(symbols), strict=True))), symbols
 
-
     def _repr_html_(self) -> str:
         shipped = load(machine=self._declared).flat()
         changed = [row for key, row in self._rows.items() if self._values[key] != shipped.get(key)]
@@ -173,6 +172,7 @@ def _shipped_rows() -> dict[str, Row]:
             rows.update(_effect_rows("plant.effects", tree.pop("effects", {}), KNEE.catalogue))
             rows.update(_effect_rows("plant.rig.effects", of_rig.pop("effects", {}), own))
         rows.update(_rows_of(tree, subject))
+    rows.update(_effect_rows("plant.person.tissue", {}, KNEE.tissue))
     rows.update(_effect_rows("effects", {}, KNEE.catalogue))
     rows.update(_effect_rows("rig.effects", {}, RIG.catalogue))
     return rows
@@ -186,6 +186,7 @@ def _rows_for(machine: Machine) -> dict[str, Row]:
     others = tuple(key for key in OF_SHIPPED if key not in own)
     shared = {key: row for key, row in _shipped_rows().items() if not key.startswith(others)}
     true = _effect_rows("plant.effects", {}, effects)
+    true |= _effect_rows("plant.person.tissue", {}, machine.tissue)
     known = shared | rows | true | _effect_rows(machine.branch, {}, effects)
     try:
         return known | _with_values(known, machine.values)

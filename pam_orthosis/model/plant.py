@@ -23,6 +23,8 @@ from pam_orthosis.model.delay import Line, computing_ns, line_ns
 from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.machine import ActuatorOf, Machine
 from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.person.volition import Volition
+from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Expression
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -81,7 +83,9 @@ def true_hardware(parameters: Parameters) -> Hardware:
     """Return what the emulated hardware of the parameters' machine is built from."""
     true, machine = true_parameters(parameters), parameters.declared
     actuators = {one.name: _true_actuator(one, true) for one in machine.actuators}
-    return Hardware(machine, machine.mechanism(true), true.valve, actuators, true.plant.effects)
+    tissue = dict(true.plant.person.tissue.items()) if machine.tissue else {}
+    settings = Section("plant", dict(true.plant.effects.items()) | tissue)
+    return Hardware(machine, machine.mechanism(true), true.valve, actuators, settings)
 
 
 def _true_actuator(one: ActuatorOf, true: Parameters) -> Actuator:
@@ -128,9 +132,11 @@ class Plant:
         self._measurement, self._truth, self._of_truth = _tuples(machine)
         closed, count = parameters.valve.closed_voltage, len(machine.actuators)
         self.lines = tuple(Line(closed, line) for _ in machine.actuators)
+        self._volition = self._person()
+        self.state, inputs_of_steps, self._lengths = self._advance.inputs
+        self.state[0] = parameters.at(machine.start) if machine.start else 0.0
         self._held = np.array([*[closed] * count, *self._external(0.0), 0.0, *self._live_values()])
         self._own = slice(count, len(machine.inputs))  # of the inputs, those beside the voltages
-        self.state, inputs_of_steps, self._lengths = self._advance.inputs
         self._inputs = inputs_of_steps.reshape(self._steps, -1)
         self._whole = np.diff(self._grid, append=self.period_ns) / 1e9  # lengths of a period's steps, s
         self._index = 0
@@ -208,6 +214,7 @@ class Plant:
     def retune(self, parameters: Parameters) -> None:
         """Take other values of what may change on the way, from the next period on."""
         self._p = parameters
+        self._volition = self._person()
         self._held[self._own.stop :] = self._live_values()
         self._reported = None
 
@@ -229,7 +236,16 @@ class Plant:
 
     def _external(self, time: float) -> Sequence[float]:
         """Return what acts on the mechanism from outside at a time, s."""
-        return (external_torque(self._p, time, math.sin),)
+        shaken = external_torque(self._p, time, math.sin)
+        if self._volition is None:
+            return (shaken,)
+        return (shaken + self._volition.effort(time, float(self.state[0]), float(self.state[1])),)
+
+    def _person(self) -> Volition | None:
+        """Return the person who acts on the machine, if there is one."""
+        if not self._p.plant.person.volition.enabled:
+            return None
+        return Volition(self._p, self.machine.mechanism(true_parameters(self._p)))
 
     def _live_values(self) -> list[float]:
         return [self._p.at(key) for key in self.machine.live]

@@ -19,9 +19,10 @@ from numpy.random import Generator
 
 from pam_orthosis.control import diagnostic
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.control.trajectory import Trajectory, fourier_shape
+from pam_orthosis.control.trajectory import Trajectory
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, Section, load
+from pam_orthosis.model.shapes import fourier_shape
 from pam_orthosis.progress import Progress, part, silent
 from pam_orthosis.testing.effects import EFFECTS, OUTSIDE, SIZES, HiddenEffect
 from pam_orthosis.testing.plant import HiddenPlant

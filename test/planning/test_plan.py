@@ -16,13 +16,14 @@ from pam_orthosis.control.guarded import GuardedPosition
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.position import PositionController
 from pam_orthosis.control.reference import Motion, Reference
-from pam_orthosis.control.trajectory import fourier_shape, make_trajectory
+from pam_orthosis.control.trajectory import make_trajectory
 from pam_orthosis.discrepancy import patch
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components import pneumatics
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load, scenario_overrides
 from pam_orthosis.model.plant import with_belief
+from pam_orthosis.model.shapes import fourier_shape
 from pam_orthosis.planning import plan as plan_module
 from pam_orthosis.planning.plan import NODES, RESERVE, fourier, make_plan
 from pam_orthosis.planning.problem import Cycle, NotFound
