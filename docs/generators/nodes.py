@@ -2,27 +2,25 @@
 """A page for each node: what it does, equations, topics, services, parameters; and the page of topics."""
 
 import ast
-import inspect
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from array import array
+from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pam_orthosis
 from generators import equations
-from generators.markdown import first_sentence, parameter_rows, table, value
+from generators.declared import declared
+from generators.markdown import first_sentence, table, value
 from pam_orthosis.bag import topics
-from pam_orthosis.control import inverse_valve, position, pressure, trajectory
-from pam_orthosis.model import plant
 from pam_orthosis.model.machines import KNEE
-from pam_orthosis.model.parameters import SUBJECTS, Section, load
-from pam_orthosis.nodes.layout import live_keys
 from pam_orthosis.scene import messages as scene
 from pam_orthosis.scene import sampled
 
 OF_KNEE = topics.Topics(KNEE)
 NODES = Path(pam_orthosis.__file__).parent / "nodes"
 FOLDER = "reference/nodes"
+FIXED = "fixed for a run: set it before the start"  # as most are
+LONGEST = 60  # characters of a default
 RATES = {
     "step": "each control period",
     "slow": "each step of the position controller",
@@ -43,11 +41,10 @@ SHOWN = {
 
 
 class Described(NamedTuple):
-    """A node: names in the table of topics, modules with its equations, what makes its core, in words."""
+    """A node: names in the table of topics, modules with its equations, in words."""
 
     roles: tuple[str, ...]
     modules: tuple[str, ...]
-    core: Callable | None
     words: str
 
 
@@ -55,7 +52,6 @@ EXECUTABLES = {
     "plant_simulator": Described(
         (topics.PLANT,),
         ("model.mechanisms.leg", "model.components.pneumatics", "model.components.muscle", "model.assembly"),
-        plant.Plant,
         """The emulated hardware: mechanics of the leg, two muscles by the braid's geometry, gas, valves, all
         effects that are on, sensors with noise and steps. It integrates one control period with the voltages
         held. In lockstep it publishes step k, waits for both voltages of step k, and advances. Its true state
@@ -64,7 +60,6 @@ EXECUTABLES = {
     "trajectory_publisher": Described(
         (topics.TRAJECTORY,),
         ("control.trajectory",),
-        trajectory.make_trajectory,
         """Publishes the angle to follow, with velocity and acceleration, one step before the instant for
         which it holds, at the steps of the position controller. The motion starts at rest; the cadence rises
         smoothly and may change during the run.""",
@@ -72,7 +67,6 @@ EXECUTABLES = {
     "position_controller": Described(
         (topics.POSITION,),
         ("control.observer", "control.position", "control.axis"),
-        position.PositionController,
         """Observer and backstepping controller of the knee angle: from the measured angle and both pressures
         it estimates velocity and disturbance torque, and from these and the reference it computes the
         pressures that both muscles are to have.""",
@@ -80,21 +74,18 @@ EXECUTABLES = {
     "pressure_controller": Described(
         tuple(OF_KNEE.controllers),
         ("control.pressure", "model.components.pneumatics"),
-        lambda p: pressure.PressureController(p, "extensor"),
         """Backstepping controller of one muscle's pressure. It computes the mass flow that makes the pressure
         follow its reference, the change of volume by the motion included. Each muscle has one.""",
     ),
     "inverse_valve_model": Described(
         (topics.VALVE,),
         ("control.inverse_valve", "model.components.pneumatics"),
-        lambda p: inverse_valve.InverseValveModel(p, "extensor"),
         """Computes the voltage of each valve from the wanted mass flow and the pressure: it inverts the flow
         law of the orifice and compensates hose and dead band.""",
     ),
     "bag_recorder": Described(
         (topics.RECORDER,),
         (),
-        None,
         """Records all topics except those that manage the graph into an MCAP bag: messages as they came, log
         time = stamp, all parameters in the bag's metadata. It reports progress and ends the run.""",
     ),
@@ -109,7 +100,9 @@ def pages() -> dict[str, str]:
     lines = [f"- [{name}]({name}.md): {_module_words(name)}" for name in (*EXECUTABLES, *beside)]
     index = (
         "# Nodes\n\nThe first six make one leg. Each runs in a process of its own, or all run in one process"
-        " (`run --composed`).\n\n"
+        " (`run --composed`). A page lists the parameters that the node declares; those of the apparatus"
+        " ([muscle](../parameters/muscle.md), [valve](../parameters/valve.md), [leg](../parameters/leg.md),"
+        " [effects](../effects/index.md)), which are the same for all, it declares when it is given them.\n\n"
     )
     return {f"{FOLDER}/index.md": index + "\n".join(lines) + "\n", **made}
 
@@ -158,9 +151,7 @@ def _page(name: str, one: Described) -> str:
         parts.append("\n## Equations\n\n" + table(("equation", "function", "use"), rows))
     parts += ["\n## Subscriptions\n\n", _topics(heard), "\n## Publications\n\n", _topics(published)]
     parts.append(_services(name))
-    parts.append("\n## Settings of the node\n\n" + _settings(name))
-    if one.core:
-        parts.append(_used(name, one.core))
+    parts.append(_parameters(name))
     return "".join(parts)
 
 
@@ -170,10 +161,7 @@ def _page_beside(name: str) -> str:
     if name == "leg_state_publisher":
         parts += ["\n## Subscriptions\n\n", _topics(OF_KNEE.by_name[topic] for topic in sampled.inputs(KNEE))]
         parts += ["\n## Publications\n\n", scene_table()]
-    settings = _setting_rows(_calls(name, "Setting"))
-    if settings:
-        parts.append("\n## Settings of the node\n\n" + table(("parameter", "default", "meaning"), settings))
-    return "".join(parts)
+    return "".join([*parts, _parameters(name)])
 
 
 def _topics(some) -> str:
@@ -190,87 +178,31 @@ def _topics(some) -> str:
     return table(("topic", "type", "unit", "meaning", "rate"), rows)
 
 
-def _used(name: str, core: Callable) -> str:
-    tree = load()
-    with accessed() as keys:
-        core(tree)
-    live = live_keys(tree.declared).get(name, ())
-    rows = {row.key: row for row in tree.rows()}
-    fixed: dict[str, list[str]] = {}
-    for key in (key for key in rows if key in keys and key not in live):
-        fixed.setdefault(key.split(".")[0], []).append(f"`{key}`")
-    words = "\n## Parameters\n\nThe node declares them as ROS parameters under these names.\n"
-    if live:
-        words += f"\nThese may be set while the node runs:\n\n{parameter_rows(rows[key] for key in live)}"
-    lines = [f"- [{subject}](../{_page_of(subject)}): {', '.join(names)}" for subject, names in fixed.items()]
-    return f"{words}\nThese are fixed when it starts:\n\n" + "\n".join(lines) + "\n"
+def _parameters(name: str) -> str:
+    """Return the parameters that a node has declared which was made to be asked."""
+    rows = [
+        (f"`{p.name}`", _shown(p.value), p.meaning, p.constraints.removesuffix(FIXED).rstrip("; "))
+        for p in declared(name)
+    ]
+    return "\n## Parameters\n\n" + table(("parameter", "default", "meaning", ""), rows)
 
 
-def _page_of(subject: str) -> str:
-    return f"parameters/{subject}.md" if subject in SUBJECTS else "effects/index.md"
-
-
-@contextmanager
-def accessed() -> Iterator[set[str]]:
-    """Collect the dotted keys of all parameters that are read inside."""
-    keys: set[str] = set()
-    plain = Section.__getattribute__
-
-    def noting(section, name):
-        found = plain(section, name)
-        if not name.startswith("_") and not isinstance(found, Section) and not inspect.ismethod(found):
-            keys.add(f"{plain(section, '_path')}.{name}")
-        return found
-
-    Section.__getattribute__ = noting
-    try:
-        yield keys
-    finally:
-        Section.__getattribute__ = plain
-
-
-def _settings(name: str) -> str:
-    rows = _setting_rows([*_calls(name, "Setting"), *_calls("graph", "Setting")])
-    return table(("parameter", "default", "meaning"), rows)
-
-
-def _setting_rows(found) -> list[tuple[str, str, str]]:
-    rows = []
-    for setting, call in found:
-        default, meaning, *options = (ast.literal_eval(argument) for argument in call.args)
-        rows.append((f"`{setting}`", value(default) or "(to be given)", meaning + (
-            f"; one of {', '.join(options[0])}" if options else "")))  # fmt: skip
-    return rows
+def _shown(default: Any) -> str:
+    plain = list(default) if isinstance(default, array) else default
+    return "a text" if len(value(plain)) > LONGEST and isinstance(plain, str) else value(plain) or '""'
 
 
 def _services(name: str) -> str:
-    found = [
-        call.args[0].value for _, call in _calls(name, "offer") if isinstance(call.args[0], ast.Constant)
-    ]
-    if not found:
-        return ""
-    return "\n## Services\n\n" + table(
-        ("service", "type"), [(f"`{one}`", "`std_srvs/Trigger`") for one in found]
-    )
+    rows = [(f"`{one}`", "`std_srvs/Trigger`") for one in _offered(name)]
+    return "\n## Services\n\n" + table(("service", "type"), rows) if rows else ""
 
 
-def _calls(module: str, function: str) -> Iterator[tuple[str, ast.Call]]:
-    """Yield (name it is given to, call) of a function's calls in a node's module."""
-    tree = ast.parse((NODES / f"{module}.py").read_text(encoding="utf-8"))
-    for node in ast.walk(tree):
-        pairs = []
-        if isinstance(node, ast.Assign):
-            pairs = [(getattr(node.targets[0], "id", ""), node.value)]
-        elif isinstance(node, ast.Dict):
-            pairs = [(getattr(k, "value", ""), v) for k, v in zip(node.keys, node.values, strict=True)]
-        elif isinstance(node, ast.Expr):
-            pairs = [("", node.value)]
-        for given, call in pairs:
-            if (
-                isinstance(call, ast.Call)
-                and getattr(call.func, "id", getattr(call.func, "attr", "")) == function
-            ):
-                yield given, call
+def _offered(module: str) -> Iterator[str]:
+    """Yield the services that a node's module offers."""
+    for node in ast.walk(ast.parse((NODES / f"{module}.py").read_text(encoding="utf-8"))):
+        offers = isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "offer"
+        if offers and isinstance(node.args[0], ast.Constant):
+            yield node.args[0].value
 
 
 def _module_words(name: str) -> str:

@@ -71,6 +71,11 @@ class Parameters(Section):
         """Return dotted key -> value."""
         return dict(self._values)
 
+    def changes(self) -> dict[str, Any]:
+        """Return dotted key -> value of those that differ from the machine's of `config/`."""
+        shipped = load({}, self._declared).flat()
+        return {key: value for key, value in self._values.items() if shipped.get(key) != value}
+
     def accepted(self, key: str, value: Any) -> Any:
         """Return a value as the row of its key takes it; another key's as it is (of another version, say)."""
         return self._rows[key].with_value(value).value if key in self._rows else value

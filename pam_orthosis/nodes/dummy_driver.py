@@ -21,10 +21,11 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
 from pam_orthosis.nodes import messages, process
-from pam_orthosis.nodes.layout import EVERYTHING
+from pam_orthosis.nodes.layout import EVERYTHING, NodeSpec
 from pam_orthosis.nodes.parameters import MACHINE, declare_rows, declare_settings, machine_of
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX
 
+SPEC = NodeSpec("dummy_driver", "dummy_driver", EVERYTHING)
 SILENCE_PERIODS = 20
 INFINITE = float("inf")
 SPIN_SECONDS = 0.2  # the events executor dispatches nothing without a time-out
@@ -63,7 +64,7 @@ class DummyDriver(Node):
     def __init__(self) -> None:
         super().__init__("dummy_driver")
         self._machine = machine_of(declare_settings(self, MACHINE))
-        self._hardware = EmulatedHardware(declare_rows(self, self._machine, EVERYTHING))
+        self._hardware = EmulatedHardware(declare_rows(self, self._machine, SPEC))
         self._joint = self.create_publisher(JointState, "joint_states", qos_profile_sensor_data)
         self._pressures = [
             self.create_publisher(FluidPressure, f"{name}/pressure", qos_profile_sensor_data)

@@ -53,8 +53,9 @@ def commands(
 ) -> dict[str, list[str]]:
     """Write a parameter file for each node into `work`; return process name -> command line.
 
-    A node's file holds its own section, and in it the branches of the tree that it may know. Several
-    legs are so many groups of the same nodes, each in its namespace, and one recorder outside them.
+    A node's file holds its own section, and in it what differs from `config/` in the branches of the tree
+    that it may know. Several legs are so many groups of the same nodes, each in its namespace, and one
+    recorder outside them.
     """
     told = {**_of_machine(work, parameters.declared), "realtime": mode.realtime}
     told |= {"with_plant": mode.with_plant, "replay": False, "leg": ""}
@@ -149,7 +150,8 @@ class _Group:
 
     def _written(self, spec: NodeSpec) -> Path:
         known = self.settings if spec.name in (RECORDER, PLAYER) else MODE_SETTINGS
-        values = self.parameters.only(*spec.branches).flat() | {key: self.settings[key] for key in known}
+        changed = self.parameters.only(*spec.branches).changes()
+        values = changed | {key: self.settings[key] for key in known}
         if spec.muscle:
             values["muscle"] = spec.muscle
         file = self.work / f"{self._full(spec.name).replace('/', '_')}.yaml"

@@ -13,17 +13,63 @@ if TYPE_CHECKING:
     from pam_orthosis.model.machine import Machine
 
 EVERYTHING = (*BELIEF, "plant")
+_STEPS = ("scenario.control_period", "control.position.every")
+_MEAN = "control.position.mean_pressure"
+_LIMITS = ("control.position.minimum_pressure", "control.position.maximum_pressure")
+_GUARDS = tuple(
+    f"control.guard.{name}"
+    for name in ("hold_time", "frozen_time", "lowest_", "pressure_margin", "pressure_rate", "pressure_motion")
+)
+_FOLLOWED = ("control.guard.pressure_error", "control.guard.pressure_time")
+_MOTION = ("trajectory", "cycle_time", "start_", "sine.", "step.", "gait.", "plan.", "diagnostic.")
+_EMULATED = (
+    "simulation.",
+    "muscle_law",
+    "external_",
+    "deviation.",
+    "mounting.",
+    "sensor.",
+    "delay.",
+    "voltage_",
+)
+# beginnings of the keys that are an executable's own; those of the apparatus are everybody's
+OWN = {
+    RECORDER: (*_STEPS, "scenario.duration"),
+    TRAJECTORY: (*_STEPS, _MEAN, *(f"scenario.{name}" for name in _MOTION)),
+    POSITION: (*_STEPS, "scenario.start_angle", "control.observer.", "control.position.", "control.guard."),
+    "pressure_controller": (
+        *(*_STEPS, "scenario.start_angle"),
+        *("control.pressure.", *_LIMITS, *_GUARDS, *_FOLLOWED),
+    ),
+    VALVE: (*_STEPS, "control.inverse_valve.", *_GUARDS, "control.guard.rest_time"),
+    PLANT: (
+        *(*_STEPS, _MEAN, "scenario.duration", "scenario.seed", "scenario.start_angle"),
+        *(f"plant.{name}" for name in _EMULATED),
+    ),
+}
 
 
 @dataclass(frozen=True)
 class NodeSpec:
-    """A node: name in the graph, module of its class, branches of the parameter tree, muscle, live keys."""
+    """A node of a graph.
+
+    Attributes:
+        name: in the graph.
+        executable: module of its class.
+        branches: of the parameter tree that it may know, and be given.
+        muscle: whose controller it is.
+        live: keys of the parameters that may be set while it runs.
+    """
 
     name: str
     executable: str
     branches: tuple[str, ...] = BELIEF
     muscle: str = ""
     live: tuple[str, ...] = ()
+
+    def owns(self, key: str) -> bool:
+        """Whether the node declares a row that it was not given."""
+        return key in self.live or key.startswith(OWN.get(self.executable, ()))
 
 
 def live_keys(machine: Machine) -> dict[str, tuple[str, ...]]:

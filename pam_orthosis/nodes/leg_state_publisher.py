@@ -21,12 +21,14 @@ from rclpy.qos import qos_profile_sensor_data
 from pam_orthosis.bag.cdr import serialised_stamp_ns
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.nodes import process, transport
+from pam_orthosis.nodes.layout import NodeSpec
 from pam_orthosis.nodes.parameters import MACHINE, Setting, declare_rows, declare_settings, machine_of
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX
 from pam_orthosis.scene.messages import DESCRIPTION, LATCHED, TYPES, Scene
 from pam_orthosis.scene.sampled import SampledScene
 
 NAME = "leg_state_publisher"
+SPEC = NodeSpec(NAME, NAME, ("leg", "machine", "muscle", "valve"))
 SPIN_SECONDS = 0.2  # the events executor dispatches nothing without a time-out
 
 
@@ -38,7 +40,7 @@ class LegStatePublisher(Node):
         leg = Setting("", "namespace of the leg if it is one of several: the prefix of its frames")
         legs = Setting("", "namespaces of all legs, from left to right, comma between; none: one leg")
         self.settings = declare_settings(self, {**MACHINE, "leg": leg, "legs": legs})
-        parameters = declare_rows(self, machine_of(self.settings), ("leg", "machine", "muscle", "valve"))
+        parameters = declare_rows(self, machine_of(self.settings), SPEC)
         names = self.settings["legs"].split(",") if self.settings["legs"] else [self.settings["leg"]]
         if self.settings["leg"] not in names:
             raise OrthosisError(f"{NAME}: leg {self.settings['leg']} is none of {', '.join(names)}")

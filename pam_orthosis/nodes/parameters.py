@@ -16,7 +16,7 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.machines import KNEE, read_machine
 from pam_orthosis.model.parameters import Parameters, Row, load
-from pam_orthosis.nodes.layout import live_keys
+from pam_orthosis.nodes.layout import NodeSpec
 
 _SIM_TIME = "use_sim_time"
 _OF_ROS = (_SIM_TIME, "start_type_description_service", "qos_overrides.")
@@ -74,24 +74,27 @@ def refuse_sim_time(node: Node) -> None:
     node.add_on_set_parameters_callback(on_set)
 
 
-def declare_rows(
-    node: Node, machine: Machine, branches: Sequence[str], live: Collection[str] = ()
-) -> Parameters:
-    """Declare the rows of the branches of a machine that a node may know, and return what they are set to.
+def declare_rows(node: Node, machine: Machine, spec: NodeSpec) -> Parameters:
+    """Declare a node's own rows and those that it was given; return the branches that it may know.
 
-    Rows but those of `live` cannot be set later. To be called last: a parameter that is then set but
+    A row of the apparatus that nobody gives has the value of `config/`, and no node declares it: there are
+    hundreds. Rows but the live ones cannot be set later. To be called last: a parameter that is then set but
     not declared is an error.
 
     Raises:
         OrthosisError: unknown parameter, wrong type, out of range or inconsistent values.
     """
-    setters = {key: node for node, keys in reversed(live_keys(machine).items()) for key in keys}
+    known = load({}, machine).only(*spec.branches)
+    given = node._parameter_overrides  # rclpy keeps those of no declared parameter silently, and only here
     values = {
-        row.key: _plain(_declare(node, row.key, row.value, _descriptor(row, row.key in live, setters)))
-        for row in load({}, machine).only(*branches).rows()
+        row.key: _plain(_declare(node, row.key, row.value, _descriptor(row, row.key in spec.live)))
+        for row in known.rows()
+        if spec.owns(row.key) or row.key in given
     }
-    _refuse_unknown(node)
-    return load(values, machine).only(*branches)
+    for name in given:
+        if not node.has_parameter(name) and not name.startswith(_OF_ROS):
+            raise OrthosisError(f"{node.get_name()} has no parameter {name}: check its name in config/")
+    return load(values, machine).only(*spec.branches) if given.keys() & values.keys() else known
 
 
 def take_changes(node: Node, live: Collection[str], take: Callable[[dict[str, Any]], None]) -> None:
@@ -119,16 +122,10 @@ def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescripto
         raise OrthosisError(f"{node.get_name()}: {error}") from error
 
 
-def _refuse_unknown(node: Node) -> None:
-    for name in node._parameter_overrides:  # rclpy keeps unknown names silently, and only here
-        if not node.has_parameter(name) and not name.startswith(_OF_ROS):
-            raise OrthosisError(f"{node.get_name()} has no parameter {name}: check its name in config/")
-
-
-def _descriptor(row: Row, live: bool, setters: Mapping[str, str]) -> ParameterDescriptor:
+def _descriptor(row: Row, live: bool) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         description=f"{row.meaning} [{row.unit}]",
-        additional_constraints=_constraints(row, live, setters.get(row.key, "")),
+        additional_constraints=_constraints(row, live),
         read_only=not live,
     )
     if row.minimum is None or row.maximum is None or isinstance(row.value, list):
@@ -142,14 +139,9 @@ def _descriptor(row: Row, live: bool, setters: Mapping[str, str]) -> ParameterDe
     return descriptor
 
 
-def _constraints(row: Row, live: bool, setter: str) -> str:
+def _constraints(row: Row, live: bool) -> str:
     options = [f"one of {', '.join(row.options)}"] if row.options else []
-    if live:
-        when = "may be set while the node runs"
-    elif setter:
-        when = f"fixed on this node, which does not use it; set it on {setter}"
-    else:
-        when = "fixed for a run: set it before the start"
+    when = "may be set while the node runs" if live else "fixed for a run: set it before the start"
     return "; ".join([*options, when])
 
 

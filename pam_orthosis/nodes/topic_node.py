@@ -66,7 +66,7 @@ class TopicNode(Node):
             names = ", ".join(self.machine.names)
             raise OrthosisError(f"{self.get_name()}: parameter muscle must be one of {names}")
         self.spec = specs[self.role]
-        self.parameters = declare_rows(self, self.machine, self.spec.branches, self.spec.live)
+        self.parameters = declare_rows(self, self.machine, self.spec)
         self.every = self.parameters.control.position.every
         self.control_ns = round(self.parameters.scenario.control_period * 1e9)
         self.period_ns = self.control_ns * (self.every if self.role in SLOW else 1)  # of its own steps

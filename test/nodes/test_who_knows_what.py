@@ -18,9 +18,11 @@ def test_only_the_recorder_listens_to_the_truth():
 
 
 def test_controllers_get_no_parameter_of_the_plant(tmp_path):
-    launch.commands(tmp_path, load(), tmp_path / "bag", "default", launch.Mode())
+    changed = load({"plant.external_torque": 1.0, "control.position.c1": 20.0})
+    launch.commands(tmp_path, changed, tmp_path / "bag", "default", launch.Mode())
     for name in TABLE.nodes:
         text = (tmp_path / f"{name}.yaml").read_text()
+        assert "control.position.c1" in text
         assert ("plant." in text) == (name in (PLANT, RECORDER))
         assert ("plant" in layout(TABLE)[name].branches) == (name in (PLANT, RECORDER))
 
