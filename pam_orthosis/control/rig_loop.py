@@ -137,6 +137,7 @@ class Rig:
     ):
         parameters = RIG.taken(parameters)
         self.rig = parameters.rig
+        self.readings: int = getattr(self.rig.volume_readings, specimen)
         taut = float(slack_pressure(position, parameters.rig_belief()))
         self.plant = plant or RigPlant(parameters, specimen, seed, position, taut)
         self._speed = self.rig.procedure.speed * getattr(parameters.muscle, specimen).length
@@ -242,13 +243,18 @@ def force_procedure(rig: Rig, pressure: float) -> Iterator[RigSample]:
 
 
 def volume_procedure(rig: Rig, pressure: float) -> Iterator[RigSample]:
-    """Measure the cylinder of section 2.3 at stations between the force-free and zero contraction."""
+    """Measure the cylinder of section 2.3 at stations between the force-free and zero contraction.
+
+    Each station is read as often as `rig.volume_readings` says: the calliper errs by as much on a thin muscle
+    as on a thick one.
+    """
     yield from rig.set_pressure(pressure)
     yield from rig.release(pressure)
     stations = np.linspace(rig.reference_position, 0.0, rig.rig.procedure.volume_stations)
     for station in stations.tolist():
         yield from rig.ramp_to(pressure, station)
-        yield rig.step(pressure, 0.0, calliper=True)
+        for _ in range(rig.readings):
+            yield rig.step(pressure, 0.0, calliper=True)
 
 
 def diagnostic_procedure(

@@ -10,9 +10,11 @@ from scipy import optimize, stats
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.data import Volumes
+from pam_orthosis.identification.force import rms_and_max
 from pam_orthosis.model.components.muscle import polynomial
 
 PRESSURE_DEGREE = 2
+BENDING = 2  # degree in the contraction at which w is found: a braid's volume is bent
 NEAR_CONTRACTION, NEAR_PRESSURE = 1e-3, 2e4  # m, Pa: measuring points that are nearer are one
 RANK_TOLERANCE = 1e-8  # of the largest singular value, columns of equal norm
 
@@ -35,14 +37,22 @@ class VolumeFit:
 def fit_volume(data: Volumes, degree: int) -> VolumeFit:
     """Fit the product of polynomials; its scale goes to v, so that w_0 = 1.
 
-    `degree` is that in the contraction: 1 in Eq. (16), 2 in Eq. (17).
+    `degree` is that in the contraction: 1 in Eq. (16), 2 in Eq. (17). Of Eq. (16), w is found beside a v of
+    degree 2.
 
     Raises:
         OrthosisError: too few measuring points, pressures or contractions, or points that do not
             identify the coefficients.
     """
-    _check_spread("contractions", _apart(data.contraction, NEAR_CONTRACTION), degree)
+    bends = max(degree, BENDING)
+    _check_spread("contractions", _apart(data.contraction, NEAR_CONTRACTION), bends)
     _check_spread("pressures", _apart(data.pressure, NEAR_PRESSURE), PRESSURE_DEGREE)
+    found = _product(data, bends)
+    return found if bends == degree else _flattened(data, found, degree)
+
+
+def _product(data: Volumes, degree: int) -> VolumeFit:
+    """Fit v and w together."""
     count = degree + 1 + PRESSURE_DEGREE
     points = len({(round(x, 3), round(p, -4)) for x, p in zip(data.contraction, data.pressure, strict=True)})
     if points <= count:
@@ -59,13 +69,34 @@ def fit_volume(data: Volumes, degree: int) -> VolumeFit:
     scale = np.concatenate([
         size / length ** np.arange(degree + 1), 1 / level ** np.arange(1, PRESSURE_DEGREE + 1)
     ])  # fmt: skip
-    freedom = len(volume) - count
-    covariance = np.linalg.inv(fit.jac.T @ fit.jac) * (fit.fun @ fit.fun) / freedom
-    half = stats.t.ppf(0.975, freedom) * np.sqrt(np.diag(covariance)) * scale
+    half = _half_width(fit.jac, fit.fun) * scale
     theta, residual = fit.x * scale, fit.fun * size
     w = np.concatenate([[1.0], theta[degree + 1 :]])
-    rms = float(np.sqrt(np.mean(residual**2)))
-    return VolumeFit(theta[: degree + 1], w, half, rms, float(np.abs(residual).max()))
+    return VolumeFit(theta[: degree + 1], w, half, *rms_and_max(residual))
+
+
+def _flattened(data: Volumes, bent: VolumeFit, degree: int) -> VolumeFit:
+    """Fit v of a lower degree, w being known.
+
+    A muscle contracts farther at a higher pressure. Fitted together, w would make up for what v of too low a
+    degree misses over the contraction, and would say nothing of the pressure.
+    """
+    columns = np.vander(data.contraction, degree + 1, increasing=True)
+    columns *= polynomial(bent.w, data.pressure)[:, None]
+    scale = np.linalg.norm(columns, axis=0)
+    v = np.linalg.lstsq(columns / scale, data.volume, rcond=None)[0] / scale
+    residual = columns @ v - data.volume
+    half = _half_width(columns / scale, residual) / scale
+    return VolumeFit(
+        v, bent.w, np.concatenate([half, bent.half_width[len(bent.v) :]]), *rms_and_max(residual)
+    )
+
+
+def _half_width(jacobian: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """Return half the 95 % interval of each coefficient."""
+    freedom = len(residual) - jacobian.shape[1]
+    covariance = np.linalg.inv(jacobian.T @ jacobian) * (residual @ residual) / freedom
+    return np.asarray(stats.t.ppf(0.975, freedom) * np.sqrt(np.diag(covariance)))
 
 
 def _apart(values: np.ndarray, near: float) -> int:

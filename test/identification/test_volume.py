@@ -7,6 +7,8 @@ import pytest
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.data import Volumes
 from pam_orthosis.identification.volume import fit_volume
+from pam_orthosis.model.components.muscle import geometric_force, geometric_volume
+from pam_orthosis.model.parameters import load
 
 V, W = [1.6e-4, 2.7e-3, -9.6e-3], [1.0, 6.0e-8, -1.0e-14]
 
@@ -76,3 +78,25 @@ def test_points_that_cannot_tell_the_coefficients_apart_are_refused():
     volume = np.where(x < 0.1, 1e-4 * (1 - x / 0.12), 0.0)
     with pytest.raises(OrthosisError, match="only 3 of 5 coefficients of the volume"):
         fit_volume(Volumes(p, x, volume), 2)
+
+
+def braid_points(m):
+    """Return exact volumes of the emulated muscle wherever it is taut: farther, the higher the pressure."""
+    rows = []
+    for pressure in np.linspace(1e5, 6e5, 6).tolist():
+        taut = [x for x in np.linspace(0, 0.05, 26).tolist() if float(geometric_force(x, pressure, m)) > 0]
+        rows += [(pressure, x, float(geometric_volume(x, pressure, m))) for x in taut]
+    return Volumes(*np.array(rows).T)
+
+
+def test_a_bent_volume_does_not_pass_for_one_that_depends_on_the_pressure():
+    """Together with a straight v, w takes what a stronger contraction at a higher pressure leaves over."""
+    m = load().muscle.dmsp_10
+    straight, bent = (fit_volume(braid_points(m), degree) for degree in (1, 2))
+    assert straight.w == pytest.approx(bent.w)
+    assert len(straight.half_width) == 4
+    slope = np.polynomial.polynomial.polyder(straight.w)
+    for pressure in (1e5, 3e5, 5e5):
+        growth = m.geometry.volume_compliance / (1 + m.geometry.volume_compliance * pressure)
+        found = np.polynomial.polynomial.polyval(pressure, slope) / straight.volume(0.0, pressure)
+        assert found * straight.v[0] == pytest.approx(growth, rel=0.05)

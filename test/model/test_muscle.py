@@ -87,6 +87,18 @@ def test_volume_slopes_are_those_of_the_volume():
     assert by_contraction == pytest.approx(slope_x, rel=1e-5)
 
 
+@pytest.mark.parametrize("pressure", [1e5, 3e5, 5e5])
+def test_the_identified_volume_of_a_dmsp_10_grows_with_the_pressure_as_the_emulated_muscles(pressure):
+    m = parameters.load().muscle.dmsp_10
+    found, true = (
+        [float(term) for term in volume_terms(law, 0.08 * m.length, pressure)]
+        for law in (muscle.actuator(m).volume, muscle.braid(m).volume)
+    )
+    assert found[1] == pytest.approx(true[1], rel=0.15)  # measured: 0.89 to 0.90 times as large
+    assert found[0] == pytest.approx(true[0], rel=0.05)
+    assert found[2] == pytest.approx(true[2], rel=0.05)
+
+
 def test_equal_muscles_at_the_symmetric_angle_balance():
     p = parameters.load()
     extensor, flexor = leg_model.contractions(p.leg.symmetric_angle, p.leg)
