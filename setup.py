@@ -13,12 +13,14 @@ NODES = [
     "trajectory_publisher",
     "position_controller",
     "pressure_controller",
+    "extensor_pressure_controller",
+    "flexor_pressure_controller",
     "inverse_valve_model",
     "bag_recorder",
     "dummy_driver",
     "leg_state_publisher",
 ]
-EXECUTABLES = [*NODES, "run"]
+EXECUTABLES = [*NODES, "pam-orthosis"]
 # `ros2 run` looks into lib/PACKAGE: colcon installs the entry points there, pip installs them into bin/
 # and needs a relay to each
 RELAYS = [f"scripts/{name}" for name in EXECUTABLES] if "bdist_wheel" in sys.argv else []
@@ -70,8 +72,9 @@ setup(
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
-        (f"share/{PACKAGE}", ["package.xml"]),
+        (f"share/{PACKAGE}", ["package.xml", "LICENSE", "QUALITY_DECLARATION.md"]),
         (f"share/{PACKAGE}/config", glob("config/*.*")),
+        (f"share/{PACKAGE}/launch", glob("launch/*.launch.xml")),
         (f"share/{PACKAGE}/config/machines", glob("config/machines/*.yaml")),
         (f"lib/{PACKAGE}", RELAYS),
     ],
@@ -105,7 +108,6 @@ setup(
     entry_points={
         "console_scripts": [
             "pam-orthosis = pam_orthosis.cli.main:main",
-            "run = pam_orthosis.cli.main:run_main",
             *[f"{node} = pam_orthosis.nodes.entry:{node}" for node in NODES],
         ]
     },

@@ -9,7 +9,7 @@ from pam_orthosis.cli.main import VERBS, verb_parser
 
 HEAD = """# Commands
 
-`pam-orthosis VERB`, or `ros2 run pam_orthosis run` for the verb `run`. `pam-orthosis VERB --help` prints what
+`pam-orthosis VERB`, or `ros2 run pam_orthosis pam-orthosis VERB`. `pam-orthosis VERB --help` prints what
 this page holds. `--json` prints the answer for scripts.
 
 """

@@ -75,7 +75,10 @@ EXECUTABLES = {
         tuple(OF_KNEE.controllers),
         ("control.pressure", "model.components.pneumatics"),
         """Backstepping controller of one muscle's pressure. It computes the mass flow that makes the pressure
-        follow its reference, the change of volume by the motion included. Each muscle has one.""",
+        follow its reference, the change of volume by the motion included. Each muscle has one, and the knee's
+        have executables of their own, `extensor_pressure_controller` and `flexor_pressure_controller`; that
+        of another machine is
+        `pressure_controller --ros-args -p muscle:=NAME -r __node:=NAME_pressure_controller`.""",
     ),
     "inverse_valve_model": Described(
         (topics.VALVE,),
@@ -131,6 +134,11 @@ def scene_table() -> str:
 
 
 def executables() -> list[str]:
+    """Return the nodes that setup.py installs, one for all pressure controllers."""
+    return [name for name in installed() if (NODES / f"{name}.py").exists()]
+
+
+def installed() -> list[str]:
     """Return the nodes that setup.py installs."""
     setup = ast.parse((NODES.parents[1] / "setup.py").read_text(encoding="utf-8"))
     for statement in setup.body:

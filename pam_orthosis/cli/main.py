@@ -126,11 +126,6 @@ def _interrupt_again(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
 
-def run_main() -> int:
-    """Run the verb `run`: the executable `ros2 run pam_orthosis run`."""
-    return main(["run", *sys.argv[1:]])
-
-
 def _failed(message: str, status: int) -> int:
     """Print an error as one readable line, whatever the input smuggled into it; return the exit status."""
     line = "".join(c if c.isprintable() else " " for c in message)

@@ -15,6 +15,7 @@ from importlib import import_module
 from types import FrameType
 from typing import NoReturn
 
+OF_A_MUSCLE = "pressure_controller"  # each has one of its name
 INTERRUPTED, STATUS = b"pam-orthosis: error: interrupted while it was started\n", 3
 
 
@@ -23,6 +24,8 @@ def start(node: str) -> int:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _end)
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))  # as later: it did what it was asked to
+    if node.endswith(f"_{OF_A_MUSCLE}"):
+        return import_module(f"pam_orthosis.nodes.{OF_A_MUSCLE}").main(node)
     return import_module(f"pam_orthosis.nodes.{node}").main()
 
 

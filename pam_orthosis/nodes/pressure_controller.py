@@ -14,12 +14,15 @@ from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages, process
 from pam_orthosis.nodes.parameters import Setting
 
+NAME = "pressure_controller"
+
 
 class PressureControllerNode(graph.GraphNode):
     """Publishes the mass flow of each step into an actuator of the machine."""
 
-    def __init__(self, name: str = "pressure_controller") -> None:
-        muscle = Setting("", "actuator whose pressure is controlled, e.g. extensor")
+    def __init__(self, name: str = NAME) -> None:
+        of_name = name.removesuffix(NAME).rstrip("_")
+        muscle = Setting(of_name, "actuator whose pressure is controlled, e.g. extensor")
         super().__init__(name, {"muscle": muscle}, CONTROLLER.format("{muscle}"))
         self._muscle = self.settings["muscle"]
         controller = PressureController(self.parameters, self._muscle)
@@ -48,9 +51,9 @@ class PressureControllerNode(graph.GraphNode):
         self.step_done(stamp_ns)
 
 
-def main() -> int:
-    """Run the node; the parameter `muscle` says for which actuator."""
-    return process.run(lambda: [PressureControllerNode()])
+def main(name: str = NAME) -> int:
+    """Run the node; its name, or else the parameter `muscle`, says for which actuator."""
+    return process.run(lambda: [PressureControllerNode(name)])
 
 
 if __name__ == "__main__":

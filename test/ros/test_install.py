@@ -6,62 +6,29 @@ import os
 import re
 import shutil
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from catkin_pkg.package import parse_package
+from installed import LIMIT_S, ROOT, done, sourced
 
 from pam_orthosis.cli.main import main
 
-ROOT = Path(__file__).resolve().parents[2]
 EXECUTABLES = {
     "plant_simulator",
     "trajectory_publisher",
     "position_controller",
     "pressure_controller",
+    "extensor_pressure_controller",
+    "flexor_pressure_controller",
     "inverse_valve_model",
     "bag_recorder",
     "dummy_driver",
     "leg_state_publisher",
-    "run",
+    "pam-orthosis",
 }
-LIMIT_S = 300.0
 LIBRARIES = {"PIL": "pillow", "yaml": "pyyaml"}  # imported by another name
-
-
-def _done(command, **options):
-    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False, **options)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done
-
-
-@pytest.fixture(scope="session")
-def install_space(tmp_path_factory):
-    """Return the folder into which colcon has installed the package."""
-    folder = tmp_path_factory.mktemp("workspace")
-    colcon = Path(sys.executable).with_name("colcon")
-    bases = ["--build-base", folder / "build", "--install-base", folder / "install"]
-    _done([colcon, "--log-base", folder / "log", "build", "--base-paths", ROOT, *bases], cwd=folder)
-    return folder / "install"
-
-
-def _sourced(install_space, command, **options):
-    """Start a command as after `source install/setup.bash`, outside the source tree."""
-    script = f'source "{install_space}/setup.bash" && exec "$@"'
-    # the editable installation must not stand in for the one under test
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    environment |= {"ROS_LOG_DIR": str(install_space), "ROS_DOMAIN_ID": str(os.getpid() % 100)}
-    return subprocess.Popen(
-        ["bash", "-c", script, "bash", *map(str, command)],
-        cwd=install_space,
-        env=environment,
-        text=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        **options,
-    )
 
 
 def test_package_xml_is_one_of_ros():
@@ -104,7 +71,12 @@ def test_every_library_comes_from_rosdep_or_from_the_pip_line_of_the_page():
     needed = re.findall(
         r'"([a-z0-9]+)>=', setup[setup.index("install_requires") : setup.index("extras_require")]
     )
-    rosdep = {"pillow": "python3-pil", "pyyaml": "python3-yaml"}
+    rosdep = {
+        "casadi": "casadi-pip",
+        "pillow": "python3-pil",
+        "pyyaml": "python3-yaml",
+        "rosbags": "python3-rosbags-pip",
+    }
     from_pip = [one for one in needed if rosdep.get(one, f"python3-{one}") not in named]
     assert sorted(line.split()) == sorted(from_pip)
 
@@ -115,12 +87,13 @@ def test_colcon_installs_every_executable_and_the_marker_of_the_package(install_
     assert {path.name for path in installed.iterdir() if os.access(path, os.X_OK)} >= EXECUTABLES
     assert (prefix / "share/ament_index/resource_index/packages/pam_orthosis").exists()
     assert (prefix / "share/pam_orthosis/config/control.yaml").exists()
+    assert (prefix / "share/pam_orthosis/launch/one_leg.launch.xml").exists()
 
 
 def test_an_installed_node_says_what_it_waits_for_and_ends_on_a_signal(install_space):
     pytest.importorskip("rclpy")
     executable = install_space / "pam_orthosis/lib/pam_orthosis/position_controller"
-    node = _sourced(install_space, [executable])
+    node = sourced(install_space, [executable])
     line = node.stdout.readline()
     assert "waiting for" in line
     assert "plant_simulator, trajectory_publisher" in line
@@ -130,8 +103,8 @@ def test_an_installed_node_says_what_it_waits_for_and_ends_on_a_signal(install_s
 
 def test_the_installed_run_walks_and_its_bag_passes(install_space, tmp_path):
     pytest.importorskip("rclpy")
-    executable = install_space / "pam_orthosis/lib/pam_orthosis/run"
-    run = _sourced(install_space, [executable, "--duration", "1", "--out", tmp_path / "bag"])
+    executable = install_space / "pam_orthosis/lib/pam_orthosis/pam-orthosis"
+    run = sourced(install_space, [executable, "run", "--duration", "1", "--out", tmp_path / "bag"])
     said, _ = run.communicate(timeout=LIMIT_S)
     assert run.returncode == 0, said
     assert main(["check", str(tmp_path / "bag")]) == 0
@@ -139,7 +112,7 @@ def test_the_installed_run_walks_and_its_bag_passes(install_space, tmp_path):
 
 def test_what_is_sourced_is_what_colcon_installed(install_space):
     code = "import pam_orthosis, pam_orthosis.model.parameters as p; print(p.config_folder())"
-    python = _sourced(install_space, [sys.executable, "-c", code])
+    python = sourced(install_space, [sys.executable, "-c", code])
     said, _ = python.communicate(timeout=LIMIT_S)
     assert Path(said.strip()).is_relative_to(install_space)
 
@@ -149,10 +122,10 @@ def test_a_wheel_brings_a_relay_to_each_executable_for_ros2_run(tmp_path):
     source, prefix = tmp_path / "source", tmp_path / "prefix"
     shutil.copytree(ROOT, source, ignore=shutil.ignore_patterns(".*", "build", "runs", "*.egg-info"))
     command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--prefix", prefix, source]
-    _done([*command, "--no-build-isolation", "--ignore-installed"])
+    done([*command, "--no-build-isolation", "--ignore-installed"])
     installed = prefix / "lib" / "pam_orthosis"
     assert {path.name for path in installed.iterdir()} == EXECUTABLES
     for name in EXECUTABLES:
         target = prefix / "bin" / name
         target.write_text('#!/bin/sh\necho "$0 $1"\n')
-        assert Path(_done([installed / name, "-h"]).stdout.split()[0]).samefile(target)
+        assert Path(done([installed / name, "-h"]).stdout.split()[0]).samefile(target)
