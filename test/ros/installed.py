@@ -15,12 +15,15 @@ def done(command, **options):
     return done
 
 
-def sourced(install_space, command, domain=os.getpid() % 100, **options):
+def sourced(install_space, command, domain=None, **options):
     """Start a command as after `source install/setup.bash`, outside the source tree."""
     script = f'source "{install_space}/setup.bash" && exec "$@"'
     # the editable installation must not stand in for the one under test
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    environment |= {"ROS_LOG_DIR": str(install_space), "ROS_DOMAIN_ID": str(domain)}
+    environment |= {
+        "ROS_LOG_DIR": str(install_space),
+        "ROS_DOMAIN_ID": str(os.getpid() % 100 if domain is None else domain),
+    }
     return subprocess.Popen(
         ["bash", "-c", script, "bash", *map(str, command)],
         cwd=install_space,
