@@ -15,19 +15,25 @@ from pam_orthosis.model.specimens import SPECIMENS
 from pam_orthosis.progress import Progress, shown
 
 if TYPE_CHECKING:
-    from pam_orthosis.identification.data import Data
+    from pam_orthosis.identification.data import Bench, Data
+    from pam_orthosis.identification.force import ForceFit
     from pam_orthosis.identification.identify import Identified
 
 FIGURES = ("force.png", "residual.png", "volume.png")  # of `report.identification`
 MOST_LEVELS = 12  # a table with more pressures is summed up
+REPEATS = "repeats"  # of `identification.clusters`
+SHOWN = {"level": (1e-5, "bar gauge"), "length": (1e3, "mm"), "repeat": (1.0, "")}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     data = "rig bags, .csv tables (columns such as p_Pa_gauge,L_m,F_N,slack), or folders of them"
     parser.add_argument("data", type=Path, nargs="+", metavar="DATA", help=data)
-    muscle = f"which muscle, {' or '.join(SPECIMENS)} (named by bags and file names)"
-    parser.add_argument("--muscle", metavar="NAME", help=muscle)
+    muscle = (
+        f"which muscle, {' or '.join(SPECIMENS)} (named by bags and file names), or of any other a YAML file"
+        " with length and diameter in m"
+    )
+    parser.add_argument("--muscle", metavar="NAME|FILE", help=muscle)
     parser.add_argument(
         "--machine", type=Path, metavar="FILE", help="the muscles are those of this machine, and its values"
     )
@@ -77,14 +83,12 @@ def execute(arguments: argparse.Namespace) -> int:
 def _identified(arguments: argparse.Namespace, progress: Progress) -> Identified:
     """Identify, write what was asked for."""
     from pam_orthosis.identification import rows  # scipy takes a second to load
-    from pam_orthosis.identification.data import bench_of, read_data
+    from pam_orthosis.identification.data import read_data
     from pam_orthosis.identification.identify import identify
-    from pam_orthosis.model.machines import read_machine
 
-    with naming(arguments.machine):
-        bench = bench_of(read_machine(arguments.machine) if arguments.machine else None)
+    bench, muscle = _bench(arguments)
     length = arguments.nominal_length_m
-    data = read_data(arguments.data, arguments.muscle, length, progress, bench)
+    data = read_data(arguments.data, muscle, length, progress, bench)
     held_out = _held_out(arguments, data)
     with naming(arguments.data[0]):
         found = identify(data, held_out, tuple(arguments.degrees), arguments.damping, progress)
@@ -100,6 +104,21 @@ def _identified(arguments: argparse.Namespace, progress: Progress) -> Identified
         written |= drawn(found, arguments.figures)
     write_files(written)
     return found
+
+
+def _bench(arguments: argparse.Namespace) -> tuple[Bench, str | None]:
+    """Return where it was measured, and the name of the muscle, if given."""
+    from pam_orthosis.identification.data import bench_of
+    from pam_orthosis.identification.own import SECTION, own_bench
+    from pam_orthosis.model.machines import read_machine
+
+    muscle = arguments.muscle
+    if muscle and Path(muscle).suffix in (".yaml", ".yml"):
+        if arguments.machine:
+            raise OrthosisError("--machine and --muscle FILE each say what the muscle is: give one")
+        return own_bench(Path(muscle)), SECTION
+    with naming(arguments.machine):
+        return bench_of(read_machine(arguments.machine) if arguments.machine else None), muscle
 
 
 def describe(found: Identified) -> str:
@@ -127,8 +146,16 @@ def describe(found: Identified) -> str:
         f"rank {fit.rank} of {len(fit.half_width)}, condition {fit.condition:.3g} (unscaled"
         f" {fit.condition_raw:.3g}), {len(found.training)} samples, {fit.effective:.0f} independent"
     )
+    lines.append(_intervals(fit))
+    lines += found.remarks
     lines += _errors("fit", found.errors(held_out=False)) + _errors("held out", found.errors(held_out=True))
-    lines += _lengths(found)
+    if found.hysteresis:
+        h = found.hysteresis
+        lines.append(
+            f"hysteresis: {h.mean:.1f} N more in stretching or venting than the other way"
+            f" ({h.low:.1f} .. {h.high:.1f} N by level)"
+        )
+    lines += _left_out(found)
     lines.append(
         f"box of validity: contraction {box.minimum_contraction * 1e3:.1f} .."
         f" {box.maximum_contraction * 1e3:.1f} mm, up to {box.maximum_pressure_gauge / 1e5:.2f} bar"
@@ -153,16 +180,28 @@ def _errors(name: str, errors: dict) -> list[str]:
     return lines
 
 
-def _lengths(found: Identified) -> list[str]:
-    if not found.by_length:
-        return []
-    count = len(found.force.half_width)
-    lines = [
-        f"left out, length by length ({count} coefficients on {len(found.by_length)} lengths interpolate):"
-    ]
-    for contraction, e in found.by_length.items():
-        error = "not determined by the others" if e is None else f"{e[0]:6.1f} N RMS {e[1]:6.1f} N max"
-        lines.append(f"  contraction {contraction * 1e3:5.1f} mm  {error}")
+def _intervals(fit: ForceFit) -> str:
+    if not fit.clustered:
+        return "the intervals hold for rows that are independent: give a column repeat, or direction"
+    if fit.clustered == REPEATS:
+        return f"the intervals are those in which a further repeat lies, from {fit.clusters} repeats"
+    return f"the intervals are between {fit.clusters} runs; with 3 repeats they would hold for a further one"
+
+
+def _left_out(found: Identified) -> list[str]:
+    lines = []
+    for kind, errors in found.left_out.items():
+        lines.append(f"left out, one {kind} at a time:")
+        known = [e for e in errors.values() if e]
+        if len(errors) > MOST_LEVELS and known:
+            worst = max(e[0] for e in known)
+            middle = sorted(e[0] for e in known)[len(known) // 2]
+            lines.append(f"  {len(errors)} of them: {middle:.1f} N RMS in the median, {worst:.1f} N at worst")
+            continue
+        factor, unit = SHOWN[kind]
+        for at, e in errors.items():
+            error = "not determined by the others" if e is None else f"{e[0]:6.1f} N RMS {e[1]:6.1f} N max"
+            lines.append(f"  {at * factor:6.2f} {unit:9s} {error}")
     return lines
 
 

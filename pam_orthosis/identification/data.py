@@ -7,19 +7,27 @@ Only measured channels are read; the truth topic of an emulated rig is never ope
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy import signal
 
 from pam_orthosis.bag.read import Bag, aligned, read_bag, recorded_parameters, run_record
 from pam_orthosis.bag.record import METADATA_FILE
 from pam_orthosis.bag.sources import check_once
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.identification.table import read_table
+from pam_orthosis.identification.measured import numbered_repeats, table_parts
+from pam_orthosis.identification.samples import (
+    DERIVATIVE_SAMPLES,
+    Decay,
+    Samples,
+    Volumes,
+    check_even,
+    differentiated,
+    joined,
+)
 from pam_orthosis.model.components.muscle import composed_volume
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import Parameters, load
@@ -27,73 +35,16 @@ from pam_orthosis.model.specimens import SPECIMENS, specimens_of
 from pam_orthosis.progress import Progress, counted, silent
 from pam_orthosis.tables import is_table
 
-MOVING = 2.0e-3  # m/s above which a sample belongs to a direction
 SETTLED = 1.0e4  # Pa between a pressure and its reference
 TAUT = 10.0  # N below which a muscle at the rig may hang slack
-UNEVEN = 0.1  # of the period, by which stamps of a decay may be off
-DERIVATIVE_SAMPLES = 9  # of the straight-line filter that differentiates the position
-
-
-@dataclass(frozen=True)
-class Samples:
-    """Force samples of one muscle; arrays of equal length (n,).
-
-    Attributes:
-        pressure: gauge, Pa.
-        contraction: m.
-        rate: of the contraction, m/s.
-        force: measured, N.
-        sigma: standard deviation of the measured force, N (relative weights if unknown).
-        level: nominal gauge pressure of the run or table row, Pa.
-        serial: number of the run; samples of a run follow each other in time, -1 for a table.
-    """
-
-    pressure: np.ndarray
-    contraction: np.ndarray
-    rate: np.ndarray
-    force: np.ndarray
-    sigma: np.ndarray
-    level: np.ndarray
-    serial: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.force)
-
-    def where(self, mask: np.ndarray | slice) -> Samples:
-        """Return the samples of a mask, or of a slice."""
-        return replace(self, **{name: values[mask] for name, values in vars(self).items()})
-
-    @property
-    def direction(self) -> np.ndarray:
-        """1 where the muscle shortens, -1 where it is stretched, 0 at rest."""
-        return np.sign(self.rate) * (np.abs(self.rate) > MOVING)
-
-
-@dataclass(frozen=True)
-class Decay:
-    """A free oscillation after release: time s, position m, gauge pressure Pa, force N, moved mass kg."""
-
-    time: np.ndarray
-    position: np.ndarray
-    pressure: np.ndarray
-    force: np.ndarray
-    mass: float
-
-
-@dataclass(frozen=True)
-class Volumes:
-    """Measuring points of the volume: gauge pressure Pa, contraction m, volume m^3; each (n,)."""
-
-    pressure: np.ndarray
-    contraction: np.ndarray
-    volume: np.ndarray
 
 
 class Bench(NamedTuple):
-    """Where it is measured: parameters of rig and muscles, and which muscles there are."""
+    """Where it is measured: parameters, which muscles there are, keys that a muscle's own file gave."""
 
     parameters: Parameters
     specimens: tuple[str, ...] = SPECIMENS
+    own: tuple[str, ...] = ()
 
 
 def bench_of(machine: Machine | None = None) -> Bench:
@@ -110,7 +61,16 @@ def bench_of(machine: Machine | None = None) -> Bench:
 
 @dataclass(frozen=True)
 class Data:
-    """All data of one muscle; `specimen` is its section in config/, `length` its nominal length, m."""
+    """All data of one muscle.
+
+    Attributes:
+        specimen: its section in config/.
+        length: its nominal length, m.
+        static: from tables, in which samples need not follow each other.
+        marked: the tables say where the muscle hangs slack.
+        own: keys below its section that a file of its own gave.
+        assumed: what was taken because nothing was given, for users.
+    """
 
     specimen: str
     parameters: Parameters
@@ -119,6 +79,9 @@ class Data:
     static: bool
     decays: list[Decay] = field(default_factory=list)
     volumes: Volumes | None = None
+    marked: bool = False
+    own: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
 
 
 def read_data(
@@ -143,7 +106,7 @@ def read_data(
     """
     bags, tables = _sources(paths)
     runs = {path: run_record(path) for path in bags}
-    parameters, specimens = bench or bench_of()
+    parameters, specimens, own = bench or bench_of()
     specimen = specimen or _one_specimen(runs, tables, specimens)
     _check_specimen(runs, specimen)
     if specimen not in specimens:
@@ -164,13 +127,31 @@ def read_data(
             volumes.append(_volumes(path, specimen, parameters))
         else:
             samples.append(_bag_samples(path, serial, parameters))
-    samples += [
-        _table_samples(path, nominal, parameters) for path in counted(tables, progress, "reading tables")
-    ]
+    ambient, serial, marked = parameters.valve.ambient_pressure, len(bags), False
+    for path in counted(tables, progress, "reading tables"):
+        part = table_parts(path, nominal, ambient, serial)
+        samples += [part.samples] if part.samples else []
+        decays += [part.decay] if part.decay else []
+        volumes += [part.volumes] if part.volumes else []
+        marked |= part.marked
+        serial = 1 + int(max([serial, *(one.serial.max() for one in samples)]))
     if not samples:
         raise OrthosisError("no force measurement among the data: give bags of `rig` or a table")
-    volume = _joined(Volumes, volumes)
-    return Data(specimen, parameters, nominal, _joined(Samples, samples), not bags, decays, volume)
+    return Data(
+        specimen, parameters, nominal, joined(Samples, numbered_repeats(samples)), not bags, decays,
+        joined(Volumes, volumes), marked, own, _assumed(tables, length, specimen, nominal, own),
+    )  # fmt: skip
+
+
+def _assumed(
+    tables: Sequence[Path], given: float | None, specimen: str, nominal: float, own: Sequence[str]
+) -> tuple[str, ...]:
+    """Return what was taken because nothing was given."""
+    if not tables or given or own:
+        return ()
+    return (
+        f"the nominal length, {nominal:g} m, is that of the {specimen} in config/: give --nominal-length-m",
+    )
 
 
 def _sources(paths: Iterable[Path]) -> tuple[list[Path], list[Path]]:
@@ -253,43 +234,13 @@ def _bag_samples(path: Path, serial: int, parameters: Parameters) -> Samples:
     return whole.where(kept)
 
 
-def _table_samples(path: Path, length: float, parameters: Parameters) -> Samples:
-    table = read_table(path, parameters.valve.ambient_pressure)
-    contraction = table.contraction if table.contraction is not None else length - table.length
-    zero = np.zeros(len(table.force))
-    if (
-        contraction.min() < -0.05 * length
-        or contraction.min() > 0.1 * length
-        or contraction.max() > 0.4 * length
-    ):
-        raise OrthosisError(
-            f"{path}: lengths do not fit a nominal length of {length:g} m;"
-            " give --nominal-length-m or --muscle, and check the unit"
-        )
-    sigma = table.sigma if table.sigma is not None else zero + 1.0
-    rate = table.rate if table.rate is not None else zero
-    return Samples(table.pressure, contraction, rate, table.force, sigma, table.pressure, zero - 1)
-
-
 def _decay(path: Path, specimen: str, parameters: Parameters) -> Decay:
     bag, stamps, values, ambient = _measured(path, ("position", "pressure", "force"), parameters)
-    _check_even(path, stamps)
+    check_even(path, stamps)
     position, pressure, force = values
     weight = _value(bag, f"rig.decay.{specimen}.weight", parameters)
     mass = _value(bag, "rig.carriage_mass", parameters) + weight
     return Decay((stamps - stamps[0]) / SECOND_NS, position, pressure - ambient, force, mass)
-
-
-def _check_even(path: Path, stamps: np.ndarray) -> None:
-    """Check that a decay has no gaps: its period and its velocity come from the number of samples."""
-    steps = np.diff(stamps)
-    uneven = np.abs(steps - np.median(steps)) > UNEVEN * np.median(steps)
-    if uneven.any():
-        at = (stamps[int(np.argmax(uneven))] - stamps[0]) / SECOND_NS
-        raise OrthosisError(
-            f"{path}: the samples of the decay are not uniform in time, first at {at:.4f} s; record it"
-            " without gaps, or leave it out"
-        )
 
 
 def _volumes(path: Path, specimen: str, parameters: Parameters) -> Volumes:
@@ -301,20 +252,6 @@ def _volumes(path: Path, specimen: str, parameters: Parameters) -> Volumes:
     end = _value(bag, f"muscle.{specimen}.geometry.diameter", parameters)
     volume = composed_volume(diameter, length, frustum, end)
     return Volumes(pressure - _value(bag, "valve.ambient_pressure", parameters), position, volume)
-
-
-def differentiated(position: np.ndarray, stamps: np.ndarray) -> np.ndarray:
-    """Return the velocity of evenly stamped positions by local least squares, per second."""
-    period = float(np.median(np.diff(stamps))) / SECOND_NS
-    return signal.savgol_filter(position, DERIVATIVE_SAMPLES, 2, deriv=1, delta=period)
-
-
-def _joined(kind, parts: list):
-    if not parts:
-        return None
-    return kind(
-        *(np.concatenate(columns) for columns in zip(*(vars(p).values() for p in parts), strict=True))
-    )
 
 
 def _texts(values) -> str:

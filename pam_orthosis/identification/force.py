@@ -18,7 +18,8 @@ import numpy as np
 from scipy import fft, stats
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.identification.data import Samples
+from pam_orthosis.identification.clusters import cluster_spread, clusters
+from pam_orthosis.identification.samples import Samples
 from pam_orthosis.model.components.muscle import polynomial
 from pam_orthosis.progress import Progress, counted, silent
 
@@ -52,9 +53,11 @@ class ForceModel:
 class ForceFit:
     """A fitted model and how well the data determine it.
 
-    `half_width` holds half the 95 % interval of each coefficient, a then b. `condition` is that of
-    the scaled matrix, `condition_raw` that of B as Eq. (23) would square it. `effective` is the
-    number of independent samples, after the autocorrelation of the residuals.
+    `half_width` holds half the 95 % interval of each coefficient, a then b: between `clusters` clusters of
+    the kind `clustered`, or of independent samples (empty: clusters are too few). With repeats it is the
+    interval in which another repeat's coefficient lies. `condition` is that of the scaled matrix,
+    `condition_raw` that of B as Eq. (23) would square it. `effective` is the number of independent samples,
+    after the autocorrelation of the residuals.
     """
 
     model: ForceModel
@@ -63,6 +66,8 @@ class ForceFit:
     condition: float
     condition_raw: float
     effective: float
+    clusters: int = 0
+    clustered: str = ""
 
 
 def design(s: Samples, degrees: tuple[int, int]) -> np.ndarray:
@@ -123,9 +128,10 @@ def fit_force(s: Samples, damping: float = 0.0, degrees: tuple[int, int] = (3, 4
     if len(s) <= count:
         raise OrthosisError(f"{len(s)} taut samples are too few for {count} coefficients")
     weights = balanced_weights(s)
-    r = triangle(
-        weights[block, None] * _with_target(s.where(block), damping, degrees) for block in blocks(len(s))
-    )
+    kind, member = clusters(s)
+    each = (member == one for one in range(member.max() + 1))
+    parts = [_folded(s.where(rows), weights[rows], damping, degrees) for rows in each]
+    r = triangle(parts)
     weighted, target = r[:count, :count], r[:count, count]
     scale = np.linalg.norm(weighted, axis=0)
     if not scale.all():
@@ -142,8 +148,21 @@ def fit_force(s: Samples, damping: float = 0.0, degrees: tuple[int, int] = (3, 4
     variance = np.sum(residual**2) / freedom  # a product of long vectors would wake all cores
     spread = np.sqrt(np.sum((vt.T / singular) ** 2, axis=1) * variance) / scale
     half_width = float(stats.t.ppf(0.5 + CONFIDENCE / 2, freedom)) * spread
+    between = cluster_spread(parts, kind)
+    if between is not None:
+        half_width = float(stats.t.ppf(0.5 + CONFIDENCE / 2, len(parts) - 1)) * between
     raw = np.linalg.cond(weighted)
-    return ForceFit(model, half_width, rank, float(singular[0] / singular[-1]), float(raw), effective)
+    return ForceFit(
+        model, half_width, rank, float(singular[0] / singular[-1]), float(raw), effective,
+        len(parts), kind if between is not None else "",
+    )  # fmt: skip
+
+
+def _folded(s: Samples, weights: np.ndarray, damping: float, degrees: tuple[int, int]) -> np.ndarray:
+    """Return the triangle of the weighted rows of B and of what they are to explain."""
+    return triangle(
+        weights[block, None] * _with_target(s.where(block), damping, degrees) for block in blocks(len(s))
+    )
 
 
 def _with_target(s: Samples, damping: float, degrees: tuple[int, int]) -> np.ndarray:
@@ -179,7 +198,7 @@ def leave_one_out(
     None where the rest cannot determine the coefficients.
     """
     errors: dict[float, tuple[float, float] | None] = {}
-    for value in counted(np.unique(group).tolist(), progress, "fitting without each length"):
+    for value in counted(np.unique(group).tolist(), progress, "fitting without each group"):
         try:
             model = fit(s.where(group != value)).model
         except OrthosisError:

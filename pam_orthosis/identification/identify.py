@@ -11,8 +11,12 @@ import numpy as np
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.damping import Damping, fit_damping
-from pam_orthosis.identification.data import Data, Samples
+from pam_orthosis.identification.data import Data
 from pam_orthosis.identification.force import ForceFit, fit_force, leave_one_out, rms_and_max
+from pam_orthosis.identification.groups import lengths
+from pam_orthosis.identification.samples import Samples
+from pam_orthosis.identification.slack import taut
+from pam_orthosis.identification.trust import Hysteresis, check_slack_pressure, clipped, hysteresis
 from pam_orthosis.identification.volume import VolumeFit, fit_volume
 from pam_orthosis.progress import Progress, silent
 
@@ -40,9 +44,12 @@ class Identified:
         force: Eq. (14) with D.
         damping, volume: None where the data hold no decay, no cylinder.
         given_damping: D, N s/m, that was to be taken in place of the decays'; None: none was.
-        by_length: held-out error of each length of a table (RMS, max N; None: not determined).
+        left_out: kind (`level`, `length`, `repeat`) -> value -> error of a fit without it (RMS, max N;
+            None: not determined by the others).
         box: recommended box of validity.
         stiff: whether the modelled force falls with the contraction all over the taut box.
+        hysteresis: None where the data have one direction, or do not say it.
+        remarks: on rows that were left out, and on what is not plausible.
     """
 
     data: Data
@@ -51,10 +58,17 @@ class Identified:
     force: ForceFit
     damping: Damping | None
     volume: VolumeFit | None
-    by_length: dict[float, tuple[float, float] | None]
+    left_out: dict[str, dict[float, tuple[float, float] | None]]
     box: Box
     stiff: bool
     given_damping: float | None = None
+    hysteresis: Hysteresis | None = None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def by_length(self) -> dict[float, tuple[float, float] | None]:
+        """Error at each length of a table, of a fit without it."""
+        return self.left_out.get("length", {})
 
     def errors(self, held_out: bool) -> dict[str, Any]:
         """Return RMS and maximum error, N: overall, by level (bar gauge) and by direction."""
@@ -93,9 +107,12 @@ class Identified:
             "effective_samples": fit.effective,
             "training": self.errors(held_out=False),
             "held_out": self.errors(held_out=True),
-            "leave_one_length_out": {
-                f"{length:g}": None if e is None else {"rms": e[0], "max": e[1]}
-                for length, e in self.by_length.items()
+            "intervals_by": {"kind": fit.clustered, "number": fit.clusters} if fit.clustered else None,
+            "hysteresis": self.hysteresis._asdict() if self.hysteresis else None,
+            "remarks": list(self.remarks),
+            "left_out": {
+                kind: {f"{at:g}": e and {"rms": e[0], "max": e[1]} for at, e in errors.items()}
+                for kind, errors in self.left_out.items()
             },
             "box": self.box._asdict(),
             "force_falls_with_contraction": self.stiff,
@@ -124,26 +141,57 @@ def identify(
     progress("fitting the damping")
     decay = fit_damping(data.decays) if data.decays else None
     d = damping if damping is not None else (decay.value if decay else 0.0)
-    judged = np.zeros(len(data.samples), dtype=bool)
+    samples, remarks = usable(data, d, degrees)
+    judged = np.zeros(len(samples), dtype=bool)
     for level in held_out:
-        judged |= _at_level(data.samples, level)
-    training = data.samples.where(~judged)
+        judged |= _at_level(samples, level)
+    training = samples.where(~judged)
     if not len(training):
         raise OrthosisError("all data are held out: nothing is left to fit")
     progress("fitting the force")
     force = fit_force(training, d, degrees)
-    by_length = {}
-    if data.static:
-        lengths = np.round(training.contraction, 6)
-        by_length = leave_one_out(training, lengths, lambda s: fit_force(s, d, degrees), progress)
+    caution = check_slack_pressure(force.model, training, data.length)
+    remarks += [f"caution: {caution}"] if caution else []
+    left_out = {
+        kind: leave_one_out(training, group, lambda s: fit_force(s, d, degrees), progress)
+        for kind, group in _groups(data, training).items()
+    }
     box = _box(training)
     progress("fitting the volume")
     degree = len(data.parameters.at(f"muscle.{data.specimen}.volume.v")) - 1
     return Identified(
-        data, training, data.samples.where(judged), force, decay,
+        data, training, samples.where(judged), force, decay,
         fit_volume(data.volumes, degree) if data.volumes else None,
-        by_length, box, _stiff(force, box), damping,
+        left_out, box, _stiff(force, box), damping, hysteresis(force.model, training), tuple(remarks),
     )  # fmt: skip
+
+
+def usable(data: Data, damping: float, degrees: tuple[int, int]) -> tuple[Samples, list[str]]:
+    """Return the samples that Eq. (14) holds for, and what was left out, in words."""
+    s, remarks = data.samples, [*data.assumed]
+    end = clipped(s, data.length)
+    if end.any():
+        remarks.append(
+            f"{end.sum()} rows left out: they hold exactly {s.force.max():g} N, the largest force, in different"
+            " states; the load cell or its amplifier ends there"
+        )
+        s = s.where(~end)
+    if data.static and not data.marked:
+        kept = taut(s, damping, degrees)
+        if not kept.all():
+            loose = s.force[~kept]
+            remarks.append(
+                f"{len(loose)} of {len(s)} rows left out: the muscle hangs slack or is buckled (it shows"
+                f" {loose.min():.1f} to {loose.max():.1f} N); a column slack decides instead"
+            )
+            s = s.where(kept)
+    return s, remarks
+
+
+def _groups(data: Data, s: Samples) -> dict[str, np.ndarray]:
+    """Return what is left out as a whole, to see how the rest predicts it: kind -> group of each row."""
+    groups = {"level": s.level, "length": lengths(s.contraction, data.length)} if data.static else {}
+    return groups | {"repeat": s.repeat} if np.ptp(s.repeat) else groups
 
 
 def check_levels(data: Data, pressures: Sequence[float], ambient: float) -> None:

@@ -25,6 +25,7 @@ def values(found: Identified) -> dict[str, Any]:
     """Return key below the muscle's section -> value, for all that was identified."""
     model, box = found.force.model, found.box
     result: dict[str, Any] = {
+        **{key: found.data.parameters.at(f"muscle.{found.data.specimen}.{key}") for key in found.data.own},
         "map_length": found.data.length,
         "force.a": _padded(model.a, POLYNOMIAL_A),
         "force.b": _padded(model.b, POLYNOMIAL_B),
@@ -52,7 +53,10 @@ def check(found: Identified) -> None:
             {f"muscle.{found.data.specimen}.{key}": value for key, value in values(found).items()}
         )
     except OrthosisError as error:
-        raise OrthosisError(f"the data give no possible muscle; check their units: {error}") from None
+        raise OrthosisError(
+            f"the data give no possible muscle; check their units, or give its geometry by"
+            f" --muscle FILE: {error}"
+        ) from None
 
 
 def as_yaml(found: Identified, source: str) -> str:

@@ -27,6 +27,11 @@ COLUMNS = {
     **{f"F_{u}": ("force", f, False) for u, f in (("N", 1.0), ("kN", 1e3))},
     **{f"sigma_F_{u}": ("sigma", f, False) for u, f in (("N", 1.0), ("kN", 1e3))},
     **{f"v_{u}": ("rate", f, False) for u, f in (("m_s", 1.0), ("mm_s", 1e-3))},
+    **{f"t_{u}": ("time", f, False) for u, f in (("s", 1.0), ("ms", 1e-3))},
+    **{f"V_{u}": ("volume", f, False) for u, f in (("m3", 1.0), ("l", 1e-3), ("cm3", 1e-6))},
+    "m_kg": ("mass", 1.0, False),
+    "direction": ("direction", 1.0, False),
+    "repeat": ("repeat", 1.0, False),
     "slack": ("slack", 1.0, False),
 }
 # what a column in the right unit cannot exceed
@@ -36,20 +41,32 @@ PLAUSIBLE = {
     "contraction": (-0.5, 3.0, "m"),
     "force": (-100.0, 2.0e4, "N"),
     "rate": (-5.0, 5.0, "m/s"),
+    "volume": (1.0e-9, 0.1, "m^3"),
+    "mass": (1.0e-3, 1.0e4, "kg"),
+    "direction": (-1.0, 1.0, "(1 shortening or filling, -1 stretching or venting)"),
 }
 # largest / smallest typical value beyond which a column must hold two units
 MIXED = {"pressure": 100.0, "length": 3.0}
 
 
 class Table(NamedTuple):
-    """Rows of a taut muscle in SI, (n,) each; None where the file has no such column."""
+    """Rows of a taut muscle in SI, (n,) each; None where the file has no such column.
+
+    `marked`: the file says where the muscle hangs slack.
+    """
 
     pressure: np.ndarray
     length: np.ndarray | None
     contraction: np.ndarray | None
-    force: np.ndarray
+    force: np.ndarray | None
     sigma: np.ndarray | None
     rate: np.ndarray | None
+    time: np.ndarray | None
+    direction: np.ndarray | None
+    repeat: np.ndarray | None
+    mass: np.ndarray | None
+    volume: np.ndarray | None
+    marked: bool = False
 
 
 def read_table(path: Path, ambient: float) -> Table:
@@ -64,18 +81,21 @@ def read_table(path: Path, ambient: float) -> Table:
         OrthosisError: unreadable, unknown or doubled column, not a number, implausible values.
     """
     columns = _columns(path, ambient)
-    for needed in ("pressure", "force"):
+    for needed in ("pressure",) if "volume" in columns else ("pressure", "force"):
         if needed not in columns:
             raise OrthosisError(f"{path}: no column for the {needed}; name it e.g. {_example(needed)}")
     if ("length" in columns) == ("contraction" in columns):
         raise OrthosisError(f"{path}: give either the length (L_m) or the contraction (dL_m)")
     for name, values in columns.items():
         _check(path, name, values)
-    slack = columns.pop("slack", np.zeros(len(columns["force"]))) != 0
+    marked = "slack" in columns
+    slack = columns.pop("slack", np.zeros(len(columns["pressure"]))) != 0
     if slack.all():
         raise OrthosisError(f"{path}: the muscle hangs slack in every row; measure at more pressure")
     kept = ~slack | _force_free_end(slack, columns)
-    return Table(**{name: columns[name][kept] if name in columns else None for name in Table._fields})
+    names = (name for name in Table._fields if name != "marked")
+    rows = {name: columns[name][kept] if name in columns else None for name in names}
+    return Table(**rows, marked=marked)
 
 
 def _force_free_end(slack: np.ndarray, columns) -> np.ndarray:

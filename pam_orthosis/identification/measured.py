@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a measured table holds: force of a muscle, its volume, or a free decay."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pam_orthosis.bag.topics import SECOND_NS
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.identification.groups import levels
+from pam_orthosis.identification.samples import (
+    DERIVATIVE_SAMPLES,
+    Decay,
+    Samples,
+    Volumes,
+    check_even,
+    differentiated,
+)
+from pam_orthosis.identification.table import Table, read_table
+
+BREAK = 10.0  # times the usual step: the recording was stopped in between
+STILL = 1.0e-3  # m: a run that moves less was held at one length, and its pressure has the direction
+SLOW = 0.1  # of the fast changes (95 %): slower ones have no direction
+SHARED = 0.5  # of a table's pressure levels, that an earlier one has too if it is a repeat
+LENGTHS = (-0.05, 0.1, 0.4)  # shares of the nominal length: least contraction (two bounds), largest one
+
+
+class Parts(NamedTuple):
+    """What a table holds; `marked`: it says where the muscle hangs slack."""
+
+    samples: Samples | None = None
+    decay: Decay | None = None
+    volumes: Volumes | None = None
+    marked: bool = False
+
+
+def table_parts(path: Path, nominal: float, ambient: float, serial: int) -> Parts:
+    """Return what a table holds.
+
+    Args:
+        path: of the table.
+        nominal: length of the muscle, m.
+        ambient: pressure, Pa.
+        serial: number of its first run.
+
+    Raises:
+        OrthosisError: as `read_table`, lengths that do not fit the nominal one, a decay with gaps.
+    """
+    table = read_table(path, ambient)
+    contraction = table.contraction if table.contraction is not None else nominal - table.length
+    _check_lengths(path, contraction, nominal)
+    if table.volume is not None:
+        return Parts(volumes=Volumes(table.pressure, contraction, table.volume))
+    if table.mass is not None:
+        return Parts(decay=_decay(path, table, contraction))
+    return Parts(_samples(table, contraction, serial), marked=table.marked)
+
+
+def _check_lengths(path: Path, contraction: np.ndarray, nominal: float) -> None:
+    low, first, last = (share * nominal for share in LENGTHS)
+    if contraction.min() < low or contraction.min() > first or contraction.max() > last:
+        raise OrthosisError(
+            f"{path}: lengths do not fit a nominal length of {nominal:g} m;"
+            " give --nominal-length-m or --muscle, and check the unit"
+        )
+
+
+def _decay(path: Path, table: Table, contraction: np.ndarray) -> Decay:
+    if table.time is None:
+        raise OrthosisError(f"{path}: a decay (it has a moved mass) needs a column for the time, e.g. t_s")
+    if np.ptp(table.mass) > 0:
+        raise OrthosisError(f"{path}: the moved mass changes; give one decay a table")
+    if len(table.time) < DERIVATIVE_SAMPLES:
+        raise OrthosisError(f"{path} is too short: {len(table.time)} samples")
+    check_even(path, np.round(table.time * SECOND_NS))
+    return Decay(table.time - table.time[0], contraction, table.pressure, table.force, float(table.mass[0]))
+
+
+def _samples(table: Table, contraction: np.ndarray, serial: int) -> Samples:
+    zero = np.zeros(len(table.force))
+    sigma = table.sigma if table.sigma is not None else zero + 1.0
+    rate, sense, run = table.rate, table.direction, zero - 1
+    if table.time is not None:
+        run = serial + _runs(table.time)
+        rate, sense = _moved(table, contraction, run, rate, sense)
+    return Samples(
+        table.pressure, contraction, zero if rate is None else rate, table.force, sigma,
+        levels(table.pressure), run, sense, table.repeat,
+    )  # fmt: skip
+
+
+def _runs(time: np.ndarray) -> np.ndarray:
+    """Return a number for each row, another one after the time goes back or leaps."""
+    steps = np.diff(time)
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+    return np.concatenate([[0], np.cumsum((steps <= 0) | (steps > BREAK * usual))])
+
+
+def _moved(
+    table: Table,
+    contraction: np.ndarray,
+    run: np.ndarray,
+    rate: np.ndarray | None,
+    sense: np.ndarray | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return rate of the contraction, m/s, and direction of each row, where the table does not give them."""
+    moved, filled = (np.zeros(len(run)) for _ in range(2))
+    for one in np.unique(run):
+        rows = run == one
+        moved[rows] = _slope(contraction[rows], table.time[rows])
+        filled[rows] = _slope(table.pressure[rows], table.time[rows])
+    given = moved if rate is None else rate
+    if sense is None:
+        sense = np.where(_travel(contraction, run) > STILL, _direction(given), _direction(filled))
+    return given, sense
+
+
+def _slope(values: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return a rate by local least squares, after the mean step; zero for a few rows."""
+    if len(values) < DERIVATIVE_SAMPLES:
+        return np.zeros(len(values))
+    return differentiated(values, np.linspace(time[0], time[-1], len(time)) * SECOND_NS)
+
+
+def _travel(contraction: np.ndarray, run: np.ndarray) -> np.ndarray:
+    spans = {one: np.ptp(contraction[run == one]) for one in np.unique(run)}
+    return np.array([spans[one] for one in run])
+
+
+def _direction(rate: np.ndarray) -> np.ndarray:
+    fast = np.quantile(np.abs(rate), 0.95)
+    return np.sign(rate) * (np.abs(rate) > SLOW * fast)
+
+
+def numbered_repeats(parts: Sequence[Samples]) -> list[Samples]:
+    """Return samples with the number of their repeat: a run at pressures that an earlier one had is one.
+
+    Numbers that a table gives stay.
+    """
+    known: list[set[int]] = []
+    found = []
+    for one in parts:
+        if np.ptp(one.repeat) > 0:
+            found.append(one)
+            continue
+        own = set(np.round(one.level, -4).astype(int).tolist())
+        number = next((i for i, seen in enumerate(known) if len(own & seen) < SHARED * len(own)), len(known))
+        known += [set()] if number == len(known) else []
+        known[number] |= own
+        found.append(replace(one, repeat=np.full(len(one), float(number))))
+    return found

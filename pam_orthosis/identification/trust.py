@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What in measured data spoils a fit without a sign of it, and what the fit says of the data."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.identification.force import ForceModel
+from pam_orthosis.identification.groups import LENGTH_GAP, LEVEL_GAP
+from pam_orthosis.identification.samples import Samples
+from pam_orthosis.model.components.muscle import polynomial
+
+LEAST_CLIPPED = 3  # rows that hold exactly the largest force
+# Pa gauge, at which a muscle begins to pull: at nominal length 0 by definition, fits of measured ones give 0
+# to 0.5 bar; beyond `UNCONTRACTED` measured ones need 1.4 bar and more
+SLACK_PRESSURE, CONTRACTED_PRESSURE = (-0.35e5, 0.9e5), 0.35e5
+VACUUM = -1.013e5  # Pa gauge
+UNCONTRACTED = 0.05  # of the nominal length: data that begin there show what holds at no contraction
+
+
+class Hysteresis(NamedTuple):
+    """Force above the other direction's, N: mean over all levels, smallest and largest of a level."""
+
+    mean: float
+    low: float
+    high: float
+
+
+def clipped(s: Samples, nominal: float) -> np.ndarray:
+    """Return which rows hold the end of the load cell's range: the largest force at different states."""
+    top = s.force == s.force.max()
+    same = np.ptp(s.pressure[top]) < LEVEL_GAP and np.ptp(s.contraction[top]) < LENGTH_GAP * nominal
+    return top if top.sum() >= LEAST_CLIPPED and not same else np.zeros(len(s), bool)
+
+
+def check_slack_pressure(model: ForceModel, s: Samples, nominal: float) -> str:
+    """Return a caution if the muscle would begin to pull at a pressure at which none does; empty if not.
+
+    Raises:
+        OrthosisError: and at nominal length even below vacuum.
+    """
+    first = max(float(s.contraction.min()), 0.0)
+    at_rest, at_first = (_slack_pressure(model, x) for x in (0.0, first))
+    far = first > UNCONTRACTED * nominal
+    if (far and at_first > CONTRACTED_PRESSURE) or (
+        not far and SLACK_PRESSURE[0] < at_rest < SLACK_PRESSURE[1]
+    ):
+        return ""
+    place, pressure = (first, at_first) if far else (0.0, at_rest)
+    told = (
+        f"at a contraction of {place * 1e3:.3g} mm the fitted muscle begins to pull at {pressure / 1e5:.2f}"
+        f" bar gauge (b_0 = {model.b[0]:.4g} N), as no muscle does"
+    )
+    if at_rest < VACUUM:
+        raise OrthosisError(
+            f"{told}; check --nominal-length-m ({nominal:g} m), and gauge or absolute pressure"
+        )
+    mixed = "absolute and named gauge" if pressure > 0 and not far else "gauge and named absolute"
+    return f"{told}: is the pressure {mixed}, or the nominal length not {nominal:g} m?"
+
+
+def _slack_pressure(model: ForceModel, contraction: float) -> float:
+    """Return the gauge pressure, Pa, at which the fitted muscle begins to pull."""
+    area = float(polynomial(model.a, contraction))
+    return float(polynomial(model.b, contraction)) / area if area > 0 else 0.0
+
+
+def hysteresis(model: ForceModel, s: Samples) -> Hysteresis | None:
+    """Return by how much the force lies higher in stretching or venting; None: the data have one way only.
+
+    Damping is accounted for, what remains is friction of the braid and what creeps.
+    """
+    residual, direction = model.residual(s), s.direction
+    found = []
+    for level in np.unique(s.level):
+        ways = [residual[(s.level == level) & (direction == sign)] for sign in (-1.0, 1.0)]
+        if min(map(len, ways)):
+            found.append(float(ways[0].mean() - ways[1].mean()))
+    return Hysteresis(float(np.mean(found)), min(found), max(found)) if found else None

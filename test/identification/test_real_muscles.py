@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`identify` on tables as a real rig gives them: slack rows, noise, hysteresis, repeats, mistakes."""
+
+import json
+
+import numpy as np
+import pytest
+from muscle_rig import LENGTH, LEVELS, repeat, static_force, write
+
+from pam_orthosis.cli.main import main
+from pam_orthosis.discrepancy import patch
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.identification.data import read_data
+from pam_orthosis.identification.force import fit_force, rms_and_max
+from pam_orthosis.identification.groups import grouped
+from pam_orthosis.identification.identify import identify, usable
+from pam_orthosis.identification.own import own_bench
+from pam_orthosis.model.parameters import load
+
+
+def read(path, **more):
+    return read_data([path], "dmsp_20", LENGTH, **more)
+
+
+def coefficients(fit):
+    return np.concatenate([fit.model.a, fit.model.b])
+
+
+@pytest.fixture(scope="module")
+def three(tmp_path_factory):
+    """Three repeats in one table."""
+    random = np.random.default_rng(1)
+    rows = np.vstack([repeat(number, random) for number in range(3)])
+    return write(tmp_path_factory.mktemp("rig") / "three.csv", rows)
+
+
+@pytest.fixture
+def static(tmp_path):
+    """Return a table of a static map, changed in its pressures (Pa), lengths (m) and forces (N)."""
+
+    def of(change, names="p_Pa_gauge,L_m,F_N"):
+        p, x = (one.ravel() for one in np.meshgrid(LEVELS, np.linspace(0.001, 0.075, 9)))
+        force = static_force(x, p)
+        taut = force > 0
+        return write(tmp_path / "map.csv", change(p[taut], LENGTH - x[taut], force[taut]), names)
+
+    return of
+
+
+def test_rows_of_the_slack_muscle_are_found_and_left_out(three):
+    found = identify(read(three))
+    (remark,) = (one for one in found.remarks if "slack" in one)
+    assert " of 2160 rows left out" in remark
+    s = found.training
+    taut = static_force(s.contraction, s.pressure) > 0
+    assert taut.mean() > 0.99
+    assert len(s) > 0.95 * (static_force(*_states(three)) > 0).sum()
+    every = read(three).samples
+    slack_too = rms_and_max(fit_force(every).model.residual(every))[0]
+    assert found.errors(held_out=False)["rms"] < 0.5 * slack_too
+
+
+def _states(path):
+    s = read(path).samples
+    return s.contraction, s.pressure
+
+
+def test_scattered_pressures_are_levels_and_swept_ones_are_parts():
+    random = np.random.default_rng(2)
+    levels = np.repeat(LEVELS, 50) + 800 * random.standard_normal(300)
+    found = grouped(levels, 3e3, 3e4, 30)
+    assert len(np.unique(found)) == len(LEVELS)
+    assert np.abs(np.unique(found) - LEVELS).max() < 400
+    assert len(np.unique(grouped(np.linspace(0, 6e5, 5000), 3e3, 3e4, 30))) == 8
+
+
+def test_the_hysteresis_is_reported(three):
+    assert identify(read(three)).hysteresis.mean == pytest.approx(13.0, abs=2.5)
+
+
+def test_a_direction_column_says_it_without_time(three, tmp_path):
+    data = read(three).samples
+    rows = np.column_stack([data.pressure, data.contraction, data.force, data.direction])
+    other = identify(read(write(tmp_path / "d.csv", rows, "p_Pa_gauge,dL_m,F_N,direction")))
+    assert other.hysteresis == pytest.approx(identify(read(three)).hysteresis, abs=0.5)
+
+
+def test_groups_are_left_out_as_a_whole(three):
+    found = identify(read(three)).left_out
+    assert {kind: len(errors) for kind, errors in found.items()} == {"level": 6, "length": 8, "repeat": 3}
+    ends = [found["length"][at][0] for at in (min(found["length"]), max(found["length"]))]
+    assert max(ends) > 1.3 * np.median([e[0] for e in found["length"].values()]), (
+        "no neighbour helps at an end"
+    )
+
+
+def test_intervals_of_repeats_hold_for_another_repeat(tmp_path):
+    random = np.random.default_rng(4)
+
+    def samples(count):
+        rows = np.vstack([repeat(number, random, samples=20) for number in range(count)])
+        return usable(read(write(tmp_path / "c.csv", rows)), 0.0, (3, 4))[0]
+
+    others = np.array([coefficients(fit_force(samples(1))) for _ in range(12)])
+    fits = [fit_force(samples(4)) for _ in range(6)]
+    assert {one.clustered for one in fits} == {"repeats"}
+    held = [np.abs(coefficients(one) - others) < one.half_width for one in fits]
+    assert np.mean(held) > 0.9
+
+
+def test_rows_that_the_load_cell_clipped_are_left_out(static):
+    found = identify(read(static(lambda p, length, f: np.column_stack([p, length, np.minimum(f, 600.0)]))))
+    assert any("exactly 600 N" in one for one in found.remarks)
+    clean = identify(read(static(lambda p, length, f: np.column_stack([p, length, f]))))
+    assert not clean.remarks
+    spoilt, kept, true = (one.model.a[0] for one in (fit_force(found.data.samples), found.force, clean.force))
+    assert abs(kept - true) < 0.2 * abs(spoilt - true)
+
+
+@pytest.mark.parametrize(
+    ("change", "names", "words"),
+    [
+        (lambda p, x, f: (p + 1.013e5, x, f), "p_Pa_gauge,L_m,F_N", "absolute and named gauge"),
+        (lambda p, x, f: (p, x, f), "p_Pa_abs,L_m,F_N", "gauge and named absolute"),
+    ],
+)
+def test_gauge_and_absolute_pressure_mixed_up_are_a_caution(static, change, names, words):
+    found = identify(read(static(lambda *rows: np.column_stack(change(*rows)), names)))
+    assert any(words in one for one in found.remarks)
+
+
+def test_a_wrong_nominal_length_is_no_muscle(static):
+    path = static(lambda p, length, f: np.column_stack([p, length, f]))
+    with pytest.raises(OrthosisError, match="as no muscle does; check --nominal-length-m"):
+        identify(read_data([path], "dmsp_20", 0.328))
+
+
+def test_one_noisy_pressure_is_one_pressure(static):
+    random = np.random.default_rng(3)
+
+    def only(p, length, f):
+        kept = p == LEVELS[3]
+        many = np.tile(np.column_stack([p, length, f])[kept], (20, 1))
+        return many + [800.0, 0.0, 1.0] * random.standard_normal(many.shape)
+
+    with pytest.raises(OrthosisError, match="at 1 pressures"):
+        identify(read(static(only)))
+
+
+def test_a_nominal_length_that_was_assumed_is_said(static, capsys):
+    path = static(lambda p, length, f: np.column_stack([p, length, f]))
+    assert main(["identify", str(path), "--muscle", "dmsp_20"]) == 0
+    assert "the nominal length, 0.3 m, is that of the dmsp_20 in config/" in capsys.readouterr().out
+
+
+def test_a_muscle_of_any_size_by_its_own_geometry(static, tmp_path, capsys):
+    path = static(lambda p, length, f: np.column_stack([p, length, 4 * f]))
+    assert main(["identify", str(path), "--muscle", "dmsp_20"]) == 2
+    assert "give its geometry by --muscle FILE" in capsys.readouterr().err
+    own, out = tmp_path / "own.yaml", tmp_path / "rows.yaml"
+    own.write_text("length: 0.3\ndiameter: 0.04\n")
+    assert main(["identify", str(path), "--muscle", str(own), "--out", str(out), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    read_back = load(patch.read(out)).muscle.dmsp_20
+    assert read_back.force.a[0] == pytest.approx(found["a"][0])
+    assert (read_back.geometry.diameter, read_back.length) == (0.04, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("diameter: 0.04", "no length"),
+        ("length: 0.3\ndiameter: 40", "diameter"),
+        (
+            "length: 0.3\ndiameter: 0.04\nfiber_angle: 0.5",
+            "unknown key fiber_angle; did you mean fibre_angle?",
+        ),
+    ],
+)
+def test_an_unusable_geometry_says_why(tmp_path, text, words):
+    path = tmp_path / "own.yaml"
+    path.write_text(text)
+    with pytest.raises(OrthosisError, match=words.replace("?", r"\?")):
+        own_bench(path)
+
+
+def test_decay_and_volume_come_from_tables_too(static, tmp_path):
+    force = static(lambda p, length, f: np.column_stack([p, length, f]))
+    time = 0.002 * np.arange(1500)
+    mass, damping, stiffness = 70.0, 250.0, 2.0e4
+    rate = np.sqrt(stiffness / mass - (damping / (2 * mass)) ** 2)
+    swing = 0.012 * np.exp(-damping / (2 * mass) * time)
+    x = 0.03 + swing * np.cos(rate * time)
+    v = np.gradient(x, time)
+    pull = 687.0 - stiffness * (x - 0.03) - damping * v
+    decay = np.column_stack([time, np.full(1500, 3e5), x, pull, np.full(1500, mass)])
+    write(tmp_path / "decay.csv", decay, "t_s,p_Pa_gauge,dL_m,F_N,m_kg")
+    p, x = (one.ravel() for one in np.meshgrid([1e5, 3e5, 5e5], [0.0, 0.02, 0.04, 0.06]))
+    volume = np.column_stack([p, x, 94.0 * (1 + 14 * x - 60 * x**2) * (1 + 4e-8 * p)])
+    write(tmp_path / "volume.csv", volume, "p_Pa_gauge,dL_m,V_cm3")
+    paths = [force, tmp_path / "decay.csv", tmp_path / "volume.csv"]
+    found = identify(read_data(paths, "dmsp_20", LENGTH))
+    assert found.damping.decrement == pytest.approx(damping, rel=0.03)
+    assert found.volume.v == pytest.approx(94e-6 * np.array([1, 14, -60]), rel=0.01)
