@@ -172,7 +172,7 @@ def usable(data: Data, damping: float, degrees: tuple[int, int]) -> tuple[Sample
     end = clipped(s, data.length)
     if end.any():
         remarks.append(
-            f"{end.sum()} rows left out: they hold exactly {s.force.max():g} N, the largest force, in different"
+            f"{end.sum()} rows left out: they hold exactly {s.force.max():g} N, the largest one, in different"
             " states; the load cell or its amplifier ends there"
         )
         s = s.where(~end)
