@@ -51,6 +51,12 @@ class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
         return super().construct_mapping(node, deep=deep)
 
 
+# YAML 1.1 takes 8e-4 for a text, for want of a point
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+\Z"), list("-+0123456789")
+)
+
+
 def check_file(path: Path) -> None:
     """Check that a path is a regular file: who opens a pipe or a device waits, or reads without end.
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.markup import table
 from pam_orthosis.model.components import cylinder, muscle
 from pam_orthosis.model.components.actuator import Actuator
@@ -138,13 +139,19 @@ class Machine:
         own = (f"{name}_{kind}" for kind in kinds for name in self.names)
         return (self.coordinate.effort, *own, *(f"measured_{channel}" for channel in self.channels))
 
+    def _instances(self, effect: Effect) -> list[Effect]:
+        return effect.instances(self.actuators, (self.coordinate.kind, self.kind))
+
+    def has(self, kind: str) -> bool:
+        """Return whether it has what an effect of this kind acts on."""
+        return any(self._instances(effect) for effect in KINDS if effect.kind == kind)
+
     @cached_property
     def catalogue(self) -> dict[str, Effect]:
         """The effects that it can have or lack, by name."""
-        kinds = (self.coordinate.kind, self.kind)
         known = {effect.kind: effect for effect in KINDS}
         chosen = [known[name] for name in self.effects] if self.effects else KINDS
-        instances = [one for effect in chosen for one in effect.instances(self.actuators, kinds)]
+        instances = [one for effect in chosen for one in self._instances(effect)]
         names = {one.name for one in instances}
         return {
             one.name: replace(
@@ -185,9 +192,12 @@ class Machine:
         return parameters.changed({key: parameters.at(other) for key, other in self.takes.items()})
 
     def check(self, parameters: Parameters) -> None:
-        """Check that the parameters have the branches that it names; OrthosisError if not."""
+        """Check that the parameters have the branches and values that it names; OrthosisError if not."""
         self.mechanism(parameters)
         for one in self.actuators:
             one.built(parameters)
-        for end in ("noise", "resolution"):
-            parameters.at(f"{self.sensor}_{end}")
+        for key in (f"{self.sensor}_noise", f"{self.sensor}_resolution", *filter(None, (self.start,))):
+            if not isinstance(parameters.row(key).value, float):
+                raise OrthosisError(f"{key} is not a number")
+        for key, other in self.takes.items():
+            parameters.row(key).with_value(parameters.row(other).value)

@@ -6,7 +6,6 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,8 @@ OF_ACTUATOR = ("kind", "parameters", "transmission", "sizes")
 NAME = re.compile(r"[a-z][a-z0-9_]{0,30}")
 OF_MACHINE = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
 MOST_ACTUATORS = 8
+LARGEST_SIZE = 1000.0  # times the bounds of an effect: beyond it another effect is meant
+BRANCHES = ("effects", "rig.effects")
 OWN = "machine"  # branch of the parameters that a file gives itself
 INLINE: Mapping[str, Sequence[Field]] = {"cylinder": cylinder.FIELDS}
 EFFECTS = tuple(effect.kind for effect in KINDS)
@@ -108,7 +109,11 @@ def machine_from(text: str, name: str, where: str) -> Machine:
     if not isinstance(chosen, list) or not all(isinstance(name, str) for name in chosen):
         raise file.refusal("effects is a list of names")
     file.known(chosen, EFFECTS, "the catalogue of effects")
-    return Machine(
+    experiments = top.get("experiments", False)
+    if not isinstance(experiments, bool):
+        raise file.refusal(f"experiments is true or false, not {shown(experiments)}")
+    takes = file.mapping(top.get("takes", {}), "takes")
+    machine = Machine(
         name=_name(file),
         meaning=file.text(top, "meaning", name),
         kind=kind,
@@ -117,13 +122,16 @@ def machine_from(text: str, name: str, where: str) -> Machine:
         sensor=_sensor(file, MECHANISMS[kind].coordinate.name, MECHANISMS[kind].coordinate.unit),
         start=file.text(top, "start", f"{parameters}.start") if kind != "carriage" else "",
         effects=tuple(chosen),
-        branch=file.text(top, "branch", "effects"),
-        experiments=top.get("experiments") is True,
-        takes=file.mapping(top.get("takes", {}), "takes"),
+        branch=file.one_of({"branch": BRANCHES[0], **top}, "branch", BRANCHES, "a machine"),
+        experiments=experiments,
+        takes={key: file.text(takes, key, "") for key in takes},
         rows=tuple(file.rows),
         values=file.mapping(top.get("values", {}), "values"),
         text=text,
     )
+    if absent := [name for name in chosen if not machine.has(name)]:
+        raise file.refusal(f"a {kind} of these actuators cannot have the effect {absent[0]}")
+    return machine
 
 
 def _name(file: _File) -> str:
@@ -173,9 +181,19 @@ def _actuator(file: _File, name: str, node: Any, mechanism: str) -> ActuatorOf:
         raise file.refusal(
             f"{where}: a {mechanism} {'needs a transmission' if own else 'has its own transmission'}"
         )
-    sizes = file.mapping(node.get("sizes", {}), f"sizes of {where}")
-    file.known(sizes, EFFECTS, "the catalogue of effects")
+    sizes = _sizes(file, node.get("sizes", {}), where)
     return ActuatorOf(name, kind, branch, _transmission(file, name, node) if own else "", sizes)
+
+
+def _sizes(file: _File, node: Any, where: str) -> dict[str, float]:
+    sizes = file.mapping(node, f"sizes of {where}")
+    file.known(sizes, EFFECTS, "the catalogue of effects")
+    for name, value in sizes.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= LARGEST_SIZE:
+            raise file.refusal(
+                f"the size of {name} of {where} is a number up to {LARGEST_SIZE:g}, not {shown(value)}"
+            )
+    return sizes
 
 
 def _transmission(file: _File, name: str, node: Mapping[str, Any]) -> str:
@@ -195,8 +213,8 @@ def _check_table(file: _File, given: Mapping[str, list[float]], where: str) -> N
     places, values = given["coordinates"], given["contractions"]
     if not isinstance(places, list) or not isinstance(values, list) or len(places) != len(values):
         raise file.refusal(f"{where}: coordinates and contractions are lists of the same length")
-    if not 3 <= len(places) <= 40 or any(low >= high for low, high in pairwise(places)):
-        raise file.refusal(f"{where}: coordinates are 3 to 40 rising numbers")
+    if not 3 <= len(places) <= 40:
+        raise file.refusal(f"{where}: coordinates are 3 to 40 numbers, not {len(places)}")
 
 
 def _sensor(file: _File, coordinate: str, unit: str) -> str:

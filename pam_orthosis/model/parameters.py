@@ -140,10 +140,12 @@ def load(overrides: Mapping[str, Any] | None = None, machine: Machine | None = N
     from pam_orthosis.model.machines import KNEE  # --help needs none of them
 
     declared = machine or KNEE
-    rows = _shipped_rows() if declared is KNEE else _rows_for(declared)
-    parameters = Parameters(declared, rows).changed(overrides or {})
-    declared.check(parameters)
-    return parameters
+    parameters = Parameters(declared, _shipped_rows() if declared is KNEE else _rows_for(declared))
+    try:
+        declared.check(parameters)
+    except OrthosisError as error:
+        raise OrthosisError(f"the machine {declared.name}: {error}") from None
+    return parameters.changed(overrides or {})
 
 
 def scenario_names() -> dict[str, str]:

@@ -224,6 +224,20 @@ def test_parameters_know_their_machine(read):
         ("cylinder, area: 8.0e-4, volume: 2.0e-5, length: 0.3", "muscle, parameters: muscle.dmsp_2",
          "no parameter muscle.dmsp_2"),
         ("actuators:\n", "actuators: []\nothers:\n", "others|mapping of names"),
+        ("sensor: {noise: 1.0e-5}", "sensor: x", "the machine .* unknown parameter x_noise"),
+        ("meaning: a", "start: none.such\nmeaning: a", "the machine .* unknown parameter none.such"),
+        ("meaning: a", "start: scenario.trajectory\nmeaning: a", "the machine .* is not a number"),
+        ("meaning: a", "takes: {valve.temperature: 3}\nmeaning: a", "valve.temperature is a text, not 3"),
+        ("meaning: a", "takes: {valve.temperature: no.such}\nmeaning: a", "the machine .* unknown parameter"),
+        ("meaning: a", "takes: {valve.temperature: scenario.trajectory}\nmeaning: a", "give a number in K"),
+        ("meaning: a", "branch: valve\nmeaning: a", "branch of a machine is one of effects, rig.effects"),
+        ("meaning: a", "experiments: 1\nmeaning: a", "experiments is true or false, not 1"),
+        ("meaning: a", "effects: [joint_friction]\nmeaning: a", "cannot have the effect joint_friction"),
+        ("area: 8.0e-4", "sizes: {leak: -1.0}, area: 8.0e-4", "the size of leak .* not -1.0"),
+        ("area: 8.0e-4", "sizes: {leak: .nan}, area: 8.0e-4", "the size of leak .* not nan"),
+        ("area: 8.0e-4", "sizes: {leak: x}, area: 8.0e-4", "the size of leak .* not 'x'"),
+        ("{arm: 1.0}", "{coordinates: [0.0, 0.2, 0.1], contractions: [0, 0, 0]}", "the machine .* rise"),
+        ("{arm: 1.0}", "{coordinates: [0.0, 0.2], contractions: [0, 0]}", "3 to 40 numbers, not 2"),
         ("meaning: a", "values: {scenario.duraton: 3.0}\nmeaning: a", "values of the machine .* mean"),
         ("meaning: a", "values: {scenario.duration: -3.0}\nmeaning: a", "values of the machine .* outside"),
         ("meaning: a", "values: [3.0]\nmeaning: a", "values is not a mapping"),
@@ -237,6 +251,10 @@ def test_a_wrong_file_is_refused_in_one_line(read, old, new, words):
     with pytest.raises(OrthosisError, match=words) as refused:
         load(machine=read(SLIDE.replace(old, new)))
     assert "\n" not in str(refused.value)
+
+
+def test_a_number_needs_no_point(read):
+    assert load(machine=read(SLIDE.replace("8.0e-4", "8e-4"))).machine.push.area == 8.0e-4
 
 
 def test_an_unreadable_file_is_refused(tmp_path):

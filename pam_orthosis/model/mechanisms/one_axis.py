@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.mechanisms.base import ROTATION, TRANSLATION, Coordinate, Mechanics, stop_effort
 from pam_orthosis.model.rows import Field, Section
 from pam_orthosis.model.signals import Expression, Signals
@@ -61,6 +63,8 @@ def _spline(places: list[float], values: list[float]) -> Callable[[Expression], 
     """Return the natural cubic spline through a table, straight beyond its ends."""
     from scipy.interpolate import CubicSpline  # takes a third of a second to load
 
+    if any(low >= high for low, high in pairwise(places)):
+        raise OrthosisError(f"coordinates of a transmission rise from one to the next, not so: {places}")
     spline = CubicSpline(places, values, bc_type="natural")
     bends = np.diff(spline.c[0], prepend=0.0)
 
