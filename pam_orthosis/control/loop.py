@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from pam_orthosis.control.diagnostic import Programme
 from pam_orthosis.control.guarded import Guarded, GuardedPosition, GuardedPressure, GuardedValve
 from pam_orthosis.control.inverse_valve import InverseValveModel
+from pam_orthosis.control.limits import SafetyMonitor, restrained
 from pam_orthosis.control.position import PositionController
 from pam_orthosis.control.pressure import PressureController
 from pam_orthosis.control.reference import as_number
 from pam_orthosis.control.trajectory import Trajectory, make_trajectory
+from pam_orthosis.control.waiting import Waiting
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
@@ -54,6 +56,42 @@ class Hardware(Protocol):
         """Let a control period pass."""
 
 
+class Watched:
+    """Hardware whose valves get no more than a safety monitor lets through.
+
+    Args:
+        plant: the hardware.
+        monitor: of its measurements.
+    """
+
+    def __init__(self, plant: Hardware, monitor: SafetyMonitor):
+        self._plant, self.monitor = plant, monitor
+        self.period_ns = plant.period_ns
+        self._time_ns = 0
+        self._ceilings: tuple[float, ...] = ()
+
+    def measure(self) -> Sequence[float]:
+        """Return a sample, which the monitor has seen."""
+        sample = self._plant.measure()
+        self._ceilings = self.monitor.step(self._time_ns, sample[0], sample[1:])
+        return sample
+
+    def truth(self) -> Sequence[float]:
+        """Return the true state of the hardware."""
+        return self._plant.truth()
+
+    def advance(self, *voltages: float) -> None:
+        """Let a control period pass."""
+        self._plant.advance(*restrained(voltages, self._ceilings))
+        self._time_ns += self.period_ns
+
+
+def made_reference(parameters: Parameters) -> Trajectory | Programme | Waiting:
+    """Return what `scenario` asks for; it waits for the person if that is wanted."""
+    trajectory = make_trajectory(parameters)
+    return Waiting(trajectory, parameters) if parameters.control.cooperation.wait else trajectory
+
+
 class ClosedLoop:
     """Plant, trajectory and cascade of controllers in one process.
 
@@ -70,11 +108,11 @@ class ClosedLoop:
         parameters: Parameters,
         seed: int = 0,
         plant: Hardware | None = None,
-        trajectory: Trajectory | Programme | None = None,
+        trajectory: Trajectory | Programme | Waiting | None = None,
         position: PositionController | None = None,
     ):
         self.plant: Hardware = Plant(parameters, seed) if plant is None else plant
-        self._trajectory = make_trajectory(parameters) if trajectory is None else trajectory
+        self._trajectory = made_reference(parameters) if trajectory is None else trajectory
         position = PositionController(parameters) if position is None else position
         self._every = parameters.control.position.every
         self._position = GuardedPosition(parameters, position)
@@ -105,6 +143,8 @@ class ClosedLoop:
         time_ns = index * self.plant.period_ns
         (position, *pressures), truth = self.plant.measure(), self.plant.truth()
         reference = self._trajectory.sample(time_ns)
+        if isinstance(self._trajectory, Waiting):
+            self._trajectory.heed(position)
         followed = reference.position if reference.planned is None else reference.planned.position
         held = index % self._every
         if not held:

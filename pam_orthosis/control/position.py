@@ -256,16 +256,25 @@ class PositionController:
         then = self._ahead.reference(reference, periods)
         self._then.step(then, pressures, periods)
         point = self._ahead.estimate(estimate, reference, then)
-        c1, c2 = self._tuned[:2]
-        self._ahead.note(desired_acceleration(point, then[:3], c1, c2) - then.acceleration)
+        self._ahead.note(self._correction(point, then))
         return self._law(point, then, mean, self._then, periods)
+
+    def _correction(self, point: Sequence[float], reference: Reference) -> float:
+        """Return by how much the acceleration that is asked for is beyond that of the reference."""
+        c1, c2 = self._tuned[:2]
+        wanted: float = desired_acceleration(point, reference[:3], c1, c2)
+        return wanted - reference.acceleration
+
+    def _ask(self, *inputs: Any) -> Any:
+        """Return pressures, saturated, clamped and shares to let go, see `command_function`."""
+        return self._command(*inputs)
 
     def _law(
         self, estimate: Sequence[float], reference: Reference, mean: float, effect: AddedEffort, periods: int
     ) -> Limited:
         states, time, change = effect.states, effect.time, periods * self._change
-        result = self._command(estimate, reference[:3], mean, self._let_go, states, time, self._tuned)
-        pressures, saturated, clamped, near = result
+        inputs = estimate, reference[:3], mean, self._let_go, states, time, self._tuned
+        pressures, saturated, clamped, near = self._ask(*inputs)
         self._let_go = [
             min(max(wanted, now - change), now + change)
             for wanted, now in zip(near.tolist(), self._let_go, strict=True)

@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The safety monitor beside random persons and beside commands without sense; one JSON file of results.
+
+    python benchmarks/safety.py run --out benchmarks/results/safety.json [--persons 200] [--nonsense 120]
+    python benchmarks/safety.py table benchmarks/results/safety.json
+
+Truth judges. A trip is *missed* if a limit is exceeded by more than its margin before one, if a spasm of at
+least 30 N m against the motion does not trip within 0.2 s, or if lost samples do not. A first trip is *false*
+if nothing befalls the person and the same run without the monitor keeps all limits for the next 0.3 s.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from control_campaign.hardware import drawn
+
+from pam_orthosis.control.limits import SafetyMonitor
+from pam_orthosis.control.loop import ClosedLoop, Watched
+from pam_orthosis.model.parameters import Parameters, load, scenario_overrides
+from pam_orthosis.model.plant import Plant
+
+SECONDS, NONSENSE_SECONDS = 8.0, 2.5
+EVENTS = ("none", "none", "none", "push", "block", "spasm", "lost samples")
+BODIES = 6  # hardware samples with a person's height each
+AFTER, REACTION = 0.3, 0.2  # s
+LOST = 0.06  # s without a sample
+# what truth may be beyond a limit: the valves need time, and the model of the muscles errs
+MARGINS = {"range of motion": 0.4, "speed": 5.0, "torque": 5.0, "pressure": 2.0e4}
+UNITS = {"range of motion": "rad", "speed": "rad/s", "torque": "N m", "pressure": "Pa"}
+
+
+class Deaf(Watched):
+    """Hardware whose monitor hears nothing for a while."""
+
+    def __init__(self, plant: Plant, monitor: SafetyMonitor, since: float):
+        super().__init__(plant, monitor)
+        self._since = since
+
+    def measure(self) -> Sequence[float]:
+        """Return a sample, which the monitor sees at times."""
+        if self._since <= self._time_ns * 1e-9 < self._since + LOST:
+            return self._plant.measure()
+        return super().measure()
+
+
+class Beyond:
+    """By how much the truth of a run is beyond each limit, at most, and since when."""
+
+    def __init__(self, parameters: Parameters):
+        self._limits, self._lever = parameters.control.limits, parameters.leg.cogwheel_diameter / 2
+        self.rows: list[list[float]] = []
+
+    def see(self, truth: Any) -> None:
+        """Take a sample of the truth."""
+        limits = self._limits
+        torque = self._lever * (truth.flexor_force - truth.extensor_force)
+        self.rows.append([
+            max(limits.low - truth.angle, truth.angle - limits.high),
+            abs(truth.velocity) - limits.speed, abs(torque) - limits.effort,
+            max(truth.extensor_pressure, truth.flexor_pressure) - limits.pressure, truth.velocity,
+        ])  # fmt: skip
+
+    def most(self) -> dict[str, float]:
+        """Return the largest excess over each limit; below 0 it was kept."""
+        return dict(zip(MARGINS, np.max(self.rows, axis=0)[:4].tolist(), strict=True))
+
+    def first(self, margins: Sequence[float], since: float = 0.0, until: float = np.inf) -> float | None:
+        """Return the first instant at which a limit and its margin are exceeded, s."""
+        rows = np.array(self.rows)[:, :4]
+        time = np.arange(len(rows)) * 0.005
+        out = (rows > np.array(margins)).any(axis=1) & (time >= since) & (time < until)
+        return float(time[out][0]) if out.any() else None
+
+
+class Seen:
+    """Hardware whose truth a judge sees."""
+
+    def __init__(self, plant: Any, judge: Beyond):
+        self._plant, self._judge, self.period_ns = plant, judge, plant.period_ns
+        self.measure, self.advance = plant.measure, plant.advance
+
+    def truth(self) -> Any:
+        """Return the truth."""
+        truth = self._plant.truth()
+        self._judge.see(truth)
+        return truth
+
+
+def person(number: int) -> tuple[Parameters, str, float]:
+    """Return parameters of a random person on one of the hardware samples, what befalls them, and when."""
+    body, rng = number % BODIES, np.random.default_rng(number)
+    of_body = np.random.default_rng(100 + body)
+    event, at, mass = str(rng.choice(EVENTS)), float(rng.uniform(3.5, 7.0)), float(rng.uniform(35.0, 110.0))
+    u = rng.uniform
+    will = {
+        "share": u(-0.3, 1.0), "stiffness": u(0, 30), "damping": u(0, 1.5), "cycle_time": u(1.9, 2.1),
+        "enabled": True,
+    }  # fmt: skip
+    overrides = {
+        **drawn(body), **scenario_overrides("person-passive"),
+        "plant.deviation.supply_pressure": 1.0, "leg.person.mass": mass,
+        "leg.person.height": float(of_body.uniform(1.5, 1.9)),
+        "plant.person.tissue.passive_moment.scale": float(of_body.uniform(0.5, 1.5)),
+        **{f"plant.person.volition.{key}": value for key, value in will.items()},
+    }  # fmt: skip
+    if event == "push":
+        overrides |= {"plant.external_torque": u(3, 15), "plant.external_frequency": u(0.2, 2.0)}
+    if event == "block":
+        overrides |= {"plant.person.block.start": at, "plant.person.block.stiffness": u(50, 300)}
+    if event == "spasm":
+        torque = float(rng.choice([-1, 1])) * u(30, 40)
+        overrides |= {"plant.person.spasm.start": at, "plant.person.spasm.torque": torque}
+    return load(overrides), event, 0.0 if event == "push" else at
+
+
+def walk(number: int) -> dict[str, Any]:
+    """Return what a random person's walk shows."""
+    parameters, event, at = person(number)
+    judge, steps = Beyond(parameters), round(SECONDS / 0.005)
+    monitor = SafetyMonitor(parameters)
+    plant = Plant(parameters, number)
+    watched = Deaf(plant, monitor, at if event == "lost samples" else np.inf)
+    ClosedLoop(parameters, plant=Seen(watched, judge)).run(steps)
+    trip = monitor.trips[0] if monitor.trips else None
+    when = trip.time_ns * 1e-9 if trip else None
+    out = judge.first(list(MARGINS.values()))
+    missed = out is not None and (when is None or when > out)
+    if event == "spasm" and _against(judge, parameters, at):
+        missed |= when is None or when > at + REACTION
+    missed |= event == "lost samples" and when is None
+    return {
+        "number": number, "event": event, "at": at, "trip": trip and trip.limit, "time": when,
+        "beyond": judge.most(), "missed": bool(missed),
+        "false": _is_false(parameters, number, event, at, when),
+    }  # fmt: skip
+
+
+def _against(judge: Beyond, parameters: Parameters, at: float) -> bool:
+    """Whether a spasm pulls against a motion that goes on for a while."""
+    speeds = np.array(judge.rows)[round(at / 0.005) - 2 : round((at + 0.05) / 0.005), 4]
+    return bool((speeds * np.sign(parameters.plant.person.spasm.torque) < -0.5).all())
+
+
+def _is_false(parameters: Parameters, number: int, event: str, at: float, when: float | None) -> bool:
+    if when is None or (event != "none" and when >= at):
+        return False
+    judge = Beyond(parameters)
+    steps = round((when + AFTER) / 0.005)
+    ClosedLoop(parameters, plant=Seen(Plant(parameters, number), judge)).run(steps)
+    return judge.first([0.0] * len(MARGINS), when - AFTER) is None
+
+
+def nonsense(number: int) -> dict[str, Any]:
+    """Return what voltages without sense do when the monitor alone stands between them and the valves."""
+    rng = np.random.default_rng(number)
+    scenario = ("default", "person", "person-light", "person-heavy")[number % 4]
+    angle = {"scenario.start_angle": float(rng.uniform(0.1, 1.0))}
+    parameters = load(scenario_overrides(scenario) | angle)
+    monitor, judge, plant = SafetyMonitor(parameters), Beyond(parameters), Plant(parameters, number)
+    watched, left, voltages = Watched(plant, monitor), 0, (5.0, 5.0)
+    for _ in range(round(NONSENSE_SECONDS / 0.005)):
+        watched.measure()
+        judge.see(plant.truth())
+        if left == 0:
+            voltages = tuple(rng.choice([0.0, 10.0, rng.uniform(0, 10)], 2).tolist())
+            left = 1 + int(rng.exponential(30))
+        watched.advance(*voltages)
+        left -= 1
+    trip = monitor.trips[0].limit if monitor.trips else None
+    out = judge.first(list(MARGINS.values()))
+    return {
+        "number": number,
+        "scenario": scenario,
+        "trip": trip,
+        "beyond": judge.most(),
+        "missed": out is not None,
+    }
+
+
+def summary(walks: Sequence[dict], blind: Sequence[dict]) -> dict[str, Any]:
+    """Return the counts that the table shows."""
+    watched = sum(min(one["time"] or SECONDS, SECONDS) for one in walks)
+    return {
+        "walks": len(walks), "minutes": watched / 60, "events": dict(Counter(w["event"] for w in walks)),
+        "trips": dict(Counter(w["trip"] or "none" for w in walks)),
+        "missed": sum(w["missed"] for w in walks), "false": sum(w["false"] for w in walks),
+        "beyond": _worst(walks), "nonsense": len(blind),
+        "nonsense_trips": dict(Counter(b["trip"] or "none" for b in blind)),
+        "nonsense_beyond_margin": sum(b["missed"] for b in blind), "nonsense_beyond": _worst(blind),
+    }  # fmt: skip
+
+
+def _worst(runs: Sequence[dict]) -> dict[str, float]:
+    return {name: max(run["beyond"][name] for run in runs) for name in MARGINS} if runs else {}
+
+
+def table(found: dict[str, Any]) -> Iterator[str]:
+    """Yield the lines of a Markdown table: limits, margins, and what truth was beyond."""
+    yield "| limit | margin | persons: beyond the limit | senseless voltages: beyond the limit |"
+    yield "|---|---|---|---|"
+    for name, margin in MARGINS.items():
+        values = (found[group][name] for group in ("beyond", "nonsense_beyond"))
+        cells = [f"{value:.3g} {UNITS[name]}" if value > 0 else "kept" for value in values]
+        yield f"| {name} | {margin:g} {UNITS[name]} | {' | '.join(cells)} |"
+
+
+def main() -> None:
+    """Parse the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    verbs = parser.add_subparsers(dest="verb", required=True)
+    running = verbs.add_parser("run", help="make all runs")
+    running.add_argument("--out", type=Path, required=True)
+    running.add_argument("--persons", type=int, default=200)
+    running.add_argument("--nonsense", type=int, default=120)
+    running.add_argument("--jobs", type=int, default=2)
+    verbs.add_parser("table", help="print the table of a results file").add_argument("results", type=Path)
+    arguments = parser.parse_args()
+    if arguments.verb == "table":
+        print("\n".join(table(json.loads(arguments.results.read_text(encoding="utf-8"))["summary"])))
+        return
+    with ProcessPoolExecutor(arguments.jobs) as pool:
+        walks = list(pool.map(walk, range(arguments.persons)))
+        blind = list(pool.map(nonsense, range(arguments.nonsense)))
+    found = {"summary": summary(walks, blind), "walks": walks, "nonsense": blind}
+    arguments.out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    print(json.dumps(found["summary"], indent=1))
+
+
+if __name__ == "__main__":
+    main()

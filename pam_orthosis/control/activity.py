@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a person brings of the effort that the motion takes, stride by stride, from recorded signals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from pam_orthosis.control.axis import Axis
+from pam_orthosis.model.parameters import Parameters
+
+Array = NDArray[np.float64]
+PARTS = 4  # of a stride, whose errors are taken for independent: friction changes its sign as often
+
+
+class Stride(NamedTuple):
+    """A stride: when it begins, s, the person's share of the effort, and its standard error."""
+
+    begin: float
+    share: float
+    error: float
+
+
+def strides(run: Mapping[str, Array], parameters: Parameters) -> list[Stride]:
+    """Return the person's share in each whole cycle of the scenario, the first one left out.
+
+    What acts from outside is the observer's disturbance with its sign changed; the effort of the motion, Eq.
+    (26), is that of the muscles by the nominal model and what acts from outside together. The share is the
+    first one's regression on the second. Friction and errors of the model are in the standard error; what is
+    proportional to the effort, such as a wrong mass, is not.
+
+    Args:
+        run: signals of `ClosedLoop.run`.
+        parameters: the nominal model, whose observer made the estimates.
+    """
+    outside, begin = -run["disturbance"], parameters.scenario.start_hold + parameters.scenario.start_ramp
+    needed = _muscle_effort(run, parameters) + outside
+    period, cycle = parameters.scenario.control_period, parameters.scenario.cycle_time
+    length = round(cycle / period)
+    starts = range(round(begin / period), len(outside) - length + 1, length)
+    return [_stride(run["time"][k], outside[k : k + length], needed[k : k + length]) for k in starts]
+
+
+def _stride(begin: float, outside: Array, needed: Array) -> Stride:
+    power = float(needed @ needed)
+    share = float(outside @ needed) / power
+    rest = outside - share * needed
+    return Stride(float(begin), share, float(np.sqrt(rest @ rest / power / PARTS)))
+
+
+def _muscle_effort(run: Mapping[str, Array], parameters: Parameters) -> Array:
+    axis, coordinate = Axis(parameters.belief()), parameters.declared.coordinate.name
+    q, velocity, p = ca.SX.sym("q"), ca.SX.sym("velocity"), ca.SX.sym("p", 2)
+    effort = ca.Function("effort", [q, velocity, p], [axis.effort(q, velocity, (p[0], p[1]))])
+    pressures = np.vstack([run[f"{name}_pressure"] for name in parameters.declared.names])
+    found = effort(run[f"estimated_{coordinate}"][None], run["estimated_velocity"][None], pressures)
+    return np.array(found).ravel()

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cooperation: the joint as a spring and damper about the reference that brings a share of the effort.
+
+    effort = level (m(q) q̈_d + k + G) + K e* + D ė,        e = q_d - q, e* = e outside of a tunnel, else 0
+
+Impedance control (Hogan 1985) without a force sensor: the muscles make the effort by their nominal model, and
+what acts from outside meets the joint's own inertia. The mode `position` is the backstepping law. The others
+are settings of the law above: `impedance` has the level 1 and no tunnel, `assist` adapts the level,
+`transparent` has neither stiffness nor damping and only carries the joint's weight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import casadi as ca
+
+from pam_orthosis.control.axis import Axis
+from pam_orthosis.control.position import Demand, PositionController, pressures_with_effects
+from pam_orthosis.control.rates import position_belief
+from pam_orthosis.control.reference import Reference
+from pam_orthosis.model.compiled import compiled
+from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.signals import Expression
+
+
+class Impedance(NamedTuple):
+    """What the joint is to be: stiffness N m/rad, damping N m s/rad, half width of the tunnel rad, level."""
+
+    stiffness: Expression
+    damping: Expression
+    tunnel: Expression
+    level: Expression
+
+
+class Spring(NamedTuple):
+    """What the law of a mode comes to: the actuators' effort, and what it is made of.
+
+    `correction`: by how much the acceleration leaves the reference's; `outside`: e*; `needed`: at level 1.
+    """
+
+    effort: Expression
+    correction: Expression
+    outside: Expression
+    needed: Expression
+
+
+def spring(estimate: Expression, reference: Expression, wanted: Impedance, axis: Axis) -> Spring:
+    """Return the law above for (q, q-dot, disturbance) and the reference (q, q-dot, q-double-dot)."""
+    terms = axis.terms(estimate[0], estimate[1])
+    error = reference[0] - estimate[0]
+    outside = error - ca.fmin(ca.fmax(error, -wanted.tunnel), wanted.tunnel)
+    pull = wanted.stiffness * outside + wanted.damping * (reference[1] - estimate[1])
+    needed = terms.inertia * reference[2] + terms.coriolis + terms.gravity
+    effort = wanted.level * needed + pull
+    return Spring(effort, (effort - needed - estimate[2]) / terms.inertia, outside, needed)
+
+
+def own_stiffness(q: Expression, mean: Expression, axis: Axis) -> Expression:
+    """Return the stiffness that the actuators give by themselves at a mean pressure, held, absolute Pa."""
+    place = ca.SX.sym("place")
+    effort = axis.effort(place, 0, (mean, mean))
+    return ca.substitute(-ca.gradient(effort, place), place, q)
+
+
+def softest_mean(q: Expression, stiffness: Expression, axis: Axis) -> Expression:
+    """Return the mean pressure, absolute Pa, at which the actuators give a stiffness by themselves.
+
+    It is affine in the mean; between the limits that leave both actuators room.
+    """
+    settings = axis.belief.control
+    low, high = settings.cooperation.least_mean, settings.position.mean_pressure
+    soft, stiff = (own_stiffness(q, ca.SX(mean), axis) for mean in (low, high))
+    share = (stiffness - soft) / (stiff - soft)
+    return low + ca.fmin(ca.fmax(share, 0), 1) * (high - low)
+
+
+def cooperation_function(belief: Parameters) -> ca.Function:
+    """Return (estimate, reference, share let go, impedance) -> as `command_function`, and `Spring`'s rest."""
+    axis, ambient = Axis(belief), belief.valve.ambient_pressure
+    estimate, reference = ca.SX.sym("estimate", 3), ca.SX.sym("reference", 3)
+    let_go, wanted = ca.SX.sym("let_go", 2), ca.SX.sym("wanted", 4)
+    law = spring(estimate, reference, Impedance(*ca.vertsplit(wanted)), axis)
+    mean = softest_mean(estimate[0], wanted[0], axis)
+    asked = Demand(law.effort, estimate[0], estimate[1], mean, (let_go[0], let_go[1]))
+    gauge, saturated, near = pressures_with_effects(asked, None, axis)
+    command = ca.vertcat(*gauge) + ambient, saturated, axis.outside(estimate[0], gauge), ca.vertcat(*near)
+    return ca.Function("cooperation", [estimate, reference, let_go, wanted], [*command, ca.vertcat(*law[1:])])
+
+
+class CooperativeController(PositionController):
+    """The position controller in one of the modes of `control.cooperation.mode`, which may change on the way.
+
+    Attributes:
+        level: share of the needed effort that the orthosis brings, in the mode `assist`.
+    """
+
+    def __init__(self, parameters: Parameters):
+        super().__init__(parameters)
+        belief = position_belief(parameters)
+        self._cooperate = compiled(cooperation_function(belief))
+        self._settings, self._period = belief.control.cooperation, belief.scenario.control_period
+        self.level = 1.0
+
+    def retune(self, parameters: Parameters) -> None:
+        """Take other settings; mode, estimate and references pass on smoothly from where they are."""
+        super().retune(parameters)
+        self._settings = parameters.control.cooperation
+
+    def _ask(self, estimate: Any, reference: Any, mean: Any, let_go: Any, *others: Any) -> Any:
+        if self._settings.mode == "position":
+            return super()._ask(estimate, reference, mean, let_go, *others)
+        *command, law = self._cooperate(estimate, reference, let_go, self._wanted_impedance())
+        _, outside, needed = law.tolist()
+        self._adapt(outside, needed)
+        return command
+
+    def _correction(self, point: Sequence[float], reference: Reference) -> float:
+        if self._settings.mode == "position":
+            return super()._correction(point, reference)
+        law = self._cooperate(point, reference[:3], self._let_go, self._wanted_impedance())[-1]
+        return float(law[0])
+
+    def _wanted_impedance(self) -> Impedance:
+        s = self._settings
+        if s.mode == "transparent":
+            return Impedance(0.0, 0.0, 0.0, 1.0)
+        if s.mode == "impedance":
+            return Impedance(s.stiffness, s.damping, 0.0, 1.0)
+        return Impedance(s.stiffness, s.damping, s.tunnel, self.level)
+
+    def _adapt(self, outside: float, needed: float) -> None:
+        """Raise the level where the needed effort is missing; let it fade inside the tunnel."""
+        s = self._settings
+        need = s.learning * outside * (1 if needed > 0 else -1)
+        self.level += self._period * (need - s.forgetting * self.level * (outside == 0))
+        self.level = min(max(self.level, 0.0), 1.0)
