@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A page for each file of `config/`: every parameter with unit, range, meaning and source."""
 
+from pathlib import Path
+
 from generators.markdown import WIDE, parameter_rows
+from pam_orthosis.model.machines import machine_named
 from pam_orthosis.model.parameters import SUBJECTS, load
 
 FOLDER = "reference/parameters"
@@ -14,13 +17,16 @@ ABOUT = {
     "plant": "The emulated hardware: how it deviates from the nominal model, and its sensors.",
     "scenario": "What a run does.",
     "gap": "The gap workflow: tolerances, thresholds, catalogue.",
+    "ankle": "What machines with an ankle have beside the rows of the other files.",
 }
 
 
 def pages() -> dict[str, str]:
     """Return the pages."""
-    made = {f"{FOLDER}/{subject}.md": _page(subject) for subject in SUBJECTS}
-    lines = [f"- [`{subject}`]({subject}.md): {ABOUT[subject]}" for subject in SUBJECTS]
+    made = {f"{FOLDER}/{subject}.md": _page(subject) for subject in SUBJECTS} | {
+        f"{FOLDER}/ankle.md": _ankle()
+    }
+    lines = [f"- [`{subject}`]({subject}.md): {about}" for subject, about in ABOUT.items()]
     head = (
         "# Parameters\n\nEach file of `config/` has a page here: every parameter with its shipped value,"
         " unit, range, meaning and source. `--param KEY=VALUE` sets one for a run, `--model FILE` sets"
@@ -39,3 +45,10 @@ def _page(subject: str) -> str:
     if subject == "scenario":
         page += "\nNamed sets of these parameters: [scenarios](../scenarios.md).\n"
     return page
+
+
+def _ankle() -> str:
+    shared = {row.key for row in load().rows()}
+    own = [row for row in load({}, machine_named(Path("ankle"))).rows() if row.key not in shared]
+    rows = [row for row in own if not row.key.startswith(("plant.effects.", "plant.person.", "effects."))]
+    return f"{WIDE}# Parameters: ankle\n\n{ABOUT['ankle']}\n\n{parameter_rows(rows)}"

@@ -122,7 +122,7 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     from pam_orthosis.discrepancy.telling import telling
     from pam_orthosis.discrepancy.user_file import load_system
     from pam_orthosis.discrepancy.verdict import assumed_words, untold_words
-    from pam_orthosis.model.machines import read_machine
+    from pam_orthosis.model.machines import machine_named
     from pam_orthosis.model.parameters import load
 
     paths, namespace = [*arguments.measured, *arguments.held_out], arguments.namespace
@@ -130,7 +130,7 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     if arguments.system:
         parameters, system = load(), load_system(arguments.system)
     else:
-        apparatus = apparatus_of(paths, read_machine(arguments.machine) if arguments.machine else None)
+        apparatus = apparatus_of(paths, machine_named(arguments.machine) if arguments.machine else None)
         given = patch.read(arguments.model, apparatus.machine) if arguments.model else {}
         parameters, read = apparatus.nominal(paths, given, namespace, arguments.model), apparatus.read
         system = apparatus.system(parameters, None)

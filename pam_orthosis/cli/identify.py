@@ -110,7 +110,7 @@ def _bench(arguments: argparse.Namespace) -> tuple[Bench, str | None]:
     """Return where it was measured, and the name of the muscle, if given."""
     from pam_orthosis.identification.data import bench_of
     from pam_orthosis.identification.own import SECTION, own_bench
-    from pam_orthosis.model.machines import read_machine
+    from pam_orthosis.model.machines import machine_named
 
     muscle = arguments.muscle
     if muscle and Path(muscle).suffix in (".yaml", ".yml"):
@@ -118,7 +118,7 @@ def _bench(arguments: argparse.Namespace) -> tuple[Bench, str | None]:
             raise OrthosisError("--machine and --muscle FILE each say what the muscle is: give one")
         return own_bench(Path(muscle)), SECTION
     with naming(arguments.machine):
-        return bench_of(read_machine(arguments.machine) if arguments.machine else None), muscle
+        return bench_of(machine_named(arguments.machine) if arguments.machine else None), muscle
 
 
 def describe(found: Identified) -> str:

@@ -26,7 +26,7 @@ def add_parameter_arguments(
     """Declare scenario, machine and single values; `scenario` is the help on the first."""
     parser.add_argument("--scenario", default=default, metavar="NAME", help=scenario)
     parser.add_argument(
-        "--machine", type=Path, metavar="FILE", help="YAML file of another machine (the knee)"
+        "--machine", type=Path, metavar="FILE", help="another machine: a YAML file, or ankle (knee)"
     )
     told = "set a parameter, e.g. control.position.c1=30 (repeatable)"
     parser.add_argument("--param", action="append", default=[], metavar="KEY=VALUE", help=told)
@@ -54,9 +54,9 @@ def chosen(
 
 def machine_of(arguments: argparse.Namespace) -> Machine:
     """Return the machine that is given; OrthosisError for an unusable file, or a scenario of the knee."""
-    from pam_orthosis.model.machines import KNEE, read_machine
+    from pam_orthosis.model.machines import KNEE, machine_named
 
-    machine = read_machine(arguments.machine) if arguments.machine else KNEE
+    machine = machine_named(arguments.machine) if arguments.machine else KNEE
     if arguments.scenario not in (None, DEFAULT) and not machine.experiments:
         told = f"--scenario {arguments.scenario} is for the knee"
         raise OrthosisError(f"{told}; give the machine's motion by values in {arguments.machine}")

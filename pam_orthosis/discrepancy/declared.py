@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A machine of a user's own file as a system of the gap workflow, with the tolerances of knee and rig."""
+"""A machine of a file as a system of the gap workflow, with the tolerances of knee and rig."""
 
 from __future__ import annotations
 
@@ -14,7 +14,15 @@ from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import Parameters
 
-APPARATUS = ("machine.", "muscle.", "valve.", "effects.")  # keys of the nominal model that recordings share
+APPARATUS = (
+    "machine.",
+    "leg.",
+    "muscle.",
+    "valve.",
+    "effects.",
+)  # keys of the nominal model that recordings share
+# what may be off in machines of the leg, and in those that carry a person's
+OF_LEG, OF_PERSON = ("moving_mass", "small_muscle_damping"), ("person_mass", "passive_moment")
 
 
 def declared_machine(
@@ -46,9 +54,13 @@ def _tolerances(machine: Machine, nominal: Parameters) -> tuple[dict[str, str], 
         for one in machine.names:
             add(f"{one}_{kind}", f"tolerance.extensor_{kind}", meaning.format(one))
 
-    add("inertia", "tolerance.moving_mass", "the inertia, relative")
-    if nominal.flat()[f"{machine.parameters}.damping"]:
-        add("damping", "tolerance.muscle_damping", "the damping, relative")
+    if machine.parameters == "leg":
+        for name in (*OF_LEG, *(OF_PERSON if nominal.leg.person.present else ())):
+            add(name, f"tolerance.{name}", f"the {name.replace('_', ' ')}, relative")
+    else:
+        add("inertia", "tolerance.moving_mass", "the inertia, relative")
+        if nominal.flat()[f"{machine.parameters}.damping"]:
+            add("damping", "tolerance.muscle_damping", "the damping, relative")
     add_each("force", "the {}'s static force, relative")
     for name in GAS:
         add(name, f"tolerance.{name}", f"the {name.replace('_', ' ')}, relative")

@@ -15,7 +15,7 @@ from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.library.run import Array, Run, Runs
 from pam_orthosis.model.machine import Machine
-from pam_orthosis.model.machines import KNEE, read_machine
+from pam_orthosis.model.machines import KNEE, machine_named
 from pam_orthosis.model.parameters import Parameters, load, scenario_overrides
 from pam_orthosis.model.plant import Plant
 from pam_orthosis.model.study import Study
@@ -29,7 +29,7 @@ def machine(path: str | Path | None = None) -> Machine:
     Raises:
         OrthosisError: the file is unusable.
     """
-    return KNEE if path is None else read_machine(Path(path))
+    return KNEE if path is None else machine_named(Path(path))
 
 
 def parameters(

@@ -102,6 +102,11 @@ class Machine:
         return tuple(f"{self.parameters}.{name}" for name in MECHANISMS[self.kind].stops)
 
     @property
+    def subject(self) -> str:
+        """File of `config/` with rows that only machines of its kind have; empty: none."""
+        return getattr(MECHANISMS[self.kind], "subject", "")
+
+    @property
     def identity(self) -> str:
         """Its name and, if it is of a user's file, what tells it from another of this name."""
         digest = hashlib.sha256(self.text.encode()).hexdigest()[:12]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Machines read from YAML files and checked: the shipped knee and rig, and files of users."""
+"""Machines read from YAML files and checked: the shipped ones, and files of users."""
 
 from __future__ import annotations
 
@@ -233,6 +233,25 @@ def _sensor(file: _File, coordinate: str, unit: str) -> str:
 
 def _shipped(name: str) -> Machine:
     return replace(read_machine(config_folder() / "machines" / f"{name}.yaml"), text="")
+
+
+def shipped_machines() -> list[str]:
+    """Return the names of the shipped machines that controllers move."""
+    names = sorted(path.stem for path in (config_folder() / "machines").glob("*.yaml"))
+    return [name for name in names if name != RIG.name]
+
+
+def machine_named(name: Path) -> Machine:
+    """Return the machine of a file or, where there is none, the shipped one of this name.
+
+    Raises:
+        OrthosisError: neither is there, or the file is unusable.
+    """
+    if str(name) == KNEE.name and not name.exists():
+        return KNEE
+    if not name.exists() and str(name) in shipped_machines():
+        return read_machine(config_folder() / "machines" / f"{name}.yaml")
+    return read_machine(name)
 
 
 KNEE, RIG = _shipped("knee"), _shipped("rig")

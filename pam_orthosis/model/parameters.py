@@ -27,10 +27,11 @@ __all__ = [
 SUBJECTS = ("muscle", "valve", "leg", "control", "rig", "plant", "scenario", "gap")
 # the knee's nodes know no rig; the rig's controllers know these and their rig
 BELIEF = ("muscle", "valve", "leg", "control", "effects", "scenario", "machine")
-# rows of the knee alone, and of knee and rig
+# rows of machines of the leg, of the knee alone, and of knee and rig
+OF_LEG = ("leg.", "plant.sensor.angle", "plant.deviation.moving_mass", "plant.deviation.person_mass")
 OF_KNEE = (
-    "leg.", "scenario.start_angle", "plant.mounting.", "plant.sensor.angle", "plant.deviation.moving_mass",
-    "plant.deviation.person_mass", "plant.deviation.extensor_force", "plant.deviation.flexor_force",
+    *OF_LEG, "scenario.start_angle", "plant.mounting.", "plant.deviation.extensor_force",
+    "plant.deviation.flexor_force",
 )  # fmt: skip
 OF_SHIPPED = (*OF_KNEE, "rig.", "plant.rig.", "plant.effects.", "plant.person.tissue.", "effects.")
 
@@ -189,7 +190,10 @@ def _rows_for(machine: Machine) -> dict[str, Row]:
     """Return the rows that a machine's file gives itself, and those that all machines share."""
     effects = machine.catalogue
     rows = {row.key: row for row in machine.rows}
-    own = OF_KNEE if machine.parameters == "leg" else (f"{machine.parameters}.",)
+    for branch, tree in (_subject(machine.subject) if machine.subject else {}).items():
+        rows |= _rows_of(mapping(tree, f"config/: {machine.subject}.yaml"), branch)
+    of_leg = OF_KNEE if machine.kind == "knee" else OF_LEG
+    own = of_leg if machine.parameters == "leg" else (f"{machine.parameters}.",)
     others = tuple(key for key in OF_SHIPPED if key not in own)
     shared = {key: row for key, row in _shipped_rows().items() if not key.startswith(others)}
     true = _effect_rows("plant.effects", {}, effects)

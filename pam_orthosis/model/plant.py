@@ -20,7 +20,7 @@ from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.components import muscle
 from pam_orthosis.model.components.actuator import Actuator
 from pam_orthosis.model.delay import Line, computing_ns, line_ns
-from pam_orthosis.model.deviations import DEVIATIONS
+from pam_orthosis.model.deviations import deviations_of
 from pam_orthosis.model.machine import ActuatorOf, Machine
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.person.volition import Volition
@@ -47,9 +47,9 @@ def true_parameters(parameters: Parameters, branches: tuple[str, ...] = ("",)) -
     values = parameters.flat()
     true = {
         key: values[key] * values[f"plant.deviation.{name}"]
-        for name, keys in DEVIATIONS.items()
+        for name, keys in deviations_of(values).items()
         for key in keys
-        if key in values and key.startswith(branches)
+        if key.startswith(branches)
     }
     return parameters.substituted(true)
 
@@ -67,8 +67,7 @@ def with_belief(parameters: Parameters, changes: Mapping[str, Any]) -> Parameter
     if own := [key for key in changes if key.startswith("machine.")]:
         raise OrthosisError(f"{own[0]}: the hardware has it from the machine's file too; change it there")
     deviations = {}
-    for name, every in DEVIATIONS.items():
-        keys = [key for key in every if key in before]
+    for name, keys in deviations_of(before).items():
         if gone := [key for key in keys if before[key] and not after[key]]:
             raise OrthosisError(f"{gone[0]} = 0: no deviation leads from nothing to the hardware's")
         ratios = [before[key] / after[key] for key in keys if after[key]] or [1.0]

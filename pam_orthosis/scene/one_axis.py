@@ -48,15 +48,14 @@ def one_axis(parameters: Parameters) -> Shape:
             place = (start - way * length, 0.0, EDGE * (i - (len(machine.names) - 1) / 2))
         bars[one.name] = Bar(rest, grows, way, -place[0] if turns else None)
         joints += bars[one.name].joints(one.name, BASE, place, slides[i])
-    heading = (
-        parameters.at(machine.parameters).hanging - math.pi / 2 if turns else 0.0
-    )  # of the box in its link
+    heading = mechanism.heading if turns else 0.0  # of the box in its link
+    inertia = float(ca.Function("inertia", [q], [mechanism.terms(q, ca.SX.sym("velocity")).inertia])(start))
     return Shape(
         joints=(_axis(machine.name, turns, own), *joints),
         bars=bars,
         outline=_outline(turns, heading),
         solids=(_box(turns, heading),),
-        masses=(_mass(turns, parameters.at(machine.parameters).inertia),),
+        masses=(_mass(turns, inertia),),
         spacing=SPACING,
         function=function,
     )

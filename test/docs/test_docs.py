@@ -81,7 +81,7 @@ def test_every_node_effect_verb_and_scenario_is_in_the_reference(pages):
 
     assert names("nodes") == {"index", *nodes.executables()}
     assert names("effects") == {"index", *KNEE.catalogue}
-    assert names("parameters") == {"index", *parameters.SUBJECTS}
+    assert names("parameters") == {"index", "ankle", *parameters.SUBJECTS}
     assert re.findall(r"^## (\S+)$", pages["reference/cli.md"], flags=re.M) == list(VERBS)
     scenarios = re.findall(r"^\| `([\w-]+)` \|", pages["reference/scenarios.md"], flags=re.M)
     assert scenarios == list(parameters.scenario_names())

@@ -11,8 +11,9 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import integrate, parameters
 from pam_orthosis.model.assembly import assemble
 from pam_orthosis.model.compiled import Compiled, compiled
+from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.machines import KNEE
-from pam_orthosis.model.plant import DEVIATIONS, Plant, true_hardware, with_belief
+from pam_orthosis.model.plant import Plant, true_hardware, with_belief
 
 VOLTAGES = 5 + 1.6 * np.sin(np.arange(250)[:, None] * np.array([0.06, 0.043]) + [0.0, 2.0])
 

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What actuators move: one coordinate with its inertia, contractions, forces and stops."""
 
+from pam_orthosis.model.mechanisms.ankle import Ankle
 from pam_orthosis.model.mechanisms.carriage import Carriage
 from pam_orthosis.model.mechanisms.knee import Knee
 from pam_orthosis.model.mechanisms.one_axis import Rotation, Translation
 
-__all__ = ["MECHANISMS", "Carriage", "Knee", "Rotation", "Translation"]
-MECHANISMS = {one.kind: one for one in (Knee, Carriage, Rotation, Translation)}
+__all__ = ["MECHANISMS", "Ankle", "Carriage", "Knee", "Rotation", "Translation"]
+MECHANISMS = {one.kind: one for one in (Knee, Ankle, Carriage, Rotation, Translation)}

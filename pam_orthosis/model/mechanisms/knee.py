@@ -37,8 +37,7 @@ class Knee:
     @property
     def idle(self) -> Mapping[str, str]:
         """The mass of a person who is not there."""
-        nobody = "no person is in the orthosis (leg.person.present)"
-        return {} if self.parameters.person.present else {"leg.person.mass": nobody}
+        return leg.idle(self.parameters)
 
     @property
     def limits(self) -> tuple[Expression, Expression]:

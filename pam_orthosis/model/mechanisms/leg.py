@@ -66,6 +66,12 @@ def broken_rules(values: Mapping[str, Any]) -> Iterator[str]:
         )
 
 
+def idle(leg: Section) -> dict[str, str]:
+    """Return the live keys that have no effect: the mass of a person who is not there."""
+    nobody = "no person is in the orthosis (leg.person.present)"
+    return {} if leg.person.present else {"leg.person.mass": nobody}
+
+
 def hip_angle(q: Expression, leg: Section) -> Expression:
     """Return the hip angle of Eq. (24), a = a(q, k1), rad.
 
@@ -88,7 +94,7 @@ def bodies(q: Expression, leg: Section) -> list[Body]:
     """
     hip = hip_angle(q, leg)
     shank_angle = hip - leg.configuration * q
-    thigh, shank = _direction(hip), _direction(shank_angle)
+    thigh, shank = direction(hip), direction(shank_angle)
     thigh_length, shank_length = segment_lengths(leg)
     knee = thigh_length * thigh
     ankle = knee + shank_length * shank
@@ -118,6 +124,11 @@ def mechanics(
     parts = bodies(q, leg)
     foot = parts[3]
     parts.append(Body(extra_foot_mass, 0.0, foot.position, 0.0))
+    return lagrange(q, velocity, parts)
+
+
+def lagrange(q: Expression, velocity: Expression, parts: Sequence[Body]) -> Mechanics:
+    """Return the terms of Eq. (26) of bodies that move with one coordinate, from L = T - U by Eq. (25)."""
     kinetic, potential = energies(q, velocity, parts)
     momentum = ca.gradient(kinetic, velocity)
     inertia = ca.gradient(momentum, velocity)
@@ -154,7 +165,8 @@ def contractions(q: Expression, leg: Section) -> tuple[Expression, Expression]:
     return leg.symmetric_contraction - wound, leg.symmetric_contraction + wound
 
 
-def _direction(angle: Expression) -> Expression:
+def direction(angle: Expression) -> Expression:
+    """Return the unit vector (x, z) at an angle above x."""
     return ca.vertcat(ca.cos(angle), ca.sin(angle))
 
 

@@ -6,6 +6,7 @@ All forces follow from the contractions by virtual work: an actuator of tension 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -59,6 +60,15 @@ def _between(a: Expression, b: Expression, angle: Expression) -> Expression:
     return ca.sqrt(a**2 + b**2 - 2 * a * b * ca.cos(angle))
 
 
+def lever_contraction(q: Expression, section: Section) -> Expression:
+    """Return the contraction, m, of an actuator between the ground and a lever that turns with q.
+
+    By the law of cosines; its derivative, the moment arm, is the distance of the line of pull from the axis.
+    """
+    a, b, angle = section.ground, section.lever, section.angle
+    return section.contraction + _between(a, b, angle) - _between(a, b, angle + q)
+
+
 def _spline(places: list[float], values: list[float]) -> Callable[[Expression], Expression]:
     """Return the natural cubic spline through a table, straight beyond its ends."""
     from scipy.interpolate import CubicSpline  # takes a third of a second to load
@@ -96,9 +106,7 @@ class OneAxis:
         """Return coordinate -> contraction, by a constant arm, a lever or a table."""
         given = dict(section.items())
         if "lever" in given:
-            a, b, angle = section.ground, section.lever, section.angle
-            straight = _between(a, b, angle)
-            return lambda q: section.contraction + straight - _between(a, b, angle + q)
+            return lambda q: lever_contraction(q, section)
         if "coordinates" in given:
             return _spline(section.coordinates, section.contractions)
         return lambda q: section.contraction + section.arm * q
@@ -140,6 +148,11 @@ class Rotation(OneAxis):
         *_fields("kg m^2", "N m", "rad"),
         Field("hanging", "rad", -7.0, 7.0, "angle at which the load hangs straight down", 0.0),
     )
+
+    @property
+    def heading(self) -> Expression:
+        """Where the centre of mass is at the coordinate zero: angle above x, rad."""
+        return self.parameters.hanging - math.pi / 2
 
     def leaning(self, q: Expression) -> Expression:
         """Return the share of the weight's largest torque."""
