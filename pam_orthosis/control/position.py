@@ -205,6 +205,7 @@ class PositionController:
         self._command = compiled(command_function(belief))
         self._tuned = _tuned(belief)
         self._mean = belief.control.position.mean_pressure
+        self._feedback: bool = belief.control.position.feedback
         self._let_go = [0.0, 0.0]
         self._change = belief.scenario.control_period / belief.control.position.slack_time
         self._sensors = Sensors(belief)
@@ -252,12 +253,16 @@ class PositionController:
     ) -> Limited:
         """Return the reference pressures and what limits them, at the instant at which they act."""
         if not self._ahead.horizon:
-            return self._law(estimate[:3], reference, mean, self._now, periods)
+            return self._law(self._fed_back(estimate[:3], reference), reference, mean, self._now, periods)
         then = self._ahead.reference(reference, periods)
         self._then.step(then, pressures, periods)
         point = self._ahead.estimate(estimate, reference, then)
         self._ahead.note(self._correction(point, then))
-        return self._law(point, then, mean, self._then, periods)
+        return self._law(self._fed_back(point, then), then, mean, self._then, periods)
+
+    def _fed_back(self, estimate: Sequence[float], reference: Reference) -> Sequence[float]:
+        """Return the estimate or, without feedback, what the reference would have it be."""
+        return estimate if self._feedback else (reference.position, reference.velocity, 0.0)
 
     def _correction(self, point: Sequence[float], reference: Reference) -> float:
         """Return by how much the acceleration that is asked for is beyond that of the reference."""
