@@ -97,7 +97,7 @@ def test_what_is_asked_beyond_the_limit_is_not_pressed():
 
 
 def test_a_stop_releases_the_sole():
-    _, true, _ = loads(
+    _, true, loop = loads(
         6.0, 5.0, lambda r: r._replace(position=np.nan, planned=r.planned._replace(position=np.nan))
     )
     assert loop.health()["position"]["vent"]
