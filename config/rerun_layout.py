@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Open a recorded bag in Rerun: the moving leg, angle, pressures, voltages.
+"""Open a recorded bag in Rerun: the moving leg, angle, pressures, valves.
 
     pip install rerun-sdk
     python config/rerun_layout.py bags/walk/walk_0.mcap
@@ -16,7 +16,9 @@ PLOTS = {
         "/extensor/pressure", "/extensor/pressure_reference",
         "/flexor/pressure", "/flexor/pressure_reference",
     ),
-    "valve voltages, V": ("/extensor/valve_voltage/effort", "/flexor/valve_voltage/effort"),
+    "valve commands, -1 vent to 1 fill": (
+        "/extensor/valve_command/position", "/flexor/valve_command/position",
+    ),
 }  # fmt: skip
 EYE, TARGET = (0.42, -1.4, 0.4), (0.42, 0.0, 0.1)  # m, in the leg's root frame
 

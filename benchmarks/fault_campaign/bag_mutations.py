@@ -244,7 +244,7 @@ MESSAGES = {
     "angles in degrees": (_whole_topic(180 / math.pi * 100), REFUSED),
     "no angle": (_without("/joint_states"), REFUSED),
     "no reference": (_without("/reference"), REFUSED),
-    "no voltages": (_without("/extensor/valve_voltage"), JUDGED),
+    "no voltages": (_without("/extensor/valve_command"), JUDGED),
     "no messages at all": (_first(0), REFUSED),
     "one instant": (_first(1), ANY),
     "two instants": (_first(2), JUDGED),

@@ -89,6 +89,8 @@ def valued(entry: Entry, value: float) -> Entry:
     else:
         if hasattr(copy, "points"):
             copy.points[0].positions = np.array([value])
+        elif hasattr(copy, "vector"):
+            copy.vector.x = value
         else:
             copy.wrench.torque.y = value
     return entry._replace(message=copy)

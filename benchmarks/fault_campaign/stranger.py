@@ -23,7 +23,7 @@ from pam_orthosis.model.machines import KNEE
 TABLE = Topics(KNEE)
 
 PERIOD_S = 0.02
-ANGLE_RAD, PRESSURE_PA, VOLTS = 1.0, 6e5, 10.0
+ANGLE_RAD, PRESSURE_PA, TORQUE_N_M, FLOW_KG_S = 1.0, 6e5, 10.0, 0.01
 AHEAD_S = 0.05
 
 
@@ -41,7 +41,9 @@ def forged(type_name: str, stamp_s: float) -> list[Any]:
     stamp.sec, stamp.nanosec = int(stamp_s), int(stamp_s % 1 * 1e9)
     if name == "JointState":
         message.name, message.position = ["knee"], [ANGLE_RAD]
-        message.velocity, message.effort = [0.0], [VOLTS]
+        message.velocity, message.effort = [0.0], [TORQUE_N_M]
+    if name == "Vector3Stamped":
+        message.vector.x = FLOW_KG_S
     if name == "FluidPressure":
         message.fluid_pressure = PRESSURE_PA
     return [message]

@@ -24,8 +24,8 @@ from rosbags.rosbag2 import ReaderError
 from rosbags.typesys import Stores, get_typestore
 
 from pam_orthosis.bag.topics import Topics, in_leg, resolve
+from pam_orthosis.model.components.spool import VENT
 from pam_orthosis.model.machines import KNEE
-from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes import launch
 
 TABLE = Topics(KNEE)
@@ -186,24 +186,23 @@ def _faults(ending: Ending, bag: Path) -> Iterator[str]:
     if culprit not in ending.message or forgery.name.lstrip("/") not in ending.message:
         yield f"not named: {ending.message}"
     if forgery.early:
-        if _voltages(bag, forgery.legs):
+        if _commands(bag, forgery.legs):
             yield "moved before everybody was there"
         return
-    vent = load().valve.minimum_voltage
-    last = {name: values[-1] if values else None for name, values in _voltages(bag, forgery.legs).items()}
-    if set(last.values()) != {vent}:
-        yield f"last voltages {last}"
+    last = {name: values[-1] if values else None for name, values in _commands(bag, forgery.legs).items()}
+    if set(last.values()) != {VENT}:
+        yield f"last commands {last}"
 
 
-def _voltages(bag: Path, legs: Sequence[str]) -> dict[str, list[float]]:
-    """Return the recorded voltages of each valve, in the order of their stamps; none without a bag."""
+def _commands(bag: Path, legs: Sequence[str]) -> dict[str, list[float]]:
+    """Return the recorded commands for each valve, in the order of their stamps; none without a bag."""
     try:
-        names = [resolve(f"{m}/valve_voltage", leg) for leg in legs for m in ("extensor", "flexor")]
+        names = [resolve(f"{m}/valve_command", leg) for leg in legs for m in ("extensor", "flexor")]
         told: dict[str, list[float]] = {name: [] for name in names}
         with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
             chosen = [one for one in reader.connections if one.topic in told]
             for connection, _, data in reader.messages(chosen):
-                told[connection.topic].append(reader.deserialize(data, connection.msgtype).effort[0])
+                told[connection.topic].append(reader.deserialize(data, connection.msgtype).position[0])
     except (OSError, AnyReaderError, ReaderError):  # nothing was recorded
         return {}
     return told if any(told.values()) else {}

@@ -19,6 +19,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,7 +36,7 @@ from pam_orthosis.bag import topics
 from pam_orthosis.bag.cdr import serialised_stamp_ns
 from pam_orthosis.bag.record import CHUNK_BYTES, message_definition
 from pam_orthosis.bag.topics import PLANT, RECORDER, SLOW, TRAJECTORY, VALVE, Topic
-from pam_orthosis.control.reference import Reference
+from pam_orthosis.control.reference import Motion
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.nodes import messages
 from pam_orthosis.nodes.pace import MAX_UNRECORDED_STEPS
@@ -43,22 +44,27 @@ from pam_orthosis.nodes.supervisor import HEARTBEAT_VARIABLE
 from pam_orthosis.nodes.transport import message_class, qos
 
 TABLE = topics.Topics(KNEE)
-STEP = [topic for topic in TABLE.all if topic.rate == "step"]
+STEP = [topic for topic in TABLE.of_run().values() if topic.rate == "step"]
 REALTIME, AGES, KEPT_AGES = "realtime", "ages.json", 50
 RECORDER_DEPTH, ACKNOWLEDGED_STEPS = 5000, 10
 
 
+EXAMPLES = {
+    topics.TRUTH: messages.joint_state(0, ["knee", "e", "f"], *[[1.0] * 3] * 3),
+    "estimate": messages.joint_state(0, ["knee"], [1.0], [1.0]),
+    "controller_state": messages.controller_state(0, "knee"),
+    topics.JOINT: messages.joint_state(0, ["knee"], [1.0]),
+    topics.PRESSURE: messages.fluid_pressure(0, "extensor", 1.0),
+    topics.VECTOR: messages.mass_flow(0, "extensor", 1.0),
+    topics.MOTION: messages.trajectory(0, "knee", Motion(1.0, 1.0, 1.0)),
+    topics.WRENCH: messages.wrench(0, "knee"),
+}
+
+
 def filled(topic: Topic):
     """Return a message with as many numbers as the graph's own has."""
-    if topic.type == topics.JOINT:
-        if topic.name == "truth":
-            return messages.joint_state(0, ["knee", "e", "f", "e_gas", "f_gas"], *[[1.0] * 5] * 3)
-        return messages.joint_state(0, ["knee"], [1.0], [1.0] if topic.name == "estimate" else [])
-    if topic.type == topics.PRESSURE:
-        return messages.fluid_pressure(0, "extensor", 1.0)
-    if topic.name == "reference":
-        return messages.trajectory(0, "knee", Reference(1.0, 1.0, 1.0))
-    return messages.wrench(0, "knee") if topic.name == "disturbance" else message_class(topic.type)()
+    example = EXAMPLES.get(topic.name) or EXAMPLES.get(topic.type)
+    return deepcopy(example) if example else message_class(topic.type)()
 
 
 class Rates(NamedTuple):

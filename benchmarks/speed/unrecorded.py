@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from typing import Any
 
 from pam_orthosis.bag.topics import RECORDER, Topic, Topics
 from pam_orthosis.model.machine import Machine
@@ -30,7 +31,7 @@ class UnrecordedTopics(Topics):
         super().__init__(machine)
         self.nodes = tuple(node for node in self.nodes if node != RECORDER)
 
-    def of_run(self, *_mode: bool) -> dict[str, Topic]:
+    def of_run(self, *_mode: Any, **_more: Any) -> dict[str, Topic]:
         """Return the topics of lockstep."""
         made = {}
         for name, topic in super().of_run().items():

@@ -91,8 +91,8 @@ def drive():
     period_ns, first_ns, passed = round(PERIOD * 1e9), node.get_clock().now().nanoseconds, 0
 
     def take(side, message):
-        if message.effort and np.isfinite(message.effort[0]):
-            device.volts[side], silent[side] = np.clip(message.effort[0], 0.0, 10.0), 0
+        if message.position and np.isfinite(message.position[0]):
+            device.volts[side], silent[side] = 5.0 + 5.0 * np.clip(message.position[0], -1.0, 1.0), 0
             silent[:] = np.maximum(silent, 0)  # the other's are awaited from now on
 
     def tick():
@@ -116,7 +116,7 @@ def drive():
             publisher.publish(message)
 
     for side, name in enumerate(NAMES):
-        node.create_subscription(JointState, f"{name}/valve_voltage", lambda m, s=side: take(s, m), 10)
+        node.create_subscription(JointState, f"{name}/valve_command", lambda m, s=side: take(s, m), 10)
     node.create_timer(PERIOD, tick)
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(node)

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from pam_orthosis.bag import messages
-from pam_orthosis.bag.read import machine_of
+from pam_orthosis.bag.read import machine_of, recorded_valve
 from pam_orthosis.bag.record import BagWriter
-from pam_orthosis.bag.topics import MOTION, PRESSURE, SECOND_NS, Signal, Topics, resolve
+from pam_orthosis.bag.topics import MOTION, PRESSURE, SECOND_NS, VECTOR, Signal, Topics, resolve
+from pam_orthosis.model.components.spool import spool_position
 
 _STAMP = struct.Struct("<iI")
 _STAMP_AT = 4  # after the encapsulation header: the header's stamp comes first in the messages
@@ -34,13 +35,13 @@ def write_arrays(
 ) -> None:
     """Write signals of the machine of which the run metadata tell, all sampled at the same stamps.
 
-    Topics of joint states, trajectories and pressures only (no wrench). Of slow topics, as the graph would,
-    those of each `every`-th stamp from the first.
+    Topics of joint states, trajectories, pressures and flows only (no wrench). Of slow topics, as the graph
+    would, those of each `every`-th stamp from the first.
 
     Raises:
         OrthosisError: the folder holds a bag or cannot be written.
     """
-    table = Topics(machine_of(folder, run))
+    table, valve = Topics(machine_of(folder, run)), recorded_valve(folder, run)
     topics: dict[str, list[Signal]] = {}
     for name in signals:
         topics.setdefault(table.signals[name].topic, []).append(table.signals[name])
@@ -54,7 +55,8 @@ def write_arrays(
                 data, places = templates[topic]
                 _STAMP.pack_into(data, _STAMP_AT, *divmod(stamp_ns, SECOND_NS))
                 for signal, place in zip(members, places, strict=True):
-                    _NUMBER.pack_into(data, place, signals[signal.name][index])
+                    number = signals[signal.name][index]
+                    _NUMBER.pack_into(data, place, spool_position(number, valve) if signal.spool else number)
                 bag.write(resolve(topic), stamp_ns, bytes(data))
 
 
@@ -71,6 +73,8 @@ def _message(type_name: str, values: Mapping[Signal, float]) -> Any:
     fields = {signal.field: number for signal, number in values.items()}
     if type_name == PRESSURE:
         return messages.fluid_pressure(0, first.topic.split("/")[0], values[first])
+    if type_name == VECTOR:
+        return messages.mass_flow(0, first.topic.split("/")[0], values[first])
     if type_name == MOTION:
         return messages.trajectory(0, first.joint, fields)
     names = dict.fromkeys(signal.joint for signal in values)

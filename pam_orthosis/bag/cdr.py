@@ -49,6 +49,7 @@ FIELDS = {
     "sensor_msgs/msg/TimeReference": "std_msgs/msg/Header header, builtin_interfaces/msg/Time time_ref,"
     " string source",
     "geometry_msgs/msg/Vector3": "float64 x, float64 y, float64 z",
+    "geometry_msgs/msg/Vector3Stamped": "std_msgs/msg/Header header, geometry_msgs/msg/Vector3 vector",
     "geometry_msgs/msg/Wrench": "geometry_msgs/msg/Vector3 force, geometry_msgs/msg/Vector3 torque",
     "geometry_msgs/msg/WrenchStamped": "std_msgs/msg/Header header, geometry_msgs/msg/Wrench wrench",
     "trajectory_msgs/msg/JointTrajectoryPoint": "float64[] positions, float64[] velocities,"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pam_orthosis.bag.cdr import store
-from pam_orthosis.bag.topics import JOINT, MOTION, PRESSURE, SECOND_NS
+from pam_orthosis.bag.topics import JOINT, MOTION, PRESSURE, SECOND_NS, VECTOR
 
 
 def new(kind: str, **fields: Any) -> Any:
@@ -48,6 +48,12 @@ def header(stamp_ns: int, frame: str = "") -> Any:
     return new("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
 
+def stamp_ns(message: Any) -> int:
+    """Return the stamp of a message with a header, ns."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * SECOND_NS + int(stamp.nanosec)
+
+
 def joint_state(
     stamp_ns: int,
     names: Sequence[str],
@@ -62,9 +68,14 @@ def joint_state(
 
 
 def fluid_pressure(stamp_ns: int, actuator: str, pressure: float) -> Any:
-    """Return an absolute pressure of an actuator, Pa, of unknown variance."""
-    own = header(stamp_ns, f"{actuator}_muscle")
+    """Return an absolute pressure of an actuator, or of all if none is named, Pa, of unknown variance."""
+    own = header(stamp_ns, f"{actuator}_muscle" if actuator else "")
     return new(PRESSURE, header=own, fluid_pressure=pressure, variance=0.0)
+
+
+def mass_flow(stamp_ns: int, actuator: str, flow: float) -> Any:
+    """Return a mass flow into an actuator, kg/s, as a vector in the frame of its port."""
+    return new(VECTOR, header=header(stamp_ns, f"{actuator}_port"), vector=vector((flow, 0.0, 0.0)))
 
 
 def trajectory(stamp_ns: int, joint: str, fields: Mapping[str, float]) -> Any:

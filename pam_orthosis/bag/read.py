@@ -13,22 +13,22 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader
 
+from pam_orthosis.bag import messages
 from pam_orthosis.bag.bounded import damage_told, open_bag
-from pam_orthosis.bag.cdr import store
 from pam_orthosis.bag.information import RUN_RECORD
-from pam_orthosis.bag.record import message_definition
+from pam_orthosis.bag.leg_messages import LegMessages
 from pam_orthosis.bag.rig_topics import RIG_SIGNALS
-from pam_orthosis.bag.topics import SECOND_NS, Signal, Topics, resolve
+from pam_orthosis.bag.topics import MOTION, SECOND_NS, Signal, Topics
 from pam_orthosis.bag.unpack import metadata_records
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.components.spool import voltage_of
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.machines import KNEE, machine_from
-from pam_orthosis.model.parameters import load
+from pam_orthosis.model.parameters import Section, load
 from pam_orthosis.reading import from_json, shown
 
+VOLTAGES = tuple(f"valve.{which}_voltage" for which in ("minimum", "closed", "maximum"))
 KNOWN = {**RIG_SIGNALS, **Topics(KNEE).signals}
 # what a signal in the right unit cannot leave
 PLAUSIBLE = {
@@ -88,7 +88,8 @@ def read_bag(
         run = run_record(path)
         machine = machine_of(path, run)
         wanted, more = _found(path, machine, signals), _found(path, machine, optional)
-        series = _read(reader, path, wanted, more, namespace)
+        source = LegMessages(reader, path, namespace, recorded_valve(path, run, namespace))
+        series = _read(source, wanted, more)
     return Bag(path, series, run, recorded_parameters(path, run, namespace), machine)
 
 
@@ -110,16 +111,16 @@ def raw_messages(
         OrthosisError: missing, unclosed or damaged bag; a topic of another type.
     """
     path = Path(path)
-    names = {resolve(topic, namespace): topic for topic in topics}
-    messages: dict[str, dict[int, bytes]] = {}
+    found: dict[str, dict[int, bytes]] = {}
     table = table or Topics(recorded_machine(path))
     with open_bag(path) as reader:
-        connections = [one for one in reader.connections if one.topic in names]
-        for one in connections:
-            _check_type(path, one, table.by_name[names[one.topic]].type)
-        for connection, _, data in reader.messages(connections) if connections else ():
-            messages.setdefault(names[connection.topic], {}).setdefault(_stamp_ns(data), bytes(data))
-    return messages
+        source = LegMessages(reader, path, namespace, recorded_valve(path, run_record(path), namespace))
+        there = [topic for topic in topics if source.has(topic)]
+        for topic in there:
+            source.check(topic, table.by_name[topic].type)
+        for topic, data in source.raw(there):
+            found.setdefault(topic, {}).setdefault(_stamp_ns(data), data)
+    return found
 
 
 def run_record(path: Path) -> dict[str, str]:
@@ -173,6 +174,18 @@ def recorded_parameters(path: Path, run: Mapping[str, str], namespace: str = "")
         raise OrthosisError(f"{path}: its run metadata are unusable: {error}") from error
 
 
+def recorded_valve(path: Path, run: Mapping[str, str], namespace: str = "") -> Section:
+    """Return the rows of the valves, as they were for a leg: those of the machine where a bag has none.
+
+    Raises:
+        OrthosisError: the run metadata are unusable.
+    """
+    recorded = recorded_parameters(path, run, namespace)
+    rows = {key: value for key, value in recorded.items() if key in VOLTAGES}
+    valve: Section = load(rows, machine_of(path, run)).valve
+    return valve
+
+
 def legs_of(path: Path, run: Mapping[str, str]) -> dict[str, Any]:
     """Return the legs of the run metadata, and in which parameters each differs; empty for one leg.
 
@@ -198,57 +211,34 @@ def aligned(*series: Series) -> tuple[np.ndarray, list[np.ndarray]]:
     return stamps, [one.value[np.searchsorted(one.stamp_ns, stamps)] for one in series]
 
 
-def _read(
-    reader: Reader, path: Path, signals: Sequence[Signal], more: Sequence[Signal], namespace: str
-) -> dict[str, Series]:
-    wanted, optional = defaultdict(list), {signal.name for signal in more}
-    for signal in (*signals, *more):
-        wanted[resolve(signal.topic, namespace)].append(signal)
-    connections = _connections(reader, path, wanted, optional)
-    types = store()  # not those that the bag tells
-    every = {signal.name: signal for members in wanted.values() for signal in members}
-    samples: dict[str, tuple[list[int], list[float]]] = {name: ([], []) for name in every}
-    for connection, _, data in reader.messages(connections):
-        message: Any = types.deserialize_cdr(data, connection.msgtype)
-        stamp_ns = message.header.stamp.sec * SECOND_NS + message.header.stamp.nanosec
-        for signal in wanted[connection.topic]:
+def _read(source: LegMessages, signals: Sequence[Signal], more: Sequence[Signal]) -> dict[str, Series]:
+    there = {one.name: found for one in (*signals, *more) if (found := _found_in(source, one))}
+    if lacking := [one for one in signals if one.name not in there]:
+        raise source.missing(lacking[0])
+    wanted = defaultdict(list)
+    for signal in there.values():
+        source.check(signal.topic, signal.type)
+        wanted[signal.topic].append(signal)
+    samples: dict[str, tuple[list[int], list[float]]] = {name: ([], []) for name in there}
+    for topic, message in source.messages(wanted):
+        stamp_ns = messages.stamp_ns(message)
+        for signal in wanted[topic]:
             stamps, values = samples[signal.name]
             stamps.append(stamp_ns)
-            values.append(_value(message, signal))
+            values.append(_value(message, signal, source.valve))
+    optional = {signal.name for signal in more}
     return {
-        name: _series(path, every[name], *lists)
+        name: _series(source.path, there[name], *lists)
         for name, lists in samples.items()
         if lists[0] or name not in optional
     }
 
 
-def _connections(
-    reader: Reader, path: Path, wanted: Mapping[str, Sequence[Signal]], optional: set[str]
-) -> list[Connection]:
-    there = {connection.topic: connection for connection in reader.connections}
-    for topic, signals in wanted.items():
-        needed = [signal for signal in signals if signal.name not in optional]
-        if topic not in there and needed:
-            what = f"{path} has no topic {topic}, needed for {needed[0].name}"
-            raise OrthosisError(what + _legs_there(there))
-        if topic in there:
-            _check_type(path, there[topic], signals[0].type)
-    return [connection for connection in reader.connections if connection.topic in wanted]
-
-
-def _legs_there(topics: Iterable[str]) -> str:
-    """Return the hint that a bag has its legs in namespaces, if it has."""
-    legs = sorted(parts[1] for parts in (topic.split("/") for topic in topics) if parts[2:] == ["reference"])
-    return f"; it has the legs {', '.join(legs)}: give one by --namespace" if legs else ""
-
-
-def _check_type(path: Path, connection: Connection, expected: str) -> None:
-    if connection.msgtype != expected:
-        raise OrthosisError(
-            f"{path}: topic {connection.topic} is of type {connection.msgtype}, not {expected}"
-        )
-    if connection.digest not in ("", message_definition(expected)[1]):
-        raise OrthosisError(f"{path}: topic {connection.topic} is of another version of the type {expected}")
+def _found_in(source: LegMessages, signal: Signal) -> Signal | None:
+    """Return a signal with the topic that a bag has for it, if there is one."""
+    if source.has(signal.topic):
+        return signal
+    return signal._replace(topic=signal.instead) if signal.instead and source.has(signal.instead) else None
 
 
 def _stamp_ns(data: bytes) -> int:
@@ -259,14 +249,14 @@ def _stamp_ns(data: bytes) -> int:
     return seconds * SECOND_NS + nanoseconds
 
 
-def _value(message: Any, signal: Signal) -> float:
-    if signal.type.endswith("JointTrajectory"):
+def _value(message: Any, signal: Signal, valve: Section) -> float:
+    if signal.type == MOTION:
         if not message.points:
             return np.nan
-        point = message.points[signal.point]
-        return _at(getattr(point, signal.field), message.joint_names, signal.joint)
+        return _at(getattr(message.points[0], signal.field), message.joint_names, signal.joint)
     if signal.joint:
-        return _at(getattr(message, signal.field), message.name, signal.joint)
+        value = _at(getattr(message, signal.field), message.name, signal.joint)
+        return voltage_of(value, valve) if signal.spool else value
     return float(attrgetter(signal.field)(message))
 
 

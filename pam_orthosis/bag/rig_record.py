@@ -11,20 +11,22 @@ from pam_orthosis.bag.messages import (
     fluid_pressure,
     header,
     joint_state,
+    mass_flow,
     new,
     serialised,
     trajectory,
     vector,
 )
 from pam_orthosis.bag.record import RIG_EFFECTS, BagWriter, run_metadata
-from pam_orthosis.bag.rig_topics import NAMESPACE, RIG_TOPICS
+from pam_orthosis.bag.rig_topics import MUSCLES, NAMESPACE, RIG_TOPICS
 from pam_orthosis.bag.topics import WRENCH, resolve
 from pam_orthosis.control.linearisation import CarriageReference
 from pam_orthosis.control.rig_loop import RigSample
-from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.components.spool import spool_position
+from pam_orthosis.model.parameters import Parameters, Section
 from pam_orthosis.model.rig import RigTruth
 
-CARRIAGE = "carriage"
+CARRIAGE, UNKNOWN = "carriage", float("nan")
 
 
 def record_rig(
@@ -56,15 +58,15 @@ def record_rig(
         for index, sample in enumerate(samples):
             if index % every and sample.cylinder is None:
                 continue
-            for name, message in _messages(sample):
+            for name, message in _messages(sample, parameters.valve):
                 writer.write(resolve(name), sample.time_ns, serialised(message.__msgtype__, message))
             count += 1
     return count
 
 
-def _messages(s: RigSample) -> Iterator[tuple[str, Any]]:
+def _messages(s: RigSample, valve: Section) -> Iterator[tuple[str, Any]]:
     """Yield topic name and message, in the order of the table."""
-    t, truth = s.time_ns, s.truth
+    t = s.time_ns
     rows = [
         ("joint_states", joint_state(t, [CARRIAGE], position=[s.measured.position])),
         ("specimen/pressure", fluid_pressure(t, "specimen", s.measured.specimen_pressure)),
@@ -74,15 +76,16 @@ def _messages(s: RigSample) -> Iterator[tuple[str, Any]]:
     if s.cylinder is not None:
         rows.append(("specimen/cylinder", joint_state(t, ["diameter", "length"], position=s.cylinder)))
     rows += [
-        ("truth", _truth(t, truth)),
+        *_truth(t, s.truth),
         ("reference", _reference(t, s.reference)),
         ("specimen/pressure_reference", fluid_pressure(t, "specimen", s.pressure_reference)),
         ("estimate", joint_state(t, [CARRIAGE], [s.estimate.position], [s.estimate.velocity])),
     ]
-    for muscle, flow in zip(("specimen", "positioner"), s.flows, strict=True):
-        rows.append((f"{muscle}/mass_flow", joint_state(t, [f"{muscle}_valve"], velocity=[flow])))
-    for muscle, voltage in zip(("specimen", "positioner"), s.voltages, strict=True):
-        rows.append((f"{muscle}/valve_voltage", joint_state(t, [f"{muscle}_valve"], effort=[voltage])))
+    for muscle, flow in zip(MUSCLES, s.flows, strict=True):
+        rows.append((f"{muscle}/mass_flow", mass_flow(t, muscle, flow)))
+    for muscle, voltage in zip(MUSCLES, s.voltages, strict=True):
+        spool = spool_position(voltage, valve)
+        rows.append((f"{muscle}/valve_command", joint_state(t, [f"{muscle}_valve"], position=[spool])))
     return ((f"{NAMESPACE}/{name}", message) for name, message in rows)
 
 
@@ -100,10 +103,11 @@ def _reference(time_ns: int, reference: CarriageReference) -> Any:
     return trajectory(time_ns, CARRIAGE, dict(zip(names, reference[:3], strict=True)))
 
 
-def _truth(time_ns: int, truth: RigTruth) -> Any:
-    names = [CARRIAGE, "specimen", "positioner", "specimen_gas", "positioner_gas"]
-    position = [truth.position, 0.0, 0.0, 0.0, 0.0]
-    velocity = [truth.velocity, 0.0, 0.0, truth.specimen_flow, truth.positioner_flow]
-    forces = [truth.specimen_force, truth.positioner_force]
-    pressures = [truth.specimen_pressure, truth.positioner_pressure]
-    return joint_state(time_ns, names, position, velocity, [0.0, *forces, *pressures])
+def _truth(t: int, truth: RigTruth) -> Iterator[tuple[str, Any]]:
+    position, velocity = ([one, UNKNOWN, UNKNOWN] for one in (truth.position, truth.velocity))
+    forces = [UNKNOWN, truth.specimen_force, truth.positioner_force]
+    yield "truth", joint_state(t, [CARRIAGE, *MUSCLES], position, velocity, forces)
+    for muscle in MUSCLES:
+        yield f"truth/{muscle}/pressure", fluid_pressure(t, muscle, getattr(truth, f"{muscle}_pressure"))
+    for muscle in MUSCLES:
+        yield f"truth/{muscle}/mass_flow", mass_flow(t, muscle, getattr(truth, f"{muscle}_flow"))

@@ -49,14 +49,23 @@ class Script:
         namespace: of the leg.
         nodes: names of nodes to feed; all that the bag has what it takes for, if none.
         held_ns: for so long what slow nodes say is held, if they are slower than the others.
+        beside: optional topics of the nodes' run.
 
     Raises:
         OrthosisError: unusable bag; a named node is unknown or the bag does not serve it.
     """
 
-    def __init__(self, path: Path, namespace: str = "", nodes: Collection[str] = (), held_ns: int = 0):
+    def __init__(
+        self,
+        path: Path,
+        namespace: str = "",
+        nodes: Collection[str] = (),
+        held_ns: int = 0,
+        beside: Collection[str] = (),
+    ):
         table = Topics(recorded_machine(path))
-        self._topics = {name: topic for name, topic in table.of_run().items() if topic.rate == "step"}
+        run = table.of_run(beside=beside)
+        self._topics = {name: topic for name, topic in run.items() if topic.rate == "step"}
         self.messages: Messages = raw_messages(path, [*self._topics, ANSWERED], namespace)
         self.missing = {node: self._missing(node) for node in table.nodes if node != RECORDER}
         self.nodes = tuple(node for node in self.missing if _chosen(node, nodes) and not self.missing[node])

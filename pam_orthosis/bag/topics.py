@@ -8,7 +8,7 @@ message depends only on topics above it, so the first one missing names the node
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -27,7 +27,10 @@ SLOW = (TRAJECTORY, POSITION)  # these work at each `control.position.every`-th 
 CLOCK = "/clock"
 JOINT, PRESSURE = "sensor_msgs/msg/JointState", "sensor_msgs/msg/FluidPressure"
 WRENCH, MOTION = "geometry_msgs/msg/WrenchStamped", "trajectory_msgs/msg/JointTrajectory"
-SAMPLE, REFERENCE, ANSWERED = "joint_states", "reference", "answered"
+VECTOR = "geometry_msgs/msg/Vector3Stamped"
+SAMPLE, REFERENCE, ANSWERED, TRUTH = "joint_states", "reference", "answered", "truth"
+# what is asked for beside the motion, in runs that ask for it
+MEAN_PRESSURE, PLANNED = "reference_pressure", "planned_reference"
 TIME_REFERENCE = "sensor_msgs/msg/TimeReference"
 DISTURBANCE = {"rotation": "wrench.torque.y", "translation": "wrench.force.x"}  # along REP-103's axes
 SECOND_NS = 1_000_000_000
@@ -40,7 +43,8 @@ class Topic:
     """One topic: relative name, ROS type, who publishes and who (beside the recorder) listens.
 
     `rate` is `step` (one message each period of its producer), `answer` (likewise, in real time only),
-    `1 Hz` (one from each producer) or `event` (management of the graph, not recorded).
+    `1 Hz` (one from each producer) or `event` (management of the graph, not recorded). An `optional` one is
+    there if the run's references ask for it.
     """
 
     name: str
@@ -50,6 +54,7 @@ class Topic:
     meaning: str
     unit: str
     rate: str = "step"
+    optional: bool = False
 
     @property
     def recorded(self) -> bool:
@@ -75,14 +80,23 @@ class Topic:
         return (*self.consumers, RECORDER) if self.recorded else self.consumers
 
 
-def _topic(name: str, type_: str, producer: str, consumers: Iterable[str], *rest: str) -> Topic:
-    return Topic(name, type_, (producer,), tuple(consumers), *rest)
+def _topic(
+    name: str,
+    type_: str,
+    producer: str,
+    consumers: Iterable[str],
+    meaning: str,
+    unit: str,
+    rate: str = "step",
+) -> Topic:
+    return Topic(name, type_, (producer,), tuple(consumers), meaning, unit, rate)
 
 
 class Signal(NamedTuple):
     """One number on a topic: its message field, and the joint where the field is a list.
 
-    `point` is that of a trajectory, as an index; `type` that of the topic's messages.
+    `type` is that of the topic's messages. A `spool` position is read as the voltage that asks for it. Where
+    there is no such topic the signal is read from that of the name `instead`.
     """
 
     name: str
@@ -90,8 +104,9 @@ class Signal(NamedTuple):
     field: str
     joint: str
     unit: str
-    point: int = 0
     type: str = ""
+    spool: bool = False
+    instead: str = ""
 
 
 def typed(signals: Iterable[Signal], topics: Iterable[Topic]) -> dict[str, Signal]:
@@ -108,7 +123,7 @@ class Topics:
         self.controllers = {CONTROLLER.format(name): name for name in machine.names}
         self.nodes = (PLANT, TRAJECTORY, POSITION, *self.controllers, VALVE, RECORDER)
         self.sensors = (SAMPLE, *(f"{name}/pressure" for name in machine.names))
-        self.commands = tuple(f"{name}/valve_voltage" for name in machine.names)
+        self.commands = tuple(f"{name}/valve_command" for name in machine.names)
 
     @cached_property
     def all(self) -> tuple[Topic, ...]:
@@ -122,13 +137,17 @@ class Topics:
 
     @property
     def recorded(self) -> tuple[Topic, ...]:
-        """What a bag holds of a run in lockstep."""
-        return tuple(topic for topic in self.all if topic.recorded and topic.rate != "answer")
+        """What a bag holds of each run in lockstep."""
+        return tuple(topic for topic in self.of_run().values() if topic.recorded)
 
     def of_run(
-        self, realtime: bool = False, with_plant: bool = True, replay: bool = False
+        self,
+        realtime: bool = False,
+        with_plant: bool = True,
+        replay: bool = False,
+        beside: Collection[str] = (),
     ) -> dict[str, Topic]:
-        """Return the topics of a run by name.
+        """Return the topics of a run by name; `beside` names the optional ones among them.
 
         In lockstep `/clock` drives the trajectory, in real time the samples themselves do, and nobody waits
         for the recorder. Without the plant a driver publishes and takes what stands under the plant's name,
@@ -136,17 +155,18 @@ class Topics:
         under the recorder's name.
         """
         if replay:
-            return {name: _replayed(topic) for name, topic in self.of_run().items()}
+            return {name: _replayed(topic) for name, topic in self.of_run(beside=beside).items()}
+        some = [topic for topic in self.all if not topic.optional or topic.name in beside]
         if not realtime:
-            return {topic.name: topic for topic in self.all if topic.rate != "answer"}
-        topics = {topic.name: topic for topic in self.all if topic.name != CLOCK}
+            return {topic.name: topic for topic in some if topic.rate != "answer"}
+        topics = {topic.name: topic for topic in some if topic.name != CLOCK}
         joint = topics[SAMPLE]
         topics[SAMPLE] = replace(joint, consumers=(*joint.consumers, TRAJECTORY))
         topics["recorded"] = replace(topics["recorded"], consumers=())
         if with_plant:
             return topics
-        del topics["truth"]
-        return {name: one if one.rate == "step" else _without_plant(one) for name, one in topics.items()}
+        there = {name: topic for name, topic in topics.items() if name.split("/")[0] != TRUTH}
+        return {name: one if one.rate == "step" else _without_plant(one) for name, one in there.items()}
 
     @cached_property
     def signals(self) -> dict[str, Signal]:
@@ -161,23 +181,34 @@ class Topics:
         for node, name in self.controllers.items():
             listeners = (POSITION, node, VALVE)
             yield _topic(f"{name}/pressure", PRESSURE, PLANT, listeners, "measured pressure", "Pa")
-        yield _topic("truth", JOINT, PLANT, [], "state of the emulated hardware", "SI")
+        what = f"true {coordinate.name} and {coordinate.effort}; contraction, rate, force of each actuator"
+        yield _topic(TRUTH, JOINT, PLANT, [], what, "SI")
+        for name in self.machine.names:
+            yield _topic(f"{TRUTH}/{name}/pressure", PRESSURE, PLANT, [], "true pressure", "Pa")
+            yield _topic(f"{TRUTH}/{name}/mass_flow", VECTOR, PLANT, [], "true mass flow, x into it", "kg/s")
 
     def _computed(self) -> Iterator[Topic]:
         c, controllers = self.machine.coordinate, self.controllers
         place, motion = f"{c.unit}, {c.unit}/s", f"{c.unit}, {c.unit}/s, {c.unit}/s^2"
         what = f"{c.name} to follow, published one of its periods ahead"
         yield _topic(REFERENCE, MOTION, TRAJECTORY, [POSITION], what, motion)
+        what = "mean pressure to hold meanwhile, in runs that ask for one"
+        yield replace(_topic(MEAN_PRESSURE, PRESSURE, TRAJECTORY, [POSITION], what, "Pa"), optional=True)
+        what = "motion that is followed instead, in runs by a plan"
+        yield replace(_topic(PLANNED, MOTION, TRAJECTORY, [POSITION], what, motion), optional=True)
         yield _topic("estimate", JOINT, POSITION, controllers, f"observer: {c.name}, velocity", place)
         what = f"observer: disturbance {c.effort} tau of Eq. (26), positive against a rising {c.name}"
         yield _topic("disturbance", WRENCH, POSITION, [], what, c.effort_unit)
+        what = f"reference, feedback, error; output: {c.effort} that is asked of the actuators"
+        yield _topic("controller_state", JOINT, POSITION, [], what, f"{place}, {c.effort_unit}")
         for node, name in controllers.items():
             yield _topic(f"{name}/pressure_reference", PRESSURE, POSITION, [node], "pressure to reach", "Pa")
         for node, name in controllers.items():
-            yield _topic(f"{name}/mass_flow", JOINT, node, [VALVE], "mass flow to reach (velocity)", "kg/s")
+            yield _topic(f"{name}/mass_flow", VECTOR, node, [VALVE], "mass flow to reach, x into it", "kg/s")
         for name in self.commands:
-            yield _topic(name, JOINT, VALVE, [PLANT], "valve voltage (effort)", "V")
-        what = "when the voltages that answer a sample left, real time only"
+            what = "position of the valve's spool, -1 vent, 0 closed, 1 fill"
+            yield _topic(name, JOINT, VALVE, [PLANT], what, "1")
+        what = "when the commands that answer a sample left, real time only"
         yield _topic(ANSWERED, TIME_REFERENCE, VALVE, [], what, "s", "answer")
 
     def _managing(self) -> Iterator[Topic]:
@@ -197,27 +228,26 @@ class Topics:
         yield Signal(f"reference_{c.name}", REFERENCE, "positions", joint, c.unit)
         yield Signal("reference_velocity", REFERENCE, "velocities", joint, velocity)
         yield Signal("reference_acceleration", REFERENCE, "accelerations", joint, f"{velocity}^2")
-        # with a plan that of the plan
-        yield Signal(f"followed_{c.name}", REFERENCE, "positions", joint, c.unit, -1)
+        yield Signal(f"followed_{c.name}", PLANNED, "positions", joint, c.unit, instead=REFERENCE)
         yield Signal(f"estimate_{c.name}", "estimate", "position", joint, c.unit)
         yield Signal("estimate_velocity", "estimate", "velocity", joint, velocity)
         yield Signal("disturbance", "disturbance", DISTURBANCE[c.kind], "", c.effort_unit)
-        yield Signal(f"truth_{c.name}", "truth", "position", joint, c.unit)
-        yield Signal("truth_velocity", "truth", "velocity", joint, velocity)
-        yield Signal(f"truth_{c.effort}", "truth", "effort", joint, c.effort_unit)
+        yield Signal(f"truth_{c.name}", TRUTH, "position", joint, c.unit)
+        yield Signal("truth_velocity", TRUTH, "velocity", joint, velocity)
+        yield Signal(f"truth_{c.effort}", TRUTH, "effort", joint, c.effort_unit)
 
     def _of_actuators(self) -> Iterator[Signal]:
         for name in self.machine.names:
-            valve, gas, asked = f"{name}_valve", f"{name}_gas", f"{name}/pressure_reference"
+            valve, asked = f"{name}_valve", f"{name}/pressure_reference"
             yield Signal(f"{name}_pressure", f"{name}/pressure", "fluid_pressure", "", "Pa")
             yield Signal(f"{name}_pressure_reference", asked, "fluid_pressure", "", "Pa")
-            yield Signal(f"{name}_mass_flow", f"{name}/mass_flow", "velocity", valve, "kg/s")
-            yield Signal(f"{name}_voltage", f"{name}/valve_voltage", "effort", valve, "V")
-            yield Signal(f"truth_{name}_contraction", "truth", "position", name, "m")
-            yield Signal(f"truth_{name}_rate", "truth", "velocity", name, "m/s")
-            yield Signal(f"truth_{name}_force", "truth", "effort", name, "N")
-            yield Signal(f"truth_{name}_pressure", "truth", "effort", gas, "Pa")
-            yield Signal(f"truth_{name}_flow", "truth", "velocity", gas, "kg/s")
+            yield Signal(f"{name}_mass_flow", f"{name}/mass_flow", "vector.x", "", "kg/s")
+            yield Signal(f"{name}_voltage", f"{name}/valve_command", "position", valve, "V", spool=True)
+            yield Signal(f"truth_{name}_contraction", TRUTH, "position", name, "m")
+            yield Signal(f"truth_{name}_rate", TRUTH, "velocity", name, "m/s")
+            yield Signal(f"truth_{name}_force", TRUTH, "effort", name, "N")
+            yield Signal(f"truth_{name}_pressure", f"{TRUTH}/{name}/pressure", "fluid_pressure", "", "Pa")
+            yield Signal(f"truth_{name}_flow", f"{TRUTH}/{name}/mass_flow", "vector.x", "", "kg/s")
 
 
 def _replayed(topic: Topic) -> Topic:

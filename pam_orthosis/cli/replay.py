@@ -75,6 +75,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace, namespace: str, progress: Shown) -> list[TopicComparison]:
+    from pam_orthosis.bag.asked import asked_beside
     from pam_orthosis.bag.compare import compare
     from pam_orthosis.bag.script import Script, held_ns
     from pam_orthosis.nodes import launch
@@ -82,7 +83,7 @@ def _replay(arguments: argparse.Namespace, namespace: str, progress: Shown) -> l
 
     bag = arguments.bag.resolve()
     parameters = _parameters(bag, namespace, arguments.param, progress)
-    script = Script(bag, namespace, arguments.node, held_ns(parameters))
+    script = Script(bag, namespace, arguments.node, held_ns(parameters), asked_beside(parameters))
     for node, topic in script.missing.items():
         if topic:
             progress.note(f"{node} is not fed: {topic} is missing in the bag")

@@ -85,8 +85,9 @@ def cooperation_function(belief: Parameters) -> ca.Function:
     mean = softest_mean(estimate[0], wanted[0], axis)
     asked = Demand(law.effort, estimate[0], estimate[1], mean, (let_go[0], let_go[1]))
     gauge, saturated, near = pressures_with_effects(asked, None, axis)
-    command = ca.vertcat(*gauge) + ambient, saturated, axis.outside(estimate[0], gauge), ca.vertcat(*near)
-    return ca.Function("cooperation", [estimate, reference, let_go, wanted], [*command, ca.vertcat(*law[1:])])
+    outside, inputs = axis.outside(estimate[0], gauge), [estimate, reference, let_go, wanted]
+    command = ca.vertcat(*gauge) + ambient, saturated, outside, ca.vertcat(*near), law.effort
+    return ca.Function("cooperation", inputs, [*command, ca.vertcat(*law[1:])])
 
 
 class CooperativeController(PositionController):

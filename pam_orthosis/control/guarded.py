@@ -21,6 +21,7 @@ from pam_orthosis.control.pressure import PressureController
 from pam_orthosis.control.rates import position_belief
 from pam_orthosis.control.reference import PressureReference, Pressures, Reference, Valve
 from pam_orthosis.control.returning import Release, Return, empty_below, vented
+from pam_orthosis.model.components.spool import as_commanded
 from pam_orthosis.model.parameters import Parameters
 
 NEAR = 0.2  # of the largest error: what is followed is caught up with
@@ -142,7 +143,7 @@ class GuardedPosition(Guarded):
             command = self._judged(command, wanted, position, pressures, periods)
         if self._venting():
             asked = self._ambient if self._vent or self._release is None else self._release.asked
-            return command._replace(pressures=(asked, asked))
+            return command._replace(pressures=(asked, asked), effort=0.0)
         return command
 
     def _is_astray(self, away: float, pressures: Pressures, periods: int) -> bool:
@@ -304,6 +305,7 @@ class GuardedValve(Guarded):
         belief = parameters.belief()
         super().__init__(belief, {"pressure": guard.pressure_guard(belief)})
         self._model = model
+        self._valve = belief.valve
         self._low: float = belief.valve.minimum_voltage
         self._high: float = belief.valve.maximum_voltage
         self._flow = 0.0
@@ -311,13 +313,16 @@ class GuardedValve(Guarded):
     def step(self, mass_flow: float, pressure: float, periods: int = 1) -> float:
         """Return the valve voltage, V, finite and in range whatever the numbers are.
 
-        The sample is so many control periods later than the last one.
+        It is one that a position of the spool gives to the bit. The sample is so many control periods later
+        than the last one.
         """
         flow = self._usable(mass_flow, periods)
         pressure = self._guards["pressure"].step(pressure, periods=periods)
         voltage = self._model.step(flow, pressure, periods)
         good = self._finite("voltage", voltage)
-        return self._low if self._venting() or not good else min(max(voltage, self._low), self._high)
+        if self._venting() or not good:
+            return self._low
+        return as_commanded(min(max(voltage, self._low), self._high), self._valve)
 
     def _usable(self, mass_flow: float, periods: int) -> float:
         if not self._command_held((mass_flow,), periods):

@@ -22,7 +22,7 @@ from pam_orthosis.model.signals import Expression
 
 # gauge pressures of both actuators -> effort and forces (2,) that effects add
 Added = Callable[[Pair], tuple[Expression, Expression]]
-Limited = tuple[Pressures, bool, bool]  # absolute pressures; saturated; clamped
+Limited = tuple[Pressures, bool, bool, float]  # absolute pressures; saturated; clamped; effort
 
 NONE: Pair = (0.0, 0.0)
 GAINS = ("control.position.c1", "control.position.c2")
@@ -38,6 +38,7 @@ class PositionCommand(NamedTuple):
 
     `saturated`: the pressures' limits do not allow the torque or force that is needed.
     `clamped`: the estimate lies outside the box in which an actuator's laws were identified.
+    `effort`: torque or force in the direction of the coordinate that is asked of the actuators; 0 if none is.
     """
 
     pressures: tuple[PressureReference, PressureReference]
@@ -47,6 +48,7 @@ class PositionCommand(NamedTuple):
     residual: float
     saturated: bool
     clamped: bool
+    effort: float = 0.0
 
 
 def desired_acceleration(
@@ -169,8 +171,8 @@ def command_function(belief: Parameters) -> ca.Function:
     """Return the position law as a function of numbers.
 
     (estimate, reference, mean pressure, share let go of each muscle, states of the effects, time, tuned
-    values) -> (absolute pressures, saturated, clamped, share to let go). A locked joint is asked for no
-    effort: its motion cannot be fed back.
+    values) -> (absolute pressures, saturated, clamped, share to let go, effort). A locked joint is asked for
+    no effort: its motion cannot be fed back.
     """
     belief, tuned = belief.symbolic((*GAINS, *belief.declared.live))
     axis, ambient = Axis(belief), belief.valve.ambient_pressure
@@ -188,6 +190,7 @@ def command_function(belief: Parameters) -> ca.Function:
     gauge, saturated, near = pressures_with_effects(asked, effect if law else None, axis)
     inputs = [estimate, reference, mean, let_go, states, time, tuned]
     outputs = [ca.vertcat(*gauge) + ambient, saturated, axis.outside(estimate[0], gauge), ca.vertcat(*near)]
+    outputs.append(ca.SX(effort))
     return ca.Function("position_command", inputs, outputs)
 
 
@@ -240,8 +243,8 @@ class PositionController:
         mean = self._mean if reference.mean_pressure is None else reference.mean_pressure
         if mean is Valve.CLOSED:
             return PositionCommand((Valve.CLOSED, Valve.CLOSED), *estimate, False, False)
-        wanted, saturated, clamped = self._wanted(estimate, reference, mean, pressures, periods)
-        return PositionCommand(wanted, *estimate, saturated, clamped)
+        wanted, saturated, clamped, effort = self._wanted(estimate, reference, mean, pressures, periods)
+        return PositionCommand(wanted, *estimate, saturated, clamped, effort)
 
     def _wanted(
         self,
@@ -271,7 +274,7 @@ class PositionController:
         return wanted - reference.acceleration
 
     def _ask(self, *inputs: Any) -> Any:
-        """Return pressures, saturated, clamped and shares to let go, see `command_function`."""
+        """Return pressures, saturated, clamped, shares to let go and effort, see `command_function`."""
         return self._command(*inputs)
 
     def _law(
@@ -279,13 +282,13 @@ class PositionController:
     ) -> Limited:
         states, time, change = effect.states, effect.time, periods * self._change
         inputs = estimate, reference[:3], mean, self._let_go, states, time, self._tuned
-        pressures, saturated, clamped, near = self._ask(*inputs)
+        pressures, saturated, clamped, near, effort = self._ask(*inputs)
         self._let_go = [
             min(max(wanted, now - change), now + change)
             for wanted, now in zip(near.tolist(), self._let_go, strict=True)
         ]
         first, second = pressures.tolist()
-        return (first, second), bool(saturated[0]), bool(clamped[0])
+        return (first, second), bool(saturated[0]), bool(clamped[0]), float(effort[0])
 
 
 def _tuned(parameters: Parameters) -> list[float]:

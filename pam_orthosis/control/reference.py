@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from enum import Enum
 from typing import NamedTuple
 
@@ -51,27 +50,3 @@ class Reference(NamedTuple):
     acceleration: float
     mean_pressure: PressureReference | None = None
     planned: Motion | None = None
-
-    def numbers(self) -> list[float]:
-        """Return what is there, in the order of `from_numbers`."""
-        mean, planned = self.mean_pressure, self.planned
-        return [*self[:3], *(() if mean is None else (as_number(mean),)), *(planned or ())]
-
-    @classmethod
-    def from_numbers(
-        cls,
-        position: float,
-        velocity: float,
-        acceleration: float,
-        mean_pressure: float | None = None,
-        planned_position: float | None = None,
-        *rates: float,
-    ) -> Reference:
-        """Return the reference of numbers; a plan that is not whole is not finite."""
-        return cls(
-            position,
-            velocity,
-            acceleration,
-            None if mean_pressure is None else from_number(mean_pressure),
-            None if planned_position is None else Motion(planned_position, *(*rates, math.nan, math.nan)[:2]),
-        )

@@ -47,7 +47,7 @@ class BagPlayer(graph.GraphNode):
         super().__init__(PLAYER, settings, role=RECORDER)
         chosen = self.settings["nodes"].split(",")
         bag, leg = Path(self.settings["bag"]), self.settings["namespace"]
-        self._script = Script(bag, leg, chosen, held_ns(self.parameters))
+        self._script = Script(bag, leg, chosen, held_ns(self.parameters), self.beside)
         self._instants = self._script.instants()
         self._now: Instant | None = None
         self._count = 0

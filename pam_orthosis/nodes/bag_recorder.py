@@ -15,15 +15,16 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
+from pam_orthosis.bag.asked import asked_beside
 from pam_orthosis.bag.cdr import Reader, Unreadable, canonical, serialised_stamp_ns
 from pam_orthosis.bag.record import BagWriter, run_metadata
 from pam_orthosis.bag.steps import Message, StepCollector
 from pam_orthosis.bag.topics import RECORDER, SAMPLE, Topic, in_leg
 from pam_orthosis.bag.writer_process import BagWriterProcess
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.components.spool import VENT
 from pam_orthosis.model.parameters import Parameters
-from pam_orthosis.nodes import graph, process
-from pam_orthosis.nodes.pace import VOLTAGE
+from pam_orthosis.nodes import graph, messages, process
 from pam_orthosis.nodes.parameters import Setting
 from pam_orthosis.nodes.recorded_leg import RecordedLeg
 from pam_orthosis.nodes.recorded_scene import RecordedScene
@@ -65,7 +66,7 @@ class BagRecorder(graph.GraphNode):
         self._viewed: dict[str, tuple[RecordedScene, str]] = {}
         self._legs = self._make_legs()
         for leg in self._legs:
-            for topic in filter(lambda topic: topic.recorded, self.topics.values()):
+            for topic in filter(lambda topic: topic.recorded, self._topics_of(leg.name).values()):
                 self._record(topic, leg)
             self._view(leg)
         if len(self.legs) > 1:
@@ -158,9 +159,16 @@ class BagRecorder(graph.GraphNode):
         return [RecordedLeg(self, leg, self._run_ns, shared) for leg in self.legs]
 
     def _collector(self, legs: Sequence[str]) -> StepCollector:
-        topics = {in_leg(name, leg, self.legs): topic for leg in legs for name, topic in self.topics.items()}
+        topics = {
+            in_leg(name, leg, self.legs): topic
+            for leg in legs
+            for name, topic in self._topics_of(leg).items()
+        }
         late_ns = LATE_NS if self.realtime else None
         return StepCollector(self.period_ns, topics, late_ns, self.every)
+
+    def _topics_of(self, leg: str) -> dict[str, Topic]:
+        return self.topics_of_run(asked_beside(self.parameters_of(leg)))
 
     def _collectors(self) -> list[StepCollector]:
         return list(dict.fromkeys(leg.steps for leg in self._legs))
@@ -213,7 +221,7 @@ class BagRecorder(graph.GraphNode):
         if topic.name not in self.table.commands:
             return False
         with suppress(Unreadable):
-            return Reader(topic.type, VOLTAGE)(data)[1] == (self.parameters.valve.minimum_voltage,)
+            return Reader(topic.type, messages.SPOOL)(data)[1] == (VENT,)
         return False
 
     def _of_the_run(self, leg: RecordedLeg, stamp_ns: int, data: bytes) -> bool:

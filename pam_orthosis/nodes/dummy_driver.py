@@ -18,6 +18,7 @@ from sensor_msgs.msg import FluidPressure, JointState
 
 from pam_orthosis.control.guard import driven
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.components.spool import VENT, voltage_of
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
 from pam_orthosis.nodes import messages, process
@@ -32,7 +33,7 @@ SPIN_SECONDS = 0.2  # the events executor dispatches nothing without a time-out
 
 
 class EmulatedHardware:
-    """Stands for the devices: sensors that can be read, valves that take voltages."""
+    """Stands for the devices: sensors that can be read, valves that take commands."""
 
     def __init__(self, parameters: Parameters):
         self.period_ns = round(parameters.scenario.control_period * 1e9)
@@ -43,14 +44,14 @@ class EmulatedHardware:
         """Return the coordinate, rad or m, and the absolute pressure of each actuator, Pa."""
         return tuple(self._plant.measure())
 
-    def write(self, line: int, voltage: float, at_ns: int) -> None:
-        """Set the valve of an actuator (its number) within its range, at an instant since the start."""
-        self._plant.take(line, driven(voltage, self._valve), at_ns)
+    def write(self, line: int, spool: float, at_ns: int) -> None:
+        """Set the spool of an actuator's valve (its number), -1 to 1, at an instant since the start."""
+        self._plant.take(line, driven(voltage_of(spool, self._valve), self._valve), at_ns)
 
     def vent(self) -> None:
         """Let the air out of all actuators."""
         for line in range(len(self._plant.machine.names)):
-            self.write(line, self._valve.minimum_voltage, self._plant.time_ns)
+            self.write(line, VENT, self._plant.time_ns)
 
     def live_on(self, periods: int) -> None:
         """Let emulated time pass; devices just live on."""
@@ -59,7 +60,7 @@ class EmulatedHardware:
 
 
 class DummyDriver(Node):
-    """Publishes a sample each period; sets a valve as soon as its voltage comes, vents if none come."""
+    """Publishes a sample each period; sets a valve as soon as its command comes, vents if none come."""
 
     def __init__(self) -> None:
         super().__init__("dummy_driver")
@@ -70,16 +71,16 @@ class DummyDriver(Node):
             self.create_publisher(FluidPressure, f"{name}/pressure", qos_profile_sensor_data)
             for name in self._machine.names
         ]
-        self._silent: dict[int, int] = {}  # periods since each valve's last voltage; none has come yet
+        self._silent: dict[int, int] = {}  # periods since each valve's last command; none has come yet
         for line, name in enumerate(self._machine.names):
-            self.create_subscription(JointState, f"{name}/valve_voltage", self._receiver(line), 10)
+            self.create_subscription(JointState, f"{name}/valve_command", self._receiver(line), 10)
         self._first_ns, self._passed = self.get_clock().now().nanoseconds, 0
         self.create_timer(self._hardware.period_ns * 1e-9, self._tick)
 
     def _receiver(self, line: int):
         def receive(message: JointState) -> None:
-            if message.effort and abs(message.effort[0]) < INFINITE:  # nor is NaN
-                self._hardware.write(line, message.effort[0], self._elapsed_ns())
+            if message.position and abs(message.position[0]) < INFINITE:  # nor is NaN
+                self._hardware.write(line, message.position[0], self._elapsed_ns())
                 self._silent = {**dict.fromkeys(range(len(self._pressures)), 0), **self._silent, line: 0}
 
         return receive
@@ -106,7 +107,7 @@ class DummyDriver(Node):
             publisher.publish(messages.fluid_pressure(stamp_ns, name, pressure))
 
     def _act(self, periods: int) -> None:
-        """Let periods pass; vent all actuators when the voltages of one have stopped coming."""
+        """Let periods pass; vent all actuators when the commands of one have stopped coming."""
         self._silent = {line: count + periods for line, count in self._silent.items()}
         if max(self._silent.values(), default=0) > SILENCE_PERIODS:
             self._hardware.vent()

@@ -59,10 +59,6 @@ class GraphNode(TopicNode):
         if self.role in self.topics["end"].consumers:
             self.listen_to("end", self.on_end)
 
-    def parameters_of(self, leg: str) -> Parameters:
-        """Return the parameters that the node has for one of its legs."""
-        return self.parameters
-
     def refuse(self, failure: Callable[[], OrthosisError]) -> None:
         """End the run, but for one that is over."""
         if not self.ended and not self.failure:

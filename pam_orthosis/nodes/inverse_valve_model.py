@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node: inverse valve model of all actuators, from mass flow and pressure to valve voltage."""
+"""Node: inverse valve model of all actuators, from mass flow and pressure to a position of the spool."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from pam_orthosis.bag.topics import VALVE
 from pam_orthosis.control.guarded import GuardedValve
 from pam_orthosis.control.inverse_valve import InverseValveModel
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.components.spool import VENT, spool_position
 from pam_orthosis.nodes import graph, messages, process
 from pam_orthosis.nodes.join import Join
 
 
 class InverseValveModelNode(graph.GraphNode):
-    """Publishes each step's voltage of each valve as soon as its own inputs are there.
+    """Publishes each step's command for each valve as soon as its own inputs are there.
 
     The service `emergency_stop` makes it vent all actuators, whatever is asked of it, until `reset`, and for
     so long at least that the position controller notices: it leads the machine back afterwards.
@@ -25,7 +26,7 @@ class InverseValveModelNode(graph.GraphNode):
 
     def __init__(self) -> None:
         super().__init__(VALVE)
-        self._venting, self._vented = False, self.parameters.valve.minimum_voltage
+        self._venting = False
         self._stopped_ns, self._reset_asked = 0, False
         self._shortest_ns = round(self.parameters.control.guard.rest_time * 1e9)
         self.offer("emergency_stop", self._vent)
@@ -36,11 +37,11 @@ class InverseValveModelNode(graph.GraphNode):
         self._models = {
             name: GuardedValve(self.parameters, InverseValveModel(self.parameters, name)) for name in names
         }
-        self._voltages = {name: self._voltage_of(name) for name in names}
+        self._commands = {name: self._command_of(name) for name in names}
         self._answered_ns: dict[str, int] = {}
         self._joins = [
             self.join_inputs(
-                {f"{name}/mass_flow": ["velocity[0]"], f"{name}/pressure": ["fluid_pressure"]},
+                {f"{name}/mass_flow": messages.FLOW, f"{name}/pressure": messages.PRESSURE},
                 partial(self._step, name),
             )
             for name in names
@@ -57,7 +58,7 @@ class InverseValveModelNode(graph.GraphNode):
         """Tell all valves to vent: nobody controls them any more."""
         self._venting, self._reset_asked = True, False
         for name, stamp_ns in self._answered_ns.items():
-            self._publish(name, stamp_ns + self.period_ns, self._vented)
+            self._publish(name, stamp_ns + self.period_ns, VENT)
         return True
 
     def _vent(self) -> str:
@@ -76,21 +77,21 @@ class InverseValveModelNode(graph.GraphNode):
             self._answer.publish(messages.time_reference(stamp_ns, self.now_ns()))
         self.step_done(stamp_ns)
 
-    def _voltage_of(self, name: str) -> Callable[..., None]:
-        example = messages.joint_state(0, [f"{name}_valve"], effort=[0.0])
-        return self.publish_numbers(f"{name}/valve_voltage", example)
+    def _command_of(self, name: str) -> Callable[..., None]:
+        example = messages.joint_state(0, [f"{name}_valve"], position=[0.0])
+        return self.publish_numbers(f"{name}/valve_command", example)
 
     def _step(self, name: str, stamp_ns: int, flow: tuple, pressure: tuple) -> None:
         asked = self._models[name].step(*flow, *pressure, self.periods_since(stamp_ns))
         if self._reset_asked and self.time_ns - self._stopped_ns >= self._shortest_ns:
             self._venting = self._reset_asked = False
-        voltage = self._vented if self._venting else asked
-        self._publish(name, stamp_ns, voltage)
-        self._all.add(name, stamp_ns, voltage)
+        spool = VENT if self._venting else spool_position(asked, self.parameters.valve)
+        self._publish(name, stamp_ns, spool)
+        self._all.add(name, stamp_ns, spool)
 
-    def _publish(self, name: str, stamp_ns: int, voltage: float) -> None:
+    def _publish(self, name: str, stamp_ns: int, spool: float) -> None:
         self._answered_ns[name] = stamp_ns
-        self._voltages[name](stamp_ns, voltage)
+        self._commands[name](stamp_ns, spool)
 
 
 def main() -> int:

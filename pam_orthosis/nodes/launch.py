@@ -116,7 +116,7 @@ def _of_machine(work: Path, machine: Machine) -> dict[str, str]:
 
 def _aside(topics: Topics, node: str) -> list[str]:
     """Return the remappings that put a node's answers beside those of the bag."""
-    answers = [t.name for t in topics.of_run().values() if t.rate == "step" and node in t.producers]
+    answers = [t.name for t in topics.all if t.rate == "step" and node in t.producers]
     pairs = [f"{name}:={'/' * name.startswith('/')}{REPLAYED}/{name.lstrip('/')}" for name in answers]
     return [word for pair in pairs for word in ("-r", pair)]
 

@@ -8,22 +8,17 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import Vector3, Vector3Stamped, WrenchStamped
 from sensor_msgs.msg import FluidPressure, JointState, TimeReference
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pam_orthosis.bag.topics import SECOND_NS
-from pam_orthosis.control.reference import Reference, as_number
+from pam_orthosis.control.reference import Motion
 
-MOTION = ("positions", "velocities", "accelerations")
-# fields of a message of `trajectory`, as of `Reference.from_numbers`
-REFERENCE = [
-    *(f"points[0].{field}[0]" for field in MOTION),
-    "points[0].effort[0]?",
-    "points[1].positions[0]?",  # a plan without the rest is unusable
-    *(f"points[1].{field}[0]" for field in MOTION[1:]),
-]
+MOTION = [f"points[0].{field}[0]" for field in ("positions", "velocities", "accelerations")]
+PRESSURE, FLOW, SPOOL = ["fluid_pressure"], ["vector.x"], ["position[0]"]
+UNKNOWN = float("nan")
 # the numbers of a wrench before and behind a torque about y or a force along x, as the table of signals says
 AROUND = {"rotation": ((0.0,) * 4, (0.0,)), "translation": ((), (0.0,) * 5)}
 
@@ -68,9 +63,18 @@ def frame_of(leg: str, name: str) -> str:
 def fluid_pressure(
     stamp_ns: int, muscle: str, pressure: float, variance: float = 0.0, leg: str = ""
 ) -> FluidPressure:
-    """Return an absolute pressure of an actuator (Pa) and its variance (Pa^2, 0 = unknown)."""
-    frame = frame_of(leg, f"{muscle}_muscle")
+    """Return an absolute pressure (Pa) and its variance (Pa^2, 0 = unknown).
+
+    It is that of an actuator, or of all if none is named.
+    """
+    frame = frame_of(leg, f"{muscle}_muscle") if muscle else ""
     return FluidPressure(header=header(stamp_ns, frame), fluid_pressure=pressure, variance=variance)
+
+
+def mass_flow(stamp_ns: int, actuator: str, flow: float, leg: str = "") -> Vector3Stamped:
+    """Return a mass flow into an actuator (kg/s): along x of the frame of its port."""
+    frame = frame_of(leg, f"{actuator}_port")
+    return Vector3Stamped(header=header(stamp_ns, frame), vector=Vector3(x=flow))
 
 
 def time_reference(stamp_ns: int, at_ns: int) -> TimeReference:
@@ -83,23 +87,17 @@ def wrench(stamp_ns: int, joint: str, leg: str = "") -> WrenchStamped:
     return WrenchStamped(header=header(stamp_ns, frame_of(leg, joint)))
 
 
-def trajectory(stamp_ns: int, joint: str, reference: Reference) -> JointTrajectory:
-    """Return the reference of a joint (rad, rad/s, rad/s^2 or m, m/s, m/s^2) for one instant.
-
-    The mean pressure of the muscles (absolute Pa), if one is asked for, travels as the effort: the
-    effort that both muscles hold against each other, as pressure is the effort of a bond graph. The
-    motion that a plan has followed instead is the second point, of the same instant.
-    """
-    points = [_point(*reference[:3])]
-    if reference.mean_pressure is not None:
-        points[0].effort = [as_number(reference.mean_pressure)]
-    if reference.planned is not None:
-        points.append(_point(*reference.planned))
-    return JointTrajectory(header=header(stamp_ns), joint_names=[joint], points=points)
+def trajectory(stamp_ns: int, joint: str, motion: Motion) -> JointTrajectory:
+    """Return the motion of a joint (rad, rad/s, rad/s^2 or m, m/s, m/s^2) at the instant of the stamp."""
+    place, velocity, acceleration = motion
+    point = JointTrajectoryPoint(positions=[place], velocities=[velocity], accelerations=[acceleration])
+    return JointTrajectory(header=header(stamp_ns), joint_names=[joint], points=[point])
 
 
-def _point(place: float, velocity: float, acceleration: float) -> JointTrajectoryPoint:
-    return JointTrajectoryPoint(positions=[place], velocities=[velocity], accelerations=[acceleration])
+def controller_state(stamp_ns: int, joint: str) -> JointState:
+    """Return reference, feedback and error of a joint, and the effort that is asked for: nothing yet."""
+    names = [f"{joint}_{what}" for what in ("reference", "feedback", "error", "output")]
+    return joint_state(stamp_ns, names, *[[UNKNOWN] * len(names)] * 3)
 
 
 def diagnostics(

@@ -11,11 +11,11 @@ from typing import Any
 from builtin_interfaces.msg import Time
 
 from pam_orthosis.errors import RunFailed
+from pam_orthosis.model.components.spool import VENT
 from pam_orthosis.nodes import messages
 from pam_orthosis.nodes.graph import GraphNode
 from pam_orthosis.nodes.topic_node import Numbers
 
-VOLTAGE = ("effort[0]",)
 MAX_UNRECORDED_STEPS, MAX_UNRECORDED_NS = 50, 250_000_000  # and the recorder keeps a chunk in memory
 WATCH_SECONDS = 0.25
 SILENCE_SAMPLES = 20  # without an answer, after which valves vent
@@ -36,20 +36,20 @@ class PacedNode(GraphNode):
         """Publish what the sensors say at an instant."""
 
     @abstractmethod
-    def take(self, line: int, voltage: float, at_ns: int) -> None:
-        """Take a voltage of an actuator's valve (its number) that comes at an instant of the run."""
+    def take(self, line: int, spool: float, at_ns: int) -> None:
+        """Take a command for an actuator's valve (its number) that comes at an instant of the run."""
 
     @abstractmethod
-    def advance(self, *voltages: float) -> None:
-        """Let one period pass that these voltages answer."""
+    def advance(self, *spools: float) -> None:
+        """Let one period pass that these commands answer, relative positions of the spools."""
 
     @abstractmethod
     def live_on(self) -> None:
-        """Let one period pass under the voltages that have come."""
+        """Let one period pass under the commands that have come."""
 
 
 class Lockstep:
-    """Step k is over when all its voltages are there: the result does not depend on the machine's load.
+    """Step k is over when all its commands are there: the result does not depend on the machine's load.
 
     It stays at most `MAX_UNRECORDED_STEPS` and `MAX_UNRECORDED_NS` ahead of the recorder, which ends the run
     after the last.
@@ -66,7 +66,7 @@ class Lockstep:
         self._begun = False
         self._early: tuple[Any, ...] = ()
         self._progress = time.monotonic()
-        self._join = plant.join_inputs(dict.fromkeys(plant.table.commands, VOLTAGE), self._answered)
+        self._join = plant.join_inputs(dict.fromkeys(plant.table.commands, messages.SPOOL), self._answered)
         plant.listen_to("recorded", self._on_recorded)
         plant.create_timer(WATCH_SECONDS, self._watch)
 
@@ -85,12 +85,12 @@ class Lockstep:
         self._progress = time.monotonic()
         self._plant.publish_sample(self._stamp_ns)
 
-    def _answered(self, stamp_ns: int, *voltages: Numbers) -> None:
+    def _answered(self, stamp_ns: int, *spools: Numbers) -> None:
         if not self._begun:  # in a replay the answer may overtake the word that all are ready
-            self._early = (stamp_ns, *voltages)
+            self._early = (stamp_ns, *spools)
         if not self._begun or self._plant.abandoned:
             return
-        self._plant.advance(*(voltage for (voltage,) in voltages))
+        self._plant.advance(*(spool for (spool,) in spools))
         self._plant.step_done(stamp_ns)
         self._progress = time.monotonic()
         self._stamp_ns += self._plant.period_ns
@@ -129,11 +129,11 @@ class Lockstep:
 
 
 class RealTime:
-    """A sample each period of the wall clock; a voltage counts from the instant at which it came.
+    """A sample each period of the wall clock; a command counts from the instant at which it came.
 
     From then on it goes through converter, valve and hose, as in lockstep. What lies between a sample and its
     answer is the machine's own time: the row of the computing delay stands for it in lockstep only.
-    Voltages that do not come any more are replaced by those of the vent after `SILENCE_SAMPLES`.
+    Commands that do not come any more are replaced by those of the vent after `SILENCE_SAMPLES`.
     Time passes for the hardware whether anybody looks or not: a sample that is overdue by a period is
     skipped and counted, never made up for, so that a machine that is too slow answers fewer samples
     instead of ever older ones.
@@ -147,7 +147,7 @@ class RealTime:
         self._skipped = self._late = self._silent = 0
         self._answered_ns, self._unanswered = (dict.fromkeys(plant.table.commands, 0) for _ in range(2))
         for line, topic in enumerate(self._answered_ns):
-            plant.listen_to_numbers(topic, VOLTAGE, self._receiver(line, topic))
+            plant.listen_to_numbers(topic, messages.SPOOL, self._receiver(line, topic))
 
     def begin(self) -> None:
         """Take the first sample; start the timer, whose ticks are then never before their stamps."""
@@ -164,8 +164,8 @@ class RealTime:
         }
 
     def _receiver(self, line: int, topic: str) -> Callable[[int, Numbers], None]:
-        def receive(stamp_ns: int, voltage: Numbers) -> None:
-            self._plant.take(line, *voltage, self._plant.now_ns() - self._first_ns)
+        def receive(stamp_ns: int, spool: Numbers) -> None:
+            self._plant.take(line, *spool, self._plant.now_ns() - self._first_ns)
             if not any(self._answered_ns.values()):  # nobody was silent before there was anybody
                 self._unanswered = dict.fromkeys(self._answered_ns, 0)
             self._unanswered[topic] = 0
@@ -192,8 +192,7 @@ class RealTime:
         if max(self._unanswered.values()) > SILENCE_SAMPLES and any(self._answered_ns.values()):
             self._silent += 1
             for line in range(len(self._answered_ns)):
-                vented = self._plant.parameters.valve.minimum_voltage
-                self._plant.take(line, vented, self._passed * self._plant.period_ns)
+                self._plant.take(line, VENT, self._passed * self._plant.period_ns)
 
     def _sample(self, period: int) -> None:
         self._sampled = period

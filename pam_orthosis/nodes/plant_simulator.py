@@ -10,20 +10,22 @@ from operator import itemgetter
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
-from pam_orthosis.bag.topics import CLOCK, PLANT, SAMPLE
+from pam_orthosis.bag.topics import CLOCK, PLANT, SAMPLE, TRUTH
 from pam_orthosis.control.guard import driven
+from pam_orthosis.model.components.spool import VENT, voltage_of
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
 from pam_orthosis.nodes import messages, process
 from pam_orthosis.nodes.pace import Lockstep, PacedNode, RealTime
 from pam_orthosis.nodes.parameters import Setting
+from pam_orthosis.nodes.topic_node import Numbers
 
 VENT_SAMPLES, VENT_SAMPLE_NS = 10, 50_000_000  # after the end of a run that was cut short
 DELIVERY_SECONDS = 0.3  # less than the supervisor grants for the end
 
 
 class PlantSimulator(PacedNode):
-    """Publishes what the sensors say and takes the valve voltages; begins when all nodes are ready."""
+    """Publishes what the sensors say and takes the valves' commands; begins when all nodes are ready."""
 
     def __init__(self) -> None:
         timeout = Setting(5.0, "wall time without an answer after which the run fails [s]")
@@ -41,10 +43,19 @@ class PlantSimulator(PacedNode):
         ]
         sensor = self.parameters.plant.sensor
         self._variance = sensor.pressure_noise**2 + sensor.pressure_resolution**2 / 12
-        true = [joint, *actuators, *(f"{name}_gas" for name in actuators)]
-        self._ordered, zeros = order_of_truth(len(actuators)), [0.0] * len(true)
-        self._truth = self.publish_numbers("truth", messages.joint_state(0, true, zeros, zeros, zeros))
+        true = messages.joint_state(0, [joint, *actuators], *[[0.0] * (1 + len(actuators))] * 3)
+        self._ordered = order_of_truth(len(actuators))
+        self._truth = self.publish_numbers(TRUTH, true)
+        self._gas = [self._truth_of(name, leg) for name in actuators]
         self._pace = RealTime(self) if self.realtime else Lockstep(self)
+
+    def _truth_of(self, name: str, leg: str) -> tuple[Callable[..., None], Callable[..., None]]:
+        """Return what publishes true pressure and mass flow of an actuator."""
+        pressure, flow = messages.fluid_pressure(0, name, 0.0, leg=leg), messages.mass_flow(0, name, 0.0, leg)
+        group = f"{TRUTH}/{name}"
+        return self.publish_numbers(f"{group}/pressure", pressure), self.publish_numbers(
+            f"{group}/mass_flow", flow
+        )
 
     def started(self) -> None:
         """Hear who is ready; not before, so that it is said by those alone who are there now."""
@@ -54,23 +65,26 @@ class PlantSimulator(PacedNode):
         """Count lost or late inputs."""
         return self._pace.health()
 
-    def advance(self, *voltages: float) -> None:
-        """Let one period pass that these voltages answer; a valve vents under none that it can follow."""
-        valve = self.parameters.valve
-        self._plant.advance(*[driven(voltage, valve) for voltage in voltages])
+    def advance(self, *spools: float) -> None:
+        """Let one period pass that these commands answer; a valve vents under none that it can follow."""
+        self._plant.advance(*map(self._driven, spools))
 
-    def take(self, line: int, voltage: float, at_ns: int) -> None:
-        """Take a voltage of an actuator's valve (its number) that comes at an instant of the run."""
-        self._plant.take(line, driven(voltage, self.parameters.valve), at_ns)
+    def take(self, line: int, spool: float, at_ns: int) -> None:
+        """Take a command for an actuator's valve (its number) that comes at an instant of the run."""
+        self._plant.take(line, self._driven(spool), at_ns)
+
+    def _driven(self, spool: float) -> float:
+        valve = self.parameters.valve
+        return driven(voltage_of(spool, valve), valve)
 
     def live_on(self) -> None:
-        """Let one period pass under the voltages that have come."""
+        """Let one period pass under the commands that have come."""
         self._plant.live_on()
 
     def abandon(self) -> bool:
         """Let the hardware live on alone: valves without commands vent, as the last samples show."""
         self.abandoned = True
-        vents = [self.parameters.valve.minimum_voltage] * len(self._pressures)
+        vents = [VENT] * len(self._pressures)
         periods = max(1, VENT_SAMPLE_NS // self.period_ns)
         for _ in range(0 if self._newest_ns is None else VENT_SAMPLES):
             for _ in range(periods):
@@ -90,7 +104,11 @@ class PlantSimulator(PacedNode):
         self._joint(stamp_ns, place)
         for send, pressure in zip(self._pressures, pressures, strict=True):
             send(stamp_ns, pressure, self._variance)
-        self._truth(stamp_ns, *self._ordered((*self._plant.truth(), 0.0)))
+        moving, gas = self._ordered(self._plant.truth())
+        self._truth(stamp_ns, *moving)
+        for (send_pressure, send_flow), (pressure, flow) in zip(self._gas, gas, strict=True):
+            send_pressure(stamp_ns, pressure, 0.0)
+            send_flow(stamp_ns, flow, 0.0, 0.0)
         if self._time and stamp_ns % (self.every * self.control_ns) == 0:
             self._time(stamp_ns)
 
@@ -101,15 +119,17 @@ class PlantSimulator(PacedNode):
             self._pace.begin()
 
 
-def order_of_truth(count: int) -> Callable[[Sequence[float]], tuple[float, ...]]:
-    """Return what puts the truth of so many actuators, and a 0, in the order of its message.
+def order_of_truth(count: int) -> Callable[[Sequence[float]], tuple[Numbers, list[Numbers]]]:
+    """Return what sorts the truth of so many actuators: what moves, in the order of its message, and the gas.
 
-    That is positions, velocities, then efforts of the joint, of the actuators and of their gas.
+    The former is positions, velocities, then efforts of the joint and of the actuators, the latter the
+    pressure and the mass flow of each.
     """
-    kinds = (range(first, first + count) for first in range(3, 3 + 5 * count, count))
+    kinds = [range(first, first + count) for first in range(3, 3 + 5 * count, count)]
     contractions, rates, forces, pressures, flows = kinds
-    positions = (0, *contractions, *[-1] * count)
-    return itemgetter(*positions, 1, *rates, *flows, 2, *forces, *pressures)
+    moving = itemgetter(0, *contractions, 1, *rates, 2, *forces)
+    gas = [itemgetter(*each) for each in zip(pressures, flows, strict=True)]
+    return lambda truth: (moving(truth), [of_one(truth) for of_one in gas])
 
 
 def main() -> int:

@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator, Mapping
 from typing import Any
 
-from pam_orthosis.bag.topics import POSITION, REFERENCE, SAMPLE
+from pam_orthosis.bag.topics import MEAN_PRESSURE, PLANNED, POSITION, REFERENCE, SAMPLE
 from pam_orthosis.control.guarded import GuardedPosition
-from pam_orthosis.control.position import PositionController
-from pam_orthosis.control.reference import Reference, as_number
+from pam_orthosis.control.position import PositionCommand, PositionController
+from pam_orthosis.control.reference import Motion, Reference, as_number, from_number
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages, process
 
@@ -34,8 +35,11 @@ class PositionControllerNode(graph.GraphNode):
             self.publish_numbers(f"{name}/pressure_reference", messages.fluid_pressure(0, name, 0.0, leg=leg))
             for name in names
         ]
-        pressures = {f"{name}/pressure": ["fluid_pressure"] for name in names}
-        inputs = {SAMPLE: ["position[0]"], **pressures, REFERENCE: messages.REFERENCE}
+        self._state = self.publish_numbers("controller_state", messages.controller_state(0, joint))
+        pressures = {f"{name}/pressure": messages.PRESSURE for name in names}
+        asked = {REFERENCE: messages.MOTION, MEAN_PRESSURE: messages.PRESSURE, PLANNED: messages.MOTION}
+        self._asked = [topic for topic in asked if topic in self.topics]
+        inputs = {SAMPLE: ["position[0]"], **pressures, **{topic: asked[topic] for topic in self._asked}}
         self._join = self.join_inputs(inputs, self._step, newest=True)
 
     def health(self) -> dict[str, Any]:
@@ -57,18 +61,34 @@ class PositionControllerNode(graph.GraphNode):
         self._controller.retune(parameters)
 
     def _step(self, stamp_ns: int, sample: tuple, *others: tuple) -> None:
-        *pressures, reference = others
+        count = len(self._pressures)
         periods = self.periods_since(stamp_ns)
-        wanted = Reference.from_numbers(*reference)
-        command = self._controller.step(*sample, tuple(one for (one,) in pressures), wanted, periods)
+        wanted = _reference(dict(zip(self._asked, others[count:], strict=True)))
+        pressures = tuple(one for (one,) in others[:count])
+        command = self._controller.step(*sample, pressures, wanted, periods)
         self._estimate(stamp_ns, command.position, command.velocity)
         for send, pressure in zip(self._pressures, command.pressures, strict=True):
             send(stamp_ns, as_number(pressure), UNKNOWN_VARIANCE)
         self._disturbance(stamp_ns, *self._before, command.disturbance, *self._behind)
+        self._state(stamp_ns, *_state(wanted, command))
         self._saturated += command.saturated
         self._clamped += command.clamped
         self._residual = max(self._residual, abs(command.residual))
         self.step_done(stamp_ns)
+
+
+def _reference(asked: Mapping[str, tuple]) -> Reference:
+    mean, planned = asked.get(MEAN_PRESSURE), asked.get(PLANNED)
+    return Reference(
+        *asked[REFERENCE], from_number(*mean) if mean else None, Motion(*planned) if planned else None
+    )
+
+
+def _state(wanted: Reference, command: PositionCommand) -> Iterator[float]:
+    """Yield the numbers of `messages.controller_state`."""
+    for reference, feedback in zip(wanted[:2], (command.position, command.velocity), strict=True):
+        yield from (reference, feedback, reference - feedback, messages.UNKNOWN)
+    yield from (messages.UNKNOWN, messages.UNKNOWN, messages.UNKNOWN, command.effort)
 
 
 def main() -> int:

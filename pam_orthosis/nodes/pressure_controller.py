@@ -27,11 +27,11 @@ class PressureControllerNode(graph.GraphNode):
         self._muscle = self.settings["muscle"]
         controller = PressureController(self.parameters, self._muscle)
         self._controller = GuardedPressure(self.parameters, controller)
-        flow = messages.joint_state(0, [f"{self._muscle}_valve"], velocity=[0.0])
+        flow = messages.mass_flow(0, self._muscle, 0.0, self.settings["leg"])
         self._flow = self.publish_numbers(f"{self._muscle}/mass_flow", flow)
         inputs = {
-            f"{self._muscle}/pressure": ["fluid_pressure"],
-            f"{self._muscle}/pressure_reference": ["fluid_pressure"],
+            f"{self._muscle}/pressure": messages.PRESSURE,
+            f"{self._muscle}/pressure_reference": messages.PRESSURE,
             "estimate": ["position[0]", "velocity[0]"],
         }
         self._join = self.join_inputs(inputs, self._step)
@@ -47,7 +47,7 @@ class PressureControllerNode(graph.GraphNode):
     def _step(self, stamp_ns: int, pressure: tuple, wanted: tuple, estimate: tuple, age: float = 0.0) -> None:
         periods = self.periods_since(stamp_ns)
         flow = self._controller.step(*pressure, from_number(*wanted), *estimate, periods, age)
-        self._flow(stamp_ns, flow)
+        self._flow(stamp_ns, flow, 0.0, 0.0)
         self.step_done(stamp_ns)
 
 

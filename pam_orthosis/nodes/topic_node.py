@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -13,9 +13,12 @@ from rclpy.serialization import serialize_message
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
+from pam_orthosis.bag.asked import asked_beside
 from pam_orthosis.bag.cdr import Reader, Template, Unreadable
-from pam_orthosis.bag.topics import PLANT, PUBLISHED_DEPTH, RECORDER, SLOW, Topics, in_leg
+from pam_orthosis.bag.topics import PLANT, PUBLISHED_DEPTH, RECORDER, SLOW, Topic, Topics, in_leg
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.nodes.agreement import ALIKE
 from pam_orthosis.nodes.barrier import Barrier
 from pam_orthosis.nodes.exchange import Outlet
 from pam_orthosis.nodes.join import HoldingJoin, Join
@@ -47,6 +50,7 @@ class TopicNode(Node):
         ready: all its peers are there.
         failure: ends the run; it makes the error when all is safe.
         machine, table: whose graph this is, and its topics.
+        topics, beside: those of this run, and the names of the optional ones among them.
         stranger: somebody who does not belong there was met by a node that has to end last.
 
     Raises:
@@ -59,7 +63,6 @@ class TopicNode(Node):
         self.realtime = self.settings["realtime"]
         self.machine = machine_of(self.settings)
         self.table = Topics(self.machine)
-        self.topics = self.table.of_run(*(self.settings[key] for key in ("realtime", "with_plant", "replay")))
         self.role = (role or name).format(**self.settings)
         specs = layout(self.table)
         if self.role not in specs:
@@ -67,6 +70,9 @@ class TopicNode(Node):
             raise OrthosisError(f"{self.get_name()}: parameter muscle must be one of {names}")
         self.spec = specs[self.role]
         self.parameters = declare_rows(self, self.machine, self.spec)
+        self.legs = self.served_legs()
+        self.beside = {topic for leg in self.legs for topic in asked_beside(self.parameters_of(leg))}
+        self.topics = self.topics_of_run(self.beside)
         self.every = self.parameters.control.position.every
         self.control_ns = round(self.parameters.scenario.control_period * 1e9)
         self.period_ns = self.control_ns * (self.every if self.role in SLOW else 1)  # of its own steps
@@ -77,11 +83,18 @@ class TopicNode(Node):
         self.unreadable = 0  # messages that came
         self.ownership = Ownership(self, self.refuse)
         self.barrier = Barrier(self, self.begin, self.fail)
-        self.legs = self.served_legs()
 
     def served_legs(self) -> tuple[str, ...]:
         """Return the namespaces, inside the node's own, of the legs that it serves."""
         return ("",)
+
+    def parameters_of(self, leg: str) -> Parameters:
+        """Return the parameters that the node has for one of its legs."""
+        return self.parameters
+
+    def topics_of_run(self, beside: Collection[str]) -> dict[str, Topic]:
+        """Return the topics of the node's run by name, of the optional ones those of these names."""
+        return self.table.of_run(*(self.settings[key] for key in ALIKE), beside)
 
     def begin(self) -> None:
         """Do what is due when all peers are there."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import sys
 
-from pam_orthosis.bag.topics import CLOCK, REFERENCE, SAMPLE, TRAJECTORY
-from pam_orthosis.control.reference import Reference
+from pam_orthosis.bag.topics import CLOCK, MEAN_PRESSURE, PLANNED, REFERENCE, SAMPLE, TRAJECTORY
+from pam_orthosis.control.reference import Motion, as_number
 from pam_orthosis.control.trajectory import Trajectory, make_trajectory
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
@@ -28,11 +28,13 @@ class TrajectoryPublisher(graph.GraphNode):
         self._trajectory = make_trajectory(self.parameters)
         self._first_ns = 0
         self._next_ns: int | None = None
-        plain, stiff, planned = (
-            messages.trajectory(0, self.machine.name, Reference.from_numbers(*[0.0] * count))
-            for count in (3, 4, 7)
-        )
-        self._reference = self.publish_numbers(REFERENCE, plain, stiff, planned)
+        motion = messages.trajectory(0, self.machine.name, Motion(0.0, 0.0, 0.0))
+        examples = {REFERENCE: motion, MEAN_PRESSURE: messages.fluid_pressure(0, "", 0.0), PLANNED: motion}
+        self._send = {
+            topic: self.publish_numbers(topic, example)
+            for topic, example in examples.items()
+            if topic in self.topics
+        }
         self.offer("start", self._start)
         self.offer("stop", self._stop)
         if self.realtime:
@@ -80,7 +82,11 @@ class TrajectoryPublisher(graph.GraphNode):
 
     def _publish(self, stamp_ns: int) -> None:
         reference = self._trajectory.sample(stamp_ns - self._first_ns)
-        self._reference(stamp_ns, *reference.numbers())
+        self._send[REFERENCE](stamp_ns, *reference[:3])
+        if reference.mean_pressure is not None:
+            self._send[MEAN_PRESSURE](stamp_ns, as_number(reference.mean_pressure), 0.0)
+        if reference.planned is not None:
+            self._send[PLANNED](stamp_ns, *reference.planned)
 
 
 def main() -> int:

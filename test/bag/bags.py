@@ -31,13 +31,12 @@ def joint_state(stamp_ns, name, position=(), velocity=(), effort=()):
     return _type("sensor_msgs/msg/JointState")(header(stamp_ns), [name], *arrays)
 
 
-def reference(stamp_ns, *motions):
-    """Return a trajectory of a point for each motion (angle, velocity)."""
+def reference(stamp_ns, motion):
+    """Return a trajectory of one point: a motion (angle, velocity)."""
     duration = _type("builtin_interfaces/msg/Duration")(0, 0)
-    values = [[np.array([value], dtype=float) for value in (*motion, 0.0)] for motion in motions]
-    point = _type("trajectory_msgs/msg/JointTrajectoryPoint")
-    points = [point(*each, np.array([]), duration) for each in values]
-    return _type("trajectory_msgs/msg/JointTrajectory")(header(stamp_ns), ["knee"], points)
+    values = [np.array([value], dtype=float) for value in (*motion, 0.0)]
+    point = _type("trajectory_msgs/msg/JointTrajectoryPoint")(*values, np.array([]), duration)
+    return _type("trajectory_msgs/msg/JointTrajectory")(header(stamp_ns), ["knee"], [point])
 
 
 def serialised_angle(stamp_ns, angle):

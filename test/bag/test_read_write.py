@@ -41,9 +41,10 @@ def test_what_the_knee_follows_is_the_wanted_motion_or_that_of_a_plan(bag, tmp_p
     read = read_bag(bag, ["reference_angle", "followed_angle"])
     np.testing.assert_array_equal(read["followed_angle"].value, read["reference_angle"].value)
     with BagWriter(tmp_path / "planned", {}) as writer:
-        writer.add_topic("/reference", "trajectory_msgs/msg/JointTrajectory")
-        for stamp_ns in STAMPS.tolist():
-            write(writer, "reference", stamp_ns, reference(stamp_ns, (0.5, 0.0), (0.4, 0.0)))
+        for topic, angle in (("reference", 0.5), ("planned_reference", 0.4)):
+            writer.add_topic(f"/{topic}", "trajectory_msgs/msg/JointTrajectory")
+            for stamp_ns in STAMPS.tolist():
+                write(writer, topic, stamp_ns, reference(stamp_ns, (angle, 0.0)))
     planned = read_bag(tmp_path / "planned", ["reference_angle", "followed_angle"])
     assert set(planned["reference_angle"].value) == {0.5}
     assert set(planned["followed_angle"].value) == {0.4}

@@ -10,9 +10,11 @@ from pam_orthosis.bag.topics import PLANT, POSITION, RECORDER, VALVE, Topics
 from pam_orthosis.model.machines import KNEE, read_machine
 
 OF_KNEE = (
-    "/clock joint_states extensor/pressure flexor/pressure truth reference estimate disturbance"
+    "/clock joint_states extensor/pressure flexor/pressure"
+    " truth truth/extensor/pressure truth/extensor/mass_flow truth/flexor/pressure truth/flexor/mass_flow"
+    " reference reference_pressure planned_reference estimate disturbance controller_state"
     " extensor/pressure_reference flexor/pressure_reference extensor/mass_flow flexor/mass_flow"
-    " extensor/valve_voltage flexor/valve_voltage answered diagnostics configuration ready recorded end"
+    " extensor/valve_command flexor/valve_command answered diagnostics configuration ready recorded end"
 )
 SIGNALS_OF_SLIDE = (
     "position reference_position reference_velocity reference_acceleration followed_position"
@@ -74,8 +76,8 @@ def test_each_actuator_has_its_controller_and_its_lines(machine):
         assert set(topics.by_name[f"{name}/pressure"].consumers) == {POSITION, node, VALVE}
         assert topics.by_name[f"{name}/pressure_reference"].consumers == (node,)
         assert topics.by_name[f"{name}/mass_flow"].producers == (node,)
-        assert topics.by_name[f"{name}/valve_voltage"].consumers == (PLANT,)
-    assert topics.commands == tuple(f"{name}/valve_voltage" for name in machine.names)
+        assert topics.by_name[f"{name}/valve_command"].consumers == (PLANT,)
+    assert topics.commands == tuple(f"{name}/valve_command" for name in machine.names)
 
 
 @pytest.mark.parametrize("mode", [{}, {"realtime": True}, {"realtime": True, "with_plant": False}])

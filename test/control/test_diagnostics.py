@@ -8,7 +8,7 @@ from pam_orthosis.control.diagnostic import EXPERIMENTS, make_programme, move, m
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.position import PositionController
 from pam_orthosis.control.pressure import PressureController
-from pam_orthosis.control.reference import Reference, Valve
+from pam_orthosis.control.reference import Reference, Valve, as_number
 from pam_orthosis.control.trajectory import make_trajectory
 from pam_orthosis.model.parameters import load, scenario_names, scenario_overrides
 
@@ -20,7 +20,8 @@ def sampled(programme, step_ms=2):
     """Return the references at every step: (n, 3) angle and derivatives, (n,) mean pressure."""
     times = np.arange(0, round(programme.duration * 1e3), step_ms)
     references = [programme.sample(int(t) * MS) for t in times]
-    return np.array([r[:3] for r in references]), np.array([r.numbers()[3] for r in references])
+    pressures = np.array([as_number(r.mean_pressure) for r in references])
+    return np.array([r[:3] for r in references]), pressures
 
 
 def run(scenario, seconds, **overrides):

@@ -152,7 +152,7 @@ def test_its_driver_samples_takes_voltages_and_vents_without_them(graph):
         while not condition():
             assert time.monotonic() < deadline, "waited in vain"
             for publisher, volt in zip(valves, volts, strict=False):
-                publisher.publish(JointState(effort=[volt]))
+                publisher.publish(JointState(position=[(volt - 5) / 5]))
             rclpy.spin_once(graph, executor=executor, timeout_sec=0.005)
 
     def last(topic):
@@ -162,7 +162,7 @@ def test_its_driver_samples_takes_voltages_and_vents_without_them(graph):
     listen("joint_states", JointState)
     listen("push/pressure", FluidPressure)
     listen("pull/pressure", FluidPressure)
-    valves = [graph.create_publisher(JointState, f"{name}/valve_voltage", 10) for name in ("push", "pull")]
+    valves = [graph.create_publisher(JointState, f"{name}/valve_command", 10) for name in ("push", "pull")]
     until(lambda: len(set.intersection(*map(set, came.values()))) > 5)
     first = last("joint_states")
     assert (first.name, first.position[0]) == (["cylinder"], pytest.approx(0.15, abs=1e-3))

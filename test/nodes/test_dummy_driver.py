@@ -14,7 +14,7 @@ from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes import dummy_driver, messages
 
 VENT, CLOSED = load().valve.minimum_voltage, load().valve.closed_voltage
-OPEN = 7.0
+OPEN, COMMAND = 7.0, 0.4  # V, position of the spool
 EXTENSOR, FLEXOR = 0, 1
 
 
@@ -53,31 +53,31 @@ def driver(hardware):
     rclpy.shutdown()
 
 
-def _told(driver, line, *effort):
-    driver._receiver(line)(messages.joint_state(0, ["valve"], effort=effort))
+def _told(driver, line, *position):
+    driver._receiver(line)(messages.joint_state(0, ["valve"], position=position))
 
 
-def test_a_muscle_without_voltages_vents_both(driver, hardware):
-    _told(driver, EXTENSOR, OPEN)
-    _told(driver, FLEXOR, OPEN)
+def test_a_muscle_without_commands_vents_both(driver, hardware):
+    _told(driver, EXTENSOR, COMMAND)
+    _told(driver, FLEXOR, COMMAND)
     for _ in range(dummy_driver.SILENCE_PERIODS + 1):
-        _told(driver, EXTENSOR, OPEN)
+        _told(driver, EXTENSOR, COMMAND)
         driver._act(1)
     assert hardware.applied == [(OPEN, OPEN)] * dummy_driver.SILENCE_PERIODS + [(VENT, VENT)]
     for muscle in (EXTENSOR, FLEXOR):
-        _told(driver, muscle, OPEN)
+        _told(driver, muscle, COMMAND)
     driver._act(1)
     assert hardware.applied[-1] == (OPEN, OPEN)
 
 
-@pytest.mark.parametrize("effort", [(), (math.nan,), (math.inf,)], ids=str)
-def test_what_is_no_voltage_is_passed_over(driver, hardware, effort):
-    _told(driver, EXTENSOR, *effort)
+@pytest.mark.parametrize("position", [(), (math.nan,), (math.inf,)], ids=str)
+def test_what_is_no_command_is_passed_over(driver, hardware, position):
+    _told(driver, EXTENSOR, *position)
     driver._act(1)
     assert hardware.applied == [(CLOSED, CLOSED)]
 
 
-def test_a_voltage_beyond_the_valves_range_is_limited(driver, hardware):
+def test_a_command_beyond_the_valves_range_is_limited(driver, hardware):
     _told(driver, EXTENSOR, 1e9)
     driver._act(1)
     assert hardware.applied == [(load().valve.maximum_voltage, CLOSED)]
@@ -87,7 +87,7 @@ def test_it_vents_at_its_end_whatever_ended_it(hardware, monkeypatch):
     class Failing:
         def add_node(self, node):
             for muscle in (EXTENSOR, FLEXOR):
-                node._hardware.write(muscle, OPEN, 0)
+                node._hardware.write(muscle, COMMAND, 0)
 
         def spin_once(self, timeout_sec):
             raise ValueError("a callback failed")

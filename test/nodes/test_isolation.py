@@ -37,7 +37,7 @@ def _fill_ahead(publisher):
 
     period_ns = round(load().scenario.control_period * 1e9)
     for step in range(20 * STEPS):
-        publisher.publish(messages.joint_state(step * period_ns, ["extensor_valve"], effort=[10.0]))
+        publisher.publish(messages.joint_state(step * period_ns, ["extensor_valve"], position=[1.0]))
 
 
 def test_a_stranger_on_a_command_topic_is_named_and_moves_no_valve(stranger, live_run):
@@ -47,12 +47,12 @@ def test_a_stranger_on_a_command_topic_is_named_and_moves_no_valve(stranger, liv
 
     run = live_run("--open", *QUICK)
     run.wait_until_it_records()
-    publisher = stranger.create_publisher(JointState, "extensor/valve_voltage", 20 * STEPS)
+    publisher = stranger.create_publisher(JointState, "extensor/valve_command", 20 * STEPS)
     wait_for(lambda: publisher.get_subscription_count() > 0)
     _fill_ahead(publisher)
     status, said, _ = run.ended()
     assert status == 3
-    assert "a stranger publishes on /extensor/valve_voltage" in said
+    assert "a stranger publishes on /extensor/valve_command" in said
     assert "/stranger" in said
     recorded, expected = read_bag(run.bag, MEASURED), _expected(1)
     count = _regular(recorded["angle"].stamp_ns)

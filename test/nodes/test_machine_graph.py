@@ -89,7 +89,7 @@ def test_its_nodes_answer_the_bag_again_to_the_bit(composed, capsys):
     told = json.loads(capsys.readouterr().out)
     assert told["identical"]
     topics = {one["topic"] for one in told["legs"][""]}
-    assert {"push/mass_flow", "pull/valve_voltage", "joint_states", "estimate"} <= topics
+    assert {"push/mass_flow", "pull/valve_command", "joint_states", "estimate"} <= topics
 
 
 def test_by_the_wall_clock_a_driver_stands_in_for_the_hardware(run_graph, monkeypatch):
@@ -106,7 +106,7 @@ def test_by_the_wall_clock_a_driver_stands_in_for_the_hardware(run_graph, monkey
     assert done.returncode in (0, 1), done.stderr  # a busy machine may follow badly
     assert json.loads(done.stdout)["samples"] > 0
     topics = {topic for topic, _, _ in _content(bag)}
-    assert {"/joint_states", "/push/pressure", "/pull/valve_voltage", "/answered"} <= topics
+    assert {"/joint_states", "/push/pressure", "/pull/valve_command", "/answered"} <= topics
     assert "/truth" not in topics
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plan travels in the reference's message: the graph follows it, errors count from what is wanted."""
+"""A plan travels beside the reference: the graph follows it, errors count from what is wanted."""
 
 import numpy as np
 import pytest
@@ -40,12 +40,15 @@ def test_the_graph_follows_a_plan_as_one_process_does_to_the_bit(planned_run):
 
 
 def test_the_bag_holds_what_is_wanted_and_what_is_planned(planned_run):
-    with AnyReader([planned_run]) as reader:
-        topic = [one for one in reader.connections if one.topic == "/reference"]
-        points = [reader.deserialize(data, one.msgtype).points for one, _, data in reader.messages(topic)]
-    change = np.array([planned.positions[0] - wanted.positions[0] for wanted, planned in points])
+    found = read_bag(planned_run, ["reference_angle", "followed_angle"])
+    change = found["followed_angle"].value - found["reference_angle"].value
     assert np.abs(change).max() == pytest.approx(0.0264, abs=2e-3)  # by the coefficients
-    assert all(wanted.effort.size == 1 for wanted, _ in points)
+    with AnyReader([planned_run]) as reader:
+        counts = {one.topic: one.msgcount for one in reader.connections}
+        motions = [one for one in reader.connections if one.topic in ("/reference", "/planned_reference")]
+        points = [reader.deserialize(data, one.msgtype).points for one, _, data in reader.messages(motions)]
+    assert counts["/reference_pressure"] == counts["/planned_reference"] == counts["/reference"]
+    assert {(len(each), each[0].effort.size) for each in points} == {(1, 0)}
 
 
 def test_a_planned_run_is_replayed_to_the_bit(planned_run, capsys):

@@ -253,7 +253,7 @@ def test_a_driver_stands_in_for_the_plant(run_graph, monkeypatch, every):
     with AnyReader([bag]) as reader:
         there = {connection.topic for connection in reader.connections}
     assert "/truth" not in there
-    assert "/extensor/valve_voltage" in there
+    assert "/extensor/valve_command" in there
     quick, slow = (read_bag(bag, [name])[name].stamp_ns for name in ("extensor_mass_flow", "estimate_angle"))
     period_ns = round(load().scenario.control_period * 1e9)
     assert len(slow) > 10

@@ -66,7 +66,7 @@ def test_long_periods_are_replayed_too(run_graph, capsys):
 def test_one_wrong_answer_in_the_record_is_named_with_its_size(in_processes, tmp_path, capsys):
     def change(topic, message):
         if topic == "/extensor/mass_flow" and message.header.stamp.nanosec == 500_000_000:
-            message.velocity = message.velocity + 1e-4
+            message.vector.x += 1e-4
 
     bag = _changed(in_processes[1], tmp_path / "wrong", change)
     options = ["--node", "extensor_pressure_controller", "--out", tmp_path / "new"]
@@ -113,7 +113,9 @@ def test_a_topic_that_is_missing_stops_those_that_need_it_and_no_others(in_proce
     _, _, topics = _replayed(capsys, bag)
     identical = {name for name, one in topics.items() if one["identical"]}
     assert "extensor/pressure" not in topics
-    assert identical == {"/clock", "joint_states", "flexor/pressure", "truth", "flexor/mass_flow"}
+    assert {one for one in identical if not one.startswith("truth")} == {
+        "/clock", "joint_states", "flexor/pressure", "flexor/mass_flow"
+    }  # fmt: skip
 
 
 def test_what_could_mostly_not_be_compared_is_not_identical(in_processes, tmp_path, capsys):
