@@ -42,7 +42,14 @@ MODES = {
     "composed, real time": ["--composed", "--realtime"],
     "two legs": ["--legs", "2", "--composed"],
 }
-SERVICES = ("start", "stop", "emergency_stop", "reset")
+SERVICES = (
+    *(f"trajectory_publisher/{name}" for name in ("start", "stop")),
+    *(
+        f"{node}/{name}"
+        for node in ("inverse_valve_model", "plant_simulator")
+        for name in ("emergency_stop", "reset")
+    ),
+)
 LATCHED = ("ready", "configuration")
 EARLY = "before the run"
 

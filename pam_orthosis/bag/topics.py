@@ -29,6 +29,7 @@ JOINT, PRESSURE = "sensor_msgs/msg/JointState", "sensor_msgs/msg/FluidPressure"
 WRENCH, MOTION = "geometry_msgs/msg/WrenchStamped", "trajectory_msgs/msg/JointTrajectory"
 VECTOR = "geometry_msgs/msg/Vector3Stamped"
 SAMPLE, REFERENCE, ANSWERED, TRUTH = "joint_states", "reference", "answered", "truth"
+DIAGNOSTICS = "/diagnostics"  # common to all legs, as is the custom
 # what is asked for beside the motion, in runs that ask for it
 MEAN_PRESSURE, PLANNED = "reference_pressure", "planned_reference"
 TIME_REFERENCE = "sensor_msgs/msg/TimeReference"
@@ -214,7 +215,7 @@ class Topics:
     def _managing(self) -> Iterator[Topic]:
         nodes, text, instant = self.nodes, "std_msgs/msg/String", "builtin_interfaces/msg/Time"
         what = "health of each node, once a second of its time"
-        yield Topic("diagnostics", "diagnostic_msgs/msg/DiagnosticArray", nodes, (), what, "-", "1 Hz")
+        yield Topic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", nodes, (), what, "-", "1 Hz")
         what = "what the node was started with, as JSON"
         yield Topic("configuration", text, nodes, nodes, what, "-", "event")
         yield Topic("ready", text, nodes, (PLANT,), "the node's peers are there", "-", "event")

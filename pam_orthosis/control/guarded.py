@@ -50,6 +50,11 @@ class Guarded:
             "vent": self._vent or (self.RELEASED if self._loose else ""),
         }
 
+    @property
+    def latched(self) -> str:
+        """Why it vents until somebody acts, if it does."""
+        return self._vent
+
     def _command_held(self, command: Iterable[PressureReference], periods: int) -> bool:
         """Return whether a command is unusable and to be held; vent if that lasts."""
         broken = not all(math.isfinite(number) for number in command if number is not Valve.CLOSED)
@@ -111,6 +116,12 @@ class GuardedPosition(Guarded):
     def health(self) -> dict[str, Any]:
         """Return what the guards did, and how often the joint was led back or is just now."""
         return {**super().health(), "returns": self._returns, "returning": self._return is not None}
+
+    @property
+    def latched(self) -> str:
+        """Why it vents until somebody acts, if it does: it may have given up."""
+        given_up = self._release is not None and self._failed > self._most
+        return super().latched or (self.RELEASED if given_up else "")
 
     def retune(self, parameters: Parameters) -> None:
         """Pass new values on to the controller."""

@@ -21,7 +21,7 @@ from std_msgs.msg import String
 from pam_orthosis.bag.cdr import serialised_stamp_ns
 from pam_orthosis.bag.record import BagWriter
 from pam_orthosis.bag.script import Instant, Script, held_ns
-from pam_orthosis.bag.topics import CLOCK, RECORDER, SECOND_NS
+from pam_orthosis.bag.topics import CLOCK, DIAGNOSTICS, RECORDER, SECOND_NS
 from pam_orthosis.errors import RunFailed
 from pam_orthosis.nodes import graph, messages, process, transport
 from pam_orthosis.nodes.launch import PLAYER, REPLAYED
@@ -64,9 +64,9 @@ class BagPlayer(graph.GraphNode):
         self._absent = set(self._script.nodes)
         self.listen_to("ready", self._on_ready, latched=True)
         # the nodes wait for a listener; the player waits for none of them, since it may feed a few only
-        self.create_subscription(DiagnosticArray, "diagnostics", lambda _report: None, transport.qos())
+        self.create_subscription(DiagnosticArray, DIAGNOSTICS, lambda _report: None, transport.qos())
         self._progress = time.monotonic()
-        self.create_timer(WATCH_SECONDS, self._watch)
+        self.wall_timer(WATCH_SECONDS, self._watch)
 
     def started(self) -> None:
         """Speak for all the nodes that are not there: the plant waits for them."""

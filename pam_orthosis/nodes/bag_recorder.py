@@ -73,7 +73,7 @@ class BagRecorder(graph.GraphNode):
             self._await_all_legs()
         if self.settings["aside"]:
             self.barrier.await_peer("the process that writes the bag", self._begun)
-        self.create_timer(LOOK_SECONDS, self._look)
+        self.wall_timer(LOOK_SECONDS, self._look)
 
     def served_legs(self) -> tuple[str, ...]:
         """Return the namespaces of the legs that are recorded."""
@@ -106,7 +106,7 @@ class BagRecorder(graph.GraphNode):
             return
         self.stranger = True
         print(f"{ERROR_PREFIX}{failure()}", file=sys.stderr, flush=True)
-        self.create_timer(PATIENCE_SECONDS, lambda: super(BagRecorder, self).refuse(failure))
+        self.wall_timer(PATIENCE_SECONDS, lambda: super(BagRecorder, self).refuse(failure))
 
     def fail(self, error: OrthosisError) -> None:
         """End the run: nothing can be written any more, or nothing comes."""
@@ -182,9 +182,15 @@ class BagRecorder(graph.GraphNode):
     def _view(self, leg: RecordedLeg) -> None:
         """Have what viewers need of a leg written beside its measurements."""
         names = {topic: self.resolve_topic_name(in_scene(topic, leg.name)) for topic in TYPES}
-        sampled = SampledScene(Scene(self.parameters, leg.name, self.legs))
-        scene = RecordedScene(sampled, self._writer.add_topic, names)
-        self._viewed |= {in_leg(topic, leg.name, self.legs): (scene, topic) for topic in sampled.inputs}
+        alone = len(self.legs) == 1
+        scene = (
+            Scene(self.parameters, self.leg, [self.leg])
+            if alone
+            else Scene(self.parameters, leg.name, self.legs)
+        )
+        sampled = SampledScene(scene)
+        viewed = RecordedScene(sampled, self._writer.add_topic, names)
+        self._viewed |= {in_leg(topic, leg.name, self.legs): (viewed, topic) for topic in sampled.inputs}
 
     def _receiver(self, topic: Topic, leg: RecordedLeg, clean: bool = False) -> Callable[[bytes], None]:
         """Return what takes the messages of a topic; they are `clean` if their padding is zero."""
@@ -227,7 +233,9 @@ class BagRecorder(graph.GraphNode):
     def _of_the_run(self, leg: RecordedLeg, stamp_ns: int, data: bytes) -> bool:
         """Whether a health report is of a node of the run: others publish theirs on the same topic."""
         reported = deserialize_message(data, DiagnosticArray).status
-        return {one.name for one in reported} <= set(self.table.nodes) and leg.is_near(stamp_ns)
+        group = self.full_role(leg.name).removesuffix(self.role)
+        known = {f"{group}{node}: loop" for node in self.table.nodes}
+        return {one.name for one in reported} <= known and leg.is_near(stamp_ns)
 
     def _begun(self) -> bool:
         """Whether the other process has begun the bag."""

@@ -34,7 +34,7 @@ class Barrier:
         self._peers: dict[str, Callable[[], bool]] = {}
         self._agreements: list[Agreement] = []
         self._report_due = time.monotonic() + PEER_SECONDS
-        self._timer = node.create_timer(PEER_POLL_SECONDS, self._look)
+        self._timer = node.wall_timer(PEER_POLL_SECONDS, self._look)
 
     def await_peer(self, peer: str, there: Callable[[], bool]) -> None:
         """Do not start before this one is there; `peer` names it in the log."""

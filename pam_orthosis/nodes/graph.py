@@ -9,18 +9,20 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
 from std_msgs.msg import String
 
-from pam_orthosis.bag.topics import SECOND_NS
+from pam_orthosis.bag.topics import DIAGNOSTICS, SECOND_NS
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import messages
 from pam_orthosis.nodes.ages import Ages
 from pam_orthosis.nodes.agreement import ALIKE, Agreement
-from pam_orthosis.nodes.parameters import Setting, refuse_sim_time, take_changes
+from pam_orthosis.nodes.parameters import Setting, take_changes
 from pam_orthosis.nodes.topic_node import TopicNode
 
+REPORT_SECONDS, STALE_SECONDS = 1.0, 2.0
 MOST_PERIODS = 20  # of missed samples that controllers make up for
 
 
@@ -43,7 +45,6 @@ class GraphNode(TopicNode):
         super().__init__(name, settings, role)
         self._changed: dict[str, Any] = {}
         take_changes(self, self.spec.live, self._take_changes)
-        refuse_sim_time(self)  # asked before what stands above it
         self._origin_ns: int | None = None
         self.time_ns = 0
         self._reported_second = -1
@@ -52,7 +53,11 @@ class GraphNode(TopicNode):
         self.pulse: Callable[[], None] = lambda: None
         self.alarm: Callable[[], None] = lambda: None
         self._ages = Ages(self.control_ns)  # a slow node holds up the others
-        self._diagnostics = [self.publish_to("diagnostics", leg=leg) for leg in self.legs]
+        self._reported: dict[str, Any] = {}
+        self._stepped_at = time.monotonic()
+        self._diagnostics = {leg: self.publish_to(DIAGNOSTICS, leg=leg) for leg in self.legs}
+        if self.realtime:
+            self.wall_timer(REPORT_SECONDS, self._report_standstill)
         self._ready = [self.publish_to("ready", latched=True, leg=leg) for leg in self.legs]
         for leg in self.legs:
             self.barrier.await_agreement(self._agree(leg))
@@ -76,7 +81,8 @@ class GraphNode(TopicNode):
         if self.realtime:  # what is there now stays: the collector need not look through it in each pause
             gc.collect()
             gc.freeze()
-        self.ready = True
+        self.ready, self._stepped_at = True, time.monotonic()
+        self.get_logger().info(self._described())
         self.say_ready(self.role)
         self.started()
 
@@ -90,6 +96,7 @@ class GraphNode(TopicNode):
         self._origin_ns = stamp_ns if self._origin_ns is None else self._origin_ns
         self.time_ns = stamp_ns - self._origin_ns
         if self.realtime:
+            self._stepped_at = time.monotonic()
             self._ages.add(self.now_ns() - stamp_ns)
         if stamp_ns // SECOND_NS > self._reported_second:
             self._reported_second = stamp_ns // SECOND_NS
@@ -119,8 +126,15 @@ class GraphNode(TopicNode):
         """Do what is due when all peers are there."""
 
     def health(self) -> dict[str, Any]:
-        """Return counters that are zero while all is well; they depend on the run alone."""
+        """Return counters, and states that are false or empty while all is well.
+
+        They depend on the run alone.
+        """
         return {}
+
+    def latched(self) -> str:
+        """Return why the node vents until somebody acts, if it does."""
+        return ""
 
     def figures(self) -> dict[str, Any]:
         """Return what else the health report tells; called once a second of the run's time."""
@@ -166,9 +180,28 @@ class GraphNode(TopicNode):
         if self.realtime:
             health["missed_deadlines"] = self._ages.missed
             figures |= self._ages.figures()
-        report = messages.diagnostics(stamp_ns, self.role, health, figures)
-        for publisher in self._diagnostics:
-            publisher.publish(report)
+        warned = [name for name, value in health.items() if _warns(value, self._reported.get(name, 0))]
+        self._reported, latched = health, self.latched()
+        level = (
+            DiagnosticStatus.ERROR if latched else DiagnosticStatus.WARN if warned else DiagnosticStatus.OK
+        )
+        self._report(stamp_ns, level, latched or ", ".join(warned) or "ok", {**health, **figures})
+
+    def _report_standstill(self) -> None:
+        """Report, in real time, that no step was done for long."""
+        since = time.monotonic() - self._stepped_at
+        if self.ready and not self.ended and since > STALE_SECONDS:
+            self._report(self.now_ns(), DiagnosticStatus.STALE, f"no step for {since:.0f} s", self._reported)
+
+    def _report(self, stamp_ns: int, level: bytes, message: str, values: Mapping[str, Any]) -> None:
+        for leg, publisher in self._diagnostics.items():
+            name = f"{self.full_role(leg)}: loop"
+            publisher.publish(messages.diagnostics(stamp_ns, name, level, message, values))
+
+    def _described(self) -> str:
+        how = "in real time" if self.realtime else "in lockstep"
+        rate = SECOND_NS / self.period_ns
+        return f"ready: ROS domain {self.context.get_domain_id()}, {rate:g} Hz {how}"
 
     def _agree(self, leg: str) -> Agreement:
         """Say what the node was started with, and hear it of the others: all have to before the start."""
@@ -179,6 +212,11 @@ class GraphNode(TopicNode):
         self.listen_to("configuration", agreement.add, leg=leg, latched=True)
         self.publish_to("configuration", latched=True, leg=leg).publish(agreement.message)
         return agreement
+
+
+def _warns(value: Any, before: Any) -> bool:
+    """Whether a counter has grown, or a state is not that of a healthy node."""
+    return value > before if type(value) is int else bool(value)
 
 
 def _told(values: Mapping[str, Any]) -> str:

@@ -20,8 +20,8 @@ from pam_orthosis.nodes.join import Join
 class InverseValveModelNode(graph.GraphNode):
     """Publishes each step's command for each valve as soon as its own inputs are there.
 
-    The service `emergency_stop` makes it vent all actuators, whatever is asked of it, until `reset`, and for
-    so long at least that the position controller notices: it leads the machine back afterwards.
+    The service `~/emergency_stop` makes it vent all actuators, whatever is asked of it, until `~/reset`, and
+    for so long at least that the position controller notices: it leads the machine back afterwards.
     """
 
     def __init__(self) -> None:
@@ -29,8 +29,8 @@ class InverseValveModelNode(graph.GraphNode):
         self._venting = False
         self._stopped_ns, self._reset_asked = 0, False
         self._shortest_ns = round(self.parameters.control.guard.rest_time * 1e9)
-        self.offer("emergency_stop", self._vent)
-        self.offer("reset", self._reset)
+        self.offer("~/emergency_stop", self._vent)
+        self.offer("~/reset", self._reset)
         names = self.machine.names
         self._all = Join(names, self._answered)
         self._answer = self.publish_to("answered") if self.realtime else None
@@ -53,6 +53,11 @@ class InverseValveModelNode(graph.GraphNode):
         models = self._models.items()
         guards = {f"{m}_{name}": value for m, one in models for name, value in one.health().items()}
         return {"dropped_inputs": dropped, "emergency_stop": self._venting, **guards}
+
+    def latched(self) -> str:
+        """Return why a valve vents until somebody acts, if one does."""
+        reasons = [one.latched for one in self._models.values() if one.latched]
+        return "emergency stop" if self._venting else next(iter(reasons), "")
 
     def abandon(self) -> bool:
         """Tell all valves to vent: nobody controls them any more."""

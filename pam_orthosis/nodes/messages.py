@@ -101,15 +101,11 @@ def controller_state(stamp_ns: int, joint: str) -> JointState:
 
 
 def diagnostics(
-    stamp_ns: int, node: str, health: Mapping[str, Any], figures: Mapping[str, Any]
+    stamp_ns: int, name: str, level: bytes, message: str, values: Mapping[str, Any]
 ) -> DiagnosticArray:
-    """Return a node's health, a warning if a counter is not zero, and what else it tells."""
-    warned = [name for name, count in health.items() if count]
+    """Return a node's report of its health: level, what it is about, and what else it tells."""
+    told = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
     status = DiagnosticStatus(
-        level=DiagnosticStatus.WARN if warned else DiagnosticStatus.OK,
-        name=node,
-        message=", ".join(warned) or "ok",
-        hardware_id="pam_orthosis",
-        values=[KeyValue(key=key, value=str(value)) for key, value in {**health, **figures}.items()],
+        level=level, name=name, message=message, hardware_id="pam_orthosis", values=told
     )
     return DiagnosticArray(header=header(stamp_ns), status=[status])

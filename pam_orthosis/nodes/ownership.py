@@ -45,7 +45,7 @@ class Ownership:
         self._services: list[str] = []
         self._inputs: list[Callable[[], None]] = []
         self._namesakes = 1
-        node.create_timer(LOOK_SECONDS, self._look)
+        node.wall_timer(LOOK_SECONDS, self._look)
 
     def publishes(self, topic: str) -> None:
         """Note that this node alone publishes on a topic."""

@@ -68,7 +68,7 @@ class Lockstep:
         self._progress = time.monotonic()
         self._join = plant.join_inputs(dict.fromkeys(plant.table.commands, messages.SPOOL), self._answered)
         plant.listen_to("recorded", self._on_recorded)
-        plant.create_timer(WATCH_SECONDS, self._watch)
+        plant.wall_timer(WATCH_SECONDS, self._watch)
 
     def begin(self) -> None:
         """Take the first step."""

@@ -18,8 +18,7 @@ from pam_orthosis.model.machines import KNEE, read_machine
 from pam_orthosis.model.parameters import Parameters, Row, load
 from pam_orthosis.nodes.layout import NodeSpec
 
-_SIM_TIME = "use_sim_time"
-_OF_ROS = (_SIM_TIME, "start_type_description_service", "qos_overrides.")
+_OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
 class Setting(NamedTuple):
@@ -55,23 +54,6 @@ def declare_settings(node: Node, settings: Mapping[str, Setting]) -> dict[str, A
         if isinstance(values[name], float) and not 0 < values[name] < float("inf"):
             raise OrthosisError(f"{node.get_name()}: parameter {name} must be a positive number")
     return values
-
-
-def refuse_sim_time(node: Node) -> None:
-    """Refuse to live by `/clock`, now and later: timers would stand still, since it begins after the start.
-
-    Raises:
-        OrthosisError: `use_sim_time` is set.
-    """
-    reason = f"{node.get_name()}: leave out use_sim_time: the node takes simulated time from /clock by itself"
-
-    def on_set(parameters: Sequence[Parameter]) -> SetParametersResult:
-        wanted = any(parameter.name == _SIM_TIME and parameter.value for parameter in parameters)
-        return SetParametersResult(successful=not wanted, reason=reason if wanted else "")
-
-    if node.get_parameter(_SIM_TIME).value:
-        raise OrthosisError(reason)
-    node.add_on_set_parameters_callback(on_set)
 
 
 def declare_rows(node: Node, machine: Machine, spec: NodeSpec) -> Parameters:

@@ -12,6 +12,7 @@ from std_msgs.msg import String
 
 from pam_orthosis.bag.topics import CLOCK, PLANT, SAMPLE, TRUTH
 from pam_orthosis.control.guard import driven
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components.spool import VENT, voltage_of
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
@@ -25,7 +26,11 @@ DELIVERY_SECONDS = 0.3  # less than the supervisor grants for the end
 
 
 class PlantSimulator(PacedNode):
-    """Publishes what the sensors say and takes the valves' commands; begins when all nodes are ready."""
+    """Publishes what the sensors say and takes the valves' commands; begins when all nodes are ready.
+
+    The device has an emergency stop of its own: the service `~/emergency_stop` lets all valves vent, whatever
+    is commanded, until `~/reset`.
+    """
 
     def __init__(self) -> None:
         timeout = Setting(5.0, "wall time without an answer after which the run fails [s]")
@@ -33,10 +38,13 @@ class PlantSimulator(PacedNode):
         self._plant = Plant(self.parameters, self.parameters.scenario.seed)
         self._absent = set(self.table.nodes)
         self._newest_ns: int | None = None
+        self._stopped = False
+        self.offer("~/emergency_stop", self._stop)
+        self.offer("~/reset", self._reset)
         self._time = None if self.realtime else self.publish_numbers(CLOCK, Clock())
         joint, actuators = self.machine.name, self.machine.names
         self._joint = self.publish_numbers(SAMPLE, messages.joint_state(0, [joint], position=[0.0]))
-        leg = self.settings["leg"]
+        leg = self.leg
         self._pressures = [
             self.publish_numbers(f"{name}/pressure", messages.fluid_pressure(0, name, 0.0, leg=leg))
             for name in actuators
@@ -62,8 +70,12 @@ class PlantSimulator(PacedNode):
         self.listen_to("ready", self._on_ready, latched=True)
 
     def health(self) -> dict[str, int]:
-        """Count lost or late inputs."""
-        return self._pace.health()
+        """Count lost or late inputs; tell of an emergency stop."""
+        return {**self._pace.health(), "emergency_stop": self._stopped}
+
+    def latched(self) -> str:
+        """Return why all valves vent until somebody acts, if they do."""
+        return "emergency stop" if self._stopped else ""
 
     def advance(self, *spools: float) -> None:
         """Let one period pass that these commands answer; a valve vents under none that it can follow."""
@@ -75,7 +87,17 @@ class PlantSimulator(PacedNode):
 
     def _driven(self, spool: float) -> float:
         valve = self.parameters.valve
-        return driven(voltage_of(spool, valve), valve)
+        return driven(voltage_of(VENT if self._stopped else spool, valve), valve)
+
+    def _stop(self) -> str:
+        self._stopped = True
+        return f"the valves of {' and '.join(self.machine.names)} vent until reset, whatever is commanded"
+
+    def _reset(self) -> str:
+        if not self._stopped:
+            raise OrthosisError("there is no emergency stop to reset")
+        self._stopped = False
+        return "the valves follow their commands again"
 
     def live_on(self) -> None:
         """Let one period pass under the commands that have come."""

@@ -28,7 +28,7 @@ class PositionControllerNode(graph.GraphNode):
         joint, names = self.machine.name, self.machine.names
         motion = messages.joint_state(0, [joint], position=[0.0], velocity=[0.0])
         self._estimate = self.publish_numbers("estimate", motion)
-        leg = self.settings["leg"]
+        leg = self.leg
         self._before, self._behind = messages.AROUND[self.machine.coordinate.kind]
         self._disturbance = self.publish_numbers("disturbance", messages.wrench(0, joint, leg))
         self._pressures = [
@@ -55,6 +55,10 @@ class PositionControllerNode(graph.GraphNode):
         """Return the largest |y - y-hat| of the observer since the last report."""
         residual, self._residual = self._residual, 0.0
         return {f"observer_residual_{self.machine.coordinate.unit}": residual}
+
+    def latched(self) -> str:
+        """Return why it vents until somebody acts, if it does."""
+        return self._controller.latched
 
     def retune(self, parameters: Parameters) -> None:
         """Take new gains, observer poles or another load from the next step on."""

@@ -27,7 +27,7 @@ class PressureControllerNode(graph.GraphNode):
         self._muscle = self.settings["muscle"]
         controller = PressureController(self.parameters, self._muscle)
         self._controller = GuardedPressure(self.parameters, controller)
-        flow = messages.mass_flow(0, self._muscle, 0.0, self.settings["leg"])
+        flow = messages.mass_flow(0, self._muscle, 0.0, self.leg)
         self._flow = self.publish_numbers(f"{self._muscle}/mass_flow", flow)
         inputs = {
             f"{self._muscle}/pressure": messages.PRESSURE,
@@ -39,6 +39,10 @@ class PressureControllerNode(graph.GraphNode):
     def health(self) -> dict[str, Any]:
         """Count lost inputs, and what the guards did."""
         return {**self._controller.health(), "dropped_inputs": self._join.dropped}
+
+    def latched(self) -> str:
+        """Return why it vents until somebody acts, if it does."""
+        return self._controller.latched
 
     def retune(self, parameters: Parameters) -> None:
         """Take a new gain or bandwidth from the next step on."""

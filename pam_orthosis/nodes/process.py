@@ -98,25 +98,12 @@ def _status(nodes: Sequence[GraphNode], ended: bool) -> str:
     return f"running {min(node.time_ns for node in nodes)}"
 
 
-class RunLog:
-    """Says in the log of a process, once each, that the run begins and that it is over."""
-
-    def __init__(self) -> None:
-        self._begun = False
-
-    def look(self, nodes: Sequence[GraphNode]) -> None:
-        """Say that the run begins when it has."""
-        if not self._begun and any(node.stepped for node in nodes):
-            self._begun = True
-            nodes[0].get_logger().info("the run begins")
-
-    def end(self, nodes: Sequence[GraphNode]) -> None:
-        """Say how the run ended, where no error does."""
-        self.look(nodes)
-        if self._begun:
-            how = "is over" if _ended(nodes) else "was cut short"
-            reached = max(node.time_ns for node in nodes) / SECOND_NS
-            nodes[0].get_logger().info(f"the run {how} at {reached:.3f} s")
+def _say_end(nodes: Sequence[GraphNode]) -> None:
+    """Say in the log of a process how the run ended, where no error does."""
+    if any(node.stepped for node in nodes):
+        how = "is over" if _ended(nodes) else "was cut short"
+        reached = max(node.time_ns for node in nodes) / SECOND_NS
+        nodes[0].get_logger().info(f"the run {how} at {reached:.3f} s")
 
 
 class _Watch:
@@ -127,9 +114,9 @@ class _Watch:
 
     def __init__(self, nodes: Sequence[GraphNode], signals: Sequence[int]):
         self._nodes, self._signals, self._due = nodes, signals, 0.0
-        self.over, self.heartbeat, self.log = Future(), Heartbeat(), RunLog()
+        self.over, self.heartbeat = Future(), Heartbeat()
         self.errors: list[Exception] = []
-        nodes[0].create_timer(HEARTBEAT_SECONDS, self.look)
+        nodes[0].wall_timer(HEARTBEAT_SECONDS, self.look)
         for node in nodes:
             node.pulse, node.alarm = self.pulse, self.look
 
@@ -141,7 +128,6 @@ class _Watch:
     def look(self) -> None:
         """End the spinning at the run's end, a failure, a signal, or without the supervisor."""
         self._due = time.monotonic() + HEARTBEAT_SECONDS
-        self.log.look(self._nodes)
         failed = self._signals or any(node.failure for node in self._nodes)
         ended = all(node.ended for node in self._nodes)
         if failed or not self.heartbeat.beat(self._nodes) or ended:
@@ -178,7 +164,7 @@ def spin(nodes: Sequence[GraphNode], signals: Sequence[int]) -> bool:
     for node in nodes:
         if node.failure:
             raise node.failure()
-    watch.log.end(nodes)
+    _say_end(nodes)
     for node in nodes:
         node.destroy_node()
     return _ended(nodes)

@@ -7,10 +7,12 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from typing import Any
 
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
 from pam_orthosis.bag.asked import asked_beside
@@ -32,7 +34,9 @@ MODE = {
     "realtime": Setting(False, "samples come by the wall clock; otherwise in lockstep with the voltages"),
     "with_plant": Setting(True, "the emulated hardware takes part; otherwise a driver stands in for it"),
     "replay": Setting(False, "a player stands in for all peers, and feeds a recorded bag"),
-    "leg": Setting("", "name of the leg if it is one of several: the prefix of its frames"),
+    "leg": Setting(
+        "", "name of the leg if it is one of several: the prefix of its frames; none: the namespace"
+    ),
 }
 
 Numbers = tuple[float, ...]
@@ -59,6 +63,7 @@ class TopicNode(Node):
 
     def __init__(self, name: str, settings: Mapping[str, Setting] | None, role: str | None):
         super().__init__(name)
+        self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.settings = declare_settings(self, {**(settings or {}), **MODE})
         self.realtime = self.settings["realtime"]
         self.machine = machine_of(self.settings)
@@ -96,6 +101,19 @@ class TopicNode(Node):
         """Return the topics of the node's run by name, of the optional ones those of these names."""
         return self.table.of_run(*(self.settings[key] for key in ALIKE), beside)
 
+    @property
+    def leg(self) -> str:
+        """The prefix of its frames: the leg if it is one of several, else the namespace if there is one."""
+        return self.settings["leg"] or self.get_namespace().strip("/")
+
+    def full_role(self, leg: str = "") -> str:
+        """Return the node's role in one of its legs with its namespace, `left/position_controller`."""
+        return "/".join(filter(None, (self.get_namespace().strip("/"), leg, self.role)))
+
+    def wall_timer(self, seconds: float, callback: Callable[[], None]) -> Timer:
+        """Create a timer of the wall clock, whatever the time of the node is."""
+        return self.create_timer(seconds, callback, clock=self._wall)
+
     def begin(self) -> None:
         """Do what is due when all peers are there."""
         self.ready = True
@@ -113,7 +131,7 @@ class TopicNode(Node):
 
     def publish_to(self, topic: str, latched: bool = False, leg: str = "") -> Publisher:
         """Create a publisher of the table, and wait for its subscribers before the start."""
-        entry, name = self.topics[topic], in_leg(topic, leg, self.legs)
+        entry, name = self.topics[topic], self._name(topic, leg)
         quality = qos(PUBLISHED_DEPTH, latched)
         publisher = self.create_publisher(message_class(entry.type), name, quality)
         if len(self._owners(topic)) == 1 and entry.subscribers:
@@ -166,7 +184,7 @@ class TopicNode(Node):
         takes raw messages instead that come from this process, with zeros for padding. In real time the
         measurements are taken as they come, as from any sensor, once all peers are there.
         """
-        entry, name, raw = self.topics[topic], in_leg(topic, leg, self.legs), options.pop("raw", False)
+        entry, name, raw = self.topics[topic], self._name(topic, leg), options.pop("raw", False)
         near = options.pop("near", callback)
         if self.realtime and entry.rate == "step":
             callback, near = self._once_ready(callback), self._once_ready(near)
@@ -222,6 +240,10 @@ class TopicNode(Node):
 
         self.create_service(Trigger, service, answer)
         self.ownership.offers(service)
+
+    def _name(self, topic: str, leg: str) -> str:
+        """Return the name of a topic of a leg: what other programs use too is common to all legs."""
+        return topic if self.topics[topic].shared else in_leg(topic, leg, self.legs)
 
     def _owners(self, topic: str) -> tuple[str, ...]:
         """Return who publishes on a topic, by role; in a replay the nodes that are fed say of themselves."""

@@ -19,8 +19,8 @@ class TrajectoryPublisher(graph.GraphNode):
     Its steps are those of the position controller, which has them from the references' stamps.
 
     The clock is `/clock` in lockstep and the sample in real time, so that reference
-    and sample carry the same stamps without two timers that drift apart. The services `start` and
-    `stop` begin the motion anew and bring it to rest.
+    and sample carry the same stamps without two timers that drift apart. The services `~/start` and
+    `~/stop` begin the motion anew and bring it to rest.
     """
 
     def __init__(self) -> None:
@@ -35,8 +35,8 @@ class TrajectoryPublisher(graph.GraphNode):
             for topic, example in examples.items()
             if topic in self.topics
         }
-        self.offer("start", self._start)
-        self.offer("stop", self._stop)
+        self.offer("~/start", self._start)
+        self.offer("~/stop", self._stop)
         if self.realtime:
             self.listen_to_numbers(SAMPLE, [], self._tick, depth=1)
         else:

@@ -79,10 +79,11 @@ class Bar(NamedTuple):
     def joints(
         self, name: str, parent: str, origin: Vector, limits: tuple[float, float]
     ) -> tuple[Joint, ...]:
-        """Return its fixed joint, and the one by which its end slides."""
+        """Return its fixed joints, those of end and port, and the one by which the other end slides."""
         start, axis = (self.way * self.rest, 0.0, 0.0), (self.way * self.grows, 0.0, 0.0)
         return (
             Joint(f"{name}_anchor", "fixed", parent, f"{name}_muscle", origin),
+            Joint(f"{name}_inlet", "fixed", f"{name}_muscle", f"{name}_port", ZERO),
             Joint(name, "prismatic", f"{name}_muscle", f"{name}_chain", start, axis, limits),
         )
 

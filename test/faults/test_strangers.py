@@ -22,7 +22,7 @@ pytest.importorskip("rclpy")
     [
         Forgery("lockstep", "publish", "end"),
         Forgery("lockstep", "publish", "ready", early=True),
-        Forgery("lockstep", "serve", "start"),
+        Forgery("lockstep", "serve", "trajectory_publisher/start"),
         Forgery("composed", "publish", "recorded"),
         Forgery("real time", "publish", "end"),
         Forgery("real time", "publish", "truth"),

@@ -10,7 +10,8 @@ from types import SimpleNamespace
 import pytest
 from conftest import wait_for
 
-from pam_orthosis.model.machines import read_machine
+from pam_orthosis.bag.topics import Topics
+from pam_orthosis.model.machines import KNEE, read_machine
 from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes import launch
 
@@ -106,7 +107,7 @@ def test_a_node_that_waits_says_for_whom_once_and_then_every_half_minute(start, 
     assert all("waiting for" in line and "plant_simulator" in line for line in said)
 
 
-def test_start_and_end_of_a_run_are_one_line_each(tmp_path):
+def test_each_node_says_in_one_line_that_it_is_ready_and_the_process_how_the_run_ended(tmp_path):
     with launch.free_domain() as domain:
         parameters = load({"scenario.duration": 0.2})
         (command,) = launch.commands(
@@ -116,8 +117,10 @@ def test_start_and_end_of_a_run_are_one_line_each(tmp_path):
         done = subprocess.run(
             command, env=environment, capture_output=True, text=True, timeout=60, check=True
         )
-    said = [line.partition("]: ")[2] for line in (done.stdout + done.stderr).splitlines()]
-    assert said == ["the run begins", "the run is over at 0.195 s"]
+    *ready, end = [line.rpartition(" [")[2] for line in (done.stdout + done.stderr).splitlines()]
+    lines = {f"{name}]: ready: ROS domain {domain}, 200 Hz in lockstep" for name in Topics(KNEE).nodes}
+    assert (set(ready), len(ready)) == (lines, len(lines))
+    assert end == "bag_recorder]: the run is over at 0.195 s"
 
 
 def test_a_domain_of_somebody_without_multicast_is_not_taken(monkeypatch):

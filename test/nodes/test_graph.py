@@ -207,7 +207,7 @@ def test_settings_that_are_refused_together_change_nothing(tmp_path, monkeypatch
         before = node.parameters.control.position.c1
         both = [
             rclpy.parameter.Parameter(key, value=33.0),
-            rclpy.parameter.Parameter("use_sim_time", value=True),
+            rclpy.parameter.Parameter("leg.shank.length", value=0.4),
         ]
         for order in (both, both[::-1]):
             assert not node.set_parameters_atomically(order).successful
@@ -218,27 +218,32 @@ def test_settings_that_are_refused_together_change_nothing(tmp_path, monkeypatch
         rclpy.shutdown()
 
 
-def test_simulated_time_is_the_nodes_own_affair(tmp_path, monkeypatch):
-    """With `use_sim_time` its timers waited for a clock that waited for the node."""
+def test_use_sim_time_moves_the_nodes_clock_and_not_what_it_waits_with(tmp_path, monkeypatch):
     rclpy = pytest.importorskip("rclpy")
-    from pam_orthosis.errors import OrthosisError
+    from rclpy.experimental import EventsExecutor
+    from rosgraph_msgs.msg import Clock
+
+    from pam_orthosis.nodes import messages
     from pam_orthosis.nodes.trajectory_publisher import TrajectoryPublisher
 
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
-    for given in ("true", "false"):
-        args = ["--ros-args", "-p", f"use_sim_time:={given}"]
-        rclpy.init(args=args, domain_id=os.getpid() % 100)
-        try:
-            if given == "true":
-                with pytest.raises(OrthosisError, match="leave out use_sim_time"):
-                    TrajectoryPublisher()
-            else:
-                later = rclpy.parameter.Parameter("use_sim_time", value=True)
-                (result,) = TrajectoryPublisher().set_parameters([later])
-                assert not result.successful
-                assert "leave out use_sim_time" in result.reason
-        finally:
-            rclpy.shutdown()
+    rclpy.init(args=["--ros-args", "-p", "use_sim_time:=true"], domain_id=os.getpid() % 100)
+    try:
+        node, executor, looks = TrajectoryPublisher(), EventsExecutor(), []
+        clock = node.create_publisher(Clock, "/clock", 1)
+        node.wall_timer(0.01, lambda: looks.append(node.now_ns()))
+        executor.add_node(node)
+        wait_for(lambda: executor.spin_once(timeout_sec=0.1) or len(looks) > 3)
+        assert set(looks) == {0}  # no clock has come
+
+        def told():
+            clock.publish(Clock(clock=messages.time(7 * SECOND_NS)))
+            executor.spin_once(timeout_sec=0.1)
+            return node.now_ns() == 7 * SECOND_NS
+
+        wait_for(told)
+    finally:
+        rclpy.shutdown()
 
 
 def test_nothing_sends_the_discovery_of_a_run_elsewhere(tmp_path, monkeypatch):

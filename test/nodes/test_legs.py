@@ -23,7 +23,7 @@ from pam_orthosis.nodes.supervisor import supervise
 
 TABLE = Topics(KNEE)
 
-PARTS = ("extensor_muscle", "flexor_muscle", "knee")
+PARTS = ("extensor_muscle", "flexor_muscle", "extensor_port", "flexor_port", "knee")
 LATE = """
 import sys
 from pam_orthosis.nodes import barrier, composed
@@ -123,7 +123,7 @@ def test_measurements_name_frames_that_there_are(two_legs):
     for leg in ("left", "right"):
         for topic, _, data in _content(two_legs[1], f"/{leg}"):
             entry = TABLE.by_name.get(topic.removeprefix("/"))
-            if entry and entry.type.endswith(("FluidPressure", "WrenchStamped")):
+            if entry and entry.type.endswith(("FluidPressure", "Vector3Stamped", "WrenchStamped")):
                 named.add(store.deserialize_cdr(data, entry.type).header.frame_id)
     assert named == {f"{leg}/{part}" for leg in ("left", "right") for part in PARTS}
     assert named <= there

@@ -86,7 +86,9 @@ def test_each_node_reports_at_its_first_step_of_a_second_that_all_is_well(slow_p
             assert status.message == "ok", status
             reported.setdefault(status.name, []).append(stamp_ns)
     slow = {"position_controller", "trajectory_publisher"}
-    expected = {name: [0, 1_002_000_000 if name in slow else 1_000_000_000] for name in TABLE.nodes}
+    expected = {
+        f"{name}: loop": [0, 1_002_000_000 if name in slow else 1_000_000_000] for name in TABLE.nodes
+    }
     assert reported == expected
 
 

@@ -82,16 +82,16 @@ def test_services_and_live_parameters_act_in_a_running_graph(caller, live_run):
     run.wait_until_it_records()
     ramp = load().scenario.start_ramp
     caller.let_pass(ramp)
-    assert not caller.trigger("reset").success
+    assert not caller.trigger("inverse_valve_model/reset").success
     assert caller.set("position_controller", "control.position.c1", 30.0).successful
     assert "read-only" in caller.set("position_controller", "leg.shank.length", 0.4).reason
-    assert caller.trigger("stop").success
-    assert not caller.trigger("stop").success
+    assert caller.trigger("trajectory_publisher/stop").success
+    assert not caller.trigger("trajectory_publisher/stop").success
     caller.let_pass(ramp + 0.5)
-    assert caller.trigger("emergency_stop").success
+    assert caller.trigger("inverse_valve_model/emergency_stop").success
     caller.let_pass(0.5)
-    assert caller.trigger("reset").success
-    assert caller.trigger("start").success
+    assert caller.trigger("inverse_valve_model/reset").success
+    assert caller.trigger("trajectory_publisher/start").success
     caller.let_pass(10.0)
     run.process.terminate()
     run.ended()
