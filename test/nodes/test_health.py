@@ -27,13 +27,17 @@ def make(tmp_path, monkeypatch):
     """Return what makes a node, with arguments of the command line, and the list of its reports."""
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
 
+    nodes = []
+
     def made(*arguments):
         rclpy.init(args=["--ros-args", *arguments], domain_id=os.getpid() % 100)
-        node, reports = InverseValveModelNode(), Reports()
-        node._diagnostics = {"": reports}
-        return node, reports
+        nodes.append(InverseValveModelNode())
+        reports = Reports()
+        nodes[0]._diagnostics = {"": reports}
+        return nodes[0], reports
 
     yield made
+    nodes[0].destroy_node()
     rclpy.shutdown()
 
 
