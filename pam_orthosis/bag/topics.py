@@ -30,6 +30,7 @@ WRENCH, MOTION = "geometry_msgs/msg/WrenchStamped", "trajectory_msgs/msg/JointTr
 VECTOR = "geometry_msgs/msg/Vector3Stamped"
 SAMPLE, REFERENCE, ANSWERED, TRUTH = "joint_states", "reference", "answered", "truth"
 DIAGNOSTICS = "/diagnostics"  # common to all legs, as is the custom
+EMERGENCY_STOP = "emergency_stop"
 # what is asked for beside the motion, in runs that ask for it
 MEAN_PRESSURE, PLANNED = "reference_pressure", "planned_reference"
 TIME_REFERENCE = "sensor_msgs/msg/TimeReference"
@@ -152,7 +153,7 @@ class Topics:
 
         In lockstep `/clock` drives the trajectory, in real time the samples themselves do, and nobody waits
         for the recorder. Without the plant a driver publishes and takes what stands under the plant's name,
-        but for the truth and the management of the graph. In a replay a player stands in for all peers,
+        but for the truth and most management of the graph. In a replay a player stands in for all peers,
         under the recorder's name.
         """
         if replay:
@@ -167,7 +168,8 @@ class Topics:
         if with_plant:
             return topics
         there = {name: topic for name, topic in topics.items() if name.split("/")[0] != TRUTH}
-        return {name: one if one.rate == "step" else _without_plant(one) for name, one in there.items()}
+        by_driver = {name for name, one in there.items() if one.rate == "step" or name == EMERGENCY_STOP}
+        return {name: one if name in by_driver else _without_plant(one) for name, one in there.items()}
 
     @cached_property
     def signals(self) -> dict[str, Signal]:
@@ -216,6 +218,8 @@ class Topics:
         nodes, text, instant = self.nodes, "std_msgs/msg/String", "builtin_interfaces/msg/Time"
         what = "health of each node, once a second of its time"
         yield Topic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", nodes, (), what, "-", "1 Hz")
+        ends, what = (VALVE, PLANT), "whether there is an emergency stop: kept at both ends of the commands"
+        yield Topic(EMERGENCY_STOP, "diagnostic_msgs/msg/DiagnosticArray", ends, ends, what, "-", "event")
         what = "what the node was started with, as JSON"
         yield Topic("configuration", text, nodes, nodes, what, "-", "event")
         yield Topic("ready", text, nodes, (PLANT,), "the node's peers are there", "-", "event")

@@ -11,9 +11,9 @@ from typing import Any
 from pam_orthosis.bag.topics import VALVE
 from pam_orthosis.control.guarded import GuardedValve
 from pam_orthosis.control.inverse_valve import InverseValveModel
-from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components.spool import VENT, spool_position
 from pam_orthosis.nodes import graph, messages, process
+from pam_orthosis.nodes.emergency import EmergencyStop
 from pam_orthosis.nodes.join import Join
 
 
@@ -26,11 +26,8 @@ class InverseValveModelNode(graph.GraphNode):
 
     def __init__(self) -> None:
         super().__init__(VALVE)
-        self._venting = False
-        self._stopped_ns, self._reset_asked = 0, False
-        self._shortest_ns = round(self.parameters.control.guard.rest_time * 1e9)
-        self.offer("~/emergency_stop", self._vent)
-        self.offer("~/reset", self._reset)
+        self._left = False
+        self._stop = EmergencyStop(self, round(self.parameters.control.guard.rest_time * 1e9))
         names = self.machine.names
         self._all = Join(names, self._answered)
         self._answer = self.publish_to("answered") if self.realtime else None
@@ -52,30 +49,19 @@ class InverseValveModelNode(graph.GraphNode):
         dropped = sum(join.dropped for join in self._joins)
         models = self._models.items()
         guards = {f"{m}_{name}": value for m, one in models for name, value in one.health().items()}
-        return {"dropped_inputs": dropped, "emergency_stop": self._venting, **guards}
+        return {"dropped_inputs": dropped, "emergency_stop": self._stop.active, **guards}
 
     def latched(self) -> str:
         """Return why a valve vents until somebody acts, if one does."""
         reasons = [one.latched for one in self._models.values() if one.latched]
-        return "emergency stop" if self._venting else next(iter(reasons), "")
+        return "emergency stop" if self._stop.active else next(iter(reasons), "")
 
     def abandon(self) -> bool:
         """Tell all valves to vent: nobody controls them any more."""
-        self._venting, self._reset_asked = True, False
+        self._left = True
         for name, stamp_ns in self._answered_ns.items():
             self._publish(name, stamp_ns + self.period_ns, VENT)
         return True
-
-    def _vent(self) -> str:
-        self._venting, self._reset_asked, self._stopped_ns = True, False, self.time_ns
-        return f"{' and '.join(self.machine.names)} are vented until reset"
-
-    def _reset(self) -> str:
-        if not self._venting:
-            raise OrthosisError("there is no emergency stop to reset")
-        self._reset_asked = True
-        least = f"{self._shortest_ns * 1e-9:g} s"
-        return f"the valves follow their controllers again, {least} after the stop at the earliest"
 
     def _answered(self, stamp_ns: int, *_: float) -> None:
         if self._answer:
@@ -88,9 +74,7 @@ class InverseValveModelNode(graph.GraphNode):
 
     def _step(self, name: str, stamp_ns: int, flow: tuple, pressure: tuple) -> None:
         asked = self._models[name].step(*flow, *pressure, self.periods_since(stamp_ns))
-        if self._reset_asked and self.time_ns - self._stopped_ns >= self._shortest_ns:
-            self._venting = self._reset_asked = False
-        spool = VENT if self._venting else spool_position(asked, self.parameters.valve)
+        spool = VENT if self._stop.step() or self._left else spool_position(asked, self.parameters.valve)
         self._publish(name, stamp_ns, spool)
         self._all.add(name, stamp_ns, spool)
 

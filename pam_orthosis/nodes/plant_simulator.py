@@ -12,11 +12,11 @@ from std_msgs.msg import String
 
 from pam_orthosis.bag.topics import CLOCK, PLANT, SAMPLE, TRUTH
 from pam_orthosis.control.guard import driven
-from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components.spool import VENT, voltage_of
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
 from pam_orthosis.nodes import messages, process
+from pam_orthosis.nodes.emergency import EmergencyStop
 from pam_orthosis.nodes.pace import Lockstep, PacedNode, RealTime
 from pam_orthosis.nodes.parameters import Setting
 from pam_orthosis.nodes.topic_node import Numbers
@@ -38,9 +38,7 @@ class PlantSimulator(PacedNode):
         self._plant = Plant(self.parameters, self.parameters.scenario.seed)
         self._absent = set(self.table.nodes)
         self._newest_ns: int | None = None
-        self._stopped = False
-        self.offer("~/emergency_stop", self._stop)
-        self.offer("~/reset", self._reset)
+        self._stop = EmergencyStop(self)
         self._time = None if self.realtime else self.publish_numbers(CLOCK, Clock())
         joint, actuators = self.machine.name, self.machine.names
         self._joint = self.publish_numbers(SAMPLE, messages.joint_state(0, [joint], position=[0.0]))
@@ -71,11 +69,11 @@ class PlantSimulator(PacedNode):
 
     def health(self) -> dict[str, int]:
         """Count lost or late inputs; tell of an emergency stop."""
-        return {**self._pace.health(), "emergency_stop": self._stopped}
+        return {**self._pace.health(), "emergency_stop": self._stop.active}
 
     def latched(self) -> str:
         """Return why all valves vent until somebody acts, if they do."""
-        return "emergency stop" if self._stopped else ""
+        return "emergency stop" if self._stop.active else ""
 
     def advance(self, *spools: float) -> None:
         """Let one period pass that these commands answer; a valve vents under none that it can follow."""
@@ -87,17 +85,7 @@ class PlantSimulator(PacedNode):
 
     def _driven(self, spool: float) -> float:
         valve = self.parameters.valve
-        return driven(voltage_of(VENT if self._stopped else spool, valve), valve)
-
-    def _stop(self) -> str:
-        self._stopped = True
-        return f"the valves of {' and '.join(self.machine.names)} vent until reset, whatever is commanded"
-
-    def _reset(self) -> str:
-        if not self._stopped:
-            raise OrthosisError("there is no emergency stop to reset")
-        self._stopped = False
-        return "the valves follow their commands again"
+        return driven(voltage_of(VENT if self._stop.step() else spool, valve), valve)
 
     def live_on(self) -> None:
         """Let one period pass under the commands that have come."""

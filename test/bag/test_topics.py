@@ -14,7 +14,8 @@ OF_KNEE = (
     " truth truth/extensor/pressure truth/extensor/mass_flow truth/flexor/pressure truth/flexor/mass_flow"
     " reference reference_pressure planned_reference estimate disturbance controller_state"
     " extensor/pressure_reference flexor/pressure_reference extensor/mass_flow flexor/mass_flow"
-    " extensor/valve_command flexor/valve_command answered diagnostics configuration ready recorded end"
+    " extensor/valve_command flexor/valve_command answered /diagnostics emergency_stop configuration ready"
+    " recorded end"
 )
 SIGNALS_OF_SLIDE = (
     "position reference_position reference_velocity reference_acceleration followed_position"

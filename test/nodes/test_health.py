@@ -54,7 +54,7 @@ def test_an_emergency_stop_is_an_error_until_it_is_reset(make):
     node, reports = make()
     node._report_health(0)
     assert reports.last() == (OK, "ok")
-    node._vent()
+    node._stop.stop()
     for _ in range(2):
         node._report_health(0)
         assert reports.last() == (ERROR, "emergency stop")

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An emergency stop that the nodes at both ends of the valves' commands share, so that it outlives either."""
+
+from __future__ import annotations
+
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
+from pam_orthosis.bag.topics import EMERGENCY_STOP
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.nodes import messages
+from pam_orthosis.nodes.graph import GraphNode
+
+
+class EmergencyStop:
+    """Offers `~/emergency_stop` and `~/reset`, and keeps what a peer was told as well.
+
+    The state is told on a latched topic, by each who knows it: one that is started again hears it of the
+    other. The newest state counts.
+
+    Args:
+        node: that acts upon it.
+        shortest_ns: time of the run that a stop lasts at least.
+
+    Attributes:
+        active: all valves are to vent.
+    """
+
+    def __init__(self, node: GraphNode, shortest_ns: int = 0):
+        self._node, self._shortest_ns = node, shortest_ns
+        self.active = self._reset_asked = False
+        self._since_ns = self._told_ns = 0
+        self._publisher = node.publish_to(EMERGENCY_STOP, latched=True)
+        node.listen_to(EMERGENCY_STOP, self._hear, latched=True)
+        node.offer("~/emergency_stop", self.stop)
+        node.offer("~/reset", self.reset)
+
+    def step(self) -> bool:
+        """Return whether to vent; a reset takes effect when the stop has lasted for long enough."""
+        if self._reset_asked and self._node.time_ns - self._since_ns >= self._shortest_ns:
+            self._become(False)
+        return self.active
+
+    def stop(self) -> str:
+        """Stop; return what that does."""
+        self._become(True)
+        return f"{' and '.join(self._node.machine.names)} are vented until reset"
+
+    def reset(self) -> str:
+        """End the stop; return what that does.
+
+        Raises:
+            OrthosisError: there is none.
+        """
+        if not self.active:
+            raise OrthosisError("there is no emergency stop to reset")
+        self._reset_asked = True
+        least = f"{self._shortest_ns * 1e-9:g} s"
+        return f"the valves follow their commands again, {least} after the stop at the earliest"
+
+    def _become(self, active: bool) -> None:
+        self.active, self._reset_asked, self._told_ns = active, False, time.time_ns()
+        self._since_ns = self._node.time_ns
+        level, word = (DiagnosticStatus.ERROR, "stopped") if active else (DiagnosticStatus.OK, "released")
+        name = f"{self._node.full_role()}: emergency stop"
+        self._publisher.publish(messages.diagnostics(self._told_ns, name, level, word, {}))
+
+    def _hear(self, told: DiagnosticArray) -> None:
+        stamp_ns = messages.nanoseconds(told.header.stamp)
+        if stamp_ns <= self._told_ns or not told.status:
+            return
+        self._told_ns = stamp_ns
+        active = told.status[0].level == DiagnosticStatus.ERROR
+        self._reset_asked = self.active and not active
+        if active:
+            self.active, self._since_ns = True, self._node.time_ns
+        self._publisher.publish(told)

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An emergency stop outlives the node that was told of it; a reset at either end ends it."""
+
+import os
+
+import pytest
+from conftest import wait_for
+
+pytest.importorskip("rclpy")
+import rclpy
+from rclpy.experimental import EventsExecutor
+
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.nodes.inverse_valve_model import InverseValveModelNode
+from pam_orthosis.nodes.plant_simulator import PlantSimulator
+
+FOREVER_NS = 10**15  # of the run's time: any stop has lasted for long enough
+
+
+@pytest.fixture
+def until(tmp_path, monkeypatch):
+    """Return what lets nodes hear each other until a condition holds; each has an executor of its own."""
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
+    rclpy.init(args=[], domain_id=os.getpid() % 100)
+
+    def spun(condition):
+        def met():
+            for executor in spun.running.values():
+                executor.spin_once(timeout_sec=0.02)
+            return condition()
+
+        wait_for(met)
+
+    spun.running = {}
+    yield spun
+    for node in list(spun.running):
+        removed(spun, node)
+    rclpy.shutdown()
+
+
+def added(until, kind):
+    node, executor = kind(), EventsExecutor()
+    executor.add_node(node)
+    until.running[node] = executor
+    return node
+
+
+def removed(until, node):
+    until.running.pop(node).shutdown()
+    node.destroy_node()
+
+
+def test_a_stop_survives_whoever_is_started_again_and_is_reset_at_either_end(until):
+    valve, plant = added(until, InverseValveModelNode), added(until, PlantSimulator)
+    assert not plant._stop.step()
+    valve._stop.stop()
+    until(plant._stop.step)
+    removed(until, valve)
+    again = added(until, InverseValveModelNode)
+    assert not again._stop.active
+    until(lambda: again._stop.active)
+    assert plant._stop.step()
+
+    plant._stop.reset()
+    assert not plant._stop.step()
+    again.time_ns += FOREVER_NS
+    until(lambda: not again._stop.step())
+    left = iter(range(5))
+    until(lambda: next(left, None) is None)
+    assert not plant._stop.step()
+    assert not again._stop.step()
+    with pytest.raises(OrthosisError, match="no emergency stop"):
+        plant._stop.reset()
+
+
+def test_a_stop_lasts_for_so_long_at_least_that_the_position_controller_notices(until):
+    valve = added(until, InverseValveModelNode)
+    valve._stop.stop()
+    valve._stop.reset()
+    assert valve._stop.step()
+    valve.time_ns += round(valve.parameters.control.guard.rest_time * 1e9) - 1
+    assert valve._stop.step()
+    valve.time_ns += 1
+    assert not valve._stop.step()
