@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from pam_orthosis.bag.topics import MEAN_PRESSURE, PLANNED, POSITION, REFERENCE, SAMPLE
@@ -88,11 +88,12 @@ def _reference(asked: Mapping[str, tuple]) -> Reference:
     )
 
 
-def _state(wanted: Reference, command: PositionCommand) -> Iterator[float]:
-    """Yield the numbers of `messages.controller_state`."""
-    for reference, feedback in zip(wanted[:2], (command.position, command.velocity), strict=True):
-        yield from (reference, feedback, reference - feedback, messages.UNKNOWN)
-    yield from (messages.UNKNOWN, messages.UNKNOWN, messages.UNKNOWN, command.effort)
+def _state(wanted: Reference, command: PositionCommand) -> tuple[float, ...]:
+    """Return the numbers of `messages.controller_state`."""
+    place, rate, _, none = *wanted[:3], messages.UNKNOWN
+    places = place, command.position, place - command.position, none
+    rates = rate, command.velocity, rate - command.velocity, none
+    return (*places, *rates, none, none, none, command.effort)
 
 
 def main() -> int:
