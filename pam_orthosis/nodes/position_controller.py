@@ -90,7 +90,7 @@ def _reference(asked: Mapping[str, tuple]) -> Reference:
 
 def _state(wanted: Reference, command: PositionCommand) -> tuple[float, ...]:
     """Return the numbers of `messages.controller_state`."""
-    place, rate, _, none = *wanted[:3], messages.UNKNOWN
+    (place, rate), none = wanted[:2], messages.UNKNOWN
     places = place, command.position, place - command.position, none
     rates = rate, command.velocity, rate - command.velocity, none
     return (*places, *rates, none, none, none, command.effort)
