@@ -16,8 +16,11 @@ from pam_orthosis.nodes import supervisor
 
 pytest.importorskip("rclpy")
 STEPS = 200
-ANSWERED = 14  # topics on which nodes answer at each step, the plant's included
-OF_POSITION = ["estimate", "disturbance", "extensor/pressure_reference", "flexor/pressure_reference"]
+ANSWERED = 19  # topics on which nodes answer at each step, the plant's included
+OF_POSITION = [
+    "estimate", "disturbance", "controller_state",
+    "extensor/pressure_reference", "flexor/pressure_reference",
+]  # fmt: skip
 
 
 def _replayed(capsys, *arguments):
