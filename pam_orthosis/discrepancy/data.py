@@ -119,7 +119,7 @@ def _signals(system: System, names: Iterable[str]) -> list[str | Signal]:
             raise OrthosisError(
                 f"{system.name}: {name} has no topic; give one in its sources, or recordings as .csv tables"
             )
-        signal = Signal(name, one.topic, one.field, one.joint, "", type=one.type)
+        signal = Signal(name, one.topic, one.field, one.joint, "", one.type, one.spool)
         if one.topic:
             check_field(signal)
         found.append(signal if one.topic else name)

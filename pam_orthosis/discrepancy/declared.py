@@ -76,7 +76,7 @@ def _sources(machine: Machine) -> dict[str, Source]:
     voltages = (f"{name}_voltage" for name in machine.names)
     signals = Topics(machine).signals
     return {
-        name: Source(topic=one.topic, type=one.type, field=one.field, joint=one.joint)
+        name: Source(topic=one.topic, type=one.type, field=one.field, joint=one.joint, spool=one.spool)
         for name in (*machine.channels, *voltages)
         for one in [signals[name]]
     }

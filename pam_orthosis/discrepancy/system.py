@@ -44,6 +44,7 @@ class Source:
         type: of the topic's messages, a standard one with a header.
         field: of the message, as `position` or `wrench.force.x`.
         joint: where the field is a list of joints.
+        spool: the field is the position of a valve's spool, and the signal the voltage that asks for it.
         factor, offset: the signal is factor times what is recorded, plus offset.
     """
 
@@ -52,6 +53,7 @@ class Source:
     type: str = ""
     field: str = ""
     joint: str = ""
+    spool: bool = False
     factor: float = 1.0
     offset: float = 0.0
 

@@ -75,7 +75,7 @@ def test_whatever_comes_for_later_instants_drops_nothing_of_this_one():
 
 def test_in_real_time_a_late_report_of_health_is_kept_and_holds_up_nothing():
     run = _run(8)
-    late = next(m for m in run if m.topic == "diagnostics")
+    late = next(m for m in run if m.topic == "/diagnostics")
     steps = StepCollector(PERIOD_NS, TABLE.of_run(), late_ns=PERIOD_NS)
     for message in [m for m in run if m is not late]:
         steps.add(message)
@@ -116,13 +116,13 @@ def _slow_run(steps, every, first=0):
     messages = []
     for message in _run(first + steps):
         k = message.stamp_ns // PERIOD_NS - first
-        if message.topic != "diagnostics" and k >= 0 and (k % every == 0 or not _is_slow(message.topic)):
+        if message.topic != "/diagnostics" and k >= 0 and (k % every == 0 or not _is_slow(message.topic)):
             messages.append(message)
     for name in TABLE.nodes:
         period_ns = PERIOD_NS * (every if name in SLOW else 1)
         for k in range(0, steps, every if name in SLOW else 1):
             if is_health_instant((first + k) * PERIOD_NS, period_ns):
-                messages.append(Message("diagnostics", (first + k) * PERIOD_NS, name.encode()))
+                messages.append(Message("/diagnostics", (first + k) * PERIOD_NS, name.encode()))
     return sorted(messages, key=_place)
 
 

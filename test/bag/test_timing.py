@@ -44,6 +44,6 @@ def test_in_real_time_samples_drive_the_trajectory_and_answers_are_told(with_pla
     assert TRAJECTORY in topics["joint_states"].consumers
     assert ("truth" in topics) == with_plant
     assert topics["joint_states"].producers == (PLANT,)
-    assert (PLANT in topics["diagnostics"].producers) == with_plant
+    assert (PLANT in topics["/diagnostics"].producers) == with_plant
     assert "answered" in topics
     assert "answered" not in TABLE.of_run()

@@ -11,13 +11,14 @@ from rosbags.highlevel import AnyReader
 
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.bag.topics import Topics, resolve
+from pam_orthosis.model.components.spool import VENT
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import config_folder, load
 
 pytest.importorskip("rclpy")
 from pam_orthosis.nodes.pace import MAX_PERIODS_AT_ONCE
 
-TABLE = Topics(KNEE)
+TABLE, CLOSED = Topics(KNEE), 0.0
 
 # a period that a busy machine keeps too, most of the time
 SLOW = ["--param", "scenario.control_period=0.04", "--param", "scenario.trajectory=hold"]
@@ -37,7 +38,7 @@ class FakePlant:
         self.now = 1_000_000_000
         self.sample_cost = self.period_cost = 0
         self.receivers, self.samples, self.applied = {}, [], []
-        self.voltages, self.came = [self.parameters.valve.closed_voltage] * 2, []
+        self.spools, self.came = [CLOSED] * 2, []
 
     def listen_to_numbers(self, topic, fields, callback):
         self.receivers[topic] = callback
@@ -55,17 +56,17 @@ class FakePlant:
     def step_done(self, stamp_ns):
         pass
 
-    def take(self, line, voltage, at_ns):
-        self.voltages[line] = voltage
-        self.came.append((line, voltage, at_ns))
+    def take(self, line, spool, at_ns):
+        self.spools[line] = spool
+        self.came.append((line, spool, at_ns))
 
     def live_on(self):
-        self.applied.append(tuple(self.voltages))
+        self.applied.append(tuple(self.spools))
         self.now += self.period_cost
 
-    def answer(self, voltage, stamp_ns):
+    def answer(self, spool, stamp_ns):
         for receive in self.receivers.values():
-            receive(stamp_ns, (voltage,))
+            receive(stamp_ns, (spool,))
 
 
 @pytest.fixture
@@ -87,17 +88,16 @@ def _counted(plant):
 def test_valves_without_commands_vent(plant):
     from pam_orthosis.nodes.pace import SILENCE_SAMPLES
 
-    plant.answer(6.0, plant.samples[0])
+    plant.answer(0.2, plant.samples[0])
     for _ in range(SILENCE_SAMPLES + 3):
         plant.now += plant.period_ns
         plant.tick()
-    vent = plant.parameters.valve.minimum_voltage
-    assert plant.applied[0] != (vent, vent)
-    assert plant.applied[-2:] == [(vent, vent)] * 2
-    plant.answer(6.0, plant.samples[-1])
+    assert plant.applied[0] != (VENT, VENT)
+    assert plant.applied[-2:] == [(VENT, VENT)] * 2
+    plant.answer(0.2, plant.samples[-1])
     plant.now += plant.period_ns
     plant.tick()
-    assert plant.applied[-1] != (vent, vent)
+    assert plant.applied[-1] != (VENT, VENT)
 
 
 def test_valves_vent_when_one_of_them_was_never_told_anything(plant):
@@ -107,12 +107,11 @@ def test_valves_vent_when_one_of_them_was_never_told_anything(plant):
         plant.now += plant.period_ns
         plant.tick()
     for _ in range(SILENCE_SAMPLES + 2):
-        plant.receivers[plant.table.commands[0]](plant.samples[-1], (6.0,))
+        plant.receivers[plant.table.commands[0]](plant.samples[-1], (0.2,))
         plant.now += plant.period_ns
         plant.tick()
-    vent = plant.parameters.valve.minimum_voltage
-    assert (vent, vent) not in plant.applied[: 3 * SILENCE_SAMPLES]
-    assert plant.applied[-1] == (vent, vent)
+    assert (VENT, VENT) not in plant.applied[: 3 * SILENCE_SAMPLES]
+    assert plant.applied[-1] == (VENT, VENT)
     assert plant.pace.health()["vented_without_commands"] > 0
 
 
@@ -127,22 +126,21 @@ def test_no_stamp_is_later_than_its_sample(plant):
     assert all(stamp <= instant for stamp, instant in zip(plant.samples, taken, strict=True))
 
 
-def test_a_voltage_counts_from_the_instant_at_which_it_came(plant):
+def test_a_command_counts_from_the_instant_at_which_it_came(plant):
     """Not from its sample, whose answer it is: the time between them is lost to a real valve too."""
     plant.now += 3_000_000
-    plant.answer(6.0, plant.samples[0])
-    assert plant.came == [(0, 6.0, 3_000_000), (1, 6.0, 3_000_000)]
+    plant.answer(0.2, plant.samples[0])
+    assert plant.came == [(0, 0.2, 3_000_000), (1, 0.2, 3_000_000)]
     plant.now += 2_000_000
     plant.tick()
-    assert plant.applied == [(6.0, 6.0)]
+    assert plant.applied == [(0.2, 0.2)]
     assert _counted(plant) == (0, 0)
 
 
 def test_without_an_answer_the_valves_stay_and_it_is_counted(plant):
     plant.now += plant.period_ns
     plant.tick()
-    closed = load().valve.closed_voltage
-    assert plant.applied == [(closed, closed)]
+    assert plant.applied == [(CLOSED, CLOSED)]
     assert _counted(plant) == (1, 0)
 
 
