@@ -7,13 +7,14 @@ Error = reference - measured coordinate, joined by header stamp. Angles come out
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from pam_orthosis.bag.legs import namespaces
+from pam_orthosis.bag.loads import Load, loads_of
 from pam_orthosis.bag.read import Bag, Series, aligned, legs_of, read_bag, recorded_machine, run_record
 from pam_orthosis.bag.timing import Timing, timing
 from pam_orthosis.bag.topics import SECOND_NS
@@ -57,7 +58,8 @@ class Verdict:
     behind the measured motion. `voltage_variation_per_s` is the total variation of each valve
     voltage per second: chatter. `timing` is that of a run in real time. `not_led` samples are not judged:
     the scenario kept the valves closed, or the machine was on its way back from there. `incomplete` says what
-    cannot be judged though it should be; then it is not passed. Errors and bound are in `unit`.
+    cannot be judged though it should be; then it is not passed. Errors and bound are in `unit`. `loads` are
+    those of cushions, which have to be good too.
     """
 
     max_abs_error: float
@@ -77,11 +79,14 @@ class Verdict:
     incomplete: str = ""
     remarks: tuple[str, ...] = ()
     unit: str = "deg"
+    loads: Mapping[str, Load] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the verdict as plain data for JSON, errors with their unit in the name."""
         told = self._named(asdict(self))
         del told["unit"]
+        if not self.loads:
+            del told["loads"]
         return told | {"cycles": [self._named(cycle) for cycle in told["cycles"]]}
 
     def _named(self, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -119,14 +124,14 @@ def judge(
     stamps, error, velocity = stamps[led], error[led], velocity[led]
     since_start = (stamps - bag[coordinate.name].stamp_ns[0]) / SECOND_NS
     hold_s, cycle_s = (bag.parameters.get(f"scenario.{name}") for name in ("start_hold", "cycle_time"))
-    largest = float(np.abs(error).max())
+    largest, loads = float(np.abs(error).max()), loads_of(bag, namespace)
     return Verdict(
         max_abs_error=largest,
         rms_error=rms(error),
         steady_state_error=steady_state_error(stamps, error, velocity),
         max_abs_error_after_first_cycle=_largest_after(since_start, error, hold_s, cycle_s),
         bound=most,
-        passed=largest <= most and not incomplete,
+        passed=largest <= most and not incomplete and all(load.passed for load in loads.values()),
         samples=len(stamps),
         duration_s=float(stamps[-1] - stamps[0]) / SECOND_NS,
         observer_velocity_lag_ms=_observer_lag(bag),
@@ -138,6 +143,7 @@ def judge(
         remarks=remarks,
         timing=timing(bag.path, namespace, bag.parameters.get(PERIOD)),
         unit=coordinate.shown_unit,
+        loads=loads,
     )
 
 

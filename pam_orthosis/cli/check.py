@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from pam_orthosis.bag.loads import Load
     from pam_orthosis.bag.timing import Timing
     from pam_orthosis.bag.verdict import Bound, Verdict
 
@@ -101,6 +102,7 @@ def describe(verdict: Verdict) -> str:
     ]
     lines = [f"{name:26s} {value:8.3f} {unit}" for name, value, unit in rows if value is not None]
     lines += _timing(verdict.timing) if verdict.timing else []
+    lines += [_load(name, load) for name, load in verdict.loads.items()]
     if verdict.not_led:
         lines.append(f"not judged                 {verdict.not_led} samples: the scenario leaves it free")
     lines += [f"left out                   {remark}" for remark in verdict.remarks]
@@ -112,6 +114,14 @@ def describe(verdict: Verdict) -> str:
         f" {verdict.samples} samples in {verdict.duration_s:.3f} s"
     )
     return "\n".join(lines)
+
+
+def _load(name: str, load: Load) -> str:
+    late = (
+        "passes half of it at other times" if load.late_ms is None else f"{load.late_ms:.1f} ms off in time"
+    )
+    answer = "" if load.passed else " (FAILED)"
+    return f"{name + ' peak':26s} {load.peak_N:8.3f} N of {load.set_peak_N:.1f} N, {late}{answer}"
 
 
 def _timing(timing: Timing) -> list[str]:
