@@ -68,6 +68,7 @@ setup(
     package_dir={"pam_orthosis.config": "config", "pam_orthosis.examples": "bags"},
     package_data={
         "pam_orthosis.config": ["*.json", "*.py", "*.xml", "*.yaml", "machines/*.yaml"],
+        "pam_orthosis.report": ["assets/*", "templates/*.html"],
         "pam_orthosis.examples": ["*.npz", "*/metadata.yaml", "*/*.mcap"],
     },
     data_files=[
@@ -81,12 +82,13 @@ setup(
     install_requires=[
         "apsw>=3.40",
         "casadi>=3.6",
+        "jinja2>=3.1",
         "lz4>=4.0",
+        "markupsafe>=2.1",
         "matplotlib>=3.7",
         "mcap>=1.6",
         "numpy>=1.24",
         "pillow>=9.0",
-        "plotly>=6.0",
         "pyyaml>=6.0",
         "rosbags>=0.11.6,<0.12",  # bag/bounded.py puts bounds into its readers
         "scipy>=1.10",

@@ -38,6 +38,21 @@ sensor: {noise: 1.0e-4}
 os.environ.setdefault(OFF, "1")  # what a command prints must not depend on how fast the machine is
 
 
+sys.path.insert(0, str(ROOT / "test" / "report"))
+from browser import fits, started  # noqa: E402
+
+
+@pytest.fixture
+def page_fits():
+    """Return a function that opens a page in a browser and checks it; skip if there is none."""
+
+    def check(file):
+        with started() as browser:
+            fits(browser, file)
+
+    return check
+
+
 @pytest.fixture(scope="session")
 def documented(tmp_path_factory):
     """Return a function: a command line of the documentation -> (exit status, the new folder it ran in)."""

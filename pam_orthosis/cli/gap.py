@@ -91,7 +91,7 @@ def execute(arguments: argparse.Namespace) -> int:
     try:
         if arguments.out:
             with shown(f"writing {arguments.out}"):
-                _write(arguments, outcome, data, case.given, words)
+                _write(arguments, outcome, data, case, words)
     finally:  # a file that cannot be written must not take the verdict with it
         print(json.dumps(data, indent=2) if arguments.json else words)
     return 1 if outcome.verdict == "unexplained" else 0
@@ -216,12 +216,16 @@ def _try(folder: Path) -> None:
         remove_empty(made)
 
 
-def _write(arguments: argparse.Namespace, outcome, data, given, words: str) -> None:
+def _write(arguments: argparse.Namespace, outcome, data, case: Case, words: str) -> None:
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.report.gap import page
 
     named = [one.name for one in outcome.effects]
     added = patch.overrides(outcome.system, named, outcome.selection.final.values)
-    texts = json.dumps(data, indent=2) + "\n", patch.text({**given, **added}), page(outcome, words)
+    texts = (
+        json.dumps(data, indent=2) + "\n",
+        patch.text({**case.given, **added}),
+        page(outcome, words, case.data.experiments),
+    )
     made = dict(zip(FILES, texts, strict=True))
     write_files({arguments.out / name: as_text(made[name]) for name in _files(arguments)})

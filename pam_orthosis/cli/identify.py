@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pam_orthosis.identification.identify import Identified
 
 FIGURES = ("force.png", "residual.png", "volume.png")  # of `report.identification`
+PAGE = "identify.html"
 MOST_LEVELS = 12  # a table with more pressures is summed up
 REPEATS = "repeats"  # of `identification.clusters`
 SHOWN = {"level": (1e-5, "bar gauge"), "length": (1e3, "mm"), "repeat": (1.0, "")}
@@ -62,7 +63,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=output, metavar="FILE", help="write the rows, for --model or config/muscle.yaml"
     )
     parser.add_argument("--update", type=Path, metavar="FILE", help="put the rows into such a file")
-    parser.add_argument("--figures", type=output, metavar="DIR", help="draw force, residuals and volume")
+    parser.add_argument(
+        "--figures", type=output, metavar="DIR", help="draw force, residuals and volume, write a page"
+    )
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 
 
@@ -70,7 +73,7 @@ def execute(arguments: argparse.Namespace) -> int:
     """Identify, write what was asked for, print the result."""
     if min(arguments.degrees) < 0 or arguments.degrees[0] > 3 or arguments.degrees[1] > 4:
         raise OrthosisError("--degrees: Eq. (14) has at most degrees 3 and 4")
-    figures = [arguments.figures / name for name in FIGURES] if arguments.figures else []
+    figures = [arguments.figures / name for name in (PAGE, *FIGURES)] if arguments.figures else []
     refuse_existing([*([arguments.out] if arguments.out else []), *figures])
     if arguments.nominal_length_m == 0:
         raise OrthosisError("--nominal-length-m: a muscle is longer than 0 m")
@@ -100,8 +103,10 @@ def _identified(arguments: argparse.Namespace, progress: Progress) -> Identified
     if arguments.figures:
         progress("drawing the figures")
         from pam_orthosis.report.identification import drawn  # matplotlib takes its time to load
+        from pam_orthosis.report.pages import identify as pages
 
         written |= drawn(found, arguments.figures)
+        written[arguments.figures / PAGE] = as_text(pages.page(found, describe(found)))
     write_files(written)
     return found
 

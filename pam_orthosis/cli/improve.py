@@ -21,7 +21,7 @@ from pam_orthosis.progress import Shown, shown
 if TYPE_CHECKING:
     from pam_orthosis.improvement.rounds import Round
 
-RESULTS = "model.yaml", "improve.json", "improve.md", "improve.png"
+RESULTS = "model.yaml", "improve.json", "improve.md", "improve.png", "improve.html"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -72,6 +72,7 @@ def _write(folder: Path, rounds: Sequence[Round]) -> str:
     """Write model, rounds, table and figure; return the table."""
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.report import improvement
+    from pam_orthosis.report.pages import improve as pages
 
     data = [one.as_dict() for one in rounds]
     table = improvement.table(data)
@@ -80,6 +81,7 @@ def _write(folder: Path, rounds: Sequence[Round]) -> str:
         as_text(json.dumps(data, indent=2) + "\n"),
         as_text(table),
         lambda stream: improvement.draw(rounds, stream),
+        as_text(pages.page(rounds, table)),
     )
     write_files({folder / name: write for name, write in zip(RESULTS, contents, strict=True)})
     return table

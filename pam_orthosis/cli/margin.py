@@ -33,7 +33,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--duration", type=float, default=SECONDS, metavar="S", help=f"simulated seconds a run ({SECONDS:g})"
     )
     parser.add_argument(
-        "--out", type=output, metavar="DIR", help="new folder for table, picture and all runs (margin.json)"
+        "--out",
+        type=output,
+        metavar="DIR",
+        help="new folder for page, table, picture and all runs (margin.json)",
     )
     parser.add_argument("--json", action="store_true", help="print limits and all runs as JSON")
 
@@ -52,12 +55,14 @@ def execute(arguments: argparse.Namespace) -> int:
 
 def _show(found: dict, folder: Path | None, as_json: bool) -> None:
     from pam_orthosis.report import margin
+    from pam_orthosis.report.pages import margin as pages
 
     table, text = margin.table(found), json.dumps(found, indent=2)
     if folder:
         write_files({
             folder / "margin.json": as_text(text + "\n"),
             folder / "margin.md": as_text(table + "\n"),
+            folder / "margin.html": as_text(pages.page(found)),
             folder / "margin.png": lambda stream: margin.draw(found, stream),
         })  # fmt: skip
     print(text if as_json else table)

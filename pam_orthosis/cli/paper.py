@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     parser.add_argument(
         "--out", type=output, metavar="DIR", default=Path("runs/paper"),
-        help="folder of paper.md and its pictures (runs/paper)",
+        help="folder of paper.md, paper.html and pictures (runs/paper)",
     )  # fmt: skip
     parser.add_argument("--overwrite", action="store_true", help="replace the page and its pictures")
     parser.add_argument("--json", action="store_true", help="print the numbers as JSON")
@@ -35,7 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(arguments: argparse.Namespace) -> int:
     """Make the runs, draw, write the page."""
     page, pictures = arguments.out / "paper.md", arguments.out / "pictures"
-    refuse_existing([page, *(pictures / name for name in PICTURES)], arguments.overwrite, REMAKE)
+    refuse_existing(
+        [page, page.with_suffix(".html"), *(pictures / name for name in PICTURES)],
+        arguments.overwrite,
+        REMAKE,
+    )
     with shown("compiling the model") as progress:
         found = _made(page, pictures, arguments.overwrite, progress)
     print(json.dumps(found.as_dict(), indent=2) if arguments.json else page)
@@ -45,6 +49,7 @@ def execute(arguments: argparse.Namespace) -> int:
 def _made(page: Path, pictures: Path, overwrite: bool, progress: Progress) -> Results:
     """Make all results, the page and its pictures."""
     from pam_orthosis.report.identification import drawn
+    from pam_orthosis.report.pages import paper as pages
     from pam_orthosis.report.paper import figures, observer, table, tracking  # matplotlib takes a second
 
     identified = _identified(progress)
@@ -59,6 +64,7 @@ def _made(page: Path, pictures: Path, overwrite: bool, progress: Progress) -> Re
         pictures / "tracking.png": lambda stream: figures.draw_tracking(found.tracking, stream),
         **drawn(identified, pictures),
         page: as_text(table.page(found)),
+        page.with_suffix(".html"): as_text(pages.page(found)),
     }
     progress("drawing the figures")
     write_files(files, overwrite)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from pam_orthosis.cli.parameters import DEFAULT, add_parameter_arguments, chosen
 from pam_orthosis.errors import OrthosisError, naming
-from pam_orthosis.files import output, refuse_existing
+from pam_orthosis.files import as_text, output, refuse_existing, write_files
 from pam_orthosis.planning import RESERVE
 from pam_orthosis.progress import Progress, shown
 
@@ -48,16 +48,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--namespace", default="", metavar="NS", help="of the leg in that bag")
     parser.add_argument("--out", type=output, required=True, metavar="FILE", help="new model with the plan")
+    parser.add_argument("--page", type=output, metavar="FILE", help="write a page with curves")
 
 
 def execute(arguments: argparse.Namespace) -> int:
     """Plan; return 0 if there is a motion that the actuators can make."""
-    refuse_existing([arguments.out])
+    refuse_existing([arguments.out, *([arguments.page] if arguments.page else [])])
     if not 0 <= arguments.reserve <= 1:
         raise OrthosisError(f"--reserve {arguments.reserve:g}: give 0 to 1 bar")
     with shown("compiling the model") as progress:
         machine, plan, after = _planned(arguments, progress)
-    print(_told(machine, plan, after))
+    told = _told(machine, plan, after)
+    if arguments.page:
+        from pam_orthosis.report.pages import plan as pages
+
+        write_files({arguments.page: as_text(pages.page(machine, plan, told))})
+    print(told)
     return 0
 
 

@@ -79,6 +79,18 @@ class Run:
         error: Array = self[f"reference_{name}"] - self[name]
         return error
 
+    def between(self, start: float, end: float) -> Run:
+        """Return the part from one time to another, s since the first sample.
+
+        Raises:
+            OrthosisError: there are no two samples.
+        """
+        part = (self.time >= start) & (self.time <= end)
+        if np.count_nonzero(part) < 2:
+            raise OrthosisError(f"no two samples between {start:g} and {end:g} s of {self.time[-1]:g} s")
+        signals = {name: value[part] for name, value in self.signals.items()}
+        return Run(self.parameters, self.scenario, self.stamps_ns[part], signals)
+
     def to_pandas(self) -> DataFrame:
         """Return a table: a column a signal, indexed by the time, s.
 
@@ -92,13 +104,13 @@ class Run:
         return DataFrame(dict(self.signals), index=Index(self.time, name="time"))
 
     def save(self, folder: str | Path) -> Path:
-        """Write a bag of what a recorder would see into a new folder; return it.
+        """Write a bag of what a recorder would see of the run into a new folder; return it.
 
         Raises:
-            OrthosisError: the run has no controllers' signals, or the folder is used.
+            OrthosisError: the folder is used.
         """
         path, every = Path(folder), self.parameters.control.position.every
-        written = {name: self[name] for name in recorded_signals(self.machine)}
+        written = {name: self[name] for name in recorded_signals(self.machine) if name in self.signals}
         write_arrays(path, self.stamps_ns, written, run_metadata(self.parameters, self.scenario), every)
         return path
 

@@ -50,8 +50,8 @@ def draw(rounds: Sequence[Round], stream: BinaryIO) -> None:
     left, right = figure.subfigures(1, 2, width_ratios=(3, 1))
     axes = left.subplots(2, 1, sharex=True)
     for one, colour in ((kept[0], BEFORE), (kept[-1], AFTER)):
-        time, reference, error = _errors(one.tracking)
-        axes[1].plot(time, error, color=colour, lw=0.8, label=_label(one))
+        time, reference, error = errors(one.tracking)
+        axes[1].plot(time, error, color=colour, lw=0.8, label=label(one))
     axes[0].plot(time, reference, color="k", lw=1)
     unit = kept[0].tracking.verdicts[0].unit
     axes[0].set_ylabel(f"reference / {unit}")
@@ -61,7 +61,8 @@ def draw(rounds: Sequence[Round], stream: BinaryIO) -> None:
     figure.savefig(stream, dpi=DPI, format="png")
 
 
-def _label(one: Round) -> str:
+def label(one: Round) -> str:
+    """Return what the controllers know in a round."""
     return _model(one.number, one.found.effects if one.found else ())
 
 
@@ -74,8 +75,8 @@ def _bars(axes, judged: Sequence[Round]) -> None:
     axes.legend()
 
 
-def _errors(tracking: Tracking) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return time, s, reference and error of the worst run, from its bag."""
+def errors(tracking: Tracking) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return time, s, reference and error of the worst run, from its bag, (n,) each."""
     worst = max(zip(tracking.bags, tracking.verdicts, strict=True), key=lambda p: p[1].max_abs_error)[0]
     run = read_run(worst)
     reference, error = run.panels[0].curves[0], run.panels[1].curves[0]

@@ -17,21 +17,22 @@ HEAD = ("perturbation", "unit", "nominal", "error doubles", "{} is lost")
 
 def table(found: Mapping[str, Any]) -> str:
     """Return the table in Markdown, what its limits mean, and what was left out."""
-    cells = [
+    rows = [
         tuple(name.format(found["machine"]) for name in HEAD),
-        *(_cells(row) for row in found["margins"]),
+        *(cells(row) for row in found["margins"]),
     ]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    lines = [_line(row, widths) for row in cells]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = [_line(row, widths) for row in rows]
     lines.insert(1, "|".join(["", *("-" * (width + 2) for width in widths), ""]))
-    return "\n".join([*lines, "", *_notes(found)])
+    return "\n".join([*lines, "", *notes(found)])
 
 
-def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
-    return "| " + " | ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)) + " |"
+def _line(row: Sequence[str], widths: Sequence[int]) -> str:
+    return "| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |"
 
 
-def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
+def cells(row: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the cells of a perturbation in one direction."""
     name = f"{row['perturbation']}, {row['direction']}"
     return name, row["unit"], f"{row['nominal']:.3g}", _limit(row, "doubled"), _limit(row, "lost")
 
@@ -46,7 +47,8 @@ def _limit(row: Mapping[str, Any], which: str) -> str:
     return f"{kept:.3g} .. {reached:.3g}"
 
 
-def _notes(found: Mapping[str, Any]) -> list[str]:
+def notes(found: Mapping[str, Any]) -> list[str]:
+    """Return what the limits mean, and what was left out."""
     unit = found["error_unit"]
     error, doubled, lost = (found[f"{key}_{unit}"] for key in ("max_abs_error", "doubled", "lost"))
     notes = [

@@ -19,7 +19,7 @@ from pam_orthosis.scene.shape import Shape, Sketch
 from pam_orthosis.scene.shapes import shape_of
 
 BAR = 1e5  # Pa
-MOST_POINTS = 3000  # of a curve
+MOST_POINTS = 2000  # of a curve
 KINDS = "pressure", "pressure_reference", "voltage"  # of an actuator
 
 Convert = Callable[[np.ndarray], np.ndarray]

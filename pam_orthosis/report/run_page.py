@@ -1,24 +1,35 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One HTML page about a recorded run that needs nothing but itself: no network, no other file."""
+"""The page of a recorded run: verdict, moving machine, curves, cycles, parameters."""
 
 from __future__ import annotations
 
-from html import escape
+from typing import Any
 
-from pam_orthosis import __version__
+import numpy as np
+
 from pam_orthosis.bag.verdict import Verdict
 from pam_orthosis.model.parameters import load
-from pam_orthosis.report.html import document, table
-from pam_orthosis.report.run_data import MOST_POINTS, RunData
-from pam_orthosis.report.run_figure import run_figure
+from pam_orthosis.report.page import BAD, GOOD, Moving, Page, Part, listed
+from pam_orthosis.report.plots import ESTIMATE, MEASURED, OF_ACTUATORS, REFERENCE, Plot, Trace, line
+from pam_orthosis.report.run_data import MOST_POINTS, Curve, Panel, RunData, view
 
-FIGURE_ID = "run"
-WIDE = "<style>body {max-width: 80em}</style>"
-CONFIG = {"displaylogo": False, "responsive": True}
-# plotly rejects the promise of an animation that is paused, with no reason, and nobody takes it
-QUIET_PAUSE = (
-    "addEventListener('unhandledrejection', e => { if (e.reason === undefined) e.preventDefault() })"
-)
+PICTURES_PER_SECOND, MOST_PICTURES = 20, 240
+DIGITS = 4  # of places in m and pressures in bar of the moving machine
+# name of a curve -> colour, dash, width
+STYLES = {
+    "reference": (REFERENCE, "dash", 2.2),
+    "measured": (MEASURED, "solid", 1.6),
+    "estimate": (ESTIMATE, "dot", 1.8),
+    "error": (MEASURED, "solid", 1.4),
+    "disturbance": (MEASURED, "solid", 1.4),
+}
+HINT = "Actuators are as thick as they are, and coloured by their absolute pressure: dark 1 bar, light 7 bar."
+SHOWS = {
+    "error": "reference less measured; the dashed lines are the bound",
+    "pressure": "what the sensors measure, and what the controllers ask for (dotted)",
+    "valve": "what the valves are given; 5 V keeps one closed",
+    "estimated": "effort that the observer ascribes to what the model does not know",
+}
 
 
 def run_page(run: RunData, verdict: Verdict, words: str) -> str:
@@ -29,64 +40,134 @@ def run_page(run: RunData, verdict: Verdict, words: str) -> str:
         verdict: on the same bag.
         words: the verdict as text.
     """
-    name = run.bag.path.name
-    figure = run_figure(run, verdict.bound)
-    plots = figure.to_html(
-        full_html=False, include_plotlyjs=True, div_id=FIGURE_ID, config=CONFIG, auto_play=False,
-        post_script=QUIET_PAUSE,
-        default_width="100%", default_height=f"{figure.layout.height}px",
-    )  # fmt: skip
-    answer = "PASSED" if verdict.passed else "FAILED"
-    parts = [
-        WIDE,
-        f"<h1>{escape(name)}: {answer}</h1><pre>{escape(words)}</pre>",
-        f"<h2>Run</h2>{_hint(run)}{plots}",
-        _cycles(verdict),
-        _metadata(run),
-    ]
-    return document(name, "".join(parts))
-
-
-def _hint(run: RunData) -> str:
-    words = (
-        "<p>Drag to zoom in all plots at once, double click to zoom out. The actuators' colour is"
-        " their pressure (dark 1 bar, light 7 bar), their width their diameter.</p>"
+    unit, answer = verdict.unit, "PASSED" if verdict.passed else "FAILED"
+    within = "within" if verdict.max_abs_error <= verdict.bound else "beyond"
+    headline = (
+        f"The largest error is {verdict.max_abs_error:.3f} {unit}, {within} the bound of {verdict.bound:g}"
+        f" {unit} ({verdict.samples} samples in {verdict.duration_s:.1f} s)."
     )
+    incomplete = [f"The run is incomplete: {verdict.incomplete}."] if verdict.incomplete else []
+    parts = [
+        Part("How well it follows", table=_numbers(verdict), pre=words, more="as check prints it"),
+        Part("The machine", (HINT,), machine=_moving(run)),
+        Part("Curves", _thinned(run), plots=[_plot(panel, run, verdict.bound) for panel in run.panels]),
+        *_cycles(verdict),
+        *_recording(run),
+    ]
+    about = f"recorded run of the {run.machine.name}"
+    tone = GOOD if verdict.passed else BAD
+    return Page(run.bag.path.name, answer, tone, headline, incomplete, parts, about).html()
+
+
+def _numbers(verdict: Verdict):
+    unit = verdict.unit
+    rows = [
+        ("largest error", verdict.max_abs_error, unit, "of |reference - measured|; the bound is on it"),
+        ("  after the first cycle", verdict.max_abs_error_after_first_cycle, unit, "when the start is over"),
+        ("RMS error", verdict.rms_error, unit, "root of the mean square: the usual size"),
+        ("steady-state error", verdict.steady_state_error, unit, "mean size while the reference rests"),
+        (
+            "observer's velocity lag",
+            verdict.observer_velocity_lag_ms,
+            "ms",
+            "below zero the estimate is ahead",
+        ),
+        *(
+            (f"{name} voltage variation", value, "V/s", "how nervous the valve is")
+            for name, value in verdict.voltage_variation_per_s.items()
+        ),
+    ]
+    told = [
+        (what.strip(), f"{value:.3f} {unit}", means) for what, value, unit, means in rows if value is not None
+    ]
+    return listed(("what", "value", "meaning"), told)
+
+
+def _thinned(run: RunData) -> list[str]:
+    words = ["Drag over a plot to zoom in all of them at once; double-click to zoom out."]
     if run.thinned:
-        words += (
-            f"<p>There are more samples than a page can carry: each curve shows at most {MOST_POINTS} of"
-            " them, the smallest and the largest of equal stretches of time. No peak is left out. The verdict"
-            " is of all samples.</p>"
+        words.append(
+            f"There are more samples than a page can carry: each curve shows at most {MOST_POINTS} of them,"
+            " the smallest and the largest of equal stretches of time, no peak is left out. The verdict"
+            " is of all samples."
         )
     return words
 
 
-def _cycles(verdict: Verdict) -> str:
+def _plot(panel: Panel, run: RunData, bound: float) -> Plot:
+    what = panel.label.split(" / ")[0]
+    means = next(
+        (words for name, words in SHOWS.items() if what.startswith(name)), "reference and measurement"
+    )
+    curves = [_trace(curve, run.machine.names) for curve in panel.curves]
+    levels = (bound, -bound) if what == "error" else ()
+    ends = [f"{c.name} {c.value.min():.3g} to {c.value.max():.3g}" for c in panel.curves]
+    return Plot(
+        f"{what}: {means}", f"{panel.label} over the time in s: {', '.join(ends)}", "time / s", panel.label,
+        curves, levels, "time",
+    )  # fmt: skip
+
+
+def _trace(curve: Curve, actuators: tuple[str, ...]) -> Trace:
+    colours = dict(zip(actuators, OF_ACTUATORS, strict=False))
+    own = next((name for name in actuators if curve.name.startswith(f"{name} ")), None)
+    if own is None:
+        return line(curve.time, curve.value, curve.name, *STYLES[curve.name.split()[0]])
+    return line(
+        curve.time,
+        curve.value,
+        curve.name,
+        colours[own],
+        "dot" if curve.name.endswith("reference") else "solid",
+    )
+
+
+def _moving(run: RunData) -> Moving:
+    count = min(MOST_PICTURES, len(run.time), max(2, round(run.time[-1] * PICTURES_PER_SECOND)))
+    scene = view(run, np.unique(np.linspace(0, len(run.time) - 1, count).round().astype(int)))
+    actuators = {
+        name: {
+            **{end: _rounded(getattr(one, end)) for end in ("upper", "lower", "chain", "diameter")},
+            "bar": None if (bars := scene.pressures[name]) is None else _rounded(bars),
+        }
+        for name, one in scene.sketch.actuators.items()
+    }
+    data = {
+        "time": _rounded(scene.time), "extent": _rounded(scene.sketch.extent),
+        "body": _rounded(scene.sketch.body), "corners": scene.shape.corners, "actuators": actuators,
+    }  # fmt: skip
+    return Moving(f"the {run.machine.name} in side view, moving as it was recorded", data)
+
+
+def _rounded(values: np.ndarray) -> Any:
+    return np.round(values, DIGITS).tolist()
+
+
+def _cycles(verdict: Verdict) -> list[Part]:
     if not verdict.cycles:
-        return ""
+        return []
     rows = [
         (str(c.number or "rest"), f"{c.start_s:.2f}", f"{c.max_abs_error:.3f}", f"{c.rms_error:.3f}")
         for c in verdict.cycles
     ]
     head = ("cycle", "from / s", f"maximum error / {verdict.unit}", f"RMS error / {verdict.unit}")
-    return "<h2>Cycle by cycle</h2>" + table(head, rows)
+    return [Part("Cycle by cycle", table=listed(head, rows))]
 
 
-def _metadata(run: RunData) -> str:
+def _recording(run: RunData) -> list[Part]:
     metadata = {key: value for key, value in run.bag.run.items() if key != "parameters"}
-    rows = [
-        ("bag", run.bag.path.name),
-        *sorted(metadata.items()),
-        ("page written by", f"pam-orthosis {__version__}"),
-    ]
-    changed = _changed(run)
-    page = "<h2>Recording</h2>" + table(("what", "value"), rows)
-    if run.bag.parameters:
-        page += "<h2>Parameters that differ from the shipped ones</h2>"
-        page += (
-            table(("parameter", "value", "shipped", "unit", "meaning"), changed) if changed else "<p>none</p>"
+    parts = [
+        Part(
+            "Recording",
+            table=listed(("what", "value"), [("bag", run.bag.path.name), *sorted(metadata.items())]),
         )
-    return page
+    ]
+    if run.bag.parameters:
+        changed = _changed(run)
+        head = ("parameter", "value", "shipped", "unit", "meaning")
+        words, shown = ((), listed(head, changed)) if changed else (("none",), None)
+        parts.append(Part("Parameters that differ from the shipped ones", words, shown))
+    return parts
 
 
 def _changed(run: RunData) -> list[tuple[str, ...]]:

@@ -162,6 +162,12 @@ class Shape:
         """The frames, the root first."""
         return (self.root, *(joint.child for joint in self.joints))
 
+    @property
+    def corners(self) -> tuple[str, ...]:
+        """The joint at each corner of the outline; empty where there is none."""
+        names = {joint.child: joint.name for joint in self.joints}
+        return tuple(names.get(frame, "") if point == ZERO else "" for frame, point in self.outline)
+
     @cached_property
     def moved(self) -> tuple[Joint, ...]:
         """The joints that move."""

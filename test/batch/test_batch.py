@@ -141,7 +141,7 @@ def test_what_is_done_is_kept_when_the_executor_is_gone(tmp_path):
     assert Batch(units, tmp_path / "out").skipped == ("first",)
 
 
-def test_a_study_walks_with_each_set_and_seed(tmp_path):
+def test_a_study_walks_with_each_set_and_seed(tmp_path, page_fits):
     study, out = tmp_path / "study.yaml", tmp_path / "out"
     study.write_text(
         "set: {scenario.duration: 0.5, plant.simulation.step: 5.0e-4}\n"
@@ -152,6 +152,11 @@ def test_a_study_walks_with_each_set_and_seed(tmp_path):
     assert found[0]["samples"] == 100
     assert found[0]["rms_error_deg"] != found[1]["rms_error_deg"]
     assert judge(out / "walk-1" / "bag").rms_error == found[1]["rms_error_deg"]
+    assert f"maximum error {found[0]['max_abs_error_deg']:.3f} deg" in (out / "batch.html").read_text()
+    assert main(["batch", "study", str(study), "--out", str(out)]) == 0, "its own page is replaced"
+    (out / SUMMARY).unlink()
+    assert main(["batch", "study", str(study), "--out", str(out)]) == 2, "another's page is not"
+    page_fits(out / "batch.html")
 
 
 def test_a_study_combines_what_it_is_given(tmp_path):

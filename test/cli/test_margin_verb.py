@@ -30,7 +30,7 @@ def known(monkeypatch):
     monkeypatch.setattr(units, "work", work)
 
 
-def test_table_picture_and_json(known, tmp_path, capsys):
+def test_page_table_picture_and_json(known, tmp_path, capsys, page_fits):
     out = tmp_path / "margin"
     assert main(["margin", "--duration", "3", "--param", "scenario.seed=7", "--out", str(out)]) == 0
     printed = capsys.readouterr()
@@ -44,7 +44,9 @@ def test_table_picture_and_json(known, tmp_path, capsys):
     assert told["delay, less"] == ["ms", "7.9", "7.03 .. 6.9", "< 1.5"]
     assert told["supply, less"] == ["bar", "6.89", "< 3.5", "< 3.5"]
     assert "seed 7" in printed.out
-    assert sorted(file.name for file in out.iterdir()) == ["margin.json", "margin.md", "margin.png"]
+    assert sorted(file.name for file in out.iterdir()) == [
+        "margin.html", "margin.json", "margin.md", "margin.png"
+    ]  # fmt: skip
     assert (out / "margin.md").read_text() == printed.out
     assert (out / "margin.png").read_bytes().startswith(b"\x89PNG")
     written = json.loads((out / "margin.json").read_text())
@@ -55,6 +57,7 @@ def test_table_picture_and_json(known, tmp_path, capsys):
     assert [run["max_abs_error_deg"] for run in delay["runs"]][-1] is None
     assert main(["margin", "--out", str(out)]) == 2
     assert "not an empty folder" in capsys.readouterr().err
+    page_fits(out / "margin.html")
 
 
 def test_json_alone_on_standard_output_and_what_is_not_there(known, capsys):

@@ -8,7 +8,7 @@ import pytest
 
 from pam_orthosis.cli.main import VERBS
 
-HEAVY = ("casadi", "dask", "matplotlib", "numpy", "plotly", "rclpy", "rosbags", "scipy")
+HEAVY = ("casadi", "dask", "jinja2", "matplotlib", "numpy", "rclpy", "rosbags", "scipy")
 TELL = """
 import sys
 from pam_orthosis.cli.main import main

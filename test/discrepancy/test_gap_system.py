@@ -37,7 +37,7 @@ from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.rig import test_rig as rig_system
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
-from pam_orthosis.report.gap import _stand_ins
+from pam_orthosis.report.gap_figures import _stand_ins
 
 TABLE = Topics(KNEE)
 

@@ -189,7 +189,7 @@ def test_without_voltages_the_torque_is_judged_and_the_rest_is_said(bench, tmp_p
     assert set(outcome.after.units) == {"angle"}
 
 
-def test_the_verb_writes_json_model_and_page(bench, tmp_path, capsys, monkeypatch):
+def test_the_verb_writes_json_model_and_page(bench, tmp_path, capsys, page_fits):
     files = [str(table(tmp_path / f"{seed}.csv", bench.arrays(seed, **FRICTION))) for seed in (1, 2)]
     out, nominal = tmp_path / "out", without_delay(tmp_path)
     status = cli.main(["gap", files[0], "--held-out", files[1], *nominal, "--out", str(out), "--json"])
@@ -200,11 +200,13 @@ def test_the_verb_writes_json_model_and_page(bench, tmp_path, capsys, monkeypatc
     assert told["effects"][0]["name"] == "joint_friction"
     page = (out / "gap.html").read_text()
     assert "<pre>the apparatus is assumed: " in page
-    assert page.count("data:image/png;base64,") == 2
-    assert "http" not in page.split("</style>")[0]
+    assert "Missing is joint friction: it closes" in page
+    assert f"{told['effects'][0]['parameters']['coulomb']['value']:.4g} N m" in page
+    assert "missing in angle" in page
     model = out / "model.yaml"
     assert load(patch.read(model)).effects.joint_friction.enabled
     assert cli.main(["gap", *files, "--model", str(model), "--until", "check"]) == 0
+    page_fits(out / "gap.html")
 
 
 def test_the_noise_floor_is_that_of_the_recordings_that_judge(bench):

@@ -96,7 +96,7 @@ def test_a_bag_explains_itself(bags):
     assert json.loads(run["parameters"])["rig.carriage_mass"] == 20.0
 
 
-def test_the_command_writes_rows_that_config_takes(bags, found, tmp_path, capsys):
+def test_the_command_writes_rows_that_config_takes(bags, found, tmp_path, capsys, page_fits):
     out, figures = tmp_path / "rows.yaml", tmp_path / "figures"
     held = [str(p / 1e5) for p in HELD_OUT]
     arguments = ["identify", str(bags), "--out", str(out), "--figures", str(figures), "--json"]
@@ -114,6 +114,7 @@ def test_the_command_writes_rows_that_config_takes(bags, found, tmp_path, capsys
     assert p.muscle.dmsp_20.force.a[0] == pytest.approx(told["a"][0], rel=1e-8)
     for name in ("force.png", "residual.png", "volume.png"):
         assert (figures / name).stat().st_size > 10_000
+    page_fits(figures / "identify.html")
 
 
 def test_what_the_rig_identified_is_a_model_for_gap_plan_and_run(bags, tmp_path, capsys):

@@ -89,7 +89,7 @@ def test_the_search_finds_friction_in_bags_of_its_own(tmp_path, monkeypatch):
     assert answer.values["joint_friction.coulomb"] == pytest.approx(0.8, rel=0.05)
 
 
-def test_the_verb_writes_model_table_and_figure(tmp_path, short, monkeypatch, capsys):
+def test_the_verb_writes_model_page_table_and_figure(tmp_path, short, monkeypatch, capsys, page_fits):
     answers = [found("joint_friction"), found()]
     monkeypatch.setattr(rounds, "find_effects", lambda *_: answers.pop(0))
     settings = [word for key, value in SHORT.items() for word in ("--param", f"{key}={value}")]
@@ -101,6 +101,8 @@ def test_the_verb_writes_model_table_and_figure(tmp_path, short, monkeypatch, ca
     assert patch.read(out / "model.yaml")["effects.joint_friction.enabled"] is True
     assert (out / "improve.png").read_bytes().startswith(b"\x89PNG")
     assert main(["improve", "--out", str(out)]) == 2
+    assert "falls from" in (out / "improve.html").read_text(encoding="utf-8")
+    page_fits(out / "improve.html")
 
 
 def _counted(monkeypatch, answers, cut=None):

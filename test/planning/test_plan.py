@@ -215,10 +215,12 @@ def test_a_plan_that_cannot_be_meant_is_refused(changes, told):
         load({"scenario.plan.enabled": True} | changes)
 
 
-def test_the_verb_writes_a_model_that_keeps_what_was_believed(tmp_path, capsys):
+def test_the_verb_writes_a_model_that_keeps_what_was_believed(tmp_path, capsys, page_fits):
     known, out = tmp_path / "known.yaml", tmp_path / "planned.yaml"
     patch.write(known, {"valve.conductance": 2.6e-8})
-    assert main(["plan", "--scenario", "person", "--model", str(known), "--out", str(out)]) == 0
+    page = tmp_path / "plan.html"
+    given = ["--scenario", "person", "--model", str(known)]
+    assert main(["plan", *given, "--out", str(out), "--page", str(page)]) == 0
     written = patch.read(out)
     assert written["valve.conductance"] == 2.6e-8
     assert load(scenario_overrides("person") | written).scenario.plan.enabled
@@ -227,6 +229,7 @@ def test_the_verb_writes_a_model_that_keeps_what_was_believed(tmp_path, capsys):
     assert "within 0.00 deg" in capsys.readouterr().out
     assert main(["plan", "--out", str(out)]) == 2
     assert "exists" in capsys.readouterr().err
+    page_fits(page)
 
 
 @pytest.mark.parametrize(

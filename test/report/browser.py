@@ -3,6 +3,7 @@
 
 import shutil
 from contextlib import contextmanager
+from itertools import product
 
 import pytest
 
@@ -10,6 +11,17 @@ NAMES = ("chromium", "chromium-browser", "google-chrome")
 # no sandbox for root in containers; nothing of the browser's own asks the network
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
          "--disable-background-networking", "--disable-component-update"]  # fmt: skip
+WIDTHS, SCHEMES, MOST_BYTES = (1280, 400), ("light", "dark"), 2_000_000
+GROUNDS = {"light": "rgb(255, 255, 255)", "dark": "rgb(22, 24, 27)"}
+# what is drawn for this width is no wider than it
+WIDE = "w => innerWidth === w && document.documentElement.scrollWidth <= w"
+LOOK = """() => ({
+    missing: [...document.querySelectorAll('.plot')].filter(
+        e => !e.querySelector('.main-svg .trace') || e.scrollWidth > innerWidth).map(e => e.ariaLabel),
+    unnamed: [...document.querySelectorAll('.plot, svg[data-machine], img')].filter(
+        e => !(e.getAttribute('aria-label') || e.alt)).length,
+    ground: getComputedStyle(document.body).backgroundColor,
+})"""
 LIMIT_MS = 600_000  # a busy machine takes its time
 
 
@@ -24,6 +36,25 @@ def started():
         browser = driver.chromium.launch(executable_path=found, args=FLAGS, timeout=LIMIT_MS)
         yield browser
         browser.close()
+
+
+def fits(browser, file, limit_ms=LIMIT_MS):
+    """Check a page of ours: offline, quiet, small, named; at each width and scheme drawn without overflow."""
+    text = file.read_text(encoding="utf-8")
+    assert len(text.encode()) <= MOST_BYTES
+    with opened(browser, file) as (page, heard):
+        for width, scheme in product(WIDTHS, SCHEMES):
+            page.set_viewport_size({"width": width, "height": 1000})
+            page.emulate_media(color_scheme=scheme)
+            if 'class="plot"' in text:
+                page.wait_for_selector("body[data-drawn]")
+            page.wait_for_function(WIDE, arg=width, timeout=limit_ms)
+            told = page.evaluate(LOOK)
+            assert told["missing"] == [], f"{file.name}: not drawn at {width} px, {scheme}"
+            assert told["unnamed"] == 0
+            assert told["ground"] == GROUNDS[scheme]
+        page.wait_for_timeout(50)
+        assert [one for one in heard if not one.startswith("trace: ")] == [f"request: {file.as_uri()}"]
 
 
 @contextmanager

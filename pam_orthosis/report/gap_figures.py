@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plots of the gap page: measured and predicted where the gap is largest, and what the model misses."""
+
+from __future__ import annotations
+
+from itertools import takewhile
+
+import numpy as np
+
+from pam_orthosis.discrepancy import structure
+from pam_orthosis.discrepancy.judgement import Outcome
+from pam_orthosis.discrepancy.structure import missing_rate, order
+from pam_orthosis.report.plots import AFTER, BEFORE, REFERENCE, Plot, Trace, bars, dots, line
+from pam_orthosis.report.run_data import thinned
+
+WINDOW = 4.0  # s, shown of a recording: where the gap is largest
+SLOW = 12.0  # Hz, of what the model misses
+BINS = 24
+MOST, MOST_DOTS = 800, 800  # points of a curve, dots of a cloud
+MOST_RANKED = 8
+PER_ORDER = ("", "/s", "/s²")
+LOOKS = {"before": (BEFORE, "dash"), "after": (AFTER, "solid")}
+
+
+def residuals_of(outcome: Outcome, run, equation, which) -> np.ndarray:
+    """Return recorded minus predicted of one equation on one held-out run, (n, channels)."""
+    model = outcome.selection.null if which == "before" else outcome.selection.final
+    return outcome.held_out.replay.residuals(run, equation, model.effects, model.values)
+
+
+def sizes(outcome: Outcome) -> Plot:
+    """Return the gap of each channel as multiples of its noise."""
+    channels = [c.name for c in outcome.system.channels if c.name in outcome.after.white]
+    names = [spoken(name) for name in channels]
+
+    def over(gap) -> list[float]:
+        return [gap.white[name] / outcome.floor.white[name] for name in channels]
+
+    before, after = over(outcome.before), over(outcome.after)
+    alt = ", ".join(
+        f"{n} {b:.1f} before, {a:.1f} after" for n, b, a in zip(names, before, after, strict=True)
+    )
+    data = [
+        bars(names, before, "before: recalibrated model", BEFORE, "/"),
+        bars(names, after, "after: with what was found", AFTER),
+    ]
+    title = "The gap on held-out recordings; the dashed line is noise alone"
+    return Plot(title, f"gap over noise: {alt}", "", "gap / noise", data, (1.0,), log=True)
+
+
+def ranking(outcome: Outcome) -> Plot | None:
+    """Return the evidence of the effects that were fitted in the first round."""
+    if not outcome.steps or not outcome.steps[0].ranked:
+        return None
+    best = list(outcome.steps[0].ranked)[:MOST_RANKED][::-1]
+    names, values = [spoken(name) for name, _ in best], [float(value) for _, value in best]
+    trace = bars(names, values, "evidence", AFTER) | {"orientation": "h", "x": values, "y": names}
+    alt = ", ".join(f"{name} {value:.0f}" for name, value in zip(names[::-1], values[::-1], strict=True))
+    title, height = "Evidence of each effect alone; the longer, the better it fits", 90 + 26 * len(best)
+    return Plot(title, f"evidence: {alt}", "evidence", "", [trace], height=height)
+
+
+def traces(outcome: Outcome) -> list[Plot]:
+    """Return signals and residuals of each channel where its gap was largest."""
+    channels = [(e, i, name) for e in outcome.system.equations for i, name in enumerate(e.channels)]
+    return [
+        plot
+        for equation, i, name in channels
+        for plot in _traces(outcome, equation, i, outcome.system.channel(name))
+    ]
+
+
+def missing(outcome: Outcome) -> list[Plot]:
+    """Return what the model misses over the signals in which the effects live that were found."""
+    panels = [] if outcome.verdict == "none" else _panels(outcome)
+    return [
+        _panel(outcome, title, equation, channel, name)
+        for title, equation, channels, name in panels
+        for channel in channels
+    ]
+
+
+def spoken(name: str) -> str:
+    """Return a name in words."""
+    return name.replace("_", " ")
+
+
+def _traces(outcome: Outcome, equation, i: int, channel) -> tuple[Plot, Plot]:
+    found = []
+    for one in outcome.held_out.scored:
+        pair = [residuals_of(outcome, one.run, equation, which)[:, i] for which in LOOKS]
+        found.append((one, *pair))
+    one, before, after = max(found, key=lambda item: _worst(item[0], item[1])[1])
+    start, _ = _worst(one, before)
+    part = slice(start, start + round(WINDOW / one.run.period))
+    time, factor = np.arange(len(before))[part] * one.run.period, channel.report_factor
+    measured = one.run.recording.signals[channel.name][part]
+    left = {"before": factor * before[part], "after": factor * after[part]}
+    curves = [line(*thinned(time, measured * factor, MOST), "measured", REFERENCE, width=2.4)]
+    for which, look in LOOKS.items():
+        curves.append(line(*thinned(time, measured * factor - left[which], MOST), which, *look))
+    residuals = [line(*thinned(time, left[which], MOST), which, *look) for which, look in LOOKS.items()]
+    name, unit = spoken(channel.name), channel.report_unit
+    rms = ", ".join(f"RMS {np.sqrt(np.mean(left[which] ** 2)):.3g} {unit} {which}" for which in LOOKS)
+    return (
+        Plot(f"{name}: measured, and predicted by both models", f"{name} in {unit} over 4 s; gap: {rms}",
+             "time / s", f"{name} / {unit}", curves, (), f"{name} time"),
+        Plot(f"{name}: measured less predicted", f"residual in {unit}: {rms}", "time / s",
+             f"residual / {unit}", residuals, (), f"{name} time"),
+    )  # fmt: skip
+
+
+def _worst(one, residual: np.ndarray) -> tuple[int, float]:
+    """Return where the window with the largest residuals starts, and their mean square."""
+    length = min(round(WINDOW / one.run.period), len(residual) - one.warm_up)
+    sums = np.concatenate([[0.0], np.cumsum(residual[one.warm_up :] ** 2)])
+    power = (sums[length:] - sums[:-length]) / length
+    return one.warm_up + int(np.argmax(power)), float(power.max())
+
+
+def _panels(outcome: Outcome) -> list[tuple]:
+    """Return title, equation, channels and signal of pictures: where effects live, else where the gap is."""
+    if not outcome.effects:
+        equation = _equation(outcome.system, outcome.where[0].equation)
+        signals = list(outcome.where[0].coordinates)[:1]
+        return [("", equation, equation.channels, name) for name in signals]
+    titles: dict[tuple, list[str]] = {}
+    for one in outcome.effects:
+        place = _where(outcome, one.name)
+        name = _coordinate(outcome, one.name, place)
+        if name is not None:
+            titles.setdefault((place.equation, name), []).append(spoken(one.name))
+    panels = []
+    for (place, name), words in titles.items():
+        equation = _equation(outcome.system, place)
+        panels.append((" and ".join(words), equation, _concerned(equation, name), name))
+    return panels
+
+
+def _equation(system, name: str):
+    return next(equation for equation in system.equations if equation.name == name)
+
+
+def _where(outcome: Outcome, effect: str):
+    """Return the equation's gap in which an effect shows: its own, or the one of those it enters."""
+    touched = outcome.held_out.replay.touched(effect)
+    places = [place for place in outcome.where if place.equation in touched] or list(outcome.where)
+    own = outcome.system.equation_of(effect)
+    return next((place for place in places if place.equation == own), places[0])
+
+
+def _concerned(equation, name: str) -> tuple[str, ...]:
+    """Return the channels whose names begin with most words of a signal's: those of its muscle; else all."""
+    common = [_common_words(channel, name) for channel in equation.channels]
+    return tuple(c for c, count in zip(equation.channels, common, strict=True) if count == max(common))
+
+
+def _common_words(one: str, other: str) -> int:
+    pairs = zip(one.split("_"), other.split("_"), strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
+
+
+def _unit(system, name: str) -> str:
+    """Return the unit of a signal behind a stroke; nothing for one whose unit is not declared."""
+    unit = system.unit(name)
+    return f" / {unit}" if unit else ""
+
+
+def _coordinate(outcome: Outcome, effect: str, place) -> str | None:
+    """Return the recorded signal that stands for the one in which an effect lives."""
+    wanted = outcome.system.catalogue[effect].coordinate
+    if wanted in place.coordinates:
+        return wanted
+    for ending, stand_in in _stand_ins(outcome.system):
+        if wanted.endswith(ending):
+            return stand_in
+    return next(iter(place.coordinates), None)
+
+
+def _stand_ins(system) -> list[tuple[str, str]]:
+    """Return endings of signals of an effect with the recorded signals that stand for these."""
+    if not system.derived:
+        return []
+    velocity, position = next(iter(system.derived.items()))
+    channel = next(c.name for c in system.channels if c.state == position)
+    return [("_contraction", channel), ("_rate", velocity), ("_stretch", channel)]
+
+
+def _panel(outcome: Outcome, title: str, equation, channel: str, name: str) -> Plot:
+    per, unit = PER_ORDER[order(outcome.system, channel)], outcome.system.channel(channel).unit
+    data = [trace for which in LOOKS for trace in _missing(outcome, equation, channel, which, name)]
+    what, over = f"missing in {spoken(channel)}", spoken(name)
+    head = f"{title}: {what}, over {over}" if title else f"{what}, over {over}"
+    alt = f"{what} over {over}: means before and after what was found is added"
+    return Plot(
+        head, alt, over + _unit(outcome.system, name), f"{what} / {unit}{per}", data, (0.0,), height=340
+    )
+
+
+def _missing(outcome: Outcome, equation, channel: str, which: str, name: str) -> list[Trace]:
+    """Return scatter and mean of the missing rate: the residual with the observer undone, slow part."""
+    i, over, rates = equation.channels.index(channel), [], []
+    for one in outcome.held_out.scored:
+        signals = structure.signals_of(outcome.system, one)
+        if name not in signals:  # nothing repeats itself in this one
+            continue
+        residual = residuals_of(outcome, one.run, equation, which)[:, i]
+        rate = missing_rate(outcome.system, equation, channel, residual, one.run.period, SLOW)
+        over.append(signals[name])
+        rates.append(rate[one.warm_up :])
+    x, y = np.concatenate(over), np.concatenate(rates)
+    thin = slice(None, None, max(1, len(x) // MOST_DOTS))
+    edges = np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)))
+    place = np.clip(np.searchsorted(edges, x) - 1, 0, len(edges) - 2)
+    filled = np.unique(place)
+    middle, mean = ([float(np.mean(values[place == k])) for k in filled] for values in (x, y))
+    colour, dash = LOOKS[which]
+    cloud = dots(x[thin], y[thin], which, colour, 3.0) | {
+        "opacity": 0.3,
+        "showlegend": False,
+        "hoverinfo": "skip",
+    }
+    return [cloud, line(middle, mean, f"{which}: mean", colour, dash, 3.0)]
