@@ -61,7 +61,7 @@ def execute(arguments: argparse.Namespace) -> int:
 def _page(bag: Path, arguments: argparse.Namespace) -> Write:
     from pam_orthosis.bag.verdict import judge
     from pam_orthosis.report.run_data import read_run
-    from pam_orthosis.report.run_page import run_page  # scipy takes a second to load
+    from pam_orthosis.report.run_page import run_page
 
     verdict = judge(bag, bound_of(arguments), namespace=arguments.namespace)
     return as_text(run_page(read_run(bag, arguments.namespace), verdict, describe(verdict)))
