@@ -65,6 +65,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a system of your own: Python with system(), see pam_orthosis.discrepancy.api; the file is run",
     )  # fmt: skip
     parser.add_argument(
+        "--columns", nargs="+", default=[], metavar="SIGNAL=COLUMN",
+        help="which columns of tables hold which signals, as angle='knee [deg]', time=t:ms or angle=-q;"
+        " units in the columns' names are converted",
+    )  # fmt: skip
+    parser.add_argument(
         "--out", type=output, metavar="DIR", help="write gap.json, gap.html and, without --system, model.yaml"
     )
     parser.add_argument(
@@ -118,6 +123,7 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.discrepancy.apparatus import apparatus_of, untold, without_record
     from pam_orthosis.discrepancy.beginning import begin
+    from pam_orthosis.discrepancy.columns import read_mapping, with_columns
     from pam_orthosis.discrepancy.data import recording
     from pam_orthosis.discrepancy.telling import telling
     from pam_orthosis.discrepancy.user_file import load_system
@@ -128,7 +134,11 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     paths, namespace = [*arguments.measured, *arguments.held_out], arguments.namespace
     given, assumed, rows, read = {}, [], {}, recording
     if arguments.system:
-        parameters, system = load(), load_system(arguments.system)
+        given = patch.read(arguments.model) if arguments.model else {}
+        if foreign := [key for key in given if not key.startswith("gap.")]:
+            raise OrthosisError(f"{foreign[0]} is of a machine; beside --system, --model takes gap.* alone")
+        parameters = load(given)
+        system = load_system(arguments.system)
     else:
         apparatus = apparatus_of(paths, machine_named(arguments.machine) if arguments.machine else None)
         given = patch.read(arguments.model, apparatus.machine) if arguments.model else {}
@@ -136,6 +146,7 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
         system = apparatus.system(parameters, None)
         assumed = [] if arguments.machine else without_record(paths, namespace)
         rows = untold(paths, parameters, apparatus.keys, given, namespace)
+    system = with_columns(system, read_mapping(arguments.columns))
     heading = assumed_words(assumed, len(paths), arguments.model) + untold_words(rows, parameters)
     every = [read(path, system, namespace) for path in counted(paths, progress, "reading")]
     training, held_out = every[: len(arguments.measured)], every[len(arguments.measured) :]
@@ -189,8 +200,6 @@ def _check_apart(measured: list[Path], held_out: list[Path]) -> None:
 
 def _check_out(arguments: argparse.Namespace) -> None:
     folder = arguments.out
-    if arguments.system and arguments.model:
-        raise OrthosisError(f"--model changes a machine's parameters; change {arguments.system} itself")
     if arguments.system and arguments.machine:
         raise OrthosisError("--system and --machine each say what the recordings are of: give one")
     if arguments.until and (folder or arguments.json):

@@ -15,6 +15,7 @@ from pam_orthosis.discrepancy.measure import Samples
 from pam_orthosis.discrepancy.problem import Problem, Scored
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.run import Run
+from pam_orthosis.discrepancy.stamps import remarks_on_stamps
 from pam_orthosis.discrepancy.system import Names, System, Values
 from pam_orthosis.discrepancy.whitening import noise_levels, noise_whitener
 from pam_orthosis.errors import OrthosisError
@@ -75,6 +76,7 @@ def begin(
     """
     tell("checking the recordings")
     remarks = check.check(system, [*training, *held_out], settings.replay.warm_up)
+    remarks += remarks_on_stamps(system, [*training, *held_out])
     lacking = check.missing_inputs(system, [*training, *held_out])
     if lacking:
         system = _without(system, lacking)

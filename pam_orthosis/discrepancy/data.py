@@ -13,13 +13,16 @@ from scipy.signal import butter, sosfiltfilt
 from pam_orthosis.bag.fields import check_field
 from pam_orthosis.bag.read import KNOWN, PLAUSIBLE, aligned, read_bag
 from pam_orthosis.bag.topics import Signal
+from pam_orthosis.discrepancy.columns import signals_of
+from pam_orthosis.discrepancy.even import even
 from pam_orthosis.discrepancy.system import Source, System
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.tables import is_table, read_numbers
 
 HIGHEST_CUTOFF = 0.4  # of the sampling rate
-LONGEST_PERIOD = 0.1  # s, of samples: above it the time is in another unit
+LONGEST_PERIOD = 0.5  # s, of samples: above it the time is in another unit
 RARELY = 1.5  # times the period in which inputs change: at it and above, samples are missing between
+AMBIENT = 1.013e5  # Pa, which gauge pressures in a table count from
 LEAST_PRESSURE = 0.8e5  # Pa absolute, that a muscle open to the air cannot fall below
 
 
@@ -66,7 +69,7 @@ def from_arrays(name: str, system: System, arrays: Mapping[str, np.ndarray]) -> 
     """Return a recording from arrays by signal name, with `time` in s.
 
     Raises:
-        OrthosisError: signals missing, not finite or not uniform in time.
+        OrthosisError: signals missing, not finite, or with too many rows missing.
     """
     wanted = [*(channel.name for channel in system.channels), *system.inputs]
     missing = [key for key in ("time", *(c.name for c in system.channels)) if key not in arrays]
@@ -81,7 +84,9 @@ def from_arrays(name: str, system: System, arrays: Mapping[str, np.ndarray]) -> 
             raise OrthosisError(
                 f"{name}: {key} is not finite at sample {int(np.argmin(np.isfinite(values)))}"
             )
-    return Recording(name, _period(name, time), signals)
+    found = even(name, time, signals, system.inputs)
+    told = tuple(f"{name}: {remark}" for remark in found.remarks)
+    return Recording(name, found.period, found.signals, told, found.start)
 
 
 def from_bag(path: Path, system: System, namespace: str = "") -> Recording:
@@ -153,21 +158,10 @@ def from_csv(path: Path, system: System) -> Recording:
         OrthosisError: as `tables.read_numbers`, signals missing, not uniform in time, or values that cannot
             be in the unit that is asked for.
     """
-    recording = from_arrays(str(path), system, _from_columns(path, system, read_numbers(path)))
+    signals = signals_of(str(path), system, read_numbers(path), AMBIENT)
+    recording = from_arrays(str(path), system, signals)
     _check_units(recording, system)
     return recording
-
-
-def _from_columns(path: Path, system: System, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return a system's signals from the columns of a table."""
-    signals = {name: values for name, values in columns.items() if name not in system.sources}
-    for name, one in system.sources.items():
-        column = one.column or name
-        if column in columns:
-            signals[name] = _scaled(system, name, columns[column])
-        elif name not in system.inputs:
-            raise OrthosisError(f"{path}: no column {column} for {name}; there are: {', '.join(columns)}")
-    return signals
 
 
 def _check_units(one: Recording, system: System) -> None:
@@ -188,23 +182,6 @@ def _check_units(one: Recording, system: System) -> None:
         least, most = system.limits.get(name) or PLAUSIBLE.get(unit, (-np.inf, np.inf))
         if low < least or high > most:
             raise OrthosisError(f"{told} leaves {least:g} to {most:g} {unit}; check its unit and its zero")
-
-
-def _period(name: str, time: np.ndarray) -> float:
-    if len(time) < 2:
-        raise OrthosisError(f"{name}: a recording needs more than {len(time)} samples")
-    steps = np.diff(time)
-    period = float(np.median(steps))
-    if period <= 0:
-        raise OrthosisError(f"{name}: time does not increase")
-    uneven = np.abs(steps - period) > 0.01 * period
-    if uneven.any():
-        at = time[int(np.argmax(uneven))]
-        raise OrthosisError(
-            f"{name}: samples are not uniform in time, first at {at:.4f} s ({uneven.sum()} of {len(steps)}"
-            " steps); replay needs a recording without gaps"
-        )
-    return float((time[-1] - time[0]) / (len(time) - 1))
 
 
 def smoothed(values: np.ndarray, period: float, cutoff: float) -> np.ndarray:

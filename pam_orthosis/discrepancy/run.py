@@ -70,7 +70,8 @@ class Run:
             ]
         )
         later = np.vstack([neighbours[1:], neighbours[-1:]])
-        recorded = np.column_stack([self._inputs[name] for name in self._system.inputs])
+        rows = [self._inputs[name] for name in self._system.inputs]
+        recorded = np.array(rows).reshape(len(rows), self.recording.samples).T  # a system may have no input
         count, fraction = divmod(shift.inputs / self.period, 1.0)
         inputs, before = (_held_back(recorded, int(count) + more) for more in (0, 1))
         time = self.recording.start + np.arange(len(recorded)) * self.period - shift.own

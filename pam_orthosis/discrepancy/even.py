@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Samples at uniform instants: a few missing rows are bridged, jitter is resampled, a longer gap cuts."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from pam_orthosis.errors import OrthosisError
+
+UNIFORM = 0.01  # of the period: stamps nearer to it are uniform
+ON_GRID = 0.2  # of the period: rows are missing between stamps that are this near to whole periods
+MOST_BRIDGED = 5  # rows in succession; a longer gap cuts
+MOST_MISSING = 0.05  # of all rows
+UNEVEN_SHARE = 0.2  # of the steps: beyond it the stamps say nothing of a period
+
+Signals = Mapping[str, np.ndarray]
+
+
+class Even(NamedTuple):
+    """Signals at uniform instants from `start`, s, and how they became so."""
+
+    period: float
+    signals: Signals
+    start: float
+    remarks: tuple[str, ...] = ()
+
+
+def even(name: str, time: np.ndarray, signals: Signals, held: Collection[str]) -> Even:
+    """Return signals at uniform instants.
+
+    Args:
+        name: of the recording.
+        time: stamps, s.
+        signals: name -> samples.
+        held: names of inputs, which keep their value until the next sample; others are interpolated.
+
+    Raises:
+        OrthosisError: too few samples, time that does not increase, or too many rows missing.
+    """
+    if len(time) < 2:
+        raise OrthosisError(f"{name}: a recording needs more than {len(time)} samples")
+    steps = np.diff(time)
+    period = float(np.median(steps))
+    if period <= 0 or (steps <= 0).any():
+        raise OrthosisError(f"{name}: time does not increase")
+    if (np.abs(steps - period) <= UNIFORM * period).all():
+        return Even(float((time[-1] - time[0]) / len(steps)), signals, 0.0)
+    first, last, words = _longest(time, steps, period)
+    part = {key: values[first:last] for key, values in signals.items()}
+    whole, more = _filled(name, time[first:last], part, held, period)
+    return Even(whole.period, whole.signals, float(time[first] - time[0]), (*words, *more))
+
+
+def _longest(time: np.ndarray, steps: np.ndarray, period: float) -> tuple[int, int, list[str]]:
+    """Return the longest part without a long gap, and what was left out."""
+    cuts = np.flatnonzero(steps > (MOST_BRIDGED + 1.5) * period) + 1
+    ends = [0, *cuts.tolist(), len(time)]
+    parts = list(itertools.pairwise(ends))
+    first, last = max(parts, key=lambda part: part[1] - part[0])
+    if len(parts) == 1:
+        return first, last, []
+    gaps = ", ".join(f"{time[at - 1]:.3f}" for at in cuts[:3].tolist())
+    told = (
+        f"rows are missing after {gaps} s{' and later' if len(cuts) > 3 else ''}: of {len(parts)} parts the"
+        f" longest, {last - first} of {len(time)} rows, is used; give the others as recordings of their own"
+    )
+    return first, last, [told]
+
+
+def _filled(
+    name: str, time: np.ndarray, signals: Signals, held: Collection[str], period: float
+) -> tuple[Even, list[str]]:
+    """Return a part without long gaps on a uniform grid, and how it was done."""
+    steps = np.diff(time)
+    whole = np.maximum(np.round(steps / period), 1.0)
+    on_grid = (np.abs(steps - whole * period) <= ON_GRID * period).all()
+    missing = int(whole.sum() - len(steps))
+    uneven = np.abs(steps - period) > UNIFORM * period
+    if missing > MOST_MISSING * len(steps) or (not on_grid and uneven.mean() > UNEVEN_SHARE):
+        raise OrthosisError(
+            f"{name}: samples are not uniform in time, first at {time[int(np.argmax(uneven))]:.4f} s"
+            f" ({uneven.sum()} of {len(steps)} steps, {missing} rows missing); record without gaps"
+        )
+    places = np.concatenate([[0.0], np.cumsum(whole if on_grid else steps / period)])
+    grid = np.arange(int(places[-1]) + 1.0)
+    latest = np.searchsorted(places, grid + 1e-6) - 1
+    filled = {
+        key: values[latest] if key in held else np.interp(grid, places, values)
+        for key, values in signals.items()
+    }
+    exact = float((time[-1] - time[0]) / places[-1])
+    scattered = int(uneven.sum()) - int((whole > 1).sum())
+    told = []
+    if missing:
+        most = int(whole.max()) - 1
+        told.append(f"{missing} of {len(grid)} rows are missing, at most {most} in a row: interpolated")
+    if scattered > 0 and not on_grid:
+        told.append(f"{scattered} of {len(steps)} steps are uneven: resampled every {1e3 * exact:.4g} ms")
+    elif scattered > 0:
+        told.append(f"{scattered} of {len(steps)} steps are uneven, by {ON_GRID:.0%} at most: taken as even")
+    return Even(exact, filled, 0.0), told

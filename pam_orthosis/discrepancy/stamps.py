@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Are signals stamped late against each other? Seen from the accelerations, before any search.
+
+The model's acceleration is evaluated at recorded signals, with what drives the motion (pressures, inputs)
+shifted in time, and compared with the recorded acceleration. What the nominal parameters leave open enters
+linearly, and so do friction and elasticity that it may not have. The shift that leaves least is the skew: of
+stamps, or of a sensor that lags by as much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from pam_orthosis.discrepancy.data import Recording, smoothed
+from pam_orthosis.discrepancy.system import Assembled, System
+
+REACH, STEP = 0.025, 0.0025  # s: shifts that are tried
+MOST_SAMPLES = 2500  # that are compared, evenly taken
+SLOW = 0.05, 0.5  # of the usual velocity: where friction that may be missing has turned round
+ORDERS = 1, 2, 3  # of the coordinate's range: elasticity that may be missing
+LEAST = 0.0025  # s, of a skew that is worth a remark
+CUTOFF = 15.0  # Hz, of both accelerations
+SETTLING = 0.2  # s at both ends, which smoothing and shifts spoil
+LEAST_GAIN = 0.05  # of what no shift leaves, that the best shift takes away
+FEWEST = 200  # samples
+
+
+class Skew(NamedTuple):
+    """By how much signals lag behind a channel, s; `gain`: share of the deviation that the shift explains."""
+
+    channel: str
+    signals: tuple[str, ...]
+    seconds: float
+    gain: float
+
+
+def remarks_on_stamps(system: System, recordings: Sequence[Recording]) -> list[str]:
+    """Return a remark for each recording on signals that are stamped late or early against a coordinate."""
+    return [
+        f"{one.name}: {' and '.join(skew.signals)} stamped {1e3 * abs(skew.seconds):.1f} ms"
+        f" {'late' if skew.seconds > 0 else 'early'} against {skew.channel}, or a sensor lags as much; give"
+        " all signals one clock, or state the delay in the model"
+        for one in recordings
+        for skew in skews(system, one)
+    ]
+
+
+def skews(system: System, one: Recording) -> list[Skew]:
+    """Return how far what drives each coordinate is off in time; small or unclear ones are left out."""
+    assembled = system.assemble(())
+    found = []
+    for rate, state in system.derived.items():
+        channel = next(c.name for c in system.channels if c.state == state)
+        drivers = _drivers(system, assembled, rate, channel)
+        if not drivers or any(name not in one.signals for name in drivers) or one.samples < FEWEST:
+            continue
+        left = _left(system, assembled, one, rate, channel, drivers)
+        skew = _least(left)
+        if skew is not None:
+            found.append(Skew(channel, drivers, *skew))
+    return found
+
+
+def _drivers(system: System, assembled: Assembled, rate: str, channel: str) -> tuple[str, ...]:
+    """Return the other channels and the inputs that a coordinate's acceleration depends on."""
+    acceleration = assembled.rates[assembled.states.index(rate)]
+    by_state = {c.state: c.name for c in system.channels if c.state is not None and c.name != channel}
+    felt = [
+        name for state, name in by_state.items()
+        if _depends(acceleration, assembled.x[assembled.states.index(state)])
+    ]  # fmt: skip
+    inputs = [name for i, name in enumerate(system.inputs) if _depends(acceleration, assembled.u[i])]
+    return (*felt, *inputs)
+
+
+def _depends(expression: ca.SX, symbol: ca.SX) -> bool:
+    return bool(ca.depends_on(expression, symbol))
+
+
+def _left(
+    system: System, assembled: Assembled, one: Recording, rate: str, channel: str, drivers: tuple[str, ...]
+) -> np.ndarray:
+    """Return what remains of the acceleration (sum of squares) at each shift."""
+    time = np.arange(one.samples) * one.period
+    ends = round(SETTLING / one.period)
+    places = np.unique(np.linspace(ends, one.samples - ends - 1, MOST_SAMPLES).astype(int))
+    smooth = {name: smoothed(one.signals[name], one.period, CUTOFF) for name in (channel, *drivers)}
+    velocity = np.gradient(smooth[channel], one.period)
+    measured = np.gradient(velocity, one.period)[places]
+    missing = _missing(smooth[channel][places], velocity[places], [smooth[name][places] for name in drivers])
+    law = _law(assembled, rate, len(places))
+    result = []
+    for shift in _shifts():
+        at = np.clip(time[places] + shift, 0.0, time[-1])
+        late = {name: system.late if name in system.inputs else 0.0 for name in drivers}
+        values = {name: np.interp(at - late[name], time, smooth[name]) for name in drivers}
+        values[channel] = smooth[channel][places]
+        base = {c.state: values.get(c.name, one.signals[c.name][places]) for c in system.channels}
+        base[rate] = velocity[places]
+        x = np.array([base.get(name, np.zeros(len(places))) for name in assembled.states])
+        u = np.array([values.get(name, np.zeros(len(places))) for name in system.inputs])
+        model, slopes = law(x, u.reshape(len(system.inputs), -1), time[None, places])
+        columns = np.asarray(slopes).reshape(assembled.theta.shape[0], -1, order="F")
+        result.append(_remainder(measured - np.asarray(model)[0], np.column_stack([columns.T, missing])))
+    return np.array(result)
+
+
+def _law(assembled: Assembled, rate: str, count: int) -> ca.Function:
+    """Return (states, inputs, times) -> acceleration and its slopes over the parameters, of many samples."""
+    acceleration = assembled.rates[assembled.states.index(rate)]
+    slopes = ca.densify(ca.jacobian(acceleration, assembled.theta))
+    zero = ca.DM.zeros(assembled.theta.shape)
+    told = ca.substitute([acceleration, slopes], [assembled.theta], [zero])
+    return ca.Function("law", [assembled.x, assembled.u, assembled.time], told).map(count)
+
+
+def _missing(position: np.ndarray, velocity: np.ndarray, drivers: Sequence[np.ndarray]) -> np.ndarray:
+    """Return what the model may not have and what would look like a skew, (n, k)."""
+    usual = float(np.sqrt(np.mean(velocity**2)))
+    ways = [np.tanh(velocity / (share * usual)) for share in SLOW]
+    place = (position - position.mean()) / np.ptp(position)
+    elastic = [function(2 * np.pi * n * place) for n in ORDERS for function in (np.sin, np.cos)]
+    return np.column_stack([velocity, *ways, *elastic, *(ways[0] * one for one in drivers)])
+
+
+def _remainder(target: np.ndarray, columns: np.ndarray) -> float:
+    """Return the squares of what a combination of columns leaves of a signal."""
+    matrix = np.column_stack([columns[:, np.ptp(columns, axis=0) > 0], np.ones(len(target))])
+    matrix = matrix / np.linalg.norm(matrix, axis=0)
+    rest = target - matrix @ np.linalg.lstsq(matrix, target, rcond=None)[0]
+    return float(rest @ rest)
+
+
+def _shifts() -> np.ndarray:
+    return np.arange(-REACH, REACH + STEP / 2, STEP)
+
+
+def _least(left: np.ndarray) -> tuple[float, float] | None:
+    """Return the shift of least remainder, s, and what it explains; None if it is small or unclear."""
+    shifts, best = _shifts(), int(np.argmin(left))
+    none = left[len(left) // 2]
+    gain = float(1 - left[best] / none) if none > 0 else 0.0
+    if best in (0, len(left) - 1) or gain < LEAST_GAIN:
+        return None
+    before, here, after = left[best - 1 : best + 2]
+    place = float(shifts[best]) + STEP * float(before - after) / (2 * float(before - 2 * here + after))
+    return (place, gain) if abs(place) >= LEAST else None

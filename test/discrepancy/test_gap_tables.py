@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tables of any apparatus: columns and units, missing rows, stamps against each other."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pam_orthosis.cli.main import main
+from pam_orthosis.discrepancy.columns import read_mapping, signals_of, with_columns
+from pam_orthosis.discrepancy.data import from_csv, recording
+from pam_orthosis.discrepancy.even import even
+from pam_orthosis.discrepancy.knee import knee
+from pam_orthosis.discrepancy.stamps import skews
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import load
+
+TIME = np.arange(600) * 0.002
+SI = {
+    "time": TIME,
+    "angle": 0.5 + 0.3 * np.sin(4 * TIME),
+    "extensor_pressure": 3e5 + 1e4 * np.sin(9 * TIME),
+    "flexor_pressure": 2.5e5 + 1e4 * np.cos(9 * TIME),
+    "extensor_voltage": 5 + np.sin(20 * TIME),
+    "flexor_voltage": 5 + np.cos(20 * TIME),
+}
+
+
+@pytest.fixture(scope="module")
+def system():
+    return knee(load())
+
+
+def write(path, columns):
+    np.savetxt(
+        path, np.column_stack(list(columns.values())), "%.12g", ",", header=",".join(columns), comments=""
+    )
+    return path
+
+
+def test_units_in_the_columns_names_are_converted(system, tmp_path):
+    other = {
+        "t": 1e3 * TIME,
+        "angle [deg]": np.rad2deg(SI["angle"]),
+        "p1 (bar gauge)": (SI["extensor_pressure"] - 1.013e5) / 1e5,
+        "flexor_pressure_kPa": SI["flexor_pressure"] / 1e3,
+        "extensor_voltage_mV": 1e3 * SI["extensor_voltage"],
+        "flexor_voltage": SI["flexor_voltage"],
+        "comment": 0 * TIME,
+    }
+    mapping = read_mapping(["time=t:ms", "extensor_pressure=p1 (bar gauge)"])
+    found = from_csv(write(tmp_path / "other.csv", other), with_columns(system, mapping))
+    assert found.period == pytest.approx(0.002)
+    for name, values in found.signals.items():
+        np.testing.assert_allclose(values, SI[name], rtol=1e-9)
+
+
+def test_a_column_may_count_the_other_way_round(system):
+    columns = {**SI, "q": -SI["angle"]}
+    del columns["angle"]
+    found = signals_of("x", with_columns(system, {"angle": "-q"}), columns, 1e5)
+    assert (found["angle"] == SI["angle"]).all()
+
+
+@pytest.mark.parametrize(
+    ("mapping", "words"),
+    [
+        (["angel=q"], "no such signal; did you mean angle?"),
+        (["angle"], "give SIGNAL=COLUMN"),
+        (["angle=a", "angle=b"], "twice"),
+        (["angle=nothing"], "no column nothing for angle"),
+        (["angle=time:furlong"], "unknown unit furlong"),
+        (["angle=time:bar"], "angle is given in Pa, and needs rad"),
+    ],
+)
+def test_an_unusable_mapping_says_why(tmp_path, capsys, mapping, words):
+    table = write(tmp_path / "x.csv", SI)
+    assert main(["gap", str(table), "--columns", *mapping]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_missing_rows_are_bridged_and_counted():
+    kept = np.delete(np.arange(1000), [100, 101, 400, 700])
+    time, angle, volts = 0.002 * kept, np.sin(kept / 50.0), np.floor(kept / 10.0)
+    found = even("x", time, {"angle": angle, "volts": volts}, ["volts"])
+    assert "4 of 1000 rows are missing, at most 2 in a row" in found.remarks[0]
+    assert found.period == pytest.approx(0.002)
+    np.testing.assert_allclose(found.signals["angle"], np.sin(np.arange(1000) / 50.0), atol=4.5e-4)
+    expected = np.floor(np.arange(1000) / 10.0)
+    expected[[100, 101, 400, 700]] -= 1  # an input keeps its value
+    np.testing.assert_array_equal(found.signals["volts"], expected)
+
+
+def test_a_long_gap_cuts_and_the_longest_part_is_used():
+    time = 0.002 * np.concatenate([np.arange(300), np.arange(400, 1000)])
+    found = even("x", time, {"angle": time}, [])
+    assert (len(found.signals["angle"]), found.start) == (600, pytest.approx(0.8))
+    assert "missing after 0.598 s" in found.remarks[0]
+
+
+def test_uniform_stamps_change_nothing():
+    found = even("x", TIME, {"angle": SI["angle"]}, [])
+    assert found.signals["angle"] is SI["angle"]
+    assert not found.remarks
+
+
+def test_too_many_missing_rows_are_refused():
+    time = 0.002 * np.delete(np.arange(1000), np.s_[::9])
+    with pytest.raises(OrthosisError, match="not uniform in time"):
+        even("x", time, {"angle": time}, [])
+
+
+def test_pressures_stamped_late_are_found_and_others_are_not(documented):
+    status, folder = documented("pam-orthosis example friction --out case")
+    assert status == 0
+    nominal = load({"valve.dead_band": 0.0, "valve.delay": 0.0})
+    system = knee(nominal)
+    one = recording(folder / "case" / "training_gait", system)
+    assert not skews(system, one), "a missing friction is no skew"
+    late = round(0.004 / one.period)
+    shifted = {k: v[late:] if k == "angle" else v[:-late] for k, v in one.signals.items()}
+    (skew,) = skews(system, replace(one, signals=shifted))
+    assert skew.signals == ("extensor_pressure", "flexor_pressure")
+    assert skew.seconds == pytest.approx(0.004, abs=0.0025)
