@@ -3,8 +3,8 @@
 
 The model's acceleration is evaluated at recorded signals, with what drives the motion (pressures, inputs)
 shifted in time, and compared with the recorded acceleration. What the nominal parameters leave open enters
-linearly, and so do friction and elasticity that it may not have. The shift that leaves least is the skew: of
-stamps, or of a sensor that lags by as much.
+linearly, and so do friction, hysteresis and elasticity that it may not have. The shift that leaves least is
+the skew: of stamps, or of a sensor that lags by as much.
 """
 
 from __future__ import annotations
@@ -17,10 +17,12 @@ import numpy as np
 
 from pam_orthosis.discrepancy.data import Recording, smoothed
 from pam_orthosis.discrepancy.system import Assembled, System
+from pam_orthosis.identification.damping import slip_element
 
 REACH, STEP = 0.025, 0.0025  # s: shifts that are tried
 MOST_SAMPLES = 2500  # that are compared, evenly taken
 SLOW = 0.05, 0.5  # of the usual velocity: where friction that may be missing has turned round
+SLIPS = 0.03, 0.1, 0.3  # of the coordinate's range: hysteresis that may be missing
 ORDERS = 1, 2, 3  # of the coordinate's range: elasticity that may be missing
 LEAST = 0.0025  # s, of a skew that is worth a remark
 CUTOFF = 15.0  # Hz, of both accelerations
@@ -91,7 +93,7 @@ def _left(
     smooth = {name: smoothed(one.signals[name], one.period, CUTOFF) for name in (channel, *drivers)}
     velocity = np.gradient(smooth[channel], one.period)
     measured = np.gradient(velocity, one.period)[places]
-    missing = _missing(smooth[channel][places], velocity[places], [smooth[name][places] for name in drivers])
+    missing = _missing(smooth[channel], velocity, [smooth[name] for name in drivers])[places]
     law = _law(assembled, rate, len(places))
     result = []
     for shift in _shifts():
@@ -124,7 +126,9 @@ def _missing(position: np.ndarray, velocity: np.ndarray, drivers: Sequence[np.nd
     ways = [np.tanh(velocity / (share * usual)) for share in SLOW]
     place = (position - position.mean()) / np.ptp(position)
     elastic = [function(2 * np.pi * n * place) for n in ORDERS for function in (np.sin, np.cos)]
-    return np.column_stack([velocity, *ways, *elastic, *(ways[0] * one for one in drivers)])
+    slips = [slip_element(place, distance) for distance in SLIPS]
+    loaded = [way * one for way in (ways[0], *slips) for one in drivers]
+    return np.column_stack([velocity, *ways, *elastic, *slips, *loaded])
 
 
 def _remainder(target: np.ndarray, columns: np.ndarray) -> float:
