@@ -35,8 +35,11 @@ _EMULATED = (
 # beginnings of the keys that are an executable's own; those of the apparatus are everybody's
 OWN = {
     RECORDER: (*_STEPS, "scenario.duration"),
-    TRAJECTORY: (*_STEPS, _MEAN, *(f"scenario.{name}" for name in _MOTION)),
-    POSITION: (*_STEPS, "scenario.start_angle", "control.observer.", "control.position.", "control.guard."),
+    TRAJECTORY: (*_STEPS, _MEAN, "control.cooperation.wait", *(f"scenario.{name}" for name in _MOTION)),
+    POSITION: (
+        *(*_STEPS, "scenario.start_angle"),
+        *("control.observer.", "control.position.", "control.cooperation.", "control.guard."),
+    ),
     "pressure_controller": (
         *(*_STEPS, "scenario.start_angle"),
         *("control.pressure.", *_LIMITS, *_GUARDS, *_FOLLOWED),
@@ -75,9 +78,11 @@ class NodeSpec:
 def live_keys(machine: Machine) -> dict[str, tuple[str, ...]]:
     """Return the parameters that a change while the nodes run cannot make inconsistent, by executable."""
     gains = ("control.position.c1", "control.position.c2", "control.observer.pole")
+    modes = ("mode", "stiffness", "damping", "tunnel", "learning", "forgetting")
+    cooperation = tuple(f"control.cooperation.{name}" for name in modes)
     return {
         "trajectory_publisher": ("scenario.cycle_time",),
-        "position_controller": (*gains, *machine.live),
+        "position_controller": (*gains, *machine.live, *cooperation),
         "plant_simulator": machine.live,
         "pressure_controller": ("control.pressure.gain", "control.pressure.reference_filter"),
     }

@@ -8,8 +8,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from pam_orthosis.bag.topics import MEAN_PRESSURE, PLANNED, POSITION, REFERENCE, SAMPLE
+from pam_orthosis.control.cooperation import CooperativeController
 from pam_orthosis.control.guarded import GuardedPosition
-from pam_orthosis.control.position import PositionCommand, PositionController
+from pam_orthosis.control.position import PositionCommand
 from pam_orthosis.control.reference import Motion, Reference, as_number, from_number
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages, process
@@ -22,7 +23,7 @@ class PositionControllerNode(graph.GraphNode):
 
     def __init__(self) -> None:
         super().__init__(POSITION)
-        self._controller = GuardedPosition(self.parameters, PositionController(self.parameters))
+        self._controller = GuardedPosition(self.parameters, CooperativeController(self.parameters))
         self._saturated = self._clamped = 0
         self._residual = 0.0
         joint, names = self.machine.name, self.machine.names
@@ -61,7 +62,7 @@ class PositionControllerNode(graph.GraphNode):
         return self._controller.latched
 
     def retune(self, parameters: Parameters) -> None:
-        """Take new gains, observer poles or another load from the next step on."""
+        """Take new gains, another mode of cooperation or another load from the next step on."""
         self._controller.retune(parameters)
 
     def _step(self, stamp_ns: int, sample: tuple, *others: tuple) -> None:

@@ -25,6 +25,10 @@ class TrajectoryPublisher(graph.GraphNode):
 
     def __init__(self) -> None:
         super().__init__(TRAJECTORY)
+        if self.parameters.control.cooperation.wait:
+            raise OrthosisError(
+                "control.cooperation.wait: no node waits for a person: leave it out, or use ClosedLoop"
+            )
         self._trajectory = make_trajectory(self.parameters)
         self._first_ns = 0
         self._next_ns: int | None = None

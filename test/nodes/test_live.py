@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from pam_orthosis.control.position import live_keys
+from pam_orthosis.control.cooperation import live_keys
 from pam_orthosis.control.pressure import LIVE as LIVE_OF_PRESSURE
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machines import KNEE
@@ -134,3 +134,12 @@ def test_an_experiment_keeps_its_programme(make_node):
     assert "programme" in result.reason
     with pytest.raises(OrthosisError, match="programme"):
         node.retune(node.parameters)
+
+
+def test_the_mode_of_cooperation_may_change_while_it_runs(make_node):
+    node = _position_controller(make_node)
+    assert _set(node, "control.cooperation.mode", "transparent").successful
+    assert node.parameters.control.cooperation.mode == "transparent"
+    refused = _set(node, "control.cooperation.mode", "gentle")
+    assert not refused.successful
+    assert "not one of position, impedance, assist, transparent" in refused.reason
