@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The safety monitor beside random persons and beside commands without sense; one JSON file of results.
+"""The safety monitor beside random persons and beside commands without sense; resumable, a JSON line a run.
 
-    python benchmarks/safety.py run --out benchmarks/results/safety.json [--persons 200] [--nonsense 120]
-    python benchmarks/safety.py table benchmarks/results/safety.json
+    python benchmarks/safety.py run --out benchmarks/results/safety.jsonl [--persons 200] [--nonsense 60]
+    python benchmarks/safety.py table benchmarks/results/safety.jsonl
 
 Truth judges. A trip is *missed* if a limit is exceeded by more than its margin before one, if a spasm of at
 least 30 N m against the motion does not trip within 0.2 s, or if lost samples do not. A first trip is *false*
@@ -137,7 +137,7 @@ def walk(number: int) -> dict[str, Any]:
         missed |= when is None or when > at + REACTION
     missed |= event == "lost samples" and when is None
     return {
-        "number": number, "event": event, "at": at, "trip": trip and trip.limit, "time": when,
+        "kind": "walk", "number": number, "event": event, "at": at, "trip": trip and trip.limit, "time": when,
         "beyond": judge.most(), "missed": bool(missed),
         "false": _is_false(parameters, number, event, at, when),
     }  # fmt: skip
@@ -177,6 +177,7 @@ def nonsense(number: int) -> dict[str, Any]:
     trip = monitor.trips[0].limit if monitor.trips else None
     out = judge.first(list(MARGINS.values()))
     return {
+        "kind": "nonsense",
         "number": number,
         "scenario": scenario,
         "trip": trip,
@@ -185,16 +186,17 @@ def nonsense(number: int) -> dict[str, Any]:
     }
 
 
-def summary(walks: Sequence[dict], blind: Sequence[dict]) -> dict[str, Any]:
+def summary(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Return the counts that the table shows."""
-    watched = sum(min(one["time"] or SECONDS, SECONDS) for one in walks)
+    walks, blind = ([one for one in results if one["kind"] == kind] for kind in ("walk", "nonsense"))
     return {
-        "walks": len(walks), "minutes": watched / 60, "events": dict(Counter(w["event"] for w in walks)),
-        "trips": dict(Counter(w["trip"] or "none" for w in walks)),
-        "missed": sum(w["missed"] for w in walks), "false": sum(w["false"] for w in walks),
+        "walks": len(walks), "minutes": sum(one["time"] or SECONDS for one in walks) / 60,
+        "events": dict(Counter(one["event"] for one in walks)),
+        "trips": dict(Counter(one["trip"] or "none" for one in walks)),
+        "missed": sum(one["missed"] for one in walks), "false": sum(one["false"] for one in walks),
         "beyond": _worst(walks), "nonsense": len(blind),
-        "nonsense_trips": dict(Counter(b["trip"] or "none" for b in blind)),
-        "nonsense_beyond_margin": sum(b["missed"] for b in blind), "nonsense_beyond": _worst(blind),
+        "nonsense_trips": dict(Counter(one["trip"] or "none" for one in blind)),
+        "nonsense_beyond_margin": sum(one["missed"] for one in blind), "nonsense_beyond": _worst(blind),
     }  # fmt: skip
 
 
@@ -203,13 +205,32 @@ def _worst(runs: Sequence[dict]) -> dict[str, float]:
 
 
 def table(found: dict[str, Any]) -> Iterator[str]:
-    """Yield the lines of a Markdown table: limits, margins, and what truth was beyond."""
+    """Yield counts and a Markdown table: limits, margins, and what truth was beyond."""
+    yield (
+        f"{found['walks']} walks, {found['minutes']:.1f} minutes to the first trip: {found['missed']} missed,"
+        f" {found['false']} false. {found['nonsense']} runs of senseless voltages:"
+        f" {found['nonsense_beyond_margin']} beyond a margin."
+    )
+    yield ""
     yield "| limit | margin | persons: beyond the limit | senseless voltages: beyond the limit |"
     yield "|---|---|---|---|"
     for name, margin in MARGINS.items():
-        values = (found[group][name] for group in ("beyond", "nonsense_beyond"))
+        values = (found[group].get(name, 0.0) for group in ("beyond", "nonsense_beyond"))
         cells = [f"{value:.3g} {UNITS[name]}" if value > 0 else "kept" for value in values]
         yield f"| {name} | {margin:g} {UNITS[name]} | {' | '.join(cells)} |"
+
+
+def do(task: tuple[str, int]) -> dict[str, Any]:
+    """Return the result of a run, given its kind and number."""
+    kind, number = task
+    return walk(number) if kind == "walk" else nonsense(number)
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    """Return the results that a file holds."""
+    return (
+        [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
+    )
 
 
 def main() -> None:
@@ -221,19 +242,20 @@ def main() -> None:
     running = verbs.add_parser("run", help="make all runs")
     running.add_argument("--out", type=Path, required=True)
     running.add_argument("--persons", type=int, default=200)
-    running.add_argument("--nonsense", type=int, default=120)
+    running.add_argument("--nonsense", type=int, default=60)
     running.add_argument("--jobs", type=int, default=2)
     verbs.add_parser("table", help="print the table of a results file").add_argument("results", type=Path)
     arguments = parser.parse_args()
     if arguments.verb == "table":
-        print("\n".join(table(json.loads(arguments.results.read_text(encoding="utf-8"))["summary"])))
+        print("\n".join(table(summary(read(arguments.results)))))
         return
+    done = {(one["kind"], one["number"]) for one in read(arguments.out)}
+    wanted = [("nonsense", n) for n in range(arguments.nonsense)]
+    wanted += [("walk", n) for n in range(arguments.persons)]
     with ProcessPoolExecutor(arguments.jobs) as pool:
-        walks = list(pool.map(walk, range(arguments.persons)))
-        blind = list(pool.map(nonsense, range(arguments.nonsense)))
-    found = {"summary": summary(walks, blind), "walks": walks, "nonsense": blind}
-    arguments.out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps(found["summary"], indent=1))
+        for result in pool.map(do, [task for task in wanted if task not in done]):
+            with open(arguments.out, "a", encoding="utf-8") as stream:
+                stream.write(json.dumps(result) + "\n")
 
 
 if __name__ == "__main__":

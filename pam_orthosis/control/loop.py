@@ -19,6 +19,7 @@ from pam_orthosis.control.limits import SafetyMonitor, restrained
 from pam_orthosis.control.position import PositionController
 from pam_orthosis.control.pressure import PressureController
 from pam_orthosis.control.reference import as_number
+from pam_orthosis.control.repetition import Repetition
 from pam_orthosis.control.trajectory import Trajectory, make_trajectory
 from pam_orthosis.control.waiting import Waiting
 from pam_orthosis.model.machine import Machine
@@ -108,7 +109,7 @@ class ClosedLoop:
         parameters: Parameters,
         seed: int = 0,
         plant: Hardware | None = None,
-        trajectory: Trajectory | Programme | Waiting | None = None,
+        trajectory: Trajectory | Programme | Waiting | Repetition | None = None,
         position: PositionController | None = None,
     ):
         self.plant: Hardware = Plant(parameters, seed) if plant is None else plant
@@ -143,7 +144,7 @@ class ClosedLoop:
         time_ns = index * self.plant.period_ns
         (position, *pressures), truth = self.plant.measure(), self.plant.truth()
         reference = self._trajectory.sample(time_ns)
-        if isinstance(self._trajectory, Waiting):
+        if isinstance(self._trajectory, Waiting | Repetition):
             self._trajectory.heed(position)
         followed = reference.position if reference.planned is None else reference.planned.position
         held = index % self._every

@@ -61,10 +61,14 @@ class Trajectory:
 
     def sample(self, time_ns: int) -> Reference:
         """Return the reference at an instant, nanoseconds since the start."""
-        phase, rate, curvature = self._phase(time_ns * 1e-9 - self._hold)
+        phase, rate, curvature = self.phase(time_ns)
         position, slope, bend = self._shape(self._start + phase)
         reference = Reference(position, slope * rate, bend * rate**2 + slope * curvature)
         return reference if self._plan is None else _planned(self._plan, reference, phase, rate, curvature)
+
+    def phase(self, time_ns: int) -> tuple[float, float, float]:
+        """Return the phase since the start, in cycles, and its two time derivatives."""
+        return self._phase(time_ns * 1e-9 - self._hold)
 
     def set_cycle_time(self, time_ns: int, cycle_time: float) -> None:
         """Pass smoothly to another cycle time (s) from an instant on; the phase does not jump."""
