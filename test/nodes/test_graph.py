@@ -207,7 +207,7 @@ def test_settings_that_are_refused_together_change_nothing(tmp_path, monkeypatch
         before = node.parameters.control.position.c1
         both = [
             rclpy.parameter.Parameter(key, value=33.0),
-            rclpy.parameter.Parameter("leg.shank.length", value=0.4),
+            rclpy.parameter.Parameter("control.guard.hold_time", value=0.03),
         ]
         for order in (both, both[::-1]):
             assert not node.set_parameters_atomically(order).successful

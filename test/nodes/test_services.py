@@ -84,7 +84,7 @@ def test_services_and_live_parameters_act_in_a_running_graph(caller, live_run):
     caller.let_pass(ramp)
     assert not caller.trigger("inverse_valve_model/reset").success
     assert caller.set("position_controller", "control.position.c1", 30.0).successful
-    assert "read-only" in caller.set("position_controller", "leg.shank.length", 0.4).reason
+    assert "read-only" in caller.set("position_controller", "control.guard.hold_time", 0.03).reason
     assert caller.trigger("trajectory_publisher/stop").success
     assert not caller.trigger("trajectory_publisher/stop").success
     caller.let_pass(ramp + 0.5)
