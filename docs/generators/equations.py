@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of the paper's equations (1)-(37): where each is used, read from the docstrings that cite it."""
+"""The table of the paper's equations (1)-(37): where each is used and tested, by docstrings that cite it."""
 
 import ast
 import re
@@ -12,6 +12,7 @@ import pam_orthosis
 from generators.markdown import WIDE, table
 
 PACKAGE = Path(pam_orthosis.__file__).parent
+ROOT = Path(__file__).resolve().parents[2]
 MEANING = {
     1: "motion of the rig's carriage",
     2: "contraction of the positioning muscle",
@@ -97,6 +98,16 @@ def citations() -> dict[int, list[Citation]]:
     return {number: found[number] for number in MEANING}
 
 
+def tests() -> dict[int, list[str]]:
+    """Return equation number -> tests that cite it, as pytest names them."""
+    found = defaultdict(list)
+    for path in sorted((ROOT / "test").rglob("test_*.py")):
+        for name, docstring in _docstrings(ast.parse(path.read_text(encoding="utf-8"))):
+            for number in cited(docstring) if name.startswith("test_") else ():
+                found[number].append(f"{path.relative_to(ROOT)}::{name}")
+    return {number: found[number] for number in MEANING}
+
+
 def _docstrings(tree: ast.Module, prefix: str = "") -> Iterator[tuple[str, str]]:
     """Yield name and docstring of all public or private functions and classes in a module."""
     for node in tree.body:
@@ -119,13 +130,19 @@ def of_modules(modules) -> list[tuple[str, Citation]]:
 
 def pages() -> dict[str, str]:
     """Return the page."""
+    tested = tests()
     rows = [
-        (f"({number})", MEANING[number], "<br>".join(f"`{one.place}`: {one.words}" for one in found))
+        (
+            f"({number})", MEANING[number], "<br>".join(f"`{one.place}`: {one.words}" for one in found),
+            "<br>".join(f"`{name}`" for name in tested[number]),
+        )
         for number, found in citations().items()
-    ]
+    ]  # fmt: skip
     head = (
         "# The paper's equations in the code\n\nThe functions and classes that use each equation, with what"
-        " their docstrings say about it. [Model and equations](../explanation/model.md) puts them in"
-        " order.\n\n"
+        " their docstrings say about it, and the tests that cite it."
+        " [Model and equations](../explanation/model.md) puts them in order.\n\n"
     )
-    return {"reference/equations.md": WIDE + head + table(("equation", "what it says", "where"), rows)}
+    return {
+        "reference/equations.md": WIDE + head + table(("equation", "what it says", "where", "tests"), rows)
+    }

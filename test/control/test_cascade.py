@@ -52,7 +52,7 @@ def test_a_disturbance_is_estimated_late_by_the_sum_of_the_poles_time_constants(
 
 
 def test_observer_finds_velocity_and_a_constant_disturbance(belief):
-    """Fed by its own model under 2 N m: the estimate must end at the true state."""
+    """Fed by Eq. (28) under 2 N m, the estimate of Eqs. (29)-(31) must end at the true state."""
     x, p = ca.SX.sym("x", 2), ca.SX.sym("p", 2)
     rate = Axis(belief).acceleration(x[0], x[1], 2.0, (p[0], p[1]))
     f = ca.Function("f", [x, p], [ca.vertcat(x[1], rate)])

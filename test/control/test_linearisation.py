@@ -19,7 +19,7 @@ def slope(function, x, step):
 
 @pytest.mark.parametrize("seed", range(20))
 def test_equation_11_as_printed_gives_the_same_flow(seed):
-    """The paper's formula with numeric partial derivatives, term by term."""
+    """Eq. (11) as printed, with numeric partial derivatives of the force of Eq. (8), as in Eq. (9)."""
     random = np.random.default_rng(seed)
     position, velocity = random.uniform(0.01, 0.12), random.uniform(-0.1, 0.1)
     pressure, v = random.uniform(3e5, 6e5), random.uniform(-30, 30)
@@ -71,6 +71,7 @@ def test_the_flow_makes_the_third_derivative_what_is_demanded():
 
 
 def test_error_poles_are_as_placed_and_the_printed_orders_are_not_stable():
+    """Eq. (12) as it is meant and as it is printed."""
     pole = BELIEF.rig.position.pole
     alpha = linearisation.error_coefficients([-pole] * 4)
     error = ca.SX.sym("e", 4)  # e and its derivatives

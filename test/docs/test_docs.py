@@ -59,6 +59,7 @@ def test_every_equation_is_cited_where_it_is_used(pages):
     assert [number for number, places in found.items() if not places] == []
     things = {place.place for places in found.values() for place in places}
     assert all(callable(_thing(place)) for place in things)
+    assert [number for number, tests in equations.tests().items() if not tests] == []
     page = pages["reference/equations.md"]
     assert re.findall(r"^\| \((\d+)\) \| [^|]+ \| `", page, flags=re.M) == [str(n) for n in range(1, 38)]
 

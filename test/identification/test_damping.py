@@ -34,6 +34,7 @@ def oscillation(dry=0.0, sliding=1e-3):
 
 
 def test_the_decrement_of_a_linear_oscillator_is_its_damping():
+    """Eq. (18)."""
     value, period = damping.decrement(oscillation())
     assert value == pytest.approx(D, rel=0.03)
     natural = np.sqrt(STIFFNESS / MASS - (D / (2 * MASS)) ** 2)

@@ -36,6 +36,7 @@ def samples(lengths=12, levels=6, noise=0.0, seed=0, rate=0.0, hysteresis=0.0):
 
 
 def test_exact_data_give_the_coefficients_back():
+    """Eqs. (19) and (21) to (23): nothing is left to minimise."""
     fit = fit_force(samples(rate=0.1), D)
     assert fit.model.a == pytest.approx(A, rel=1e-6)
     assert fit.model.b == pytest.approx(B, rel=1e-5, abs=1e-3)
@@ -43,12 +44,14 @@ def test_exact_data_give_the_coefficients_back():
 
 
 def test_a_wrong_damping_shows_in_the_residual():
+    """Eq. (20) without and with an error."""
     s = samples(rate=0.1)
     assert np.abs(fit_force(s, D).model.residual(s)).max() < 1e-6
     assert np.abs(fit_force(s, 0.0).model.residual(s)).max() > 5.0
 
 
 def test_the_normal_equations_of_eq_23_agree_where_they_can_be_solved():
+    """Eq. (23) as printed, with weights."""
     s = samples(noise=3.0, rate=0.05)
     fit = fit_force(s, D, degrees=(1, 1))
     b = design(s, (1, 1))

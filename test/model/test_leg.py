@@ -76,6 +76,7 @@ def by_hand(q, w, leg):
 @pytest.mark.parametrize("configuration", [1, -1])
 @pytest.mark.parametrize("height", [0.0, 0.12, -0.2])
 def test_lagrange_agrees_with_the_projected_equations(present, configuration, height):
+    """Eqs. (25) and (26) against inertia forces that are projected on the motion."""
     leg = parameters.load(
         {"leg.person.present": present, "leg.configuration": configuration, "leg.bearing_height": height}
     ).leg
@@ -88,6 +89,7 @@ def test_lagrange_agrees_with_the_projected_equations(present, configuration, he
 
 
 def test_the_ankle_stays_on_its_bearing():
+    """Eq. (24) is what holds it there."""
     leg = parameters.load({"leg.bearing_height": 0.1}).leg
     q = ca.SX.sym("q")
     foot = ca.Function("foot", [q], [leg_model.bodies(q, leg)[3].position])

@@ -19,6 +19,7 @@ def section(request):
 
 
 def test_a_slack_muscle_pulls_nothing(section):
+    """A muscle of Eq. (13) cannot push."""
     far = 0.24 * section.length
     assert float(muscle.towing_force(far, 0.3e5, section)) < 0
     assert float(muscle.force(far, 0.0, 0.3e5, section)) == 0
@@ -26,6 +27,7 @@ def test_a_slack_muscle_pulls_nothing(section):
 
 
 def test_force_is_linear_in_the_pressure(section):
+    """As Eq. (14) says."""
     x = 0.08 * section.length
     low, middle, high = (float(muscle.towing_force(x, p, section)) for p in (2e5, 3e5, 4e5))
     assert middle == pytest.approx((low + high) / 2)
@@ -68,6 +70,7 @@ def test_virtual_work_of_the_bare_braid(section):
 
 
 def test_volume_polynomial_follows_the_geometry():
+    """Eq. (17) with the identified coefficients."""
     section = parameters.load().muscle.dmsp_20
     for x in np.linspace(0.0, 0.2, 9) * section.length:
         for p in (0.0, 3e5, 6e5):
@@ -89,6 +92,7 @@ def test_volume_slopes_are_those_of_the_volume():
 
 @pytest.mark.parametrize("pressure", [1e5, 3e5, 5e5])
 def test_the_identified_volume_of_a_dmsp_10_grows_with_the_pressure_as_the_emulated_muscles(pressure):
+    """Eq. (16) with the identified coefficients."""
     m = parameters.load().muscle.dmsp_10
     found, true = (
         [float(term) for term in volume_terms(law, 0.08 * m.length, pressure)]
@@ -109,6 +113,7 @@ def test_equal_muscles_at_the_symmetric_angle_balance():
 
 
 def test_the_flexor_flexes():
+    """Eq. (27) with torque and angle positive in flexion."""
     leg = parameters.load().leg
     assert leg_model.knee_torque(0.0, 100.0, leg) > 0
     before, after = (leg_model.contractions(q, leg) for q in (0.5, 0.6))

@@ -62,7 +62,7 @@ def test_relative_opening(valve, voltage, opening):
 
 
 def test_closed_muscle_follows_the_polytropic_law():
-    """p V^n stays constant while a closed muscle is stretched, its volume depending on both."""
+    """p V^n of Eq. (3) stays constant while a closed muscle is stretched, by its differential, Eq. (4)."""
     p = parameters.load()
     section, valve = p.muscle.dmsp_20, p.valve
     x = ca.SX.sym("x", 2)  # contraction, pressure
@@ -75,19 +75,21 @@ def test_closed_muscle_follows_the_polytropic_law():
     start = ca.DM([0.02, 3e5])
     end = step.fold(5000)(start)
     volumes = [float(rates(state)[1]) for state in (start, end)]
-    expected = 3e5 * (volumes[0] / volumes[1]) ** valve.polytropic_exponent  # Eq. (3)
+    expected = 3e5 * (volumes[0] / volumes[1]) ** valve.polytropic_exponent
     assert volumes[1] > 1.2 * volumes[0]
     assert float(end[1]) == pytest.approx(expected, rel=1e-9)
 
 
 def test_required_flow_inverts_the_pressure_rate(valve):
+    """Eq. (6) forwards and backwards."""
     arguments = (-0.15, 2e-4, 3e-11, 2.6e-3, valve)
     flow = pneumatics.required_mass_flow(4e5, 7e5, *arguments)
     assert pneumatics.pressure_rate(4e5, flow, *arguments) == pytest.approx(7e5)
 
 
 def test_stored_mass_matches_the_flow_of_an_isothermal_fill():
+    """By Eq. (5) what flows in is what is there more."""
     valve = parameters.load({"valve.polytropic_exponent": 1.0}).valve
     rate = pneumatics.pressure_rate(3e5, 1e-3, 0.0, 2e-4, 0.0, 0.0, valve)
-    gained = rate * 2e-4 / (pneumatics.GAS_CONSTANT * valve.temperature)  # Eq. (5)
+    gained = rate * 2e-4 / (pneumatics.GAS_CONSTANT * valve.temperature)
     assert gained == pytest.approx(1e-3)

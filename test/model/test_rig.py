@@ -31,12 +31,14 @@ def settled(overrides=None, volts=(6.0, 9.0), **options):
 
 
 def test_equations_1_and_2_keep_their_signs():
+    """Eqs. (1) and (2)."""
     p = parameters.load()
     assert carriage.carriage_acceleration(300.0, 100.0, 20.0) == 10.0
     assert carriage.positioner_contraction(0.05, p.rig) == pytest.approx(p.rig.position_offset - 0.05)
 
 
 def test_both_muscles_pull_equally_when_the_carriage_rests():
+    """Where the carriage rests the forces of Eq. (7) balance."""
     truth = settled().truth()
     assert abs(truth.velocity) < 1e-4
     assert truth.specimen_force > 50.0, "both muscles must be taut"
@@ -103,6 +105,7 @@ def test_a_voltage_that_is_not_finite_is_refused():
 
 
 def test_composed_volume_of_a_plain_cylinder_and_of_a_cone():
+    """Eq. (15) where it is known without it."""
     assert muscle.composed_volume(0.02, 0.3, 0.0, 0.02) == pytest.approx(math.pi * 0.01**2 * 0.3)
     cone = math.pi / 3 * 0.02**2 * 0.1
     assert muscle.composed_volume(0.04, 0.0, 0.1, 0.0) == pytest.approx(2 * cone)
