@@ -31,11 +31,13 @@ ROS = [
 CLUSTER = ["distributed>=2024.1"]
 DOCS = ["mkdocs>=1.6", "mkdocs-material>=9.5", "mkdocstrings-python>=1.10"]
 PANDAS = ["pandas>=2.0"]
+MODBUS = ["pymodbus>=3.16"]
 HIDE = ["numba>=0.59"]
 TEST = [
     *CLUSTER,
     *DOCS,
     *HIDE,
+    *MODBUS,
     *PANDAS,
     "catkin_pkg>=1.0",
     "colcon-common-extensions>=0.3",
@@ -102,6 +104,7 @@ setup(
         "docs": DOCS,
         "hide": HIDE,
         "pandas": PANDAS,
+        "modbus": MODBUS,
         "peer": ["pysindy>=2.0"],
         "ros": ROS,
         "test": TEST,

@@ -30,7 +30,7 @@ _FILE = re.compile(r"# ([a-z]+\.yaml)\b")  # the first line of a file that the r
 _PLACEHOLDER = re.compile(r"\b[A-Z]{2,}\b(?!=)|/\*")
 # these need another terminal, a ROS installation, hardware, a checkout, hours, or change the environment
 ELSEWHERE = (
-    r"(ros2|make|pip|colcon|\.) ", r"python (benchmarks|docs)/", r".*--no-plant", r".*--duration 3600",
+    r"(ros2|make|pip|colcon|pkill|\.) ", r"python (benchmarks|docs)/", r".*--no-plant", r".*--duration 3600",
     r".* examples/",
 )  # fmt: skip
 SHORT = (

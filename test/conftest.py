@@ -81,3 +81,15 @@ def machine_files(tmp_path_factory):
     for name, text in MACHINES.items():
         (folder / f"{name}.yaml").write_text(text, encoding="utf-8")
     return {name: folder / f"{name}.yaml" for name in MACHINES}
+
+
+@pytest.fixture(scope="session")
+def install_space(tmp_path_factory):
+    """Return the folder into which colcon has installed the package."""
+    folder = tmp_path_factory.mktemp("workspace")
+    colcon = Path(sys.executable).with_name("colcon")
+    bases = ["--build-base", folder / "build", "--install-base", folder / "install"]
+    command = [colcon, "--log-base", folder / "log", "build", "--base-paths", ROOT, *bases]
+    built = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stdout + built.stderr
+    return folder / "install"

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from pam_orthosis.model.machine import Machine
 
 EVERYTHING = (*BELIEF, "plant")
-_STEPS = ("scenario.control_period", "control.position.every")
+# which steps there are, and which topics
+_GRAPH = ("scenario.control_period", "control.position.every", "scenario.trajectory", "scenario.plan.enabled")
 _MEAN = "control.position.mean_pressure"
 _LIMITS = ("control.position.minimum_pressure", "control.position.maximum_pressure")
 _GUARDS = tuple(
@@ -34,19 +35,20 @@ _EMULATED = (
 )
 # beginnings of the keys that are an executable's own; those of the apparatus are everybody's
 OWN = {
-    RECORDER: (*_STEPS, "scenario.duration"),
-    TRAJECTORY: (*_STEPS, _MEAN, "control.cooperation.wait", *(f"scenario.{name}" for name in _MOTION)),
+    RECORDER: (*_GRAPH, "scenario.duration"),
+    TRAJECTORY: (*_GRAPH, _MEAN, "control.cooperation.wait", *(f"scenario.{name}" for name in _MOTION)),
     POSITION: (
-        *(*_STEPS, "scenario.start_angle"),
+        *(*_GRAPH, "scenario.start_angle"),
         *("control.observer.", "control.position.", "control.cooperation.", "control.guard."),
     ),
     "pressure_controller": (
-        *(*_STEPS, "scenario.start_angle"),
+        *(*_GRAPH, "scenario.start_angle"),
         *("control.pressure.", *_LIMITS, *_GUARDS, *_FOLLOWED),
     ),
-    VALVE: (*_STEPS, "control.inverse_valve.", *_GUARDS, "control.guard.rest_time"),
+    "driver": ("scenario.control_period",),
+    VALVE: (*_GRAPH, "control.inverse_valve.", *_GUARDS, "control.guard.rest_time"),
     PLANT: (
-        *(*_STEPS, _MEAN, "scenario.duration", "scenario.seed", "scenario.start_angle"),
+        *(*_GRAPH, _MEAN, "scenario.duration", "scenario.seed", "scenario.start_angle"),
         *(f"plant.{name}" for name in _EMULATED),
     ),
 }

@@ -12,6 +12,7 @@ pytest.importorskip("rclpy")
 from pam_orthosis.nodes import (
     bag_player,
     bag_recorder,
+    driver,
     dummy_driver,
     graph,
     inverse_valve_model,
@@ -30,6 +31,7 @@ NODES = (
     pace.PacedNode,
     bag_player.BagPlayer,
     bag_recorder.BagRecorder,
+    driver.Driver,
     dummy_driver.DummyDriver,
     inverse_valve_model.InverseValveModelNode,
     leg_state_publisher.LegStatePublisher,

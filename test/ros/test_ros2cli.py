@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The recipe of seven shells with the real `ros2`, where it is installed, and what its tools say."""
+
+import os
+import re
+import signal
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+from installed import LIMIT_S, ROOT, sourced
+
+from pam_orthosis.bag.topics import Topics
+from pam_orthosis.model.machines import KNEE
+from pam_orthosis.nodes.launch import free_domain
+
+PAGE = ROOT / "docs" / "howto" / "shells.md"
+pytestmark = pytest.mark.skipif(not find_spec("ros2cli"), reason="ros2 is not installed: it is not on PyPI")
+
+
+@pytest.fixture
+def ros2(install_space, tmp_path, monkeypatch):
+    """Return a function that starts `ros2 ...` in one domain."""
+    monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
+    with free_domain() as domain:
+        yield lambda *words, **options: sourced(
+            install_space, [Path(sys.executable).with_name("ros2"), *words], domain, **options
+        )
+
+
+def test_the_tools_see_the_nodes_their_messages_and_parameters(ros2, tmp_path):
+    lines = re.findall(r"^ros2 (run pam_orthosis .*)$", PAGE.read_text(encoding="utf-8"), flags=re.M)
+    wanted = [line.replace("=10.0", "=3600.0").replace("by_hand", str(tmp_path / "bag")) for line in lines]
+    shells = [ros2(*line.split(), start_new_session=True) for line in wanted]
+
+    def said(*words):
+        return ros2(*words).communicate(timeout=LIMIT_S)[0]
+
+    try:
+        assert "ready" in shells[0].stdout.readline()
+        table = Topics(KNEE)
+        for topic in table.of_run().values():
+            if topic.rate == "step" and topic.producers:
+                assert "nanosec" in said("topic", "echo", "--once", f"/{topic.name.lstrip('/')}"), topic.name
+        for node in table.nodes:
+            assert 10 < len(said("param", "list", f"/{node}").splitlines()) < 60
+        assert "pam_orthosis" not in said("doctor")
+    finally:
+        for shell in shells:
+            os.killpg(shell.pid, signal.SIGTERM)
+        for shell in shells:
+            shell.communicate(timeout=LIMIT_S)
