@@ -13,6 +13,7 @@ import numpy as np
 SETS = ("clean", "realistic", "clean-none", "realistic-none", "pairs", "outside", "alone")
 SIZES = ("small", "medium", "large")
 OUTCOMES = ("right", "set", "extra", "wrong", "none", "failed")
+OPEN = ("unexplained", "partial")  # verdicts on a gap that is not explained
 KEPT = ("verdict", "effects", "look_alikes", "closure", "gap_before", "rounds")
 CLOSED = 0.95
 
@@ -118,7 +119,7 @@ def _figures(solved) -> dict[str, str]:
     closures = [r["found"]["closure"]["overall"] for r in right]
     closures = np.array([c for c in closures if c is not None])
     errors, inside = _parameters(right)
-    flagged = sum(r["found"]["verdict"] == "unexplained" for r in right)
+    flagged = sum(r["found"]["verdict"] in OPEN for r in right)
     seconds = [r["seconds"] for r in solved]
     return {
         "names given that are right": f"{right_names} of {len(given)}"
@@ -238,7 +239,7 @@ def _found_alone(results) -> set[str]:
 
 def _honest(found: dict) -> bool:
     share = found["closure"]["overall"]
-    return found["verdict"] == "unexplained" or share is None or share < 0.5
+    return found["verdict"] in OPEN or share is None or share < 0.5
 
 
 def beside(results: list[dict], peer: list[dict]) -> str:

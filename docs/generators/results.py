@@ -160,7 +160,7 @@ def quiet(cases: Sequence[dict[str, Any]]) -> tuple[int, int]:
 
 def honest(outside: Sequence[dict[str, Any]]) -> tuple[int, int]:
     """Return how many cases outside the catalogue are called unexplained, of how many."""
-    return sum("found" in r and r["found"]["verdict"] == "unexplained" for r in outside), len(outside)
+    return sum("found" in r and r["found"]["verdict"] in gap_table.OPEN for r in outside), len(outside)
 
 
 def _share(part: int, whole: int) -> str:

@@ -81,7 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(arguments: argparse.Namespace) -> int:
-    """Run the workflow; return 0 if the gap is explained or there is none, 1 if not."""
+    """Run the workflow; return 0 if the gap is explained in full or there is none, 1 if not."""
     # the search has threads of its own; set before numpy is loaded
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _check_out(arguments)
@@ -99,7 +99,9 @@ def execute(arguments: argparse.Namespace) -> int:
                 _write(arguments, outcome, data, case, words)
     finally:  # a file that cannot be written must not take the verdict with it
         print(json.dumps(data, indent=2) if arguments.json else words)
-    return 1 if outcome.verdict == "unexplained" else 0
+    from pam_orthosis.discrepancy.judgement import GOOD
+
+    return 0 if outcome.verdict in GOOD else 1
 
 
 class Case(NamedTuple):
@@ -166,7 +168,8 @@ def _searched(case: Case, progress: Progress) -> Outcome:
 
 def _described(case: Case, outcome: Outcome) -> tuple[dict[str, Any], str]:
     """Return the outcome as plain data and in words."""
-    from pam_orthosis.discrepancy.verdict import as_dict, describe, describe_data, told_as_dict
+    from pam_orthosis.discrepancy.contract import as_dict, told_as_dict
+    from pam_orthosis.discrepancy.verdict import describe, describe_data
 
     assumed = [str(path) for path in case.assumed]
     known = {"apparatus_assumed": assumed, "parameters_assumed": dict(case.untold)}

@@ -9,7 +9,7 @@ ANSWERS = {
     "check": ("the bound holds", "the bound does not hold, or the bag is incomplete"),
     "rig": ("the bags are recorded", ""),
     "identify": ("the muscle is identified", ""),
-    "gap": ("the gap is explained, or there is none", "the gap is unexplained"),
+    "gap": ("the gap is explained, or there is none", "the gap is not explained, or in part only"),
     "report": ("the files are written", ""),
     "paper": ("the page is written", ""),
     "improve": ("the machine follows better", "the machine follows no better"),

@@ -6,10 +6,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.signal import welch
 
 from pam_orthosis.discrepancy.data import Recording
 from pam_orthosis.discrepancy.system import System
-from pam_orthosis.discrepancy.whitening import noise_levels
+from pam_orthosis.discrepancy.whitening import SEGMENT, noise_levels
 from pam_orthosis.errors import OrthosisError
 
 LEAST_SAMPLES = 500
@@ -17,6 +18,9 @@ LEAST_LEVELS = 8  # distinct values of a channel that is alive
 LEAST_MOTION = 20  # range of a channel over its noise
 HELD_SHARE = 0.5  # of samples that repeat the one before in motion: recorded at a lower rate than stamped
 WINDOW = 20  # samples, over which motion is looked for
+PARTS, FILTERED = 8, 10.0  # of the upper half of the band: power of the largest over the smallest
+COARSE = 0.4  # noise over the step of a signal: that of rounding alone is 0.29
+NO_NOISE = 1e-7  # noise over the range of a signal
 
 
 def check(system: System, recordings: Sequence[Recording], warm_up: float) -> list[str]:
@@ -30,7 +34,8 @@ def check(system: System, recordings: Sequence[Recording], warm_up: float) -> li
         _check_length(one, warm_up)
         for channel in system.channels:
             _check_channel(one, channel.name)
-        remarks += [*one.remarks, *_remarks_on_inputs(system, one)]
+        doubts = (_doubt_on_noise(one, channel.name) for channel in system.channels)
+        remarks += [*one.remarks, *_remarks_on_inputs(system, one), *filter(None, doubts)]
     return remarks
 
 
@@ -114,6 +119,25 @@ def _repeated(values: np.ndarray) -> float:
     moves = np.abs(values[WINDOW:] - values[:-WINDOW]) >= WINDOW * resolution
     repeated = np.convolve(steps == 0, np.ones(WINDOW) / WINDOW, "valid")
     return float(repeated[moves].mean()) if moves.any() else 0.0
+
+
+def _doubt_on_noise(one: Recording, name: str) -> str:
+    """Return why a channel's noise does not tell how well it is measured; empty if it does."""
+    values = one.signals[name]
+    noise = noise_levels({name: [values]}, [one.period])[name]
+    density = welch(values, nperseg=min(SEGMENT, len(values)))[1]
+    power = [float(np.mean(part)) for part in np.array_split(density[len(density) // 2 : -1], PARTS)]
+    steps = np.abs(np.diff(np.unique(values)))
+    if noise < NO_NOISE * np.ptp(values):
+        why = "has no noise (simulated, or smoothed)"
+    elif max(power) > FILTERED * min(power):
+        times = max(power) / min(power)
+        why = f"has noise whose power varies {times:.0f}-fold in the upper half of its band (filtered, slow)"
+    elif noise < COARSE * float(steps.min()):
+        why = f"has steps {float(steps.min()) / noise:.0f} times its noise (quantised)"
+    else:
+        return ""
+    return f"{one.name}: {name} {why}; its noise floor is not how well it was measured"
 
 
 def _remarks_on_inputs(system: System, one: Recording) -> list[str]:

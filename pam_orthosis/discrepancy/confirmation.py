@@ -17,6 +17,7 @@ LEAST_T = 3.0  # of these differences
 LEAST_TRANSFER = 0.3  # of the training's fall, where one block holds most of it
 LEAST_FALL = 1.0  # in training, a block: below it there is nothing to compare
 WORST_T = -3.0  # an effect known by its broken tolerance alone must not make held-out data worse
+MOST_TOLD = 3  # parameters in one line
 REFIT_NULL = 10.0  # the smaller model is refitted with the larger one's weights below this ratio
 
 
@@ -101,3 +102,15 @@ def is_too_small(system: System, name: str, model: Fit) -> bool:
     if size.neutral is None:
         return False
     return abs(model.values[f"{name}.{size.name}"] - size.neutral) < effect.minimum_effect
+
+
+def emptied(system: System, name: str, model: Fit) -> tuple[str, ...]:
+    """Return the parameters (as `EFFECT.PARAMETER`) at which an effect is not what its name says."""
+    quantities = system.catalogue[name].parameters
+    return tuple(f"{name}.{q.name}" for q in quantities if q.is_empty(model.values[f"{name}.{q.name}"]))
+
+
+def at_values(model: Fit, keys: Sequence[str]) -> str:
+    """Return parameters with their values in words, the first ones."""
+    told = ", ".join(f"{key} = {model.values[key]:.4g}" for key in keys[:MOST_TOLD])
+    return told + (f" and {len(keys) - MOST_TOLD} more" if len(keys) > MOST_TOLD else "")

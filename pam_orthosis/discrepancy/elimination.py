@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pam_orthosis.discrepancy import quiet, selection
+from pam_orthosis.discrepancy.confirmation import emptied
 from pam_orthosis.discrepancy.fit import Fit, fit, fit_tempered, score
 from pam_orthosis.discrepancy.free import free_parameters, scales_of
 from pam_orthosis.discrepancy.refit import refined_in
@@ -22,7 +23,7 @@ def eliminate_weak(found: Selection, settings: Section, tell: Progress) -> None:
         lost = together(lambda name: _loss(found, name), effects, tell, "refitting without each effect")
         losses = dict(zip(effects, lost, strict=True))
         found.evidence.update({name: evidence for name, (evidence, _) in losses.items()})
-        weakest = _weakest(found, losses, settings)
+        weakest = _empty(found, losses) or _weakest(found, losses, settings)
         if weakest is None:
             return
         tell(f"dropped {weakest}: beside the others its evidence is {losses[weakest][0]:.0f}")
@@ -34,6 +35,12 @@ def eliminate_weak(found: Selection, settings: Section, tell: Progress) -> None:
         if len(found.final.effects) == 1:  # its last evidence was that beside a dropped one
             (name,) = found.final.effects
             found.evidence[name] = _loss(found, name)[0]
+
+
+def _empty(found: Selection, losses: Mapping[str, tuple[float, Fit]]) -> str | None:
+    """Return the least evident of the effects that are not what their names say, if any."""
+    empty = [name for name in losses if emptied(found.problem.system, name, found.final)]
+    return min(empty, key=lambda name: losses[name][0], default=None)
 
 
 def _weakest(found: Selection, losses: Mapping[str, tuple[float, Fit]], settings: Section) -> str | None:

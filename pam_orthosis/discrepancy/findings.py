@@ -58,13 +58,14 @@ class Named:
     """An effect that was found: parameters (name -> value, unit, lower, upper), evidence.
 
     `look_alikes` are effects that nothing told from it when it was added, `separated_by` the experiments
-    that would.
+    that would. `at_bound` are parameters that a fit would take farther than they may go.
     """
 
     name: str
     equation: str
     parameters: Mapping[str, tuple[float, str, float, float]]
     evidence: float
+    at_bound: tuple[str, ...] = ()
     look_alikes: tuple[str, ...] = ()
     separated_by: tuple[str, ...] = ()
 
@@ -82,7 +83,8 @@ def named_effect(system: System, found: Selection, spread: np.ndarray, name: str
     alike = _look_alikes(found, name, settings)
     tests = (test for one in (name, *alike) for test in system.experiments(one))  # its own first
     apart = tuple(dict.fromkeys(tests)) if alike else ()
-    return Named(name, system.equation_of(name), parameters, found.evidence[name], alike, apart)
+    bound = tuple(q.name for q in effect.parameters if q.at_bound(final.values[f"{name}.{q.name}"]))
+    return Named(name, system.equation_of(name), parameters, found.evidence[name], bound, alike, apart)
 
 
 def first_accepted(found: Selection, named: Sequence[Named]) -> Named | None:

@@ -5,21 +5,35 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from pam_orthosis.discrepancy import findings, measure, structure
 from pam_orthosis.discrepancy.beginning import Beginning, strained_parameters
+from pam_orthosis.discrepancy.confirmation import emptied
 from pam_orthosis.discrepancy.findings import Named, first_accepted, named_effect, runner_up_of
-from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.noise_floor import decided_and_floor, remark_on_left_out
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.selection import Selection, Step
-from pam_orthosis.discrepancy.system import System, Values
+from pam_orthosis.discrepancy.system import Names, System, Values
 from pam_orthosis.model.parameters import Section
 
-LEAST_CLOSURE = 0.9  # below it named effects that leave a gap are no explanation
+LEAST_CLOSURE = 0.9  # below it named effects that leave structure are a part of the explanation
 MOST_LEFT = 1.3  # gap after over the noise floor above which the residual is not called clean
-MOST_KEPT = 3.0  # gap of an equation over the noise floor above which it is unexplained, whatever was closed
+NEAR = 1.5  # gap of an equation over the noise floor above which it is not explained, whatever was closed
 LEAST_NAMED = 0.5  # closure of a model below which it names nothing
+GOOD = ("none", "recalibrated", "explained")  # verdicts on a gap that is not there or explained
+
+
+class Rest(NamedTuple):
+    """What a model leaves of the held-out recordings.
+
+    `clean`: noise only. `kept`: the gap over the noise, in the equation where it is largest. `gone`: nothing
+    was to be explained, recalibration alone leaves noise.
+    """
+
+    clean: bool
+    kept: float
+    gone: bool
 
 
 @dataclass(frozen=True)
@@ -27,8 +41,9 @@ class Outcome:
     """All that the workflow found; `report` and `cli` turn it into pages and files.
 
     `look_alikes` and `separated_by` are those of the first effect. `from_configured` names the closures that
-    count from the configured model, since recalibration closed the gap already. `empty` are parameters of
-    the effects (as `EFFECT.PARAMETER`) at values where these are not what their names say.
+    count from the configured model, since recalibration closed the gap already. `surrogates` are effects of
+    the model that are no explanation; `empty` the parameters (as `EFFECT.PARAMETER`) at values where effects
+    are not what their names say.
     """
 
     system: System
@@ -63,16 +78,23 @@ def outcome_of(start: Beginning, found: Selection, settings: Section) -> Outcome
     before, after = start.recalibrated(judged), measure.gap(judge, final, judged)
     left = structure.locate(judge, final)
     closed = _closures(configured, before, after, floor)
-    kept, empty = max(measure.over_noise(system, after, floor).values()), _empty(system, final)
-    verdict = _verdict(final, structure.clean(left) and not beyond(after, floor), closed, kept, empty)
-    named = tuple(named_effect(system, found, spread, name, settings.evidence) for name in final.effects)
-    first = first_accepted(found, named)
-    trusted = _trusted(closed[measure.OVERALL])  # a name that leaves most of the gap open is no name
+    counted = _from_configured(before, floor, closed)
+    empty = tuple(key for name in final.effects for key in emptied(system, name, final))
+    rest = Rest(
+        clean=structure.clean(left) and not beyond(after, floor),
+        kept=max(measure.over_noise(system, after, floor).values()),
+        gone=before.white[measure.OVERALL] < (1 + measure.LEAST_EXCESS) * floor.white[measure.OVERALL],
+    )
+    verdict = verdict_on(final.effects, closed[measure.OVERALL], rest, empty)
+    every = tuple(named_effect(system, found, spread, name, settings.evidence) for name in final.effects)
+    first = first_accepted(found, every)
+    # a name that leaves most of the gap open is no name
+    meant = _meant(final.effects, empty) if _trusted(closed[measure.OVERALL]) else ()
     return Outcome(
         system=system,
         verdict=verdict,
-        effects=named if trusted else (),
-        surrogates=() if trusted else named,
+        effects=tuple(one for one in every if one.name in meant),
+        surrogates=tuple(one for one in every if one.name not in meant),
         look_alikes=first.look_alikes if first else (),
         separated_by=first.separated_by if first else (),
         runner_up=runner_up_of(found),
@@ -81,11 +103,11 @@ def outcome_of(start: Beginning, found: Selection, settings: Section) -> Outcome
         after=after,
         floor=floor,
         closure=closed,
-        from_configured=_from_configured(before, floor, closed),
+        from_configured=counted,
         where=start.where(),
         left=left,
         strained=strained_parameters(final),
-        empty=empty if trusted else (),
+        empty=empty,
         steps=tuple(found.steps),
         remarks=(*start.remarks, *remark_on_left_out(judged)),
         selection=found,
@@ -125,33 +147,28 @@ def _trusted(share: float | None) -> bool:
     return share is None or share >= LEAST_NAMED
 
 
+def _meant(effects: Names, empty: Sequence[str]) -> Names:
+    """Return the effects that are what their names say."""
+    return tuple(name for name in effects if not any(key.startswith(f"{name}.") for key in empty))
+
+
 def beyond(after: measure.Gap, floor: measure.Gap) -> bool:
     """Return whether a gap is left, however well free parameters that are moved again would follow it."""
     return after.white[measure.OVERALL] > MOST_LEFT * floor.white[measure.OVERALL]
 
 
-def _verdict(
-    final: Fit, clean: bool, closed: Mapping[str, float | None], kept: float, empty: Sequence[str]
-) -> str:
-    """Return the verdict on a model that leaves a `clean` residual or not.
+def verdict_on(effects: Names, share: float | None, rest: Rest, empty: Sequence[str]) -> str:
+    """Return the verdict on a model with effects that explains a share of the gap.
 
     Args:
-        kept: the gap over the noise, in the equation where it is largest.
-        empty: parameters at which effects of the model are not what their names say.
+        share: None if there is hardly a gap, be it of the nominal model.
+        rest: what is left.
+        empty: parameters at which effects are not what their names say.
     """
-    share = closed[measure.OVERALL]
-    if clean and not final.effects:
-        return "none"
-    if not final.effects or empty or kept > MOST_KEPT or not _trusted(share):
+    if not effects:
+        return "none" if rest.clean else "unexplained"
+    if not _meant(effects, empty) or not _trusted(share):
         return "unexplained"
-    return "explained" if clean or (share is not None and share >= LEAST_CLOSURE) else "unexplained"
-
-
-def _empty(system: System, final: Fit) -> tuple[str, ...]:
-    """Return the parameters at which effects are not what their names say."""
-    return tuple(
-        f"{name}.{q.name}"
-        for name in final.effects
-        for q in system.catalogue[name].parameters
-        if q.is_empty(final.values[f"{name}.{q.name}"])
-    )
+    if empty or rest.kept > NEAR or not (rest.clean or (share is not None and share >= LEAST_CLOSURE)):
+        return "partial"
+    return "recalibrated" if rest.gone else "explained"

@@ -62,10 +62,10 @@ def over_noise(system: System, gap: Gap, floor: Gap) -> dict[str, float]:
 
 
 def closure(before: float, after: float, floor: float) -> float | None:
-    """Return the closed share of the gap above the floor; None where there is hardly any."""
+    """Return the closed share of the gap above the floor, 1 at most; None where there is hardly any gap."""
     if before < (1 + LEAST_EXCESS) * floor:
         return None
-    return (before - after) / (before - floor)
+    return min((before - after) / (before - floor), 1.0)
 
 
 def _rms(pieces: Sequence[np.ndarray]) -> float:

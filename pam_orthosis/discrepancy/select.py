@@ -10,7 +10,9 @@ from pam_orthosis.discrepancy.confirmation import (
     LEAST_T,
     LEAST_TRANSFER,
     WORST_T,
+    at_values,
     confirmed,
+    emptied,
     is_too_small,
     is_visible,
     ranking,
@@ -30,6 +32,7 @@ from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress, silent
 
 ASKED_IN_SILENCE = 3
+TRIED = 3  # effects of a round, the most evident ones, that held-out recordings are asked about
 
 
 def extended(
@@ -102,7 +105,7 @@ def _round(found: Selection, held_out: Problem, settings: Section, tell: Progres
         name, evidence = told[0]
         reason = f"{name} has evidence {evidence:.0f}, it would need {bars[name]:.0f}"
         return Step(None, None, None, evidence, 0.0, told, reason, gains, blocked)
-    return _accepted(problem, base, held_out, able[:2], told, gains, blocked)
+    return _accepted(problem, base, held_out, able[:TRIED], told, gains, blocked)
 
 
 def _accepted(
@@ -127,6 +130,8 @@ def _accepted(
         strained = not is_visible(problem, base, model)
         if is_too_small(problem.system, name, model):
             reason = f"{name} is smaller than what is worth a name"
+        elif empty := emptied(problem.system, name, model):
+            reason = f"{name} would not be what its name says: {at_values(model, empty)}"
         elif t > LEAST_T or transfer > LEAST_TRANSFER or (strained and t > WORST_T):
             return Step(name, model, weighted, evidence, t, told, "accepted", gains)
         else:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the workflow found, as the contract of `gap.json`, and as words."""
+"""What the workflow found, as words."""
 
 from __future__ import annotations
 
@@ -8,104 +8,18 @@ from pathlib import Path
 from typing import Any
 
 from pam_orthosis.discrepancy.beginning import Beginning
+from pam_orthosis.discrepancy.confirmation import at_values
 from pam_orthosis.discrepancy.findings import Named
 from pam_orthosis.discrepancy.judgement import Outcome, beyond
-from pam_orthosis.discrepancy.measure import OVERALL, Gap, over_noise
+from pam_orthosis.discrepancy.measure import OVERALL, over_noise
 from pam_orthosis.discrepancy.structure import Where, clean
 from pam_orthosis.discrepancy.system import Channel, System
 from pam_orthosis.discrepancy.telling import Telling
 from pam_orthosis.model.parameters import Parameters, experiments, scenario_names
 
 LABEL = 25  # characters of the first column, at least
-MOST_NAMED = 3  # parameters in one line
+MOST_NAMED, MOST_SHOWN = 3, 8  # parameters in one line: of many, and else
 FAR_STRAIN = 5.0  # tolerances: less likely hardware than a wrong zero or unit
-
-
-def as_dict(outcome: Outcome) -> dict[str, Any]:
-    """Return the outcome as JSON-ready values, SI units."""
-    return {
-        "verdict": outcome.verdict,
-        "system": outcome.system.name,
-        "effects": [_effect(one) for one in outcome.effects],
-        "surrogates": [_effect(one) for one in outcome.surrogates],
-        "look_alikes": list(outcome.look_alikes),
-        "separated_by": list(outcome.separated_by),
-        "runner_up": None
-        if outcome.runner_up is None
-        else {"name": outcome.runner_up[0], "behind": _number(outcome.runner_up[1])},
-        "gap_configured": _gap(outcome, "configured"),
-        "gap_before": _gap(outcome, "before"),
-        "gap_after": _gap(outcome, "after"),
-        "noise_floor": _gap(outcome, "floor"),
-        "closure": {name: _number(value) for name, value in outcome.closure.items()},
-        "closure_baseline": {
-            name: "configured" if name in outcome.from_configured else "before" for name in outcome.closure
-        },
-        "where": _places(outcome, outcome.where, outcome.before),
-        "left": _places(outcome, outcome.left, outcome.after),
-        "empty_of_meaning": list(outcome.empty),
-        "out_of_tolerance": {name: _number(value) for name, value in outcome.strained.items()},
-        "rounds": [
-            {"accepted": step.accepted, "reason": step.reason, "held_out_t": _number(step.held_out_t),
-             "ranking": [[name, _number(evidence)] for name, evidence in step.ranked]}
-            for step in outcome.steps
-        ],
-        "remarks": list(outcome.remarks),
-    }  # fmt: skip
-
-
-def _effect(one: Named) -> dict[str, Any]:
-    parameters = {
-        name: {"value": _number(value), "unit": unit, "interval": [_number(lower), _number(upper)]}
-        for name, (value, unit, lower, upper) in one.parameters.items()
-    }
-    return {
-        "name": one.name,
-        "equation": one.equation,
-        "parameters": parameters,
-        "evidence": _number(one.evidence),
-        "look_alikes": list(one.look_alikes),
-        "separated_by": list(one.separated_by),
-    }
-
-
-def _gap(outcome: Outcome, which: str) -> dict[str, Any]:
-    gap = getattr(outcome, which)
-    units = {
-        name: {
-            "value": _number(value),
-            "unit": outcome.system.channel(name).unit,
-            "white": _number(gap.white[name]),
-        }
-        for name, value in gap.units.items()
-    }
-    return {**units, OVERALL: {"value": _number(gap.white[OVERALL]), "unit": "times the noise"}}
-
-
-def _places(outcome: Outcome, places: Sequence[Where], gap: Gap) -> list[dict[str, Any]]:
-    kept = over_noise(outcome.system, gap, outcome.floor)
-    return [_place(one, kept[one.equation]) for one in places]
-
-
-def _place(one: Where, kept: float) -> dict[str, Any]:
-    told = list(one.coordinates.items())[:4]
-    return {
-        "equation": one.equation,
-        "over_noise": _number(kept),
-        "density": _number(one.density),
-        "coordinates": {name: _number(share) for name, share in told},
-        "largest_where": {name: [_number(end) for end in one.regions[name]] for name, _ in told},
-    }
-
-
-def told_as_dict(told: Telling) -> dict[str, Any]:
-    """Return what the recordings can tell as JSON-ready values."""
-    return {
-        "expected_evidence": {name: _number(value) for name, value in told.evidence.items()},
-        "invisible": list(told.invisible),
-        "alike": [[a, b, _number(cosine)] for a, b, cosine in told.alike],
-        "experiments": list(told.experiments),
-    }
 
 
 def assumed_words(files: Sequence[Path], count: int, model: Path | None) -> str:
@@ -189,10 +103,6 @@ def _range(system: System, name: str, regions: Mapping[str, tuple[float, float]]
     return f"between {low:.4g} and {high:.4g} {unit}"
 
 
-def _number(value: float | None) -> float | None:
-    return None if value is None else float(f"{value:.6g}")
-
-
 def describe(outcome: Outcome) -> str:
     """Return the outcome as a few lines of text."""
     width = _width(outcome.system)
@@ -219,16 +129,27 @@ def describe(outcome: Outcome) -> str:
 
 
 def _left(outcome: Outcome) -> list[str]:
-    """Return what is left although the gap is explained."""
-    if outcome.verdict != "explained":
+    """Return how much is left although effects are named, where, and what it depends on."""
+    if outcome.verdict not in ("explained", "partial"):
         return []
     kept = over_noise(outcome.system, outcome.after, outcome.floor)
-    places = [one.equation for one in outcome.left if not one.clean]
-    lines = [f"left in the {name} equation: {kept[name]:.1f} times the noise" for name in places]
+    places = [one for one in outcome.left if not one.clean]
+    lines = [
+        f"left in the {one.equation} equation: {kept[one.equation]:.1f} times the noise" for one in places
+    ]
+    if outcome.verdict == "partial":
+        lines = [line + _depending(outcome, one) for line, one in zip(lines, places, strict=True)]
     if not places and beyond(outcome.after, outcome.floor):
         white = outcome.after.white[OVERALL] / outcome.floor.white[OVERALL]
         lines.append(f"left in the held-out recordings: a gap of {white:.1f} times the noise")
     return lines
+
+
+def _depending(outcome: Outcome, place: Where) -> str:
+    """Return what a residual depends on most, and where it is largest."""
+    name, share = next(iter(place.coordinates.items()))
+    where = _range(outcome.system, name, place.regions)
+    return f"; {name} explains {share:.0%} of it, largest {where}"
 
 
 def _row(outcome: Outcome, channel: Channel) -> str:
@@ -254,11 +175,25 @@ def _share(outcome: Outcome, name: str) -> str:
 
 
 def _told(one: Named) -> str:
+    shown = dict(one.parameters)
+    if len(shown) > MOST_SHOWN:  # the coefficients of a map: the most certain ones
+        order = sorted(shown, key=lambda name: -_certainty(*shown[name]))
+        shown = {name: shown[name] for name in order[:MOST_NAMED]}
     values = ", ".join(
-        f"{name} {value:.4g} {unit} ({lower:.4g} .. {upper:.4g})"
-        for name, (value, unit, lower, upper) in one.parameters.items()
+        f"{name} {value:.4g} {unit} ({lower:.4g} .. {upper:.4g}{', at its bound' * (name in one.at_bound)})"
+        for name, (value, unit, lower, upper) in shown.items()
     )
-    return f"effect: {one.name} ({one.equation}): {values}; evidence {one.evidence:.0f}"
+    more = len(one.parameters) - len(shown)
+    return (
+        f"effect: {one.name} ({one.equation}): {values}"
+        + (f" and {more} more coefficients (gap.json)" if more else "")
+        + f"; evidence {one.evidence:.0f}"
+    )
+
+
+def _certainty(value: float, _unit: str, lower: float, upper: float) -> float:
+    """Return the size of a coefficient over the width of its interval."""
+    return abs(value) / max(upper - lower, 1e-300)
 
 
 def _others(outcome: Outcome) -> list[str]:
@@ -299,29 +234,39 @@ def _refusal(outcome: Outcome) -> str:
 
 def _answer(outcome: Outcome) -> str:
     names = " and ".join(one.name.replace("_", " ") for one in outcome.effects)
-    if outcome.verdict == "none":
-        return "NONE: recalibrated within its tolerances, the model leaves noise only"
-    if outcome.verdict == "explained":
-        return f"EXPLAINED by {names}"
-    if clean(outcome.left) and beyond(outcome.after, outcome.floor):
-        return (
-            "UNEXPLAINED: the held-out recordings leave what was fitted (the gap is"
-            f" {outcome.after.white[OVERALL]:.1f} times the noise, and no fit knows better there); fit"
-            " recordings that reach as far" + (f"; {names} added{_emptied(outcome)}" if names else "")
-        )
+    share = outcome.closure[OVERALL]
+    much = "" if share is None else f" {share:.0%} of the gap"
     kept = over_noise(outcome.system, outcome.after, outcome.floor)
     worst = max(kept, key=lambda name: kept[name])
-    left = f"UNEXPLAINED: in the {worst} equation {kept[worst]:.1f} times the noise is left"
+    left = f"in the {worst} equation {kept[worst]:.1f} times the noise is left{_emptied(outcome)}"
+    words = {
+        "none": "recalibrated within its tolerances, the model leaves noise only",
+        "recalibrated": f"no gap is left once nuisance parameters move; named for what moves them: {names}",
+        "explained": f"by {names}",
+        "partial": f"{names} explains{much}; {left}",
+        "unexplained": _unexplained(outcome, left),
+    }[outcome.verdict]
+    return f"{outcome.verdict.upper()}{' ' if outcome.verdict == 'explained' else ': '}{words}"
+
+
+def _unexplained(outcome: Outcome, left: str) -> str:
+    if clean(outcome.left) and beyond(outcome.after, outcome.floor):
+        white = outcome.after.white[OVERALL]
+        return (
+            f"the held-out recordings leave what was fitted (the gap is {white:.1f} times the noise, and no"
+            " fit knows better there); fit recordings that reach as far"
+        )
+    if outcome.empty:
+        return left
     if outcome.surrogates:
         return f"{left}; no model of the catalogue explains half of the gap"
-    return left + (f", with {names} added{_emptied(outcome)}" if names else f"; {_refusal(outcome)}")
+    return f"{left}; {_refusal(outcome)}"
 
 
 def _emptied(outcome: Outcome) -> str:
-    """Return which parameters make named effects something else than their names say, if any does."""
+    """Return which effects of the model are not what their names say, if any is not."""
     if not outcome.empty:
         return ""
-    values = outcome.selection.final.values
-    told = ", ".join(f"{key} = {values[key]:.4g}" for key in outcome.empty[:MOST_NAMED])
-    more = len(outcome.empty) - MOST_NAMED
-    return f", not what the name says: {told}" + (f" and {more} more" if more > 0 else "")
+    names = dict.fromkeys(key.partition(".")[0] for key in outcome.empty)
+    told = at_values(outcome.selection.final, outcome.empty)
+    return f"; {' and '.join(names)} would not be what the name says ({told})"

@@ -4,19 +4,21 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import foreign_joint
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 from pam_orthosis.bag.arrays import write_arrays
 from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.cli.main import main
-from pam_orthosis.discrepancy import beginning, judgement, workflow
+from pam_orthosis.discrepancy import beginning, check, judgement, select, workflow
 from pam_orthosis.discrepancy.apparatus import without_record
-from pam_orthosis.discrepancy.measure import Gap, over_noise
-from pam_orthosis.discrepancy.verdict import as_dict, assumed_words, describe
+from pam_orthosis.discrepancy.contract import as_dict
+from pam_orthosis.discrepancy.data import from_arrays
+from pam_orthosis.discrepancy.measure import Gap, closure, over_noise
+from pam_orthosis.discrepancy.verdict import assumed_words, describe
 from pam_orthosis.model.machines import KNEE, RIG
 from pam_orthosis.model.parameters import load
 
@@ -48,20 +50,29 @@ def test_another_joint_read_as_the_default_knee_is_not_explained(tmp_path, capsy
 
 
 @pytest.mark.parametrize(
-    ("closed", "kept", "empty", "verdict"),
+    ("closed", "kept", "gone", "empty", "verdict"),
     [
-        (0.999, 2.9, (), "explained"),
-        (0.999, 3.1, (), "unexplained"),
-        (0.999, 1.0, ("stretch_reflex.threshold",), "unexplained"),
-        (0.49, 1.0, (), "unexplained"),
-        (None, 1.0, (), "explained"),
+        (0.999, 1.4, False, (), "explained"),
+        (0.999, 1.6, False, (), "partial"),
+        (0.999, 1.0, False, ("creep.stiffness",), "partial"),
+        (0.999, 1.0, False, ("creep.stiffness", "stretch_reflex.threshold"), "unexplained"),
+        (0.49, 1.0, False, (), "unexplained"),
+        (0.999, 1.0, True, (), "recalibrated"),
+        (None, 1.0, True, (), "recalibrated"),
     ],
 )
 @pytest.mark.parametrize("clean", [True, False])
-def test_explained_needs_little_left_and_effects_that_mean_something(closed, kept, empty, verdict, clean):
-    final = SimpleNamespace(effects=("stretch_reflex",))
-    told = judgement._verdict(final, clean, {"overall": closed}, kept, empty)
-    assert told == (verdict if clean or closed is not None else "unexplained")
+def test_explained_needs_little_left_and_effects_that_mean_something(
+    closed, kept, gone, empty, verdict, clean
+):
+    told = judgement.verdict_on(("stretch_reflex", "creep"), closed, judgement.Rest(clean, kept, gone), empty)
+    assert told == (verdict if clean or closed is not None else "partial")
+
+
+def test_no_more_than_the_whole_gap_is_explained():
+    assert closure(5.0, 0.97, 1.0) == 1.0
+    assert closure(5.0, 3.0, 1.0) == 0.5
+    assert closure(1.02, 0.97, 1.0) is None
 
 
 def test_what_is_left_has_one_measure(friction):
@@ -75,7 +86,7 @@ def test_what_is_left_has_one_measure(friction):
     assert over_noise(outcome.system, loud, outcome.floor)["gas"] > 3.5
     place = replace(outcome.left[0], equation="torque", density=900.0)
     told = describe(replace(outcome, verdict="unexplained", left=[place]))
-    assert "times the noise is left, with joint friction added" in told.splitlines()[-1]
+    assert "times the noise is left; " in told.splitlines()[-1]
     assert "900" not in told
 
 
@@ -101,10 +112,57 @@ def test_an_effect_at_a_bound_that_empties_it_is_no_explanation(friction):
     told = judgement.outcome_of(start, replace(outcome.selection, final=wide), settings)
     assert told.empty == ("joint_friction.transition_velocity",)
     assert told.verdict == "unexplained"
+    assert told.effects == ()
     assert as_dict(told)["empty_of_meaning"] == ["joint_friction.transition_velocity"]
-    assert "not what the name says: joint_friction.transition_velocity = 0.76" in describe(told)
+    said = "joint_friction would not be what the name says (joint_friction.transition_velocity = 0.76)"
+    assert said in describe(told)
     assert outcome.empty == ()
     assert outcome.verdict == "explained"
+
+
+def test_an_effect_that_would_be_another_one_is_not_added(friction):
+    start, outcome, _ = friction
+    found = outcome.selection
+    wide = replace(found.final, values={**found.final.values, "joint_friction.transition_velocity": 0.76})
+    able = [(1e4, found.final_problem, wide)]
+    step = select._accepted(start.problem, start.null, start.held_out, able, (), {})
+    assert step.accepted is None
+    assert step.reason.endswith("not be what its name says: joint_friction.transition_velocity = 0.76")
+    able = [(1e4, found.final_problem, found.final)]
+    assert select._accepted(start.problem, start.null, start.held_out, able, (), {}).accepted
+
+
+def test_values_at_a_bound_and_the_coefficients_of_a_map_are_marked(friction):
+    _, outcome, _ = friction
+    (one,) = outcome.effects
+    told = describe(replace(outcome, effects=(replace(one, at_bound=("coulomb",)),)))
+    assert "N m (0." in told
+    assert ", at its bound), stribeck" in told
+    assert as_dict(replace(outcome, effects=(replace(one, at_bound=("coulomb",)),)))["effects"][0][
+        "parameters"
+    ]["coulomb"]["at_bound"]
+    many = {f"c{i}": (1e-3 * i, "-", 0.0, 0.1) for i in range(22)}
+    told = describe(replace(outcome, effects=(replace(one, parameters=many),)))
+    assert "c21" in told
+    assert " and 19 more coefficients (gap.json); evidence" in told
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        (lambda v: lfilter(*butter(2, 0.4), v), "filtered, slow"),
+        (lambda v: np.convolve(v, np.full(5, 0.2), "same"), "filtered, slow"),
+        (lambda v: np.round(v, 2), "quantised"),
+        (lambda v: np.sin(np.arange(len(v)) / 200), "no noise"),
+        (lambda v: v, ""),
+    ],
+)
+def test_a_noise_floor_that_is_no_measure_of_the_sensor_is_said(bench, changed, said):
+    arrays = bench.arrays(1)
+    one = from_arrays("run", bench.system, {**arrays, "angle": changed(arrays["angle"])})
+    remarks = [line for line in check.check(bench.system, [one], 2.0) if "noise floor" in line]
+    assert all(line.startswith("run: angle ") and said in line for line in remarks)
+    assert bool(remarks) == bool(said)
 
 
 @pytest.mark.parametrize(

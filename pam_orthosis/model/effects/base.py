@@ -60,6 +60,10 @@ class Quantity:
         if self.meaningful is not None:
             low, high = self.meaningful
             return not low <= value <= high
+        return self.at_bound(value)
+
+    def at_bound(self, value: float) -> bool:
+        """Return whether a value is at one of the bounds."""
         return any(
             abs(value - bound) <= AT_BOUND * max(abs(bound), abs(self.typical))
             for bound in (self.minimum, self.maximum)
