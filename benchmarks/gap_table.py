@@ -13,7 +13,7 @@ import numpy as np
 SETS = ("clean", "realistic", "clean-none", "realistic-none", "pairs", "outside", "alone")
 SIZES = ("small", "medium", "large")
 OUTCOMES = ("right", "set", "extra", "wrong", "none", "failed")
-OPEN = ("unexplained", "partial")  # verdicts on a gap that is not explained
+OPEN = ("unexplained", "partial", "described")  # verdicts on a gap that is not explained
 KEPT = ("verdict", "effects", "look_alikes", "closure", "gap_before", "rounds")
 CLOSED = 0.95
 

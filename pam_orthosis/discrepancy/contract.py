@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pam_orthosis.discrepancy.findings import Named
@@ -11,6 +11,7 @@ from pam_orthosis.discrepancy.judgement import Outcome
 from pam_orthosis.discrepancy.measure import OVERALL, Gap, over_noise
 from pam_orthosis.discrepancy.structure import Where
 from pam_orthosis.discrepancy.telling import Telling
+from pam_orthosis.discrepancy.unknown_words import unknown_as_dict
 
 
 def as_dict(outcome: Outcome) -> dict[str, Any]:
@@ -18,8 +19,8 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
     return {
         "verdict": outcome.verdict,
         "system": outcome.system.name,
-        "effects": [_effect(one) for one in outcome.effects],
-        "surrogates": [_effect(one) for one in outcome.surrogates],
+        "effects": [_effect(one, outcome.system.wrong) for one in outcome.effects],
+        "surrogates": [_effect(one, outcome.system.wrong) for one in outcome.surrogates],
         "look_alikes": list(outcome.look_alikes),
         "separated_by": list(outcome.separated_by),
         "runner_up": None
@@ -35,6 +36,7 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
         },
         "where": _places(outcome, outcome.where, outcome.before),
         "left": _places(outcome, outcome.left, outcome.after),
+        "unknown": unknown_as_dict(outcome.unknown),
         "empty_of_meaning": list(outcome.empty),
         "out_of_tolerance": {name: _number(value) for name, value in outcome.strained.items()},
         "rounds": [
@@ -46,7 +48,7 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _effect(one: Named) -> dict[str, Any]:
+def _effect(one: Named, wrong: Mapping[str, str]) -> dict[str, Any]:
     parameters = {
         name: {"value": _number(value), "unit": unit, "interval": [_number(lower), _number(upper)],
                "at_bound": name in one.at_bound}
@@ -54,6 +56,7 @@ def _effect(one: Named) -> dict[str, Any]:
     }  # fmt: skip
     return {
         "name": one.name,
+        "wrong_parameter": wrong.get(one.name),
         "equation": one.equation,
         "parameters": parameters,
         "evidence": _number(one.evidence),

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from pam_orthosis.bag.topics import Topics
 from pam_orthosis.discrepancy.machine_system import View, from_rows, graph_view, machine_system
+from pam_orthosis.discrepancy.suspects import VALVE
 from pam_orthosis.discrepancy.system import Source, System
 from pam_orthosis.model.deviations import DEVIATIONS, GAS
 from pam_orthosis.model.effects.base import Effect
@@ -38,6 +39,7 @@ def _view(machine: Machine, nominal: Parameters) -> View:
         graph_view(machine, nominal),
         calibrations=from_rows(nominal, *_tolerances(machine, nominal)),
         multiplied={**DEVIATIONS, **own},
+        suspects=VALVE,
         sources=_sources(machine),
     )
 

@@ -115,5 +115,7 @@ def runner_up_of(found: Selection) -> tuple[str, float] | None:
 def _look_alikes(found: Selection, name: str, settings: Section) -> tuple[str, ...]:
     """Return the effects that were near in evidence when one was accepted, but for those that are named."""
     own, others = _round_of(found, name)
-    near = max(settings.ambiguous, settings.ambiguous_share * own)
+    # the form of a wrong parameter is the model's own: it costs no evidence
+    share = 0.0 if name in found.problem.system.wrong else settings.ambiguous_share
+    near = max(settings.ambiguous, share * own)
     return tuple(other for other, evidence in others if own - evidence < near)

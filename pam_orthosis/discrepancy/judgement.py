@@ -15,12 +15,14 @@ from pam_orthosis.discrepancy.noise_floor import decided_and_floor, remark_on_le
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.selection import Selection, Step
 from pam_orthosis.discrepancy.system import Names, System, Values
+from pam_orthosis.discrepancy.unknown import Unknown
 from pam_orthosis.model.parameters import Section
 
 LEAST_CLOSURE = 0.9  # below it named effects that leave structure are a part of the explanation
 MOST_LEFT = 1.3  # gap after over the noise floor above which the residual is not called clean
 NEAR = 1.5  # gap of an equation over the noise floor above which it is not explained, whatever was closed
 LEAST_NAMED = 0.5  # closure of a model below which it names nothing
+OPEN = ("partial", "unexplained")
 GOOD = ("none", "recalibrated", "explained")  # verdicts on a gap that is not there or explained
 
 
@@ -43,7 +45,7 @@ class Outcome:
     `look_alikes` and `separated_by` are those of the first effect. `from_configured` names the closures that
     count from the configured model, since recalibration closed the gap already. `surrogates` are effects of
     the model that are no explanation; `empty` the parameters (as `EFFECT.PARAMETER`) at values where effects
-    are not what their names say.
+    are not what their names say. `unknown` describes what is left.
     """
 
     system: System
@@ -67,6 +69,7 @@ class Outcome:
     remarks: Sequence[str]
     selection: Selection = field(repr=False)
     held_out: Problem = field(repr=False)
+    unknown: Unknown | None = None
 
 
 def outcome_of(start: Beginning, found: Selection, settings: Section) -> Outcome:

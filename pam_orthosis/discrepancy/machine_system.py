@@ -10,6 +10,7 @@ from typing import Any
 
 import casadi as ca
 
+from pam_orthosis.discrepancy.suspects import name_of, suspects, symbol
 from pam_orthosis.discrepancy.system import Assembled, Calibration, Channel, Equation, Source, System
 from pam_orthosis.model.assembly import Hardware, assemble
 from pam_orthosis.model.deviations import DEVIATIONS
@@ -22,6 +23,7 @@ from pam_orthosis.model.signals import Expression, Signals
 
 Symbols = Mapping[str, Expression]
 MOST_SUPPLY = 1.5  # of the nominal supply pressure, that a chamber can hold: beyond it the unit is another
+PUSH = "constant_torque.torque"  # in whose unit an unknown torque is told
 MARGIN = 0.2  # of the range between the stops: farther out the unit or the zero is another
 
 
@@ -44,6 +46,7 @@ class View:
             the valves, let inputs act later.
         beside: (signals, calibrations) -> what is measured beside coordinate and pressures, by channel.
         mechanism: (parameters, calibrations) -> the mechanism, where it is not the machine's own.
+        suspects: keys of parameters that may be wrong.
         limits, unusable, sources: as for `System`.
     """
 
@@ -59,6 +62,7 @@ class View:
     learns: bool = True
     beside: Callable[[Signals, Symbols], Mapping[str, Expression]] = lambda signals, symbols: {}
     mechanism: Callable[[Parameters, Symbols], Mechanism] | None = None
+    suspects: tuple[str, ...] = ()
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     unusable: tuple[str, ...] = ()
     sources: Mapping[str, Source] = field(default_factory=dict)
@@ -119,6 +123,7 @@ class _Described:
     def __init__(self, machine: Machine, nominal: Parameters, view: View):
         self._machine, self._nominal, self._view = machine, nominal, view
         self._settings = dict(nominal.at(machine.branch).items())
+        self._suspects = suspects(nominal, view.suspects)
         self.present = enabled(nominal.at(machine.branch))
         present = [machine.catalogue[name] for name in self.present if view.learns]
         # parameters of effects that the model has already are recalibrated; its dead times, s, are exact
@@ -130,6 +135,7 @@ class _Described:
         """Return the system; `without` makes it without an effect that the model has already."""
         machine, view = self._machine, self._view
         known = {name: self._seen(effect) for name, effect in catalogue.items()}
+        wrong = self._suspects if catalogue is machine.catalogue else {}
         return System(
             name=view.title,
             channels=view.channels,
@@ -137,7 +143,9 @@ class _Described:
             derived={"velocity": machine.coordinate.name},
             equations=self._equations({**machine.catalogue, **known}),
             calibrations=self._calibrations,
-            catalogue={name: effect for name, effect in known.items() if name not in self.present},
+            catalogue={n: effect for n, effect in known.items() if n not in self.present} | wrong,
+            pushes={view.channels[0].name: PUSH} if PUSH.partition(".")[0] in known else {},
+            wrong={name_of(key): key for key in view.suspects if name_of(key) in wrong},
             assemble=self._assemble,
             needs=dict.fromkeys(("gas", "valve", "supply"), view.inputs),
             equation_names={"torque": view.equation},
@@ -188,7 +196,8 @@ class _Described:
 
     def _assemble(self, effects: tuple[str, ...]) -> Assembled:
         names = [one.name for one in self._calibrations]
-        own = [f"{name}.{q.name}" for name in effects for q in self._machine.catalogue[name].parameters]
+        catalogue = {**self._machine.catalogue, **self._suspects}
+        own = [f"{name}.{q.name}" for name in effects for q in catalogue[name].parameters]
         theta = ca.SX.sym("theta", len(names) + len(own))
         symbols = dict(zip([*names, *own], ca.vertsplit(theta), strict=True))
         assembly = assemble(self._hardware(effects, symbols))
@@ -218,7 +227,9 @@ class _Described:
 
     def _hardware(self, effects: tuple[str, ...], symbols: Symbols) -> Hardware:
         machine, values = self._machine, self._nominal.flat()
-        deviating = {
+        wrong = {key: value for key in self._view.suspects if (value := symbol(symbols, key)) is not None}
+        values |= wrong
+        deviating = wrong | {
             key: values[key] * (1 + symbols[name])
             for name, keys in self._view.multiplied.items()
             if name in symbols
@@ -243,7 +254,7 @@ class _Described:
             known = dict(self._settings[effect.name].items())
             moved = {q: known[q] * (1 + symbols[name]) for q, name in _deviations(effect).items()}
             settings[effect.name] = Section(f"{branch}.{effect.name}", {"enabled": True, **moved})
-        for name in effects:
+        for name in (one for one in effects if one not in self._suspects):
             tried = {q.name: symbols[f"{name}.{q.name}"] for q in self._machine.catalogue[name].parameters}
             settings[name] = Section(f"{branch}.{name}", {"enabled": True, **tried})
         return settings

@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from pam_orthosis.discrepancy.suspects import VALUE
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.files import write_text
@@ -23,9 +24,12 @@ ROW = {"value", "meaning"}  # what a parameter's row has at least
 
 
 def overrides(system: System, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the dotted-key overrides that switch effects on with these values; nothing else changes."""
+    """Return the dotted-key overrides that switch effects on, and correct wrong parameters; nothing else."""
     changed: dict[str, Any] = {}
     for name in effects:
+        if name in system.wrong:
+            changed[system.wrong[name]] = float(f"{values[f'{name}.{VALUE}']:.6g}")
+            continue
         changed[f"{system.branch}.{name}.enabled"] = True
         for q in system.catalogue[name].parameters:
             changed[f"{system.branch}.{name}.{q.name}"] = float(f"{values[f'{name}.{q.name}']:.6g}")

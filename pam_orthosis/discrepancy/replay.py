@@ -84,6 +84,10 @@ class Replay:
         both = self._evaluate(run, equation, effects, values, names)
         return both[:, :, 0], both[:, :, 1:], names
 
+    def part(self, equation: Equation, channel: str) -> Part:
+        """Return the part of an equation, without effects, that predicts a channel."""
+        return next(part for part in self._parts_of(equation, ()) if channel in part.channels)
+
     def forget(self, run: Run) -> None:
         """Drop what is remembered of a run."""
         for store in (self._memory, self._data):

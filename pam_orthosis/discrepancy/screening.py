@@ -20,6 +20,8 @@ POLISHED = 3
 POLISHED_SHARE = 0.4  # of the best projected gain: worth a full fit
 NEAR_BAR = 0.3  # of the evidence that is asked for: a projection may be that far off
 SLACK = 20.0  # the same where little is asked for
+FAR = 100.0  # power density of residuals over noise, and
+FAR_STRAIN = 4.0  # deviation of a nuisance parameter over its tolerance, that let parameters be suspected
 SECOND_START = 0.3  # of the best start's gain: a second start is tried
 
 
@@ -32,7 +34,8 @@ def fitted_candidates(
     """
     projection = Projection(problem, base)
     touched = problem.replay.touched
-    names = [name for name in problem.system.candidates if name not in base.effects and touched(name)]
+    known = {*base.effects, *(() if _is_far(problem, base) else problem.system.wrong)}
+    names = [name for name in problem.system.candidates if name not in known and touched(name)]
     shapes = [name for name in problem.system.shapes if name not in base.effects and touched(name)]
 
     def screen(name: str) -> tuple[float, Trial, list[np.ndarray]]:
@@ -57,6 +60,13 @@ def fitted_candidates(
     found += [widened_shape(projection, name) for name in shapes]
     gains = {trial.name: gain for gain, trial, _ in screened} | {one.name: one.gain for one in found}
     return sorted((one for one in found if one.gain > least), key=lambda one: -one.evidence), gains
+
+
+def _is_far(problem: Problem, base: Fit) -> bool:
+    """Return whether a model is so far off that parameters of the apparatus are suspected."""
+    density = max(1 / weight**2 for weight in problem.weights.values())
+    ordinary = (one for one in base.free if "." not in one.name)
+    return density > FAR or any(abs(one.deviation(base.values)) > FAR_STRAIN for one in ordinary)
 
 
 def _room(problem: Problem, name: str) -> float:

@@ -132,6 +132,9 @@ class System:
         places: effect -> the equation in which it shows, where the effect does not name it itself.
         input_units: input -> its unit (V).
         input_noise: input -> standard deviation of what is recorded (`gap.replay.input_noise`).
+        pushes: channel -> `EFFECT.PARAMETER`, a constant in its equation in whose unit an unknown is
+            told.
+        wrong: candidate -> key of the parameter that it takes to be wrong.
         sources: signal (of a table `time` too) -> where recordings have it.
     """
 
@@ -155,6 +158,8 @@ class System:
     input_units: Mapping[str, str] = field(default_factory=dict)
     input_noise: Mapping[str, float] = field(default_factory=dict)
     sources: Mapping[str, Source] = field(default_factory=dict)
+    pushes: Mapping[str, str] = field(default_factory=dict)
+    wrong: Mapping[str, str] = field(default_factory=dict)
 
     def without(self, lacking: Collection[str]) -> System:
         """Return the system without equations and effects that need inputs which are lacking."""

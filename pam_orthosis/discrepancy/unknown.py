@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is said of a gap that no effect explains: a curve over one signal, events, or neither."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pam_orthosis.discrepancy import measure
+from pam_orthosis.discrepancy.description import Description, described
+from pam_orthosis.discrepancy.events import Event, events
+from pam_orthosis.discrepancy.fit import Fit
+from pam_orthosis.discrepancy.problem import Problem
+
+LEAST_GAP = 1.15  # over the noise, in an equation: below it nothing can be said of what is left
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """What is left in the equation where most is left.
+
+    Attributes:
+        equation: its name.
+        description: as a curve over a signal, if there is one.
+        events: of the held-out recordings, if these are most of it.
+    """
+
+    equation: str
+    description: Description | None
+    events: Sequence[Event]
+
+    @property
+    def known(self) -> bool:
+        """Whether something can be said of it."""
+        return self.description is not None or bool(self.events)
+
+
+def unknown(problem: Problem, judge: Problem, model: Fit, floor: measure.Gap) -> Unknown | None:
+    """Return what can be said of the gap that a model leaves in held-out recordings; None if it is small."""
+    kept = measure.over_noise(problem.system, measure.gap(judge, model), floor)
+    worst = max(problem.system.equations, key=lambda equation: kept[equation.name])
+    if kept[worst.name] < LEAST_GAP:
+        return None
+    found = described(problem, judge, model, worst)
+    pushes = [] if found else [one for c in worst.channels for one in events(judge, model, worst, c)]
+    return Unknown(worst.name, found, tuple(pushes))

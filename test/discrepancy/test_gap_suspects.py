@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of the apparatus that are wrong are candidates: the search names them with their values."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pam_orthosis.control.loop import ClosedLoop
+from pam_orthosis.discrepancy import patch, workflow
+from pam_orthosis.discrepancy.contract import as_dict
+from pam_orthosis.discrepancy.data import from_arrays
+from pam_orthosis.discrepancy.knee import SUSPECTS, knee
+from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.run import Run
+from pam_orthosis.discrepancy.suspects import name_of
+from pam_orthosis.discrepancy.verdict import describe
+from pam_orthosis.model.plant import Plant
+
+DIAMETER = "leg.cogwheel_diameter"
+
+
+@pytest.mark.parametrize(
+    ("key", "factor", "equation"),
+    [
+        (DIAMETER, 1.2, 0),
+        ("leg.thigh.length", 1.1, 0),
+        ("leg.knee_mass", 1.7, 0),
+        ("valve.conductance", 0.7, 1),
+    ],
+)
+def test_a_candidate_is_the_model_with_that_parameter(bench, key, factor, equation):
+    value = factor * bench.parameters.flat()[key]
+    right = knee(bench.parameters.changed({key: value}))
+    run, name = Run(bench.system, bench.recording(1), 40.0), name_of(key)
+    values = {**bench.replay.defaults((name,)), f"{name}.value": value}
+    one = bench.replay.residuals(run, bench.system.equations[equation], (name,), values)
+    replay = Replay(right)
+    other = replay.residuals(run, right.equations[equation], (), replay.defaults(()))
+    usual = bench.replay.residuals(run, bench.system.equations[equation], (), bench.replay.defaults(()))
+    assert np.std(one - other) < 1e-3 * np.std(usual - other)
+
+
+def test_every_suspect_changes_an_equation(bench):
+    assert set(bench.system.wrong.values()) == set(SUSPECTS)
+    assert all(bench.replay.touched(name) for name in bench.system.wrong)
+
+
+def test_a_wrong_sprocket_is_named_with_its_size(bench):
+    """Beside the shape corrections, which may not take what is another sprocket's."""
+    wrong = bench.parameters.changed({DIAMETER: 0.12})
+
+    def recording(seed, cycle):
+        changed = {"scenario.cycle_time": cycle}
+        plant = Plant(wrong.changed(changed), seed)
+        loop = ClosedLoop(bench.parameters.changed(changed), seed, plant=plant)
+        return from_arrays(f"run {seed}", bench.system, loop.run(7000))
+
+    names = (*bench.system.shapes, "parallel_elasticity", *bench.system.wrong)
+    few = replace(bench.system, catalogue={name: bench.system.catalogue[name] for name in names})
+    training = [recording(1, 2.0), recording(2, 1.4)]
+    outcome = workflow.find_gap(few, training, [recording(3, 1.7)], bench.parameters.gap)
+    (one,) = outcome.effects
+    assert outcome.verdict == "explained"
+    assert one.parameters["value"][0] == pytest.approx(0.12, rel=0.02)
+    told = as_dict(outcome)["effects"][0]
+    assert told["wrong_parameter"] == DIAMETER
+    lines = describe(outcome).splitlines()
+    assert lines[-1] == f"EXPLAINED by a wrong {DIAMETER}"
+    assert any(line.startswith(f"wrong parameter: {DIAMETER} is 0.1") for line in lines)
+    assert any("the model has 0.1: effective diameter" in line for line in lines)
+    changed = patch.overrides(few, [one.name], outcome.selection.final.values)
+    assert changed == {DIAMETER: pytest.approx(0.12, rel=0.02)}

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What nothing in the catalogue explains is described: as a curve over a signal, as events, or not at all."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pam_orthosis.discrepancy import beginning, description, unknown
+from pam_orthosis.discrepancy.data import from_arrays
+from pam_orthosis.discrepancy.injection import injection
+from pam_orthosis.discrepancy.problem import Problem
+from pam_orthosis.discrepancy.run import Run
+from pam_orthosis.discrepancy.unknown_words import short, unknown_as_dict, unknown_words
+from pam_orthosis.discrepancy.whitening import Whitener
+
+CYCLES = {1: 2.0, 2: 1.4, 3: 1.7}  # seed -> s
+
+
+def added(bench, torque):
+    """Return recordings whose angle is what an unknown torque, N m, makes of it to first order."""
+    made = []
+    for seed, cycle in CYCLES.items():
+        one, arrays = bench.recording(seed, cycle), bench.arrays(seed, cycle)
+        equation, run = bench.system.equations[0], Run(bench.system, one, 40.0)
+        values = bench.replay.defaults(())
+        linear = injection(bench.replay, run, equation, "angle", values)
+        lever = description.lever(Problem(bench.replay, []), _Scored(run), equation, "angle", linear)
+        wanted = torque(run.smooth("angle"), one.start + one.period * np.arange(one.samples))
+        moved = arrays["angle"] + linear.response((lever * wanted)[:, None])[:, 0]
+        made.append(from_arrays(f"run {seed}", bench.system, {**arrays, "angle": moved}))
+    return made
+
+
+class _Scored:
+    def __init__(self, run):
+        self.run, self.warm_up, self.whiten = run, 0, Whitener({})
+
+
+@pytest.fixture(scope="module")
+def told(bench):
+    """Return (torque of angle and time) -> what is said of it."""
+
+    def described(torque):
+        *training, held_out = added(bench, torque)
+        start = beginning.begin(bench.system, training, [held_out], bench.parameters.gap, replay=bench.replay)
+        return unknown.unknown(start.problem, start.held_out, start.null, start.floor)
+
+    return described
+
+
+def test_the_linearised_replay_is_that_of_the_model(bench):
+    equation, run = bench.system.equations[0], Run(bench.system, bench.recording(1), 40.0)
+    values = bench.replay.defaults(("constant_torque",))
+    seen = [
+        bench.replay.residuals(run, equation, ("constant_torque",), {**values, "constant_torque.torque": x})
+        for x in (0.0, 0.2)
+    ]
+    change = (seen[0] - seen[1])[:, 0]
+    linear = injection(bench.replay, run, equation, "angle", values)
+    back = linear.response(linear.added(change)[:, None])[:, 0]
+    assert np.std(back - change) < 0.06 * np.std(change)
+    lever = description.lever(Problem(bench.replay, []), _Scored(run), equation, "angle", linear)
+    assert 0.2 * lever[1000:].mean() == pytest.approx(linear.added(change)[1000:].mean(), rel=0.05)
+
+
+def test_a_torque_of_the_angle_is_described_with_its_period_and_size(bench, told):
+    found = told(lambda angle, time: 0.5 * np.sin(14 * angle))
+    one = found.description
+    assert (found.equation, one.coordinate, one.unit) == ("torque", "angle", "N m")
+    assert one.period == pytest.approx(2 * np.pi / 14, rel=0.05)
+    assert one.amplitude[0] == pytest.approx(0.5, rel=0.15)
+    assert one.reduced > 0.8
+    assert short(bench.system, found).startswith("unknown torque of angle (period 0.4")
+    assert "removes 9" in unknown_words(bench.system, found)[0]
+    assert unknown_as_dict(found)["curve"]["coordinate"] == "angle"
+
+
+def test_pushes_at_instants_of_their_own_are_events(bench, told):
+    def pushes(angle, time):
+        return sum(1.5 * np.exp(-(((time - at) / 0.08) ** 2)) for at in (4.0, 7.3, 10.1))
+
+    found = told(pushes)
+    assert found.description is None
+    assert [event.time for event in found.events] == pytest.approx([4.0, 7.3, 10.1], abs=0.1)
+    assert [event.size for event in found.events] == pytest.approx([1.5] * 3, rel=0.35)
+    (line,) = unknown_words(bench.system, found)
+    assert "of nothing that was measured; pushes at 4.0 s (+1." in line
+    assert short(bench.system, found) == "3 pushes (4.0 s, 7.3 s, 10.1 s)"
+    bare = replace(found, events=())
+    assert not bare.known
+    assert unknown_words(bench.system, bare)[0].endswith("depends on nothing that was measured, alone")
+
+
+def test_where_hardly_anything_is_left_nothing_is_said(told):
+    assert told(lambda angle, time: 0.0 * angle) is None
+
+
+def test_a_curve_that_is_no_wave_has_no_period():
+    places = np.linspace(0.0, 1.0, 20)
+    assert description.wave_period(places, np.exp(-(((places - 0.5) / 0.1) ** 2))) is None
+    assert description.wave_period(places, 3 * places + 1) is None
+    assert description.wave_period(places, np.sin(12 * places)) == pytest.approx(np.pi / 6, rel=0.05)
