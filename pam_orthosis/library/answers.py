@@ -80,7 +80,7 @@ class Gap:
 
     def as_dict(self) -> dict[str, Any]:
         """Return what `gap.json` holds on the search."""
-        from pam_orthosis.discrepancy.verdict import as_dict
+        from pam_orthosis.discrepancy.contract import as_dict
 
         return as_dict(self.outcome)
 
