@@ -26,6 +26,7 @@ SIMPLER = 0.02  # of that share: what more knots have to add
 CYCLES, FITS = 1.8, 0.7  # a curve is periodic if so many waves are in its range and explain so much of it
 SLOW = 8.0  # Hz, below which the size of the unknown is looked at
 UNSURE = 3.0  # times the median standard deviation: places that were hardly visited
+ROUNDING = 1e-9  # of a curve's squares: what is smaller is a line
 QUANTILE = 1.96  # two-sided 95 % of a normal distribution
 
 
@@ -263,7 +264,7 @@ def wave_period(places: np.ndarray, curve: np.ndarray) -> float | None:
         period: _explained(places, curve, line, period)
         for period in width / np.arange(CYCLES, len(places) / 3, 0.05)
     }
-    if not best or not float(flat @ flat) > 0:
+    if not best or not float(flat @ flat) > ROUNDING * float(curve @ curve):
         return None
     period = max(best, key=lambda one: best[one])
     return float(period) if best[period] > FITS else None
