@@ -96,7 +96,7 @@ def test_gap_json_keeps_its_contract(friction):
     told = json.loads(json.dumps(as_dict(friction)))
     assert told["verdict"] == "explained"
     assert set(told["effects"][0]) == {
-        "name", "equation", "parameters", "evidence", "look_alikes", "separated_by"
+        "name", "wrong_parameter", "equation", "parameters", "evidence", "look_alikes", "separated_by"
     }  # fmt: skip
     assert told["look_alikes"] == told["effects"][0]["look_alikes"]
     assert told["separated_by"] == told["effects"][0]["separated_by"]
@@ -385,7 +385,7 @@ def test_each_effect_has_its_own_look_alikes_and_none_that_is_named(friction, be
     ]
     steps = [SimpleNamespace(accepted=name, ranked=ranked, evidence=400.0) for name, ranked in rounds]
     final = SimpleNamespace(effects=["backlash", "valve_lag"])
-    found = SimpleNamespace(final=final, steps=steps)
+    found = SimpleNamespace(final=final, steps=steps, problem=SimpleNamespace(system=bench.system))
     settings = bench.parameters.gap.evidence
     assert findings._look_alikes(found, "backlash", settings) == ("creep",)
     assert findings._look_alikes(found, "valve_lag", settings) == ("valve_delay",)
