@@ -102,13 +102,20 @@ def test_only_what_larger_effects_of_this_search_keep_out_is_looked_for_in_their
     assert asked(found, "extensor_leak") == SETTINGS.threshold
 
 
-def test_the_one_that_is_left_is_valued_without_the_dropped_one(monkeypatch):
+@pytest.mark.parametrize(
+    ("loss_of_second", "empty"), [(4.0, ()), (5000.0, ("muscle_hysteresis.sliding_distance",))]
+)
+def test_the_one_that_is_left_is_valued_without_the_dropped_one(monkeypatch, loss_of_second, empty):
+    """Dropped for its evidence, or since its parameters make it another effect, whatever its evidence."""
     found = found_so_far({"joint_friction": 9000.0, "muscle_hysteresis": 40.0}, {})
     found.alike = {name: {} for name in found.evidence}
     found.entered = dict(found.evidence)
     both = tuple(found.evidence)
     found.final = SimpleNamespace(effects=both)
-    losses = {both: dict(zip(both, (16.0, 4.0), strict=True)), both[:1]: {"joint_friction": 9050.0}}
+    losses = {
+        both: dict(zip(both, (16.0, loss_of_second), strict=True)),
+        both[:1]: {"joint_friction": 9050.0},
+    }
 
     def loss(found, name):
         effects = tuple(one for one in found.final.effects if one != name)
@@ -116,6 +123,7 @@ def test_the_one_that_is_left_is_valued_without_the_dropped_one(monkeypatch):
 
     monkeypatch.setattr(elimination, "_loss", loss)
     monkeypatch.setattr(elimination, "_seen_in_silence", lambda *_: False)
+    monkeypatch.setattr(elimination, "emptied", lambda system, name, model: empty if name == both[1] else ())
     monkeypatch.setattr(
         elimination, "fit_tempered", lambda problem, effects, *_: (problem, SimpleNamespace(effects=effects))
     )
