@@ -14,9 +14,10 @@ from pam_orthosis.report.gap_figures import spoken
 from pam_orthosis.report.page import BAD, GOOD, NEUTRAL, Page, Part, listed
 
 MOST_LISTED = 8  # parameters of an effect; the coefficients of a curve are shown as the curve
-TONES = {"none": GOOD, "explained": GOOD, "unexplained": BAD}
+TONES = {"none": GOOD, "recalibrated": GOOD, "explained": GOOD, "unexplained": BAD}
 MEANINGS = {
     "none": "Recalibrated within its tolerances, the model explains the recordings down to their noise.",
+    "recalibrated": "Recalibration alone leaves noise; the effect below is better evidence than that.",
     "explained": "Model and recordings differ by more than noise, and the effect below accounts for it.",
     "partial": "The effects below account for a part of the difference; the rest has no name.",
     "described": "A curve describes the difference; the catalogue has no name for its cause.",

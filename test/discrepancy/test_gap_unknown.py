@@ -13,7 +13,6 @@ from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.run import Run
 from pam_orthosis.discrepancy.unknown_words import short, unknown_as_dict, unknown_words
 from pam_orthosis.discrepancy.whitening import Whitener
-from pam_orthosis.report.gap import _curve
 
 CYCLES = {1: 2.0, 2: 1.4, 3: 1.7}  # seed -> s
 
@@ -75,8 +74,6 @@ def test_a_torque_of_the_angle_is_described_with_its_period_and_size(bench, told
     assert short(bench.system, found).startswith("unknown torque of angle (period 0.4")
     assert "removes 9" in unknown_words(bench.system, found)[0]
     assert unknown_as_dict(found)["curve"]["coordinate"] == "angle"
-    (axis,) = _curve(bench.system, one).axes
-    assert (axis.get_xlabel(), axis.get_ylabel()) == ("angle [rad]", "unknown, less a parabola [N m]")
 
 
 def test_pushes_at_instants_of_their_own_are_events(bench, told):
