@@ -56,11 +56,18 @@ class Spring(NamedTuple):
 
 
 def spring(estimate: Expression, reference: Expression, wanted: Impedance, axis: Axis) -> Spring:
-    """Return the law above for (q, q-dot, disturbance) and the reference (q, q-dot, q-double-dot)."""
+    """Return the law above for (q, q-dot, disturbance) and the reference (q, q-dot, q-double-dot).
+
+    Stiffness and damping are cut to what the lag of the pressures carries at the joint's inertia: a light
+    leg on a stiff spring would swing faster than they follow.
+    """
     terms = axis.terms(estimate[0], estimate[1])
     error = reference[0] - estimate[0]
     outside = error - ca.fmin(ca.fmax(error, -wanted.tunnel), wanted.tunnel)
-    pull = wanted.stiffness * outside + wanted.damping * (reference[1] - estimate[1])
+    fastest = axis.belief.control.cooperation.fastest
+    stiffness = ca.fmin(wanted.stiffness, terms.inertia * fastest**2)
+    damping = ca.fmin(wanted.damping, 2 * terms.inertia * fastest)
+    pull = stiffness * outside + damping * (reference[1] - estimate[1])
     needed = terms.inertia * reference[2] + terms.coriolis + terms.gravity
     effort = wanted.level * needed + pull
     return Spring(effort, (effort - needed - estimate[2]) / terms.inertia, outside, needed)

@@ -48,6 +48,19 @@ def test_a_push_meets_the_stiffness_that_was_asked_for(stiffness):
     assert answer.imag > 0  # it takes up energy
 
 
+def test_a_light_leg_is_held_no_more_stiffly_than_the_loop_can():
+    loop, *_ = cooperating(
+        "person",
+        **{
+            MODE: "impedance", "control.cooperation.stiffness": 600.0, "control.cooperation.damping": 20.0,
+            "leg.person.mass": 30.0, "leg.person.height": 1.35, "plant.external_torque": 12.0,
+            "scenario.trajectory": "hold", "scenario.start_angle": 0.6, "plant.external_frequency": 2.0,
+        },
+    )  # fmt: skip
+    run = loop.run(600)
+    assert np.abs(run["true_angle"] - 0.6).max() < np.radians(5)
+
+
 def test_a_transparent_orthosis_is_hardly_felt():
     will = {f"{WILL}.enabled": True, f"{WILL}.stiffness": 150.0, f"{WILL}.damping": 6.0}
     loop, *_ = cooperating("sine", **{MODE: "transparent", **will})
