@@ -31,7 +31,7 @@ from control_campaign.hardware import drawn
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, load
-from pam_orthosis.model.plant import Plant, with_belief
+from pam_orthosis.model.plant import Plant, with_nominal
 from pam_orthosis.planning.plan import make_plan
 from pam_orthosis.planning.recorded import recorded
 
@@ -60,12 +60,12 @@ def solve(specimen: int, tasks: list[tuple[Case, str]], known: dict | None) -> I
             yield told | {"failed": f"{type(error).__name__}: {error}"}
 
 
-def _run(parameters: Parameters, case: Case, controller: str, belief: dict) -> dict[str, np.ndarray]:
+def _run(parameters: Parameters, case: Case, controller: str, nominal: dict) -> dict[str, np.ndarray]:
     steps = round(case.duration / parameters.scenario.control_period)
     if controller == "pid":
         return pid.run(parameters, Plant(parameters, SEED), pid.TUNED[case.wearer], steps)
-    believed = {key: value for key, value in belief.items() if key not in case.otherwise}
-    parameters = with_belief(parameters, believed if controller in LEARNING else {})
+    assumed = {key: value for key, value in nominal.items() if key not in case.otherwise}
+    parameters = with_nominal(parameters, assumed if controller in LEARNING else {})
     if controller == "calm":
         parameters = parameters.changed(CALM)
     if controller == "planned":
@@ -112,17 +112,17 @@ def _work(task: tuple[Path, int, list[tuple[Case, str]], dict | None]) -> None:
 def run(out: Path, controllers: Sequence[str], limit: int | None, jobs: int) -> None:
     """Make the runs that the results file does not hold yet."""
     results = _results(out)
-    beliefs = {r["specimen"]: r["belief"] for r in results if "belief" in r}
+    models = {r["specimen"]: r["belief"] for r in results if "belief" in r}
     todo = missing(results, controllers)[:limit]
     for everywhere in (True, False):  # what is learned for the first ones is there for the others
         groups: dict[int, list[tuple[Case, str]]] = {}
         for specimen, case, name in todo:
             if case.everywhere == everywhere:
                 groups.setdefault(specimen, []).append((case, name))
-        tasks = [(out, specimen, group, beliefs.get(specimen)) for specimen, group in groups.items()]
+        tasks = [(out, specimen, group, models.get(specimen)) for specimen, group in groups.items()]
         with ProcessPoolExecutor(jobs, initializer=os.nice, initargs=(NICE,)) as pool:
             list(pool.map(_work, tasks))
-        beliefs |= {r["specimen"]: r["belief"] for r in _results(out) if "belief" in r}
+        models |= {r["specimen"]: r["belief"] for r in _results(out) if "belief" in r}
 
 
 def missing(results: Sequence[dict], controllers: Sequence[str]) -> list[tuple[int, Case, str]]:

@@ -4,8 +4,8 @@
     python benchmarks/bench_gap.py run --out results.jsonl [--seed 1] [--cases SET ...] [--limit N]
     python benchmarks/bench_gap.py table results.jsonl ... [--keep short.jsonl] [--peer peer.jsonl]
 
-The search gets the recordings and the belief; the answer is compared afterwards. The peer's file, PySINDy
-on the same cases, is made by `gap_peer.py`.
+The search gets the recordings and the nominal model; the answer is compared afterwards. The peer's file,
+PySINDy on the same cases, is made by `gap_peer.py`.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from pam_orthosis.model.parameters import load
 OUT = Path(__file__).parent / "results" / "delay_frontier.jsonl"
 POLES, GAINS = (60.0, 75.0, 90.0, 105.0, 120.0, 135.0), (28.0, 32.0, 36.0, 39.0, 43.0, 47.0)
 SEED = 1
-MORE = 5e-3  # s of delay more than believed
+MORE = 5e-3  # s of delay more than nominal
 
 
 def run(out: Path) -> None:

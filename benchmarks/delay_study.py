@@ -63,11 +63,11 @@ def delayed(seconds: float) -> dict[str, Any]:
 
 def hardware() -> dict[str, dict[str, Any]]:
     """Return the perturbations of the shipped hardware."""
-    believed = load().valve.delay
+    assumed = load().valve.delay
     return {
         "as shipped": {},
-        "5 ms more than believed": delayed(believed + 5e-3),
-        "5 ms less than believed": delayed(believed - 5e-3),
+        "5 ms more than believed": delayed(assumed + 5e-3),
+        "5 ms less than believed": delayed(assumed - 5e-3),
         "valve of 30 Hz": {LAG: 30.0},
         "friction x3": FRICTION,
         "hysteresis x3": HYSTERESIS,

@@ -5,7 +5,7 @@
     python benchmarks/bench_gap.py table RESULTS.jsonl --peer PEER.jsonl
 
 Needs the extra `peer` (PySINDy). It gets what the workflow gets: the recordings, the nominal model with
-its ordinary parameters recalibrated within their tolerances, and the catalogue. The target is what the
+its nuisance parameters recalibrated within their tolerances, and the catalogue. The target is what the
 equations then miss: smoothed accelerations and pressure rates, from training recordings. The library has
 one column for each effect of the catalogue: what the effect at its typical size adds to the same rates
 along the recording, states of its own, lags and dead times simulated (a library of functions of the

@@ -33,7 +33,7 @@ RESULTS = Path(__file__).resolve().parent / "results" / "gate.json"
 # between machines: a fit ends where its cost falls by less than 1, and the last bits of libraries differ
 TOLERANCE = 1e-6
 GAIT, HELD_OUT_GAIT = 8.0, 6.0  # s
-DEVIATION = 0.7  # of the stated tolerance, by which the rig's ordinary parameters are off
+DEVIATION = 0.7  # of the stated tolerance, by which the rig's nuisance parameters are off
 # effect of the rig -> field of the hidden plant and its size
 AT_RIG = {"carriage_friction": ("coulomb", 10.0), "specimen_leak": ("leak_e", 5e-11), "creep": ("creep", 2e3)}
 EXPERIMENTS = (diagnostic.closed_hold, diagnostic.cocontraction)
@@ -171,7 +171,7 @@ def _recordings(search: Search, seed: int) -> dict[str, dict[str, np.ndarray]]:
     script = diagnostic.Script(parameters.scenario.start_angle, parameters.control.position.mean_pressure)
     for part in EXPERIMENTS:
         part(script, parameters.scenario.diagnostic)
-    experiments = diagnostic.Programme(script.phases, parameters.gap.replay.warm_up)
+    experiments = diagnostic.Experiment(script.phases, parameters.gap.replay.warm_up)
     slower = parameters.changed({"scenario.cycle_time": 2.6})
     runs = {
         "gait": (make_trajectory(parameters), GAIT),

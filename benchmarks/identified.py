@@ -2,7 +2,7 @@
 """Knee tracking with the coefficients of config/ and with identified ones, at the same gains.
 
 `python benchmarks/identified.py FILE`, FILE written by `pam-orthosis identify ... --out FILE`.
-The plant stays the same: its true damping is kept while the believed one changes.
+The plant stays the same: its true damping is kept while the nominal one changes.
 """
 
 import sys

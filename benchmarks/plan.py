@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model.parameters import load, scenario_overrides
-from pam_orthosis.model.plant import with_belief
+from pam_orthosis.model.plant import with_nominal
 from pam_orthosis.planning.plan import make_plan
 
 PICTURE = Path("plan.png")
@@ -22,10 +22,10 @@ BAR = 1e-5
 
 
 def parameters():
-    """Return the shipped hardware at a low supply, which is believed, as are most of its effects."""
+    """Return the shipped hardware at a low supply that the nominal model knows, as most of its effects."""
     hardware = load(scenario_overrides("person") | {"plant.deviation.supply_pressure": SUPPLY / 7e5})
     known = {"valve.supply_pressure": SUPPLY, "control.position.maximum_pressure": SUPPLY - MARGIN}
-    return with_belief(hardware, known | {f"effects.{name}.enabled": True for name in KNOWN})
+    return with_nominal(hardware, known | {f"effects.{name}.enabled": True for name in KNOWN})
 
 
 def main() -> None:

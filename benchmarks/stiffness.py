@@ -37,16 +37,16 @@ def modelled(parameters, angle: float, mean_pressure: float) -> Stiffness:
     what its pressure rises by when the muscle's volume shrinks. The pressures are those with which the
     position controller holds the knee: where p_im would let a muscle hang slack they are higher.
     """
-    axis = Axis(parameters.belief())
-    belief = axis.belief
+    axis = Axis(parameters.nominal())
+    nominal = axis.nominal
     q, velocity, p = ca.SX.sym("q"), ca.SX.sym("velocity"), ca.SX.sym("p", 2)
     moving = axis.effort(q, velocity, (p[0], p[1])) - axis.terms(q, velocity).gravity
     torque = ca.substitute(moving, velocity, 0)
-    volume, dead = _volumes(q, p, axis), belief.valve.hose.volume
+    volume, dead = _volumes(q, p, axis), nominal.valve.hose.volume
     # dp/dq at closed valves: Eq. (6) without flow, the angle in the place of time
     slopes = [(ca.jacobian(volume[i], p[i]), ca.jacobian(volume[i], q)) for i in range(2)]
     rates = [
-        pneumatics.pressure_rate(p[i], 0, 1, volume[i] + dead, *slopes[i], belief.valve) for i in range(2)
+        pneumatics.pressure_rate(p[i], 0, 1, volume[i] + dead, *slopes[i], nominal.valve) for i in range(2)
     ]
     held = -ca.jacobian(torque, q)
     closed = held - ca.jacobian(torque, p) @ ca.vertcat(*rates)
@@ -72,7 +72,7 @@ def measured(time, angle, torque, frequency: float, warm_up: float) -> float:
 
 def _volumes(q, p, axis):
     contractions, _ = axis.kinematics(q, 0)
-    gauge = [p[i] - axis.belief.valve.ambient_pressure for i in range(2)]
+    gauge = [p[i] - axis.nominal.valve.ambient_pressure for i in range(2)]
     return [one.volume(x, g) for one, x, g in zip(axis.actuators, contractions, gauge, strict=True)]
 
 
@@ -81,7 +81,7 @@ def _holding(angle: float, mean: float, axis):
     q, velocity = ca.SX.sym("q"), ca.SX.sym("velocity")
     held = pressures_for_effort(Demand(axis.terms(q, velocity).gravity, q, velocity, mean), axis)
     gauge = ca.Function("held", [q, velocity], [ca.vertcat(*held.pressures)])(angle, 0)
-    return gauge + axis.belief.valve.ambient_pressure
+    return gauge + axis.nominal.valve.ambient_pressure
 
 
 def on_plant(parameters) -> tuple[float, float]:

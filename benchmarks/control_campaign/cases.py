@@ -19,7 +19,7 @@ CALM = {"control.observer.pole": 80.0}  # 1/s: a learned model leaves the observ
 class Case(NamedTuple):
     """A task: name, scenario, what is set beside it, duration s, whether all specimens are asked.
 
-    `otherwise`: what is believed of the specimen does not hold of these parameters in this task.
+    `otherwise`: the nominal model of the specimen does not hold of these parameters in this task.
     """
 
     name: str

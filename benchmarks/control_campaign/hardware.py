@@ -20,7 +20,7 @@ def drawn(seed: int) -> dict[str, Any]:
         return {}
     rng = np.random.default_rng(1000 + seed)
     u = rng.uniform
-    believed, plant = load(), "plant"
+    assumed, plant = load(), "plant"
     hose_length, bore = u(0.5, 2.0), u(4.0, 6.0)  # m, mm
     volume = math.pi / 4 * (bore * 1e-3) ** 2 * hose_length
     conductance = 0.029e-6 * bore**2 / math.sqrt(1e3 * hose_length / bore**1.25 + 510)  # ISO 6358 formula
@@ -41,12 +41,12 @@ def drawn(seed: int) -> dict[str, Any]:
     delay = {"valve": effects.pop("valve_delay")["delay"], "hose_length": hose_length}
     deviation = {
         "moving_mass": u(0.96, 1.04), "person_mass": u(0.97, 1.03),
-        "muscle_damping": damping * (faster + slower) / 2 / believed.muscle.dmsp_20.force.damping,
+        "muscle_damping": damping * (faster + slower) / 2 / assumed.muscle.dmsp_20.force.damping,
         "extensor_force": u(0.92, 1.08), "flexor_force": u(0.92, 1.08),
         "conductance": u(2.2, 2.9) / 2.75, "critical_ratio": u(0.2, 0.45) / 0.3,
         "polytropic_exponent": u(1.05, 1.39) / 1.2, "supply_pressure": u(5.5, 7.0) / 7.0,
-        "hose_volume": volume / believed.valve.hose.volume,
-        "hose_conductance": conductance / believed.valve.hose.conductance,
+        "hose_volume": volume / assumed.valve.hose.volume,
+        "hose_conductance": conductance / assumed.valve.hose.conductance,
     }  # fmt: skip
     sensor = {"angle_noise": math.radians(u(0.01, 0.05)), "pressure_noise": u(300.0, 1000.0)}
     mounting = {muscle: u(-1e-3, 1e-3) for muscle in ("extensor", "flexor")}

@@ -20,7 +20,7 @@ from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.improvement import learned
 from pam_orthosis.improvement.experiments import experiments
 from pam_orthosis.model.machines import KNEE
-from pam_orthosis.model.parameters import BELIEF
+from pam_orthosis.model.parameters import NOMINAL
 
 EFFECTS = (
     "joint_friction", "muscle_hysteresis", "creep", "backlash", "direction_dependent_damping",
@@ -42,8 +42,8 @@ def tolerances(specimen: int) -> dict[str, float]:
 
 
 def learn(parameters) -> dict[str, Any]:
-    """Return the belief that the specimen's recordings give, as overrides."""
-    system = knee(parameters.only(*BELIEF, "gap"), learned.learnable(parameters.declared))
+    """Return the nominal model that the specimen's recordings give, as overrides."""
+    system = knee(parameters.only(*NOMINAL, "gap"), learned.learnable(parameters.declared))
     values = fitted(system, recordings(system, parameters), parameters.gap)
     effects = [name for name in EFFECTS if _matters(name, values)]
     return learned.calibrated(parameters, effects, values) | learned.named(parameters, effects, values)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the time of the gap workflow and of identification grows with the recording and the catalogue.
 
-The recording shows a knee at 500 Hz, moved up and down by its valves, of hardware that is as believed but for
+The recording shows a knee at 500 Hz, moved up and down by its valves, of hardware that is nominal but for
 friction in the joint; its last quarter judges. Kernels are compiled before, as they are from the
 second run on a machine on. It is processor time of all threads, which others on the machine disturb less than
 the time on the wall; that is told for a minute recorded.

@@ -21,7 +21,7 @@ or a value out of its range is refused with one line.
 
 """
 MEANINGS = {
-    "name": ("of the joint in messages: small letters, digits, underscores", "the file's name"),
+    "name": ("of the joint in messages: letters, digits, hyphens, underscores", "the file's name"),
     "meaning": ("what it is, in reports", "the file's name"),
     "mechanism": ("its one coordinate and what moves with it, see below", ""),
     "actuators": (f"name: actuator, 1 to {MOST_ACTUATORS} of them, see below", ""),

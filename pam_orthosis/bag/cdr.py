@@ -21,7 +21,7 @@ from pam_orthosis.bag.topics import SECOND_NS
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
-NOTHING = float("nan")  # in place of a number that a message lacks
+NOTHING = float("nan")  # in place of a number that is missing in a message
 LITTLE_ENDIAN = b"\0\1"
 STAMP = struct.Struct("<iI")
 HEAD = 4

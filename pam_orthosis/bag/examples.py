@@ -84,4 +84,4 @@ def _write_run(folder: Path, about: Mapping[str, Any], changes: Mapping[str, Any
     signals = {name: np.cumsum(changes[name]) * about[STEP_KEY][kind] for name, kind in MEASURED.items()}
     period_ns = round(nominal.scenario.control_period * 1e9)
     stamps = np.arange(len(signals["angle"]), dtype=np.int64) * period_ns
-    write_arrays(folder, stamps, signals, run_metadata(nominal.belief(), "friction"))
+    write_arrays(folder, stamps, signals, run_metadata(nominal.nominal(), "friction"))

@@ -106,7 +106,7 @@ class StepCollector:
             yield from self._leave()
 
     def missing(self) -> dict[str, Topic]:
-        """Return the topics that the oldest incomplete instant lacks, causes before effects."""
+        """Return the topics that are missing at the oldest incomplete instant, causes before effects."""
         if not self._stamps:
             return {}
         there = {message.topic for message in self._pending[self._stamps[0]].values()}

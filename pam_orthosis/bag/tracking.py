@@ -12,7 +12,7 @@ from pam_orthosis.bag.topics import SECOND_NS
 
 REST_FRACTION = 0.02
 REST_SECONDS = 0.1
-CATCH_UP_SECONDS = 2.0  # for a machine that was let go, to be back at its reference
+CATCH_UP_SECONDS = 2.0  # for a machine whose valves were closed, to be back at its reference
 
 
 @dataclass(frozen=True)

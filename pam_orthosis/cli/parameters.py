@@ -68,7 +68,7 @@ def check_controllable(parameters: Parameters) -> None:
     from pam_orthosis.control.axis import Axis
     from pam_orthosis.control.trajectory import make_trajectory
 
-    Axis(parameters.belief())
+    Axis(parameters.nominal())
     make_trajectory(parameters)
 
 
@@ -78,14 +78,14 @@ def with_model(parameters: Parameters, arguments: argparse.Namespace) -> Paramet
         return parameters
     from pam_orthosis.control.loop import ClosedLoop  # casadi takes a second to load
     from pam_orthosis.discrepancy import patch
-    from pam_orthosis.model.plant import with_belief
+    from pam_orthosis.model.plant import with_nominal
 
     model, given = arguments.model, assignments(arguments.param)
-    changes = patch.read_belief(model, parameters.declared)
+    changes = patch.read_nominal(model, parameters.declared)
     if twice := [key for key in given if changes.get(key, given[key]) != given[key]]:
         raise OrthosisError(f"{twice[0]}: --param and {model} give different values; leave one of them")
     with naming(model):
-        known = with_belief(parameters, changes)
+        known = with_nominal(parameters, changes)
     with shown("preparing the controllers of this model"):
         ClosedLoop(known)  # leaves its machine code for the nodes, whose time to be ready is limited
     return known

@@ -76,7 +76,7 @@ def _planned(arguments: argparse.Namespace, progress: Progress) -> tuple[Machine
     scenario = arguments.scenario or (DEFAULT if arguments.machine else "person")
     parameters = chosen(arguments, scenario=scenario)
     machine = parameters.declared
-    known = patch.read_belief(arguments.model, machine) if arguments.model else {}
+    known = patch.read_nominal(arguments.model, machine) if arguments.model else {}
     with naming(arguments.model):
         parameters = parameters.changed(known)
     after = recorded_in(arguments.after, parameters, arguments.namespace) if arguments.after else None

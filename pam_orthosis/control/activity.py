@@ -53,7 +53,7 @@ def _stride(begin: float, outside: Array, needed: Array) -> Stride:
 
 
 def _muscle_effort(run: Mapping[str, Array], parameters: Parameters) -> Array:
-    axis, coordinate = Axis(parameters.belief()), parameters.declared.coordinate.name
+    axis, coordinate = Axis(parameters.nominal()), parameters.declared.coordinate.name
     q, velocity, p = ca.SX.sym("q"), ca.SX.sym("velocity"), ca.SX.sym("p", 2)
     effort = ca.Function("effort", [q, velocity, p], [axis.effort(q, velocity, (p[0], p[1]))])
     pressures = np.vstack([run[f"{name}_pressure"] for name in parameters.declared.names])

@@ -49,9 +49,9 @@ class Anticipation:
     that it would meet without the lag (predictor of Smith and Artstein), as far as the model is right.
     """
 
-    def __init__(self, belief: Parameters):
-        self._period = belief.scenario.control_period
-        lag = effects.command_lag(belief)
+    def __init__(self, nominal: Parameters):
+        self._period = nominal.scenario.control_period
+        lag = effects.command_lag(nominal)
         self._pending = Pending(lag, self._period)
         self.horizon = lag + 0.5 * self._period if lag else 0.0
         self._last: float | None = None

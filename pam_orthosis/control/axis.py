@@ -26,22 +26,22 @@ PLACES = 33  # between the stops, at which the actuators have to pull against ea
 
 
 class Axis:
-    """Mechanism and actuators of a machine by the belief only; the mechanism's stops are left out.
+    """Mechanism and actuators of a machine by the nominal model only; the mechanism's stops are left out.
 
     Raises:
         OrthosisError: the machine has not two actuators that move its coordinate in opposite directions.
     """
 
-    def __init__(self, belief: Parameters):
-        self.belief = belief
-        machine = belief.declared
-        self.mechanism = machine.mechanism(belief)
+    def __init__(self, nominal: Parameters):
+        self.nominal = nominal
+        machine = nominal.declared
+        self.mechanism = machine.mechanism(nominal)
         if len(machine.actuators) != 2:
             raise OrthosisError(
                 f"{machine.name}: the controllers move two actuators against each other,"
                 f" not {len(machine.actuators)}"
             )
-        self.actuators: tuple[Actuator, ...] = tuple(one.built(belief) for one in machine.actuators)
+        self.actuators: tuple[Actuator, ...] = tuple(one.built(nominal) for one in machine.actuators)
         self._check_directions()
 
     @cached_property
@@ -62,7 +62,7 @@ class Axis:
     def effort(self, q: Expression, velocity: Expression, pressures: Pair) -> Expression:
         """Return the actuators' torque or force, Eq. (27), from absolute pressures, Pa."""
         tensions = [
-            one.tension(one.force(dl, pressure - self.belief.valve.ambient_pressure), rate)
+            one.tension(one.force(dl, pressure - self.nominal.valve.ambient_pressure), rate)
             for one, dl, rate, pressure in zip(
                 self.actuators, *self.kinematics(q, velocity), pressures, strict=True
             )
@@ -93,8 +93,8 @@ class Axis:
         return ca.logic_or(first, second)
 
     def terms(self, q: Expression, velocity: Expression) -> Mechanics:
-        """Return the terms of Eq. (26) with the mass that believed effects add."""
-        return self.mechanism.terms(q, velocity, effects.extra_mass(self.belief))
+        """Return the terms of Eq. (26) with the mass that nominal effects add."""
+        return self.mechanism.terms(q, velocity, effects.extra_mass(self.nominal))
 
     def acceleration(
         self, q: Expression, velocity: Expression, disturbance: Expression, pressures: Pair
@@ -103,7 +103,7 @@ class Axis:
         return acceleration(self.effort(q, velocity, pressures) - disturbance, self.terms(q, velocity))
 
     def _check_directions(self) -> None:
-        machine, q = self.belief.declared, ca.SX.sym("q")
+        machine, q = self.nominal.declared, ca.SX.sym("q")
         arms = ca.Function("arms", [q], list(self.kinematics(q, ca.SX(1))[1]))
         for place in np.linspace(*self.mechanism.limits, PLACES).tolist():
             first, second = map(float, arms(place))

@@ -19,7 +19,7 @@ import casadi as ca
 from pam_orthosis.control import position
 from pam_orthosis.control.axis import Axis
 from pam_orthosis.control.position import Demand, PositionController, pressures_with_effects
-from pam_orthosis.control.rates import position_belief
+from pam_orthosis.control.rates import position_nominal
 from pam_orthosis.control.reference import Reference
 from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.machine import Machine
@@ -85,23 +85,23 @@ def softest_mean(q: Expression, stiffness: Expression, axis: Axis) -> Expression
 
     It is affine in the mean; between the limits that leave both actuators room.
     """
-    settings = axis.belief.control
+    settings = axis.nominal.control
     low, high = settings.cooperation.least_mean, settings.position.mean_pressure
     soft, stiff = (own_stiffness(q, ca.SX(mean), axis) for mean in (low, high))
     share = (stiffness - soft) / (stiff - soft)
     return low + ca.fmin(ca.fmax(share, 0), 1) * (high - low)
 
 
-def cooperation_function(belief: Parameters) -> ca.Function:
-    """Return (estimate, reference, share let go, impedance) -> as `command_function`, and `Spring`'s rest."""
-    axis, ambient = Axis(belief), belief.valve.ambient_pressure
+def cooperation_function(nominal: Parameters) -> ca.Function:
+    """Return (estimate, reference, slack share, impedance) -> as `command_function`, and `Spring`'s rest."""
+    axis, ambient = Axis(nominal), nominal.valve.ambient_pressure
     estimate, reference = ca.SX.sym("estimate", 3), ca.SX.sym("reference", 3)
-    let_go, wanted = ca.SX.sym("let_go", 2), ca.SX.sym("wanted", 4)
+    slack_share, wanted = ca.SX.sym("slack_share", 2), ca.SX.sym("wanted", 4)
     law = spring(estimate, reference, Impedance(*ca.vertsplit(wanted)), axis)
     mean = softest_mean(estimate[0], wanted[0], axis)
-    asked = Demand(law.effort, estimate[0], estimate[1], mean, (let_go[0], let_go[1]))
+    asked = Demand(law.effort, estimate[0], estimate[1], mean, (slack_share[0], slack_share[1]))
     gauge, saturated, near = pressures_with_effects(asked, None, axis)
-    outside, inputs = axis.outside(estimate[0], gauge), [estimate, reference, let_go, wanted]
+    outside, inputs = axis.outside(estimate[0], gauge), [estimate, reference, slack_share, wanted]
     command = ca.vertcat(*gauge) + ambient, saturated, outside, ca.vertcat(*near), law.effort
     return ca.Function("cooperation", inputs, [*command, ca.vertcat(*law[1:])])
 
@@ -115,9 +115,9 @@ class CooperativeController(PositionController):
 
     def __init__(self, parameters: Parameters):
         super().__init__(parameters)
-        belief = position_belief(parameters)
-        self._cooperate = compiled(cooperation_function(belief))
-        self._settings, self._period = belief.control.cooperation, belief.scenario.control_period
+        nominal = position_nominal(parameters)
+        self._cooperate = compiled(cooperation_function(nominal))
+        self._settings, self._period = nominal.control.cooperation, nominal.scenario.control_period
         self.level = 1.0
 
     def retune(self, parameters: Parameters) -> None:
@@ -125,10 +125,10 @@ class CooperativeController(PositionController):
         super().retune(parameters)
         self._settings = parameters.control.cooperation
 
-    def _ask(self, estimate: Any, reference: Any, mean: Any, let_go: Any, *others: Any) -> Any:
+    def _ask(self, estimate: Any, reference: Any, mean: Any, slack_share: Any, *others: Any) -> Any:
         if self._settings.mode == "position":
-            return super()._ask(estimate, reference, mean, let_go, *others)
-        *command, law = self._cooperate(estimate, reference, let_go, self._wanted_impedance())
+            return super()._ask(estimate, reference, mean, slack_share, *others)
+        *command, law = self._cooperate(estimate, reference, slack_share, self._wanted_impedance())
         _, outside, needed = law.tolist()
         self._adapt(outside, needed)
         return command
@@ -136,7 +136,7 @@ class CooperativeController(PositionController):
     def _correction(self, point: Sequence[float], reference: Reference) -> float:
         if self._settings.mode == "position":
             return super()._correction(point, reference)
-        law = self._cooperate(point, reference[:3], self._let_go, self._wanted_impedance())[-1]
+        law = self._cooperate(point, reference[:3], self._slack_share, self._wanted_impedance())[-1]
         return float(law[0])
 
     def _wanted_impedance(self) -> Impedance:

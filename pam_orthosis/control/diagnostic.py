@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Diagnostic experiments: reference programmes that tell look-alike effects apart.
+"""Diagnostic experiments: motions that separate confounded effects.
 
-A programme is a sequence of phases, each with a path of the position, a path of the mean pressure
+An experiment is a sequence of phases, each with a path of the position, a path of the mean pressure
 of the actuators (co-contraction) and a switch that keeps the valves closed.
 """
 
@@ -24,7 +24,7 @@ FADE = 1.0  # s, in which a multisine comes and goes
 
 
 class Phase(NamedTuple):
-    """A part of a programme: duration s, position rad or m, mean pressure absolute Pa, valves closed."""
+    """A part of an experiment: duration s, position rad or m, mean pressure absolute Pa, valves closed."""
 
     duration: float
     position: Path
@@ -32,7 +32,7 @@ class Phase(NamedTuple):
     closed: bool = False
 
 
-class Programme:
+class Experiment:
     """Phases run through one after the other after a rest; the end of the last one is held."""
 
     def __init__(self, phases: Sequence[Phase], rest: float):
@@ -105,7 +105,7 @@ def _window(time: float, duration: float) -> tuple[float, float, float]:
 
 
 class Script:
-    """Writes a programme from where the joint is: each call appends a phase."""
+    """Writes an experiment from where the joint is: each call appends a phase."""
 
     def __init__(self, position: float, mean: float):
         self.position, self.mean = position, mean
@@ -222,10 +222,10 @@ EXPERIMENTS: dict[str, tuple[Callable[[Script, Section], None], ...]] = {
 }
 
 
-def make_programme(name: str, parameters: Parameters) -> Programme:
-    """Return the programme of an experiment of `EXPERIMENTS` with the levels of `scenario.diagnostic`."""
+def make_experiment(name: str, parameters: Parameters) -> Experiment:
+    """Return the experiment of this name, one of `EXPERIMENTS` with the levels of `scenario.diagnostic`."""
     scenario = parameters.scenario
     script = Script(parameters.at(parameters.declared.start), parameters.control.position.mean_pressure)
     for part in EXPERIMENTS[name]:
         part(script, scenario.diagnostic)
-    return Programme(script.phases, scenario.start_hold)
+    return Experiment(script.phases, scenario.start_hold)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The effects that the belief has switched on, in the form in which controllers use them.
+"""The effects that the nominal model has switched on, in the form in which controllers use them.
 
 Each function is cut out of the same assembly of equations that makes the emulated hardware and the
 models of the gap workflow: an effect's equation stands in its own file and nowhere else.
@@ -32,77 +32,77 @@ STATE_STEP = 5.0e-4  # s, of the integration of a supply's states, which follow 
 CORRECTIONS = 2  # of the argument of an inverse function: see `corrected`
 
 
-def known(belief: Parameters, *stages: str) -> tuple[str, ...]:
-    """Return the names of the believed effects that enter at these stages, see `effects.base.STAGES`.
+def known(nominal: Parameters, *stages: str) -> tuple[str, ...]:
+    """Return the names of the nominal effects that enter at these stages, see `effects.base.STAGES`.
 
     Those that controllers cannot use are left out.
     """
-    machine = belief.declared
-    foreseen = [name for name in enabled(belief.at(machine.branch)) if name not in UNFORESEEN]
+    machine = nominal.declared
+    foreseen = [name for name in enabled(nominal.at(machine.branch)) if name not in UNFORESEEN]
     return tuple(name for name in foreseen if machine.catalogue[name].stage in stages)
 
 
-def assembled(belief: Parameters, *names: str) -> assembly.Assembly:
-    """Return the equations that the controllers believe, with these of the believed effects."""
-    return assembly.assemble(assembly.nominal(belief.declared, belief, _settings(belief, names)))
+def assembled(nominal: Parameters, *names: str) -> assembly.Assembly:
+    """Return the equations of the controllers' nominal model, with these of the nominal effects."""
+    return assembly.assemble(assembly.nominal(nominal.declared, nominal, _settings(nominal, names)))
 
 
-def values(belief: Parameters, name: str) -> Section:
-    """Return the settings of a believed effect."""
-    of: Section = belief.at(f"{belief.declared.branch}.{name}")
+def values(nominal: Parameters, name: str) -> Section:
+    """Return the settings of a nominal effect."""
+    of: Section = nominal.at(f"{nominal.declared.branch}.{name}")
     return of
 
 
-def _active(belief: Parameters, names: Sequence[str], states: ca.SX) -> ActiveEffects:
-    active = ActiveEffects(belief.declared.catalogue, _settings(belief, names))
+def _active(nominal: Parameters, names: Sequence[str], states: ca.SX) -> ActiveEffects:
+    active = ActiveEffects(nominal.declared.catalogue, _settings(nominal, names))
     active.bind(ca.vertsplit(states))
     return active
 
 
-def _settings(belief: Parameters, names: Sequence[str]) -> Section:
-    return Section("effects", {name: values(belief, name) for name in names})
+def _settings(nominal: Parameters, names: Sequence[str]) -> Section:
+    return Section("effects", {name: values(nominal, name) for name in names})
 
 
-def inputs(belief: Parameters, time: Expression) -> Expression:
+def inputs(nominal: Parameters, time: Expression) -> Expression:
     """Return the inputs of an assembly at a time, valves closed and nothing acting from outside."""
-    machine = belief.declared
+    machine = nominal.declared
     voltages, external = len(machine.names), len(machine.inputs) - len(machine.names) - 1
-    return ca.vertcat(*[belief.valve.closed_voltage] * voltages, *[0] * external, time)
+    return ca.vertcat(*[nominal.valve.closed_voltage] * voltages, *[0] * external, time)
 
 
-def extra_mass(belief: Parameters) -> Expression:
+def extra_mass(nominal: Parameters) -> Expression:
     """Return the mass that the effects add to the load, kg."""
-    return assembled(belief, *known(belief, "body")).signals.extra_mass
+    return assembled(nominal, *known(nominal, "body")).signals.extra_mass
 
 
-def added_by_effects(belief: Parameters) -> ca.Function | None:
+def added_by_effects(nominal: Parameters) -> ca.Function | None:
     """Return (coordinate, velocity, absolute pressures, own states, time) -> what the effects add.
 
     It is the torque or force that all of them together add to the actuators', and the actuators' elastic
-    forces, N: those decide whether a muscle hangs slack, Eq. (13). None if the belief has none.
+    forces, N: those decide whether a muscle hangs slack, Eq. (13). None if the nominal model has none.
     """
-    names = known(belief, *MECHANICAL)
+    names = known(nominal, *MECHANICAL)
     if not names:
         return None
-    whole, plain = assembled(belief, *names), assembled(belief)
+    whole, plain = assembled(nominal, *names), assembled(nominal)
     plain_x = ca.vertcat(plain.x, plain.u)
     plain_u = ca.vertcat(whole.x[: len(plain.states)], whole.u)
     with_them, without = (
         ca.vertcat(s.effort, *(a.force for a in s.actuators.values())) for s in (whole.signals, plain.signals)
     )
-    of, added = _of_motion(belief, whole, with_them - ca.substitute(without, plain_x, plain_u))
+    of, added = _of_motion(nominal, whole, with_them - ca.substitute(without, plain_x, plain_u))
     return ca.Function("added_by_effects", of, [added[0], added[1:]])
 
 
-def effect_memory(belief: Parameters) -> ca.Function:
+def effect_memory(nominal: Parameters) -> ca.Function:
     """Return (states, coordinate and velocity (2,) before, now, absolute pressures, time) -> states now.
 
     In between, coordinate and velocity are taken as straight lines.
     """
-    whole = assembled(belief, *known(belief, *MECHANICAL))
-    of, rates = _of_motion(belief, whole, whole.rates[len(belief.declared.states) :])
+    whole = assembled(nominal, *known(nominal, *MECHANICAL))
+    of, rates = _of_motion(nominal, whole, whole.rates[len(nominal.declared.states) :])
     rate = ca.Function("memory_rate", of, [rates])
-    period = belief.scenario.control_period
+    period = nominal.scenario.control_period
     steps = max(1, round(period / MEMORY_STEP))
     sizes = rate.size1_in(3), 2, rate.size1_in(2), 1
     z, motion, pressures, time = (ca.SX.sym("of_step", size) for size in sizes)
@@ -116,22 +116,22 @@ def effect_memory(belief: Parameters) -> ca.Function:
 
 
 class AddedEffort:
-    """Torque or force of the believed effects along the reference motion.
+    """Torque or force of the nominal effects along the reference motion.
 
     It is driven by the reference and by the measured pressures, never by the estimate: a known
     input for observer and controller, in no loop of its own. It is bounded as the effects are, it
     cannot chatter, and what reference and motion differ by is left to the observer.
     """
 
-    def __init__(self, belief: Parameters, ahead: float = 0.0):
-        added = added_by_effects(belief)
+    def __init__(self, nominal: Parameters, ahead: float = 0.0):
+        added = added_by_effects(nominal)
         self.active = added is not None
         self.states = np.zeros(0)
         self.time = ahead
-        self._period = belief.scenario.control_period
+        self._period = nominal.scenario.control_period
         self._motion: Array | None = None
         if added is not None:
-            self._added, self._memory = compiled(added), compiled(effect_memory(belief))
+            self._added, self._memory = compiled(added), compiled(effect_memory(nominal))
             self.states = np.zeros(added.size1_in(3))
 
     def restart(self) -> None:
@@ -159,15 +159,15 @@ class AddedEffort:
             self.states[:] = self._memory(self.states, before, now, pressures, self.time)[0]
 
 
-def flow_of_opening(belief: Parameters, actuator: str) -> ca.Function:
+def flow_of_opening(nominal: Parameters, actuator: str) -> ca.Function:
     """Return (relative opening, absolute and supply pressure, Pa) -> mass flow with the effects, kg/s."""
-    names = known(belief, "opening", "flow")
+    names = known(nominal, "opening", "flow")
     opening, pressure, supply = (ca.SX.sym(name) for name in ("opening", "pressure", "supply"))
-    whole = assembled(belief.substituted({"valve.supply_pressure": supply}), *names)
+    whole = assembled(nominal.substituted({"valve.supply_pressure": supply}), *names)
     s = whole.signals.copy()
     for name, a in s.actuators.items():
         a.opening = opening if name == actuator else ca.SX(0)
-    active = _active(belief, names, ca.SX(0, 1))  # no effect of these stages has states
+    active = _active(nominal, names, ca.SX(0, 1))  # no effect of these stages has states
     active.stages(s, "opening")
     assembly.set_flows(s)
     active.stages(s, "flow")
@@ -175,48 +175,48 @@ def flow_of_opening(belief: Parameters, actuator: str) -> ca.Function:
     return ca.Function(f"{actuator}_flow", [opening, pressure, supply], [flow])
 
 
-def supply_after(belief: Parameters, actuator: str) -> ca.Function | None:
+def supply_after(nominal: Parameters, actuator: str) -> ca.Function | None:
     """Return (state, mass flow kg/s) -> state a period later, supply pressure Pa; None if it does not sag.
 
     Of the air that is drawn, that of one actuator is known: the other one's valve vents meanwhile.
     """
-    if not known(belief, "supply"):
+    if not known(nominal, "supply"):
         return None
-    state, flow = ca.SX.sym("state", len(supply_scales(belief))), ca.SX.sym("flow")
-    drawn = {name: flow if name == actuator else 0.0 for name in belief.declared.names}
-    period, after = belief.scenario.control_period, state
+    state, flow = ca.SX.sym("state", len(supply_scales(nominal))), ca.SX.sym("flow")
+    drawn = {name: flow if name == actuator else 0.0 for name in nominal.declared.names}
+    period, after = nominal.scenario.control_period, state
     steps = max(1, round(period / STATE_STEP))
     for _ in range(steps):
-        after = runge_kutta_4(lambda z: supply(belief, z, drawn)[1], after, period / steps)
-    return ca.Function("supply_after", [state, flow], [after, supply(belief, after, drawn)[0]])
+        after = runge_kutta_4(lambda z: supply(nominal, z, drawn)[1], after, period / steps)
+    return ca.Function("supply_after", [state, flow], [after, supply(nominal, after, drawn)[0]])
 
 
 def supply(
-    belief: Parameters, state: ca.SX, drawn: Mapping[str, Expression]
+    nominal: Parameters, state: ca.SX, drawn: Mapping[str, Expression]
 ) -> tuple[Expression, Expression]:
     """Return supply pressure, Pa, and the rates of its state while the actuators draw mass flows, kg/s."""
-    s, active = assembled(belief).signals, _active(belief, known(belief, "supply"), state)
+    s, active = assembled(nominal).signals, _active(nominal, known(nominal, "supply"), state)
     for name, flow in drawn.items():
         s.actuators[name].flow = flow
     active.stages(s, "supply")
     return s.air.supply_pressure, ca.vertcat(*active.rates(s))
 
 
-def supply_scales(belief: Parameters) -> tuple[float, ...]:
+def supply_scales(nominal: Parameters) -> tuple[float, ...]:
     """Return the typical size of each state of the supply."""
-    catalogue = belief.declared.catalogue
-    return tuple(scale for name in known(belief, "supply") for scale in catalogue[name].scales)
+    catalogue = nominal.declared.catalogue
+    return tuple(scale for name in known(nominal, "supply") for scale in catalogue[name].scales)
 
 
-def gas_model(belief: Parameters) -> assembly.Assembly:
+def gas_model(nominal: Parameters) -> assembly.Assembly:
     """Return the assembly with the effects on volume, exponent and temperature, for Eq. (6)."""
-    return assembled(belief, *known(belief, "gas"))
+    return assembled(nominal, *known(nominal, "gas"))
 
 
-def sensor_readings(belief: Parameters) -> dict[str, ca.Function]:
-    """Return the functions true value -> reading of the channels with a believed static error."""
-    machine = belief.declared
-    whole = assembled(belief, *(n for n in known(belief, "sensor") if not machine.catalogue[n].states))
+def sensor_readings(nominal: Parameters) -> dict[str, ca.Function]:
+    """Return the functions true value -> reading of the channels with a nominal static error."""
+    machine = nominal.declared
+    whole = assembled(nominal, *(n for n in known(nominal, "sensor") if not machine.catalogue[n].states))
     readings = {}
     for name, reading in zip(machine.channels, ca.vertsplit(whole.measured), strict=True):
         true = whole.x[machine.states.index(name)]
@@ -226,10 +226,10 @@ def sensor_readings(belief: Parameters) -> dict[str, ca.Function]:
 
 
 class Sensors:
-    """Takes the believed static errors out of readings; without any it passes them on."""
+    """Takes the nominal static errors out of readings; without any it passes them on."""
 
-    def __init__(self, belief: Parameters):
-        self._inverse = {name: compiled(_unread(name, f)) for name, f in sensor_readings(belief).items()}
+    def __init__(self, nominal: Parameters):
+        self._inverse = {name: compiled(_unread(name, f)) for name, f in sensor_readings(nominal).items()}
 
     def true(self, channel: str, reading: float) -> float:
         """Return the value that a channel of the machine has at a reading."""
@@ -261,30 +261,30 @@ def corrected(
     return x
 
 
-def command_lag(belief: Parameters) -> float:
+def command_lag(nominal: Parameters) -> float:
     """Return the time from a sample to the slow flow that answers it, s: dead time and lag of the spool."""
-    names = known(belief, "command")
-    late = {name: of for name in names if (of := belief.declared.catalogue[name].late) is not None}
-    delay: float = belief.valve.delay + sum(of(values(belief, name)) for name, of in late.items())
-    return max(0.0, delay + _lag(belief, *(name for name in names if name not in late)))
+    names = known(nominal, "command")
+    late = {name: of for name in names if (of := nominal.declared.catalogue[name].late) is not None}
+    delay: float = nominal.valve.delay + sum(of(values(nominal, name)) for name, of in late.items())
+    return max(0.0, delay + _lag(nominal, *(name for name in names if name not in late)))
 
 
-def _lag(belief: Parameters, *names: str) -> float:
+def _lag(nominal: Parameters, *names: str) -> float:
     """Return the delay of slow signals between voltage and spool by these effects, s: -G'(0) / G(0)."""
     if not names:
         return 0.0
-    whole = assembled(belief, *names)
-    plain = len(belief.declared.states)
+    whole = assembled(nominal, *names)
+    plain = len(nominal.declared.states)
     z, rates = whole.x[plain:], whole.rates[plain:]
-    spool, voltage = whole.signals.actuators[belief.declared.names[0]].voltage, whole.u[0]
+    spool, voltage = whole.signals.actuators[nominal.declared.names[0]].voltage, whole.u[0]
     pairs = (rates, z), (rates, voltage), (spool, z), (spool, voltage)
     a, b, c, d = (np.array(ca.evalf(ca.jacobian(*pair))) for pair in pairs)
     once = np.linalg.solve(a, b)
     return float(((c @ np.linalg.solve(a, once)) / (d - c @ once))[0, 0])
 
 
-def _of_motion(belief: Parameters, whole: assembly.Assembly, expression: ca.SX) -> tuple[list[ca.SX], ca.SX]:
+def _of_motion(nominal: Parameters, whole: assembly.Assembly, expression: ca.SX) -> tuple[list[ca.SX], ca.SX]:
     """Return the inputs of a function of the motion, and the expression with the valves closed."""
-    time, plain = ca.SX.sym("time"), len(belief.declared.states)
+    time, plain = ca.SX.sym("time"), len(nominal.declared.states)
     of = [whole.x[0], whole.x[1], whole.x[2:plain], whole.x[plain:], time]
-    return of, ca.substitute(expression, whole.u, inputs(belief, time))
+    return of, ca.substitute(expression, whole.u, inputs(nominal, time))

@@ -18,7 +18,7 @@ from pam_orthosis.control import guard
 from pam_orthosis.control.inverse_valve import InverseValveModel
 from pam_orthosis.control.position import PositionCommand, PositionController
 from pam_orthosis.control.pressure import PressureController
-from pam_orthosis.control.rates import position_belief
+from pam_orthosis.control.rates import position_nominal
 from pam_orthosis.control.reference import PressureReference, Pressures, Reference, Valve
 from pam_orthosis.control.returning import Release, Return, empty_below, vented
 from pam_orthosis.model.components.spool import as_commanded
@@ -95,20 +95,20 @@ class GuardedPosition(Guarded):
     """
 
     def __init__(self, parameters: Parameters, controller: PositionController):
-        belief = position_belief(parameters)
-        machine = belief.declared
-        guards = {machine.coordinate.name: guard.position_guard(belief)}
-        guards |= {f"{name} pressure": guard.pressure_guard(belief) for name in machine.names}
-        super().__init__(belief, guards)
-        g, self._lost = belief.control.guard, f"{machine.name} does not follow"
-        self._belief, self._controller = belief, controller
-        self._low, self._high = machine.mechanism(belief).limits
-        self._reference = Reference(belief.at(machine.start), 0.0, 0.0)
+        nominal = position_nominal(parameters)
+        machine = nominal.declared
+        guards = {machine.coordinate.name: guard.position_guard(nominal)}
+        guards |= {f"{name} pressure": guard.pressure_guard(nominal) for name in machine.names}
+        super().__init__(nominal, guards)
+        g, self._lost = nominal.control.guard, f"{machine.name} does not follow"
+        self._nominal, self._controller = nominal, controller
+        self._low, self._high = machine.mechanism(nominal).limits
+        self._reference = Reference(nominal.at(machine.start), 0.0, 0.0)
         self._distance, self._speed = g.tracking_error, g.velocity_error
         self._pressure_error: float = g.pressure_error
-        self._ambient = belief.valve.ambient_pressure
+        self._ambient = nominal.valve.ambient_pressure
         self._watch_anew()
-        self._begun, self._trusted = False, guard.overdue(g.trust_time, belief)
+        self._begun, self._trusted = False, guard.overdue(g.trust_time, nominal)
         self._most, self._failed, self._returns = g.returns, 0, 0
         self._release: Release | None = None
         self._return: Return | None = None
@@ -162,7 +162,7 @@ class GuardedPosition(Guarded):
         first, self._begun = not self._begun, True
         if self._release is not None or not (first or periods >= SILENT_PERIODS):
             return False
-        return vented(pressures, self._belief) or away > NEAR * self._distance
+        return vented(pressures, self._nominal) or away > NEAR * self._distance
 
     def _way(self, reference: Reference, position: float, periods: int) -> Reference:
         """Return what the controller is to follow."""
@@ -210,7 +210,7 @@ class GuardedPosition(Guarded):
         short = any(map(self._is_short, command.pressures, pressures))
         if far or swings or self._unfilled.step(short, periods):
             self.RELEASED = self._lost if far or swings else "pressure does not follow"
-            self._loose, self._release, self._return = True, Release(self._belief), None
+            self._loose, self._release, self._return = True, Release(self._nominal), None
             self._failed += 1
 
     def _is_short(self, asked: PressureReference, pressure: float) -> bool:
@@ -229,14 +229,14 @@ class GuardedPosition(Guarded):
     def _lead_back(self, pressures: Pressures) -> None:
         self._controller.restart()
         self._watch_anew()
-        self._loose, self._release, self._return = False, None, Return(pressures, self._belief)
+        self._loose, self._release, self._return = False, None, Return(pressures, self._nominal)
         self._returns += 1
 
     def _watch_anew(self) -> None:
-        g = self._belief.control.guard
-        self._far = guard.overdue(g.tracking_time, self._belief)
-        self._swings = guard.overdue(g.hold_time, self._belief)
-        self._unfilled = guard.overdue(g.pressure_time, self._belief)
+        g = self._nominal.control.guard
+        self._far = guard.overdue(g.tracking_time, self._nominal)
+        self._swings = guard.overdue(g.hold_time, self._nominal)
+        self._unfilled = guard.overdue(g.pressure_time, self._nominal)
 
     def _usable(self, reference: Reference, periods: int) -> Reference:
         if self._command_held((number for number in reference[:4] if number is not None), periods):
@@ -260,15 +260,15 @@ class GuardedPressure(Guarded):
     RELEASED = "pressure does not follow"
 
     def __init__(self, parameters: Parameters, controller: PressureController):
-        belief = parameters.belief()
-        super().__init__(belief, {"pressure": guard.pressure_guard(belief)})
-        g = belief.control.guard
+        nominal = parameters.nominal()
+        super().__init__(nominal, {"pressure": guard.pressure_guard(nominal)})
+        g = nominal.control.guard
         self._controller = controller
-        self._low, self._high = belief.valve.ambient_pressure, belief.control.position.maximum_pressure
-        self._distance, self._far = g.pressure_error, guard.overdue(g.pressure_time, belief)
-        self._empty = empty_below(belief)
+        self._low, self._high = nominal.valve.ambient_pressure, nominal.control.position.maximum_pressure
+        self._distance, self._far = g.pressure_error, guard.overdue(g.pressure_time, nominal)
+        self._empty = empty_below(nominal)
         self._wanted: PressureReference = Valve.CLOSED
-        self._estimate = belief.at(belief.declared.start), 0.0
+        self._estimate = nominal.at(nominal.declared.start), 0.0
 
     def retune(self, parameters: Parameters) -> None:
         """Pass new values on to the controller."""
@@ -313,12 +313,12 @@ class GuardedValve(Guarded):
     """The inverse valve model behind guards: no voltage leaves it that is not finite and in range."""
 
     def __init__(self, parameters: Parameters, model: InverseValveModel):
-        belief = parameters.belief()
-        super().__init__(belief, {"pressure": guard.pressure_guard(belief)})
+        nominal = parameters.nominal()
+        super().__init__(nominal, {"pressure": guard.pressure_guard(nominal)})
         self._model = model
-        self._valve = belief.valve
-        self._low: float = belief.valve.minimum_voltage
-        self._high: float = belief.valve.maximum_voltage
+        self._valve = nominal.valve
+        self._low: float = nominal.valve.minimum_voltage
+        self._high: float = nominal.valve.maximum_voltage
         self._flow = 0.0
 
     def step(self, mass_flow: float, pressure: float, periods: int = 1) -> float:

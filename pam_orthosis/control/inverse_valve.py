@@ -40,51 +40,51 @@ def voltage_for_opening(
     return ca.fmin(ca.fmax(voltage, valve.minimum_voltage), valve.maximum_voltage)
 
 
-def voltage_function(belief: Parameters, actuator: str) -> ca.Function:
-    """Return (mass flow kg/s, absolute and supply pressure Pa) -> voltage V, the believed effects inverted.
+def voltage_function(nominal: Parameters, actuator: str) -> ca.Function:
+    """Return (mass flow kg/s, absolute and supply pressure Pa) -> voltage V, the nominal effects inverted.
 
     Effects on opening and flow (gain, curve, leak, hose) are met by correcting the flow that is asked of
-    the plain valve; the half width of a believed dead band replaces `valve.dead_band`.
+    the plain valve; the half width of a nominal dead band replaces `valve.dead_band`.
     """
     flow, pressure, supply = (ca.SX.sym(name) for name in ("flow", "pressure", "supply"))
-    opening = opening_with_effects(flow, pressure, supply, belief, actuator)
-    smoothing = belief.control.inverse_valve.dead_band_smoothing
-    voltage = voltage_for_opening(opening, smoothing, dead_band(belief), belief.valve)
+    opening = opening_with_effects(flow, pressure, supply, nominal, actuator)
+    smoothing = nominal.control.inverse_valve.dead_band_smoothing
+    voltage = voltage_for_opening(opening, smoothing, dead_band(nominal), nominal.valve)
     return ca.Function(f"{actuator}_inverse_valve", [flow, pressure, supply], [voltage])
 
 
 def opening_with_effects(
-    mass_flow: Expression, pressure: Expression, supply: Expression, belief: Parameters, actuator: str
+    mass_flow: Expression, pressure: Expression, supply: Expression, nominal: Parameters, actuator: str
 ) -> Expression:
-    """Return the relative opening that gives a mass flow through valve, hose and the believed effects."""
-    valve = belief.substituted({"valve.supply_pressure": supply}).valve
+    """Return the relative opening that gives a mass flow through valve, hose and the nominal effects."""
+    valve = nominal.substituted({"valve.supply_pressure": supply}).valve
 
     def plain(flow: Expression) -> Expression:
         return opening_for_flow(flow, pressure, valve)
 
-    if not effects.known(belief, "opening", "flow"):
+    if not effects.known(nominal, "opening", "flow"):
         return plain(mass_flow)
-    passed = effects.flow_of_opening(belief, actuator)
+    passed = effects.flow_of_opening(nominal, actuator)
     return effects.corrected(plain, lambda opening: passed(opening, pressure, supply), mass_flow)
 
 
-def dead_band(belief: Parameters) -> float:
+def dead_band(nominal: Parameters) -> float:
     """Return the half width of the dead band to compensate, V: learned, or `valve.dead_band`."""
-    known: float = belief.valve.dead_band
-    if "valve_dead_band" in effects.known(belief, "spool"):
-        known = effects.values(belief, "valve_dead_band").half_width
+    known: float = nominal.valve.dead_band
+    if "valve_dead_band" in effects.known(nominal, "spool"):
+        known = effects.values(nominal, "valve_dead_band").half_width
     return known
 
 
 class InverseValveModel:
-    """Inverse model of the valve of an actuator; knows the belief only."""
+    """Inverse model of the valve of an actuator; knows the nominal model only."""
 
     def __init__(self, parameters: Parameters, actuator: str):
-        belief = parameters.belief()
-        self._voltage = compiled(voltage_function(belief, actuator))
-        self._sensors, self._channel = Sensors(belief), f"{actuator}_pressure"
-        self._supply: float = belief.valve.supply_pressure
-        after = effects.supply_after(belief, actuator)
+        nominal = parameters.nominal()
+        self._voltage = compiled(voltage_function(nominal, actuator))
+        self._sensors, self._channel = Sensors(nominal), f"{actuator}_pressure"
+        self._supply: float = nominal.valve.supply_pressure
+        after = effects.supply_after(nominal, actuator)
         self._after = None if after is None else compiled(after)
         self._drawn = np.zeros(0 if after is None else after.size1_in(0))
         self._asked: float | None = None
@@ -92,7 +92,7 @@ class InverseValveModel:
     def step(self, mass_flow: float, pressure: float, periods: int = 1) -> float:
         """Return the valve voltage, V, for a mass flow, kg/s, at an absolute pressure, Pa.
 
-        The sample is so many control periods later than the last one. A supply that is believed to sag
+        The sample is so many control periods later than the last one. A supply that sags in the nominal model
         does so by the flows that were asked for: it is in no loop.
         """
         if self._after is not None and self._asked is not None:

@@ -54,10 +54,10 @@ class SafetyMonitor:
     """
 
     def __init__(self, parameters: Parameters):
-        belief = parameters.belief()
-        self._limits, self._valve = belief.control.limits, belief.valve
-        self._period = belief.scenario.control_period
-        self._estimate = compiled(watched_function(belief, HALF * self._period))
+        nominal = parameters.nominal()
+        self._limits, self._valve = nominal.control.limits, nominal.valve
+        self._period = nominal.scenario.control_period
+        self._estimate = compiled(watched_function(nominal, HALF * self._period))
         self._samples: deque[Sequence[float]] = deque(maxlen=2 * HALF + 1)
         self._outside: deque[float] = deque(maxlen=max(2, round(self._limits.spasm_time / self._period)))
         self._time_ns = 0
@@ -160,12 +160,12 @@ class SafetyMonitor:
         return float(self._valve.closed_voltage if above > 0 else self._valve.maximum_voltage)
 
 
-def watched_function(belief: Parameters, half: float) -> ca.Function:
+def watched_function(nominal: Parameters, half: float) -> ca.Function:
     """Return (three positions, pressures then, pressures now) -> velocity and effort now, outside then.
 
     The positions are `half` s apart, the first one the oldest; `then` is the middle one.
     """
-    axis = Axis(belief)
+    axis = Axis(nominal)
     q, v, a, p = ca.SX.sym("q"), ca.SX.sym("v"), ca.SX.sym("a"), ca.SX.sym("p", 2)
     effort, terms = axis.effort(q, v, (p[0], p[1])), axis.terms(q, v)
     resisting = terms.coriolis + terms.gravity

@@ -80,22 +80,22 @@ def demanded_jerk(
     return v
 
 
-def positioner_force(position: Expression, pressure: Expression, belief: Parameters) -> Expression:
+def positioner_force(position: Expression, pressure: Expression, nominal: Parameters) -> Expression:
     """Return F_M,r of Eq. (8), N; not clamped at slack, so that its derivatives stay defined."""
-    contraction = positioner_contraction(position, belief.rig)
-    gauge = pressure - belief.valve.ambient_pressure
-    return muscle_model.towing_force(contraction, gauge, belief.muscle.mas_40)
+    contraction = positioner_contraction(position, nominal.rig)
+    gauge = pressure - nominal.valve.ambient_pressure
+    return muscle_model.towing_force(contraction, gauge, nominal.muscle.mas_40)
 
 
-def slack_pressure(position: Expression, belief: Parameters) -> Expression:
+def slack_pressure(position: Expression, nominal: Parameters) -> Expression:
     """Return the absolute pressure at which the MAS-40 begins to pull, Pa."""
-    contraction, m = positioner_contraction(position, belief.rig), belief.muscle.mas_40
+    contraction, m = positioner_contraction(position, nominal.rig), nominal.muscle.mas_40
     gauge = muscle_model.counterforce(contraction, m) / muscle_model.area(contraction, m)
-    return gauge + belief.valve.ambient_pressure
+    return gauge + nominal.valve.ambient_pressure
 
 
 def linearising_flow(
-    jerk: Expression, position: Expression, velocity: Expression, pressure: Expression, belief: Parameters
+    jerk: Expression, position: Expression, velocity: Expression, pressure: Expression, nominal: Parameters
 ) -> Expression:
     """Return the mass flow of Eq. (11) that makes the third derivative of x_S equal to `jerk`, kg/s.
 
@@ -103,30 +103,30 @@ def linearising_flow(
     differentiation of the model. dF_M,d/dt is neglected as in Eq. (10).
     """
     x, p = ca.SX.sym("x"), ca.SX.sym("p")
-    contraction = positioner_contraction(x, belief.rig)
-    force = positioner_force(x, p, belief)
+    contraction = positioner_contraction(x, nominal.rig)
+    force = positioner_force(x, p, nominal)
     by_pressure, by_position = ca.gradient(force, p), ca.gradient(force, x)
-    rate = (-belief.rig.carriage_mass * jerk - by_position * velocity) / by_pressure
+    rate = (-nominal.rig.carriage_mass * jerk - by_position * velocity) / by_pressure
     volume, volume_by_pressure, volume_by_contraction = volume_terms(
-        lambda dl, gauge: muscle_model.volume(dl, gauge, belief.muscle.mas_40),
+        lambda dl, gauge: muscle_model.volume(dl, gauge, nominal.muscle.mas_40),
         contraction,
-        p - belief.valve.ambient_pressure,
+        p - nominal.valve.ambient_pressure,
     )
     contraction_rate = ca.jtimes(contraction, x, velocity)
     flow = pneumatics.required_mass_flow(
-        p, rate, contraction_rate, volume + belief.valve.hose.volume,
-        volume_by_pressure, volume_by_contraction, belief.valve,
+        p, rate, contraction_rate, volume + nominal.valve.hose.volume,
+        volume_by_pressure, volume_by_contraction, nominal.valve,
     )  # fmt: skip
     return ca.substitute(flow, ca.vertcat(x, p), ca.vertcat(position, pressure))
 
 
-def control_function(belief: Parameters) -> ca.Function:
+def control_function(nominal: Parameters) -> ca.Function:
     """Return (reference, estimate, integral, pressure) -> mass flow, Eqs. (11)-(12)."""
     reference, estimate = ca.SX.sym("reference", 4), ca.SX.sym("estimate", 3)
     integral, pressure = ca.SX.sym("integral"), ca.SX.sym("pressure")
-    alpha = error_coefficients([-belief.rig.position.pole] * 4).tolist()
+    alpha = error_coefficients([-nominal.rig.position.pole] * 4).tolist()
     jerk = demanded_jerk(ca.vertsplit(reference), ca.vertsplit(estimate), integral, alpha)
-    flow = linearising_flow(jerk, estimate[0], estimate[1], pressure, belief)
+    flow = linearising_flow(jerk, estimate[0], estimate[1], pressure, nominal)
     return ca.Function("carriage_control", [reference, estimate, integral, pressure], [flow])
 
 
@@ -138,13 +138,13 @@ class CarriageObserver:
     where the velocity comes from.
     """
 
-    def __init__(self, belief: Parameters):
+    def __init__(self, nominal: Parameters):
         position, pressure, force = ca.SX.sym("x"), ca.SX.sym("p"), ca.SX.sym("force")
         known = carriage_acceleration(
-            force, positioner_force(position, pressure, belief), belief.rig.carriage_mass
+            force, positioner_force(position, pressure, nominal), nominal.rig.carriage_mass
         )
         self._known = compiled(ca.Function("carriage_known", [position, pressure, force], [known]))
-        self._transition, self._input, self._gain = _observer_matrices(belief.rig)
+        self._transition, self._input, self._gain = _observer_matrices(nominal.rig)
         self._state: NDArray[np.float64] | None = None
 
     def step(self, position: float, pressure: float, force: float) -> CarriageEstimate:
@@ -170,13 +170,13 @@ def _observer_matrices(rig: Section) -> tuple[NDArray[np.float64], NDArray[np.fl
 
 
 class CarriageController:
-    """Observer and linearising law with its integral; knows the belief only."""
+    """Observer and linearising law with its integral; knows the nominal model only."""
 
     def __init__(self, parameters: Parameters):
-        belief = parameters.rig_belief()
-        self._observer = CarriageObserver(belief)
-        self._control = compiled(control_function(belief))
-        self._period = belief.rig.control_period
+        nominal = parameters.rig_nominal()
+        self._observer = CarriageObserver(nominal)
+        self._control = compiled(control_function(nominal))
+        self._period = nominal.rig.control_period
         self._integral = 0.0
 
     def step(

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pam_orthosis.control.diagnostic import Programme
+from pam_orthosis.control.diagnostic import Experiment
 from pam_orthosis.control.guarded import Guarded, GuardedPosition, GuardedPressure, GuardedValve
 from pam_orthosis.control.inverse_valve import InverseValveModel
 from pam_orthosis.control.limits import SafetyMonitor, restrained
@@ -87,7 +87,7 @@ class Watched:
         self._time_ns += self.period_ns
 
 
-def made_reference(parameters: Parameters) -> Trajectory | Programme | Waiting:
+def made_reference(parameters: Parameters) -> Trajectory | Experiment | Waiting:
     """Return what `scenario` asks for; it waits for the person if that is wanted."""
     trajectory = make_trajectory(parameters)
     return Waiting(trajectory, parameters) if parameters.control.cooperation.wait else trajectory
@@ -109,7 +109,7 @@ class ClosedLoop:
         parameters: Parameters,
         seed: int = 0,
         plant: Hardware | None = None,
-        trajectory: Trajectory | Programme | Waiting | Repetition | None = None,
+        trajectory: Trajectory | Experiment | Waiting | Repetition | None = None,
         position: PositionController | None = None,
     ):
         self.plant: Hardware = Plant(parameters, seed) if plant is None else plant

@@ -81,15 +81,15 @@ def gains(x: ca.SX, pressures: ca.SX, polynomial: Sequence[Expression], axis: Ax
     return placed @ ca.solve(observability, ca.SX([0, 0, 1]))
 
 
-def observer_step(belief: Parameters) -> ca.Function:
+def observer_step(nominal: Parameters) -> ca.Function:
     """Return (x-hat, [y, pressures, known effort] before, the same now, tuned values) -> x-hat now.
 
     Between two samples the measured signals are taken as straight lines, so that the estimate of
     now contains the measurement of now.
     """
-    one, steps = _fine_step(belief)
+    one, steps = _fine_step(nominal)
     x, before, now = ca.MX.sym("x", 3), ca.MX.sym("before", 4), ca.MX.sym("now", 4)
-    tuned = ca.MX.sym("tuned", len(live_keys(belief.declared)))
+    tuned = ca.MX.sym("tuned", len(live_keys(nominal.declared)))
     after = x
     for i in range(steps):
         middle = before + (now - before) * ((i + 0.5) / steps)
@@ -97,17 +97,17 @@ def observer_step(belief: Parameters) -> ca.Function:
     return ca.Function("observer_step", [x, before, now, tuned], [after])
 
 
-def _fine_step(belief: Parameters) -> tuple[ca.Function, int]:
+def _fine_step(nominal: Parameters) -> tuple[ca.Function, int]:
     """Return (x-hat, [y, pressures, known effort], tuned values) -> x-hat later, and its steps a period.
 
     Functions that are called, not expressions that are written out for each step: their machine code is
     compiled in a fraction of the time.
     """
-    belief, tuned = belief.symbolic(live_keys(belief.declared))
-    axis = Axis(belief)
-    steps = FINE_STEPS_PER_PERIOD if effects.known(belief, *STAGES) else STEPS_PER_PERIOD
-    steps *= belief.control.position.every
-    polynomial = characteristic(belief.control.observer.pole, belief.control.observer.damping)
+    nominal, tuned = nominal.symbolic(live_keys(nominal.declared))
+    axis = Axis(nominal)
+    steps = FINE_STEPS_PER_PERIOD if effects.known(nominal, *STAGES) else STEPS_PER_PERIOD
+    steps *= nominal.control.position.every
+    polynomial = characteristic(nominal.control.observer.pole, nominal.control.observer.damping)
     x, y = ca.SX.sym("x", 3), ca.SX.sym("y", 4)
     # linearising once a step is enough: the gains change slowly with the estimate
     gain = ca.Function("observer_gain", [x, y, tuned], [gains(x, y[1:3], polynomial, axis)])
@@ -115,7 +115,7 @@ def _fine_step(belief: Parameters) -> tuple[ca.Function, int]:
     rate = ca.Function("observer_rate", [x, y, h, tuned],
                        [system(x, y[1:3], axis, y[3]) + h * (y[0] - x[0])])  # fmt: skip
     start, seen, given = (ca.MX.sym(str(symbol), symbol.shape[0]) for symbol in (x, y, tuned))
-    placed, step = gain(start, seen, given), belief.scenario.control_period / steps
+    placed, step = gain(start, seen, given), nominal.scenario.control_period / steps
     after = runge_kutta_4(lambda s: rate(s, seen, placed, given), start, step)
     return ca.Function("observer_fine_step", [start, seen, given], [after]), steps
 
@@ -123,10 +123,10 @@ def _fine_step(belief: Parameters) -> tuple[ca.Function, int]:
 class Observer:
     """The observer with its memory. Raises nothing; feed it finite measurements only."""
 
-    def __init__(self, belief: Parameters):
-        self._step = compiled(observer_step(belief))
-        self._live = live_keys(belief.declared)
-        self._tuned = [belief.at(key) for key in self._live]
+    def __init__(self, nominal: Parameters):
+        self._step = compiled(observer_step(nominal))
+        self._live = live_keys(nominal.declared)
+        self._tuned = [nominal.at(key) for key in self._live]
         self._state: NDArray[np.float64] | None = None
         self._before = np.zeros(4)
 

@@ -13,7 +13,7 @@ from pam_orthosis.control.anticipation import Anticipation
 from pam_orthosis.control.axis import Axis, Pair
 from pam_orthosis.control.effects import AddedEffort, Sensors
 from pam_orthosis.control.observer import Estimate, Observer
-from pam_orthosis.control.rates import position_belief
+from pam_orthosis.control.rates import position_nominal
 from pam_orthosis.control.reference import PressureReference, Pressures, Reference, Valve
 from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.machine import Machine
@@ -68,7 +68,7 @@ def desired_acceleration(
 
 def required_effort(estimate: Expression, reference: Expression, axis: Axis) -> Expression:
     """Return the actuators' effort that gives the desired acceleration: Eq. (26) solved for M_k."""
-    gains = axis.belief.control.position
+    gains = axis.nominal.control.position
     terms = axis.terms(estimate[0], estimate[1])
     wanted = desired_acceleration(estimate, reference, gains.c1, gains.c2)
     return terms.inertia * wanted + terms.coriolis + terms.gravity + estimate[2]
@@ -77,13 +77,13 @@ def required_effort(estimate: Expression, reference: Expression, axis: Axis) -> 
 class Allocation(NamedTuple):
     """Gauge pressures of both actuators, Pa, and what limits them.
 
-    `missed`: the effort is out of reach, and cut. `let_go`: share by which each muscle should be rid of the
+    `missed`: the effort is out of reach, and cut. `slack_share`: by which each muscle should be free of the
     other one.
     """
 
     pressures: Pair
     missed: Expression
-    let_go: Pair
+    slack_share: Pair
 
 
 class Demand(NamedTuple):
@@ -93,7 +93,7 @@ class Demand(NamedTuple):
         effort: torque or force in the direction of the coordinate.
         q, velocity: of the coordinate.
         mean_pressure: absolute, Pa.
-        let_go: share by which each muscle is rid of the other one.
+        slack_share: by which each muscle is free of the other one, which is slackened.
         added_force: what effects add to the elastic force of each, N: a taut muscle pulls with it and
             without it.
         about: gauge pressures about which forces that are not affine in them are linearised, Pa; None: the
@@ -104,7 +104,7 @@ class Demand(NamedTuple):
     q: Expression
     velocity: Expression
     mean_pressure: Expression
-    let_go: Pair = NONE
+    slack_share: Pair = NONE
     added_force: Pair = NONE
     about: Pair | None = None
 
@@ -115,10 +115,10 @@ def pressures_for_effort(asked: Demand, axis: Axis) -> Allocation:
     With both actuators taut, Eqs. (14) and (27) make the effort linear in both pressures: the pairs
     that give it lie on a line. On it the pair with the mean p_im is taken; where that leaves the
     limits, the nearest pair inside them: stiffness gives way before effort. Where one actuator comes near
-    its highest pressure the other, if it is a muscle, should be let go slack: it pulls and drags no more.
-    While it is let go the effort is exceeded by less than that pull.
+    its highest pressure the other, if it is a muscle, should be slackened: it pulls and drags no more.
+    While it is slackened the effort is exceeded by less than that pull.
     """
-    settings, ambient = axis.belief.control.position, axis.belief.valve.ambient_pressure
+    settings, ambient = axis.nominal.control.position, axis.nominal.valve.ambient_pressure
     mean, high = asked.mean_pressure - ambient, settings.maximum_pressure - ambient
     slack = settings.minimum_pressure - ambient
     area, counter, damping = axis.forces(asked.q, asked.velocity, asked.about or (mean, mean))
@@ -142,18 +142,20 @@ def pressures_for_effort(asked: Demand, axis: Axis) -> Allocation:
     needed = (area[1] * low[1] - level) / area[0], least
     # what is needed may be beyond the limit at which both were cut
     wanted = _both(ca.fmax, (first, second), needed)
-    wanted = _both(lambda p, lone, share: p + share * (lone - p), wanted, alone, asked.let_go)
+    wanted = _both(lambda p, lone, share: p + share * (lone - p), wanted, alone, asked.slack_share)
     missed = ca.logic_or(wanted[0] > high, wanted[1] > high)
     cut = _both(lambda p: ca.fmin(p, high), wanted)
-    slackened = _both(lambda p, share: p + share * (slack - p), cut, (asked.let_go[1], asked.let_go[0]))
+    slackened = _both(
+        lambda p, share: p + share * (slack - p), cut, (asked.slack_share[1], asked.slack_share[0])
+    )
     pressures = _both(lambda p: ca.fmax(p, slack), slackened)
     near = _both(lambda p: _within((p - high) / settings.slack_reserve + 1, 0, 1), needed)
-    let_go = _both(lambda share, slackens: share if slackens else 0.0, near, (muscles[1], muscles[0]))
-    return Allocation(pressures, missed, let_go)
+    slack_share = _both(lambda share, slackens: share if slackens else 0.0, near, (muscles[1], muscles[0]))
+    return Allocation(pressures, missed, slack_share)
 
 
 def pressures_with_effects(asked: Demand, effect: Added | None, axis: Axis) -> Allocation:
-    """Return what `pressures_for_effort` does, for the actuators and the believed effects together.
+    """Return what `pressures_for_effort` does, for the actuators and the nominal effects together.
 
     `effect` gives what the effects add along the reference. That hardly depends on the pressures, so that a
     few corrections find those at which both add up to the effort; so they do where a force is linearised.
@@ -167,18 +169,18 @@ def pressures_with_effects(asked: Demand, effect: Added | None, axis: Axis) -> A
     return allocated
 
 
-def command_function(belief: Parameters) -> ca.Function:
+def command_function(nominal: Parameters) -> ca.Function:
     """Return the position law as a function of numbers.
 
-    (estimate, reference, mean pressure, share let go of each muscle, states of the effects, time, tuned
-    values) -> (absolute pressures, saturated, clamped, share to let go, effort). A locked joint is asked for
-    no effort: its motion cannot be fed back.
+    (estimate, reference, mean pressure, slack share of each muscle, states of the effects, time, tuned
+    values) -> (absolute pressures, saturated, clamped, wanted slack share, effort). A locked joint is asked
+    for no effort: its motion cannot be fed back.
     """
-    belief, tuned = belief.symbolic((*GAINS, *belief.declared.live))
-    axis, ambient = Axis(belief), belief.valve.ambient_pressure
+    nominal, tuned = nominal.symbolic((*GAINS, *nominal.declared.live))
+    axis, ambient = Axis(nominal), nominal.valve.ambient_pressure
     estimate, reference, mean = ca.SX.sym("estimate", 3), ca.SX.sym("reference", 3), ca.SX.sym("mean")
-    law: Any = effects.added_by_effects(belief)
-    let_go = ca.SX.sym("let_go", 2)
+    law: Any = effects.added_by_effects(nominal)
+    slack_share = ca.SX.sym("slack_share", 2)
     states, time = ca.SX.sym("states", law.size1_in(3) if law else 0), ca.SX.sym("time")
 
     def effect(gauge: Pair) -> tuple[Expression, Expression]:
@@ -186,35 +188,35 @@ def command_function(belief: Parameters) -> ca.Function:
         return added, forces
 
     effort = 0.0 if axis.mechanism.locked else required_effort(estimate, reference, axis)
-    asked = Demand(effort, estimate[0], estimate[1], mean, (let_go[0], let_go[1]))
+    asked = Demand(effort, estimate[0], estimate[1], mean, (slack_share[0], slack_share[1]))
     gauge, saturated, near = pressures_with_effects(asked, effect if law else None, axis)
-    inputs = [estimate, reference, mean, let_go, states, time, tuned]
+    inputs = [estimate, reference, mean, slack_share, states, time, tuned]
     outputs = [ca.vertcat(*gauge) + ambient, saturated, axis.outside(estimate[0], gauge), ca.vertcat(*near)]
     outputs.append(ca.SX(effort))
     return ca.Function("position_command", inputs, outputs)
 
 
 class PositionController:
-    """Observer and backstepping law; knows the belief only.
+    """Observer and backstepping law; knows the nominal model only.
 
-    With effects in the belief their torque along the reference is a known input of the observer and
-    of the law. With a lag of the valves in the belief the law plans for the instant at which it acts.
+    With effects in the nominal model their torque along the reference is a known input of the observer and
+    of the law. With a lag of the valves in the nominal model the law plans for the instant at which it acts.
     """
 
     def __init__(self, parameters: Parameters):
-        belief = position_belief(parameters)
-        self._channels = belief.declared.channels
-        self._observer = Observer(belief)
-        self._command = compiled(command_function(belief))
-        self._tuned = _tuned(belief)
-        self._mean = belief.control.position.mean_pressure
-        self._feedback: bool = belief.control.position.feedback
-        self._let_go = [0.0, 0.0]
-        self._change = belief.scenario.control_period / belief.control.position.slack_time
-        self._sensors = Sensors(belief)
-        self._ahead = Anticipation(belief)
-        self._now = AddedEffort(belief)
-        self._then = AddedEffort(belief, self._ahead.horizon)
+        nominal = position_nominal(parameters)
+        self._channels = nominal.declared.channels
+        self._observer = Observer(nominal)
+        self._command = compiled(command_function(nominal))
+        self._tuned = _tuned(nominal)
+        self._mean = nominal.control.position.mean_pressure
+        self._feedback: bool = nominal.control.position.feedback
+        self._slack_share = [0.0, 0.0]
+        self._change = nominal.scenario.control_period / nominal.control.position.slack_time
+        self._sensors = Sensors(nominal)
+        self._ahead = Anticipation(nominal)
+        self._now = AddedEffort(nominal)
+        self._then = AddedEffort(nominal, self._ahead.horizon)
 
     def retune(self, parameters: Parameters) -> None:
         """Take the values of `live_keys`; estimate and references go on from where they are."""
@@ -224,7 +226,7 @@ class PositionController:
     def restart(self) -> None:
         """Begin anew at the next sample, wherever the load is then; what lives in the actuators goes on."""
         self._observer.restart()
-        self._let_go = [0.0, 0.0]
+        self._slack_share = [0.0, 0.0]
         self._ahead.restart()
         self._now.restart()
         self._then.restart()
@@ -274,18 +276,18 @@ class PositionController:
         return wanted - reference.acceleration
 
     def _ask(self, *inputs: Any) -> Any:
-        """Return pressures, saturated, clamped, shares to let go and effort, see `command_function`."""
+        """Return pressures, saturated, clamped, wanted slack shares and effort, see `command_function`."""
         return self._command(*inputs)
 
     def _law(
         self, estimate: Sequence[float], reference: Reference, mean: float, effect: AddedEffort, periods: int
     ) -> Limited:
         states, time, change = effect.states, effect.time, periods * self._change
-        inputs = estimate, reference[:3], mean, self._let_go, states, time, self._tuned
+        inputs = estimate, reference[:3], mean, self._slack_share, states, time, self._tuned
         pressures, saturated, clamped, near, effort = self._ask(*inputs)
-        self._let_go = [
+        self._slack_share = [
             min(max(wanted, now - change), now + change)
-            for wanted, now in zip(near.tolist(), self._let_go, strict=True)
+            for wanted, now in zip(near.tolist(), self._slack_share, strict=True)
         ]
         first, second = pressures.tolist()
         return (first, second), bool(saturated[0]), bool(clamped[0]), float(effort[0])

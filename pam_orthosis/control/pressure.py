@@ -18,47 +18,47 @@ from pam_orthosis.model.parameters import Parameters
 LIVE = ("control.pressure.gain", "control.pressure.reference_filter")
 
 
-def mass_flow_function(belief: Parameters, actuator: str) -> ca.Function:
+def mass_flow_function(nominal: Parameters, actuator: str) -> ca.Function:
     """Return (pressure, wanted rate, position, velocity, time) -> mass flow, kg/s, and its slope by the rate.
 
     With e = p_ref - p and V = e^2 / 2 the wanted rate p_ref-dot + c e makes V-dot = -c e^2. Believed
     effects on volume, exponent and temperature are in Eq. (6) as they are in the model.
     """
     rate, time = ca.SX.sym("rate"), ca.SX.sym("time")
-    model = effects.gas_model(belief)
+    model = effects.gas_model(nominal)
     s = model.signals
     a = s.actuators[actuator]
     volume, slopes = a.volume + a.dead_volume, (a.volume_by_pressure, a.volume_by_contraction)
     flow = pneumatics.required_mass_flow(a.pressure, rate, a.rate, volume, *slopes, a.air)
-    flow = ca.substitute(flow, model.u, effects.inputs(belief, time))
+    flow = ca.substitute(flow, model.u, effects.inputs(nominal, time))
     inputs = [a.pressure, rate, s.coordinate, s.velocity, time]
     return ca.Function(f"{actuator}_mass_flow", inputs, [ca.vertcat(flow, ca.gradient(flow, rate))])
 
 
-def flow_limits(belief: Parameters) -> ca.Function:
+def flow_limits(nominal: Parameters) -> ca.Function:
     """Return absolute pressure -> least and most mass flow that the valve can give, kg/s."""
-    pressure, valve = ca.SX.sym("pressure"), belief.valve
+    pressure, valve = ca.SX.sym("pressure"), nominal.valve
     ends = [pneumatics.valve_flow(opening, pressure, valve.supply_pressure, valve) for opening in (-1, 1)]
     return ca.Function("flow_limits", [pressure], [ca.vertcat(*ends)])
 
 
 class PressureController:
-    """Pressure controller of an actuator; knows the belief only.
+    """Pressure controller of an actuator; knows the nominal model only.
 
-    With a lag of the valves in the belief the error is that of the pressure once the flows on their way
-    have arrived.
+    With a lag of the valves in the nominal model the error is that of the pressure once the flows on their
+    way have arrived.
     """
 
     def __init__(self, parameters: Parameters, actuator: str):
-        belief = parameters.belief()
-        self._flow = compiled(mass_flow_function(belief, actuator))
-        self._sensors, self._channel = Sensors(belief), f"{actuator}_pressure"
-        self._pending = Pending(effects.command_lag(belief), belief.scenario.control_period)
-        self._limits = compiled(flow_limits(belief))
+        nominal = parameters.nominal()
+        self._flow = compiled(mass_flow_function(nominal, actuator))
+        self._sensors, self._channel = Sensors(nominal), f"{actuator}_pressure"
+        self._pending = Pending(effects.command_lag(nominal), nominal.scenario.control_period)
+        self._limits = compiled(flow_limits(nominal))
         self._steps = 0
-        self._period = belief.scenario.control_period
+        self._period = nominal.scenario.control_period
         self._filtered: float | None = None
-        self.retune(belief)
+        self.retune(nominal)
 
     def retune(self, parameters: Parameters) -> None:
         """Take the values of `LIVE`; the filter goes on from where it is."""

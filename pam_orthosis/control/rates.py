@@ -6,9 +6,9 @@ from __future__ import annotations
 from pam_orthosis.model.parameters import Parameters
 
 
-def position_belief(parameters: Parameters) -> Parameters:
-    """Return the belief of the position controller, whose control period is that of its own instants, s."""
-    belief, every = parameters.belief(), parameters.control.position.every
+def position_nominal(parameters: Parameters) -> Parameters:
+    """Return the position controller's nominal model: its control period, s, is that of its own instants."""
+    nominal, every = parameters.nominal(), parameters.control.position.every
     if every == 1:
-        return belief
-    return belief.substituted({"scenario.control_period": every * belief.scenario.control_period})
+        return nominal
+    return nominal.substituted({"scenario.control_period": every * nominal.scenario.control_period})

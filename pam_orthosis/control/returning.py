@@ -21,11 +21,11 @@ class Release:
     when they were last asked: something else vents them.
     """
 
-    def __init__(self, belief: Parameters):
-        self._belief, self.held_empty = belief, False
-        self._ambient: float = belief.valve.ambient_pressure
-        self._lowest: float = belief.control.position.minimum_pressure
-        self._empty, self._slow = empty_below(belief), belief.control.guard.return_speed
+    def __init__(self, nominal: Parameters):
+        self._nominal, self.held_empty = nominal, False
+        self._ambient: float = nominal.valve.ambient_pressure
+        self._lowest: float = nominal.control.position.minimum_pressure
+        self._empty, self._slow = empty_below(nominal), nominal.control.guard.return_speed
         self.asked, self._rests, self._silent = self._rest()
 
     def step(self, pressures: Pressures, velocity: float, periods: int) -> bool:
@@ -45,20 +45,20 @@ class Release:
 
     def _rest(self) -> tuple[float, guard.Overdue, guard.Overdue]:
         """Return the pressure to ask for, what notices that the joint rests, and that nothing answers."""
-        g, belief = self._belief.control.guard, self._belief
-        return self._ambient, guard.overdue(g.rest_time, belief), guard.overdue(g.pressure_time, belief)
+        g, nominal = self._nominal.control.guard, self._nominal
+        return self._ambient, guard.overdue(g.rest_time, nominal), guard.overdue(g.pressure_time, nominal)
 
 
-def empty_below(belief: Parameters) -> float:
+def empty_below(nominal: Parameters) -> float:
     """Return the absolute pressure, Pa, below which an actuator is empty: no controller goes there."""
-    ambient: float = belief.valve.ambient_pressure
-    lowest: float = belief.control.position.minimum_pressure
+    ambient: float = nominal.valve.ambient_pressure
+    lowest: float = nominal.control.position.minimum_pressure
     return 0.5 * (ambient + lowest)
 
 
-def vented(pressures: Pressures, belief: Parameters) -> bool:
+def vented(pressures: Pressures, nominal: Parameters) -> bool:
     """Whether both actuators are empty."""
-    return max(pressures) < empty_below(belief)
+    return max(pressures) < empty_below(nominal)
 
 
 class Return:
@@ -69,9 +69,9 @@ class Return:
     `control.guard.return_speed` at most.
     """
 
-    def __init__(self, pressures: Pressures, belief: Parameters):
-        g, self._period = belief.control.guard, belief.scenario.control_period
-        low, high = belief.valve.ambient_pressure, belief.control.position.maximum_pressure
+    def __init__(self, pressures: Pressures, nominal: Parameters):
+        g, self._period = nominal.control.guard, nominal.scenario.control_period
+        low, high = nominal.valve.ambient_pressure, nominal.control.position.maximum_pressure
         self._begun = tuple(min(max(p, low), high) for p in pressures)
         self._rise_time, self._speed = g.rise_time, g.return_speed
         self._least = g.return_speed * g.rise_time / STEEPEST  # shorter ways take no less time

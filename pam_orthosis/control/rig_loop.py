@@ -95,16 +95,16 @@ class PressureHolder:
     """PI control of the investigated muscle's pressure; its output is a mass flow."""
 
     def __init__(self, parameters: Parameters, specimen: str):
-        belief = parameters.rig_belief()
-        settings, m = belief.rig.pressure, getattr(belief.muscle, specimen)
+        nominal = parameters.rig_nominal()
+        settings, m = nominal.rig.pressure, getattr(nominal.muscle, specimen)
         # Eq. (6) at the nominal length: one gain for all pressures and contractions
-        volume = m.volume.v[0] * m.length / m.map_length + belief.valve.hose.volume
+        volume = m.volume.v[0] * m.length / m.map_length + nominal.valve.hose.volume
         per_pressure = volume / (
-            belief.valve.polytropic_exponent * pneumatics.GAS_CONSTANT * belief.valve.temperature
+            nominal.valve.polytropic_exponent * pneumatics.GAS_CONSTANT * nominal.valve.temperature
         )
         self._gain = settings.gain * per_pressure
-        self._integral_gain = self._gain * settings.integral * belief.rig.control_period
-        self._limit = 0.2 * self._gain * belief.valve.ambient_pressure
+        self._integral_gain = self._gain * settings.integral * nominal.rig.control_period
+        self._limit = 0.2 * self._gain * nominal.valve.ambient_pressure
         self._integral = 0.0
 
     def step(self, pressure: float, reference: float) -> float:
@@ -138,7 +138,7 @@ class Rig:
         parameters = RIG.taken(parameters)
         self.rig = parameters.rig
         self.readings: int = getattr(self.rig.volume_readings, specimen)
-        taut = float(slack_pressure(position, parameters.rig_belief()))
+        taut = float(slack_pressure(position, parameters.rig_nominal()))
         self.plant = plant or RigPlant(parameters, specimen, seed, position, taut)
         self._speed = self.rig.procedure.speed * getattr(parameters.muscle, specimen).length
         self._carriage = CarriageController(parameters)

@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 from pam_orthosis.control import diagnostic
-from pam_orthosis.control.diagnostic import Programme
+from pam_orthosis.control.diagnostic import Experiment
 from pam_orthosis.control.reference import Motion, Reference
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
@@ -129,8 +129,8 @@ def settling_shape(settled: Shape, more: Shape, cycles: float) -> Shape:
     return shape
 
 
-def make_trajectory(parameters: Parameters) -> Trajectory | Programme:
-    """Return what `scenario` asks for: a `Trajectory` or the programme of a diagnostic experiment.
+def make_trajectory(parameters: Parameters) -> Trajectory | Experiment:
+    """Return what `scenario` asks for: a `Trajectory` or a diagnostic experiment.
 
     Raises:
         OrthosisError: the machine's stops are in the way, or the experiment is not for this machine.
@@ -141,7 +141,7 @@ def make_trajectory(parameters: Parameters) -> Trajectory | Programme:
     if s.trajectory in diagnostic.EXPERIMENTS:
         if not machine.experiments:
             raise OrthosisError(f"scenario.trajectory = {s.trajectory} is not for the {machine.name}")
-        return diagnostic.make_programme(s.trajectory, parameters)
+        return diagnostic.make_experiment(s.trajectory, parameters)
     plan = _plan(parameters) if s.plan.enabled else None
     return Trajectory(
         scenario_shape(parameters), s.cycle_time, s.start_hold, s.start_ramp, s.start_phase, plan

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from pam_orthosis.control.diagnostic import Programme
+from pam_orthosis.control.diagnostic import Experiment
 from pam_orthosis.control.reference import Reference
 from pam_orthosis.control.trajectory import Trajectory
 from pam_orthosis.model.parameters import Parameters
@@ -20,7 +20,7 @@ class Waiting:
         parameters: with `control.cooperation`.
     """
 
-    def __init__(self, trajectory: Trajectory | Programme, parameters: Parameters):
+    def __init__(self, trajectory: Trajectory | Experiment, parameters: Parameters):
         self._trajectory, settings = trajectory, parameters.control.cooperation
         self._tunnel, self._patience = settings.tunnel, settings.patience
         self._pace_time = settings.pace_time

@@ -17,7 +17,7 @@ from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.machines import KNEE
-from pam_orthosis.model.parameters import BELIEF, Parameters, load
+from pam_orthosis.model.parameters import NOMINAL, Parameters, load
 from pam_orthosis.tables import is_table
 
 Catalogue = Mapping[str, Effect] | None
@@ -54,7 +54,7 @@ class Apparatus:
             named: file that a refusal names, if not the first recording.
         """
         given = {key: value for key, value in given.items() if not key.startswith(PLANNED)}
-        recorded = agreed_belief(paths, self.keys, given, namespace, self.alone)
+        recorded = agreed_nominal(paths, self.keys, given, namespace, self.alone)
         with naming(named or paths[0]):
             return load({**recorded, **given}, self.machine)
 
@@ -98,20 +98,20 @@ def _apparatus(path: Path, given: Machine | None) -> Apparatus:
     )
 
 
-def believed(path: Path, namespace: str = "") -> dict[str, Any]:
-    """Return the belief that a bag of ours was recorded with, as overrides; empty for another file.
+def recorded_nominal(path: Path, namespace: str = "") -> dict[str, Any]:
+    """Return the nominal model that a bag of ours was recorded with, as overrides; empty for another file.
 
-    `namespace`: of the leg whose belief it is.
+    `namespace`: of the leg whose nominal model it is.
     """
     if is_table(path):
         return {}
     recorded = recorded_parameters(path, run_record(path), namespace)
-    return {key: value for key, value in recorded.items() if key.split(".", 1)[0] in (*BELIEF, "rig")}
+    return {key: value for key, value in recorded.items() if key.split(".", 1)[0] in (*NOMINAL, "rig")}
 
 
 def without_record(paths: Sequence[Path], namespace: str = "") -> list[Path]:
     """Return the recordings that do not tell their apparatus: it is assumed."""
-    return [path for path in paths if not believed(path, namespace)]
+    return [path for path in paths if not recorded_nominal(path, namespace)]
 
 
 def untold(
@@ -125,7 +125,7 @@ def untold(
 
     An older version recorded the bag, which did not have them. Effects that are off are left out.
     """
-    records = [belief for path in paths if (belief := believed(path, namespace))]
+    records = [nominal for path in paths if (nominal := recorded_nominal(path, namespace))]
     taken = {k: v for k, v in parameters.flat().items() if k.startswith(keys) and k not in given}
     return {
         key: value
@@ -134,14 +134,14 @@ def untold(
     }
 
 
-def agreed_belief(
+def agreed_nominal(
     paths: Sequence[Path],
     apparatus: tuple[str, ...],
     given: Collection[str] = (),
     namespace: str = "",
     alone: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
-    """Return the belief of the first bag that has one, as overrides; empty if none has.
+    """Return the nominal model of the first bag that has one, as overrides; empty if none has.
 
     What it does not tell of the apparatus is that of the next bag that does.
 
@@ -155,13 +155,13 @@ def agreed_belief(
         OrthosisError: bags of different apparatus.
     """
     alone = alone or {}
-    known = [(path, belief) for path in paths if (belief := believed(path, namespace))]
-    first, belief = known[0] if known else (None, {})
-    told_by = dict.fromkeys(belief, first)
+    known = [(path, nominal) for path in paths if (nominal := recorded_nominal(path, namespace))]
+    first, nominal = known[0] if known else (None, {})
+    told_by = dict.fromkeys(nominal, first)
     for path, other in known[1:]:
-        for key, value in belief.items():
+        for key, value in nominal.items():
             settled = key in given and key not in alone
-            if not key.startswith(apparatus) or settled or _is_off(key, belief, other):
+            if not key.startswith(apparatus) or settled or _is_off(key, nominal, other):
                 continue
             if key in other and other[key] != value:
                 help_ = "give recordings of one, or the value that is right with --model"
@@ -169,13 +169,13 @@ def agreed_belief(
                     f"recordings of different apparatus: {key} is {value} in {told_by[key]}, {other[key]} in"
                     f" {path}; {alone.get(key, help_)}"
                 )
-        more = {k: v for k, v in other.items() if k.startswith(apparatus) and k not in belief}
-        belief, told_by = belief | more, told_by | dict.fromkeys(more, path)
-    return belief
+        more = {k: v for k, v in other.items() if k.startswith(apparatus) and k not in nominal}
+        nominal, told_by = nominal | more, told_by | dict.fromkeys(more, path)
+    return nominal
 
 
-def _is_off(key: str, *beliefs: Mapping[str, Any]) -> bool:
-    """Return whether a key is of an effect that no belief has switched on."""
+def _is_off(key: str, *models: Mapping[str, Any]) -> bool:
+    """Return whether a key is of an effect that no nominal model has switched on."""
     branch, _, rest = key.partition("effects.")
     switch = f"{branch}effects.{rest.split('.', 1)[0]}.enabled"
-    return bool(rest) and not any(one.get(switch) for one in beliefs)
+    return bool(rest) and not any(one.get(switch) for one in models)

@@ -23,7 +23,7 @@ from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress, silent
 
 HELD_SHARE = 0.25  # of each recording, at its end, where no recording is held out
-TELLING_STRAIN = 4.0  # deviations of an ordinary parameter over its tolerance that are worth a remark
+NOTABLE = 4.0  # deviations of a nuisance parameter over its tolerance that are worth a remark
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Beginning:
         return structure.locate(self.held_out, self.null)
 
     def strained(self) -> dict[str, float]:
-        """Return ordinary parameters outside their tolerance, in multiples of it."""
+        """Return nuisance parameters outside their tolerance, in multiples of it."""
         return strained_parameters(self.null)
 
 
@@ -70,16 +70,16 @@ def begin(
     tell: Progress = silent,
     replay: Replay | None = None,
 ) -> Beginning:
-    """Check recordings and recalibrate the model's ordinary parameters: the stages before the search.
+    """Check recordings and recalibrate the model's nuisance parameters: the stages before the search.
 
     Arguments and errors are those of `find_gap`.
     """
     tell("checking the recordings")
     remarks = check.check(system, [*training, *held_out], settings.replay.warm_up)
     remarks += remarks_on_stamps(system, [*training, *held_out])
-    lacking = check.missing_inputs(system, [*training, *held_out])
-    if lacking:
-        system = _without(system, lacking)
+    missing = check.missing_inputs(system, [*training, *held_out])
+    if missing:
+        system = _without(system, missing)
         replay = None
     if not held_out:
         check.check_divisible(training, HELD_SHARE, settings.replay.warm_up)
@@ -92,11 +92,11 @@ def begin(
     return Beginning(system, *refit.recalibrated(problem, tell), judge, floor, tuple(remarks))
 
 
-def _without(system: System, lacking: Sequence[str]) -> System:
+def _without(system: System, missing: Sequence[str]) -> System:
     """Return the system without the equations that need inputs which were not recorded."""
-    known = system.without(lacking)
+    known = system.without(missing)
     if not known.equations:
-        raise OrthosisError(f"no equation can be replayed without {', '.join(lacking)}")
+        raise OrthosisError(f"no equation can be replayed without {', '.join(missing)}")
     return known
 
 
@@ -180,7 +180,7 @@ def _scored(
 
 
 def strained_parameters(final: Fit) -> dict[str, float]:
-    """Return ordinary parameters that left their tolerance, in multiples of it."""
-    ordinary = (one for one in final.free if one.name.partition(".")[0] not in final.effects)
-    strain = {one.name: one.deviation(final.values) for one in ordinary}
-    return {name: value for name, value in strain.items() if abs(value) > TELLING_STRAIN}
+    """Return nuisance parameters that left their tolerance, in multiples of it."""
+    nuisance = (one for one in final.free if one.name.partition(".")[0] not in final.effects)
+    strain = {one.name: one.deviation(final.values) for one in nuisance}
+    return {name: value for name, value in strain.items() if abs(value) > NOTABLE}

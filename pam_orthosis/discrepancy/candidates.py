@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Candidates: each effect of the catalogue tried as part of the model, ordinary parameters beside it.
+"""Candidates: each effect of the catalogue tried as part of the model, nuisance parameters beside it.
 
-The ordinary parameters enter linearly at the present fit (variable projection): a candidate simulates
+The nuisance parameters enter linearly at the present fit (variable projection): a candidate simulates
 its own few parameters only. Large effects leave the range in which that is true; `fit.fit` polishes
 the best ones.
 """
@@ -42,16 +42,16 @@ class Trial:
         typical = problem.replay.defaults((name,))
         self._rest = {key: value for key, value in typical.items() if key.startswith(f"{name}.")}
 
-    def values(self, position: np.ndarray, ordinary: np.ndarray | None = None) -> dict[str, float]:
-        """Return all parameters at scaled positions of its own and of the ordinary ones (of the base)."""
+    def values(self, position: np.ndarray, nuisance: np.ndarray | None = None) -> dict[str, float]:
+        """Return all parameters at scaled positions of its own and of the nuisance ones (of the base)."""
         own = {one.name: float(x * s) for one, x, s in zip(self.free, position, self.scale, strict=True)}
-        rest = {} if ordinary is None else self.projection.values(ordinary)
+        rest = {} if nuisance is None else self.projection.values(nuisance)
         return {**self.projection.base.values, **rest, **self._rest, **own}
 
-    def residuals(self, position: np.ndarray, ordinary: np.ndarray | None = None) -> dict[str, np.ndarray]:
+    def residuals(self, position: np.ndarray, nuisance: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """Return whitened residuals: of the equations that change."""
-        values, problem = self.values(position, ordinary), self.projection.problem
-        equations = self.equations if ordinary is None else problem.system.equations
+        values, problem = self.values(position, nuisance), self.projection.problem
+        equations = self.equations if nuisance is None else problem.system.equations
         with np.errstate(all="ignore"):
             return {e.name: problem.residual(e, self.effects, values) for e in equations}
 
@@ -65,7 +65,7 @@ class Trial:
             positions += [{**first, **dict(zip(effect.periodic, wave, strict=True))} for wave in waves]
         size = effect.fitted[0]
         if size.neutral is not None and not effect.states:
-            # a signature near the off value too: far from it what resembles an ordinary parameter bends
+            # a signature near the off value too: far from it what resembles a nuisance parameter bends
             near = size.neutral + NEAR * (size.typical - size.neutral)
             positions.append({**first, size.name: near})
         return [np.array([p[q.name] for q in effect.fitted]) / self.scale for p in positions]
@@ -110,7 +110,7 @@ class Candidate:
     Attributes:
         name: of the effect.
         gain: by how much the cost falls.
-        values: all parameters, ordinary ones as the projection says.
+        values: all parameters, nuisance ones as the projection says.
         evidence: gain less what its parameters cost.
         scales: of the shape corrections' priors that go with it.
     """
@@ -150,29 +150,29 @@ def secant_gain(projection: Projection, trial: Trial, position: np.ndarray) -> f
 
 @dataclass(frozen=True)
 class Point:
-    """A trial at scaled positions of its own and of the ordinary parameters."""
+    """A trial at scaled positions of its own and of the nuisance parameters."""
 
     own: np.ndarray
-    ordinary: np.ndarray
+    nuisance: np.ndarray
     residuals: Mapping[str, np.ndarray]
     right: np.ndarray
     level: Level
     cost: float
 
 
-def _point(projection: Projection, trial: Trial, own: np.ndarray, ordinary: np.ndarray) -> Point:
-    residuals = trial.residuals(own, ordinary)
+def _point(projection: Projection, trial: Trial, own: np.ndarray, nuisance: np.ndarray) -> Point:
+    residuals = trial.residuals(own, nuisance)
     if not all(np.isfinite(row).all() for row in residuals.values()):
-        return Point(own, ordinary, residuals, ordinary, projection.levels[0], math.inf)
+        return Point(own, nuisance, residuals, nuisance, projection.levels[0], math.inf)
     right, squares = projection.state(residuals)
-    cost, level = projection.best(right, squares, ordinary)
-    return Point(own, ordinary, residuals, right, level, cost)
+    cost, level = projection.best(right, squares, nuisance)
+    return Point(own, nuisance, residuals, right, level, cost)
 
 
 def refine(projection: Projection, trial: Trial, start: np.ndarray, difference: float = DIFFERENCE) -> Point:
-    """Return the trial with the least cost over its own and the ordinary parameters.
+    """Return the trial with the least cost over its own and the nuisance parameters.
 
-    The ordinary parameters move with the effect and the model is evaluated there; their derivatives are
+    The nuisance parameters move with the effect and the model is evaluated there; their derivatives are
     those of the base. `difference`: of the effect's own derivatives, in scales.
     """
     lower, upper = trial.bounds()
@@ -187,10 +187,10 @@ def refine(projection: Projection, trial: Trial, start: np.ndarray, difference: 
             step = bounded_step(hessian, gradient, now.own, lower, upper, damping)
             step = np.clip(step, -2.0 - np.abs(now.own), 2.0 + np.abs(now.own))
             own = np.clip(now.own + step, lower, upper)
-            pull = now.right + now.level.gradient(now.ordinary) + shared @ (own - now.own)
+            pull = now.right + now.level.gradient(now.nuisance) + shared @ (own - now.own)
             if attempt >= TRIES:
                 pull -= projection.stuck(now.level)
-            best = _point(projection, trial, own, now.ordinary - now.level.solve(pull))
+            best = _point(projection, trial, own, now.nuisance - now.level.solve(pull))
             if best.cost < now.cost:
                 break
             damping = damping * 20 if attempt != TRIES - 1 else 1e-3
@@ -206,14 +206,14 @@ def refine(projection: Projection, trial: Trial, start: np.ndarray, difference: 
 def _projected(
     projection: Projection, trial: Trial, now: Point, difference: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the coupling to the ordinary parameters, Hessian and gradient with these projected out."""
+    """Return the coupling to the nuisance parameters, Hessian and gradient with these projected out."""
     columns: dict[str, list[np.ndarray]] = {equation.name: [] for equation in trial.equations}
     _, upper = trial.bounds()
     for i in range(len(now.own)):
         step = difference if now.own[i] + difference <= upper[i] else -difference
         moved = now.own.copy()
         moved[i] += step
-        values = trial.values(moved, now.ordinary)
+        values = trial.values(moved, now.nuisance)
         for equation in trial.equations:
             row = projection.problem.residual(equation, trial.effects, values)
             columns[equation.name].append((row - now.residuals[equation.name]) / step)
@@ -221,7 +221,7 @@ def _projected(
     shared: Any = sum(projection.correlated(name, d) for name, d in slopes.items())
     hessian = sum(d.T @ d for d in slopes.values()) - shared.T @ now.level.solve(shared)
     gradient = sum(d.T @ now.residuals[name] for name, d in slopes.items())
-    pull = now.right + now.level.gradient(now.ordinary)
+    pull = now.right + now.level.gradient(now.nuisance)
     return shared, hessian, gradient - shared.T @ now.level.solve(pull)
 
 
@@ -235,7 +235,7 @@ def candidate(
     best = min(found, key=lambda one: one.cost)
     gain = projection.floor - best.cost
     evidence = gain - penalty(projection.base, len(trial.free))
-    values = trial.values(best.own, best.ordinary)
+    values = trial.values(best.own, best.nuisance)
     return Candidate(trial.name, gain, values, evidence, best.level.scales)
 
 

@@ -222,9 +222,9 @@ class _Normal:
 def misfit(problem: Problem, equation: Equation, residual: np.ndarray) -> float:
     """Return by how much residuals exceed white noise where they do so most (power density, >= 1).
 
-    A model that lacks something leaves residuals that are large and correlated in time; they carry
+    A model in which something is missing leaves residuals that are large and correlated in time; they carry
     far less information than their number says. Weighting an equation by the inverse root of this
-    keeps ordinary parameters inside their tolerances until the model is right.
+    keeps nuisance parameters inside their tolerances until the model is right.
     """
     raw = residual / problem.weights[equation.name]
     return max([1.0, *(peak(piece) for _, part in problem.by_run(equation, raw) for piece in part)])
@@ -239,7 +239,7 @@ def peak(residual: np.ndarray) -> float:
 def score(problem: Problem, model: Fit) -> float:
     """Return minus twice the log evidence of a model up to a constant: cost, Occam factors, BIC.
 
-    Ordinary parameters have priors: for them the ratio of prior and posterior volume is known. An
+    Nuisance parameters have priors: for them the ratio of prior and posterior volume is known. An
     effect's parameters, and a shape correction that left its priors, are charged as BIC does.
     """
     scale = {name: problem.weights[name] for name in model.blocks}

@@ -34,13 +34,13 @@ class Free:
 def free_parameters(
     system: System, effects: Sequence[str], refined: Sequence[str] = (), scales: Values | None = None
 ) -> list[Free]:
-    """Return ordinary parameters and those of effects.
+    """Return nuisance parameters and those of effects.
 
     Args:
         refined: effects whose details are free.
         scales: shape correction -> multiple of its priors (1).
     """
-    free = with_scales(system, ordinary(system), scales or {})
+    free = with_scales(system, nuisance(system), scales or {})
     for name in effects:
         if name not in system.shapes:
             free += of_effect(system, name, name in refined)
@@ -69,7 +69,7 @@ def scales_of(system: System, free: Sequence[Free]) -> dict[str, float]:
     return scales
 
 
-def ordinary(system: System) -> list[Free]:
+def nuisance(system: System) -> list[Free]:
     """Return calibrations and shape coefficients: held by their tolerances."""
     free = [Free(one.name, one.sd, -np.inf, np.inf, one.sd) for one in system.calibrations]
     for name in system.shapes:

@@ -123,7 +123,7 @@ def _closures(
 ) -> dict[str, float | None]:
     """Return closure per channel and overall, of whitened residuals, from the recalibrated model.
 
-    Where recalibration alone hides the gap (an effect that resembles an ordinary parameter), closure
+    Where recalibration alone hides the gap (an effect that resembles a nuisance parameter), closure
     counts from the configured model.
     """
     closed: dict[str, float | None] = {}

@@ -17,7 +17,7 @@ from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.effects.base import Effect, enabled
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.mechanisms.base import Mechanism
-from pam_orthosis.model.parameters import BELIEF, Parameters
+from pam_orthosis.model.parameters import NOMINAL, Parameters
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Expression, Signals
 
@@ -70,7 +70,7 @@ class View:
 
 def nominal_parameters(machine: Machine, parameters: Parameters) -> Parameters:
     """Return what the nominal model of a machine may know: no plant."""
-    return machine.taken(parameters).only(*BELIEF, "rig", "gap")
+    return machine.taken(parameters).only(*NOMINAL, "rig", "gap")
 
 
 def graph_view(machine: Machine, nominal: Parameters) -> View:

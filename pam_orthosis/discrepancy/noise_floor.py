@@ -30,7 +30,7 @@ LEAST_SECONDS = 5.0  # of samples that chance does not decide
 def final_floor(start: Beginning, found: Selection, settings: Section) -> measure.Gap:
     """Return the noise floor as the final model shows it, in the recordings that judge.
 
-    In a closed loop the inputs answer to the sensors' noise; a model that lacks a delay takes that for
+    In a closed loop the inputs answer to the sensors' noise; a model without a delay takes that for
     its own doing, and its residuals tell a wrong level. It is counted from the noise that the whiteners were
     made with, which is the bare model's.
     """

@@ -14,11 +14,11 @@ from pam_orthosis.discrepancy.system import System
 from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.files import write_text
 from pam_orthosis.model.machine import Machine
-from pam_orthosis.model.parameters import BELIEF, load
+from pam_orthosis.model.parameters import NOMINAL, load
 from pam_orthosis.reading import read_yaml
 
 HEADING = "# Model of the gap workflow: overrides by dotted key, for `--model` and `parameters.load`.\n"
-BELIEVED = tuple(f"{branch}." for branch in BELIEF if branch != "scenario")
+OF_NOMINAL = tuple(f"{branch}." for branch in NOMINAL if branch != "scenario")
 PLANNED = "scenario.plan."
 ROW = {"value", "meaning"}  # what a parameter's row has at least
 
@@ -71,16 +71,16 @@ def read(path: Path, machine: Machine | None = None) -> dict[str, Any]:
     return rows
 
 
-def read_belief(path: Path, machine: Machine | None = None) -> dict[str, Any]:
-    """Return the overrides of a file that tells what controllers believe, a plan included; see `read`.
+def read_nominal(path: Path, machine: Machine | None = None) -> dict[str, Any]:
+    """Return the overrides of a file that tells the controllers' nominal model, a plan included; see `read`.
 
     Raises:
-        OrthosisError: as `read`; it has a parameter that is no belief: of the hardware, or of the run.
+        OrthosisError: as `read`; it has a parameter of the hardware or of the run.
     """
     changed = read(path, machine)
     for key in changed:
-        if not key.startswith((*BELIEVED, PLANNED)):
-            raise OrthosisError(f"{path}: {key} is nothing that controllers believe; give it by --param")
+        if not key.startswith((*OF_NOMINAL, PLANNED)):
+            raise OrthosisError(f"{path}: {key} is not of the nominal model; give it by --param")
     return changed
 
 

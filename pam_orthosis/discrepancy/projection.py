@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The present fit with its ordinary parameters free to follow, linearly (variable projection)."""
+"""The present fit with its nuisance parameters free to follow, linearly (variable projection)."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Level:
     occam: float
 
     def gradient(self, position: np.ndarray) -> np.ndarray:
-        """Return the priors' gradient at scaled ordinary parameters."""
+        """Return the priors' gradient at scaled nuisance parameters."""
         gradient: np.ndarray = self.weight**2 * (position - self.centre)
         return gradient
 
@@ -51,7 +51,7 @@ class Level:
 
 
 class Projection:
-    """The present fit with its ordinary parameters free to follow, linearly.
+    """The present fit with its nuisance parameters free to follow, linearly.
 
     How good the static maps are is not known beforehand: each evaluation takes the level of the shape
     corrections' priors that has the largest marginal likelihood (empirical Bayes).
@@ -89,7 +89,7 @@ class Projection:
         return Level(scales, weight, centre, factor, occam)
 
     def correlated(self, equation: str, columns: np.ndarray) -> np.ndarray:
-        """Return J^T columns in the scaled ordinary parameters."""
+        """Return J^T columns in the scaled nuisance parameters."""
         matrix, place = self._matrices[equation]
         out = np.zeros((len(self._scale), *columns.shape[1:]))
         out[place] = matrix @ columns
@@ -104,7 +104,7 @@ class Projection:
         return stuck
 
     def cost(self, residuals: Mapping[str, np.ndarray]) -> float:
-        """Return the least cost over ordinary parameters and levels, given residuals of changed equations."""
+        """Return the least cost over nuisance parameters and levels, given residuals of changed equations."""
         return self.best(*self.state(residuals))[0]
 
     def best(
@@ -112,7 +112,7 @@ class Projection:
     ) -> tuple[float, Level]:
         """Return the least cost (with what its level costs) and the level.
 
-        `position`: the scaled ordinary parameters at which the residuals were got (those of the base).
+        `position`: the scaled nuisance parameters at which the residuals were got (those of the base).
         """
         found = [(self.cost_at(level, right, squares, position), level) for level in self.levels]
         return min(found, key=lambda pair: pair[0])
@@ -120,13 +120,13 @@ class Projection:
     def cost_at(
         self, level: Level, right: np.ndarray, squares: float, position: np.ndarray | None = None
     ) -> float:
-        """Return the least cost over the ordinary parameters at one level."""
+        """Return the least cost over the nuisance parameters at one level."""
         position = self.position if position is None else position
         total = right + level.gradient(position)
         return squares + level.cost(position) - float(total @ level.solve(total)) + level.occam
 
     def state(self, residuals: Mapping[str, np.ndarray]) -> tuple[np.ndarray, float]:
-        """Return the data's gradient by the ordinary parameters and the sum of squares."""
+        """Return the data's gradient by the nuisance parameters and the sum of squares."""
         right, squares = np.zeros(len(self._scale)), 0.0
         for name in self.base.blocks:
             if name in residuals:
@@ -138,5 +138,5 @@ class Projection:
         return right, squares
 
     def values(self, position: np.ndarray) -> dict[str, float]:
-        """Return the ordinary parameters at a scaled position."""
+        """Return the nuisance parameters at a scaled position."""
         return {one.name: float(x * one.scale) for one, x in zip(self.base.free, position, strict=True)}

@@ -32,7 +32,7 @@ def evidence(problem: Problem, base: Fit, names: Sequence[str], large: Collectio
     The large effects stay as they are; all else is fitted anew to these samples. Empty if there are too few.
 
     Args:
-        names: effects that the model lacks.
+        names: effects that are missing in the model.
         large: those of its effects that must be silent.
     """
     shown = _silences(problem, base, large)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from pam_orthosis.discrepancy.candidates import Candidate
 from pam_orthosis.discrepancy.fit import Fit, fit_tempered, score
-from pam_orthosis.discrepancy.free import free_parameters, ordinary, scales_of, with_scales
+from pam_orthosis.discrepancy.free import free_parameters, nuisance, scales_of, with_scales
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.replay import Replay
@@ -18,8 +18,8 @@ LEFT_OVER = 1.3  # power density over noise that an effect leaves: its details a
 
 
 def recalibrated(problem: Problem, tell: Progress) -> tuple[Problem, Fit]:
-    """Return the weighted problem and the model with its ordinary parameters fitted within tolerances."""
-    free = ordinary(problem.system)
+    """Return the weighted problem and the model with its nuisance parameters fitted within tolerances."""
+    free = nuisance(problem.system)
     tell("recalibrating the nuisance parameters within their tolerances")
     start = problem.replay.defaults(())
     fits = [fit_tempered(problem, (), one, free) for one in (start, *_from_simpler(problem, start))]
@@ -27,14 +27,14 @@ def recalibrated(problem: Problem, tell: Progress) -> tuple[Problem, Fit]:
 
 
 def _from_simpler(problem: Problem, start: Values) -> list[dict[str, float]]:
-    """Return where the ordinary parameters lie for the model without the effects that it has already.
+    """Return where the nuisance parameters lie for the model without the effects that it has already.
 
     Friction makes a model stick: from parameters that are off it may not find back.
     """
     if not problem.system.simpler:
         return []
     bare = Problem(Replay(problem.system.bare()), problem.scored)
-    _, fitted = fit_tempered(bare, (), bare.replay.defaults(()), ordinary(bare.system))
+    _, fitted = fit_tempered(bare, (), bare.replay.defaults(()), nuisance(bare.system))
     return [{**start} | {key: value for key, value in fitted.values.items() if key in start}]
 
 

@@ -65,12 +65,12 @@ def fitted_candidates(
 def _is_far(problem: Problem, base: Fit) -> bool:
     """Return whether a model is so far off that parameters of the apparatus are suspected."""
     density = max(1 / weight**2 for weight in problem.weights.values())
-    ordinary = (one for one in base.free if "." not in one.name)
-    return density > FAR or any(abs(one.deviation(base.values)) > FAR_STRAIN for one in ordinary)
+    nuisance = (one for one in base.free if "." not in one.name)
+    return density > FAR or any(abs(one.deviation(base.values)) > FAR_STRAIN for one in nuisance)
 
 
 def _room(problem: Problem, name: str) -> float:
-    """Return by how much the gain of an effect may grow: a model that lacks much weighs residuals less."""
+    """Return by how much the gain of an effect may grow: a poor model weighs residuals less."""
     return max(1 / problem.weights[equation] ** 2 for equation in problem.replay.touched(name))
 
 

@@ -72,7 +72,7 @@ def _earned(problem: Problem, base: Fit, tell: Progress) -> dict[str, tuple[floa
     earned = {}
     for name in problem.system.simpler:
         tell(f"looking at what {name}, which the model has, explains here")
-        replay = Replay(problem.system.lacking_effect(name))
+        replay = Replay(problem.system.without_effect(name))
         simpler = Problem(replay, problem.scored).weighted(problem.weights)
         # as in `_loss`
         known = replay.defaults(())

@@ -26,7 +26,7 @@ def order(system: System, channel: str) -> int:
 def missing_rate(
     system: System, equation: Equation, channel: str, residual: np.ndarray, period: float, cutoff: float
 ) -> np.ndarray:
-    """Return the rate (or acceleration, or value: see `order`) that the equation lacks, below a cutoff, Hz.
+    """Return the rate (or acceleration, or value: see `order`) missing in the equation, below a cutoff, Hz.
 
     Args:
         residual: recorded minus predicted of the channel, (n,).

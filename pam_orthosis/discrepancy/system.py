@@ -80,7 +80,7 @@ class Equation:
 
 @dataclass(frozen=True)
 class Calibration:
-    """An ordinary parameter that may be off: deviation from the belief with mean 0 and this sd."""
+    """A nuisance parameter that may be off: deviation from the nominal model with mean 0 and this sd."""
 
     name: str
     sd: float
@@ -117,7 +117,7 @@ class System:
         derived: base state -> base state whose difference quotient it is when it is a neighbour
             (velocity of angle).
         equations: how the model is cut.
-        calibrations: ordinary parameters with tolerances.
+        calibrations: nuisance parameters with tolerances.
         catalogue: effects that may be missing.
         assemble: names of effects -> Assembled; parameters are the calibrations' deviations, then
             `EFFECT.PARAMETER` of each effect in the order given.
@@ -161,11 +161,11 @@ class System:
     pushes: Mapping[str, str] = field(default_factory=dict)
     wrong: Mapping[str, str] = field(default_factory=dict)
 
-    def without(self, lacking: Collection[str]) -> System:
-        """Return the system without equations and effects that need inputs which are lacking."""
+    def without(self, missing: Collection[str]) -> System:
+        """Return the system without equations and effects that need inputs that are missing."""
 
         def judged(name: str) -> bool:
-            return not set(lacking) & set(self.needs.get(name, ()))
+            return not set(missing) & set(self.needs.get(name, ()))
 
         return replace(
             self,
@@ -173,7 +173,7 @@ class System:
             catalogue={name: effect for name, effect in self.catalogue.items() if judged(self._place(name))},
         )
 
-    def lacking_effect(self, name: str) -> System:
+    def without_effect(self, name: str) -> System:
         """Return the system without an effect that its model has already, with the same equations."""
         judged = {equation.name for equation in self.equations}
         simple = self.simpler[name]()
@@ -181,7 +181,7 @@ class System:
 
     def bare(self) -> System:
         """Return the system without any effect that its model has already."""
-        return self.lacking_effect(next(iter(self.simpler))).bare() if self.simpler else self
+        return self.without_effect(next(iter(self.simpler))).bare() if self.simpler else self
 
     @cached_property
     def shapes(self) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What these recordings can tell: which effects would show in them, and which would look alike.
 
-Each effect's signature is what its typical size changes in the residuals, less what the ordinary
+Each effect's signature is what its typical size changes in the residuals, less what the nuisance
 parameters would follow of it. Its square is the evidence to expect; the angle between two of them
 says whether they can be told apart.
 """
@@ -80,7 +80,7 @@ def _untempered(problem: Problem, model: Fit) -> tuple[Problem, Fit]:
 
 
 def _gram(projection: Projection, trials: list[Trial], progress: Progress) -> np.ndarray:
-    """Return the inner products of the signatures with the ordinary parameters projected out."""
+    """Return the inner products of the signatures with the nuisance parameters projected out."""
     level = projection.best(*projection.state({}))[1]
     base = projection.base.blocks
     rows = {name: np.zeros((len(trials), len(block.residual))) for name, block in base.items()}

@@ -35,7 +35,7 @@ def assumed_words(files: Sequence[Path], count: int, model: Path | None) -> str:
 
 
 def untold_words(rows: Mapping[str, Any], parameters: Parameters) -> str:
-    """Return the line on rows of the apparatus that a record lacks, with the values taken; empty if none."""
+    """Return the line on the apparatus' rows that are missing in a record, with the values taken, or none."""
     if not rows:
         return ""
     first = [f"{key} = {rows[key]} {parameters.row(key).unit}" for key in list(rows)[:MOST_NAMED]]

@@ -18,8 +18,8 @@ from pam_orthosis.files import placed
 from pam_orthosis.improvement import learned
 from pam_orthosis.improvement.experiments import Experiment, experiments
 from pam_orthosis.improvement.resumed import Found, read_found, write_found
-from pam_orthosis.model.parameters import BELIEF, Parameters
-from pam_orthosis.model.plant import with_belief
+from pam_orthosis.model.parameters import NOMINAL, Parameters
+from pam_orthosis.model.plant import with_nominal
 from pam_orthosis.progress import Progress, counted, silent
 
 # of the evidence of another effect for which it could pass, which a further one needs (`gap.evidence.share`)
@@ -111,8 +111,8 @@ def improve(
     known: dict[str, Any] = {}
     for number in range(1, most + 1):
         place, last = folder / f"round-{number}", rounds[-1]
-        bags = recorded(with_belief(parameters, last.model), scenario, place, progress)
-        nominal = parameters.changed(known).only(*BELIEF, "gap")  # the search cannot see the plant
+        bags = recorded(with_nominal(parameters, last.model), scenario, place, progress)
+        nominal = parameters.changed(known).only(*NOMINAL, "gap")  # the search cannot see the plant
         found = read_found(place)
         if found is None:
             found = (find or find_effects)(nominal, bags, progress)
@@ -122,7 +122,7 @@ def improve(
             break
         effects = learned.named(nominal, found.effects, found.values)
         model = {**known, **learned.calibrated(nominal, found.effects, found.values), **effects}
-        after = judged(with_belief(parameters, model), scenario, place, seeds, progress)
+        after = judged(with_nominal(parameters, model), scenario, place, seeds, progress)
         kept = after.largest < last.tracking.largest
         words = "kept" if kept else f"the {parameters.declared.name} follows no better: not kept"
         rounds.append(Round(number, found, kept, after, model if kept else last.model, words))

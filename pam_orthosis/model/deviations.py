@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""By what hardware and belief can differ in ordinary parameters: the plant does, fits look for it."""
+"""By what hardware and nominal model can differ in nuisance parameters: the plant does, fits look for it."""
 
 from collections.abc import Collection
 
-# deviation -> the believed parameters that it multiplies
+# deviation -> the nominal parameters that it multiplies
 DEVIATIONS = {
     "moving_mass": ("leg.thigh.mass", "leg.shank.mass", "leg.knee_mass", "leg.shoe_mass"),
     "person_mass": ("leg.person.mass",),

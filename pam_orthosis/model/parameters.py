@@ -2,7 +2,7 @@
 """Parameters: every value a row with unit, bounds, meaning and source, in one tree.
 
 The tree has one branch a file of `config/`. The branches `muscle`, `valve`, `leg`, `control` and
-`effects` are the belief (all that controllers know); `rig` is the belief about the test rig;
+`effects` are the nominal model (all that controllers know); `rig` is the nominal model about the test rig;
 `plant` is the truth of the emulated hardware; `scenario` says what a run does.
 """
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from pam_orthosis.model.machine import Machine
 
 __all__ = [
-    "BELIEF", "SUBJECTS", "Parameters", "Row", "Section", "Value", "config_folder", "experiments", "load",
+    "NOMINAL", "SUBJECTS", "Parameters", "Row", "Section", "Value", "config_folder", "experiments", "load",
     "scenario_names", "scenario_overrides",
 ]  # fmt: skip
 SUBJECTS = ("muscle", "valve", "leg", "control", "rig", "plant", "scenario", "gap")
 # the knee's nodes know no rig; the rig's controllers know these and their rig
-BELIEF = ("muscle", "valve", "leg", "control", "effects", "scenario", "machine")
+NOMINAL = ("muscle", "valve", "leg", "control", "effects", "scenario", "machine")
 # rows of machines of the leg, of the knee alone, and of knee and rig
 OF_LEG = ("leg.", "plant.sensor.angle", "plant.deviation.moving_mass", "plant.deviation.person_mass")
 OF_KNEE = (
@@ -86,13 +86,13 @@ class Parameters(Section):
         kept = {k: r for k, r in self._rows.items() if k.split(".", 1)[0] in branches}
         return Parameters(self._declared, kept, {k: v for k, v in self._values.items() if k in kept})
 
-    def belief(self) -> Parameters:
+    def nominal(self) -> Parameters:
         """Return what controllers and identification may know: no plant."""
-        return self.only(*BELIEF)
+        return self.only(*NOMINAL)
 
-    def rig_belief(self) -> Parameters:
+    def rig_nominal(self) -> Parameters:
         """Return what the test rig's controllers may know: no plant."""
-        return self.only(*BELIEF, "rig")
+        return self.only(*NOMINAL, "rig")
 
     def changed(self, overrides: Mapping[str, Any]) -> Parameters:
         """Return the tree with other values, each checked against its row and the rules.

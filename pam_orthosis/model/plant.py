@@ -39,7 +39,7 @@ SAME_FACTOR = 1e-4  # relative difference of two factors that are written with s
 
 
 def true_parameters(parameters: Parameters, branches: tuple[str, ...] = ("",)) -> Parameters:
-    """Return the parameters of the emulated hardware: the belief times its deviations.
+    """Return the parameters of the emulated hardware: the nominal model times its deviations.
 
     Args:
         branches: beginnings of the keys that deviate.
@@ -54,14 +54,14 @@ def true_parameters(parameters: Parameters, branches: tuple[str, ...] = ("",)) -
     return parameters.substituted(true)
 
 
-def with_belief(parameters: Parameters, changes: Mapping[str, Any]) -> Parameters:
-    """Return the tree with another belief about the same emulated hardware: deviations make up for it.
+def with_nominal(parameters: Parameters, changes: Mapping[str, Any]) -> Parameters:
+    """Return the tree with another nominal model; deviations keep the emulated hardware as it is.
 
     Args:
-        changes: dotted key -> value, of the belief.
+        changes: dotted key -> value, of the nominal model.
 
     Raises:
-        OrthosisError: unusable values, or a belief so far from the hardware that no deviation reaches it.
+        OrthosisError: unusable values, or a nominal model that no deviation brings to the hardware.
     """
     before, after = parameters.flat(), parameters.changed(changes).flat()
     if own := [key for key in changes if key.startswith("machine.")]:
@@ -88,7 +88,7 @@ def true_hardware(parameters: Parameters) -> Hardware:
 
 
 def _true_actuator(one: ActuatorOf, true: Parameters) -> Actuator:
-    """Return an actuator of the hardware; muscles obey the braid's geometry, or what is believed of them."""
+    """Return an actuator of the hardware; muscles obey the braid's geometry, or the nominal model of them."""
     if one.kind != "muscle" or true.plant.muscle_law != "geometric":
         return one.built(true)
     known = true.flat()

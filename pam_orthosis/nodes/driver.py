@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components.spool import VENT
-from pam_orthosis.model.parameters import BELIEF
+from pam_orthosis.model.parameters import NOMINAL
 from pam_orthosis.nodes import messages, process
 from pam_orthosis.nodes.layout import NodeSpec
 from pam_orthosis.nodes.parameters import MACHINE, Setting, declare_rows, declare_settings, machine_of
@@ -80,7 +80,7 @@ class Driver(Node):
     """
 
     def __init__(
-        self, name: str, settings: Mapping[str, Setting] | None = None, branches: Sequence[str] = BELIEF
+        self, name: str, settings: Mapping[str, Setting] | None = None, branches: Sequence[str] = NOMINAL
     ) -> None:
         super().__init__(name)
         self.settings = declare_settings(self, {**SETTINGS, **(settings or {})})

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pam_orthosis.bag.topics import PLANT, POSITION, RECORDER, TRAJECTORY, VALVE, Topics
-from pam_orthosis.model.parameters import BELIEF
+from pam_orthosis.model.parameters import NOMINAL
 
 if TYPE_CHECKING:
     from pam_orthosis.model.machine import Machine
 
-EVERYTHING = (*BELIEF, "plant")
+EVERYTHING = (*NOMINAL, "plant")
 # which steps there are, and which topics
 _GRAPH = ("scenario.control_period", "control.position.every", "scenario.trajectory", "scenario.plan.enabled")
 _MEAN = "control.position.mean_pressure"
@@ -68,7 +68,7 @@ class NodeSpec:
 
     name: str
     executable: str
-    branches: tuple[str, ...] = BELIEF
+    branches: tuple[str, ...] = NOMINAL
     muscle: str = ""
     live: tuple[str, ...] = ()
 
@@ -94,7 +94,7 @@ def layout(topics: Topics) -> dict[str, NodeSpec]:
     """Return the nodes of a machine's graph by name, the recorder first."""
     live = live_keys(topics.machine)
     controllers = [
-        NodeSpec(node, "pressure_controller", BELIEF, name, live["pressure_controller"])
+        NodeSpec(node, "pressure_controller", NOMINAL, name, live["pressure_controller"])
         for node, name in topics.controllers.items()
     ]
     specs = (

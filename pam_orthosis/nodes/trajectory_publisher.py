@@ -64,7 +64,9 @@ class TrajectoryPublisher(graph.GraphNode):
 
     def _changeable(self) -> Trajectory:
         if not isinstance(self._trajectory, Trajectory):
-            raise OrthosisError(f"{self.parameters.scenario.trajectory} runs by its programme, start to end")
+            raise OrthosisError(
+                f"{self.parameters.scenario.trajectory} is an experiment, which runs from start to end"
+            )
         return self._trajectory
 
     def _ahead_ns(self) -> int:

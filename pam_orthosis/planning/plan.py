@@ -112,7 +112,7 @@ def make_plan(
     Raises:
         OrthosisError: the scenario has no cycle, or no motion was found that the actuators can make.
     """
-    nominal = _with_reserve(parameters.belief(), reserve)
+    nominal = _with_reserve(parameters.nominal(), reserve)
     trajectory = make_trajectory(nominal)
     if not isinstance(trajectory, Trajectory):
         raise OrthosisError(f"{nominal.scenario.trajectory} has no cycle to plan: take gait, sine or steps")

@@ -133,7 +133,7 @@ def _check_motion(bag: Bag, parameters: Parameters, time: np.ndarray, reference:
 
 def _check_model(bag: Bag, parameters: Parameters) -> None:
     """Refuse a run by another model: what that one missed this one may have."""
-    now = parameters.belief().flat()
+    now = parameters.nominal().flat()
     for key, then in bag.parameters.items():  # a foreign recorder records none
         if not key.startswith("scenario.") and key in now and now[key] != then:
             what = f"{key} was {then}, is {now[key]}"

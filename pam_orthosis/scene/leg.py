@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the orthosis' leg looks like: thigh, knee, shank, cogwheel, foot and both muscles.
+"""What the orthosis' leg looks like: thigh, knee, shank, sprocket, foot and both muscles.
 
 Side view as in `model.mechanisms.leg`: hip in the origin, x along the ankle's bearing, z up. Each link's x
 runs along its segment, away from the hip. Both muscles lie along the thigh, the extensor on its front, at the

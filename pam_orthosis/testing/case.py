@@ -197,7 +197,7 @@ def _gait(rng: Generator, parameters: Parameters) -> Trajectory:
     return Trajectory(shape, rng.uniform(1.6, 3.0), parameters.scenario.start_hold, 1.0, rng.uniform())
 
 
-def _experiments(rng: Generator, parameters: Parameters) -> diagnostic.Programme:
+def _experiments(rng: Generator, parameters: Parameters) -> diagnostic.Experiment:
     """Return all diagnostic experiments in random order with drawn angles and pressures."""
     levels = Section("levels", {
         "low_angle": rng.uniform(0.32, 0.48), "high_angle": rng.uniform(0.85, 1.05),
@@ -207,7 +207,7 @@ def _experiments(rng: Generator, parameters: Parameters) -> diagnostic.Programme
     for index in rng.permutation(len(PARTS)):
         PARTS[index](script, levels)
     rest = parameters.gap.replay.warm_up + parameters.scenario.start_hold  # nothing is lost in the warm-up
-    return diagnostic.Programme(script.phases, rest)
+    return diagnostic.Experiment(script.phases, rest)
 
 
 def realistic_misfits(rng: Generator) -> dict[str, np.ndarray]:

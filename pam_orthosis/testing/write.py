@@ -38,5 +38,5 @@ def write_case(case: Case, folder: Path) -> tuple[list[Path], list[Path], Path]:
 def _write(folder: Path, recording: Recording, case: Case) -> Path:
     signals = {name: recording[name] for name in _WRITTEN}
     stamps = np.round(recording["time"] * 1e9).astype(np.int64)
-    write_arrays(folder, stamps, signals, run_metadata(case.parameters.belief(), "blind"))
+    write_arrays(folder, stamps, signals, run_metadata(case.parameters.nominal(), "blind"))
     return folder

@@ -147,8 +147,8 @@ def test_what_is_done_is_not_done_again(tmp_path, monkeypatch):
         def map(self, work, tasks):
             return map(work, tasks)
 
-    def run(_parameters, case, controller, belief):
-        asked.append((case.name, controller, belief))
+    def run(_parameters, case, controller, nominal):
+        asked.append((case.name, controller, nominal))
         return {}
 
     figures = {
@@ -173,15 +173,15 @@ def test_what_is_done_is_not_done_again(tmp_path, monkeypatch):
     assert len(file.read_text().splitlines()) == 5
 
 
-def test_what_a_task_changes_is_not_believed_as_it_was(monkeypatch):
-    believed = []
-    monkeypatch.setattr(bench_control, "with_belief", lambda parameters, belief: believed.append(belief))
+def test_what_a_task_changes_is_not_taken_as_it_was(monkeypatch):
+    assumed = []
+    monkeypatch.setattr(bench_control, "with_nominal", lambda parameters, nominal: assumed.append(nominal))
     monkeypatch.setattr(bench_control, "ClosedLoop", lambda *_: SimpleNamespace(run=lambda _: None))
-    belief = {"valve.supply_pressure": 5.6e5, "valve.conductance": 2.5e-8}
+    nominal = {"valve.supply_pressure": 5.6e5, "valve.conductance": 2.5e-8}
     for name in ("gait 2 s, 75 kg", "gait 2 s, 75 kg, supply of 7 bar"):
         case = next(one for one in CASES if one.name == name)
-        bench_control._run(load(case.overrides()), case, "learned", belief)
-    assert believed == [belief, {"valve.conductance": 2.5e-8}]
+        bench_control._run(load(case.overrides()), case, "learned", nominal)
+    assert assumed == [nominal, {"valve.conductance": 2.5e-8}]
 
 
 def test_what_is_learned_names_no_effect_that_controllers_leave_alone():

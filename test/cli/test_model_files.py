@@ -14,7 +14,7 @@ from pam_orthosis.improvement import learned
 from pam_orthosis.model.components import muscle
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import config_folder, load
-from pam_orthosis.model.plant import Plant, with_belief
+from pam_orthosis.model.plant import Plant, with_nominal
 from pam_orthosis.planning import plan as planning
 
 SCENARIO = "person"
@@ -52,13 +52,13 @@ def of_gap(folder):
 
 
 def of_improve(folder):
-    """As the verb writes it: ordinary parameters calibrated, maps corrected, an effect learned."""
-    belief, out = load(), folder / "improved.yaml"
-    system = knee.knee(belief, learned.learnable(KNEE))
+    """As the verb writes it: nuisance parameters calibrated, maps corrected, an effect learned."""
+    nominal, out = load(), folder / "improved.yaml"
+    system = knee.knee(nominal, learned.learnable(KNEE))
     values = {one.name: 0.3 * one.sd for one in system.calibrations}
     values |= {f"{e}.{q.name}": 0.1 * q.prior for e in system.shapes for q in system.catalogue[e].parameters}
     values |= {f"{e}.{q.name}": q.typical for e in EFFECTS for q in system.catalogue[e].parameters}
-    found = learned.calibrated(belief, EFFECTS, values) | learned.named(belief, EFFECTS, values)
+    found = learned.calibrated(nominal, EFFECTS, values) | learned.named(nominal, EFFECTS, values)
     patch.write(out, found)
     return out, {SWITCH: True, "leg.knee_mass": found["leg.knee_mass"]}
 
@@ -110,10 +110,10 @@ def test_plan_reads_it(written, tmp_path, monkeypatch, capsys):
     assert "read and taken" in capsys.readouterr().err
 
 
-def test_what_is_identified_changes_the_belief_and_not_the_hardware(tmp_path):
+def test_what_is_identified_changes_the_nominal_model_and_not_the_hardware(tmp_path):
     file, _ = of_identify(tmp_path)
-    before, identified = load(), patch.read_belief(file)
-    after = with_belief(before, identified)
+    before, identified = load(), patch.read_nominal(file)
+    after = with_nominal(before, identified)
     key = "muscle.dmsp_20.force.a"
     assert after.flat()[key] == identified[key] != before.flat()[key]
     walks = []
@@ -125,7 +125,7 @@ def test_what_is_identified_changes_the_belief_and_not_the_hardware(tmp_path):
 
 def test_a_damping_of_nothing_cannot_be_made_up_for():
     with pytest.raises(OrthosisError, match=r"muscle\.dmsp_20\.force\.damping = 0"):
-        with_belief(load(), {"muscle.dmsp_20.force.damping": 0.0})
+        with_nominal(load(), {"muscle.dmsp_20.force.damping": 0.0})
 
 
 def test_a_file_that_identify_updates_is_read_as_a_whole():

@@ -152,12 +152,12 @@ def _no_air(*_arguments):
     raise OrthosisError("no air")
 
 
-def test_a_model_file_changes_beliefs_only_and_not_what_is_given_beside_it(tmp_path, capsys):
+def test_a_model_file_changes_the_nominal_model_only_and_not_what_is_given_beside_it(tmp_path, capsys):
     pytest.importorskip("rclpy")
     model, out = tmp_path / "model.yaml", str(tmp_path / "walk")
     for text, said in (
-        ("plant.external_torque: 12.0\n", "plant.external_torque is nothing that controllers believe"),
-        ("scenario.duration: 3.0\n", "scenario.duration is nothing that controllers believe"),
+        ("plant.external_torque: 12.0\n", "plant.external_torque is not of the nominal model"),
+        ("scenario.duration: 3.0\n", "scenario.duration is not of the nominal model"),
         ("leg.shoe_mass: 1.0\n", "leg.shoe_mass: --param and"),
     ):
         model.write_text(text)

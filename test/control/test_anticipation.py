@@ -37,7 +37,7 @@ def test_commands_on_their_way_fill_the_lag():
 
 def test_the_error_ahead_is_the_one_that_comes():
     """A double integrator with a dead time: what is foretold agrees with its integration."""
-    ahead, period = Anticipation(load(KNOWING).belief()), 0.005
+    ahead, period = Anticipation(load(KNOWING).nominal()), 0.005
     fine, late = round(period / FINE), round(DELAY / FINE)
     corrections = np.random.default_rng(3).normal(0.0, 50.0, 12)
     acting = np.concatenate([np.zeros(late), np.repeat(corrections, fine), np.zeros(fine)])

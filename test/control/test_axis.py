@@ -139,42 +139,42 @@ def test_a_run_reports_by_the_machines_names(of):
 def given(axis, asked):
     """Return the functions of an effort, coordinate and velocity -> allocation, and effort that it gives."""
     effort, q, v = (ca.SX.sym(name) for name in ("effort", "q", "v"))
-    found = asked(position.Demand(effort, q, v, axis.belief.control.position.mean_pressure), axis)
-    absolute = tuple(p + axis.belief.valve.ambient_pressure for p in found.pressures)
-    outputs = axis.effort(q, v, absolute), found.missed, ca.vertcat(*found.let_go), ca.vertcat(*absolute)
+    found = asked(position.Demand(effort, q, v, axis.nominal.control.position.mean_pressure), axis)
+    absolute = tuple(p + axis.nominal.valve.ambient_pressure for p in found.pressures)
+    outputs = axis.effort(q, v, absolute), found.missed, ca.vertcat(*found.slack_share), ca.vertcat(*absolute)
     return ca.Function("given", [effort, q, v], outputs)
 
 
 @pytest.mark.parametrize("name", MACHINES)
 def test_the_pressures_give_the_effort_at_any_lever(of, name):
-    axis, rng = Axis(of(MACHINES[name][0]).belief()), np.random.default_rng(2)
+    axis, rng = Axis(of(MACHINES[name][0]).nominal()), np.random.default_rng(2)
     low, high = axis.mechanism.limits
     function, reached = given(axis, position.pressures_for_effort), 0
     most = {"slide": 100.0, "arm": 8.0, "sled": 150.0, "crank": 6.0}[name]
     for q, v, effort in rng.uniform((low, -0.2, -most), (high, 0.2, most), (60, 3)).tolist():
-        found, missed, let_go, _ = function(effort, q, v)
-        if not missed and not float(ca.mmax(let_go)):
+        found, missed, slack_share, _ = function(effort, q, v)
+        if not missed and not float(ca.mmax(slack_share)):
             assert float(found) == pytest.approx(effort, abs=1e-9 * most)
             reached += 1
     assert reached > 30
 
 
 def test_the_effort_is_the_work_of_the_tensions(of):
-    axis, q = Axis(of(ARM).belief()), ca.SX.sym("q")
+    axis, q = Axis(of(ARM).nominal()), ca.SX.sym("q")
     pressures = ca.SX.sym("p", 2)
     contractions, _ = axis.kinematics(q, 0)
     effort = ca.Function("effort", [q, pressures], [axis.effort(q, ca.SX(0), ca.vertsplit(pressures))])
     place = ca.Function("place", [q], list(contractions))
     at, p, step = 0.8, np.array([3.0e5, 2.6e5]), 1e-6
-    gauge = p - axis.belief.valve.ambient_pressure
+    gauge = p - axis.nominal.valve.ambient_pressure
     forces = [float(one.force(place(at)[i], gauge[i])) for i, one in enumerate(axis.actuators)]
     ways = [float(place(at + step)[i] - place(at - step)[i]) / (2 * step) for i in range(2)]
     assert min(forces) > 50.0
     assert float(effort(at, p)) == pytest.approx(np.dot(forces, ways), rel=1e-6)
 
 
-def test_what_cannot_slacken_is_not_let_go(of):
-    slide, sled = (given(Axis(of(t).belief()), position.pressures_for_effort) for t in (SLIDE, SLED))
+def test_what_cannot_slacken_is_not_slackened(of):
+    slide, sled = (given(Axis(of(t).nominal()), position.pressures_for_effort) for t in (SLIDE, SLED))
     for function in (slide, sled):
         assert function(1e4, 0.03, 0.0)[1], "out of reach"
     assert float(ca.mmax(slide(1e4, 0.03, 0.0)[2])) == 0.0
@@ -193,14 +193,14 @@ def bulging(actuator):
 
 
 def test_a_force_that_is_not_affine_in_the_pressure_is_linearised(of, monkeypatch):
-    affine = given(Axis(of(SLIDE).belief()), with_effects)(60.0, 0.1, 0.05)
+    affine = given(Axis(of(SLIDE).nominal()), with_effects)(60.0, 0.1, 0.05)
     of_another_law(monkeypatch, lambda actuator: replace(actuator, affine=None))
-    same = given(Axis(of(SLIDE).belief()), with_effects)(60.0, 0.1, 0.05)
+    same = given(Axis(of(SLIDE).nominal()), with_effects)(60.0, 0.1, 0.05)
     assert same[3].full() == pytest.approx(affine[3].full())
     of_another_law(monkeypatch, bulging)
     values = {"scenario.trajectory": "sine", **moving("sine", 0.15, 0.1)}
     p = of(SLIDE, **values)
-    once, again = (given(Axis(p.belief()), how) for how in (position.pressures_for_effort, with_effects))
+    once, again = (given(Axis(p.nominal()), how) for how in (position.pressures_for_effort, with_effects))
     assert abs(float(once(60.0, 0.1, 0.0)[0]) - 60.0) > 0.1
     assert float(again(60.0, 0.1, 0.0)[0]) == pytest.approx(60.0, abs=1e-4)
     assert np.abs(error_of(p)).max() < MACHINES["slide"][3]

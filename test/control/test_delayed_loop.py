@@ -74,11 +74,13 @@ def test_without_its_predictor_the_same_cascade_follows_far_worse():
 
 def test_the_predictor_takes_all_that_is_known_of_the_delay():
     nominal = load()
-    assert command_lag(nominal.belief()) == pytest.approx(nominal.valve.delay)
+    assert command_lag(nominal.nominal()) == pytest.approx(nominal.valve.delay)
     learned = {"effects.valve_delay.enabled": True, "effects.valve_delay.delay": -2e-3}
     spool = {"effects.valve_lag.enabled": True}
-    assert command_lag(load(learned).belief()) == pytest.approx(nominal.valve.delay - 2e-3)
+    assert command_lag(load(learned).nominal()) == pytest.approx(nominal.valve.delay - 2e-3)
     lag = 2 * 0.8 / (2 * math.pi * 100.0)
-    assert command_lag(load({**learned, **spool}).belief()) == pytest.approx(nominal.valve.delay - 2e-3 + lag)
+    assert command_lag(load({**learned, **spool}).nominal()) == pytest.approx(
+        nominal.valve.delay - 2e-3 + lag
+    )
     early = {**learned, "effects.valve_delay.delay": -0.05}
-    assert command_lag(load(early).belief()) == 0.0
+    assert command_lag(load(early).nominal()) == 0.0

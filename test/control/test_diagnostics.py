@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Diagnostic experiments: smooth programmes, co-contraction, closed valves, a locked joint."""
+"""Diagnostic experiments: smooth experiments, co-contraction, closed valves, a locked joint."""
 
 import numpy as np
 import pytest
 
-from pam_orthosis.control.diagnostic import EXPERIMENTS, make_programme, move, multisine
+from pam_orthosis.control.diagnostic import EXPERIMENTS, make_experiment, move, multisine
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.position import PositionController
 from pam_orthosis.control.pressure import PressureController
@@ -16,10 +16,10 @@ SCENARIOS = [name for name in scenario_names() if name.startswith("diagnostic")]
 MS = 1_000_000
 
 
-def sampled(programme, step_ms=2):
+def sampled(experiment, step_ms=2):
     """Return the references at every step: (n, 3) angle and derivatives, (n,) mean pressure."""
-    times = np.arange(0, round(programme.duration * 1e3), step_ms)
-    references = [programme.sample(int(t) * MS) for t in times]
+    times = np.arange(0, round(experiment.duration * 1e3), step_ms)
+    references = [experiment.sample(int(t) * MS) for t in times]
     pressures = np.array([as_number(r.mean_pressure) for r in references])
     return np.array([r[:3] for r in references]), pressures
 
@@ -34,14 +34,14 @@ def test_there_is_a_scenario_for_every_experiment():
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)
-def test_the_run_lasts_as_long_as_the_programme(scenario):
+def test_the_run_lasts_as_long_as_the_experiment(scenario):
     p = load(scenario_overrides(scenario))
     assert make_trajectory(p).duration == pytest.approx(p.scenario.duration, abs=0.5)
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_angle_velocity_and_acceleration_belong_together(name):
-    motion, mean = sampled(make_programme(name, load(scenario_overrides("diagnostic"))))
+    motion, mean = sampled(make_experiment(name, load(scenario_overrides("diagnostic"))))
     step = 2e-3
     for order in (0, 1):
         slope = (motion[2:, order] - motion[:-2, order]) / (2 * step)
@@ -64,15 +64,15 @@ def test_the_protocol_uses_two_mean_pressures_and_closed_valves():
     assert motion[:, 0].max() <= 1.1
 
 
-def test_ordinary_trajectories_leave_the_mean_pressure_to_the_controller():
+def test_trajectories_leave_the_mean_pressure_to_the_controller():
     assert make_trajectory(load()).sample(3 * 10**9).mean_pressure is None
 
 
 def test_the_asked_mean_pressure_is_held():
     """Co-contraction at a held angle: the mean of both references is the asked one but near slackness."""
     recorded, p = run("diagnostic-cocontraction", 8.0)
-    programme = make_trajectory(p)
-    asked = np.array([programme.sample(round(t * 1e9)).mean_pressure for t in recorded["time"]])
+    experiment = make_trajectory(p)
+    asked = np.array([experiment.sample(round(t * 1e9)).mean_pressure for t in recorded["time"]])
     got = 0.5 * (recorded["extensor_pressure_reference"] + recorded["flexor_pressure_reference"])
     assert (np.abs(got - asked) < 1.0).mean() > 0.95
     measured = 0.5 * (recorded["extensor_pressure"] + recorded["flexor_pressure"])

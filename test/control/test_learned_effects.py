@@ -34,8 +34,8 @@ PASSED = [name for name, effect in KNEE.catalogue.items() if effect.stage in ("o
 HARDWARE = ("joint_friction", "viscous_friction", "muscle_hysteresis", "valve_lag", "valve_dead_band")
 
 
-def believing(*names, **values):
-    """Return parameters whose belief has these effects with the values of the plant's tree."""
+def with_effects(*names, **values):
+    """Return parameters whose nominal model has these effects with the values of the plant's tree."""
     flat, known = load().flat(), {}
     for name in names:
         known |= {
@@ -84,11 +84,11 @@ def test_finer_steps_of_the_observer_are_no_longer_program():
 
     def length(parameters):
         code = ca.CodeGenerator("observer.c")
-        code.add(observer.observer_step(parameters.belief()))
+        code.add(observer.observer_step(parameters.nominal()))
         return len(code.dump())
 
     assert observer.FINE_STEPS_PER_PERIOD > observer.STEPS_PER_PERIOD
-    assert length(believing(*HARDWARE)) < 1.2 * length(load())
+    assert length(with_effects(*HARDWARE)) < 1.2 * length(load())
 
 
 def test_effects_that_are_off_change_no_bit():
@@ -101,22 +101,22 @@ def test_effects_that_are_off_change_no_bit():
 
 def test_a_torque_of_unknown_phase_is_left_to_the_observer():
     """By a phase that was another run's the controllers would double it."""
-    assert effects.added_by_effects(believing("periodic_torque").belief()) is None
+    assert effects.added_by_effects(with_effects("periodic_torque").nominal()) is None
 
 
 @pytest.mark.parametrize("name", MECHANICAL)
 def test_the_pressures_give_the_torque_together_with_the_effect(name):
-    belief = believing(name).belief()
-    law, command = effects.added_by_effects(belief), position.command_function(belief)
+    nominal = with_effects(name).nominal()
+    law, command = effects.added_by_effects(nominal), position.command_function(nominal)
     estimate, reference = [0.5, 1.2, 0.7], [0.51, 1.3, 4.0]
     size = law.size1_in(3)
     states = np.linspace(0.5, 0.2, size) * (KNEE.catalogue[name].scales or np.zeros(size))
-    gains = [belief.flat()[key] for key in (*position.GAINS, *KNEE.live)]
+    gains = [nominal.flat()[key] for key in (*position.GAINS, *KNEE.live)]
     pressures = command(estimate, reference, 3.6e5, [0.0, 0.0], states, 0.4, gains)[0].full()[:, 0]
     added = float(law(*reference[:2], pressures, states, 0.4)[0])
     q, velocity = ca.SX.sym("q"), ca.SX.sym("velocity")
     point = ca.vertcat(q, velocity, estimate[2])
-    axis = Axis(belief)
+    axis = Axis(nominal)
     both = axis.effort(q, velocity, pressures), position.required_effort(point, reference, axis)
     muscles, wanted = (float(v) for v in ca.Function("both", [q, velocity], both)(*estimate[:2]))
     given = added + muscles
@@ -128,13 +128,13 @@ def test_the_pressures_give_the_torque_together_with_the_effect(name):
 @pytest.mark.parametrize("stretched", [0.045, -0.045])
 def test_both_muscles_stay_taut_with_what_an_effect_adds_to_their_forces(stretched):
     """A muscle that an effect slackens pulls by jerks: its damping comes and goes with the elastic force."""
-    belief = believing("creep").belief()
-    law, command = effects.added_by_effects(belief), position.command_function(belief)
+    nominal = with_effects("creep").nominal()
+    law, command = effects.added_by_effects(nominal), position.command_function(nominal)
     estimate, states = [0.03, 1.5, 0.0], [stretched, -stretched]  # creep's springs, m
-    gains = [belief.flat()[key] for key in (*position.GAINS, *KNEE.live)]
+    gains = [nominal.flat()[key] for key in (*position.GAINS, *KNEE.live)]
     pressures = command(estimate, [*estimate[:2], 0.0], 3.0e5, [0.0, 0.0], states, 0.0, gains)[0].full()[:, 0]
     added = law(*estimate[:2], pressures, states, 0.0)[1].full()[:, 0]
-    plain = effects.assembled(belief)
+    plain = effects.assembled(nominal)
     forces = [one.force for one in plain.signals.actuators.values()]
     elastic = ca.Function("elastic", [plain.x], forces)(np.append(estimate[:2], pressures))
     assert added.min() < -20.0
@@ -145,7 +145,7 @@ def test_both_muscles_stay_taut_with_what_an_effect_adds_to_their_forces(stretch
 @pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("name", ["joint_friction", "muscle_hysteresis", "parallel_elasticity", "creep"])
 def test_what_the_effect_explains_is_no_disturbance_any_more(name):
-    """The plant has one effect; the estimate of the disturbance shrinks once the belief has it too."""
+    """The plant has one effect; the estimate of the disturbance shrinks once the nominal model has it too."""
     others = {f"plant.effects.{n}.enabled": n == name for n in KNEE.catalogue}
     same = {f"plant.deviation.{n}": 1.0 for n, _ in load().plant.deviation.items()}
     plant = {**others, **same, "plant.muscle_law": "polynomial", "valve.dead_band": 0.0,
@@ -153,7 +153,7 @@ def test_what_the_effect_explains_is_no_disturbance_any_more(name):
              "scenario.control_period": 0.002}  # fmt: skip
     before = ClosedLoop(load(plant), 1).run(1500)
     knowing = load(plant).changed(
-        {k: v for k, v in believing(name).flat().items() if k.startswith(f"effects.{name}.")}
+        {k: v for k, v in with_effects(name).flat().items() if k.startswith(f"effects.{name}.")}
         | {k.removeprefix("plant."): v for k, v in plant.items() if k.startswith(f"plant.effects.{name}.")}
     )
     after = ClosedLoop(knowing, 1).run(1500)
@@ -163,13 +163,13 @@ def test_what_the_effect_explains_is_no_disturbance_any_more(name):
 
 
 @pytest.mark.parametrize("name", GAS)
-def test_the_mass_flow_gives_the_wanted_rate_in_the_believed_gas(name):
-    belief = believing(name).belief()
-    model = effects.assembled(belief, name)
+def test_the_mass_flow_gives_the_wanted_rate_in_the_nominal_gas(name):
+    nominal = with_effects(name).nominal()
+    model = effects.assembled(nominal, name)
     a, x = model.signals.actuators["flexor"], [0.6, 1.5, 3.1e5, 3.7e5, *[0.0] * (model.x.shape[0] - 4)]
     rate = ca.Function("rate", [model.x, model.u], [a.pressure_rate, a.flow])
-    flow = pressure.mass_flow_function(belief, "flexor")
-    found, plain = (float(v) for v in rate(x, [5.0, 5.4, 0.0, 7.0])), load().belief()
+    flow = pressure.mass_flow_function(nominal, "flexor")
+    found, plain = (float(v) for v in rate(x, [5.0, 5.4, 0.0, 7.0])), load().nominal()
     wanted, passed = found
     assert float(flow(3.7e5, wanted, 0.6, 1.5, 7.0)[0]) == pytest.approx(passed, rel=1e-9)
     unknowing = float(pressure.mass_flow_function(plain, "flexor")(3.7e5, wanted, 0.6, 1.5, 7.0)[0])
@@ -177,36 +177,36 @@ def test_the_mass_flow_gives_the_wanted_rate_in_the_believed_gas(name):
 
 
 @pytest.mark.parametrize("name", PASSED)
-def test_the_opening_gives_the_wanted_flow_through_the_believed_valve(name):
+def test_the_opening_gives_the_wanted_flow_through_the_nominal_valve(name):
     muscle = "flexor" if name.startswith("flexor") else "extensor"
-    belief = believing(name).belief()
-    passed = effects.flow_of_opening(belief, muscle)
-    plain, at = load().belief(), (3.4e5, 7.0e5)
+    nominal = with_effects(name).nominal()
+    passed = effects.flow_of_opening(nominal, muscle)
+    plain, at = load().nominal(), (3.4e5, 7.0e5)
     for flow in (-4e-3, -1e-3, 1e-3, 4e-3):
         found, unknowing = (
             float(passed(inverse_valve.opening_with_effects(flow, *at, b, muscle), *at))
-            for b in (belief, plain)
+            for b in (nominal, plain)
         )
         assert abs(found - flow) < 0.02 * abs(flow) + 1e-7
         assert abs(found - flow) < 0.3 * abs(unknowing - flow) + 1e-9
 
 
 def test_a_supply_that_sags_is_met_by_a_wider_opening():
-    """The believed sag is that of the effect's equation; steady, it is its resistance times the flow."""
-    parameters = believing("supply_sag", **{"effects.supply_sag.resistance": 2e7})
-    belief, state, flow, at = parameters.belief(), np.zeros(1), 4e-3, 4.5e5
-    after = effects.supply_after(belief, "flexor")
+    """The nominal sag is that of the effect's equation; steady, it is its resistance times the flow."""
+    parameters = with_effects("supply_sag", **{"effects.supply_sag.resistance": 2e7})
+    nominal, state, flow, at = parameters.nominal(), np.zeros(1), 4e-3, 4.5e5
+    after = effects.supply_after(nominal, "flexor")
     for _ in range(200):
         state, supply = after(state, flow)
-    assert float(supply) == pytest.approx(belief.valve.supply_pressure - 2e7 * flow, rel=1e-6)
-    assert effects.supply_after(load().belief(), "flexor") is None
+    assert float(supply) == pytest.approx(nominal.valve.supply_pressure - 2e7 * flow, rel=1e-6)
+    assert effects.supply_after(load().nominal(), "flexor") is None
     knowing, plain = InverseValveModel(parameters, "flexor"), InverseValveModel(load(), "flexor")
     unknowing = plain.step(flow, at)
     voltages = [knowing.step(flow, at) for _ in range(50)]
     assert voltages[0] == unknowing
     assert voltages[-1] > unknowing + 0.1
-    opening = float(inverse_valve.opening_with_effects(flow, at, supply, belief, "flexor"))
-    passed = effects.flow_of_opening(belief, "flexor")
+    opening = float(inverse_valve.opening_with_effects(flow, at, supply, nominal, "flexor"))
+    passed = effects.flow_of_opening(nominal, "flexor")
     assert float(passed(opening, at, supply)) == pytest.approx(flow, rel=1e-3)
     for _ in range(200):
         knowing.step(-flow, at)  # air that leaves draws none
@@ -226,12 +226,12 @@ def second_supply_effect(monkeypatch):
 def test_all_effects_of_the_supply_are_compensated_and_planned_with(second_supply_effect):
     on = {"effects.supply_sag.resistance": 2e7, **second_supply_effect}
     on |= {f"effects.{name}.enabled": True for name in ("supply_sag", "supply_line")}
-    belief, flow = load(on).belief(), 4e-3
-    after, state = effects.supply_after(belief, "flexor"), np.zeros(2)
+    nominal, flow = load(on).nominal(), 4e-3
+    after, state = effects.supply_after(nominal, "flexor"), np.zeros(2)
     for _ in range(2000):
         state, supply = after(state, flow)
-    assert float(supply) == pytest.approx(belief.valve.supply_pressure - 3e7 * flow, rel=1e-6)
-    pressure_then, own, rates, scales = problem._supply(belief)
+    assert float(supply) == pytest.approx(nominal.valve.supply_pressure - 3e7 * flow, rel=1e-6)
+    pressure_then, own, rates, scales = problem._supply(nominal)
     assert scales == (1.0e4, 2.0e4)
     planned = ca.Function("planned", [own], [pressure_then, rates(ca.DM([0.0, flow]))])
     at_rest, sagging = planned([0.0, 0.0]), planned([3e3, 5e3])
@@ -242,8 +242,8 @@ def test_all_effects_of_the_supply_are_compensated_and_planned_with(second_suppl
     assert fast * 0.05 / 2e7 == pytest.approx(flow, rel=0.01)
 
 
-def test_the_voltage_undoes_the_believed_dead_band():
-    parameters = believing("valve_dead_band", **{"effects.valve_dead_band.half_width": 0.21})
+def test_the_voltage_undoes_the_nominal_dead_band():
+    parameters = with_effects("valve_dead_band", **{"effects.valve_dead_band.half_width": 0.21})
     model, valve = inverse_valve.InverseValveModel(parameters, "flexor"), parameters.valve
     for flow in (-3e-3, 3e-3):
         opening = float(inverse_valve.opening_for_flow(flow, 3.4e5, valve))
@@ -255,17 +255,17 @@ def test_the_voltage_undoes_the_believed_dead_band():
 
 def test_the_lag_is_that_of_the_effects():
     prompt = {"valve.delay": 0.0}
-    lag = believing("valve_lag").changed(prompt).belief()
+    lag = with_effects("valve_lag").changed(prompt).nominal()
     p = lag.effects.valve_lag
     expected = 2 * p.damping_ratio / (2 * np.pi * p.natural_frequency)
     assert effects.command_lag(lag) == pytest.approx(expected, rel=1e-6)
-    both = believing("valve_lag", "valve_delay").changed(prompt).belief()
+    both = with_effects("valve_lag", "valve_delay").changed(prompt).nominal()
     assert effects.command_lag(both) == pytest.approx(expected + both.effects.valve_delay.delay, rel=1e-3)
-    assert Anticipation(load(prompt).belief()).horizon == 0.0
+    assert Anticipation(load(prompt).nominal()).horizon == 0.0
 
 
-def test_readings_lose_their_believed_errors():
-    sensors = effects.Sensors(believing("angle_gain", "angle_offset", "flexor_pressure_gain").belief())
+def test_readings_lose_their_nominal_errors():
+    sensors = effects.Sensors(with_effects("angle_gain", "angle_offset", "flexor_pressure_gain").nominal())
     assert sensors.true("angle", 0.7 * 1.02 + 0.02) == pytest.approx(0.7, abs=1e-6)
     gauge = 2.5e5
     assert sensors.true("flexor_pressure", 101300 + 1.03 * gauge) == pytest.approx(101300 + gauge, abs=1.0)
@@ -273,9 +273,9 @@ def test_readings_lose_their_believed_errors():
 
 
 def test_known_effects_lower_the_error_without_chatter():
-    """Maps and masses stay as believed; what learning these gives: benchmarks/results/control.jsonl."""
+    """Maps and masses stay nominal; what learning these gives: benchmarks/results/control.jsonl."""
     _, before, rms_before, nervous = tracking(load())
-    run, after, rms, variation = tracking(believing(*HARDWARE))
+    run, after, rms, variation = tracking(with_effects(*HARDWARE))
     assert after <= 0.6 * before
     assert rms <= min(0.1, 0.55 * rms_before)
     assert variation <= 1.5 * nervous
@@ -284,20 +284,20 @@ def test_known_effects_lower_the_error_without_chatter():
 
 def test_compensation_is_in_no_loop():
     """The known torque follows from reference and pressures alone: another angle changes nothing in it."""
-    belief = believing("joint_friction", "muscle_hysteresis").belief()
-    first, second = effects.AddedEffort(belief), effects.AddedEffort(belief)
+    nominal = with_effects("joint_friction", "muscle_hysteresis").nominal()
+    first, second = effects.AddedEffort(nominal), effects.AddedEffort(nominal)
     for index in range(40):
         reference = Reference(0.4 + 0.01 * index, 2.0, 0.0)
         assert first.step(reference, (3e5, 4e5)) == second.step(reference, (3e5, 4e5))
     assert first.step(Reference(0.8, 2.0, 0.0), (3e5, 4e5)) < -0.8  # friction and hysteresis brake
-    assert abs(effects.AddedEffort(belief).step(Reference(0.8, 0.0, 0.0), (3e5, 4e5))) < 1e-9  # rest: none
+    assert abs(effects.AddedEffort(nominal).step(Reference(0.8, 0.0, 0.0), (3e5, 4e5))) < 1e-9  # rest: none
 
 
 @pytest.mark.parametrize("half_width", [5e-4, 2e-3, 1e-2])
 def test_play_is_followed_at_any_width_and_speed(half_width):
     """A state that is quick beside the steps of its integration would leave its range and shake the knee."""
-    belief = believing("backlash", **{"effects.backlash.half_width": half_width}).belief()
-    known, period = effects.AddedEffort(belief), belief.scenario.control_period
+    nominal = with_effects("backlash", **{"effects.backlash.half_width": half_width}).nominal()
+    known, period = effects.AddedEffort(nominal), nominal.scenario.control_period
     for time in np.arange(0.0, 1.0, period):
         motion = 0.6 + 0.5 * np.sin(20 * time), 10 * np.cos(20 * time), -200 * np.sin(20 * time)
         known.step(Reference(*motion), (3.6e5, 3.6e5))

@@ -9,7 +9,7 @@ from pam_orthosis.control import linearisation, rig_loop
 from pam_orthosis.model import parameters
 from pam_orthosis.model.components import muscle, pneumatics
 
-BELIEF = parameters.load().rig_belief()
+NOMINAL = parameters.load().rig_nominal()
 
 
 def slope(function, x, step):
@@ -23,8 +23,8 @@ def test_equation_11_as_printed_gives_the_same_flow(seed):
     random = np.random.default_rng(seed)
     position, velocity = random.uniform(0.01, 0.12), random.uniform(-0.1, 0.1)
     pressure, v = random.uniform(3e5, 6e5), random.uniform(-30, 30)
-    m, valve, mass = BELIEF.muscle.mas_40, BELIEF.valve, BELIEF.rig.carriage_mass
-    dl, gauge = BELIEF.rig.position_offset - position, pressure - valve.ambient_pressure
+    m, valve, mass = NOMINAL.muscle.mas_40, NOMINAL.valve, NOMINAL.rig.carriage_mass
+    dl, gauge = NOMINAL.rig.position_offset - position, pressure - valve.ambient_pressure
     n, heat = valve.polytropic_exponent, pneumatics.GAS_CONSTANT * valve.temperature
     force_dl = slope(lambda x: float(muscle.towing_force(x, gauge, m)), dl, 1e-5)
     force_p = slope(lambda p: float(muscle.towing_force(dl, p, m)), gauge, 10.0)
@@ -34,22 +34,24 @@ def test_equation_11_as_printed_gives_the_same_flow(seed):
     dl_rate = -velocity
     printed = (-v * mass - force_dl * dl_rate) * (volume + n * pressure * volume_p) / (n * heat * force_p)
     printed += n * pressure * volume_dl * -1 * velocity / (n * heat)
-    flow = linearisation.linearising_flow(v, position, velocity, ca.SX(pressure), BELIEF)
+    flow = linearisation.linearising_flow(v, position, velocity, ca.SX(pressure), NOMINAL)
     assert float(ca.evalf(flow)) == pytest.approx(printed, rel=1e-5, abs=1e-9)
 
 
 def test_the_flow_makes_the_third_derivative_what_is_demanded():
     """Relative degree 3, Eq. (10): simulate gas and force, differentiate the acceleration."""
     position, velocity, pressure, wanted, held = 0.06, 0.05, 4e5, 12.0, 900.0
-    flow = linearisation.linearising_flow(wanted, position, velocity, ca.SX(pressure), BELIEF)
-    m, valve, n = BELIEF.muscle.mas_40, BELIEF.valve, BELIEF.valve.polytropic_exponent
+    flow = linearisation.linearising_flow(wanted, position, velocity, ca.SX(pressure), NOMINAL)
+    m, valve, n = NOMINAL.muscle.mas_40, NOMINAL.valve, NOMINAL.valve.polytropic_exponent
 
     def volume(x, p):
-        dl = BELIEF.rig.position_offset - x
+        dl = NOMINAL.rig.position_offset - x
         return float(muscle.volume(dl, p - valve.ambient_pressure, m)) + valve.hose.volume
 
     def acceleration(x, p):
-        return float((held - linearisation.positioner_force(x, ca.DM(p), BELIEF)) / BELIEF.rig.carriage_mass)
+        return float(
+            (held - linearisation.positioner_force(x, ca.DM(p), NOMINAL)) / NOMINAL.rig.carriage_mass
+        )
 
     step = 1e-6
     moved = position + velocity * step
@@ -72,7 +74,7 @@ def test_the_flow_makes_the_third_derivative_what_is_demanded():
 
 def test_error_poles_are_as_placed_and_the_printed_orders_are_not_stable():
     """Eq. (12) as it is meant and as it is printed."""
-    pole = BELIEF.rig.position.pole
+    pole = NOMINAL.rig.position.pole
     alpha = linearisation.error_coefficients([-pole] * 4)
     error = ca.SX.sym("e", 4)  # e and its derivatives
     zero = np.zeros(3)
@@ -114,10 +116,10 @@ def test_a_small_muscle_with_a_short_stroke_is_released_without_going_slack():
 
 
 def test_the_controller_needs_no_plant():
-    controller = linearisation.CarriageController(BELIEF)
+    controller = linearisation.CarriageController(NOMINAL)
     reference = linearisation.CarriageReference(0.05, 0.0, 0.0, 0.0)
     flow, estimate = controller.step(0.05, 4e5, 900.0, reference)
     assert np.isfinite(flow)
     assert estimate.velocity == 0.0
     with pytest.raises(AttributeError):
-        _ = BELIEF.plant
+        _ = NOMINAL.plant

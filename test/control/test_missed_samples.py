@@ -69,7 +69,7 @@ def test_a_steadily_rising_pressure_reference_is_followed_at_its_own_rate(period
         wanted = 2e5 + slope * k * period
         flow = controller.step(wanted - late, wanted, 0.6, 0.0, periods)
     rate = slope + parameters.control.pressure.gain * late
-    exact = mass_flow_function(parameters.belief(), "flexor")(wanted - late, rate, 0.6, 0.0, 0.0)
+    exact = mass_flow_function(parameters.nominal(), "flexor")(wanted - late, rate, 0.6, 0.0, 0.0)
     assert flow == pytest.approx(float(exact[0]), rel=1e-6)
 
 
@@ -81,14 +81,14 @@ def test_the_observer_takes_straight_lines_over_missed_samples():
     assert sparse.step(0.36, (3.06e5, 2e5), periods=6) == pytest.approx(last, abs=1e-9)
 
 
-def _believing(name):
+def _with_effect(name):
     return load({f"effects.{name}.enabled": True})
 
 
 @pytest.mark.parametrize("name", ["creep", "muscle_hysteresis", "joint_friction"])
 def test_what_an_effect_remembers_lives_on_over_missed_samples(name):
-    belief = _believing(name).belief()
-    whole, sparse = AddedEffort(belief), AddedEffort(belief)
+    nominal = _with_effect(name).nominal()
+    whole, sparse = AddedEffort(nominal), AddedEffort(nominal)
     motion = [Reference(0.3 + 0.01 * k, 2.0, 0.0) for k in range(7)]
     torques = [whole.step(reference, (3e5, 2e5)) for reference in motion]
     sparse.step(motion[0], (3e5, 2e5))
@@ -109,8 +109,8 @@ def test_a_command_that_was_held_longer_acts_longer():
 
 
 def test_the_jerk_of_a_reference_is_per_time_not_per_sample():
-    belief = _believing("valve_delay").belief()
-    whole, sparse = Anticipation(belief), Anticipation(belief)
+    nominal = _with_effect("valve_delay").nominal()
+    whole, sparse = Anticipation(nominal), Anticipation(nominal)
     steady = [Reference(0.5, 0.0, 3.0 * k) for k in range(4)]
     *_, last = [whole.reference(reference) for reference in steady]
     sparse.reference(steady[0])
@@ -118,7 +118,7 @@ def test_the_jerk_of_a_reference_is_per_time_not_per_sample():
 
 
 def test_the_supply_goes_on_sagging_over_missed_samples():
-    parameters = _believing("supply_sag")
+    parameters = _with_effect("supply_sag")
     whole, sparse, unaware = (InverseValveModel(parameters, "flexor") for _ in range(3))
     for _ in range(5):
         *_, last = [whole.step(2e-3, 3e5)]

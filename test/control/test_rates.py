@@ -10,7 +10,7 @@ from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.observer import Observer
 from pam_orthosis.control.position import PositionController
 from pam_orthosis.control.pressure import PressureController
-from pam_orthosis.control.rates import position_belief
+from pam_orthosis.control.rates import position_nominal
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
 
@@ -40,17 +40,17 @@ def test_what_the_position_controller_says_is_held_and_the_rest_goes_on():
     assert np.ptp(run["extensor_voltage"].reshape(-1, 5), axis=1).min() > 0.0
 
 
-def test_the_position_controller_believes_its_own_period():
+def test_the_position_controller_knows_its_own_period():
     p = load({**FAST, "control.position.every": 5})
-    assert position_belief(p).scenario.control_period == pytest.approx(0.010)
+    assert position_nominal(p).scenario.control_period == pytest.approx(0.010)
     assert p.scenario.control_period == 0.002
-    assert position_belief(load()).flat() == load().belief().flat()
+    assert position_nominal(load()).flat() == load().nominal().flat()
 
 
 def test_its_observer_integrates_as_finely_as_one_that_works_each_period():
     """Straight lines between samples: to follow them in one slow step or in five is the same."""
     slow, fine = (load({**FAST, "control.position.every": every}) for every in (5, 1))
-    coarse, whole = Observer(position_belief(slow)), Observer(fine.belief())
+    coarse, whole = Observer(position_nominal(slow)), Observer(fine.nominal())
     for k in range(151):
         measured = 0.3 + 0.003 * k, (3e5 + 400 * k, 2e5)
         if k % 5 == 0:
@@ -62,7 +62,7 @@ def test_its_observer_integrates_as_finely_as_one_that_works_each_period():
 def test_its_guards_count_time_not_steps():
     p = load({**FAST, "control.position.every": 5})
     guarded = GuardedPosition(p, PositionController(p))
-    slow = position_guard(position_belief(p))
+    slow = position_guard(position_nominal(p))
     assert guarded._guards["angle"]._hold == slow._hold == round(p.control.guard.hold_time / 0.010)
     assert slow._step == pytest.approx(5 * position_guard(p)._step)
 

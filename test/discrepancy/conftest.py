@@ -9,10 +9,11 @@ from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
+from pam_orthosis.testing import case as cases
 
 SECONDS = 14.0
-# a plant that is as believed
-BELIEVED = {
+# a plant that is as the nominal model says
+OF_NOMINAL = {
     **{f"plant.effects.{name}.enabled": False for name in KNEE.catalogue},
     "plant.muscle_law": "polynomial",
     "plant.simulation.step": 5e-5,
@@ -33,10 +34,10 @@ BELIEVED = {
 
 
 class Bench:
-    """Recordings of plants that differ from the belief in what is asked for."""
+    """Recordings of plants that differ from the nominal model in what is asked for."""
 
     def __init__(self):
-        self.parameters = load(BELIEVED)
+        self.parameters = load(OF_NOMINAL)
         self.system = knee(self.parameters)
         self.replay = Replay(self.system)
         self._known = {}
@@ -45,7 +46,7 @@ class Bench:
         key = (seed, cycle_time, tuple(sorted(plant.items())))
         if key not in self._known:
             changed = {name.replace("__", "."): value for name, value in plant.items()}
-            parameters = load({**BELIEVED, "scenario.cycle_time": cycle_time, **changed})
+            parameters = load({**OF_NOMINAL, "scenario.cycle_time": cycle_time, **changed})
             self._known[key] = ClosedLoop(parameters, seed).run(round(SECONDS / 0.002))
         return self._known[key]
 
@@ -56,3 +57,19 @@ class Bench:
 @pytest.fixture(scope="session")
 def bench():
     return Bench()
+
+
+@pytest.fixture(scope="session")
+def diagnostics():
+    """Take what `make_case` takes; return system, and its diagnostic experiments to fit and to judge."""
+
+    def made(*arguments, **named):
+        with pytest.MonkeyPatch.context() as patch:  # gaits are drawn, but none is looked at
+            patch.setattr(cases, "GAIT_SECONDS", 0.1)
+            patch.setattr(cases, "HELD_OUT_GAIT_SECONDS", 0.1)
+            case = cases.make_case(*arguments, **named)
+        system = knee(case.parameters)
+        groups = case.training, case.held_out
+        return system, *(from_arrays("diagnostic", system, group["diagnostic"]) for group in groups)
+
+    return made

@@ -66,7 +66,7 @@ def test_a_whole_search_finds_the_delay_of_the_shipped_hardware_however_wrong_th
     outcome = find_gap(system, [from_arrays("run", system, run)], [], p.gap)
     names = [one.name for one in outcome.effects]
     taught = p.changed(learned.named(p, names, outcome.selection.final.values))
-    assert command_lag(taught.belief()) == pytest.approx(seen_delay(p), abs=5e-4)
+    assert command_lag(taught.nominal()) == pytest.approx(seen_delay(p), abs=5e-4)
 
 
 def test_the_nominal_delay_is_in_the_model(bench, runs):
@@ -78,7 +78,7 @@ def test_the_nominal_delay_is_in_the_model(bench, runs):
 def test_what_was_learned_goes_into_the_nominal_model():
     parameters = load({"valve.delay": 9e-3})
     taught = parameters.changed(learned.named(parameters, EFFECT, {"valve_delay.delay": -2.5e-3}))
-    assert command_lag(taught.belief()) == pytest.approx(6.5e-3)
+    assert command_lag(taught.nominal()) == pytest.approx(6.5e-3)
     assert knee(taught).late == pytest.approx(6.5e-3)
     assert "valve_delay" not in knee(taught).catalogue
 

@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 
 from pam_orthosis.discrepancy import beginning, findings, measure, noise_floor
-from pam_orthosis.discrepancy.data import from_arrays
 from pam_orthosis.discrepancy.fit import fit_tempered
 from pam_orthosis.discrepancy.free import free_parameters
-from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.run import Run
-from pam_orthosis.testing.case import make_case
+from pam_orthosis.testing import case as cases
 
 HALF_WIDTH = 6.0e-3  # rad
 
@@ -38,15 +36,11 @@ def judged(bench, effect, training, held_out):
 
 
 @pytest.fixture(scope="module")
-def experiments(bench):
+def experiments(diagnostics):
     """Diagnostic experiments with a play, to fit and to judge: the knee rests, swings, is driven."""
-    case = make_case(51515100000, "clean", "large", ["backlash"])
-    system = knee(case.parameters)
-    known = SimpleNamespace(parameters=case.parameters, system=system, replay=Replay(system))
-    return known, *(
-        from_arrays("diagnostic", known.system, group["diagnostic"])
-        for group in (case.training, case.held_out)
-    )
+    system, *recordings = diagnostics(51515100000, "clean", "large", ["backlash"])
+    known = SimpleNamespace(parameters=cases.nominal(), system=system, replay=Replay(system))
+    return known, *recordings
 
 
 def test_a_lasting_correction_of_the_angle_does_not_wind_the_play(bench):

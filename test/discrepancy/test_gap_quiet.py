@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A small effect beside a large one: seen where the large one is silent, or not believed."""
+"""A small effect beside a large one: seen where the large one is inactive, or not accepted."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -9,15 +9,12 @@ import pytest
 
 from pam_orthosis.discrepancy import beginning, candidates, quiet, refit
 from pam_orthosis.discrepancy.candidates import COARSE, DIFFERENCE, Trial, candidate
-from pam_orthosis.discrepancy.data import from_arrays
 from pam_orthosis.discrepancy.fit import fit_tempered
 from pam_orthosis.discrepancy.free import free_parameters
-from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.problem import Problem, Scored
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.model.parameters import load
-from pam_orthosis.testing.case import make_case
 
 DELAY = {"plant__effects__valve_delay__enabled": True, "plant__effects__valve_delay__delay": 0.004}
 OFFSET = {
@@ -38,13 +35,9 @@ def _fitted(replay, effects, training, held_out):
 
 
 @pytest.fixture(scope="module")
-def delayed():
+def delayed(diagnostics):
     """Experiments with a delay and an offset, and the model that knows of the delay."""
-    case = make_case(62626240018, effects=["flexor_pressure_offset", "valve_delay"])
-    system = knee(case.parameters)
-    training, held_out = (
-        from_arrays("diagnostic", system, group["diagnostic"]) for group in (case.training, case.held_out)
-    )
+    system, training, held_out = diagnostics(62626240018, effects=["flexor_pressure_offset", "valve_delay"])
     return _fitted(Replay(system), ("valve_delay",), training, held_out)
 
 
@@ -113,9 +106,9 @@ def test_a_way_down_that_is_not_there_does_not_hide_an_effect(bench, monkeypatch
     way = projection.levels[0].solve(projection.stuck(projection.levels[0]))
     point = candidates._point
 
-    def walled(one, trial, own, ordinary):
-        found = point(one, trial, own, ordinary)
-        along = abs((ordinary - one.position) @ way) / (way @ way)
+    def walled(one, trial, own, nuisance):
+        found = point(one, trial, own, nuisance)
+        along = abs((nuisance - one.position) @ way) / (way @ way)
         return replace(
             found, right=found.right + one.stuck(found.level), cost=np.inf if along > 0.3 else found.cost
         )

@@ -45,10 +45,10 @@ def test_the_fitter_knows_neither_the_plant_nor_what_is_hidden():
 
 @pytest.mark.parametrize("person", [False, True])
 def test_tabulated_mechanics_are_those_of_lagrange(bench, person):
-    belief = bench.parameters.changed({"leg.person.present": person})
+    nominal = bench.parameters.changed({"leg.person.present": person})
     q, velocity = ca.SX.sym("q"), ca.SX.sym("velocity")
-    table = knee_module.tabulated_leg(belief)(0.0, 0.0)
-    near, exact = table(q, velocity, None, 0.7), leg_model.mechanics(q, velocity, belief.leg, 0.7)
+    table = knee_module.tabulated_leg(nominal)(0.0, 0.0)
+    near, exact = table(q, velocity, None, 0.7), leg_model.mechanics(q, velocity, nominal.leg, 0.7)
     terms = ("inertia", "coriolis", "gravity")
     difference = ca.Function("d", [q, velocity], [getattr(near, t) - getattr(exact, t) for t in terms])
     for angle in np.linspace(-0.2, 1.7, 60):
@@ -117,7 +117,7 @@ def test_sensitivities_are_the_derivatives_of_the_residuals(bench, run):
             assert np.abs(difference - slopes[:, :, i]).max() < 1e-3 * np.abs(difference).max()
 
 
-def test_a_believed_plant_leaves_its_sensors_noise(bench, run):
+def test_a_nominal_plant_leaves_its_sensors_noise(bench, run):
     values, sensor = bench.replay.defaults(()), bench.parameters.plant.sensor
     residuals = {
         channel: [bench.replay.residuals(run, equation, (), values)[1000:, i]]

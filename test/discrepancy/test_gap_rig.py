@@ -36,14 +36,14 @@ ENGINE_KNOWS_NOT = {"knee", "rig", "test_rig", "orthosis", "leg"}
 
 
 @pytest.fixture(scope="module")
-def belief():
+def nominal():
     return hidden_rig.nominal()
 
 
 @pytest.fixture(scope="module")
-def system(belief):
+def system(nominal):
     """The rig with a few effects: kernels are built for each of them."""
-    whole = system_of.test_rig(belief, hidden_rig.SPECIMEN)
+    whole = system_of.test_rig(nominal, hidden_rig.SPECIMEN)
     return replace(whole, catalogue={name: whole.catalogue[name] for name in FEW})
 
 
@@ -52,15 +52,15 @@ def replay(system):
     return Replay(system)
 
 
-def recorded(belief, effects, seed=1):
-    """Return two runs of a rig that is as believed but for hidden effects."""
+def recorded(nominal, effects, seed=1):
+    """Return two runs of a rig that is as the nominal model says but for hidden effects."""
     rng = np.random.default_rng(seed)
-    return [hidden_rig.record(rng, belief, Hidden(**effects)) for _ in range(2)]
+    return [hidden_rig.record(rng, nominal, Hidden(**effects)) for _ in range(2)]
 
 
-def search(belief, system, replay, **effects):
-    runs = [from_arrays(f"run {k}", system, run) for k, run in enumerate(recorded(belief, effects))]
-    return find_gap(system, runs[:1], runs[1:], belief.gap, replay=replay)
+def search(nominal, system, replay, **effects):
+    runs = [from_arrays(f"run {k}", system, run) for k, run in enumerate(recorded(nominal, effects))]
+    return find_gap(system, runs[:1], runs[1:], nominal.gap, replay=replay)
 
 
 def test_the_engine_knows_no_system():
@@ -83,13 +83,13 @@ def test_a_model_file_without_end_is_refused(tmp_path):
         patch.read(file)
 
 
-def test_with_nothing_hidden_the_plant_is_the_nominal_model(belief, system, replay, monkeypatch):
+def test_with_nothing_hidden_the_plant_is_the_nominal_model(nominal, system, replay, monkeypatch):
     """Two realisations of the same equations; the observer's share of the agreement is small."""
     for name in ("POSITION_NOISE", "FORCE_NOISE", "PRESSURE_NOISE"):
         monkeypatch.setattr(hidden_rig, name, 0.0)
     for name in ("POSITION_RESOLUTION", "FORCE_RESOLUTION", "PRESSURE_RESOLUTION", "VOLTAGE_RESOLUTION"):
         monkeypatch.setattr(hidden_rig, name, 1e-9)
-    run = Run(system, from_arrays("run", system, recorded(belief, {})[0]), 40.0)
+    run = Run(system, from_arrays("run", system, recorded(nominal, {})[0]), 40.0)
     moving = slice(1000, None)
     carriage, gas = (
         replay.residuals(run, equation, (), replay.defaults(()))[moving] for equation in system.equations
@@ -100,15 +100,15 @@ def test_with_nothing_hidden_the_plant_is_the_nominal_model(belief, system, repl
     assert np.abs(gas).max() < 20.0
 
 
-def test_nothing_hidden_is_none(belief, system, replay):
-    outcome = search(belief, system, replay)
+def test_nothing_hidden_is_none(nominal, system, replay):
+    outcome = search(nominal, system, replay)
     assert outcome.verdict == "none"
     assert outcome.effects == ()
 
 
-def test_hidden_carriage_friction_is_named_and_goes_into_the_model(belief, system, replay, tmp_path):
+def test_hidden_carriage_friction_is_named_and_goes_into_the_model(nominal, system, replay, tmp_path):
     """LuGre in the plant, Coulomb with a smooth change of sign in the catalogue."""
-    outcome = search(belief, system, replay, coulomb=12.0)
+    outcome = search(nominal, system, replay, coulomb=12.0)
     assert [one.name for one in outcome.effects] == ["carriage_friction"]
     assert outcome.effects[0].equation == "carriage"
     assert outcome.effects[0].parameters["coulomb"][0] == pytest.approx(12.0, rel=0.2)
@@ -119,9 +119,9 @@ def test_hidden_carriage_friction_is_named_and_goes_into_the_model(belief, syste
     assert "carriage_friction" not in system_of.test_rig(changed, hidden_rig.SPECIMEN).catalogue
 
 
-def test_hidden_muscle_hysteresis_is_named(belief, system, replay):
+def test_hidden_muscle_hysteresis_is_named(nominal, system, replay):
     """Maxwell-slip elements in the plant, Bouc-Wen in the catalogue."""
-    outcome = search(belief, system, replay, hysteresis=15.0)
+    outcome = search(nominal, system, replay, hysteresis=15.0)
     assert [one.name for one in outcome.effects] == ["muscle_hysteresis"]
     assert outcome.effects[0].parameters["half_width"][0] == pytest.approx(15.0, rel=0.2)
 
@@ -156,8 +156,8 @@ def test_free_decays_and_mixed_systems_are_refused(system, tmp_path, capsys):
     assert "different systems" in capsys.readouterr().err
 
 
-def test_each_effect_of_the_rig_enters_the_equation_that_it_names(belief):
-    whole = system_of.test_rig(belief, hidden_rig.SPECIMEN)
+def test_each_effect_of_the_rig_enters_the_equation_that_it_names(nominal):
+    whole = system_of.test_rig(nominal, hidden_rig.SPECIMEN)
     replay = Replay(whole)
     for name in whole.candidates:
         assert replay.touched(name), f"{name} changes nothing"

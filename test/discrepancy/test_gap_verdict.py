@@ -199,7 +199,7 @@ def test_every_effect_means_something_at_its_typical_values():
 
 def test_an_apparatus_that_nothing_tells_is_said_to_be_assumed(tmp_path):
     stamps, signals = np.array([0, 2_000_000]), {"angle": np.zeros(2)}
-    write_arrays(tmp_path / "ours", stamps, signals, run_metadata(load().belief(), "test"))
+    write_arrays(tmp_path / "ours", stamps, signals, run_metadata(load().nominal(), "test"))
     write_arrays(tmp_path / "foreign", stamps, signals, {})
     table, ours, foreign = tmp_path / "x.csv", tmp_path / "ours", tmp_path / "foreign"
     assert without_record([table, ours, foreign]) == [table, foreign]

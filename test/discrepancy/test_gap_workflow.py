@@ -25,7 +25,7 @@ from pam_orthosis.discrepancy import (
     structure,
     workflow,
 )
-from pam_orthosis.discrepancy.apparatus import agreed_belief, apparatus_of, believed, untold
+from pam_orthosis.discrepancy.apparatus import agreed_nominal, apparatus_of, recorded_nominal, untold
 from pam_orthosis.discrepancy.beginning import begin
 from pam_orthosis.discrepancy.contract import as_dict
 from pam_orthosis.discrepancy.data import (
@@ -482,7 +482,7 @@ def test_what_spreadsheets_write_is_read(bench, tmp_path):
     read, expected = (from_csv(path, bench.system).signals for path in (excel, plain))
     assert all(np.array_equal(read[name], expected[name]) for name in COLUMNS[1:])
     assert is_table(excel)
-    assert believed(excel) == {}
+    assert recorded_nominal(excel) == {}
 
 
 @pytest.mark.parametrize(
@@ -538,9 +538,9 @@ def test_a_gap_that_is_left_is_not_called_none(effects, closed, after, verdict):
         )
 
 
-def bag_of(folder, **believed):
-    """Write a bag of our own with a belief."""
-    parameters = load({name.replace("__", "."): value for name, value in believed.items()}).belief()
+def bag_of(folder, **recorded_nominal):
+    """Write a bag of our own with a nominal model."""
+    parameters = load({name.replace("__", "."): value for name, value in recorded_nominal.items()}).nominal()
     write_arrays(folder, np.array([0, 2_000_000]), {"angle": np.zeros(2)}, run_metadata(parameters, "test"))
     return folder
 
@@ -550,18 +550,18 @@ def test_recordings_of_different_apparatus_are_refused(tmp_path, capsys):
     heavy = bag_of(tmp_path / "heavy", leg__knee_mass=2.0)
     bare = tmp_path / "x.csv"
     paths = [bare, plain, bag_of(tmp_path / "same"), heavy]
-    # a table has no belief; neither scenarios nor effects that are off tell apparatus apart
-    assert agreed_belief(paths[:3], knee.APPARATUS)["scenario.cycle_time"] == 1.5
-    assert agreed_belief([bare], knee.APPARATUS) == {}
-    assert agreed_belief(paths, knee.APPARATUS, given=("leg.knee_mass",))
+    # a table has no nominal model; neither scenarios nor effects that are off tell apparatus apart
+    assert agreed_nominal(paths[:3], knee.APPARATUS)["scenario.cycle_time"] == 1.5
+    assert agreed_nominal([bare], knee.APPARATUS) == {}
+    assert agreed_nominal(paths, knee.APPARATUS, given=("leg.knee_mass",))
     assert cli.main(["gap", str(plain), "--held-out", str(heavy)]) == 2
     said = capsys.readouterr().err
     assert f"leg.knee_mass is {load().leg.knee_mass} in {plain}, 2.0 in {heavy}" in said
 
 
-def older(folder, **believed):
+def older(folder, **recorded_nominal):
     """Write a bag of ours by a version that had no row of the loop's delay."""
-    run = run_metadata(load(believed).belief(), "test")
+    run = run_metadata(load(recorded_nominal).nominal(), "test")
     told = json.loads(run["parameters"])
     del told["valve.delay"]
     run["parameters"] = json.dumps(told)
@@ -623,14 +623,14 @@ def test_a_locked_knee_is_no_other_apparatus_that_a_model_file_could_unlock(tmp_
         assert "--model" not in said
 
 
-def test_the_belief_is_that_of_the_leg(tmp_path):
+def test_the_nominal_model_is_that_of_the_leg(tmp_path):
     legs = json.dumps({"left": {}, "right": {"leg.shank.mass": 4.0}})
-    run = run_metadata(load().belief(), "test", legs)
+    run = run_metadata(load().nominal(), "test", legs)
     write_arrays(tmp_path / "two", np.array([0, 2_000_000]), {"angle": np.zeros(2)}, run)
-    assert believed(tmp_path / "two", "right")["leg.shank.mass"] == 4.0
-    assert believed(tmp_path / "two", "/left")["leg.shank.mass"] == load().leg.shank.mass
-    belief = agreed_belief([tmp_path / "two"], knee.APPARATUS, namespace="/right")
-    assert belief["leg.shank.mass"] == 4.0
+    assert recorded_nominal(tmp_path / "two", "right")["leg.shank.mass"] == 4.0
+    assert recorded_nominal(tmp_path / "two", "/left")["leg.shank.mass"] == load().leg.shank.mass
+    nominal = agreed_nominal([tmp_path / "two"], knee.APPARATUS, namespace="/right")
+    assert nominal["leg.shank.mass"] == 4.0
     nominal = apparatus_of([tmp_path / "two"]).nominal([tmp_path / "two"], {}, "/right")
     assert nominal.leg.shank.mass == 4.0
 
@@ -640,7 +640,7 @@ def test_voltages_that_were_recorded_more_rarely_than_they_changed_are_left_out(
     """A controller of the position that is slower than the loop changes the voltages no less often."""
     arrays = {name: bench.arrays(1)[name][::every] for name in COLUMNS}
     stamps = np.round(arrays.pop("time") * 1e9).astype(np.int64)
-    told = bench.parameters.changed({"control.position.every": 2}).belief()
+    told = bench.parameters.changed({"control.position.every": 2}).nominal()
     write_arrays(tmp_path / "bag", stamps, arrays, run_metadata(told, "test"))
     one = from_bag(tmp_path / "bag", bench.system)
     assert ("extensor_voltage" in one.signals) is kept

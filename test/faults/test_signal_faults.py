@@ -110,9 +110,9 @@ LEARNED = {
 }
 
 
-@pytest.mark.parametrize("belief", [{}, LEARNED], ids=["paper", "learned"])
-def test_without_faults_the_numbers_are_those_without_guards(belief):
-    p = load({**signals.QUICK, **belief})
+@pytest.mark.parametrize("nominal", [{}, LEARNED], ids=["paper", "learned"])
+def test_without_faults_the_numbers_are_those_without_guards(nominal):
+    p = load({**signals.QUICK, **nominal})
     guarded, plain = ClosedLoop(p, 1), _unguarded(ClosedLoop(p, 1))
     first, second = guarded.run(600), plain.run(600)
     assert all(np.array_equal(first[name], second[name]) for name in first)

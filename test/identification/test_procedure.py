@@ -128,7 +128,7 @@ def test_what_the_rig_identified_is_a_model_for_gap_plan_and_run(bags, tmp_path,
     for model in ([], ["--model", str(rows)]):
         assert main(["gap", str(walk), *model, "--until", "replay"]) == 0
     plain, known = (part.splitlines() for part in capsys.readouterr().out.split("angle [deg]")[1:])
-    assert plain[0] != known[0]  # another muscle is believed
+    assert plain[0] != known[0]  # the nominal model has another muscle
     pytest.importorskip("rclpy")
     done = tmp_path / "done"
     options = ["--composed", "--duration", "1", "--model", str(rows), "--out", str(done)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was found becomes belief: inside its bounds, once, and about the same hardware."""
+"""What was found becomes nominal model: inside its bounds, once, and about the same hardware."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.effects.base import enabled
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
-from pam_orthosis.model.plant import true_parameters, with_belief
+from pam_orthosis.model.plant import true_parameters, with_nominal
 
 RIGHT = {
     **dict.fromkeys(DEVIATIONS, 0.0), "extensor_force": 0.02, "flexor_force": -0.01,
@@ -43,12 +43,12 @@ def test_what_a_weak_supply_cannot_give_is_not_asked_for():
 
 
 def test_calibrated_parameters_are_those_of_the_hardware():
-    """The deviations of the plant, given as calibration, make the belief the truth."""
+    """The deviations of the plant, given as calibration, make the nominal model the truth."""
     base = load()
     names = [name for name, _ in base.plant.deviation.items() if name in DEVIATIONS]
     deviations = {name: getattr(base.plant.deviation, name) - 1 for name in names}
     model = learned.calibrated(base, [], {**RIGHT, **deviations})
-    after = with_belief(base, model)
+    after = with_nominal(base, model)
     for name in names:
         for key in DEVIATIONS[name]:
             assert after.flat()[key] == pytest.approx(true_parameters(base).flat()[key], rel=1e-5)
@@ -69,6 +69,6 @@ def test_the_model_is_a_file_that_controllers_read(tmp_path):
     model = learned.calibrated(load(), ["joint_friction"], {**RIGHT, **FRICTION})
     model |= learned.named(load(), ["joint_friction"], FRICTION)
     patch.write(tmp_path / "model.yaml", model)
-    read = with_belief(load(), patch.read(tmp_path / "model.yaml"))
+    read = with_nominal(load(), patch.read(tmp_path / "model.yaml"))
     assert {"joint_friction", "force_map_misfit"} <= set(enabled(read.effects))
-    assert read.flat() == with_belief(load(), model).flat()
+    assert read.flat() == with_nominal(load(), model).flat()

@@ -39,7 +39,7 @@ def test_its_experiments_are_cadences_alone(parameters):
 
 
 def test_what_is_learned_is_the_controllers_and_not_the_files(parameters):
-    changes = learned.calibrated(parameters.belief(), ["carriage_friction"], VALUES)
+    changes = learned.calibrated(parameters.nominal(), ["carriage_friction"], VALUES)
     assert changes["valve.conductance"] == pytest.approx(0.98 * parameters.valve.conductance)
     assert not [key for key in changes if key.startswith(("machine.", "plant."))]
     assert "valve_curve_misfit" not in learned.learnable(parameters.declared)

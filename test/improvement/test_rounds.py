@@ -40,8 +40,8 @@ def test_rounds_go_on_until_no_effect_earns_its_place(tmp_path, short):
     answers = [found("joint_friction"), found()]
     seen = []
 
-    def find(belief, bags, _tell):
-        seen.append(belief.effects.joint_friction.enabled)
+    def find(nominal, bags, _tell):
+        seen.append(nominal.effects.joint_friction.enabled)
         assert {name: one.held_out for name, (one, _) in bags.items()} == {"gait": False, "unseen": True}
         assert all(judge(bag).samples == 100 for _, bag in bags.values())
         return answers.pop(0)

@@ -10,7 +10,7 @@ from pam_orthosis.model import integrate
 from pam_orthosis.model.assembly import assemble
 from pam_orthosis.model.machines import KNEE, RIG, read_machine
 from pam_orthosis.model.parameters import config_folder, load
-from pam_orthosis.model.plant import Plant, true_hardware, with_belief
+from pam_orthosis.model.plant import Plant, true_hardware, with_nominal
 
 SLIDE = """
 meaning: a double-acting cylinder on a carriage
@@ -168,10 +168,10 @@ def test_a_knee_of_a_users_file_has_the_legs_parameters(read):
     assert abs(thin.signals()["extensor_pressure"] - shipped.signals()["extensor_pressure"]) > 1e5
 
 
-def test_another_belief_leaves_the_hardware_of_any_machine_as_it_is(read):
+def test_another_nominal_model_leaves_the_hardware_of_any_machine_as_it_is(read):
     machine = read(SLIDE)
     before = load(machine=machine)
-    after = with_belief(before, {"valve.conductance": 0.5 * before.valve.conductance})
+    after = with_nominal(before, {"valve.conductance": 0.5 * before.valve.conductance})
     assert true_hardware(after).valve.conductance == pytest.approx(true_hardware(before).valve.conductance)
 
 
@@ -193,9 +193,9 @@ def test_parameters_know_their_machine(read):
     machine = read(SLIDE)
     own = load(machine=machine)
     changed = own.changed({"valve.temperature": 300.0})
-    copies = (own, changed, own.substituted({}), own.belief(), own.only("valve"))
+    copies = (own, changed, own.substituted({}), own.nominal(), own.only("valve"))
     assert {id(one.declared) for one in copies} == {id(machine)}
-    assert load().declared is load().rig_belief().declared is KNEE
+    assert load().declared is load().rig_nominal().declared is KNEE
     with pytest.raises(AttributeError):
         own.declared = KNEE
 

@@ -34,7 +34,7 @@ def test_force_is_linear_in_the_pressure(section):
 
 
 def test_polynomial_and_geometry_agree_within_the_known_misfit(section):
-    """About 26 N for the DMSP-20 at 6 bar: the honest difference of belief and emulated hardware."""
+    """About 26 N for the DMSP-20 at 6 bar: the honest difference of nominal model and emulated hardware."""
     differences = [
         float(muscle.towing_force(x * section.length, p, section))
         - float(muscle.geometric_force(x * section.length, p, section))

@@ -52,11 +52,11 @@ def test_a_leg_that_cannot_reach_its_bearing_is_refused():
         parameters.load({**short, "leg.bearing_height": 0.38})
 
 
-def test_belief_knows_no_plant():
-    belief = parameters.load().belief()
-    assert not [key for key in belief.flat() if key.startswith("plant")]
+def test_the_nominal_model_knows_no_plant():
+    nominal = parameters.load().nominal()
+    assert not [key for key in nominal.flat() if key.startswith("plant")]
     with pytest.raises(AttributeError):
-        belief.plant  # noqa: B018
+        nominal.plant  # noqa: B018
 
 
 def test_every_scenario_loads():

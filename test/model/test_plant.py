@@ -13,7 +13,7 @@ from pam_orthosis.model.assembly import assemble
 from pam_orthosis.model.compiled import Compiled, compiled
 from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.machines import KNEE
-from pam_orthosis.model.plant import Plant, true_hardware, with_belief
+from pam_orthosis.model.plant import Plant, true_hardware, with_nominal
 
 VOLTAGES = 5 + 1.6 * np.sin(np.arange(250)[:, None] * np.array([0.06, 0.043]) + [0.0, 2.0])
 
@@ -149,10 +149,10 @@ def test_joint_limits_hold_under_full_pressure():
     assert plant.truth().angle > joint.minimum - 0.1
 
 
-def test_another_belief_leaves_the_hardware_as_it_is():
+def test_another_nominal_model_leaves_the_hardware_as_it_is():
     mass = {key: 1.07 * parameters.load().flat()[key] for key in DEVIATIONS["moving_mass"]}
-    belief = {**mass, "valve.polytropic_exponent": 1.25, "effects.joint_friction.enabled": True}
-    other = with_belief(parameters.load(), belief)
+    nominal = {**mass, "valve.polytropic_exponent": 1.25, "effects.joint_friction.enabled": True}
+    other = with_nominal(parameters.load(), nominal)
     assert other.valve.polytropic_exponent == 1.25
     runs = []
     for one in (Plant(parameters.load()), Plant(other)):
@@ -161,11 +161,11 @@ def test_another_belief_leaves_the_hardware_as_it_is():
         runs.append(one.state)
     assert runs[0] == pytest.approx(runs[1], rel=1e-9)
     with pytest.raises(OrthosisError, match="by one factor"):
-        with_belief(parameters.load(), {"leg.shank.mass": 1.2})
+        with_nominal(parameters.load(), {"leg.shank.mass": 1.2})
 
 
 def test_the_knees_muscle_damps_as_the_rigs_does():
-    """A new identification changes what is believed, not the hardware: the factor has to follow it."""
+    """A new identification changes the nominal model, not the hardware: the factor has to follow it."""
     flat = parameters.load().flat()
     true = flat["muscle.dmsp_20.force.damping"] * flat["plant.deviation.muscle_damping"]
     assert true == pytest.approx(flat["plant.rig.dmsp_20.damping"], rel=1e-3)

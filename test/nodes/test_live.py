@@ -86,7 +86,7 @@ def test_what_is_unsafe_is_refused_with_a_reason_and_changes_nothing(make_node, 
     assert not result.successful
     assert reason in result.reason
     assert node.get_parameter(key).value == before
-    assert node.parameters.flat() == load().belief().flat()
+    assert node.parameters.flat() == load().nominal().flat()
 
 
 def test_the_mass_of_a_person_changes(make_node):
@@ -125,14 +125,14 @@ def test_a_gain_is_set_on_the_node_that_uses_it_alone(make_node):
     assert _set(node, "scenario.cycle_time", 3.0).successful
 
 
-def test_an_experiment_keeps_its_programme(make_node):
+def test_an_experiment_keeps_its_course(make_node):
     from pam_orthosis.nodes.trajectory_publisher import TrajectoryPublisher
 
     node = make_node(TrajectoryPublisher, **{"scenario.trajectory": "triangle"})
     result = _set(node, "scenario.cycle_time", 3.0)
     assert not result.successful
-    assert "programme" in result.reason
-    with pytest.raises(OrthosisError, match="programme"):
+    assert "experiment" in result.reason
+    with pytest.raises(OrthosisError, match="experiment"):
         node.retune(node.parameters)
 
 

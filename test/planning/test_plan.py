@@ -22,7 +22,7 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components import pneumatics
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load, scenario_overrides
-from pam_orthosis.model.plant import with_belief
+from pam_orthosis.model.plant import with_nominal
 from pam_orthosis.model.shapes import fourier_shape
 from pam_orthosis.planning import plan as plan_module
 from pam_orthosis.planning.plan import NODES, RESERVE, fourier, make_plan
@@ -39,7 +39,7 @@ def weak():
     """A person on hardware of too low a supply, which is known, as are most of its effects."""
     hardware = load(scenario_overrides("person") | {"plant.deviation.supply_pressure": LOW_SUPPLY / 7e5})
     known = {"valve.supply_pressure": LOW_SUPPLY, "control.position.maximum_pressure": LOW_SUPPLY - 1.5e4}
-    return with_belief(hardware, known | {f"effects.{name}.enabled": True for name in EFFECTS})
+    return with_nominal(hardware, known | {f"effects.{name}.enabled": True for name in EFFECTS})
 
 
 @pytest.fixture(scope="module")
@@ -61,11 +61,11 @@ def test_a_plan_halves_the_error_that_a_low_supply_leaves_and_brings_it_below_th
 
 def test_the_planned_pressures_give_the_planned_motion(weak):
     """The equations of motion hold of a plan, by the model's own function and by differences."""
-    belief = weak.belief().changed({f"effects.{name}.enabled": False for name in EFFECTS})
+    nominal = weak.nominal().changed({f"effects.{name}.enabled": False for name in EFFECTS})
     cycle = make_plan(weak.changed({f"effects.{name}.enabled": False for name in EFFECTS})).cycle
-    step = belief.scenario.cycle_time / NODES
+    step = nominal.scenario.cycle_time / NODES
     q, w, pe, pf = (ca.SX.sym(name) for name in ("q", "w", "pe", "pf"))
-    law = ca.Function("law", [q, w, pe, pf], [Axis(belief).acceleration(q, w, 0.0, (pe, pf))])
+    law = ca.Function("law", [q, w, pe, pf], [Axis(nominal).acceleration(q, w, 0.0, (pe, pf))])
     before, after = np.roll(cycle.position, 1), np.roll(cycle.position, -1)
     rate, found = (after - before) / (2 * step), (after - 2 * cycle.position + before) / step**2
     given = [
@@ -81,31 +81,31 @@ def narrow():
     return parameters, make_plan(parameters)
 
 
-def needed_flow(belief, muscle):
+def needed_flow(nominal, muscle):
     """Return (contraction's angle, velocity, absolute pressure, its rate) -> mass flow by Eq. (6), kg/s."""
-    s = effects.gas_model(belief).signals
+    s = effects.gas_model(nominal).signals
     a, rate = s.actuators[muscle], ca.SX.sym("rate")
     volume, slopes = a.volume + a.dead_volume, (a.volume_by_pressure, a.volume_by_contraction)
     flow = pneumatics.required_mass_flow(a.pressure, rate, a.rate, volume, *slopes, a.air)
     return ca.Function("flow", [s.coordinate, s.velocity, a.pressure, rate], [flow])
 
 
-def share_of_the_valve(belief, plan, muscle):
+def share_of_the_valve(nominal, plan, muscle):
     """Return the mass flow of each node as a share of what the valve passes, filling or venting."""
     pressure, step = plan.cycle.pressures[KNEE.names.index(muscle)], plan.cycle_time / NODES
     after, next_angle = np.roll(pressure, -1), np.roll(plan.cycle.position, -1)
     here, angle = (pressure + after) / 2, (plan.cycle.position + next_angle) / 2
     rates = (next_angle - plan.cycle.position) / step, (after - pressure) / step
-    law, passes = needed_flow(belief, muscle), effects.flow_of_opening(belief, muscle)
+    law, passes = needed_flow(nominal, muscle), effects.flow_of_opening(nominal, muscle)
     needed = np.array([float(law(*row)) for row in zip(angle, rates[0], here, rates[1], strict=True)])
-    supply = belief.valve.supply_pressure
+    supply = nominal.valve.supply_pressure
     most, least = (np.array([float(passes(way, p, supply)) for p in here]) for way in (1.0, -1.0))
     return np.where(needed > 0, needed / most, needed / least)
 
 
 def test_a_plan_asks_for_nine_tenths_of_the_air_that_an_open_valve_passes_and_no_more(narrow):
     parameters, plan = narrow
-    shares = [share_of_the_valve(parameters.belief(), plan, muscle) for muscle in ("extensor", "flexor")]
+    shares = [share_of_the_valve(parameters.nominal(), plan, muscle) for muscle in ("extensor", "flexor")]
     assert 0.85 < np.max(shares) < 0.91
 
 
@@ -153,7 +153,7 @@ def test_at_rest_nothing_is_asked_for_but_what_is_wanted(weak, plan):
 def test_a_search_that_fails_begins_elsewhere_and_loses_nothing_that_was_found(monkeypatch):
     starts = []
 
-    def nearest(_belief, start, angle, *_):
+    def nearest(_nominal, start, angle, *_):
         starts.append(start)
         if len(starts) != 2:
             raise NotFound("none")
@@ -168,7 +168,7 @@ def test_a_search_that_fails_begins_elsewhere_and_loses_nothing_that_was_found(m
 def test_a_valve_is_asked_for_all_it_passes_only_if_nothing_is_found_otherwise(monkeypatch):
     asked = []
 
-    def nearest(_belief, start, angle, _velocity, _torque, _period, share):
+    def nearest(_nominal, start, angle, _velocity, _torque, _period, share):
         asked.append(share)
         if share < 1.0:
             raise NotFound("none")
@@ -215,7 +215,7 @@ def test_a_plan_that_cannot_be_meant_is_refused(changes, told):
         load({"scenario.plan.enabled": True} | changes)
 
 
-def test_the_verb_writes_a_model_that_keeps_what_was_believed(tmp_path, capsys, page_fits):
+def test_the_verb_writes_a_model_that_keeps_what_was_known(tmp_path, capsys, page_fits):
     known, out = tmp_path / "known.yaml", tmp_path / "planned.yaml"
     patch.write(known, {"valve.conductance": 2.6e-8})
     page = tmp_path / "plan.html"

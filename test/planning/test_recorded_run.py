@@ -11,7 +11,7 @@ from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.discrepancy import patch
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load, scenario_overrides
-from pam_orthosis.model.plant import with_belief
+from pam_orthosis.model.plant import with_nominal
 from pam_orthosis.planning import plan
 from pam_orthosis.planning.plan import make_plan
 from pam_orthosis.planning.problem import NotFound
@@ -66,7 +66,7 @@ def test_what_comes_again_in_each_cycle_is_found_at_its_phase():
 def weak_and_unknown():
     """A person on hardware of too low a supply; of its effects nothing is known but that supply."""
     hardware = load(scenario_overrides("person") | {"plant.deviation.supply_pressure": LOW_SUPPLY / 7e5})
-    return with_belief(
+    return with_nominal(
         hardware,
         {"valve.supply_pressure": LOW_SUPPLY, "control.position.maximum_pressure": LOW_SUPPLY - 1.5e4},
     )
@@ -100,7 +100,7 @@ def test_the_search_begins_at_the_recorded_cycle_and_elsewhere_if_that_leads_now
     p, at = load(scenario_overrides("person")), np.arange(plan.NODES) / plan.NODES
     starts, seen = [], cycle_seen(planned=False)
 
-    def search(_belief, start, *_):
+    def search(_nominal, start, *_):
         starts.append(start)
         if len(starts) == 1:
             raise NotFound("nothing from here")
@@ -117,7 +117,7 @@ def test_the_search_begins_at_the_recorded_cycle_and_elsewhere_if_that_leads_now
 
 def test_by_what_the_knee_fell_short_of_a_plan_more_is_asked_for_a_little_earlier(monkeypatch):
     p, at = load(scenario_overrides("person")), np.arange(plan.NODES) / plan.NODES
-    monkeypatch.setattr(plan, "nearest_cycle", lambda _belief, start, *_: start)
+    monkeypatch.setattr(plan, "nearest_cycle", lambda _nominal, start, *_: start)
     after_one, after_none = (plan.make_plan(p, recorded=cycle_seen(planned)) for planned in (True, False))
     more, later = after_one.asked - after_one.cycle.position, at + plan.LEAD / p.scenario.cycle_time
     in_motion = (at > 0.25) & (at < 0.75)

@@ -11,7 +11,7 @@ from pam_orthosis.control.reference import Reference
 from pam_orthosis.control.trajectory import make_trajectory, settling_shape
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load, scenario_overrides
-from pam_orthosis.model.plant import with_belief
+from pam_orthosis.model.plant import with_nominal
 from pam_orthosis.model.shapes import fourier_shape
 from pam_orthosis.planning import plan as plan_module
 from pam_orthosis.planning.plan import NODES, make_plan
@@ -26,9 +26,9 @@ MIDDLES = PHASES + 0.5 / NODES
 PRESSURES = Cycle(PHASES, np.full((2, NODES), 6e5), 0.0)
 
 
-def walk_of(belief):
+def walk_of(nominal):
     """Angle and velocity of the wanted cycle, from heel strike."""
-    trajectory = make_trajectory(belief)
+    trajectory = make_trajectory(nominal)
     rows = [trajectory.sample(round((4.0 + phase * 2.0) * 1e9))[:2] for phase in PHASES]
     return (np.array(each) for each in zip(*rows, strict=True))
 
@@ -41,7 +41,7 @@ def creeping():
         scenario_overrides("person") | plant | {"plant.deviation.supply_pressure": LOW_SUPPLY / 7e5}
     )
     limits = {"valve.supply_pressure": LOW_SUPPLY, "control.position.maximum_pressure": LOW_SUPPLY - 1.5e4}
-    return with_belief(hardware, CREEP | limits | {f"effects.{name}.enabled": True for name in EFFECTS})
+    return with_nominal(hardware, CREEP | limits | {f"effects.{name}.enabled": True for name in EFFECTS})
 
 
 @pytest.fixture(scope="module")
@@ -50,11 +50,11 @@ def plan(creeping):
 
 
 def test_creep_dies_away_as_the_effect_itself_does_cycle_by_cycle():
-    belief = load(CREEP).belief()
-    angle, velocity = walk_of(belief)
-    found = along(belief, angle, velocity, PRESSURES)
+    nominal = load(CREEP).nominal()
+    angle, velocity = walk_of(nominal)
+    found = along(nominal, angle, velocity, PRESSURES)
     assert found.settling == pytest.approx(6.0 / 2.0, rel=0.02)
-    law = AddedEffort(belief)
+    law = AddedEffort(nominal)
     at = np.arange(400) / 400
     q, rate = (np.interp(at, PHASES, each, period=1.0) for each in (angle, velocity))
     for cycle in range(4):
@@ -67,8 +67,8 @@ def test_creep_dies_away_as_the_effect_itself_does_cycle_by_cycle():
 
 @pytest.mark.parametrize("known", [{}, {"effects.joint_friction.enabled": True}])
 def test_without_creep_the_start_is_as_all_cycles_are(known):
-    belief = load(known).belief()
-    found = along(belief, *walk_of(belief), PRESSURES)
+    nominal = load(known).nominal()
+    found = along(nominal, *walk_of(nominal), PRESSURES)
     assert found.settling is None
     assert np.array_equal(found.early, found.settled)
 
@@ -119,10 +119,10 @@ def test_a_search_begins_where_the_one_before_ended(creeping, plan, monkeypatch)
     begun = []
     monkeypatch.setattr(ca.Opti, "set_initial", lambda _self, _of, value: begun.append(value))
     monkeypatch.setattr(ca.Opti, "solve", lambda _self: (_ for _ in ()).throw(RuntimeError("not solved")))
-    belief = creeping.belief()
-    angle, velocity = walk_of(belief)
+    nominal = creeping.nominal()
+    angle, velocity = walk_of(nominal)
     with pytest.raises(NotFound):
-        nearest_cycle(belief, plan.cycle, angle, velocity, np.zeros(NODES), 2.0 / NODES)
+        nearest_cycle(nominal, plan.cycle, angle, velocity, np.zeros(NODES), 2.0 / NODES)
     states, flows, largest = begun
     assert states[0] == pytest.approx(plan.cycle.position)
     assert states[2:4] * 1e5 == pytest.approx(plan.cycle.pressures)
@@ -136,7 +136,7 @@ def test_a_start_that_is_too_far_away_is_refused_as_such(creeping, monkeypatch):
 
     settled = []
 
-    def nearest(_belief, start, angle, _velocity, torque, *_):
+    def nearest(_nominal, start, angle, _velocity, torque, *_):
         settled.append(torque)
         away = 0.1 if np.array_equal(torque, settled[0]) else 0.3
         return Cycle(angle + away, start.pressures, away)

@@ -53,7 +53,7 @@ def test_every_parameter_is_one_of_the_nodes():
             *(("position_controller", name) for name in for_all),
         ]:
             if "." in name:
-                assert load().belief().row(name)
+                assert load().nominal().row(name)
             else:
                 assert name in {one.name for one in declared.declared(module)}
 

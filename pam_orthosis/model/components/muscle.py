@@ -48,7 +48,7 @@ def _braid_rule(values: Mapping[str, Any], muscle: str) -> Iterator[str]:
 
 
 def actuator(m: Section) -> Actuator:
-    """Return the muscle that controllers believe: Eqs. (13)-(14) and (16)-(17)."""
+    """Return the muscle of the controllers' nominal model: Eqs. (13)-(14) and (16)-(17)."""
     return Actuator(
         lambda dl, p: towing_force(dl, p, m),
         lambda dl, p: volume(dl, p, m),
@@ -62,7 +62,7 @@ def actuator(m: Section) -> Actuator:
 def braid(m: Section, scale: Expression = 1.0, shortened: Expression = 0.0) -> Actuator:
     """Return the muscle of the braid's geometry; `scale` is the specimen's force / nominal force.
 
-    `shortened` is by how much more than believed it is contracted as it is mounted, m.
+    `shortened` is by how much more than nominal it is contracted as it is mounted, m.
     """
     return Actuator(
         lambda dl, p: scale * geometric_force(dl + shortened, p, m),

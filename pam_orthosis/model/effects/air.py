@@ -87,7 +87,7 @@ EFFECTS = [
         of="air",
         stage="gas",
         parameters=(
-            Quantity("shift", 0.1, "-", -0.2, 0.4, "true exponent - believed exponent of Eq. (3)", 0.0),
+            Quantity("shift", 0.1, "-", -0.2, 0.4, "true - nominal exponent of Eq. (3)", 0.0),
         ),
         expression=lambda _s, p, _states: Contribution({"polytropic_exponent": p.shift}),
         physics="Heat exchange with rubber and fittings decides where the gas lies between isothermal "

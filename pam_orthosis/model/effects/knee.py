@@ -12,7 +12,7 @@ LEAST_GAP = 2.0e-3  # rad: a smaller gap is crossed as if it were this wide, les
 
 
 def _backlash(s: Signals, p: Section, states: tuple[Expression, ...]) -> Contribution:
-    """A play operator of unit width (Bouc-Wen form, exponent 4): the cogwheel lags behind the knee."""
+    """A play operator of unit width (Bouc-Wen form, exponent 4): the sprocket lags behind the knee."""
     (z,) = states
     gap = ca.fmax(p.half_width, LEAST_GAP)
     speed = ca.sqrt(s.velocity**2 + 1e-12)

@@ -143,7 +143,7 @@ EFFECTS = [
         name="{actuator}_valve_gain",
         of="actuator",
         stage="opening",
-        parameters=(Quantity("gain", 0.85, "-", 0.1, 3.0, "true opening / believed opening", 1.0),),
+        parameters=(Quantity("gain", 0.85, "-", 0.1, 3.0, "true / nominal opening", 1.0),),
         expression=lambda s, p, _states: Contribution({"opening": (p.gain - 1) * s.opening}),
         physics="A narrow fitting, a dirty screen or another valve size: every opening of the {actuator}'s "
         "valve passes more or less air by the same factor.",

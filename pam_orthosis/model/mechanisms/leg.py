@@ -160,7 +160,7 @@ def knee_torque(extensor_force: Expression, flexor_force: Expression, leg: Secti
 
 
 def contractions(q: Expression, leg: Section) -> tuple[Expression, Expression]:
-    """Return the contractions of extensor and flexor, m: the chain winds on the cogwheel."""
+    """Return the contractions of extensor and flexor, m: the chain winds on the sprocket."""
     wound = leg.cogwheel_diameter / 2 * (q - leg.symmetric_angle)
     return leg.symmetric_contraction - wound, leg.symmetric_contraction + wound
 

@@ -148,7 +148,7 @@ def _torque(signals, p) -> tuple[np.ndarray, np.ndarray]:
 
 def _missing_torque(signals, seen, p) -> tuple[np.ndarray, np.ndarray]:
     """Return tau of Eq. (26) from the true motion and pressures with the controllers' model."""
-    axis = Axis(p.belief())
+    axis = Axis(p.nominal())
     q, velocity, acceleration, pe, pf = (ca.SX.sym(name) for name in ("q", "v", "a", "pe", "pf"))
     terms, torque = axis.terms(q, velocity), axis.effort(q, velocity, (pe, pf))
     missing = torque - terms.inertia * acceleration - terms.coriolis - terms.gravity

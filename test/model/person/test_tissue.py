@@ -25,7 +25,7 @@ def test_controllers_and_gap_workflow_know_no_tissue():
     assert names == {"clonus", "ligaments", "passive_moment"} == {effect.name for effect in TISSUE}
     assert not names & set(KNEE.catalogue)
     assert not RIG.tissue
-    assert not any("person" in key and not key.startswith("leg.") for key in load().belief().flat())
+    assert not any("person" in key and not key.startswith("leg.") for key in load().nominal().flat())
 
 
 def swung(**tissue):
