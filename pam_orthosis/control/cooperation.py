@@ -64,7 +64,7 @@ def spring(estimate: Expression, reference: Expression, wanted: Impedance, axis:
     terms = axis.terms(estimate[0], estimate[1])
     error = reference[0] - estimate[0]
     outside = error - ca.fmin(ca.fmax(error, -wanted.tunnel), wanted.tunnel)
-    fastest = axis.belief.control.cooperation.fastest
+    fastest = axis.nominal.control.cooperation.fastest
     stiffness = ca.fmin(wanted.stiffness, terms.inertia * fastest**2)
     damping = ca.fmin(wanted.damping, 2 * terms.inertia * fastest)
     pull = stiffness * outside + damping * (reference[1] - estimate[1])
