@@ -126,12 +126,13 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     from pam_orthosis.discrepancy.apparatus import apparatus_of, untold, without_record
     from pam_orthosis.discrepancy.beginning import begin
     from pam_orthosis.discrepancy.columns import read_mapping, with_columns
-    from pam_orthosis.discrepancy.data import recording
+    from pam_orthosis.discrepancy.data import recording, with_prompt_inputs
     from pam_orthosis.discrepancy.telling import telling
     from pam_orthosis.discrepancy.user_file import load_system
     from pam_orthosis.discrepancy.verdict import assumed_words, untold_words
     from pam_orthosis.model.machines import machine_named
     from pam_orthosis.model.parameters import load
+    from pam_orthosis.tables import is_table
 
     paths, namespace = [*arguments.measured, *arguments.held_out], arguments.namespace
     given, assumed, rows, read = {}, [], {}, recording
@@ -151,6 +152,12 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     system = with_columns(system, read_mapping(arguments.columns))
     heading = assumed_words(assumed, len(paths), arguments.model) + untold_words(rows, parameters)
     every = [read(path, system, namespace) for path in counted(paths, progress, "reading")]
+    if system.input_period:
+        changed = float(parameters.at(system.input_period))
+        every = [
+            with_prompt_inputs(one, system, changed) if is_table(path) else one
+            for path, one in zip(paths, every, strict=True)
+        ]
     training, held_out = every[: len(arguments.measured)], every[len(arguments.measured) :]
     if arguments.out:
         _try(arguments.out)

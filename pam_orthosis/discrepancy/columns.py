@@ -112,10 +112,16 @@ def signals_of(
             if name not in system.inputs or source.column:
                 raise OrthosisError(f"{path}: no column {wanted} for {name}; there are: {_told(columns)}")
             continue
-        values = sign * (source.factor * columns[column] + source.offset)
-        unit = _unit(path, given or ("" if column == name else _split(column)[1]))
-        found[name] = values if unit is None else _in_si(path, system, name, values, unit, ambient)
+        unit = _unit(path, given or ("" if column == name or _scales(source) else _split(column)[1]))
+        values = sign * columns[column]
+        scaled = source.factor * values + source.offset
+        found[name] = scaled if unit is None else _in_si(path, system, name, values, unit, ambient)
     return found
+
+
+def _scales(source: Source) -> bool:
+    """Return whether a source says itself what leads from the column to the signal."""
+    return (source.factor, source.offset) != (1.0, 0.0)
 
 
 def _specified(text: str, columns: Mapping[str, np.ndarray]) -> tuple[str, float, str]:

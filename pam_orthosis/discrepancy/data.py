@@ -108,7 +108,7 @@ def from_bag(path: Path, system: System, namespace: str = "") -> Recording:
     arrays = {"time": (stamps - stamps[0]) * 1e-9, **dict(zip(names, scaled, strict=True))}
     recording = from_arrays(str(path), system, arrays)
     _check_units(recording, system)
-    return _with_prompt_inputs(recording, system, bag.parameters.get(system.input_period, recording.period))
+    return with_prompt_inputs(recording, system, bag.parameters.get(system.input_period, recording.period))
 
 
 def _signals(system: System, names: Iterable[str]) -> list[str | Signal]:
@@ -138,8 +138,11 @@ def _scaled(system: System, name: str, values: np.ndarray) -> np.ndarray:
     return system.sources[name].factor * values + system.sources[name].offset
 
 
-def _with_prompt_inputs(one: Recording, system: System, changed: float) -> Recording:
-    """Return a recording without inputs that changed more often (every so many s) than they were recorded."""
+def with_prompt_inputs(one: Recording, system: System, changed: float) -> Recording:
+    """Return a recording without inputs that changed more often (every so many s) than they were recorded.
+
+    A table does not say how often: the nominal model does (`scenario.control_period`).
+    """
     late = [name for name in system.inputs if name in one.signals]
     if not late or one.period < RARELY * changed:
         return one

@@ -124,8 +124,12 @@ def test_a_mistake_in_the_file_is_one_line(right, tmp_path):
 def test_gap_refuses_a_file_that_is_none_and_a_model_beside_it(tables, tmp_path, capsys):
     assert main(["gap", tables[0], "--system", str(tmp_path / "none.py")]) == 2
     assert "cannot read" in capsys.readouterr().err
-    assert main(["gap", tables[0], "--system", str(CARRIAGE), "--model", "found.yaml"]) == 2
-    assert "change " in capsys.readouterr().err
+    model = tmp_path / "found.yaml"
+    model.write_text("valve.delay: 0.0\n")
+    assert main(["gap", tables[0], "--system", str(CARRIAGE), "--model", str(model)]) == 2
+    assert (
+        "valve.delay is of a machine; beside --system, --model takes gap.* alone" in capsys.readouterr().err
+    )
 
 
 def test_what_a_file_prints_is_no_answer(tmp_path, capsys):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pam_orthosis.cli.main import main
+from pam_orthosis.discrepancy import beginning
 from pam_orthosis.discrepancy.columns import read_mapping, signals_of, with_columns
 from pam_orthosis.discrepancy.data import from_csv, recording
 from pam_orthosis.discrepancy.even import even
@@ -122,3 +123,22 @@ def test_pressures_stamped_late_are_found_and_others_are_not(documented):
     (skew,) = skews(system, replace(one, signals=shifted))
     assert skew.signals == ("extensor_pressure", "flexor_pressure")
     assert skew.seconds == pytest.approx(0.004, abs=0.001)
+
+
+@pytest.mark.parametrize(("period", "kept"), [(0.001, False), (0.005, True)])
+def test_voltages_of_a_loop_faster_than_the_table_are_left_out_by_name(
+    tmp_path, monkeypatch, capsys, period, kept
+):
+    table = write(tmp_path / "slow.csv", {**SI, "time": 2.5 * TIME})
+    model = tmp_path / "nominal.yaml"
+    model.write_text(f"scenario.control_period: {period}\n")
+
+    def begun(_system, recordings, *_):
+        (one,) = recordings
+        assert ("extensor_voltage" in one.signals) == kept
+        raise OrthosisError(f"read: {' '.join(one.remarks)}")
+
+    monkeypatch.setattr(beginning, "begin", begun)
+    assert main(["gap", str(table), "--model", str(model)]) == 2
+    words = "extensor_voltage, flexor_voltage changed every 1 ms and were recorded every 5 ms"
+    assert (words in capsys.readouterr().err) != kept
