@@ -30,6 +30,7 @@ ROS = [
 ]
 CLUSTER = ["distributed>=2024.1"]
 DOCS = ["mkdocs>=1.6", "mkdocs-material>=9.5", "mkdocstrings-python>=1.10"]
+NOTEBOOKS = ["ipykernel>=6.29", "nbclient>=0.10", "nbformat>=5.9"]
 PANDAS = ["pandas>=2.0"]
 MODBUS = ["pymodbus>=3.16"]
 HIDE = ["numba>=0.59"]
@@ -38,6 +39,7 @@ TEST = [
     *DOCS,
     *HIDE,
     *MODBUS,
+    *NOTEBOOKS,
     *PANDAS,
     "catkin_pkg>=1.0",
     "colcon-common-extensions>=0.3",

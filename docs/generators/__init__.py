@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 def pages() -> dict[str, str]:
     """Return the generated pages: path below docs/ -> Markdown."""
-    from generators import cli, effects, equations, machines, nodes, parameters, scenarios
+    from generators import cli, effects, equations, machines, nodes, notebooks, parameters, scenarios
 
     made: dict[str, str] = {}
-    for maker in (cli, effects, equations, machines, nodes, parameters, scenarios):
+    for maker in (cli, effects, equations, machines, nodes, notebooks, parameters, scenarios):
         made |= maker.pages()
     return made
 
