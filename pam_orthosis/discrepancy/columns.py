@@ -107,9 +107,11 @@ def signals_of(
     for name in ("time", *(channel.name for channel in system.channels), *system.inputs):
         source = system.sources.get(name, Source())
         wanted, sign, given = _specified(source.column or name, columns)
-        column = wanted if wanted in columns else _of_name(path, wanted, columns)
+        column = wanted if wanted in columns else None
+        if column is None and not _scales(source):
+            column = _of_name(path, wanted, columns)
         if column is None:
-            if name not in system.inputs or source.column:
+            if source.column:
                 raise OrthosisError(f"{path}: no column {wanted} for {name}; there are: {_told(columns)}")
             continue
         unit = _unit(path, given or ("" if column == name or _scales(source) else _split(column)[1]))
