@@ -125,11 +125,6 @@ def towing_force(contraction: Expression, pressure_gauge: Expression, m: Section
     return area(contraction, m) * boxed_pressure(pressure_gauge, m) - counterforce(contraction, m)
 
 
-def damping_force(contraction_rate: Expression, m: Section) -> Expression:
-    """Return F_damp of Eq. (13), N, opposed to the shortening."""
-    return m.force.damping * contraction_rate
-
-
 def force(
     contraction: Expression, contraction_rate: Expression, pressure_gauge: Expression, m: Section
 ) -> Expression:
