@@ -255,7 +255,7 @@ def imports(path):
 
 
 def test_plant_and_workflow_know_nothing_of_each_other():
-    """The oracle reads parameters; cases are recorded in closed loop, so they know controllers and motions."""
+    """The oracle reads parameters; cases are recorded in closed loop, so they know motions too."""
     of_model, of_workflow = "pam_orthosis.model.", "pam_orthosis.discrepancy"
     for path in (*(ROOT / "testing").glob("*.py"), ROOT.parent / "benchmarks" / "hidden_rig.py"):
         names = [name for name in imports(path) if name.startswith((of_model, of_workflow))]
