@@ -24,9 +24,10 @@ def executed(file: Path) -> nbformat.NotebookNode:
 
 
 def texts(notebook: nbformat.NotebookNode) -> list[str]:
-    """Return what the cells print."""
-    outputs = [one for cell in notebook.cells for one in cell.get("outputs", [])]
-    return [one["text"] for one in outputs if one["output_type"] == "stream" and one["name"] == "stdout"]
+    """Return what each cell prints: the kernel may send it in parts."""
+    cells = [cell.get("outputs", []) for cell in notebook.cells]
+    printed = [[one["text"] for one in outputs if one.get("name") == "stdout"] for outputs in cells]
+    return ["".join(parts) for parts in printed if parts]
 
 
 def main() -> int:

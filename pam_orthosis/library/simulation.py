@@ -50,10 +50,14 @@ def parameters(
 
 @overload
 def simulate(parameters: Parameters, *, voltages: ArrayLike | None = None) -> Run: ...
+
+
 @overload
 def simulate(
     parameters: Parameters, cases: Mapping[str, ArrayLike], voltages: ArrayLike | None = None
 ) -> Runs: ...
+
+
 def simulate(
     parameters: Parameters, cases: Mapping[str, ArrayLike] | None = None, voltages: ArrayLike | None = None
 ) -> Run | Runs:

@@ -42,6 +42,7 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report import gap as gap_page
+from pam_orthosis.report import gap_figures
 
 FRICTION = {"plant__effects__joint_friction__enabled": True, "plant__effects__joint_friction__coulomb": 0.6}
 COLUMNS = ("time", "angle", "extensor_pressure", "flexor_pressure", "extensor_voltage", "flexor_voltage")
@@ -248,9 +249,9 @@ def test_the_page_draws_what_is_missing_over_every_signal(friction, monkeypatch)
     names = list(friction.where[0].coordinates)
     assert {"phase", "time", "velocity", "angle"} <= set(names)
     for name in names:
-        monkeypatch.setattr(gap_page, "_coordinate", lambda outcome, effect, place, name=name: name)
-        figure = gap_page._coordinate_figure(friction)
-        assert figure.axes[0].get_xlabel().startswith(name.replace("_", " "))
+        monkeypatch.setattr(gap_figures, "_coordinate", lambda outcome, effect, place, name=name: name)
+        (plot,) = gap_figures.missing(friction)
+        assert plot.x.startswith(name.replace("_", " "))
 
 
 def test_the_page_shows_each_effect_where_it_lives(friction):
@@ -259,15 +260,16 @@ def test_the_page_shows_each_effect_where_it_lives(friction):
     lag = replace(dead_band, name="valve_lag")
     both = replace(friction, effects=(dead_band, *friction.effects, lag))
     panels = [
-        (title, equation.name, channels, name) for title, equation, channels, name in gap_page._panels(both)
+        (title, equation.name, channels, name)
+        for title, equation, channels, name in gap_figures._panels(both)
     ]
     assert panels == [
         ("valve dead band and valve lag", "gas", ("extensor_pressure",), "extensor_voltage"),
         ("joint friction", "torque", ("angle",), "velocity"),
     ]
-    assert len(gap_page._coordinate_figure(both).axes) == 2
+    assert len(gap_figures.missing(both)) == 2
     nothing = replace(friction, effects=())
-    assert [(title, e.name) for title, e, *_ in gap_page._panels(nothing)] == [("", "torque")]
+    assert [(title, e.name) for title, e, *_ in gap_figures._panels(nothing)] == [("", "torque")]
 
 
 def test_stages_can_be_read_one_by_one(bench, tmp_path, capsys):
@@ -368,7 +370,8 @@ def test_the_second_of_a_round_is_compared_with_the_others_not_with_itself(bench
     """The best effect of a round may be refused by held-out data and the next one accepted."""
     ranked = (("creep", 900.0), ("backlash", 400.0), ("stretch_reflex", 395.0), ("valve_lag", 5.0))
     step = SimpleNamespace(accepted="backlash", ranked=ranked, evidence=400.0)
-    found = SimpleNamespace(final=SimpleNamespace(effects=["backlash"]), steps=[step])
+    final, problem = SimpleNamespace(effects=["backlash"]), SimpleNamespace(system=bench.system)
+    found = SimpleNamespace(final=final, steps=[step], problem=problem)
     settings = bench.parameters.gap.evidence
     assert findings._look_alikes(found, "backlash", settings) == ("creep", "stretch_reflex")
     assert findings.runner_up_of(found) == ("creep", -500.0)
