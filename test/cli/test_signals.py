@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from own_domain import own_domain
 
 from pam_orthosis.cli import main as entry
 from pam_orthosis.errors import OrthosisError, RunFailed
@@ -86,7 +87,7 @@ sys.exit(process.run(lambda: os.kill(os.getpid(), 15) or [position_controller.Po
 
 def test_a_node_that_is_asked_to_end_while_it_is_made_leaves_the_middleware(tmp_path):
     pytest.importorskip("rclpy")
-    environment = {**os.environ, "ROS_LOG_DIR": str(tmp_path), "ROS_DOMAIN_ID": str(os.getpid() % 100)}
+    environment = {**os.environ, "ROS_LOG_DIR": str(tmp_path), "ROS_DOMAIN_ID": str(own_domain())}
     command = [*HEED, sys.executable, "-u", "-c", MADE]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (0, "left ['position_controller']\n")

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 from conftest import wait_for
+from own_domain import own_domain
 
 from pam_orthosis.bag.topics import Topics
 from pam_orthosis.model.machines import KNEE, read_machine
@@ -30,7 +31,7 @@ def start(tmp_path, monkeypatch):
 
     def start(*settings):
         words = [word for setting in settings for word in ("-p", setting)]
-        rclpy.init(args=["--ros-args", *words], domain_id=os.getpid() % 100)
+        rclpy.init(args=["--ros-args", *words], domain_id=own_domain())
         nodes.extend([TrajectoryPublisher(), PositionControllerNode()])
         executor = rclpy.executors.SingleThreadedExecutor()
         for node in nodes:

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+from own_domain import own_domain
 
 pytest.importorskip("rclpy")
 ERROR = "pam-orthosis: error: "
@@ -14,7 +15,7 @@ ERROR = "pam-orthosis: error: "
 def _started(tmp_path, node, *arguments):
     return subprocess.run(
         [sys.executable, "-m", f"pam_orthosis.nodes.{node}", "--ros-args", *arguments],
-        env={**os.environ, "ROS_LOG_DIR": str(tmp_path), "ROS_DOMAIN_ID": str(os.getpid() % 100)},
+        env={**os.environ, "ROS_LOG_DIR": str(tmp_path), "ROS_DOMAIN_ID": str(own_domain())},
         capture_output=True,
         text=True,
         timeout=60,

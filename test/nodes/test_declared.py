@@ -2,10 +2,10 @@
 """What a node declares: its own rows, as many as it reads, and those of the apparatus that it is given."""
 
 import inspect
-import os
 from contextlib import contextmanager
 
 import pytest
+from own_domain import own_domain
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machines import KNEE
@@ -56,7 +56,7 @@ def make(tmp_path, monkeypatch):
         given |= {"muscle": "extensor"} if name == "extensor_pressure_controller" else {}
         given |= {"directory": tmp_path / "bag"} if name == "bag_recorder" else {}
         words = [word for key, value in given.items() for word in ("-p", f"{key}:={value}")]
-        rclpy.init(args=["--ros-args", *words], domain_id=os.getpid() % 100)
+        rclpy.init(args=["--ros-args", *words], domain_id=own_domain())
         nodes.extend(composed.make([name]))
         return nodes[-1]
 

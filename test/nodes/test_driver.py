@@ -2,12 +2,12 @@
 """A driver keeps the contract of docs/howto/driver.md, whatever its device and its peers do."""
 
 import math
-import os
 import sys
 
 import pytest
 
 rclpy = pytest.importorskip("rclpy")
+from own_domain import own_domain  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
 from pam_orthosis.nodes import driver, messages  # noqa: E402
@@ -87,7 +87,7 @@ def make(tmp_path, monkeypatch):
     made = []
 
     def make(homes=0):
-        rclpy.init(domain_id=os.getpid() % 100)
+        rclpy.init(domain_id=own_domain())
         made.append(Scripted())
         made[-1].homes = homes
         return made[-1]
@@ -234,7 +234,7 @@ def test_it_leaves_the_device_vented_whatever_ended_it(tmp_path, monkeypatch):
             raise ValueError("a callback failed")
 
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(os.getpid() % 100))
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(own_domain()))
     monkeypatch.setattr(driver, "EventsExecutor", Failing)
     monkeypatch.setattr(sys, "argv", ["scripted"])
     monkeypatch.setattr(driver.process, "caught_signals", list)

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """An emergency stop outlives the node that was told of it; a reset at either end ends it."""
 
-import os
 
 import pytest
 from conftest import wait_for
 
 pytest.importorskip("rclpy")
 import rclpy
+from own_domain import own_domain
 from rclpy.experimental import EventsExecutor
 
 from pam_orthosis.errors import OrthosisError
@@ -21,7 +21,7 @@ FOREVER_NS = 10**15  # of the run's time: any stop has lasted for long enough
 def until(tmp_path, monkeypatch):
     """Return what lets nodes hear each other until a condition holds; each has an executor of its own."""
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
-    rclpy.init(args=[], domain_id=os.getpid() % 100)
+    rclpy.init(args=[], domain_id=own_domain())
 
     def spun(condition):
         def met():

@@ -2,13 +2,13 @@
 """The real graph: it walks, records and judges; layouts agree to the bit; topics are the table's."""
 
 import json
-import os
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from conftest import QUICK, wait_for
 from mcap.reader import make_reader
+from own_domain import own_domain
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
@@ -188,7 +188,7 @@ def test_a_parameter_that_a_node_does_not_have_is_refused(tmp_path, monkeypatch)
 
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
     for key, match in (("plant.external_torque", "no parameter plant"), ("leg.lenght", "leg.lenght")):
-        rclpy.init(args=["--ros-args", "-p", f"{key}:=1.0"], domain_id=os.getpid() % 100)
+        rclpy.init(args=["--ros-args", "-p", f"{key}:=1.0"], domain_id=own_domain())
         try:
             with pytest.raises(OrthosisError, match=match):
                 TrajectoryPublisher()
@@ -201,7 +201,7 @@ def test_settings_that_are_refused_together_change_nothing(tmp_path, monkeypatch
     from pam_orthosis.nodes.position_controller import PositionControllerNode
 
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
-    rclpy.init(args=[], domain_id=os.getpid() % 100)
+    rclpy.init(args=[], domain_id=own_domain())
     try:
         node, key = PositionControllerNode(), "control.position.c1"
         before = node.parameters.control.position.c1
@@ -227,7 +227,7 @@ def test_use_sim_time_moves_the_nodes_clock_and_not_what_it_waits_with(tmp_path,
     from pam_orthosis.nodes.trajectory_publisher import TrajectoryPublisher
 
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
-    rclpy.init(args=["--ros-args", "-p", "use_sim_time:=true"], domain_id=os.getpid() % 100)
+    rclpy.init(args=["--ros-args", "-p", "use_sim_time:=true"], domain_id=own_domain())
     try:
         node, executor, looks = TrajectoryPublisher(), EventsExecutor(), []
         clock = node.create_publisher(Clock, "/clock", 1)

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Health reports: an error while a node vents until somebody acts, a warning while a counter grows."""
 
-import os
 
 import pytest
 
 pytest.importorskip("rclpy")
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
+from own_domain import own_domain
 
 from pam_orthosis.nodes.inverse_valve_model import InverseValveModelNode
 
@@ -30,7 +30,7 @@ def make(tmp_path, monkeypatch):
     nodes = []
 
     def made(*arguments):
-        rclpy.init(args=["--ros-args", *arguments], domain_id=os.getpid() % 100)
+        rclpy.init(args=["--ros-args", *arguments], domain_id=own_domain())
         nodes.append(InverseValveModelNode())
         reports = Reports()
         nodes[0]._diagnostics = {"": reports}

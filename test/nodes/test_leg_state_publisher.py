@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node that shows a leg: it describes it, follows its measurements, and says what it cannot publish."""
 
-import os
 from importlib.util import find_spec
 
 import numpy as np
@@ -11,6 +10,7 @@ from rosbags.typesys import Stores, get_typestore
 
 pytest.importorskip("rclpy")
 import rclpy
+from own_domain import own_domain
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
@@ -30,7 +30,7 @@ class Stage:
 
     def __init__(self, *settings):
         words = [word for setting in settings for word in ("-p", setting)]
-        rclpy.init(args=["--ros-args", *words], domain_id=os.getpid() % 100)
+        rclpy.init(args=["--ros-args", *words], domain_id=own_domain())
         self.node = LegStatePublisher()
         self.other = rclpy.create_node("other")
         self.executor = rclpy.executors.SingleThreadedExecutor()

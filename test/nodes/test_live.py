@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of running nodes: described, changed where that is safe, refused with a reason elsewhere."""
 
-import os
 
 import pytest
+from own_domain import own_domain
 
 from pam_orthosis.control.cooperation import live_keys
 from pam_orthosis.control.pressure import LIVE as LIVE_OF_PRESSURE
@@ -23,7 +23,7 @@ def make_node(tmp_path, monkeypatch):
 
     def make(node_class, *arguments, **parameters):
         settings = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
-        rclpy.init(args=["--ros-args", *settings], domain_id=os.getpid() % 100)
+        rclpy.init(args=["--ros-args", *settings], domain_id=own_domain())
         nodes.append(node_class(*arguments))
         return nodes[-1]
 

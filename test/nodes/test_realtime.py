@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from own_domain import own_domain
 from rosbags.highlevel import AnyReader
 
 from pam_orthosis.bag.read import read_bag
@@ -237,7 +238,7 @@ def test_more_than_any_machine_can_do_costs_samples_not_the_run(run_graph):
 @pytest.mark.parametrize("every", [1, 2])
 def test_a_driver_stands_in_for_the_plant(run_graph, monkeypatch, every):
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_folder() / "loopback.xml"))
-    monkeypatch.setenv("ROS_DOMAIN_ID", "57")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(own_domain()))
     driver = subprocess.Popen([sys.executable, "-m", "pam_orthosis.nodes.dummy_driver"])
     try:
         rates = ["--param", f"control.position.every={every}"]

@@ -5,6 +5,8 @@ import os
 import subprocess
 from pathlib import Path
 
+from own_domain import own_domain
+
 ROOT = Path(__file__).resolve().parents[2]
 LIMIT_S = 300.0
 
@@ -22,7 +24,7 @@ def sourced(install_space, command, domain=None, **options):
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     environment |= {
         "ROS_LOG_DIR": str(install_space),
-        "ROS_DOMAIN_ID": str(os.getpid() % 100 if domain is None else domain),
+        "ROS_DOMAIN_ID": str(own_domain() if domain is None else domain),
     }
     return subprocess.Popen(
         ["bash", "-c", script, "bash", *map(str, command)],
