@@ -47,7 +47,7 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], bool]]]:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = Client(address, timeout=PATIENCE, set_as_default=False)
-    except (OSError, ValueError, ImportError) as error:
+    except (OSError, ValueError, ImportError, AssertionError) as error:  # the last: Dask, if it is starved
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise OrthosisError(f"no Dask scheduler at {address}: {reason}") from None
     try:
