@@ -97,9 +97,9 @@ def _microseconds(pace: Pace) -> tuple[float, float]:
 
 def _without_recorder(commands: dict[str, list[str]]) -> dict[str, list[str]]:
     made = {}
-    for name, (python, _, module, *rest) in commands.items():
+    for name, (python, _, _, executable, *rest) in commands.items():
         if name != RECORDER:
-            roles = [] if module.endswith(launch.COMPOSED) else [name]
+            roles = [] if executable == launch.COMPOSED else [name]
             others = [word for word in rest if word != RECORDER]
             made[name] = [python, "-m", "speed.unrecorded", *roles, *others]
     return made
