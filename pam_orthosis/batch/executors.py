@@ -45,9 +45,16 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], bool]]]:
 
     for name in ("distributed", "tornado", "asyncio"):  # what they say of a lost connection is said below
         logging.getLogger(name).setLevel(logging.CRITICAL)
+
+    def connected() -> Client:
+        return Client(address, timeout=PATIENCE, set_as_default=False)
+
     try:
-        client = Client(address, timeout=PATIENCE, set_as_default=False)
-    except (OSError, ValueError, ImportError, AssertionError) as error:  # the last: Dask, if it is starved
+        try:
+            client = connected()
+        except AssertionError:  # Dask's own, on a starved machine
+            client = connected()
+    except (OSError, ValueError, ImportError, AssertionError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise OrthosisError(f"no Dask scheduler at {address}: {reason}") from None
     try:
