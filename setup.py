@@ -19,6 +19,7 @@ NODES = [
     "bag_recorder",
     "dummy_driver",
     "leg_state_publisher",
+    "live_view",
 ]
 EXECUTABLES = [*NODES, "pam-orthosis"]
 # `ros2 run` looks into lib/PACKAGE: colcon installs the entry points there, pip installs them into bin/

@@ -28,6 +28,7 @@ EXAMPLES = {
         "pam-orthosis run --scenario person --composed",
         "pam-orthosis run --composed --param control.position.c1=30 --bound-deg 2",
         "pam-orthosis run --legs 2 --composed",
+        "pam-orthosis run --watch",
         "pam-orthosis run --model found/model.yaml",
         "pam-orthosis run --realtime --duration 10",
         "pam-orthosis run --machine cylinder.yaml --composed",

@@ -25,6 +25,7 @@ from pam_orthosis.cli.parameters import (
     machine_of,
     with_model,
 )
+from pam_orthosis.cli.watch import watched
 from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.files import Used, claimed, output
 from pam_orthosis.model.parameters import Parameters, scenario_names
@@ -61,6 +62,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="keep ROS_DOMAIN_ID and the transport as they are set, so that other programs see the nodes"
         " (otherwise a free domain on the loopback device); always so with --no-plant",
     )
+    parser.add_argument(
+        "--watch", action="store_true", help="show it in the browser, at its pace, with an emergency stop"
+    )
     add_model_argument(parser)
     add_verdict_arguments(parser)
 
@@ -82,7 +86,7 @@ def execute(arguments: argparse.Namespace) -> int:
     check_controllable(parameters)
     with ExitStack() as stack:
         bag = claim(stack, arguments.out, arguments.scenario)
-        _run(parameters, bag.resolve(), arguments.scenario, mode, arguments.open)
+        _run(parameters, bag.resolve(), arguments.scenario, mode, arguments.open, arguments.watch)
     print(f"recorded {bag}", file=sys.stderr)
     return show(judge_all(bag, bound), arguments.json)
 
@@ -130,7 +134,9 @@ def _unused(scenario: str) -> Path:
     return next(folder for folder in folders if not folder.exists())
 
 
-def _run(parameters: Parameters, bag: Path, scenario: str, mode: launch.Mode, visible: bool) -> None:
+def _run(
+    parameters: Parameters, bag: Path, scenario: str, mode: launch.Mode, visible: bool, watch: bool
+) -> None:
     from pam_orthosis.nodes import launch  # --help needs none of it
 
     with tempfile.TemporaryDirectory(prefix="pam-orthosis-") as folder, ExitStack() as stack:
@@ -142,6 +148,10 @@ def _run(parameters: Parameters, bag: Path, scenario: str, mode: launch.Mode, vi
             domain = stack.enter_context(launch.free_domain())
             environment = launch.environment(work, domain)
         commands = launch.commands(work, parameters, bag, scenario, mode)
+        if watch:
+            command = launch.view_command(work, parameters, mode.legs)
+            stack.enter_context(watched(command, environment, work))
+            commands = launch.paced(commands)
         with shown(f"ROS domain {domain}: starting the nodes") as progress:
             reached = simulated(progress, parameters.scenario.duration, domain)
             supervise_recorded(commands, environment, work, reached, bag)

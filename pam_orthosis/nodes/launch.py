@@ -20,7 +20,7 @@ import yaml
 from pam_orthosis.bag.topics import PLANT, RECORDER, Topics, resolve
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, config_folder
-from pam_orthosis.nodes.layout import EVERYTHING, NodeSpec, layout
+from pam_orthosis.nodes.layout import EVERYTHING, SHOWN, VIEWER, NodeSpec, layout
 
 if TYPE_CHECKING:
     from pam_orthosis.model.machine import Machine
@@ -105,6 +105,18 @@ def replay_commands(
     return group
 
 
+def view_command(work: Path, parameters: Parameters, legs: Iterable[str]) -> list[str]:
+    """Return the command line of the live view of these legs; its parameter file is written into `work`."""
+    told = _of_machine(work, parameters.declared) | {"legs": ",".join(legs)}
+    spec = NodeSpec(VIEWER, VIEWER, SHOWN)
+    return _Group(work, parameters, [spec], "", told).commands(False)[VIEWER]
+
+
+def paced(commands: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
+    """Return command lines of a run in which the plant is never ahead of the wall clock."""
+    return {name: [*command, "-p", f"{PLANT}:paced:=true"] for name, command in commands.items()}
+
+
 def _of_machine(work: Path, machine: Machine) -> dict[str, str]:
     """Write the file of a machine of a user's into `work` for the nodes; return their setting of it."""
     if not machine.text:
@@ -149,7 +161,7 @@ class _Group:
         return f"{self.leg}/{name}" if self.leg else name
 
     def _written(self, spec: NodeSpec) -> Path:
-        known = self.settings if spec.name in (RECORDER, PLAYER) else MODE_SETTINGS
+        known = self.settings if spec.name in (RECORDER, PLAYER, VIEWER) else MODE_SETTINGS
         changed = self.parameters.only(*spec.branches).changes()
         values = changed | {key: self.settings[key] for key in known}
         if spec.muscle:

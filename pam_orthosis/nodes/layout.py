@@ -12,6 +12,8 @@ from pam_orthosis.model.parameters import NOMINAL
 if TYPE_CHECKING:
     from pam_orthosis.model.machine import Machine
 
+SHOWN = ("leg", "machine", "muscle", "valve")  # what the look of a machine depends on
+VIEWER = "live_view"
 EVERYTHING = (*NOMINAL, "plant")
 # which steps there are, and which topics
 _GRAPH = ("scenario.control_period", "control.position.every", "scenario.trajectory", "scenario.plan.enabled")

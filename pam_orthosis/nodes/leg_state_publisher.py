@@ -21,14 +21,14 @@ from rclpy.qos import qos_profile_sensor_data
 from pam_orthosis.bag.cdr import serialised_stamp_ns
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.nodes import process, transport
-from pam_orthosis.nodes.layout import NodeSpec
+from pam_orthosis.nodes.layout import SHOWN, NodeSpec
 from pam_orthosis.nodes.parameters import MACHINE, Setting, declare_rows, declare_settings, machine_of
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX
 from pam_orthosis.scene.messages import DESCRIPTION, LATCHED, TYPES, Scene
 from pam_orthosis.scene.sampled import SampledScene
 
 NAME = "leg_state_publisher"
-SPEC = NodeSpec(NAME, NAME, ("leg", "machine", "muscle", "valve"))
+SPEC = NodeSpec(NAME, NAME, SHOWN)
 SPIN_SECONDS = 0.2  # the events executor dispatches nothing without a time-out
 
 

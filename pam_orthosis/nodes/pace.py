@@ -10,6 +10,7 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 
+from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.errors import RunFailed
 from pam_orthosis.model.components.spool import VENT
 from pam_orthosis.nodes import messages
@@ -52,7 +53,7 @@ class Lockstep:
     """Step k is over when all its commands are there: the result does not depend on the machine's load.
 
     It stays at most `MAX_UNRECORDED_STEPS` and `MAX_UNRECORDED_NS` ahead of the recorder, which ends the run
-    after the last.
+    after the last, and with the setting `paced` is never ahead of the wall clock.
     """
 
     def __init__(self, plant: PacedNode):
@@ -63,16 +64,19 @@ class Lockstep:
         self._recorded_ns = -1
         self._longest_lead_ns = min(MAX_UNRECORDED_STEPS * plant.period_ns, MAX_UNRECORDED_NS)
         self._waits = False
-        self._begun = False
+        self._begun, self._begun_ns = False, 0
         self._early: tuple[Any, ...] = ()
         self._progress = time.monotonic()
         self._join = plant.join_inputs(dict.fromkeys(plant.table.commands, messages.SPOOL), self._answered)
         plant.listen_to("recorded", self._on_recorded)
         plant.wall_timer(WATCH_SECONDS, self._watch)
+        self._paced = plant.settings["paced"]
+        if self._paced:
+            plant.wall_timer(plant.period_ns / SECOND_NS, self._go_on)
 
     def begin(self) -> None:
         """Take the first step."""
-        self._begun = True
+        self._begun, self._begun_ns = True, time.monotonic_ns()
         self._publish()
         if self._early:
             self._answered(*self._early)
@@ -103,7 +107,8 @@ class Lockstep:
 
     def _go_on(self) -> None:
         """Take the next step, if there is one, when the recorder is near enough."""
-        near = self._stamp_ns - self._recorded_ns <= self._longest_lead_ns
+        early = self._paced and time.monotonic_ns() - self._begun_ns < self._stamp_ns
+        near = self._stamp_ns - self._recorded_ns <= self._longest_lead_ns and not early
         if self._waits and self._stamp_ns <= self._last_ns and near and not self._plant.abandoned:
             self._waits = False
             self._publish()

@@ -34,7 +34,8 @@ class PlantSimulator(PacedNode):
 
     def __init__(self) -> None:
         timeout = Setting(5.0, "wall time without an answer after which the run fails [s]")
-        super().__init__(PLANT, {"answer_timeout": timeout})
+        paced = Setting(False, "in lockstep no faster than the wall clock")
+        super().__init__(PLANT, {"answer_timeout": timeout, "paced": paced})
         self._plant = Plant(self.parameters, self.parameters.scenario.seed)
         self._absent = set(self.table.nodes)
         self._newest_ns: int | None = None

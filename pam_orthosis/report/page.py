@@ -64,16 +64,13 @@ class Page(NamedTuple):
 
     def html(self) -> str:
         """Return the page."""
-        return (
-            _environment()
-            .get_template("page.html")
-            .render(
-                page=self,
-                plots=any(part.plots for part in self.parts),
-                machines=any(part.machine for part in self.parts),
-                version=__version__,
-            )
-        )
+        plots, machines = (any(getattr(part, kind) for part in self.parts) for kind in ("plots", "machine"))
+        return rendered("page.html", page=self, title=self.title, plots=plots, machines=machines)
+
+
+def rendered(template: str, **given: Any) -> str:
+    """Return a template of the package with what it is given."""
+    return _environment().get_template(template).render(version=__version__, **given)
 
 
 def listed(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Markup:

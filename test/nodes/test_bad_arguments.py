@@ -28,6 +28,8 @@ def _started(tmp_path, node, *arguments):
     [
         ("position_controller", ["-p", "foo"], "Couldn't parse parameter override rule: '-p foo'"),
         ("leg_state_publisher", ["--params-file", "/none.yaml"], "Couldn't parse params file"),
+        ("live_view", ["-p", "leg.person.weight:=1.0"], "live_view has no parameter leg.person.weight"),
+        ("live_view", ["-p", "machine_file:=/none.yaml"], "/none.yaml"),
         ("dummy_driver", ["--foo"], "cannot use the arguments behind --ros-args: ['--foo']"),
         ("dummy_driver", ["-p", "scenario.period:=0.01"], "has no parameter scenario.period"),
         ("dummy_driver", ["-p", "scenario.control_period:=50.0"], "scenario.control_period"),

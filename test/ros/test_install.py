@@ -26,6 +26,7 @@ EXECUTABLES = {
     "bag_recorder",
     "dummy_driver",
     "leg_state_publisher",
+    "live_view",
     "pam-orthosis",
 }
 LIBRARIES = {"PIL": "pillow", "yaml": "pyyaml"}  # imported by another name

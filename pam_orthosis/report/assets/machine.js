@@ -24,7 +24,8 @@ class Drawing {
     this.actuators = Object.fromEntries(names.map(name => [name, {
       chain: made("polyline", {...round, stroke: "var(--faint)", "stroke-width": this.width / 2}),
       bar: made("polyline", {...round, "stroke-linecap": "butt"}),
-      name: made("text", {fill: "var(--ink)", "font-size": 3.2 * this.width, "text-anchor": "middle"}),
+      name: made("text", {fill: "var(--ink)", "font-size": 3.2 * this.width, "text-anchor": "middle",
+                          "dominant-baseline": "central"}),
     }]));
     const small = {fill: "var(--faint)", "font-size": 2.6 * this.width, "text-anchor": "middle"};
     this.corners = corners.map(name => made("text", small));
@@ -38,7 +39,7 @@ class Drawing {
     this.body.setAttribute("points", text(body));
     body.forEach(([x, z], i) => {
       this.corners[i].setAttribute("x", x);
-      this.corners[i].setAttribute("y", -z + 10 * this.width);
+      this.corners[i].setAttribute("y", -z + 13 * this.width);
     });
     for (const [name, one] of Object.entries(actuators)) {
       const drawn = this.actuators[name];
@@ -46,10 +47,18 @@ class Drawing {
       drawn.bar.setAttribute("points", text([one.upper, one.lower]));
       drawn.bar.setAttribute("stroke-width", Math.max(one.diameter, this.width));
       drawn.bar.setAttribute("stroke", one.bar === null ? "var(--faint)" : shade(one.bar));
-      const above = one.upper[1] >= body[0][1] ? -2.5 : 5;
-      drawn.name.setAttribute("x", (one.upper[0] + one.lower[0]) / 2);
-      drawn.name.setAttribute("y", -(one.upper[1] + one.lower[1]) / 2 + above * this.width);
+      drawn.name.setAttribute("transform", this.beside(one, body));
       drawn.name.textContent = one.bar === null ? name : `${name} ${one.bar.toFixed(1)} bar`;
     }
+  }
+
+  // where an actuator's name is: along it, on the side away from the body, never upside down
+  beside(one, body) {
+    const [ax, az] = [0, 1].map(i => one.lower[i] - one.upper[i]), length = Math.hypot(ax, az) || 1;
+    const [x, z] = [0, 1].map(i => (one.lower[i] + one.upper[i]) / 2), far = one.diameter / 2 + 2.6 * this.width;
+    const [ox, oz] = [x - (body[0][0] + body[1][0]) / 2, z - (body[0][1] + body[1][1]) / 2];
+    const side = Math.sign(az * ox - ax * oz) || 1, turned = -Math.atan2(az, ax) * 180 / Math.PI;
+    const upright = ((turned + 90) % 180 + 180) % 180 - 90;
+    return `translate(${x + side * far * az / length} ${-z + side * far * ax / length}) rotate(${upright})`;
   }
 }
