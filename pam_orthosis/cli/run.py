@@ -25,7 +25,6 @@ from pam_orthosis.cli.parameters import (
     machine_of,
     with_model,
 )
-from pam_orthosis.cli.watch import watched
 from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.files import Used, claimed, output
 from pam_orthosis.model.parameters import Parameters, scenario_names
@@ -149,6 +148,8 @@ def _run(
             environment = launch.environment(work, domain)
         commands = launch.commands(work, parameters, bag, scenario, mode)
         if watch:
+            from pam_orthosis.cli.watch import watched
+
             command = launch.view_command(work, parameters, mode.legs)
             stack.enter_context(watched(command, environment, work))
             commands = launch.paced(commands)
