@@ -62,7 +62,7 @@ EXAMPLES = {
     "report": (
         "pam-orthosis report walk --out report",
         "pam-orthosis report walk --only table --out report",
-        "pam-orthosis report walk --only animation --out report",
+        "pam-orthosis report walk --animation walk.gif",
     ),
     "paper": ("pam-orthosis paper --out paper",),
     "improve": (

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Show a recorded run: an offline page (plots, leg, verdict), pictures, or a table (CSV, MATLAB)."""
+"""Show a recorded run: an offline page (plots, leg, verdict), pictures, an animation, or a table."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
@@ -20,6 +21,8 @@ from pam_orthosis.files import (
 )
 from pam_orthosis.progress import counted, shown
 
+Maker = Callable[[Path, argparse.Namespace], Write]
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
@@ -29,9 +32,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier report of that name")
     add_bound_arguments(parser)
-    parser.add_argument(
+    kinds = parser.add_mutually_exclusive_group()
+    kinds.add_argument(
+        "--animation",
+        type=_gif,
+        metavar="FILE",
+        help="make a GIF of the moving leg and its error, nothing else",
+    )
+    kinds.add_argument(
         "--only",
-        choices=("page", "picture", "animation", "table", "mat"),
+        choices=("page", "picture", "table", "mat"),
         help="make one of them (page and picture); mat: a table for MATLAB",
     )
     parser.add_argument("--namespace", default="", metavar="NS", help="namespace of the leg in the bag")
@@ -40,22 +50,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(arguments: argparse.Namespace) -> int:
     """Write what is asked for and say where."""
     bag = arguments.bag.resolve()
+    if arguments.animation:
+        return _write(arguments, {arguments.animation: _animation})
     folder = arguments.out or Path(f"{bag_name(bag)}-report")
     if not (arguments.out or arguments.overwrite):
         refuse_used(folder, REMAKE)
     leg = arguments.namespace.strip("/").replace("/", "-")
     name = f"{bag_name(bag)}{leg and '-'}{leg}"
     makers = {"page": ("html", _page), "picture": ("png", _picture), "table": ("csv", _table),
-              "mat": ("mat", _mat), "animation": ("gif", _animation)}  # fmt: skip
+              "mat": ("mat", _mat)}  # fmt: skip
     kinds = [arguments.only] if arguments.only else ["page", "picture"]
-    paths = {kind: folder / f"{name}.{makers[kind][0]}" for kind in kinds}
-    refuse_existing(paths.values(), arguments.overwrite, REMAKE)
+    return _write(arguments, {folder / f"{name}.{ending}": make for ending, make in map(makers.get, kinds)})
+
+
+def _write(arguments: argparse.Namespace, makers: Mapping[Path, Maker]) -> int:
+    """Write files that these make of the bag, all of them or none."""
+    refuse_existing(makers, arguments.overwrite, REMAKE)
+    bag = arguments.bag.resolve()
     with shown(f"reading {arguments.bag}") as progress:
-        made = [makers[kind][1](bag, arguments) for kind in counted(kinds, progress, "drawing")]
-        progress(f"writing {folder}")
-        write_files(dict(zip(paths.values(), made, strict=True)), arguments.overwrite)
-    print(*paths.values(), sep="\n")
+        made = {path: makers[path](bag, arguments) for path in counted(list(makers), progress, "drawing")}
+        progress("writing")
+        write_files(made, arguments.overwrite)
+    print(*made, sep="\n")
     return 0
+
+
+def _gif(text: str) -> Path:
+    """Return the path of an animation."""
+    path = output(text)
+    if path.suffix != ".gif":
+        raise argparse.ArgumentTypeError(f"{text}: an animation is a GIF, give a name that ends in .gif")
+    return path
 
 
 def _page(bag: Path, arguments: argparse.Namespace) -> Write:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Animated picture of a run: the machine over the last cycle, its coordinate beside the reference."""
+"""Animated picture of a run: the machine over the last cycle, beside it coordinate and error."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 from PIL import Image
 
+from pam_orthosis.bag.read import aligned
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.report.run_data import RunData, View, read_run, view
@@ -20,7 +21,7 @@ from pam_orthosis.report.run_data import RunData, View, read_run, view
 FRAMES_PER_SECOND = 20
 MOST_SECONDS = 10.0
 COLOURS_IN_FILE = 64
-SIZE, DPI = (8.0, 3.2), 100  # inches
+SIZE, DPI = (8.4, 3.4), 100  # inches
 COLOURS = mpl.colormaps["plasma"]
 LEAST, MOST = 1.0, 7.0  # bar, ends of the colours
 GREY = "#606060"
@@ -35,17 +36,19 @@ def write_animation(bag_path: Path, namespace: str, stream: BinaryIO) -> None:
     if unknown := [name for name, pressure in scene.pressures.items() if pressure is None]:
         raise OrthosisError(f"{bag_path}: no pressure of {', '.join(unknown)}")
     figure = Figure(figsize=SIZE, dpi=DPI, layout="constrained")
-    machine_axes, time_axes = figure.subplots(1, 2, width_ratios=(2.3, 1))
+    left, right = figure.subfigures(1, 2, width_ratios=(1.8, 1))
+    machine_axes = left.subplots()
     machine = Moving(machine_axes, scene)
-    cursor = _draw_coordinate(time_axes, run, instants)
-    figure.colorbar(
+    cursors = _draw_curves(right, run, instants)
+    left.colorbar(
         _colours(), ax=machine_axes, label="absolute pressure / bar", location="bottom", shrink=0.5, aspect=30
     )
 
     canvas, frames = FigureCanvasAgg(figure), []
     for i, instant in enumerate(instants):
         machine.show(i)
-        cursor.set_xdata([instant, instant])
+        for cursor in cursors:
+            cursor.set_xdata([instant, instant])
         canvas.draw()
         picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
         frames.append(picture.quantize(COLOURS_IN_FILE))
@@ -101,19 +104,20 @@ def _outline(upper: np.ndarray, lower: np.ndarray, diameter: float) -> np.ndarra
     return np.array([upper + beside, lower + beside, lower - beside, upper - beside])
 
 
-def _draw_coordinate(axes, run: RunData, instants: np.ndarray):
-    coordinate = run.machine.coordinate
-    reference, factor = run.bag[f"reference_{coordinate.name}"], coordinate.shown_factor
-    for name, series, colour, width in (
-        ("reference", reference, "0.6", 4),
-        ("measured", run.measured, "tab:red", 1.2),
-    ):
-        time = (series.stamp_ns - run.start_ns) / SECOND_NS
-        last = time >= instants[0]
-        axes.plot(time[last], factor * series.value[last], color=colour, linewidth=width, label=name)
-    axes.set(xlabel="time / s", ylabel=run.panels[0].label)
-    axes.legend(loc="upper right", frameon=False)
-    return axes.axvline(instants[0], color="tab:blue", linewidth=1)
+def _draw_curves(figure, run: RunData, instants: np.ndarray):
+    """Draw coordinate above error; return the lines that show the instant."""
+    name, factor = run.machine.coordinate.name, run.machine.coordinate.shown_factor
+    stamps, (reference, measured) = aligned(run.bag[f"reference_{name}"], run.bag[name])
+    time = (stamps - run.start_ns) / SECOND_NS
+    last = time >= instants[0]
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1))
+    above.plot(time[last], factor * reference[last], color="0.6", linewidth=4, label="reference")
+    above.plot(time[last], factor * measured[last], color="tab:red", linewidth=1.2, label="measured")
+    below.plot(time[last], factor * (reference - measured)[last], color="tab:red", linewidth=1.2)
+    above.set(ylabel=run.panels[0].label)
+    below.set(xlabel="time / s", ylabel=run.panels[1].label)
+    above.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0, ncols=2, frameon=False)
+    return [axes.axvline(instants[0], color="tab:blue", linewidth=1) for axes in (above, below)]
 
 
 def _colours():

@@ -1,24 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """The animated picture of a run, and pictures that show what they should."""
 
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from pam_orthosis.bag.read import read_bag
+from pam_orthosis.bag.read import aligned, read_bag
 from pam_orthosis.cli.main import main
+from pam_orthosis.report import animation as animation_module
 from pam_orthosis.report import walk
 
 ROOT = Path(__file__).resolve().parents[2]
+WALK = ROOT / "bags" / "walk"
 
 
 @pytest.fixture(scope="module")
 def animation(tmp_path_factory):
     folder = tmp_path_factory.mktemp("animation")
-    bag = ROOT / "bags" / "walk"
-    assert main(["report", str(bag), "--only", "animation", "--out", str(folder)]) == 0
+    assert main(["report", str(WALK), "--animation", str(folder / "walk.gif")]) == 0
     return folder / "walk.gif"
 
 
@@ -46,17 +48,46 @@ def test_that_of_the_front_page_is_of_the_reference_bag(animation):
             assert (np.abs(pixels[0] - pixels[1]) > 60).mean() < 0.01
 
 
-def test_a_bag_without_pressures_is_refused(tmp_path, capsys):
-    assert main(["report", str(tmp_path), "--only", "animation"]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([str(ROOT), "--animation", "new.gif"], "no bag"),
+        ([str(WALK), "--animation", "new.mp4"], "ends in .gif"),
+        ([str(WALK), "--animation", "new.gif", "--only", "page"], "not allowed with"),
+        ([str(WALK), "--animation", "there.gif"], "there.gif exists; choose another --out, or --overwrite"),
+    ],
+)
+def test_what_cannot_be_made_is_refused_in_one_line(arguments, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("there.gif").write_text("mine")
+    assert main(["report", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+    assert [one.name for one in tmp_path.iterdir()] == ["there.gif"]
+    assert Path("there.gif").read_text() == "mine"
+
+
+def test_the_error_that_it_draws_is_reference_less_measured(monkeypatch):
+    drawn = []
+    plot = animation_module._draw_curves
+    monkeypatch.setattr(
+        animation_module, "_draw_curves", lambda *given: drawn.append(plot(*given)) or drawn[0]
+    )
+    monkeypatch.setattr(animation_module, "FRAMES_PER_SECOND", 1)
+    animation_module.write_animation(WALK, "", BytesIO())
+    time, error = drawn[0][1].axes.lines[0].get_data()
+    bag = read_bag(WALK, ("angle", "reference_angle"))
+    _, (reference, angle) = aligned(bag["reference_angle"], bag["angle"])
+    expected = np.degrees(reference - angle)[-len(time) :]
+    assert len(time) > 300
+    assert error == pytest.approx(expected, abs=1e-12)
 
 
 def test_legends_of_the_picture_cover_no_curve(monkeypatch):
     figures = []
     monkeypatch.setattr(walk.Figure, "savefig", lambda figure, *_, **__: figures.append(figure))
-    bag = ROOT / "bags" / "walk"
-    assert read_bag(bag, ("angle",))
-    walk.draw_run(bag, 3.0, "", None)
+    walk.draw_run(WALK, 3.0, "", None)
     (figure,) = figures
     figure.canvas.draw()
     legends = [axes for axes in figure.axes if axes.get_legend()]

@@ -69,8 +69,9 @@ def test_the_picture_shows_the_load_where_it_was(bag, name):
 
 def test_every_kind_of_report_is_made(bag, name, tmp_path):
     coordinate, unit, *_ = SHOWN[name]
-    for kind in ("page", "picture", "animation", "table"):
+    for kind in ("page", "picture", "table"):
         assert main(["report", str(bag), "--only", kind, "--out", str(tmp_path)]) == 0
+    assert main(["report", str(bag), "--animation", str(tmp_path / f"{name}.gif")]) == 0
     page = (tmp_path / f"{name}.html").read_text(encoding="utf-8")
     assert f"maximum error / {unit}" in page
     assert "<td>machine.mechanism.inertia</td>" not in page, "its file's value is no change"
