@@ -33,7 +33,7 @@ def write_arrays(
     run: Mapping[str, str],
     every: int = 1,
 ) -> None:
-    """Write signals of the machine of which the run metadata tell, all sampled at the same stamps.
+    """Write signals of the machine that the run metadata name, all sampled at the same stamps.
 
     Topics of joint states, trajectories, pressures and flows only (no wrench). Of slow topics, as the graph
     would, those of each `every`-th stamp from the first.

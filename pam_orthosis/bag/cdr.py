@@ -36,7 +36,7 @@ class Unreadable(ValueError):
     """A serialised message that is not one of its type."""
 
 
-# the types of the topics' table and of what viewers are told, tested against the standard's; to load all of
+# the types of the topics' table and of what viewers receive, tested against the standard's; to load all of
 # these takes a fifth of a second
 FIELDS = {
     "builtin_interfaces/msg/Time": "int32 sec, uint32 nanosec",

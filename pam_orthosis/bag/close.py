@@ -204,7 +204,7 @@ def _summary(file: BagFile, metadata: Sequence[MetadataIndex], begin: int) -> by
 
 
 def _information(files: Sequence[BagFile]) -> dict[str, Any]:
-    """Return what `metadata.yaml` tells; a topic has one row in all files."""
+    """Return what `metadata.yaml` holds; a topic has one row in all files."""
     rows: dict[tuple[str, str], dict[str, Any]] = {}
     counts: Counter[tuple[str, str]] = Counter()
     for file in files:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What `metadata.yaml` tells of a bag, laid out as rosbag2_storage (metadata version 9) does."""
+"""What `metadata.yaml` holds of a bag, laid out as rosbag2_storage (metadata version 9) does."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class FileContent:
         self.last_ns = max(self.last_ns, other.last_ns)
 
     def span(self) -> dict[str, Any]:
-        """Return time and number of messages as `metadata.yaml` tells them."""
+        """Return time and number of messages as `metadata.yaml` holds them."""
         first_ns, last_ns = (self.first_ns, self.last_ns) if self.count else (0, 0)
         return {
             "duration": {"nanoseconds": last_ns - first_ns},
@@ -43,7 +43,7 @@ class FileContent:
 
 
 def topic_row(topic: str, msgtype: str, metadata: Mapping[str, str]) -> dict[str, Any]:
-    """Return what `metadata.yaml` tells of a topic, from the metadata of its channel."""
+    """Return what `metadata.yaml` holds of a topic, from the metadata of its channel."""
     return {
         "name": topic,
         "type": msgtype,
@@ -56,7 +56,7 @@ def topic_row(topic: str, msgtype: str, metadata: Mapping[str, str]) -> dict[str
 def information(
     files: Sequence[FileContent], topics: Iterable[tuple[Mapping[str, Any], int]], run: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return what is told of a bag: of its files, its topics with their numbers of messages, its run."""
+    """Return the description of a bag: of its files, its topics with their numbers of messages, its run."""
     whole = FileContent("")
     for file in files:
         whole.include(file)
@@ -77,14 +77,14 @@ def information(
     }
 
 
-def metadata_text(told: Mapping[str, Any]) -> str:
+def metadata_text(description: Mapping[str, Any]) -> str:
     """Return the text of `metadata.yaml`."""
-    return as_yaml({"rosbag2_bagfile_information": told})
+    return as_yaml({"rosbag2_bagfile_information": description})
 
 
-def serialised(told: Mapping[str, Any]) -> dict[str, str]:
+def serialised(description: Mapping[str, Any]) -> dict[str, str]:
     """Return the same as the record `BAG_RECORD` of an MCAP file."""
-    return {"serialized_metadata": as_yaml(told)}
+    return {"serialized_metadata": as_yaml(description)}
 
 
 class _PlainDumper(yaml.SafeDumper):  # type: ignore[misc]  # PyYAML has no types

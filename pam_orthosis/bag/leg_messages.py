@@ -39,7 +39,7 @@ class LegMessages:
         return self._name(topic) in self._there
 
     def missing(self, signal: Signal) -> OrthosisError:
-        """Return what tells that there is no topic for a signal."""
+        """Return the error that there is no topic for a signal."""
         what = f"{self.path} has no topic {resolve(signal.topic, self._namespace)}, needed for {signal.name}"
         return OrthosisError(what + _legs_there(self._there))
 
@@ -63,7 +63,7 @@ class LegMessages:
                 yield topic, messages.serialised(message.__msgtype__, message)
 
     def _message(self, topic: str, connection: Connection, data: bytes) -> Any:
-        message = store().deserialize_cdr(data, connection.msgtype)  # not by the types that the bag tells
+        message = store().deserialize_cdr(data, connection.msgtype)  # not by the types that the bag declares
         if self._earlier and earlier.differs(topic):
             return earlier.as_today(topic, message, self._namespace.strip("/"), self.valve)
         return message

@@ -17,7 +17,7 @@ def namespaces(path: Path) -> list[str]:
 
     A leg is where there are joint states with a reference, or, if there is no reference anywhere, joint
     states. A bag that cannot be read, or holds none, is taken for one leg in no namespace: whoever reads its
-    signals tells what is wrong with it.
+    signals reports what is wrong with it.
     """
     try:
         with open_bag(path) as reader:

@@ -105,7 +105,7 @@ def raw_messages(
 ) -> dict[str, dict[int, bytes]]:
     """Return the serialised messages of topics by topic and stamp; absent ones are left out.
 
-    They are those of a table, or of that of the machine of which the bag tells.
+    They are those of a table, or of that of the machine that the bag names.
 
     Raises:
         OrthosisError: missing, unclosed or damaged bag; a topic of another type.
@@ -134,7 +134,7 @@ def run_record(path: Path) -> dict[str, str]:
 
 
 def machine_of(path: Path, run: Mapping[str, str]) -> Machine:
-    """Return the machine of which a bag's run metadata tell: of the file in it, or the knee.
+    """Return the machine that a bag's run metadata name: of the file in it, or the knee.
 
     Raises:
         OrthosisError: the file in it is unusable.
@@ -147,7 +147,7 @@ def machine_of(path: Path, run: Mapping[str, str]) -> Machine:
 def recorded_machine(path: Path) -> Machine:
     """Return the machine of a bag.
 
-    One that cannot be read is taken for the knee's: whoever reads its signals tells what is wrong with it.
+    One that cannot be read is taken for the knee's: whoever reads its signals reports what is wrong with it.
     """
     try:
         run = run_record(path)
@@ -196,7 +196,7 @@ def legs_of(path: Path, run: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _mapping(path: Path, text: str) -> dict[str, Any]:
-    return _checked(path, from_json(text, f"{path}: what its run metadata tell of parameters"))
+    return _checked(path, from_json(text, f"{path}: what its run metadata say of parameters"))
 
 
 def _checked(path: Path, recorded: Any) -> dict[str, Any]:

@@ -275,9 +275,9 @@ def _qos_text(latched: bool) -> str:
 def run_metadata(
     parameters: Parameters, scenario: str, legs: str = "", branches: Sequence[str] = EFFECTS
 ) -> dict[str, str]:
-    """Return what a bag tells of its run: version, commit, scenario, seed, effects, parameters.
+    """Return what a bag says of its run: version, commit, scenario, seed, effects, parameters.
 
-    Of a user's machine it holds the file. With several legs it tells in which parameters each differs: JSON,
+    Of a user's machine it holds the file. With several legs it says in which parameters each differs: JSON,
     by namespace. Effects are those that
     are switched on in these branches of the parameters.
     """

@@ -61,7 +61,7 @@ def recover(bag: Path, out: Path, progress: Progress = silent) -> Recovered:
     Args:
         bag: folder with `.mcap` files, or a file.
         out: folder of the new bag, new or empty; there with all of it in the end, or as it was.
-        progress: told how much of the bag is read.
+        progress: called with how much of the bag is read.
 
     Raises:
         OrthosisError: no MCAP file there, nothing readable in it, or `out` is used.
@@ -85,8 +85,8 @@ def _copied(sources: Sequence[Salvage], folder: Path, progress: Progress) -> Rec
         raise OrthosisError(f"{sources[0].source} holds no message of a ROS topic ({left_out[0].why})")
     run = next((each.run for each in found if each.run), {})
     with BagWriter(folder, run) as writer:
-        for source, each, told in zip(sources, found, copies, strict=True):
-            _copy(source, each, writer, told)
+        for source, each, report in zip(sources, found, copies, strict=True):
+            _copy(source, each, writer, report)
     return Recovered(messages, left_out, tuple(loss for source in sources for loss in source.lost))
 
 
@@ -133,8 +133,8 @@ def _number(file: Path) -> tuple[int, str]:
 class _Found:
     """What is found in a first pass: run metadata, channels with their schemas, numbers of messages.
 
-    Channels may be told behind their messages, in the summary at the end of a file, if the chunk that told
-    them is lost.
+    Channels may be described behind their messages, in the summary at the end of a file, if the chunk that
+    described them is lost.
     """
 
     def __init__(self, source: Salvage, progress: Progress):

@@ -33,7 +33,7 @@ Data = mmap.mmap | bytes
 
 
 class Loss(NamedTuple):
-    """A part of a file that could not be read: bytes, and log times of its messages, ns, if it tells them."""
+    """A part of a file that could not be read: bytes, and log times of its messages, ns, if it holds them."""
 
     size: int
     first_ns: int | None
@@ -65,7 +65,7 @@ class Salvage:
     def records(self, progress: Progress = silent) -> Iterator[McapRecord]:
         """Yield schemas, channels, messages and metadata; OSError if the file cannot be read.
 
-        `progress` is told of each byte at which one is looked for.
+        `progress` is called with each byte at which one is looked for.
         """
         self.lost.clear()
         with mapped(self.source) as data:

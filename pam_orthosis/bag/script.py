@@ -114,7 +114,7 @@ class Script:
         return b"" if topic == CLOCK else self.messages[topic][stamp_ns]
 
     def _missing(self, node: str) -> str:
-        """Return the topic that the bag lacks for a node, none if it has all."""
+        """Return the topic that is missing in the bag for a node, none if it has all."""
         if node == PLANT and (self.messages.get(ANSWERED) or 0 not in self.messages.get(TIMES, ())):
             return "a start in lockstep"  # elsewhere the plant's state is not known, nor when it was driven
         needed = [TIMES, *(topic for topic in self.inputs(node) if topic != CLOCK)]
@@ -125,7 +125,7 @@ class Script:
         if node == TRAJECTORY:  # it publishes ahead: it hears of each sample from its first message on
             first = min(self.messages[REFERENCE])
             heard = {stamp for stamp in self.messages[TIMES] if stamp >= first}
-            return heard | ({first} if self._held_ns else set())  # which tells the steps of slow nodes
+            return heard | ({first} if self._held_ns else set())  # which gives the steps of slow nodes
         inputs = self.inputs(node)
         held = [topic for topic in inputs if topic in self._held]
         there = [*(t for t in inputs if t not in held), *(t for t in self.outputs(node) if t != CLOCK)]

@@ -27,8 +27,8 @@ def check_once(paths: Iterable[Path]) -> None:
     for path in paths:
         for file in data_files(path):
             if file in known:
-                told = f"{path} is given twice" if path == known[file] else _same(path, known[file])
-                raise OrthosisError(f"{told}, and would count twice; give it once")
+                problem = f"{path} is given twice" if path == known[file] else _same(path, known[file])
+                raise OrthosisError(f"{problem}, and would count twice; give it once")
         known |= dict.fromkeys(data_files(path), path)
 
 

@@ -32,7 +32,7 @@ class StepCollector:
         late_ns: in real time an instant leaves at the latest when one so much later is there, complete or
             not, so that little is held back; what comes for it afterwards leaves by itself.
         every: periods from one step of slow nodes to the next. The run begins with one; in real time, where
-            that instant is not known, their messages tell which instants are theirs.
+            that instant is not known, their messages say which instants are theirs.
     """
 
     def __init__(

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is in a file of a bag whose recorder was killed, found without unpacking more than two of its chunks.
 
-Each whole chunk is followed by an index of its messages, which tells how many there are of each channel.
+Each whole chunk is followed by an index of its messages, which counts those of each channel.
 """
 
 from __future__ import annotations
@@ -103,11 +103,11 @@ def _closed(path: Path) -> BagFile:
         if summary is None or summary.statistics is None:
             raise Damaged(f"{path} has no summary")
         runs = [one.metadata for one in reader.iter_metadata() if one.name == RUN_RECORD]
-    told = summary.statistics
+    stored = summary.statistics
     return BagFile(
         path, None, summary.schemas, summary.channels, run=dict(*runs[:1]),
-        counts=Counter(told.channel_message_counts),
-        first_ns=told.message_start_time if told.message_count else FOREVER_NS, last_ns=told.message_end_time,
+        counts=Counter(stored.channel_message_counts),
+        first_ns=stored.message_start_time if stored.message_count else FOREVER_NS, last_ns=stored.message_end_time,
     )  # fmt: skip
 
 
@@ -127,10 +127,10 @@ def _scanned(path: Path, data: Data) -> BagFile:
         elif opcode == Opcode.CHUNK:
             file.chunks.append((_chunk_index(data, at, end), {}))
         elif opcode == Opcode.METADATA:
-            told = Metadata.read(_stream(data[body:end]))
-            file.metadata.append(MetadataIndex(at, end - at, told.name))
-            file.run = file.run or (dict(told.metadata) if told.name == RUN_RECORD else {})
-            if told.name == BAG_RECORD:  # it was being closed, unless more follows (ros2 bag begins with one)
+            stored = Metadata.read(_stream(data[body:end]))
+            file.metadata.append(MetadataIndex(at, end - at, stored.name))
+            file.run = file.run or (dict(stored.metadata) if stored.name == RUN_RECORD else {})
+            if stored.name == BAG_RECORD:  # being closed, unless more follows (ros2 bag begins with one)
                 continue
         elif opcode == Opcode.SCHEMA:
             _declare(file, Schema.read(_stream(data[body:end])))

@@ -122,8 +122,8 @@ def records_of(stream: BinaryIO) -> Iterator[Record]:
         record = Record(head[0], at + HEAD.size, HEAD.unpack(head)[1])
         _check_record(stream, record, size)
         if record.opcode == Opcode.FOOTER:
-            (told,) = UNPACKED.unpack(stream.read(UNPACKED.size))
-            if told not in (0, summary):
+            (frame_size,) = UNPACKED.unpack(stream.read(UNPACKED.size))
+            if frame_size not in (0, summary):
                 raise ValueError("its summary is not where its footer says")
             return
         yield record
@@ -187,7 +187,7 @@ def _channels(raw: bytes) -> int:
 
 def unpacked_message(data: bytes) -> bytes:
     """Return a message packed by zstd; ValueError if it, or all that was unpacked, is too large."""
-    size = zstandard.frame_content_size(data)  # negative if it does not tell
+    size = zstandard.frame_content_size(data)  # negative if it does not say
     _check_unpacked(size)
     with zstandard.ZstdDecompressor(max_window_size=MOST_WINDOW).stream_reader(data) as packed:
         raw = packed.read((MOST_BYTES if size < 0 else size) + 1)

@@ -51,7 +51,7 @@ DEFAULT = Bound()
 
 @dataclass(frozen=True)
 class Verdict:
-    """What `check` reports; None where the bag does not tell.
+    """What `check` reports; None where the bag does not say.
 
     `steady_state_error` is the mean |error| while the reference rests (|velocity| below 2 % of
     its peak for at least 0.1 s). `observer_velocity_lag_ms` is the delay of the estimated velocity
@@ -83,11 +83,11 @@ class Verdict:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the verdict as plain data for JSON, errors with their unit in the name."""
-        told = self._named(asdict(self))
-        del told["unit"]
+        fields = self._named(asdict(self))
+        del fields["unit"]
         if not self.loads:
-            del told["loads"]
-        return told | {"cycles": [self._named(cycle) for cycle in told["cycles"]]}
+            del fields["loads"]
+        return fields | {"cycles": [self._named(cycle) for cycle in fields["cycles"]]}
 
     def _named(self, values: Mapping[str, Any]) -> dict[str, Any]:
         return {f"{key}_{self.unit}" if key in IN_UNIT else key: value for key, value in values.items()}

@@ -48,9 +48,9 @@ def add_bound_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare a bound on the largest error, in the unit in which a machine's errors are shown."""
     group = parser.add_mutually_exclusive_group()
     for unit, of in (("deg", "degrees, for what turns"), ("mm", "for what slides")):
-        told = f"bound on the largest error, {of} (3)"
+        meaning = f"bound on the largest error, {of} (3)"
         kind = partial(_bound, unit)
-        group.add_argument(f"--bound-{unit}", type=kind, dest="bound", metavar=unit.upper(), help=told)
+        group.add_argument(f"--bound-{unit}", type=kind, dest="bound", metavar=unit.upper(), help=meaning)
 
 
 def _bound(unit: str, text: str) -> tuple[float, str]:

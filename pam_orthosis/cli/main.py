@@ -171,13 +171,13 @@ def _top_parser() -> Parser:
     )
     parser.add_argument("verb", choices=VERBS, metavar="VERB", help="what to do")
     parser.add_argument("--version", action="version", version=f"pam-orthosis {__version__}")
-    told = 'print a script that completes arguments; bash: eval "$(pam-orthosis --print-completion bash)"'
+    about = 'print a script that completes arguments; bash: eval "$(pam-orthosis --print-completion bash)"'
     parser.add_argument(
         "--print-completion",
         action=completion.Print,
         choices=completion.SHELLS,
         parsers=lambda: {name: verb_parser(name) for name in VERBS},
-        help=told,
+        help=about,
     )
     return parser
 

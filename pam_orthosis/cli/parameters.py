@@ -28,8 +28,8 @@ def add_parameter_arguments(
     parser.add_argument(
         "--machine", type=Path, metavar="FILE", help="another machine: a YAML file, ankle or shoe (knee)"
     )
-    told = "set a parameter, e.g. control.position.c1=30 (repeatable)"
-    parser.add_argument("--param", action="append", default=[], metavar="KEY=VALUE", help=told)
+    meaning = "set a parameter, e.g. control.position.c1=30 (repeatable)"
+    parser.add_argument("--param", action="append", default=[], metavar="KEY=VALUE", help=meaning)
 
 
 def add_model_argument(parser: argparse.ArgumentParser) -> None:
@@ -58,8 +58,8 @@ def machine_of(arguments: argparse.Namespace) -> Machine:
 
     machine = machine_named(arguments.machine) if arguments.machine else KNEE
     if arguments.scenario not in (None, DEFAULT) and not machine.experiments:
-        told = f"--scenario {arguments.scenario} is for the knee"
-        raise OrthosisError(f"{told}; give the machine's motion by values in {arguments.machine}")
+        problem = f"--scenario {arguments.scenario} is for the knee"
+        raise OrthosisError(f"{problem}; give the machine's motion by values in {arguments.machine}")
     return machine
 
 

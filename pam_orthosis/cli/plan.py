@@ -58,12 +58,12 @@ def execute(arguments: argparse.Namespace) -> int:
         raise OrthosisError(f"--reserve {arguments.reserve:g}: give 0 to 1 bar")
     with shown("compiling the model") as progress:
         machine, plan, after = _planned(arguments, progress)
-    told = _told(machine, plan, after)
+    summary = _summary(machine, plan, after)
     if arguments.page:
         from pam_orthosis.report.pages import plan as pages
 
-        write_files({arguments.page: as_text(pages.page(machine, plan, told))})
-    print(told)
+        write_files({arguments.page: as_text(pages.page(machine, plan, summary))})
+    print(summary)
     return 0
 
 
@@ -86,7 +86,7 @@ def _planned(arguments: argparse.Namespace, progress: Progress) -> tuple[Machine
     return machine, plan, after
 
 
-def _told(machine: Machine, plan: Plan, recorded: Recorded | None) -> str:
+def _summary(machine: Machine, plan: Plan, recorded: Recorded | None) -> str:
     import numpy as np
 
     cycle, lines, shown = plan.cycle, [], machine.coordinate.shown

@@ -44,7 +44,7 @@ class Impedance(NamedTuple):
 
 
 class Spring(NamedTuple):
-    """What the law of a mode comes to: the actuators' effort, and what it is made of.
+    """What the law of a mode gives: the actuators' effort, and what it is made of.
 
     `correction`: by how much the acceleration leaves the reference's; `outside`: e*; `needed`: at level 1.
     """

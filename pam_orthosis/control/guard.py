@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Guards of single signals: what is unusable is bridged for a moment, then the signal counts as lost.
 
-A guard passes what is usable on unchanged, to the last bit. What it counts is told in `/diagnostics`.
+A guard passes what is usable on unchanged, to the last bit. What it counts is reported in `/diagnostics`.
 """
 
 from __future__ import annotations

@@ -182,8 +182,8 @@ def thresholds(parameters: Parameters, nominal: float) -> tuple[float, float]:
 
 def perturbations(parameters: Parameters) -> dict[str, Perturbation]:
     """Return by name what is changed: those of `NAMES` of which the hardware has some."""
-    told = [_delay(parameters), *(_scaled(parameters, factor) for factor in FACTORS)]
-    return {one.name: one for one in told if one is not None}
+    modified = [_delay(parameters), *(_scaled(parameters, factor) for factor in FACTORS)]
+    return {one.name: one for one in modified if one is not None}
 
 
 def _scaled(parameters: Parameters, factor: _Factor) -> Perturbation | None:

@@ -21,7 +21,7 @@ LIVE = ("control.pressure.gain", "control.pressure.reference_filter")
 def mass_flow_function(nominal: Parameters, actuator: str) -> ca.Function:
     """Return (pressure, wanted rate, position, velocity, time) -> mass flow, kg/s, and its slope by the rate.
 
-    With e = p_ref - p and V = e^2 / 2 the wanted rate p_ref-dot + c e makes V-dot = -c e^2. Believed
+    With e = p_ref - p and V = e^2 / 2 the wanted rate p_ref-dot + c e makes V-dot = -c e^2. Expected
     effects on volume, exponent and temperature are in Eq. (6) as they are in the model.
     """
     rate, time = ca.SX.sym("rate"), ca.SX.sym("time")

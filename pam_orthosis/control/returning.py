@@ -17,7 +17,7 @@ STEEPEST = 1.875  # slope of the quintic step at its middle
 class Release:
     """Both actuators are vented until the joint rests; then the lowest reference pressure is asked for.
 
-    `asked` is the pressure to ask for, absolute Pa. `held_empty` tells that they did not answer
+    `asked` is the pressure to ask for, absolute Pa. `held_empty` says that they did not answer
     when they were last asked: something else vents them.
     """
 

@@ -61,7 +61,7 @@ class RigSample(NamedTuple):
 class Ramp:
     """A ramp with round corners: a stepwise speed behind three equal low-pass filters.
 
-    Three times differentiable, and it can be stopped at any time: `stopping_distance` tells how far
+    Three times differentiable, and it can be stopped at any time: `stopping_distance` says how far
     it will still go.
     """
 
@@ -262,7 +262,7 @@ def diagnostic_procedure(
 ) -> Iterator[RigSample]:
     """Move the carriage at several pressures (absolute Pa), slowly, fast, and back and forth by little.
 
-    The runs that tell friction of the carriage, hysteresis and damping of the muscles, and errors of the
+    The runs that show friction of the carriage, hysteresis and damping of the muscles, and errors of the
     force maps apart; to be recorded at every control period. `places` are visited at each pressure,
     as shares of `DIAGNOSTIC_STROKE`.
     """

@@ -97,7 +97,7 @@ def read_data(
         paths: bags, `.csv` tables, or folders that hold some.
         specimen: section of `config/muscle.yaml`; None: as bags or file names say, or the only one.
         length: nominal length of a table's muscle, m; None: that of the specimen's measured map.
-        progress: told of each bag and table.
+        progress: called with each bag and table.
         bench: where it was measured (the shipped test rig).
 
     Raises:
@@ -188,7 +188,7 @@ def _one_specimen(runs, tables: Sequence[Path], specimens: Sequence[str]) -> str
 
 
 def _check_specimen(runs, specimen: str) -> None:
-    """Check that no bag tells of another muscle: its rows would be wrong without a sign of it."""
+    """Check that no bag is of another muscle: its rows would be wrong without a sign of it."""
     for path, run in runs.items():
         if run.get("specimen", specimen) != specimen:
             raise OrthosisError(
@@ -202,7 +202,7 @@ def _bag_length(path: Path, run, specimen: str, parameters: Parameters) -> float
 
 
 def _recorded(path: Path, run, key: str, parameters: Parameters) -> float:
-    """Return a parameter as the bag tells it, else as config/ has it."""
+    """Return a parameter as the bag has it, else as config/ has it."""
     return recorded_parameters(path, run).get(key, parameters.flat()[key])
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 LEVEL_GAP, WIDEST_LEVEL, MOST_LEVELS = 3.0e3, 3.0e4, 30  # Pa, Pa
 LENGTH_GAP, WIDEST_LENGTH, MOST_LENGTHS = 2.0e-3, 0.02, 12  # shares of the nominal length
-LEAST_REPEATS = 3  # that tell how far one differs from the next
+LEAST_REPEATS = 3  # that show how far one differs from the next
 BINS = 8  # of what was swept
 
 

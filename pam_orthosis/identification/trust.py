@@ -50,16 +50,16 @@ def check_slack_pressure(model: ForceModel, s: Samples, nominal: float) -> str:
     ):
         return ""
     place, pressure = (first, at_first) if far else (0.0, at_rest)
-    told = (
+    text = (
         f"at a contraction of {place * 1e3:.3g} mm the fitted muscle begins to pull at {pressure / 1e5:.2f}"
         f" bar gauge (b_0 = {model.b[0]:.4g} N), as no muscle does"
     )
     if at_rest < VACUUM:
         raise OrthosisError(
-            f"{told}; check --nominal-length-m ({nominal:g} m), and gauge or absolute pressure"
+            f"{text}; check --nominal-length-m ({nominal:g} m), and gauge or absolute pressure"
         )
     mixed = "absolute and named gauge" if pressure > 0 and not far else "gauge and named absolute"
-    return f"{told}: is the pressure {mixed}, or the nominal length not {nominal:g} m?"
+    return f"{text}: is the pressure {mixed}, or the nominal length not {nominal:g} m?"
 
 
 def _slack_pressure(model: ForceModel, contraction: float) -> float:

@@ -120,7 +120,7 @@ class Gap:
 def gap(
     training: Iterable[Recorded], held_out: Iterable[Recorded] = (), model: str | Path | None = None
 ) -> Gap:
-    """Find which physical effect the nominal model lacks, as the verb `gap` does.
+    """Find which physical effect is missing in the nominal model, as the verb `gap` does.
 
     Args:
         training: runs, bags or tables to fit.

@@ -110,8 +110,8 @@ def _stamps(parameters: Parameters, samples: int) -> Any:
 def _followed(parameters: Parameters) -> Run:
     settings = parameters.scenario
     steps = round(settings.duration / settings.control_period)
-    told = ClosedLoop(parameters, settings.seed).run(steps)
-    signals = {name.replace("estimated_", "estimate_", 1): value for name, value in told.items()}
+    result = ClosedLoop(parameters, settings.seed).run(steps)
+    signals = {name.replace("estimated_", "estimate_", 1): value for name, value in result.items()}
     del signals["time"]
     return Run(parameters, "simulated", _stamps(parameters, steps), signals)
 
@@ -122,8 +122,8 @@ def _driven(parameters: Parameters, voltages: Array) -> Run:
         states.append(list(plant.signals().values()))
         plant.advance(*row)
     names = list(plant.signals())
-    told = dict(zip(names, np.array(states).T, strict=True))
-    return _as_run(parameters, {name: told[name] for name in parameters.declared.states}, voltages)
+    result = dict(zip(names, np.array(states).T, strict=True))
+    return _as_run(parameters, {name: result[name] for name in parameters.declared.states}, voltages)
 
 
 def _as_run(parameters: Parameters, states: Mapping[str, Array], voltages: Array) -> Run:
@@ -136,10 +136,10 @@ def _together(
     parameters: Parameters, every: list[Parameters], columns: Mapping[str, Array], voltages: Array
 ) -> list[Run]:
     states = parameters.declared.states
-    told = Study(parameters, list(columns), states).simulate(
+    result = Study(parameters, list(columns), states).simulate(
         np.column_stack(list(columns.values())), voltages
     )
     return [
-        _as_run(one, {name: told[name][number] for name in states}, voltages)
+        _as_run(one, {name: result[name][number] for name in states}, voltages)
         for number, one in enumerate(every)
     ]

@@ -158,7 +158,7 @@ def best_library(
 
 
 def processor() -> str:
-    """Return what tells processors apart, lest a library built on another one is taken from the cache."""
+    """Return what distinguishes processors, lest a library built on another one is taken from the cache."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

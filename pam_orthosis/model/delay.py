@@ -22,7 +22,7 @@ def computing_ns(parameters: Section) -> int:
 
 
 def line_ns(parameters: Section) -> int:
-    """Return the time from a voltage that comes to its flow into the muscle, ns."""
+    """Return the time from a voltage that arrives to its flow into the muscle, ns."""
     delay = parameters.plant.delay
     travel = delay.hose_length * delay.hose_per_metre
     nanoseconds: int = round((delay.converter + delay.valve + travel) * NANOSECONDS)

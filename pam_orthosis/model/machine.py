@@ -108,7 +108,7 @@ class Machine:
 
     @property
     def identity(self) -> str:
-        """Its name and, if it is of a user's file, what tells it from another of this name."""
+        """Its name and, if it is of a user's file, what distinguishes it from another of this name."""
         digest = hashlib.sha256(self.text.encode()).hexdigest()[:12]
         return f"{self.name} ({digest})" if self.text else self.name
 
@@ -153,7 +153,7 @@ class Machine:
 
     @cached_property
     def catalogue(self) -> dict[str, Effect]:
-        """The effects that it can have or lack, by name."""
+        """The effects that it can have or miss, by name."""
         known = {effect.kind: effect for effect in KINDS}
         chosen = [known[name] for name in self.effects] if self.effects else KINDS
         instances = [one for effect in chosen for one in self._instances(effect)]

@@ -159,8 +159,8 @@ def _mechanism(file: _File) -> tuple[str, str]:
         not values["minimum"] <= values["start"] <= values["maximum"]
         or values["minimum"] == values["maximum"]
     ):
-        told = ", ".join(f"{key} = {values[key]}" for key in ("minimum", "start", "maximum"))
-        raise file.refusal(f"the mechanism's start lies between its stops, not so: {told}")
+        limits = ", ".join(f"{key} = {values[key]}" for key in ("minimum", "start", "maximum"))
+        raise file.refusal(f"the mechanism's start lies between its stops, not so: {limits}")
     return kind, branch
 
 

@@ -31,7 +31,7 @@ Array: TypeAlias = npt.NDArray[np.float64]
 
 BISECTIONS = 60  # until the machine rests
 STILL = 0.1  # rad/s^2 or m/s^2 that a machine at rest may have left
-# what the truth tells of an actuator -> as what the equations know it
+# what the truth holds of an actuator -> as what the equations know it
 TRUTH = {
     "contraction": "contraction", "rate": "rate", "force": "tension", "pressure": "pressure", "flow": "flow",
 }  # fmt: skip

@@ -92,8 +92,8 @@ def _duration_rule(values: Mapping[str, Any]) -> Iterator[str]:
     every = values.get("control.position.every", 1)
     if duration is not None and period is not None and duration < 4 * every * period:
         times = f" times control.position.every = {every}" if every > 1 else ""
-        told = f"scenario.control_period = {period} s{times}"
-        yield f"scenario.duration = {duration} s must be four times {told}"
+        text = f"scenario.control_period = {period} s{times}"
+        yield f"scenario.duration = {duration} s must be four times {text}"
 
 
 def _step_rule(values: Mapping[str, Any]) -> Iterator[str]:
@@ -107,8 +107,8 @@ def _step_rule(values: Mapping[str, Any]) -> Iterator[str]:
 def _alike(values: Mapping[str, Any], keys: tuple[str, ...]) -> Iterator[str]:
     sizes = {key: abs(values[key]) for key in keys if values.get(key)}
     if len(sizes) > 1 and max(sizes.values()) >= SLIP * min(sizes.values()):
-        told = " and ".join(f"{key} = {values[key]}" for key in sizes)
-        yield f"{told} are of the same kind and differ {SLIP:g}-fold or more; has a decimal point slipped?"
+        text = " and ".join(f"{key} = {values[key]}" for key in sizes)
+        yield f"{text} are of the same kind and differ {SLIP:g}-fold or more; has a decimal point slipped?"
 
 
 def out_of_reach(values: Mapping[str, Any], machine: Machine) -> Iterator[str]:
@@ -151,8 +151,8 @@ def _plan_rule(values: Mapping[str, Any]) -> Iterator[str]:
         yield f"scenario.plan.angle goes {farthest:.3g} rad away, {FARTHEST_PLAN} at most is wanted"
     low, high = (values.get(f"control.position.{end}_pressure") for end in ("minimum", "maximum"))
     if low is not None and high is not None and not low <= min(pressures) <= max(pressures) <= high:
-        told = f"goes from {min(pressures):.3g} to {max(pressures):.3g} Pa"
-        yield f"scenario.plan.pressure {told}, outside control.position's limits {low:.3g} .. {high:.3g} Pa"
+        text = f"goes from {min(pressures):.3g} to {max(pressures):.3g} Pa"
+        yield f"scenario.plan.pressure {text}, outside control.position's limits {low:.3g} .. {high:.3g} Pa"
 
 
 def _settled_and_started(values: Mapping[str, Any], name: str) -> list[float]:
@@ -163,14 +163,14 @@ def _settled_and_started(values: Mapping[str, Any], name: str) -> list[float]:
 
 
 def motion_digest(values: Mapping[str, Any]) -> str:
-    """Return what tells one motion, of a leg with or without a person, from another."""
+    """Return what identifies a motion, of a leg with or without a person."""
     trajectory = values["scenario.trajectory"]
     keys = [key for key in sorted(values) if key.startswith(f"scenario.{SHAPES.get(trajectory)}.")]
     others = "scenario.start_phase", "scenario.start_angle", "leg.person.present"
     keys += [key for key in others if key in values]  # no machine but the knee has a leg
     numbers = [values[key] if isinstance(values[key], list) else [values[key]] for key in keys]
-    told = trajectory, keys, [[float(number) for number in each] for each in numbers]
-    return hashlib.sha256(repr(told).encode()).hexdigest()[:12]
+    content = trajectory, keys, [[float(number) for number in each] for each in numbers]
+    return hashlib.sha256(repr(content).encode()).hexdigest()[:12]
 
 
 def _waves(values: Mapping[str, Any], series: str) -> list[float]:

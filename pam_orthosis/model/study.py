@@ -2,7 +2,7 @@
 """Parameter studies: the emulated hardware with many sets of parameters, driven by the same voltages.
 
     study = Study(load({"plant.simulation.step": 1e-3}), ["leg.person.mass", "plant.deviation.conductance"])
-    told = study.simulate(sets, voltages)["angle"]
+    answers = study.simulate(sets, voltages)["angle"]
 
 The equations are those of `Plant`, from the same expressions. Sets are advanced eight at a time, in vector
 registers and whole recordings a call, which is some ten times as fast as one `Plant` after the other.
@@ -93,15 +93,15 @@ static lane rest(lane* x, const lane* u, const lane* theta, const lane* fixed) {
 extern "C" void study(
     long periods, long steps, double period, const double* lengths, const long* ages,
     const double* sets, const double* voltages, double* result, double* unrest) {{
-  lane x[{states}], u[4], theta[{theta}], fixed[{fixed}], held[{held}], told[{told}];
+  lane x[{states}], u[4], theta[{theta}], fixed[{fixed}], held[{held}], answers[{answers}];
   for (int i = 0; i < {keys}; i++) theta[i] = load(sets + {lanes} * i);
   tabulate(theta, theta + {keys});
   call<study_fixed>(fixed, theta);
   call<study_closed>(u, theta);
   store(unrest, rest(x, u, theta, fixed));
   for (long n = 0; n < periods; n++) {{
-    call<study_told>(told, x, u, theta);
-    for (int i = 0; i < {told}; i++) store(result + {lanes} * (n * {told} + i), told[i]);
+    call<study_answers>(answers, x, u, theta);
+    for (int i = 0; i < {answers}; i++) store(result + {lanes} * (n * {answers} + i), answers[i]);
     u[3] = n * period;
     call<study_torque>(u + 2, theta, u + 3);
     for (long s = 0; s < steps; s++) {{
@@ -208,8 +208,8 @@ class Study:
             except OrthosisError:  # the values are within their bounds: the knee cannot be held
                 continue
             for row, pair in zip(rows, voltages.tolist(), strict=True):
-                told = plant.signals()
-                row[:] = [told[name] for name in self.signals]
+                answers = plant.signals()
+                row[:] = [answers[name] for name in self.signals]
                 plant.advance(*pair)
         return {name: np.ascontiguousarray(table[:, :, i]) for i, name in enumerate(self.signals)}
 
@@ -242,8 +242,8 @@ class _Kernel:
             *map(pointer, (self._lengths, self._ages, full, voltages, result, unrest)),
         )  # fmt: skip
         result[:, :, ~(np.abs(unrest) <= STILL)] = np.nan
-        told: Array = result.transpose(2, 0, 1)[: len(sets)]
-        return told
+        answers: Array = result.transpose(2, 0, 1)[: len(sets)]
+        return answers
 
 
 def _steps(parameters: Parameters, period_ns: int) -> tuple[Array, npt.NDArray[Any]]:
@@ -291,7 +291,7 @@ def _functions(
     x, u, time = assembly.x, assembly.u, ca.SX.sym("time")
     rates, held, at_period = taken_out(ca.densify(ca.cse(assembly.rates)), ca.vertcat(u, theta))
     by_period, fixed, at_start = taken_out(at_period, theta)
-    told = ca.cse(ca.vertcat(*(known[name] for name in signals)))
+    answers = ca.cse(ca.vertcat(*(known[name] for name in signals)))
     valve, start = parameters.valve, parameters.scenario.start_angle
     at_rest = (
         start,
@@ -307,7 +307,7 @@ def _functions(
         ca.Function("study_torque", [theta, time], [external_torque(parameters, time)]),
         ca.Function("study_start", [theta], [ca.vertcat(*at_rest)]),
         ca.Function("study_closed", [theta], [ca.vertcat(valve.closed_voltage, valve.closed_voltage, 0, 0)]),
-        ca.Function("study_told", [x, u, theta], [told]),
+        ca.Function("study_answers", [x, u, theta], [answers]),
     )
 
 
@@ -318,7 +318,7 @@ def _source(study: Study, width: int) -> str:
     loop = LOOP.format(
         nodes=NODES, size=ORDER + 1, terms=TERMS, angles=str(table.angles.tolist())[1:-1],
         weights=", ".join(f"{{{str(row)[1:-1]}}}" for row in table.weights()),
-        states=len(study.states), keys=keys, theta=keys + TERMS * (ORDER + 1), told=len(study.signals),
+        states=len(study.states), keys=keys, theta=keys + TERMS * (ORDER + 1), answers=len(study.signals),
         lanes=width, fixed=fixed, held=held,
         bisections=0 if study.parameters.leg.joint.locked else BISECTIONS,
     )  # fmt: skip

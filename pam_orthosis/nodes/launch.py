@@ -57,9 +57,9 @@ def commands(
     that it may know. Several legs are so many groups of the same nodes, each in its namespace, and one
     recorder outside them.
     """
-    told = {**_of_machine(work, parameters.declared), "realtime": mode.realtime}
-    told |= {"with_plant": mode.with_plant, "replay": False, "leg": ""}
-    recorder = {**told, "directory": as_parameter(bag), "scenario_name": scenario}
+    common = {**_of_machine(work, parameters.declared), "realtime": mode.realtime}
+    common |= {"with_plant": mode.with_plant, "replay": False, "leg": ""}
+    recorder = {**common, "directory": as_parameter(bag), "scenario_name": scenario}
     nodes = layout(Topics(parameters.declared))
     specs = [spec for spec in nodes.values() if mode.with_plant or spec.name != PLANT]
     if not mode.legs:
@@ -70,7 +70,7 @@ def commands(
     for number, (leg, differences) in enumerate(mode.legs.items()):
         there = [spec for spec in specs if spec.name != RECORDER]
         own_clock = ["-r", f"/clock:=/{leg}/clock"] if number else []
-        settings = told | {"leg": leg}
+        settings = common | {"leg": leg}
         legs_group = _Group(work, parameters.changed(differences), there, leg, settings, own_clock)
         group |= legs_group.commands(mode.composed)
     return group
@@ -95,13 +95,13 @@ def replay_commands(
     Parameter files are written into `work`. `leg` is the nodes' leg if it was one of several.
     """
     topics = Topics(parameters.declared)
-    told = {**_of_machine(work, parameters.declared), "realtime": False}
-    told |= {"with_plant": True, "replay": True, "leg": leg}
+    common = {**_of_machine(work, parameters.declared), "realtime": False}
+    common |= {"with_plant": True, "replay": True, "leg": leg}
     spec = NodeSpec(PLAYER, PLAYER, EVERYTHING)
-    group = _Group(work, parameters, [spec], "", told | player | {"nodes": ",".join(nodes)}).commands(False)
+    group = _Group(work, parameters, [spec], "", common | player | {"nodes": ",".join(nodes)}).commands(False)
     for node in nodes:
         spec, remaps = layout(topics)[node], _aside(topics, node)
-        group |= _Group(work, parameters, [spec], "", told, remaps).commands(False)
+        group |= _Group(work, parameters, [spec], "", common, remaps).commands(False)
     return group
 
 

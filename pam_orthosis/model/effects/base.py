@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an effect is: one physical phenomenon that a model can have or lack.
+"""What an effect is: one physical phenomenon that a model can have or miss.
 
 The plant, the controllers' model and the gap workflow use the same object. An effect adds to the
 signals of one stage of the model (see `STAGES`), may have states of its own, and is switched on by
@@ -106,8 +106,8 @@ class Effect:
         starts: for the gap workflow, sets of start values (name -> value) beside the typical ones.
         minimum_effect: size of the first parameter below which the effect is not worth a name.
         coordinate: the signal against which the effect is seen best in a figure.
-        confounded_with: effects that ordinary motion cannot tell from this one.
-        separated_by: scenarios or segments that tell them apart.
+        confounded_with: effects that ordinary motion cannot distinguish from this one.
+        separated_by: scenarios or segments that separate them.
         shape: a smooth bounded correction of a static map; the gap workflow lets it vary within its
             priors beside every candidate.
         advance: for a sensor that lags, values -> {channel: seconds by which the recorded signal has to be
@@ -195,8 +195,8 @@ class Effect:
 
         def each(texts: Sequence[str], of: Sequence[str]) -> tuple[str, ...]:
             """Return the texts, those that name an actuator once for each one."""
-            told = [[t.format(actuator=one) for one in of] if "{actuator}" in t else [t] for t in texts]
-            return tuple(text for group in told for text in group)
+            filled = [[t.format(actuator=one) for one in of] if "{actuator}" in t else [t] for t in texts]
+            return tuple(text for group in filled for text in group)
 
         advance, per = self.advance, max(1, len(on))
         return replace(
