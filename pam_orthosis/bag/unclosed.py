@@ -107,7 +107,8 @@ def _closed(path: Path) -> BagFile:
     return BagFile(
         path, None, summary.schemas, summary.channels, run=dict(*runs[:1]),
         counts=Counter(stored.channel_message_counts),
-        first_ns=stored.message_start_time if stored.message_count else FOREVER_NS, last_ns=stored.message_end_time,
+        first_ns=stored.message_start_time if stored.message_count else FOREVER_NS,
+        last_ns=stored.message_end_time,
     )  # fmt: skip
 
 
