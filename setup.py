@@ -16,6 +16,7 @@ NODES = [
     "extensor_pressure_controller",
     "flexor_pressure_controller",
     "inverse_valve_model",
+    "safety_monitor",
     "bag_recorder",
     "dummy_driver",
     "leg_state_publisher",

@@ -13,7 +13,10 @@ from typing import Any, NamedTuple
 
 from pam_orthosis.nodes.launch import environment, free_domain
 
-GIVEN = {"pressure_controller": ("muscle:=extensor",)}
+GIVEN = {
+    "pressure_controller": ("muscle:=extensor",),
+    "safety_monitor": ("control.limits.enabled:=true",),
+}
 OF_RCLPY = ("use_sim_time", "start_type_description_service")
 
 

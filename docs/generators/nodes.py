@@ -86,6 +86,13 @@ EXECUTABLES = {
         """Computes the voltage of each valve from the wanted mass flow and the pressure: it inverts the flow
         law of the orifice and compensates hose and dead band.""",
     ),
+    "safety_monitor": Described(
+        (topics.SAFETY,),
+        ("control.limits",),
+        """Limits apart from the controllers, in runs with `--safety`: from measured angle, pressures and the
+        valves' commands alone it allows the valves a pressure, and beyond a limit it stops those who own the
+        valves as well.""",
+    ),
     "bag_recorder": Described(
         (topics.RECORDER,),
         (),
@@ -102,7 +109,8 @@ def pages() -> dict[str, str]:
     made |= {f"{FOLDER}/{name}.md": _page_beside(name) for name in beside}
     lines = [f"- [{name}]({name}.md): {_module_words(name)}" for name in (*EXECUTABLES, *beside)]
     index = (
-        "# Nodes\n\nThe first six make one leg. Each runs in a process of its own, or all run in one process"
+        "# Nodes\n\nThe first six make one leg, with a safety monitor if it is wanted. Each runs"
+        " in a process of its own, or all run in one process"
         " (`run --composed`). A page lists the parameters that the node declares; those of the apparatus"
         " ([muscle](../parameters/muscle.md), [valve](../parameters/valve.md), [leg](../parameters/leg.md),"
         " [effects](../effects/index.md)), which are the same for all, it declares when it is given them.\n\n"
@@ -148,8 +156,10 @@ def installed() -> list[str]:
 
 
 def _page(name: str, one: Described) -> str:
-    published = [t for t in OF_KNEE.all if set(one.roles) & set(t.producers)]
-    heard = [t for t in OF_KNEE.all if set(one.roles) & set(t.subscribers)]
+    beside = [t.name for t in OF_KNEE.all if t.optional] if topics.SAFETY in one.roles else []
+    there = OF_KNEE.of_run(beside=beside).values() if beside else OF_KNEE.all
+    published = [t for t in there if set(one.roles) & set(t.producers)]
+    heard = [t for t in there if set(one.roles) & set(t.subscribers)]
     parts = [f"# {name}\n\n{' '.join(one.words.split())}\n"]
     if len(one.roles) > 1:
         parts.append(f"\nIn the graph: {', '.join(f'`{role}`' for role in one.roles)}.\n")

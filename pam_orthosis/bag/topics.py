@@ -20,6 +20,7 @@ PLANT = "plant_simulator"
 TRAJECTORY = "trajectory_publisher"
 POSITION = "position_controller"
 VALVE = "inverse_valve_model"
+SAFETY = "safety_monitor"  # of runs that have one
 RECORDER = "bag_recorder"
 CONTROLLER = "{}_pressure_controller"
 SLOW = (TRAJECTORY, POSITION)  # these work at each `control.position.every`-th control period
@@ -33,6 +34,7 @@ DIAGNOSTICS = "/diagnostics"  # common to all legs, as is the custom
 EMERGENCY_STOP = "emergency_stop"
 # what is asked for beside the motion, in runs that ask for it
 MEAN_PRESSURE, PLANNED = "reference_pressure", "planned_reference"
+ALLOWED = "allowed_pressure"  # of the safety monitor
 TIME_REFERENCE = "sensor_msgs/msg/TimeReference"
 DISTURBANCE = {"rotation": "wrench.torque.y", "translation": "wrench.force.x"}  # along REP-103's axes
 SECOND_NS = 1_000_000_000
@@ -159,6 +161,7 @@ class Topics:
         if replay:
             return {name: _replayed(topic) for name, topic in self.of_run(beside=beside).items()}
         some = [topic for topic in self.all if not topic.optional or topic.name in beside]
+        some = list(map(self._watched, some)) if ALLOWED in beside else some
         if not realtime:
             return {topic.name: topic for topic in some if topic.rate != "answer"}
         topics = {topic.name: topic for topic in some if topic.name != CLOCK}
@@ -206,6 +209,8 @@ class Topics:
         yield _topic("controller_state", JOINT, POSITION, [], what, f"{place}, {c.effort_unit}")
         for node, name in controllers.items():
             yield _topic(f"{name}/pressure_reference", PRESSURE, POSITION, [node], "pressure to reach", "Pa")
+        what = "pressure above which no valve fills, in runs with a safety monitor"
+        yield replace(_topic(ALLOWED, PRESSURE, SAFETY, [VALVE], what, "Pa"), optional=True)
         for node, name in controllers.items():
             yield _topic(f"{name}/mass_flow", VECTOR, node, [VALVE], "mass flow to reach, x into it", "kg/s")
         for name in self.commands:
@@ -213,6 +218,18 @@ class Topics:
             yield _topic(name, JOINT, VALVE, [PLANT], what, "1")
         what = "when the commands that answer a sample left, real time only"
         yield _topic(ANSWERED, TIME_REFERENCE, VALVE, [], what, "s", "answer")
+
+    def _watched(self, topic: Topic) -> Topic:
+        """Return a topic as it is with a safety monitor: it hears sensors and commands, and may stop all."""
+        watched = (*self.sensors, *self.commands, "end")
+        shared = (EMERGENCY_STOP, "configuration")
+        hears = topic.name in watched + shared
+        says = topic.name in (*shared, DIAGNOSTICS, "ready")
+        return replace(
+            topic,
+            producers=topic.producers + (SAFETY,) * says,
+            consumers=topic.consumers + (SAFETY,) * hears,
+        )
 
     def _managing(self) -> Iterator[Topic]:
         nodes, text, instant = self.nodes, "std_msgs/msg/String", "builtin_interfaces/msg/Time"

@@ -51,6 +51,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=1,
         help="2: left and right, half a cycle apart",
     )
+    parser.add_argument(
+        "--safety", action="store_true", help="with a safety monitor, in a process of its own"
+    )
     parser.add_argument("--realtime", action="store_true", help="by the wall clock instead of in lockstep")
     parser.add_argument(
         "--no-plant", action="store_true", help="with a hardware driver in place of the emulated hardware"
@@ -79,6 +82,7 @@ def execute(arguments: argparse.Namespace) -> int:
     bound = bound_of(arguments)
     bound_in(bound, machine_of(arguments))
     wanted = {"scenario.duration": arguments.duration, "scenario.seed": arguments.seed}
+    wanted["control.limits.enabled"] = arguments.safety or None
     given = {key: value for key, value in wanted.items() if value is not None}
     parameters = with_model(chosen(arguments, given), arguments)
     mode = _mode(arguments, parameters)

@@ -61,14 +61,19 @@ class Axis:
 
     def effort(self, q: Expression, velocity: Expression, pressures: Pair) -> Expression:
         """Return the actuators' torque or force, Eq. (27), from absolute pressures, Pa."""
-        tensions = [
+        first, second = self.tensions(q, velocity, pressures)
+        share, arm = self.lever(q)
+        return arm * (second - share * first)
+
+    def tensions(self, q: Expression, velocity: Expression, pressures: Pair) -> Pair:
+        """Return the actuators' forces, N, from absolute pressures, Pa."""
+        first, second = (
             one.tension(one.force(dl, pressure - self.nominal.valve.ambient_pressure), rate)
             for one, dl, rate, pressure in zip(
                 self.actuators, *self.kinematics(q, velocity), pressures, strict=True
             )
-        ]
-        share, arm = self.lever(q)
-        return arm * (tensions[1] - share * tensions[0])
+        )
+        return first, second
 
     def forces(self, q: Expression, velocity: Expression, about: Pair) -> tuple[Pair, Pair, Pair]:
         """Return area, m^2, counterforce and damping force, N, of both, those of the first by its lever.

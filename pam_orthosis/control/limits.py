@@ -17,8 +17,9 @@ import casadi as ca
 from pam_orthosis.control.axis import Axis
 from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.rows import Section
 
-SPASM, STALE = "spasm", "stale data"
+SPASM, STALE, UNHEEDED = "spasm", "stale data", "command"
 HALF = 4  # samples, of the span over which a motion is differentiated: as long before as after its middle
 
 
@@ -30,12 +31,17 @@ class Trip(NamedTuple):
     allowed: float
     time_ns: int
 
+    def __str__(self) -> str:
+        """Return it in words."""
+        return f"{self.limit} {self.value:.4g} beyond {self.allowed:.4g} at {self.time_ns * 1e-9:.3f} s"
+
 
 class Observed(NamedTuple):
     """What is compared with the limits: of now, but the effort from outside, which is `HALF` samples old.
 
-    `effort` is that of the actuators on the joint by the nominal model at the measured pressures; `outside`
-    what the measured motion takes beyond it, Eq. (26): a person, friction, errors of the model.
+    `effort` is that of the actuators on the joint and `force` the larger one of theirs, by the nominal model
+    at the measured pressures; `outside` is what the measured motion takes beyond it, Eq. (26): a person,
+    friction, errors of the model.
     """
 
     position: float
@@ -43,6 +49,7 @@ class Observed(NamedTuple):
     acceleration: float
     pressure: float
     effort: float
+    force: float
     outside: float
 
 
@@ -56,6 +63,8 @@ class SafetyMonitor:
     def __init__(self, parameters: Parameters):
         nominal = parameters.nominal()
         self._limits, self._valve = nominal.control.limits, nominal.valve
+        self._unheeded: dict[int, int] = {}  # valve -> since when its commands are above what is allowed
+        self._ceilings: tuple[float, ...] = ()
         self._period = nominal.scenario.control_period
         self._estimate = compiled(watched_function(nominal, HALF * self._period))
         self._samples: deque[Sequence[float]] = deque(maxlen=2 * HALF + 1)
@@ -72,14 +81,36 @@ class SafetyMonitor:
         sample = position, *pressures
         if not all(abs(number) < float("inf") for number in sample):
             self._note(STALE, position, self._limits.stale_time, time_ns)
-            return self.vented()
+            self._ceilings = self.vented()
+            return self._ceilings
         self._samples.append(sample)
         if len(self._samples) == self._samples.maxlen:
             self._watch(self._now())
         elif max(pressures) > self._limits.pressure:
             self._note("pressure", max(pressures), self._limits.pressure, time_ns)
         self._allow()
-        return tuple(map(self._ceiling, pressures))
+        self._ceilings = tuple(
+            ceiling(pressure, self.allowed, self._valve, self._limits.band) for pressure in pressures
+        )
+        return self._ceilings
+
+    @property
+    def allowed(self) -> float:
+        """The pressure above which no valve may fill, and far above which it vents, Pa."""
+        return 0.0 if self.venting else self._allowed
+
+    def heard(self, line: int, voltage: float) -> None:
+        """Take the command of a valve (its number), V: one that fills for long against the limits trips."""
+        if not self._ceilings or voltage <= self._ceilings[line]:
+            self._unheeded.pop(line, None)
+            return
+        since = (self._time_ns - self._unheeded.setdefault(line, self._time_ns)) * 1e-9
+        if since > self._limits.stale_time:
+            self._note(UNHEEDED, voltage, self._ceilings[line], self._time_ns)
+
+    def retune(self, parameters: Parameters) -> None:
+        """Take other limits."""
+        self._limits = parameters.nominal().control.limits
 
     def silent(self, time_ns: int) -> bool:
         """Note that there is no sample yet at an instant; return whether valves have to vent by now."""
@@ -111,8 +142,9 @@ class SafetyMonitor:
     def _now(self) -> Observed:
         first, middle, last = (self._samples[index] for index in (0, HALF, -1))
         found = self._estimate([one[0] for one in (first, middle, last)], middle[1:], last[1:])[0].tolist()
-        velocity, acceleration, effort, outside = found
-        return Observed(last[0], velocity, acceleration, max(last[1:]), effort, outside)
+        velocity, acceleration, effort, outside, *forces = found
+        strongest = max(map(abs, forces))
+        return Observed(last[0], velocity, acceleration, max(last[1:]), effort, strongest, outside)
 
     def _watch(self, now: Observed) -> None:
         for name, value, allowed in self._exceeded(now):
@@ -133,6 +165,7 @@ class SafetyMonitor:
         for name, value, allowed in (
             ("speed", now.velocity + time * now.acceleration, self._limits.speed),
             ("torque", now.effort, self._limits.effort),
+            ("force", now.force, self._limits.force),
             ("pressure", now.pressure, self._limits.pressure),
         ):
             if abs(value) > allowed:
@@ -153,17 +186,19 @@ class SafetyMonitor:
             rise = (limits.pressure - limits.soft_pressure) * self._period / limits.resume_time
             self._allowed = min(least + rise, limits.pressure)
 
-    def _ceiling(self, pressure: float) -> float:
-        above = pressure - self._allowed
-        if above > self._limits.band:
-            return float(self._valve.minimum_voltage)
-        return float(self._valve.closed_voltage if above > 0 else self._valve.maximum_voltage)
+
+def ceiling(pressure: float, allowed: float, valve: Section, band: float) -> float:
+    """Return the highest voltage that a valve may have, V; the lowest one if the pressure is no number."""
+    if pressure <= allowed:
+        return float(valve.maximum_voltage)
+    return float(valve.closed_voltage if pressure <= allowed + band else valve.minimum_voltage)
 
 
 def watched_function(nominal: Parameters, half: float) -> ca.Function:
-    """Return (three positions, pressures then, pressures now) -> velocity and effort now, outside then.
+    """Return (three positions, pressures then, pressures now) -> what is observed, one column.
 
-    The positions are `half` s apart, the first one the oldest; `then` is the middle one.
+    The positions are `half` s apart, the first one the oldest; `then` is the middle one. The rows are
+    velocity, acceleration and effort now, the effort from outside then, and the actuators' forces now.
     """
     axis = Axis(nominal)
     q, v, a, p = ca.SX.sym("q"), ca.SX.sym("v"), ca.SX.sym("a"), ca.SX.sym("p", 2)
@@ -181,7 +216,11 @@ def watched_function(nominal: Parameters, half: float) -> ca.Function:
         [places, then, now],
         [
             ca.vertcat(
-                latest, accelerate(last, latest, outside, now), efforts(last, latest, 0, now)[0], outside
+                latest,
+                accelerate(last, latest, outside, now),
+                efforts(last, latest, 0, now)[0],
+                outside,
+                *axis.tensions(last, latest, (now[0], now[1])),
             )
         ],
     )

@@ -19,7 +19,7 @@ from pam_orthosis.bag.asked import asked_beside
 from pam_orthosis.bag.cdr import Reader, Unreadable, canonical, serialised_stamp_ns
 from pam_orthosis.bag.record import BagWriter, run_metadata
 from pam_orthosis.bag.steps import Message, StepCollector
-from pam_orthosis.bag.topics import RECORDER, SAMPLE, Topic, in_leg
+from pam_orthosis.bag.topics import DIAGNOSTICS, RECORDER, SAMPLE, Topic, in_leg
 from pam_orthosis.bag.writer_process import BagWriterProcess
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components.spool import VENT
@@ -234,7 +234,7 @@ class BagRecorder(graph.GraphNode):
         """Whether a health report is of a node of the run: others publish theirs on the same topic."""
         reported = deserialize_message(data, DiagnosticArray).status
         group = self.full_role(leg.name).removesuffix(self.role)
-        known = {f"{group}{node}: loop" for node in self.table.nodes}
+        known = {f"{group}{node}: loop" for node in self._topics_of(leg.name)[DIAGNOSTICS].producers}
         return {one.name for one in reported} <= known and leg.is_near(stamp_ns)
 
     def _begun(self) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from rclpy.utilities import remove_ros_args
 
-from pam_orthosis.bag.topics import CONTROLLER, PLANT, POSITION, RECORDER, TRAJECTORY, VALVE
+from pam_orthosis.bag.topics import CONTROLLER, PLANT, POSITION, RECORDER, SAFETY, TRAJECTORY, VALVE
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.nodes import process
 from pam_orthosis.nodes.bag_recorder import BagRecorder
@@ -17,6 +17,7 @@ from pam_orthosis.nodes.inverse_valve_model import InverseValveModelNode
 from pam_orthosis.nodes.plant_simulator import PlantSimulator
 from pam_orthosis.nodes.position_controller import PositionControllerNode
 from pam_orthosis.nodes.pressure_controller import PressureControllerNode
+from pam_orthosis.nodes.safety_monitor import SafetyMonitorNode
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX
 from pam_orthosis.nodes.trajectory_publisher import TrajectoryPublisher
 
@@ -25,6 +26,7 @@ NODES = {
     TRAJECTORY: TrajectoryPublisher,
     POSITION: PositionControllerNode,
     VALVE: InverseValveModelNode,
+    SAFETY: SafetyMonitorNode,
     PLANT: PlantSimulator,
 }
 
@@ -34,7 +36,7 @@ def make(names: Sequence[str]) -> list[GraphNode]:
     if names:
         return [_made(name) for name in names]
     recorder = BagRecorder()
-    return [recorder, *(_made(name) for name in recorder.table.nodes if name != RECORDER)]
+    return [recorder, *(_made(name) for name in recorder.topics["ready"].producers if name != RECORDER)]
 
 
 def _made(name: str) -> GraphNode:

@@ -19,6 +19,7 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import FluidPressure, JointState
 from std_srvs.srv import Trigger
 
+from pam_orthosis.bag.topics import EMERGENCY_STOP
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components.spool import VENT
 from pam_orthosis.model.parameters import NOMINAL
@@ -26,6 +27,7 @@ from pam_orthosis.nodes import messages, process
 from pam_orthosis.nodes.layout import NodeSpec
 from pam_orthosis.nodes.parameters import MACHINE, Setting, declare_rows, declare_settings, machine_of
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX
+from pam_orthosis.nodes.transport import qos
 
 SILENCE_PERIODS = 20
 SPIN_SECONDS = 0.2  # the events executor dispatches nothing without a time-out
@@ -100,6 +102,8 @@ class Driver(Node):
         self._silent: dict[int, int] = {}  # periods since each valve's last command; none has come yet
         for line, one in enumerate(self.machine.names):
             self.create_subscription(JointState, f"{one}/valve_command", partial(self._on_command, line), 10)
+        self._stopped, self._told_ns = False, 0  # by a node of the graph
+        self.create_subscription(DiagnosticArray, EMERGENCY_STOP, self._on_told, qos(latched=True))
         self.create_service(Trigger, "~/emergency_stop", self._on_stop)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self._first_ns, self._passed = self.get_clock().now().nanoseconds, 0
@@ -182,7 +186,7 @@ class Driver(Node):
         """Return whether the valves follow their commands, all of which have come of late."""
         silent = max(self._silent.values(), default=0) > SILENCE_PERIODS
         self._counts["silent_periods"] += silent
-        return self.state is State.READY and not silent
+        return self.state is State.READY and not silent and not self._stopped
 
     def _try_to_connect(self) -> None:
         if time.monotonic() < self._connect_due:
@@ -232,6 +236,12 @@ class Driver(Node):
                 if not self._guarded(self.write, each, self._commands[each]):
                     break
 
+    def _on_told(self, told: DiagnosticArray) -> None:
+        """Vent, or not any more, as the newest word on the latched topic says."""
+        stamp_ns = messages.nanoseconds(told.header.stamp)
+        if told.status and stamp_ns > self._told_ns:
+            self._told_ns, self._stopped = stamp_ns, told.status[0].level == DiagnosticStatus.ERROR
+
     def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self.state is not State.DISCONNECTED:
             self.fault("emergency stop")
@@ -250,7 +260,9 @@ class Driver(Node):
     def _report(self) -> None:
         stamp_ns, name = self.get_clock().now().nanoseconds, self.get_fully_qualified_name().lstrip("/")
         message = self.state.value + (f": {self.reason}" if self.reason else "")
-        self._health.publish(messages.diagnostics(stamp_ns, name, LEVELS[self.state], message, self._counts))
+        level = DiagnosticStatus.ERROR if self._stopped else LEVELS[self.state]
+        counts = {**self._counts, "emergency_stop": self._stopped}
+        self._health.publish(messages.diagnostics(stamp_ns, name, level, message, counts))
 
 
 def run(make: Callable[[], Driver]) -> int:

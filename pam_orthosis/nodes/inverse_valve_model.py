@@ -8,9 +8,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from pam_orthosis.bag.topics import VALVE
+from pam_orthosis.bag.topics import ALLOWED, VALVE
 from pam_orthosis.control.guarded import GuardedValve
 from pam_orthosis.control.inverse_valve import InverseValveModel
+from pam_orthosis.control.limits import ceiling
 from pam_orthosis.model.components.spool import VENT, spool_position
 from pam_orthosis.nodes import graph, messages, process
 from pam_orthosis.nodes.emergency import EmergencyStop
@@ -36,9 +37,10 @@ class InverseValveModelNode(graph.GraphNode):
         }
         self._commands = {name: self._command_of(name) for name in names}
         self._answered_ns: dict[str, int] = {}
+        watched = {ALLOWED: messages.PRESSURE} if ALLOWED in self.topics else {}
         self._joins = [
             self.join_inputs(
-                {f"{name}/mass_flow": messages.FLOW, f"{name}/pressure": messages.PRESSURE},
+                {f"{name}/mass_flow": messages.FLOW, f"{name}/pressure": messages.PRESSURE, **watched},
                 partial(self._step, name),
             )
             for name in names
@@ -72,8 +74,11 @@ class InverseValveModelNode(graph.GraphNode):
         example = messages.joint_state(0, [f"{name}_valve"], position=[0.0])
         return self.publish_numbers(f"{name}/valve_command", example)
 
-    def _step(self, name: str, stamp_ns: int, flow: tuple, pressure: tuple) -> None:
+    def _step(self, name: str, stamp_ns: int, flow: tuple, pressure: tuple, *watched: tuple) -> None:
         asked = self._models[name].step(*flow, *pressure, self.periods_since(stamp_ns))
+        for allowed in watched:  # by the safety monitor, if there is one
+            valve, band = self.parameters.valve, self.parameters.control.limits.band
+            asked = min(asked, ceiling(*pressure, *allowed, valve, band))
         spool = VENT if self._stop.step() or self._left else spool_position(asked, self.parameters.valve)
         self._publish(name, stamp_ns, spool)
         self._all.add(name, stamp_ns, spool)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import yaml
 
-from pam_orthosis.bag.topics import PLANT, RECORDER, Topics, resolve
+from pam_orthosis.bag.topics import PLANT, RECORDER, SAFETY, Topics, resolve
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, config_folder
 from pam_orthosis.nodes.layout import EVERYTHING, SHOWN, VIEWER, NodeSpec, layout
@@ -61,7 +61,9 @@ def commands(
     common |= {"with_plant": mode.with_plant, "replay": False, "leg": ""}
     recorder = {**common, "directory": as_parameter(bag), "scenario_name": scenario}
     nodes = layout(Topics(parameters.declared))
-    specs = [spec for spec in nodes.values() if mode.with_plant or spec.name != PLANT]
+    absent = () if mode.with_plant else (PLANT,)
+    absent += () if parameters.control.limits.enabled else (SAFETY,)
+    specs = [spec for spec in nodes.values() if spec.name not in absent]
     if not mode.legs:
         recorder["aside"] = mode.composed
         return _Group(work, parameters, specs, "", recorder).commands(mode.composed)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pam_orthosis.bag.topics import PLANT, POSITION, RECORDER, TRAJECTORY, VALVE, Topics
+from pam_orthosis.bag.topics import PLANT, POSITION, RECORDER, SAFETY, TRAJECTORY, VALVE, Topics
 from pam_orthosis.model.parameters import NOMINAL
 
 if TYPE_CHECKING:
@@ -16,7 +16,10 @@ SHOWN = ("leg", "machine", "muscle", "valve")  # what the look of a machine depe
 VIEWER = "live_view"
 EVERYTHING = (*NOMINAL, "plant")
 # which steps there are, and which topics
-_GRAPH = ("scenario.control_period", "control.position.every", "scenario.trajectory", "scenario.plan.enabled")
+_GRAPH = (
+    *("scenario.control_period", "control.position.every", "scenario.trajectory", "scenario.plan.enabled"),
+    "control.limits.enabled",
+)
 _MEAN = "control.position.mean_pressure"
 _LIMITS = ("control.position.minimum_pressure", "control.position.maximum_pressure")
 _GUARDS = tuple(
@@ -48,12 +51,16 @@ OWN = {
         *("control.pressure.", *_LIMITS, *_GUARDS, *_FOLLOWED),
     ),
     "driver": ("scenario.control_period",),
-    VALVE: (*_GRAPH, "control.inverse_valve.", *_GUARDS, "control.guard.rest_time"),
+    VALVE: (*_GRAPH, "control.inverse_valve.", *_GUARDS, "control.guard.rest_time", "control.limits.band"),
+    SAFETY: (*_GRAPH, "control.limits."),
     PLANT: (
         *(*_GRAPH, _MEAN, "scenario.duration", "scenario.seed", "scenario.start_angle"),
         *(f"plant.{name}" for name in _EMULATED),
     ),
 }
+
+
+OF_THE_PATIENT = ("low", "high", "speed", "effort", "force", "pressure", "spasm")
 
 
 @dataclass(frozen=True)
@@ -88,6 +95,7 @@ def live_keys(machine: Machine) -> dict[str, tuple[str, ...]]:
         "trajectory_publisher": ("scenario.cycle_time",),
         "position_controller": (*gains, *machine.live, *cooperation),
         "plant_simulator": machine.live,
+        SAFETY: tuple(f"control.limits.{name}" for name in OF_THE_PATIENT),
         "pressure_controller": ("control.pressure.gain", "control.pressure.reference_filter"),
     }
 
@@ -105,6 +113,7 @@ def layout(topics: Topics) -> dict[str, NodeSpec]:
         NodeSpec(POSITION, POSITION, live=live[POSITION]),
         *controllers,
         NodeSpec(VALVE, VALVE),
+        NodeSpec(SAFETY, SAFETY, live=live[SAFETY]),
         NodeSpec(PLANT, PLANT, EVERYTHING, live=live[PLANT]),
     )
     return {spec.name: spec for spec in specs}

@@ -124,7 +124,7 @@ class Lockstep:
     def _cause(self) -> str:
         """Return who is gone, or else what did not come: who sends that may wait for somebody himself."""
         fed = self._plant.settings["replay"]
-        if absent := [] if fed else self._plant.ownership.absent(self._plant.table.nodes):
+        if absent := [] if fed else self._plant.ownership.absent(self._plant.topics["ready"].producers):
             return f"{' and '.join(absent)} {'is' if len(absent) == 1 else 'are'} gone"
         if self._waits:
             return "bag_recorder does not keep up"

@@ -37,7 +37,7 @@ class PlantSimulator(PacedNode):
         paced = Setting(False, "in lockstep no faster than the wall clock")
         super().__init__(PLANT, {"answer_timeout": timeout, "paced": paced})
         self._plant = Plant(self.parameters, self.parameters.scenario.seed)
-        self._absent = set(self.table.nodes)
+        self._absent = set(self.topics["ready"].producers)
         self._newest_ns: int | None = None
         self._stop = EmergencyStop(self)
         self._time = None if self.realtime else self.publish_numbers(CLOCK, Clock())

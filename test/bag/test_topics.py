@@ -13,7 +13,8 @@ OF_KNEE = (
     "/clock joint_states extensor/pressure flexor/pressure"
     " truth truth/extensor/pressure truth/extensor/mass_flow truth/flexor/pressure truth/flexor/mass_flow"
     " reference reference_pressure planned_reference estimate disturbance controller_state"
-    " extensor/pressure_reference flexor/pressure_reference extensor/mass_flow flexor/mass_flow"
+    " extensor/pressure_reference flexor/pressure_reference allowed_pressure"
+    " extensor/mass_flow flexor/mass_flow"
     " extensor/valve_command flexor/valve_command answered /diagnostics emergency_stop configuration ready"
     " recorded end"
 )

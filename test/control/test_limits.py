@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The safety monitor: every limit trips it, it only takes air out, and it goes on by command."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from pam_orthosis.control.limits import SPASM, STALE, SafetyMonitor, restrained
+from pam_orthosis.control.limits import SPASM, STALE, UNHEEDED, SafetyMonitor, restrained
 from pam_orthosis.control.loop import ClosedLoop, Watched
+from pam_orthosis.model.machines import machine_named
 from pam_orthosis.model.parameters import load, scenario_overrides
 from pam_orthosis.model.plant import Plant
 
@@ -78,6 +81,44 @@ def test_a_large_torque_of_the_muscles_trips(parameters):
     assert (held.tripped, held.monitor.trips[0].allowed) == ("torque", 20.0)
 
 
+def test_a_large_force_of_one_actuator_trips(parameters):
+    fed = Fed(parameters.changed({"control.limits.force": 300.0}))
+    for _ in range(10):
+        fed(*REST[:1], 4.5e5, 4.5e5)
+    assert fed.tripped == "force"
+    assert 300.0 < fed.monitor.trips[0].value < 320.0
+
+
+def test_the_shoe_presses_on_the_sole_no_harder_than_its_limit():
+    shoe = load({}, machine_named(Path("shoe")))
+    fed = Fed(shoe.changed({"control.limits.low": -9.0, "control.limits.high": 9.0}))  # nothing holds it here
+    for _ in range(10):
+        fed(0.0, 2e5, 5.8e5)
+    assert fed.tripped is None
+    for _ in range(10):
+        fed(0.0, 2e5, 6.2e5)
+    assert fed.tripped == "force"
+    assert 300.0 < fed.monitor.trips[0].value < 320.0
+
+
+def test_commands_that_fill_against_the_limits_for_long_trip(fed):
+    for _ in range(20):
+        fed(*REST)
+        fed.monitor.heard(0, 10.0)  # all is well: any command is
+    assert fed.tripped is None
+    fed(0.6, 6.86e5, 3.4e5)
+    for period in range(20):
+        fed(*REST)
+        fed.monitor.heard(0, 0.0)
+        fed.monitor.heard(1, 0.0 if period % 10 == 9 else 0.1)
+    assert fed.monitor.venting
+    assert UNHEEDED not in [trip.limit for trip in fed.monitor.trips]
+    for _ in range(12):
+        fed(*REST)
+        fed.monitor.heard(1, 0.1)
+    assert fed.monitor.trips[-1].limit == UNHEEDED
+
+
 def test_a_high_pressure_trips_from_the_first_sample_on(parameters):
     fed = Fed(parameters)
     assert fed(0.6, 3.0e5, 6.9e5) == VENT
@@ -133,7 +174,7 @@ def test_it_never_adds_air():
 def spasm():
     overrides = scenario_overrides("person-spasm") | {
         "plant.person.spasm.start": 5.75,
-        "plant.person.spasm.torque": 25.0,
+        "plant.person.spasm.torque": 30.0,
     }
     parameters = load(overrides)
     monitor = SafetyMonitor(parameters)

@@ -66,6 +66,14 @@ def make(tmp_path, monkeypatch):
     rclpy.try_shutdown()
 
 
+def test_the_safety_monitor_declares_all_that_it_reads(make):
+    with reads() as keys:
+        node = make("safety_monitor", **{"control.limits.enabled": "true"})
+    read = {row.key for row in load().rows() if row.key.startswith(("control.limits.", "scenario."))} & keys
+    assert len(read) > 10
+    assert {key for key in read if not node.has_parameter(key)} == set()
+
+
 @pytest.mark.parametrize(
     ("name", "trajectory"),
     [

@@ -211,6 +211,20 @@ def test_an_emergency_stop_vents_until_reset(ready):
     assert not ready.asked("reset").success
 
 
+def test_a_stop_by_a_node_of_the_graph_vents_until_it_is_released(ready):
+    def tell(stamp_ns, level):
+        ready._on_told(messages.diagnostics(stamp_ns, "safety_monitor: emergency stop", level, "", {}))
+        ready.period()
+        ready.told(*OPEN)
+
+    tell(2, driver.DiagnosticStatus.ERROR)
+    assert ready.valves == list(VENT)
+    tell(1, driver.DiagnosticStatus.OK)  # an older word that comes later
+    assert ready.valves == list(VENT)
+    tell(3, driver.DiagnosticStatus.OK)
+    assert ready.valves == list(OPEN)
+
+
 def test_health_is_an_error_while_the_valves_do_not_follow_for_good(ready):
     reports = []
     ready._health.publish = lambda message: reports.append(message.status[0])

@@ -22,6 +22,7 @@ from pam_orthosis.nodes import (
     plant_simulator,
     position_controller,
     pressure_controller,
+    safety_monitor,
     topic_node,
     trajectory_publisher,
 )
@@ -40,6 +41,7 @@ NODES = (
     plant_simulator.PlantSimulator,
     position_controller.PositionControllerNode,
     pressure_controller.PressureControllerNode,
+    safety_monitor.SafetyMonitorNode,
     trajectory_publisher.TrajectoryPublisher,
 )
 

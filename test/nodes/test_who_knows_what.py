@@ -3,7 +3,7 @@
 
 import pytest
 
-from pam_orthosis.bag.topics import PLANT, PUBLISHED_DEPTH, RECORDER, Topics
+from pam_orthosis.bag.topics import PLANT, PUBLISHED_DEPTH, RECORDER, SAFETY, Topics
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes import launch
@@ -29,7 +29,7 @@ def test_controllers_get_no_parameter_of_the_plant(tmp_path):
 
 def test_every_topic_is_made_and_used_by_nodes_of_the_table():
     for topic in TABLE.all:
-        assert set(topic.producers) | set(topic.subscribers) <= set(TABLE.nodes)
+        assert set(topic.producers) | set(topic.subscribers) <= {*TABLE.nodes, SAFETY}
         assert topic.meaning
         assert topic.unit
 

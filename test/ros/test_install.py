@@ -23,6 +23,7 @@ EXECUTABLES = {
     "extensor_pressure_controller",
     "flexor_pressure_controller",
     "inverse_valve_model",
+    "safety_monitor",
     "bag_recorder",
     "dummy_driver",
     "leg_state_publisher",
