@@ -3,12 +3,20 @@
 
 import json
 import re
+from base64 import b64decode
+from html import unescape
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pam_orthosis.report.paper import observer, tracking
+from pam_orthosis.identification.data import read_data
+from pam_orthosis.identification.identify import identify
+from pam_orthosis.model.components.muscle import towing_force
+from pam_orthosis.model.parameters import load
+from pam_orthosis.report.pages import paper as pages
+from pam_orthosis.report.paper import observer, table, tracking
 
 ROOT = Path(__file__).resolve().parents[2]
 ROWS = json.loads((ROOT / "benchmarks" / "results" / "paper.json").read_text(encoding="utf-8"))["rows"]
@@ -33,6 +41,17 @@ def shown(result, unit):
     """Return the first number with a unit of a committed result."""
     (row,) = (row for row in ROWS if row["result"] == result)
     return float(re.search(rf"([\d.]+) {unit}", row["here"])[1])
+
+
+@pytest.fixture
+def identified(tmp_path):
+    """What is identified from the forces of a muscle by its rows in `config/`, one pressure held out."""
+    m, lines = load().muscle.dmsp_20, ["p_Pa_gauge,dL_m,F_N"]
+    for pressure, contraction in product(np.arange(1, 7) * 1e5, np.linspace(0.0, 0.2, 12) * m.map_length):
+        force = float(towing_force(contraction * m.length / m.map_length, pressure, m))
+        lines += [f"{pressure},{contraction},{force}"] if force > 0 else []
+    (tmp_path / "dmsp20.csv").write_text("\n".join(lines), encoding="utf-8")
+    return identify(read_data([tmp_path / "dmsp20.csv"]), [3e5])
 
 
 def test_lag_and_gain_are_found_beside_noise_and_another_frequency():
@@ -85,3 +104,27 @@ def test_the_committed_figures_are_those_that_are_measured(simulated, on_hardwar
     assert shown("force model, DMSP-20", "N maximum") <= 30.0
     assert walked.largest <= 3.0
     assert walked.steady_state < 1.0
+
+
+def test_the_page_shows_what_was_measured(identified, simulated, on_hardware, walked, tmp_path, page_fits):
+    points = [
+        observer.TradeOff(pole, damping, 2 / pole, 0.001 * pole, 0.8, 0.01 * pole, pole)
+        for damping in observer.PATTERNS
+        for pole in (50.0, 100.0)
+    ]
+    found = table.Results(identified, simulated, on_hardware, points, walked)
+    page = tmp_path / "paper.html"
+    page.write_text(pages.page(found), encoding="utf-8")
+    page_fits(page)
+    text = unescape(page.read_text(encoding="utf-8"))
+    assert f"Tracking: {walked.largest:.2f} deg at most" in text
+    for row in table.rows(found):
+        assert f"<td>{row.result}</td><td>{row.paper}</td><td>{row.here}</td>" in text
+    curves = [one for plot in re.findall(r'data-plot="([^"]*)"', page.read_text(encoding="utf-8"))
+              for one in json.loads(unescape(plot))["data"]]  # fmt: skip
+    drawn = {one["name"]: np.frombuffer(b64decode(one["y"]["bdata"])) for one in curves}
+    error = walked.reference - walked.angle
+    assert drawn["error"].max() == pytest.approx(error.max(), abs=1e-9)
+    assert drawn["error"].min() == pytest.approx(error.min(), abs=1e-9)
+    for name in observer.PATTERNS.values():
+        assert drawn[name].tolist() == [0.5, 1.0]  # of the last panel

@@ -37,6 +37,8 @@ setInterval(() => {
   }
 }, REDRAWN_MS);
 
+dark.addEventListener("change", () => Object.values(legs).forEach(({plots}) => { plots[0].shown = null; }));
+
 const events = new EventSource("events");
 events.onmessage = message => {
   const said = JSON.parse(message.data);

@@ -6,6 +6,9 @@ const COLOURS = {
   dark: {ink: "#ececec", faint: "#a0a0a0", grid: "#3a3f45", blue: "#56b4e9", orange: "#ff9a62", green: "#2fc79b",
          purple: "#e59fc8", sky: "#8fd0ff", amber: "#f0c04a"},
 };
+// ticks with their whole numbers: 1, 2 and 5 of each decade
+const TICKS = [...Array(15).keys()].flatMap(i => [1, 2, 5].map(digit => Number(`${digit}e${i - 7}`)));
+const LOG = {type: "log", tickmode: "array", tickvals: TICKS, ticktext: TICKS.map(String)};
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const plots = [...document.querySelectorAll("[data-plot]")];
 
@@ -25,7 +28,7 @@ function layout(plot) {
     font: {color: scheme.ink, family: "system-ui, sans-serif", size: 13}, hovermode: plot.shared ? "x" : "closest",
     barmode: "group", legend: {orientation: "h", x: 0, y: 1.02, yanchor: "bottom"}, dragmode: "zoom",
     showlegend: plot.data.length > 1 || plot.levels.length > 0,
-    xaxis: axis(plot.x, scheme, {}), yaxis: axis(plot.y, scheme, plot.log ? {type: "log"} : {}),
+    xaxis: axis(plot.x, scheme, {}), yaxis: axis(plot.y, scheme, plot.log ? LOG : {}),
     shapes: plot.levels.map(level => ({
       type: "line", xref: "paper", x0: 0, x1: 1, y0: level, y1: level, line: {color: scheme.ink, width: 1, dash: "dash"}})),
   };
