@@ -29,7 +29,7 @@ from browser import LIMIT_MS, SCHEMES, WIDTHS, started  # noqa: E402
 
 SHOWN_S = 5.0  # of the bag in the live view
 BEYOND = "document.documentElement.scrollWidth - innerWidth"
-DRAWN_MS = 1500  # for plots that are drawn again at another width
+DRAWN_MS = 1000  # for plots that are drawn again at another width
 
 
 def main() -> None:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 # names of colours of `assets/plots.js`
 REFERENCE, MEASURED, ESTIMATE = "@ink", "@blue", "@orange"
 BEFORE, AFTER, NOISE = "@orange", "@blue", "@faint"
+BELOW = "@pale"  # of a wide curve below another one
 OF_ACTUATORS = ("@blue", "@orange", "@green", "@purple", "@sky", "@amber", "@faint")
 
 Trace = dict[str, Any]

@@ -10,14 +10,14 @@ import numpy as np
 from pam_orthosis.bag.verdict import Verdict
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report.page import BAD, GOOD, Moving, Page, Part, listed
-from pam_orthosis.report.plots import ESTIMATE, MEASURED, NOISE, OF_ACTUATORS, Plot, Trace, line
+from pam_orthosis.report.plots import BELOW, ESTIMATE, MEASURED, OF_ACTUATORS, Plot, Trace, line
 from pam_orthosis.report.run_data import MOST_POINTS, Curve, Panel, RunData, view
 
 PICTURES_PER_SECOND, MOST_PICTURES = 20, 240
 DIGITS = 4  # of places in m and pressures in bar of the moving machine
 # name of a curve -> colour, dash, width
 STYLES = {
-    "reference": (NOISE, "solid", 5.0),  # wide, below what follows it
+    "reference": (BELOW, "solid", 6.0),  # wide, below what follows it
     "measured": (MEASURED, "solid", 1.6),
     "estimate": (ESTIMATE, "dot", 1.8),
     "error": (MEASURED, "solid", 1.4),

@@ -1,9 +1,9 @@
 "use strict";
 // colours by what a curve means, after Okabe and Ito: told apart by those who confuse red and green
 const COLOURS = {
-  light: {ink: "#1b1b1b", faint: "#767676", grid: "#dddddd", blue: "#0072b2", orange: "#d55e00", green: "#007a5a",
+  light: {ink: "#1b1b1b", faint: "#767676", pale: "#c4c8cc", grid: "#dddddd", blue: "#0072b2", orange: "#d55e00", green: "#007a5a",
           purple: "#b0578d", sky: "#2a8fc9", amber: "#b97f00"},
-  dark: {ink: "#ececec", faint: "#a0a0a0", grid: "#3a3f45", blue: "#56b4e9", orange: "#ff9a62", green: "#2fc79b",
+  dark: {ink: "#ececec", faint: "#a0a0a0", pale: "#5b626a", grid: "#3a3f45", blue: "#56b4e9", orange: "#ff9a62", green: "#2fc79b",
          purple: "#e59fc8", sky: "#8fd0ff", amber: "#f0c04a"},
 };
 // ticks with their whole numbers: 1, 2 and 5 of each decade
