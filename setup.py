@@ -73,7 +73,7 @@ setup(
     packages=[*find_packages(exclude=["test", "test.*"]), "pam_orthosis.config", "pam_orthosis.examples"],
     package_dir={"pam_orthosis.config": "config", "pam_orthosis.examples": "bags"},
     package_data={
-        "pam_orthosis.config": ["*.json", "*.py", "*.xml", "*.yaml", "machines/*.yaml"],
+        "pam_orthosis.config": ["*.json", "*.py", "*.xml", "*.yaml", "machines/*.yaml", "devices/*.yaml"],
         "pam_orthosis.report": ["assets/*", "templates/*.html"],
         "pam_orthosis.examples": ["*.npz", "*/metadata.yaml", "*/*.mcap"],
     },
@@ -83,6 +83,7 @@ setup(
         (f"share/{PACKAGE}/config", glob("config/*.*")),
         (f"share/{PACKAGE}/launch", glob("launch/*.launch.xml")),
         (f"share/{PACKAGE}/config/machines", glob("config/machines/*.yaml")),
+        (f"share/{PACKAGE}/config/devices", glob("config/devices/*.yaml")),
         (f"lib/{PACKAGE}", RELAYS),
     ],
     install_requires=[

@@ -4,6 +4,7 @@
 from collections.abc import Iterable
 
 from generators.markdown import WIDE, table, value
+from pam_orthosis.model.device import FOLDER
 from pam_orthosis.model.effects import KINDS
 from pam_orthosis.model.machine import ACTUATORS
 from pam_orthosis.model.machines import INLINE, MOST_ACTUATORS, OF_ACTUATOR, TOP
@@ -30,6 +31,7 @@ MEANINGS = {
     "effects": ("list of the kinds of effects that it may have", "all that fit"),
     "start": ("key of the coordinate at which it rests at first", "the mechanism's `start`"),
     "branch": ("of the parameters that switch effects on in the nominal model", "`effects`"),
+    "coupled": ("`leg`: it is the knee or the ankle of a leg; see devices below", "none"),
     "experiments": ("whether the diagnostic scenarios are its own", "`false`"),
     "takes": ("key: key, the first has the value of the second", "none"),
 }
@@ -37,8 +39,17 @@ OF_EACH = {
     "kind": ("one of {}", ""),
     "parameters": ("branch of parameters that it has: {}; a cylinder gives its own", ""),
     "transmission": ("how the coordinate contracts it, see below; a knee and a carriage have their own", ""),
+    "parallel": (f"so many of them side by side on one valve, 1 to {MOST_ACTUATORS}", "1"),
     "sizes": ("effect: how many times larger than elsewhere it may be", "none"),
 }
+DEVICES = """
+## Devices
+
+A file with `joints` declares machines that run together, each with its own nodes in a namespace. A joint
+has the `machine` that it is, `coupled` and `parallel` as above. `values` are those of all coupled joints,
+`ankle/KEY` that of one; `sides` are namespaces around the joints, the second half a cycle ahead.
+
+"""
 TENSION = """
 ## Transmissions
 
@@ -103,6 +114,9 @@ def _effects() -> str:
 
 
 def _shipped() -> str:
-    files = sorted((config_folder() / "machines").glob("*.yaml"))
-    texts = (f"```yaml\n{file.read_text(encoding='utf-8').strip()}\n```\n" for file in files)
-    return "\n## The shipped machines\n\n" + "\n".join(texts)
+    return "\n## The shipped machines\n\n" + _texts("machines") + DEVICES + _texts(FOLDER)
+
+
+def _texts(folder: str) -> str:
+    files = sorted((config_folder() / folder).glob("*.yaml"))
+    return "\n".join(f"```yaml\n{file.read_text(encoding='utf-8').strip()}\n```\n" for file in files)

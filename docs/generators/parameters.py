@@ -4,7 +4,7 @@
 from pathlib import Path
 
 from generators.markdown import WIDE, parameter_rows
-from pam_orthosis.model.machines import machine_named
+from pam_orthosis.model.device import device_named
 from pam_orthosis.model.parameters import SUBJECTS, load
 
 FOLDER = "reference/parameters"
@@ -17,7 +17,7 @@ ABOUT = {
     "plant": "The emulated hardware: how it deviates from the nominal model, and its sensors.",
     "scenario": "What a run does.",
     "gap": "The gap workflow: tolerances, thresholds, catalogue.",
-    "ankle": "What machines with an ankle have beside the rows of the other files.",
+    "ankle": "What the ankle and the joints of a leg have beside the rows of the other files.",
 }
 
 
@@ -49,6 +49,7 @@ def _page(subject: str) -> str:
 
 def _ankle() -> str:
     shared = {row.key for row in load().rows()}
-    own = [row for row in load({}, machine_named(Path("ankle"))).rows() if row.key not in shared]
+    leg = device_named(Path("leg"))
+    own = [row for row in load({}, leg.joints["ankle"]).rows() if row.key not in shared]
     rows = [row for row in own if not row.key.startswith(("plant.effects.", "plant.person.", "effects."))]
     return f"{WIDE}# Parameters: ankle\n\n{ABOUT['ankle']}\n\n{parameter_rows(rows)}"

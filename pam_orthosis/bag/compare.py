@@ -53,7 +53,7 @@ def compare(first: Path, second: Path, topics: Iterable[str], namespace: str = "
     Raises:
         OrthosisError: a bag is unusable.
     """
-    topics, table = list(topics), Topics(recorded_machine(first))
+    topics, table = list(topics), Topics(recorded_machine(first, namespace))
     recorded, other = raw_messages(first, topics, namespace), raw_messages(second, topics, "", table)
     return [
         _comparison(table, topic, (recorded.get(topic, {}), other.get(topic, {})), (first, second, namespace))

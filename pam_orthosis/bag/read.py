@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,6 +24,7 @@ from pam_orthosis.bag.topics import MOTION, SECOND_NS, Signal, Topics
 from pam_orthosis.bag.unpack import metadata_records
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components.spool import voltage_of
+from pam_orthosis.model.device import MACHINE
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.machines import KNEE, machine_from
 from pam_orthosis.model.parameters import Section, load
@@ -85,7 +87,7 @@ def read_bag(
     """
     path = Path(path)
     with open_bag(path) as reader:
-        run = run_record(path)
+        run = run_record(path, namespace)
         machine = machine_of(path, run)
         wanted, more = _found(path, machine, signals), _found(path, machine, optional)
         source = LegMessages(reader, path, namespace, recorded_valve(path, run, namespace))
@@ -112,9 +114,10 @@ def raw_messages(
     """
     path = Path(path)
     found: dict[str, dict[int, bytes]] = {}
-    table = table or Topics(recorded_machine(path))
+    table = table or Topics(recorded_machine(path, namespace))
     with open_bag(path) as reader:
-        source = LegMessages(reader, path, namespace, recorded_valve(path, run_record(path), namespace))
+        valve = recorded_valve(path, run_record(path, namespace), namespace)
+        source = LegMessages(reader, path, namespace, valve)
         there = [topic for topic in topics if source.has(topic)]
         for topic in there:
             source.check(topic, table.by_name[topic].type)
@@ -123,8 +126,25 @@ def raw_messages(
     return found
 
 
-def run_record(path: Path) -> dict[str, str]:
-    """Return the run metadata of a bag of ours, empty for another; OrthosisError if it is damaged."""
+def run_record(path: Path, namespace: str = "") -> dict[str, str]:
+    """Return the run metadata of a bag of ours, empty for another; OrthosisError if it is damaged.
+
+    In the namespace of another machine they are those of this machine.
+    """
+    run = _run_record(path)
+    own = legs_of(path, run).get(namespace.strip("/"), {}) if namespace else {}
+    if MACHINE[0] not in own:
+        return run
+    machine = {key: own[key] for key in MACHINE}
+    values = {key: value for key, value in own.items() if key not in MACHINE}
+    return (
+        {key: value for key, value in run.items() if key != "legs"}
+        | machine
+        | {"parameters": json.dumps(values)}
+    )
+
+
+def _run_record(path: Path) -> dict[str, str]:
     with damage_told(path):
         for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
             for record in metadata_records(file) if file.suffix == ".mcap" else ():
@@ -144,13 +164,13 @@ def machine_of(path: Path, run: Mapping[str, str]) -> Machine:
     return machine_from(text, run.get("machine_name", "machine"), f"{path}: the machine in its run metadata")
 
 
-def recorded_machine(path: Path) -> Machine:
-    """Return the machine of a bag.
+def recorded_machine(path: Path, namespace: str = "") -> Machine:
+    """Return the machine of a bag, or of one of its namespaces.
 
     One that cannot be read is taken for the knee's: whoever reads its signals reports what is wrong with it.
     """
     try:
-        run = run_record(path)
+        run = run_record(path, namespace)
     except OrthosisError:
         return KNEE
     return machine_of(path, run)

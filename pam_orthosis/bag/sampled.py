@@ -40,7 +40,7 @@ def sampled(path: Path, namespace: str = "") -> Sampled:
     Raises:
         OrthosisError: the bag is unusable.
     """
-    first, *others = known = list(Topics(recorded_machine(path)).signals)
+    first, *others = known = list(Topics(recorded_machine(path, namespace)).signals)
     bag = read_bag(path, [first], others, namespace)
     stamps = bag[first].stamp_ns
     return Sampled(bag, stamps, {name: at_stamps(stamps, bag[name]) for name in known if name in bag.series})

@@ -63,11 +63,13 @@ class Script:
         held_ns: int = 0,
         beside: Collection[str] = (),
     ):
-        table = Topics(recorded_machine(path))
+        table = Topics(recorded_machine(path, namespace))
         run = table.of_run(beside=beside)
         self._topics = {name: topic for name, topic in run.items() if topic.rate == "step"}
         self.messages: Messages = raw_messages(path, [*self._topics, ANSWERED], namespace)
-        self.missing = {node: self._missing(node) for node in table.nodes if node != RECORDER}
+        # joints of one mechanism move together: none of them is there for a plant of its own
+        others = (RECORDER, PLANT) if table.machine.coupled else (RECORDER,)
+        self.missing = {node: self._missing(node) for node in table.nodes if node not in others}
         self.nodes = tuple(node for node in self.missing if _chosen(node, nodes) and not self.missing[node])
         self._check(path, nodes)
         self._held_ns = held_ns

@@ -25,6 +25,7 @@ RECORDER = "bag_recorder"
 CONTROLLER = "{}_pressure_controller"
 SLOW = (TRAJECTORY, POSITION)  # these work at each `control.position.every`-th control period
 
+VALVE_COMMAND = "/valve_command"  # behind the actuator's name
 CLOCK = "/clock"
 JOINT, PRESSURE = "sensor_msgs/msg/JointState", "sensor_msgs/msg/FluidPressure"
 WRENCH, MOTION = "geometry_msgs/msg/WrenchStamped", "trajectory_msgs/msg/JointTrajectory"
@@ -35,6 +36,7 @@ EMERGENCY_STOP = "emergency_stop"
 # what is asked for beside the motion, in runs that ask for it
 MEAN_PRESSURE, PLANNED = "reference_pressure", "planned_reference"
 ALLOWED = "allowed_pressure"  # of the safety monitor
+BESIDE = "beside_reference"
 TIME_REFERENCE = "sensor_msgs/msg/TimeReference"
 DISTURBANCE = {"rotation": "wrench.torque.y", "translation": "wrench.force.x"}  # along REP-103's axes
 SECOND_NS = 1_000_000_000
@@ -127,7 +129,7 @@ class Topics:
         self.controllers = {CONTROLLER.format(name): name for name in machine.names}
         self.nodes = (PLANT, TRAJECTORY, POSITION, *self.controllers, VALVE, RECORDER)
         self.sensors = (SAMPLE, *(f"{name}/pressure" for name in machine.names))
-        self.commands = tuple(f"{name}/valve_command" for name in machine.names)
+        self.commands = tuple(f"{name}{VALVE_COMMAND}" for name in machine.names)
 
     @cached_property
     def all(self) -> tuple[Topic, ...]:
@@ -202,6 +204,9 @@ class Topics:
         yield replace(_topic(MEAN_PRESSURE, PRESSURE, TRAJECTORY, [POSITION], what, "Pa"), optional=True)
         what = "motion that is followed instead, in runs by a plan"
         yield replace(_topic(PLANNED, MOTION, TRAJECTORY, [POSITION], what, motion), optional=True)
+        if self.machine.coupled:
+            what = f"motion that the {self.machine.neighbour} is to follow"
+            yield _topic(BESIDE, MOTION, TRAJECTORY, [POSITION], what, motion)
         yield _topic("estimate", JOINT, POSITION, controllers, f"observer: {c.name}, velocity", place)
         what = f"observer: disturbance {c.effort} tau of Eq. (26), positive against a rising {c.name}"
         yield _topic("disturbance", WRENCH, POSITION, [], what, c.effort_unit)

@@ -6,7 +6,7 @@ Error = reference - measured coordinate, joined by header stamp. Angles come out
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -40,10 +40,20 @@ IN_UNIT = ("max_abs_error", "rms_error", "steady_state_error", "max_abs_error_af
 
 
 class Bound(NamedTuple):
-    """A bound on the largest error, in a unit; none: in that in which the machine's errors are shown."""
+    """A bound on the largest error, in a unit; none: in that in which the machine's errors are shown.
+
+    `own`: namespace, or the end of it, -> a bound of its own.
+    """
 
     value: float = 3.0
     unit: str = ""
+    own: Mapping[str, float] = {}
+
+    def at(self, namespace: str) -> Bound:
+        """Return the bound of a namespace."""
+        name = namespace.strip("/")
+        own = [value for end, value in self.own.items() if _named(end, [name])]
+        return self._replace(value=own[0]) if own else self
 
 
 DEFAULT = Bound()
@@ -170,9 +180,11 @@ def judge_all(
         OrthosisError: as `judge`, or a leg of the run is not in the bag.
     """
     if namespace is not None:
-        return {namespace.strip("/"): judge(path, bound, skip_s, namespace, partial)}
+        return {namespace.strip("/"): judge(path, bound.at(namespace), skip_s, namespace, partial)}
     names = namespaces(path)
-    verdicts = {name.strip("/"): judge(path, bound, skip_s, name, partial) for name in names}
+    verdicts = {name.strip("/"): judge(path, bound.at(name), skip_s, name, partial) for name in names}
+    if strange := [end for end in bound.own if not _named(end, verdicts)]:
+        raise OrthosisError(f"{path}: no {strange[0]} to bound; there are: {', '.join(verdicts)}")
     if lost := sorted(legs_of(path, run_record(path)).keys() - verdicts.keys()):
         raise OrthosisError(
             f"{path}: the run had a leg {lost[0]}, and the bag has no /{lost[0]}/joint_states"
@@ -180,9 +192,13 @@ def judge_all(
     return verdicts
 
 
+def _named(end: str, names: Iterable[str]) -> bool:
+    return any(f"/{name}".endswith(f"/{end}") for name in names)
+
+
 def _read(path: Path, namespace: str) -> tuple[Bag, tuple[str, ...]]:
     """Return the bag, and why something that is not needed for tracking is left out, if it is."""
-    machine = recorded_machine(path)
+    machine = recorded_machine(path, namespace)
     name, asked = machine.coordinate.name, _pressure_references(machine)
     needed = (name, f"reference_{name}", "reference_velocity")
     useful = ("estimate_velocity", *(f"{one}_voltage" for one in machine.names))

@@ -17,6 +17,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+DEFAULT_BOUND = 3.0
+
 if TYPE_CHECKING:
     from pam_orthosis.bag.loads import Load
     from pam_orthosis.bag.timing import Timing
@@ -48,13 +50,19 @@ def add_bound_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare a bound on the largest error, in the unit in which a machine's errors are shown."""
     group = parser.add_mutually_exclusive_group()
     for unit, of in (("deg", "degrees, for what turns"), ("mm", "for what slides")):
-        meaning = f"bound on the largest error, {of} (3)"
+        meaning = f"bound on the largest error, {of} (3); 1,ankle=0.8 gives a joint its own"
         kind = partial(_bound, unit)
         group.add_argument(f"--bound-{unit}", type=kind, dest="bound", metavar=unit.upper(), help=meaning)
 
 
-def _bound(unit: str, text: str) -> tuple[float, str]:
-    return not_negative(text), unit
+def _bound(unit: str, text: str) -> tuple[float, str, dict[str, float]]:
+    """Read a bound, and those of joints of their own, such as `1,ankle=0.8`."""
+    pairs = [one.rpartition("=") for one in text.split(",")]
+    own = {name: not_negative(value) for name, equals, value in pairs if equals}
+    whole = [not_negative(value) for _, equals, value in pairs if not equals]
+    if len(whole) > 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is more than one bound: give 1,ankle=0.8")
+    return (whole or [DEFAULT_BOUND])[0], unit, own
 
 
 def bound_of(arguments: argparse.Namespace) -> Bound:
@@ -86,7 +94,8 @@ def show(verdicts: Mapping[str, Verdict], as_json: bool) -> int:
 
 def titled(leg: str, text: str) -> str:
     """Return what is printed on a leg, under its name if it has one."""
-    return f"{leg} leg\n{text}" if leg else text
+    title = f"{leg} leg" if leg in ("left", "right") else leg
+    return f"{title}\n{text}" if leg else text
 
 
 def describe(verdict: Verdict) -> str:

@@ -26,7 +26,10 @@ def add_parameter_arguments(
     """Declare scenario, machine and single values; `scenario` is the help on the first."""
     parser.add_argument("--scenario", default=default, metavar="NAME", help=scenario)
     parser.add_argument(
-        "--machine", type=Path, metavar="FILE", help="another machine: a YAML file, ankle or shoe (knee)"
+        "--machine",
+        type=Path,
+        metavar="FILE",
+        help="another machine: a YAML file, ankle, shoe or, for `run`, leg (knee)",
     )
     meaning = "set a parameter, e.g. control.position.c1=30 (repeatable)"
     parser.add_argument("--param", action="append", default=[], metavar="KEY=VALUE", help=meaning)

@@ -68,8 +68,11 @@ def execute(arguments: argparse.Namespace) -> int:
         by_leg = {leg: [_as_dict(one) for one in topics] for leg, topics in replayed.items()}
         print(json.dumps({"identical": identical, "legs": by_leg}, indent=2))
     else:
-        signals = Topics(recorded_machine(arguments.bag)).signals
-        print("\n\n".join(titled(leg, _table(topics, signals)) for leg, topics in replayed.items()))
+        tables = [
+            titled(leg, _table(topics, Topics(recorded_machine(arguments.bag, leg)).signals))
+            for leg, topics in replayed.items()
+        ]
+        print("\n\n".join(tables))
         print(_answer(compared))
     return 0 if identical else 1
 
@@ -119,7 +122,8 @@ def _parameters(bag: Path, namespace: str, changes: Sequence[str], progress: Sho
     """Return the parameters of the recorded run, as far as this version knows them, with changes."""
     from pam_orthosis.bag.read import recorded_machine, recorded_parameters, run_record
 
-    recorded, machine = recorded_parameters(bag, run_record(bag), namespace), recorded_machine(bag)
+    machine = recorded_machine(bag, namespace)
+    recorded = recorded_parameters(bag, run_record(bag, namespace), namespace)
     known = load({}, machine).flat()
     if unknown := sorted(recorded.keys() - known.keys()):
         progress.note(f"recorded by another version: it has no {', '.join(unknown)}")

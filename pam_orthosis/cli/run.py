@@ -13,20 +13,22 @@ from contextlib import ExitStack, suppress
 from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.cli.check import add_verdict_arguments, bound_of, show
 from pam_orthosis.cli.parameters import (
+    DEFAULT,
     add_model_argument,
     add_parameter_arguments,
+    assignments,
     check_controllable,
     chosen,
-    machine_of,
     with_model,
 )
 from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.files import Used, claimed, output
+from pam_orthosis.model.device import device_named, entry_of, parameters_of
 from pam_orthosis.model.parameters import Parameters, scenario_names
 from pam_orthosis.progress import Progress, shown
 
@@ -80,13 +82,13 @@ def execute(arguments: argparse.Namespace) -> int:
         return 0
     need_ros()
     bound = bound_of(arguments)
-    bound_in(bound, machine_of(arguments))
     wanted = {"scenario.duration": arguments.duration, "scenario.seed": arguments.seed}
     wanted["control.limits.enabled"] = arguments.safety or None
     given = {key: value for key, value in wanted.items() if value is not None}
-    parameters = with_model(chosen(arguments, given), arguments)
-    mode = _mode(arguments, parameters)
-    check_controllable(parameters)
+    parameters, mode = _chosen(arguments, given)
+    for one in [parameters_of(own, parameters) for own in mode.legs.values()] or [parameters]:
+        bound_in(bound, one.declared)
+        check_controllable(one)
     with ExitStack() as stack:
         bag = claim(stack, arguments.out, arguments.scenario)
         _run(parameters, bag.resolve(), arguments.scenario, mode, arguments.open, arguments.watch)
@@ -118,9 +120,27 @@ def need_ros() -> None:
         raise OrthosisError(f"rclpy is not installed: source a ROS 2 installation, or {ROS_WHEELS}")
 
 
-def _mode(arguments: argparse.Namespace, parameters: Parameters) -> launch.Mode:
+def _chosen(arguments: argparse.Namespace, given: Mapping[str, Any]) -> tuple[Parameters, launch.Mode]:
+    """Return the parameters, those of the first joint of a device, and how the run is made."""
+    from pam_orthosis.control.legs import device_parameters
+    from pam_orthosis.nodes.launch import Mode
+
     if arguments.no_plant and not arguments.realtime:
         raise OrthosisError("--no-plant: hardware does not wait for its controllers; give --realtime too")
+    device = device_named(arguments.machine) if arguments.machine else None
+    if device is None:
+        parameters = with_model(chosen(arguments, given), arguments)
+        return parameters, _mode(arguments, parameters)
+    others = arguments.legs > 1, arguments.model, arguments.realtime, arguments.watch
+    if any(others) or arguments.scenario != DEFAULT:
+        told = "--legs, --model, --realtime, --watch and --scenario are for single machines"
+        raise OrthosisError(f"{told}, not for {arguments.machine}; give its values by --param")
+    joints = device_parameters(device, {**given, **assignments(arguments.param)})
+    legs = {name: entry_of(one) for name, one in joints.items()}
+    return next(iter(joints.values())), Mode(arguments.composed, legs=legs, one_plant=True)
+
+
+def _mode(arguments: argparse.Namespace, parameters: Parameters) -> launch.Mode:
     from pam_orthosis.control.legs import differences
     from pam_orthosis.nodes.launch import Mode
 

@@ -73,8 +73,9 @@ class Anticipation:
         self._last = now.acceleration
         q, v, a, j, t = now.position, now.velocity, now.acceleration, self._jerk, self.horizon
         return Reference(
-            q + t * (v + t * (a / 2 + t * j / 6)), v + t * (a + t * j / 2), a + t * j, now.mean_pressure
-        )
+            q + t * (v + t * (a / 2 + t * j / 6)), v + t * (a + t * j / 2), a + t * j, now.mean_pressure,
+            beside=now.beside,
+        )  # fmt: skip
 
     def estimate(self, now: Estimate, reference: Reference, ahead: Reference) -> tuple[float, float, float]:
         """Return the estimate at the horizon; without a command the error goes on at its rate."""

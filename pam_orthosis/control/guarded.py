@@ -136,7 +136,7 @@ class GuardedPosition(Guarded):
         """
         desired = reference.position
         if reference.planned is not None:
-            reference = Reference(*reference.planned, reference.mean_pressure)
+            reference = Reference(*reference.planned, reference.mean_pressure, beside=reference.beside)
         reference = self._usable(reference, periods)
         follows = self._release is None and self._return is None
         of_position, first, second = self._guards.values()
@@ -169,7 +169,7 @@ class GuardedPosition(Guarded):
         if reference.mean_pressure is Valve.CLOSED:
             return reference
         if self._release is not None:
-            return Reference(position, 0.0, 0.0, reference.mean_pressure)
+            return Reference(position, 0.0, 0.0, reference.mean_pressure, beside=reference.beside)
         return reference if self._return is None else self._return.reference(position, reference, periods)
 
     def _judged(

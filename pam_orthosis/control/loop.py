@@ -6,7 +6,7 @@ It knows the emulated machine, as `rig_loop` knows the rig, and passes on measur
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,6 +22,7 @@ from pam_orthosis.control.reference import as_number
 from pam_orthosis.control.repetition import Repetition
 from pam_orthosis.control.trajectory import Trajectory, make_trajectory
 from pam_orthosis.control.waiting import Waiting
+from pam_orthosis.model.coupled import Coupled
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
@@ -137,10 +138,11 @@ class ClosedLoop:
         for index in range(steps):
             if not index % TOLD:
                 progress("simulating", index, steps)
-            table[index] = self._step(index)
+            table[index] = self.step(index)
         return dict(zip(self.signals, table.T, strict=True))
 
-    def _step(self, index: int) -> tuple[float, ...]:
+    def step(self, index: int) -> tuple[float, ...]:
+        """Take the step of this number; return its values of `signals`."""
         time_ns = index * self.plant.period_ns
         (position, *pressures), truth = self.plant.measure(), self.plant.truth()
         reference = self._trajectory.sample(time_ns)
@@ -165,3 +167,25 @@ class ClosedLoop:
             command.velocity, command.disturbance, *map(as_number, command.pressures), *flows, *voltages,
             *truth[:3], command.saturated, command.clamped,
         )  # fmt: skip
+
+
+class CoupledLoop:
+    """The joints of one mechanism in one process, each with its own cascade.
+
+    Args:
+        parameters: of each joint by its name, in the order of the mechanism's coordinates.
+    """
+
+    def __init__(self, parameters: Mapping[str, Parameters]):
+        self.plant = Coupled(list(parameters.values()))
+        own = zip(parameters.items(), self.plant.joints, strict=True)
+        self.loops = {name: ClosedLoop(one, plant=joint) for (name, one), joint in own}
+
+    def run(self, steps: int) -> dict[str, dict[str, NDArray[np.float64]]]:
+        """Advance; return for each joint what `ClosedLoop.run` does."""
+        tables = {name: np.empty((steps, len(loop.signals))) for name, loop in self.loops.items()}
+        for index in range(steps):
+            for name, loop in self.loops.items():
+                tables[name][index] = loop.step(index)
+            self.plant.live_on()
+        return {name: dict(zip(self.loops[name].signals, t.T, strict=True)) for name, t in tables.items()}

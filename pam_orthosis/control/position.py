@@ -11,6 +11,7 @@ import casadi as ca
 from pam_orthosis.control import effects, observer
 from pam_orthosis.control.anticipation import Anticipation
 from pam_orthosis.control.axis import Axis, Pair
+from pam_orthosis.control.coupling import Coupling
 from pam_orthosis.control.effects import AddedEffort, Sensors
 from pam_orthosis.control.observer import Estimate, Observer
 from pam_orthosis.control.rates import position_nominal
@@ -215,6 +216,7 @@ class PositionController:
         self._change = nominal.scenario.control_period / nominal.control.position.slack_time
         self._sensors = Sensors(nominal)
         self._ahead = Anticipation(nominal)
+        self._coupling = Coupling(nominal)
         self._now = AddedEffort(nominal)
         self._then = AddedEffort(nominal, self._ahead.horizon)
 
@@ -222,6 +224,7 @@ class PositionController:
         """Take the values of `live_keys`; estimate and references go on from where they are."""
         self._tuned = _tuned(parameters)
         self._observer.retune(parameters)
+        self._coupling.retune(parameters)
 
     def restart(self) -> None:
         """Begin anew at the next sample, wherever the load is then; what lives in the actuators goes on."""
@@ -240,7 +243,8 @@ class PositionController:
         """
         position, first, second = map(self._sensors.true, self._channels, (position, *pressures))
         pressures = first, second
-        known = self._now.step(reference, pressures, periods)
+        coupled = self._coupling.effort(reference)
+        known = self._now.step(reference, pressures, periods) - coupled
         estimate = self._observer.step(position, pressures, known, periods)
         mean = self._mean if reference.mean_pressure is None else reference.mean_pressure
         if mean is Valve.CLOSED:
@@ -258,10 +262,14 @@ class PositionController:
     ) -> Limited:
         """Return the reference pressures and what limits them, at the instant at which they act."""
         if not self._ahead.horizon:
-            return self._law(self._fed_back(estimate[:3], reference), reference, mean, self._now, periods)
+            coupled = self._coupling.effort(reference)
+            point = *estimate[:2], estimate[2] + coupled
+            return self._law(self._fed_back(point, reference), reference, mean, self._now, periods)
         then = self._ahead.reference(reference, periods)
         self._then.step(then, pressures, periods)
+        coupled = self._coupling.effort(then, self._ahead.horizon)
         point = self._ahead.estimate(estimate, reference, then)
+        point = *point[:2], point[2] + coupled
         self._ahead.note(self._correction(point, then))
         return self._law(self._fed_back(point, then), then, mean, self._then, periods)
 

@@ -42,7 +42,7 @@ class Reference(NamedTuple):
     """Desired motion (rad or m, and derivatives) and mean pressure of the actuators (absolute, Pa).
 
     Without a mean pressure the controller takes its own. With a plan the planned motion is followed; the
-    desired one is what the error counts from.
+    desired one is what the error counts from. `beside` is the desired motion of a coupled joint.
     """
 
     position: float
@@ -50,3 +50,4 @@ class Reference(NamedTuple):
     acceleration: float
     mean_pressure: PressureReference | None = None
     planned: Motion | None = None
+    beside: Motion | None = None

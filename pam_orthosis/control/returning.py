@@ -90,7 +90,7 @@ class Return:
             self._raised = min(self._raised + time / self._rise_time, 1.0)
             if self._raised == 1.0:
                 self._start = position
-            return Reference(position, 0.0, 0.0, wanted.mean_pressure)
+            return Reference(position, 0.0, 0.0, wanted.mean_pressure, beside=wanted.beside)
         return self._on_path(self._start, wanted, time)
 
     def pressures(
@@ -117,6 +117,7 @@ class Return:
             slope * pace * way + w * rate,
             (bend * pace**2 + slope * slowing) * way + 2 * slope * pace * rate + w * wanted.acceleration,
             wanted.mean_pressure,
+            beside=wanted.beside,
         )
 
 

@@ -14,6 +14,8 @@ from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.rules import out_of_reach
 from pam_orthosis.model.shapes import Shape, fourier_shape, scenario_shape, smooth_step
 
+COUPLED = ("gait", "hold")  # motions that are another joint's too
+
 
 class Planned(NamedTuple):
     """Shapes, over the cycles from where it starts, of what a plan asks for; see `planning`.
@@ -37,6 +39,7 @@ class Trajectory:
             of the cadence, s.
         phase: phase of the cycle at rest.
         plan: of the motion near this one that is followed instead, if any.
+        beside: the shape that a coupled joint runs through at the same cadence, if there is one.
     """
 
     def __init__(
@@ -47,8 +50,9 @@ class Trajectory:
         ramp: float,
         phase: float,
         plan: Planned | None = None,
+        beside: Shape | None = None,
     ):
-        self._shape, self._plan = shape, plan
+        self._shape, self._plan, self._beside = shape, plan, beside
         self._hold, self._ramp, self._start = hold, ramp, phase
         self._cycle_time, self._target = cycle_time, math.inf
         self._changes: list[tuple[float, float, float]] = []
@@ -62,8 +66,9 @@ class Trajectory:
     def sample(self, time_ns: int) -> Reference:
         """Return the reference at an instant, nanoseconds since the start."""
         phase, rate, curvature = self.phase(time_ns)
-        position, slope, bend = self._shape(self._start + phase)
-        reference = Reference(position, slope * rate, bend * rate**2 + slope * curvature)
+        reference = Reference(*_moved(self._shape(self._start + phase), rate, curvature))
+        if self._beside is not None:
+            reference = reference._replace(beside=_moved(self._beside(self._start + phase), rate, curvature))
         return reference if self._plan is None else _planned(self._plan, reference, phase, rate, curvature)
 
     def phase(self, time_ns: int) -> tuple[float, float, float]:
@@ -98,6 +103,12 @@ class Trajectory:
             rate += cadence / after - cadence / before
             curvature += growth / after - growth / before
         return phase, rate, curvature
+
+
+def _moved(shape: tuple[float, float, float], rate: float, curvature: float) -> Motion:
+    """Return the motion along a shape, given with its derivatives by the phase, whose phase has these."""
+    position, slope, bend = shape
+    return Motion(position, slope * rate, bend * rate**2 + slope * curvature)
 
 
 def _planned(plan: Planned, wanted: Reference, phase: float, rate: float, curvature: float) -> Reference:
@@ -144,8 +155,21 @@ def make_trajectory(parameters: Parameters) -> Trajectory | Experiment:
         return diagnostic.make_experiment(s.trajectory, parameters)
     plan = _plan(parameters) if s.plan.enabled else None
     return Trajectory(
-        scenario_shape(parameters), s.cycle_time, s.start_hold, s.start_ramp, s.start_phase, plan
-    )
+        scenario_shape(parameters), s.cycle_time, s.start_hold, s.start_ramp, s.start_phase, plan,
+        _beside(parameters),
+    )  # fmt: skip
+
+
+def _beside(parameters: Parameters) -> Shape | None:
+    """Return the shape of a coupled joint, if there is one: its gait, or its rest."""
+    s, machine = parameters.scenario, parameters.declared
+    if not machine.coupled:
+        return None
+    if s.trajectory not in COUPLED:
+        told = " or ".join(COUPLED)
+        raise OrthosisError(f"scenario.trajectory = {s.trajectory}: coupled joints move by {told}")
+    gait = s.trajectory == "gait"
+    return fourier_shape(s.beside.cosine, s.beside.sine) if gait else fourier_shape([s.beside.start], [0.0])
 
 
 def _plan(parameters: Parameters) -> Planned:

@@ -21,6 +21,7 @@ from pam_orthosis.model.effects import KINDS
 from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.mechanisms import MECHANISMS
 from pam_orthosis.model.mechanisms.base import Coordinate, Mechanism
+from pam_orthosis.model.mechanisms.coupled import COUPLED, Leg
 from pam_orthosis.model.person.tissue import TISSUE
 from pam_orthosis.model.rows import Row, Section
 
@@ -42,6 +43,7 @@ class ActuatorOf:
         kind: `muscle` or `cylinder`.
         parameters: its branch of the parameters.
         transmission: the branch that says how the coordinate contracts it; empty where the mechanism does.
+        parallel: so many of them side by side.
         sizes: effect -> how many times larger than elsewhere its coefficients may be.
     """
 
@@ -49,11 +51,12 @@ class ActuatorOf:
     kind: str
     parameters: str
     transmission: str = ""
+    parallel: int = 1
     sizes: Mapping[str, float] = field(default_factory=dict)
 
     def built(self, parameters: Parameters) -> Actuator:
         """Return it as its parameters describe it."""
-        return ACTUATORS[self.kind](parameters.at(self.parameters))
+        return ACTUATORS[self.kind](parameters.at(self.parameters)).times(self.parallel)
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,7 @@ class Machine:
         sensor: start of the keys `..._noise` and `..._resolution` of its coordinate's sensor.
         effects: names of the kinds of effects that it may have, in this order; empty: all that fit.
         branch: of the parameters that switches nominal effects on.
+        coupled: kind of the mechanism of several coordinates of which its own is one; empty: none.
         experiments: the diagnostic scenarios can be made with it.
         takes: keys whose values are those of other keys.
         rows: parameters that its file gives itself.
@@ -85,6 +89,7 @@ class Machine:
     start: str = ""
     effects: tuple[str, ...] = ()
     branch: str = "effects"
+    coupled: str = ""
     experiments: bool = False
     takes: Mapping[str, str] = field(default_factory=dict)
     rows: tuple[Row, ...] = ()
@@ -102,9 +107,22 @@ class Machine:
         return tuple(f"{self.parameters}.{name}" for name in MECHANISMS[self.kind].stops)
 
     @property
-    def subject(self) -> str:
-        """File of `config/` with rows that only machines of its kind have; empty: none."""
-        return getattr(MECHANISMS[self.kind], "subject", "")
+    def subjects(self) -> tuple[str, ...]:
+        """Files of `config/` with rows that only machines of its kind have."""
+        if self.coupled:
+            return COUPLED[self.coupled].subjects
+        own = getattr(MECHANISMS[self.kind], "subject", "")
+        return (own,) if own else ()
+
+    @property
+    def joint(self) -> int:
+        """Number of its coordinate among those of the coupled mechanism."""
+        return COUPLED[self.coupled].joints.index(self.kind)
+
+    @property
+    def neighbour(self) -> str:
+        """Kind of the other joint of the coupled mechanism; empty: none."""
+        return COUPLED[self.coupled].joints[1 - self.joint] if self.coupled else ""
 
     @property
     def identity(self) -> str:
@@ -180,6 +198,10 @@ class Machine:
         section = parameters.at(self.parameters)
         made: Mechanism = built(section, tuple(map(built.transmission, own))) if own else built(section)
         return made
+
+    def coupled_mechanism(self, parameters: Parameters) -> Leg:
+        """Return the mechanism of several coordinates of which its own is one."""
+        return COUPLED[self.coupled](parameters.at(self.parameters))
 
     def _repr_html_(self) -> str:
         rows = [(one.name, one.kind, one.parameters) for one in self.actuators]

@@ -14,15 +14,16 @@ from pam_orthosis.model.components import cylinder
 from pam_orthosis.model.effects import KINDS
 from pam_orthosis.model.machine import ACTUATORS, ActuatorOf, Machine
 from pam_orthosis.model.mechanisms import MECHANISMS
+from pam_orthosis.model.mechanisms.coupled import COUPLED
 from pam_orthosis.model.mechanisms.one_axis import TRANSMISSIONS
 from pam_orthosis.model.rows import Field, Row
 from pam_orthosis.reading import config_folder, from_yaml, mapping, meant, read_text, shown
 
 TOP = (
-    "name", "meaning", "mechanism", "actuators", "sensor", "start", "effects", "branch", "experiments",
-    "takes", "values",
+    "name", "meaning", "mechanism", "actuators", "sensor", "start", "effects", "branch", "coupled",
+    "experiments", "takes", "values",
 )  # fmt: skip
-OF_ACTUATOR = ("kind", "parameters", "transmission", "sizes")
+OF_ACTUATOR = ("kind", "parameters", "transmission", "parallel", "sizes")
 NAME = re.compile(r"[a-z][a-z0-9_]{0,30}")
 OF_MACHINE = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
 MOST_ACTUATORS = 8
@@ -123,6 +124,7 @@ def machine_from(text: str, name: str, where: str) -> Machine:
         start=file.text(top, "start", f"{parameters}.start") if kind != "carriage" else "",
         effects=tuple(chosen),
         branch=file.one_of({"branch": BRANCHES[0], **top}, "branch", BRANCHES, "a machine"),
+        coupled=_coupled(file, kind),
         experiments=experiments,
         takes={key: file.text(takes, key, "") for key in takes},
         rows=tuple(file.rows),
@@ -164,6 +166,13 @@ def _mechanism(file: _File) -> tuple[str, str]:
     return kind, branch
 
 
+def _coupled(file: _File, kind: str) -> str:
+    coupled = file.one_of({"coupled": "", **file.top}, "coupled", ("", *COUPLED), "a machine")
+    if coupled and kind not in COUPLED[coupled].joints:
+        raise file.refusal(f"a {kind} is no joint of a {coupled}")
+    return coupled
+
+
 def _actuator(file: _File, name: str, node: Any, mechanism: str) -> ActuatorOf:
     where = f"actuator {name}"
     if not NAME.fullmatch(name) or name in ("mechanism", "sensor", "truth"):
@@ -182,7 +191,12 @@ def _actuator(file: _File, name: str, node: Any, mechanism: str) -> ActuatorOf:
             f"{where}: a {mechanism} {'needs a transmission' if own else 'has its own transmission'}"
         )
     sizes = _sizes(file, node.get("sizes", {}), where)
-    return ActuatorOf(name, kind, branch, _transmission(file, name, node) if own else "", sizes)
+    parallel = node.get("parallel", 1)
+    if type(parallel) is not int or not 1 <= parallel <= MOST_ACTUATORS:
+        raise file.refusal(
+            f"parallel of {where} is a number from 1 to {MOST_ACTUATORS}, not {shown(parallel)}"
+        )
+    return ActuatorOf(name, kind, branch, _transmission(file, name, node) if own else "", parallel, sizes)
 
 
 def _sizes(file: _File, node: Any, where: str) -> dict[str, float]:

@@ -190,8 +190,9 @@ def _rows_for(machine: Machine) -> dict[str, Row]:
     """Return the rows that a machine's file gives itself, and those that all machines share."""
     effects = machine.catalogue
     rows = {row.key: row for row in machine.rows}
-    for branch, tree in (_subject(machine.subject) if machine.subject else {}).items():
-        rows |= _rows_of(mapping(tree, f"config/: {machine.subject}.yaml"), branch)
+    for subject in machine.subjects:
+        for branch, tree in _subject(subject).items():
+            rows |= _rows_of(mapping(tree, f"config/: {subject}.yaml"), branch)
     of_leg = OF_KNEE if machine.kind == "knee" else OF_LEG
     own = of_leg if machine.parameters == "leg" else (f"{machine.parameters}.",)
     others = tuple(key for key in OF_SHIPPED if key not in own)

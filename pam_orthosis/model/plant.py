@@ -94,7 +94,7 @@ def _true_actuator(one: ActuatorOf, true: Parameters) -> Actuator:
     known = true.flat()
     keys = ((f"plant.deviation.{one.name}_force", 1.0), (f"plant.mounting.{one.name}", 0.0))
     force, shortened = (true.at(key) if key in known else default for key, default in keys)
-    return muscle.braid(true.at(one.parameters), force, shortened)
+    return muscle.braid(true.at(one.parameters), force, shortened).times(one.parallel)
 
 
 class Plant:
@@ -114,33 +114,31 @@ class Plant:
         self._p, self.machine = parameters, machine
         given, live = parameters.symbolic(machine.live)  # inputs: they may change on the way
         hardware = self._hardware(given)
-        self._assembly = assembly = assemble(hardware)
-        self.states = assembly.states
+        self.assembly = assembly = assemble(hardware)
+        self.states, self.locked = assembly.states, hardware.mechanism.locked
         self._names = (*assembly.states, *machine.outputs)
-        inputs = [assembly.x, ca.vertcat(assembly.u, live)]
-        right_hand_side = ca.Function("plant_rates", inputs, ca.cse([assembly.rates, assembly.outputs]))
+        self.symbols = [assembly.x, ca.vertcat(assembly.u, live)]
         self.period_ns = round(parameters.scenario.control_period * 1e9)
         self._grid = np.arange(0, self.period_ns, round(parameters.plant.simulation.step * 1e9))
         self._computing_ns, line = self._delays_ns()
         # a voltage that comes late changes within one of the steps
-        self._steps = len(self._grid) + ((self._computing_ns + line) % self.period_ns > 0)
-        self._advance = compiled(integrate.steps_map("plant_steps", right_hand_side, self._steps))
-        self._outputs = compiled(ca.Function("plant_outputs", inputs, [assembly.outputs]))
+        self.steps = len(self._grid) + ((self._computing_ns + line) % self.period_ns > 0)
+        self._outputs = compiled(ca.Function("plant_outputs", self.symbols, [assembly.outputs]))
         self._noise = np.random.default_rng(seed)
         self._sensors = [*_sensors(machine, parameters)]
         self._measurement, self._truth, self._of_truth = _tuples(machine)
         closed, count = parameters.valve.closed_voltage, len(machine.actuators)
         self.lines = tuple(Line(closed, line) for _ in machine.actuators)
         self._volition = self._person()
-        self.state, inputs_of_steps, self._lengths = self._advance.inputs
+        self.state, inputs_of_steps, self._lengths = self._memory()
         self.state[0] = parameters.at(machine.start) if machine.start else 0.0
         self._held = np.array([*[closed] * count, *self._external(0.0), 0.0, *self._live_values()])
         self._own = slice(count, len(machine.inputs))  # of the inputs, those beside the voltages
-        self._inputs = inputs_of_steps.reshape(self._steps, -1)
+        self._inputs = inputs_of_steps.reshape(self.steps, -1)
         self._whole = np.diff(self._grid, append=self.period_ns) / 1e9  # lengths of a period's steps, s
         self._index = 0
         self._reported: dict[str, float] | None = None
-        self.state[:] = self._start(hardware, ca.Function("acceleration", inputs, [assembly.rates[1]]))
+        self.state[:] = self._start(hardware, self._acceleration())
 
     def measure(self) -> Any:
         """Return noisy, quantised sensor readings of the present state, with the names of the channels.
@@ -185,30 +183,42 @@ class Plant:
 
     def live_on(self) -> None:
         """Integrate one control period with the voltages that act in it; a step begins where one changes."""
-        begin_ns = self.time_ns
-        end_ns = begin_ns + self.period_ns
-        time = begin_ns * 1e-9
-        self._held[self._own] = *self._external(time), time
-        coming = {max(instant, begin_ns) for line in self.lines for instant in line.changes(end_ns)}
+        begin_ns, coming = self.time_ns, self.coming()
         if coming <= {begin_ns}:
             self._held[: len(self.lines)] = [line.at(begin_ns) for line in self.lines]
             self._integrate(np.broadcast_to(self._held, self._inputs.shape), self._whole)
         else:
-            self._live_through(coming, begin_ns)
-        self._index += 1
-        self._reported = None
+            self._live_through(coming)
+        self.lived()
 
-    def _live_through(self, coming: Collection[int], begin_ns: int) -> None:
-        """Integrate one control period in which voltages change at some instants."""
+    def coming(self) -> set[int]:
+        """Return the instants, ns, at which voltages change in the present period, which begins here."""
+        begin_ns = self.time_ns
+        self._held[self._own] = *self._external(begin_ns * 1e-9), begin_ns * 1e-9
+        changes = (line.changes(begin_ns + self.period_ns) for line in self.lines)
+        return {max(instant, begin_ns) for of_line in changes for instant in of_line}
+
+    def inputs_of(self, coming: Collection[int]) -> tuple[Array, Array]:
+        """Return the inputs of the steps of this period, one begins at each instant, and their lengths, s."""
+        begin_ns = self.time_ns
         starts = np.union1d(self._grid, [instant - begin_ns for instant in coming])
         inputs = np.tile(self._held, (len(starts), 1))
         for instant in sorted(coming):
             acting = [line.at(instant) for line in self.lines]
             inputs[np.searchsorted(starts, instant - begin_ns) :, : len(acting)] = acting
-        lengths = np.diff(starts, append=self.period_ns) / 1e9
-        for first in range(0, len(starts), self._steps):
-            self._integrate(inputs[first : first + self._steps], lengths[first : first + self._steps])
         self._held[:] = inputs[-1]
+        return inputs, np.diff(starts, append=self.period_ns) / 1e9
+
+    def lived(self) -> None:
+        """Note that the present period is over."""
+        self._index += 1
+        self._reported = None
+
+    def _live_through(self, coming: Collection[int]) -> None:
+        """Integrate one control period in which voltages change at some instants."""
+        inputs, lengths = self.inputs_of(coming)
+        for first in range(0, len(lengths), self.steps):
+            self._integrate(inputs[first : first + self.steps], lengths[first : first + self.steps])
 
     def retune(self, parameters: Parameters) -> None:
         """Take other values of what may change on the way, from the next period on."""
@@ -225,6 +235,17 @@ class Plant:
     def time_ns(self) -> int:
         """The present instant, ns since the start."""
         return int(self._index * self.period_ns)
+
+    def _memory(self) -> tuple[Array, Array, Array]:
+        """Return where state, inputs and lengths of the steps are; prepare their integration."""
+        rates = ca.Function("plant_rates", self.symbols, ca.cse([self.assembly.rates, self.assembly.outputs]))
+        self._advance = compiled(integrate.steps_map("plant_steps", rates, self.steps))
+        state, inputs, lengths = self._advance.inputs
+        return state, inputs, lengths
+
+    def _acceleration(self) -> ca.Function:
+        """Return (state, inputs) -> acceleration, for the search of rest."""
+        return ca.Function("acceleration", self.symbols, [self.assembly.rates[1]])
 
     def _hardware(self, parameters: Parameters) -> Hardware:
         return true_hardware(parameters)
@@ -270,7 +291,7 @@ class Plant:
         mean = self._p.control.position.mean_pressure
         x = np.zeros(len(self.states))
         x[0], x[2 : 2 + len(self.lines)] = start, mean
-        if hardware.mechanism.locked:
+        if self.locked:
             return x
         q = ca.SX.sym("q")
         pulls = ca.jacobian(ca.vertcat(*hardware.mechanism.contractions(q)), q)

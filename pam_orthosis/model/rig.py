@@ -106,7 +106,7 @@ class RigPlant(Plant):
         self._begin = position, 0.0, ambient, positioner_pressure or ambient
         self._weight, self._hand = weight, (0.0, 0.0)
         super().__init__(RIG.taken(parameters), seed, with_specimen(specimen))
-        x, u, s = self._assembly.x, self._assembly.u, self._assembly.signals.actuators["specimen"]
+        x, u, s = self.assembly.x, self.assembly.u, self.assembly.signals.actuators["specimen"]
         cylinder = muscle.cylinder(s.contraction, s.gauge, parameters.at(f"muscle.{specimen}"))
         self._cylinder = compiled(ca.Function("rig_cylinder", [x, u], [ca.vertcat(*cylinder[:2])]))
 

@@ -15,21 +15,20 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
-from pam_orthosis.bag.asked import asked_beside
 from pam_orthosis.bag.cdr import Reader, Unreadable, canonical, serialised_stamp_ns
 from pam_orthosis.bag.record import BagWriter, run_metadata
 from pam_orthosis.bag.steps import Message, StepCollector
-from pam_orthosis.bag.topics import DIAGNOSTICS, RECORDER, SAMPLE, Topic, in_leg
+from pam_orthosis.bag.topics import DIAGNOSTICS, RECORDER, SAMPLE, VALVE_COMMAND, Topic, in_leg
 from pam_orthosis.bag.writer_process import BagWriterProcess
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components.spool import VENT
+from pam_orthosis.model.device import legs_from, parameters_of
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages, process
-from pam_orthosis.nodes.parameters import Setting
+from pam_orthosis.nodes.parameters import LEGS, Setting
 from pam_orthosis.nodes.recorded_leg import RecordedLeg
 from pam_orthosis.nodes.recorded_scene import RecordedScene
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX, NOTE_PREFIX
-from pam_orthosis.reading import from_json
 from pam_orthosis.scene.messages import TYPES, Scene, in_scene
 from pam_orthosis.scene.sampled import SampledScene
 
@@ -52,9 +51,8 @@ class BagRecorder(graph.GraphNode):
         folder = Setting("recording", "folder of the new bag")
         scenario = Setting("default", "name of the scenario, for the bag's metadata")
         silence = Setting(5.0, "wall time without a sample after which a run in real time fails [s]")
-        legs = Setting("", "namespaces of the legs, and in which parameters each differs, as JSON; none: one")
         aside = Setting(False, "another process packs, compresses and writes the bag")
-        settings = {"directory": folder, "scenario_name": scenario, "sample_timeout": silence, "legs": legs}
+        settings = {"directory": folder, "scenario_name": scenario, "sample_timeout": silence, "legs": LEGS}
         settings |= {"aside": aside}
         super().__init__(RECORDER, settings)
         self._run_ns = round(self.parameters.scenario.duration * 1e9 / self.period_ns) * self.period_ns
@@ -66,7 +64,7 @@ class BagRecorder(graph.GraphNode):
         self._viewed: dict[str, tuple[RecordedScene, str]] = {}
         self._legs = self._make_legs()
         for leg in self._legs:
-            for topic in filter(lambda topic: topic.recorded, self._topics_of(leg.name).values()):
+            for topic in filter(lambda topic: topic.recorded, self.topics_of(leg.name).values()):
                 self._record(topic, leg)
             self._view(leg)
         if len(self.legs) > 1:
@@ -81,15 +79,10 @@ class BagRecorder(graph.GraphNode):
 
     def parameters_of(self, leg: str) -> Parameters:
         """Return the parameters of a leg's nodes: those of the run but for what differs."""
-        return self.parameters.changed(self._differences()[leg])
+        return parameters_of(self._differences()[leg], self.parameters)
 
     def _differences(self) -> dict[str, dict[str, Any]]:
-        legs = from_json(self.settings["legs"] or '{"": {}}', "bag_recorder: legs")
-        if not isinstance(legs, dict) or not all(isinstance(own, dict) for own in legs.values()) or not legs:
-            raise OrthosisError(
-                'bag_recorder: legs must be like {"left": {}, "right": {"leg.shank.mass": 4.0}}'
-            )
-        return legs
+        return legs_from(self.settings["legs"], RECORDER)
 
     def started(self) -> None:
         """Expect samples from now on."""
@@ -145,8 +138,8 @@ class BagRecorder(graph.GraphNode):
 
     def _await_all_legs(self) -> None:
         """Be ready after all others: a leg that is up would soon wait for the record of one that is not."""
-        others = set(self.topics["ready"].producers) - {RECORDER}
         for leg in self.legs:
+            others = set(self.entry("ready", leg).producers) - {RECORDER}
             there: set[str] = set()
             self.listen_to("ready", _noter(there), leg=leg, latched=True)
             self.barrier.await_peer(f"the nodes of {leg}", partial(others.issubset, there))
@@ -160,15 +153,10 @@ class BagRecorder(graph.GraphNode):
 
     def _collector(self, legs: Sequence[str]) -> StepCollector:
         topics = {
-            in_leg(name, leg, self.legs): topic
-            for leg in legs
-            for name, topic in self._topics_of(leg).items()
+            in_leg(name, leg, self.legs): topic for leg in legs for name, topic in self.topics_of(leg).items()
         }
         late_ns = LATE_NS if self.realtime else None
         return StepCollector(self.period_ns, topics, late_ns, self.every)
-
-    def _topics_of(self, leg: str) -> dict[str, Topic]:
-        return self.topics_of_run(asked_beside(self.parameters_of(leg)))
 
     def _collectors(self) -> list[StepCollector]:
         return list(dict.fromkeys(leg.steps for leg in self._legs))
@@ -186,7 +174,7 @@ class BagRecorder(graph.GraphNode):
         scene = (
             Scene(self.parameters, self.leg, [self.leg])
             if alone
-            else Scene(self.parameters, leg.name, self.legs)
+            else Scene(self.parameters_of(leg.name), leg.name, self.legs)
         )
         sampled = SampledScene(scene)
         viewed = RecordedScene(sampled, self._writer.add_topic, names)
@@ -224,7 +212,7 @@ class BagRecorder(graph.GraphNode):
 
     def _vents(self, topic: Topic, data: bytes) -> bool:
         """Whether a message lets a valve vent: who says so does no harm."""
-        if topic.name not in self.table.commands:
+        if not topic.name.endswith(VALVE_COMMAND):
             return False
         with suppress(Unreadable):
             return Reader(topic.type, messages.SPOOL)(data)[1] == (VENT,)
@@ -234,7 +222,7 @@ class BagRecorder(graph.GraphNode):
         """Whether a health report is of a node of the run: others publish theirs on the same topic."""
         reported = deserialize_message(data, DiagnosticArray).status
         group = self.full_role(leg.name).removesuffix(self.role)
-        known = {f"{group}{node}: loop" for node in self._topics_of(leg.name)[DIAGNOSTICS].producers}
+        known = {f"{group}{node}: loop" for node in self.entry(DIAGNOSTICS, leg.name).producers}
         return {one.name for one in reported} <= known and leg.is_near(stamp_ns)
 
     def _begun(self) -> bool:

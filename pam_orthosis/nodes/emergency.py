@@ -31,8 +31,9 @@ class EmergencyStop:
         self._node, self._shortest_ns = node, shortest_ns
         self.active = self._reset_asked = False
         self._since_ns = self._told_ns = 0
-        self._publisher = node.publish_to(EMERGENCY_STOP, latched=True)
-        node.listen_to(EMERGENCY_STOP, self._hear, latched=True)
+        self._publishers = [node.publish_to(EMERGENCY_STOP, latched=True, leg=leg) for leg in node.legs]
+        for leg in node.legs:  # a stop in one of them is a stop in all
+            node.listen_to(EMERGENCY_STOP, self._hear, leg=leg, latched=True)
         node.offer("~/emergency_stop", self.stop)
         node.offer("~/reset", self.reset)
 
@@ -64,7 +65,7 @@ class EmergencyStop:
         self._since_ns = self._node.time_ns
         level, word = (DiagnosticStatus.ERROR, "stopped") if active else (DiagnosticStatus.OK, "released")
         name = f"{self._node.full_role()}: emergency stop"
-        self._publisher.publish(messages.diagnostics(self._told_ns, name, level, word, {}))
+        self._tell(messages.diagnostics(self._told_ns, name, level, word, {}))
 
     def _hear(self, told: DiagnosticArray) -> None:
         stamp_ns = messages.nanoseconds(told.header.stamp)
@@ -75,4 +76,8 @@ class EmergencyStop:
         self._reset_asked = self.active and not active
         if active:
             self.active, self._since_ns = True, self._node.time_ns
-        self._publisher.publish(told)
+        self._tell(told)
+
+    def _tell(self, told: DiagnosticArray) -> None:
+        for publisher in self._publishers:
+            publisher.publish(told)

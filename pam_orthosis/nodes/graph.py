@@ -61,8 +61,8 @@ class GraphNode(TopicNode):
         self._ready = [self.publish_to("ready", latched=True, leg=leg) for leg in self.legs]
         for leg in self.legs:
             self.barrier.await_agreement(self._agree(leg))
-        if self.role in self.topics["end"].consumers:
-            self.listen_to("end", self.on_end)
+            if self.role in self.topics["end"].consumers:
+                self.listen_to("end", self.on_end, leg=leg)
 
     def refuse(self, failure: Callable[[], OrthosisError]) -> None:
         """End the run, but for one that is over."""
@@ -206,8 +206,9 @@ class GraphNode(TopicNode):
     def _agree(self, leg: str) -> Agreement:
         """Say what the node was started with, and hear it of the others: all have to before the start."""
         alike = {name: self.settings[name] for name in ALIKE}
-        values = {"machine_file": self.machine.identity} | alike | self.parameters_of(leg).flat()
-        others = self.topics["configuration"].producers
+        parameters = self.parameters_of(leg)
+        values = {"machine_file": parameters.declared.identity} | alike | parameters.flat()
+        others = self.entry("configuration", leg).producers
         agreement = Agreement(self.get_fully_qualified_name(), self.role, values, others)
         self.listen_to("configuration", agreement.add, leg=leg, latched=True)
         self.publish_to("configuration", latched=True, leg=leg).publish(agreement.message)

@@ -9,7 +9,7 @@ import os
 import socket
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +19,7 @@ import yaml
 
 from pam_orthosis.bag.topics import PLANT, RECORDER, SAFETY, Topics, resolve
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.device import parameters_of
 from pam_orthosis.model.parameters import Parameters, config_folder
 from pam_orthosis.nodes.layout import EVERYTHING, SHOWN, VIEWER, NodeSpec, layout
 
@@ -39,13 +40,15 @@ ELSEWHERE = ("ROS_DISCOVERY_SERVER", "ROS_SUPER_CLIENT", "ROS_STATIC_PEERS", "RO
 class Mode(NamedTuple):
     """How a run is made: one process a leg or many, by the wall clock or in lockstep, emulated or real leg.
 
-    `legs`: namespace -> the parameters in which the leg differs; none: one leg without a namespace.
+    `legs`: namespace -> the parameters in which the leg differs, or another machine with its parameters;
+    none: one leg without a namespace. `one_plant`: one node emulates all of them.
     """
 
     composed: bool = False
     realtime: bool = False
     with_plant: bool = True
     legs: Mapping[str, Mapping[str, Any]] = {}
+    one_plant: bool = False
 
 
 def commands(
@@ -60,22 +63,30 @@ def commands(
     common = {**_of_machine(work, parameters.declared), "realtime": mode.realtime}
     common |= {"with_plant": mode.with_plant, "replay": False, "leg": ""}
     recorder = {**common, "directory": as_parameter(bag), "scenario_name": scenario}
-    nodes = layout(Topics(parameters.declared))
-    absent = () if mode.with_plant else (PLANT,)
-    absent += () if parameters.control.limits.enabled else (SAFETY,)
-    specs = [spec for spec in nodes.values() if spec.name not in absent]
     if not mode.legs:
+        specs = _specs(parameters, set() if mode.with_plant else {PLANT})
         recorder["aside"] = mode.composed
         return _Group(work, parameters, specs, "", recorder).commands(mode.composed)
-    recorder["legs"] = json.dumps(mode.legs)
-    group = _Group(work, parameters, [nodes[RECORDER]], "", recorder).commands(False)
+    recorder["legs"] = common["legs"] = json.dumps(mode.legs)
+    alone = {RECORDER} | ({PLANT} if mode.one_plant or not mode.with_plant else set())
+    group: dict[str, list[str]] = {}
+    for spec in _specs(parameters, set() if mode.one_plant else {PLANT}):
+        if spec.name in alone:
+            settings = recorder if spec.name == RECORDER else common
+            group |= _Group(work, parameters, [spec], "", settings).commands(False)
     for number, (leg, differences) in enumerate(mode.legs.items()):
-        there = [spec for spec in specs if spec.name != RECORDER]
+        own = parameters_of(differences, parameters)
         own_clock = ["-r", f"/clock:=/{leg}/clock"] if number else []
-        settings = common | {"leg": leg}
-        legs_group = _Group(work, parameters.changed(differences), there, leg, settings, own_clock)
+        settings = common | _of_machine(work, own.declared) | {"leg": leg, "legs": ""}
+        legs_group = _Group(work, own, _specs(own, alone), leg, settings, own_clock)
         group |= legs_group.commands(mode.composed)
     return group
+
+
+def _specs(parameters: Parameters, without: Collection[str]) -> list[NodeSpec]:
+    """Return the nodes of a machine's graph but for some, and for the safety monitor if it is off."""
+    absent = {*without, *(() if parameters.control.limits.enabled else (SAFETY,))}
+    return [spec for spec in layout(Topics(parameters.declared)).values() if spec.name not in absent]
 
 
 def as_parameter(path: Path) -> str:
@@ -164,6 +175,8 @@ class _Group:
 
     def _written(self, spec: NodeSpec) -> Path:
         known = self.settings if spec.name in (RECORDER, PLAYER, VIEWER) else MODE_SETTINGS
+        if spec.name == PLANT and self.settings.get("legs"):
+            known = (*MODE_SETTINGS, "legs")
         changed = self.parameters.only(*spec.branches).changes()
         values = changed | {key: self.settings[key] for key in known}
         if spec.muscle:

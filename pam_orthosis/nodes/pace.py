@@ -6,15 +6,17 @@ from __future__ import annotations
 import time
 from abc import abstractmethod
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
 
-from pam_orthosis.bag.topics import SECOND_NS
+from pam_orthosis.bag.topics import PLANT, RECORDER, SECOND_NS, VALVE, Topics, in_leg
 from pam_orthosis.errors import RunFailed
 from pam_orthosis.model.components.spool import VENT
 from pam_orthosis.nodes import messages
 from pam_orthosis.nodes.graph import GraphNode
+from pam_orthosis.nodes.join import Join
 from pam_orthosis.nodes.topic_node import Numbers
 
 MAX_UNRECORDED_STEPS, MAX_UNRECORDED_NS = 50, 250_000_000  # and the recorder keeps a chunk in memory
@@ -31,6 +33,20 @@ class PacedNode(GraphNode):
     """
 
     abandoned = False
+
+    @property
+    def commands(self) -> dict[str, tuple[str, str]]:
+        """The commands of all legs in the order of the valves, by their names here: leg, topic."""
+        return {
+            in_leg(topic, leg, self.legs): (leg, topic)
+            for leg in self.legs
+            for topic in Topics(self.parameters_of(leg).declared).commands
+        }
+
+    def peers(self) -> list[str]:
+        """Return all nodes of the legs that it serves, itself and the recorder, which serve all of them."""
+        own = [(node, leg) for leg in self.legs for node in self.entry("ready", leg).producers]
+        return [node if node in (PLANT, RECORDER) else in_leg(node, leg, self.legs) for node, leg in own]
 
     @abstractmethod
     def publish_sample(self, stamp_ns: int) -> None:
@@ -67,8 +83,11 @@ class Lockstep:
         self._begun, self._begun_ns = False, 0
         self._early: tuple[Any, ...] = ()
         self._progress = time.monotonic()
-        self._join = plant.join_inputs(dict.fromkeys(plant.table.commands, messages.SPOOL), self._answered)
-        plant.listen_to("recorded", self._on_recorded)
+        self._join = Join(plant.commands, self._answered)
+        for name, (leg, topic) in plant.commands.items():
+            plant.listen_to_numbers(topic, messages.SPOOL, partial(self._join.add, name), leg=leg)
+        for leg in plant.legs:
+            plant.listen_to("recorded", self._on_recorded, leg=leg)
         plant.wall_timer(WATCH_SECONDS, self._watch)
         self._paced = plant.settings["paced"]
         if self._paced:
@@ -124,12 +143,13 @@ class Lockstep:
     def _cause(self) -> str:
         """Return who is gone, or else what did not come: who sends that may wait for somebody himself."""
         fed = self._plant.settings["replay"]
-        if absent := [] if fed else self._plant.ownership.absent(self._plant.topics["ready"].producers):
+        if absent := [] if fed else self._plant.ownership.absent(self._plant.peers()):
             return f"{' and '.join(absent)} {'is' if len(absent) == 1 else 'are'} gone"
         if self._waits:
             return "bag_recorder does not keep up"
         topics = self._join.missing(self._stamp_ns)
-        producers = {name for topic in topics for name in self._plant.topics[topic].producers}
+        own = (self._plant.commands[name] for name in topics)
+        producers = {"/".join(filter(None, (leg, VALVE))) for leg, _ in own}
         return f"{' and '.join(topics)} did not come from {' and '.join(sorted(producers))}"
 
 
@@ -150,9 +170,9 @@ class RealTime:
         self._passed = 0  # periods that the hardware has lived through
         self._sampled = 0  # period of the last sample
         self._skipped = self._late = self._silent = 0
-        self._answered_ns, self._unanswered = (dict.fromkeys(plant.table.commands, 0) for _ in range(2))
-        for line, topic in enumerate(self._answered_ns):
-            plant.listen_to_numbers(topic, messages.SPOOL, self._receiver(line, topic))
+        self._answered_ns, self._unanswered = (dict.fromkeys(plant.commands, 0) for _ in range(2))
+        for line, (name, (leg, topic)) in enumerate(plant.commands.items()):
+            plant.listen_to_numbers(topic, messages.SPOOL, self._receiver(line, name), leg=leg)
 
     def begin(self) -> None:
         """Take the first sample; start the timer, whose ticks are then never before their stamps."""

@@ -29,6 +29,7 @@ class Setting(NamedTuple):
     options: tuple[str, ...] = ()
 
 
+LEGS = Setting("", "namespaces of the legs, and in which parameters each differs, as JSON; none: one")
 MACHINE = {"machine_file": Setting("", "YAML file of the machine whose graph this is; none: the knee")}
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from operator import itemgetter
+from typing import Any
 
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
@@ -13,12 +15,14 @@ from std_msgs.msg import String
 from pam_orthosis.bag.topics import CLOCK, PLANT, SAMPLE, TRUTH
 from pam_orthosis.control.guard import driven
 from pam_orthosis.model.components.spool import VENT, voltage_of
+from pam_orthosis.model.coupled import Plants
+from pam_orthosis.model.device import legs_from, parameters_of
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
 from pam_orthosis.nodes import messages, process
 from pam_orthosis.nodes.emergency import EmergencyStop
 from pam_orthosis.nodes.pace import Lockstep, PacedNode, RealTime
-from pam_orthosis.nodes.parameters import Setting
+from pam_orthosis.nodes.parameters import LEGS, Setting
 from pam_orthosis.nodes.topic_node import Numbers
 
 VENT_SAMPLES, VENT_SAMPLE_NS = 10, 50_000_000  # after the end of a run that was cut short
@@ -35,38 +39,33 @@ class PlantSimulator(PacedNode):
     def __init__(self) -> None:
         timeout = Setting(5.0, "wall time without an answer after which the run fails [s]")
         paced = Setting(False, "in lockstep no faster than the wall clock")
-        super().__init__(PLANT, {"answer_timeout": timeout, "paced": paced})
-        self._plant = Plant(self.parameters, self.parameters.scenario.seed)
-        self._absent = set(self.topics["ready"].producers)
+        super().__init__(PLANT, {"answer_timeout": timeout, "paced": paced, "legs": LEGS})
+        own = {leg: self.parameters_of(leg) for leg in self.legs}
+        self._plants = Plants(own)
+        self._absent = {leg: set(self.entry("ready", leg).producers) for leg in self.legs}
         self._newest_ns: int | None = None
         self._stop = EmergencyStop(self)
-        self._time = None if self.realtime else self.publish_numbers(CLOCK, Clock())
-        joint, actuators = self.machine.name, self.machine.names
-        self._joint = self.publish_numbers(SAMPLE, messages.joint_state(0, [joint], position=[0.0]))
-        leg = self.leg
-        self._pressures = [
-            self.publish_numbers(f"{name}/pressure", messages.fluid_pressure(0, name, 0.0, leg=leg))
-            for name in actuators
-        ]
-        sensor = self.parameters.plant.sensor
-        self._variance = sensor.pressure_noise**2 + sensor.pressure_resolution**2 / 12
-        true = messages.joint_state(0, [joint, *actuators], *[[0.0] * (1 + len(actuators))] * 3)
-        self._ordered = order_of_truth(len(actuators))
-        self._truth = self.publish_numbers(TRUTH, true)
-        self._gas = [self._truth_of(name, leg) for name in actuators]
+        clocks = [] if self.realtime else self.legs
+        self._clocks = [self.publish_numbers(CLOCK, Clock(), leg=leg) for leg in clocks]
+        self._shown = [Shown(self, leg, self._plants.of[leg]) for leg in self.legs]
+        self._valves = [one.valve for one in own.values() for _ in one.declared.names]
         self._pace = RealTime(self) if self.realtime else Lockstep(self)
 
-    def _truth_of(self, name: str, leg: str) -> tuple[Callable[..., None], Callable[..., None]]:
-        """Return what publishes true pressure and mass flow of an actuator."""
-        pressure, flow = messages.fluid_pressure(0, name, 0.0, leg=leg), messages.mass_flow(0, name, 0.0, leg)
-        group = f"{TRUTH}/{name}"
-        return self.publish_numbers(f"{group}/pressure", pressure), self.publish_numbers(
-            f"{group}/mass_flow", flow
-        )
+    def served_legs(self) -> tuple[str, ...]:
+        """Return the namespaces of what it emulates."""
+        return tuple(self._differences())
+
+    def parameters_of(self, leg: str) -> Parameters:
+        """Return the parameters in one of the namespaces."""
+        return parameters_of(self._differences()[leg], self.parameters)
+
+    def _differences(self) -> dict[str, dict[str, Any]]:
+        return legs_from(self.settings["legs"], PLANT)
 
     def started(self) -> None:
         """Hear who is ready; not before, so that it is said by those alone who are there now."""
-        self.listen_to("ready", self._on_ready, latched=True)
+        for leg in self.legs:
+            self.listen_to("ready", partial(self._on_ready, leg), leg=leg, latched=True)
 
     def health(self) -> dict[str, int]:
         """Count lost or late inputs; tell of an emergency stop."""
@@ -78,24 +77,24 @@ class PlantSimulator(PacedNode):
 
     def advance(self, *spools: float) -> None:
         """Let one period pass that these commands answer; a valve vents under none that it can follow."""
-        self._plant.advance(*map(self._driven, spools))
+        self._plants.advance(*map(self._driven, range(len(spools)), spools))
 
     def take(self, line: int, spool: float, at_ns: int) -> None:
         """Take a command for an actuator's valve (its number) that comes at an instant of the run."""
-        self._plant.take(line, self._driven(spool), at_ns)
+        self._plants.take(line, self._driven(line, spool), at_ns)
 
-    def _driven(self, spool: float) -> float:
-        valve = self.parameters.valve
+    def _driven(self, line: int, spool: float) -> float:
+        valve = self._valves[line]
         return driven(voltage_of(VENT if self._stop.step() else spool, valve), valve)
 
     def live_on(self) -> None:
         """Let one period pass under the commands that have come."""
-        self._plant.live_on()
+        self._plants.live_on()
 
     def abandon(self) -> bool:
         """Let the hardware live on alone: valves without commands vent, as the last samples show."""
         self.abandoned = True
-        vents = [VENT] * len(self._pressures)
+        vents = [VENT] * len(self._valves)
         periods = max(1, VENT_SAMPLE_NS // self.period_ns)
         for _ in range(0 if self._newest_ns is None else VENT_SAMPLES):
             for _ in range(periods):
@@ -106,11 +105,51 @@ class PlantSimulator(PacedNode):
 
     def retune(self, parameters: Parameters) -> None:
         """Take another load, such as a person of another mass, from the next step on."""
-        self._plant.retune(parameters)
+        for leg, plant in self._plants.of.items():
+            own = self.parameters_of(leg)
+            plant.retune(own.changed({key: parameters.at(key) for key in own.declared.live}))
 
     def publish_sample(self, stamp_ns: int) -> None:
         """Publish the sensors' values and the truth of the present step."""
         self._newest_ns = stamp_ns
+        for shown in self._shown:
+            shown.publish(stamp_ns)
+        if stamp_ns % (self.every * self.control_ns) == 0:
+            for send in self._clocks:
+                send(stamp_ns)
+
+    def _on_ready(self, leg: str, message: String) -> None:
+        started = not any(self._absent.values())
+        self._absent[leg].discard(message.data)
+        if not any(self._absent.values()) and not started:
+            self._pace.begin()
+
+
+class Shown:
+    """What one plant shows: its sensors' values and its truth."""
+
+    def __init__(self, node: PlantSimulator, leg: str, plant: Plant):
+        self._plant, machine, frames = plant, plant.machine, leg or node.leg
+        joint, actuators = machine.name, machine.names
+        publish = partial(node.publish_numbers, leg=leg)
+        self._joint = publish(SAMPLE, messages.joint_state(0, [joint], position=[0.0]))
+        shown = {name: messages.fluid_pressure(0, name, 0.0, leg=frames) for name in actuators}
+        self._pressures = [publish(f"{name}/pressure", one) for name, one in shown.items()]
+        sensor = node.parameters_of(leg).plant.sensor
+        self._variance = sensor.pressure_noise**2 + sensor.pressure_resolution**2 / 12
+        true = messages.joint_state(0, [joint, *actuators], *[[0.0] * (1 + len(actuators))] * 3)
+        self._ordered = order_of_truth(len(actuators))
+        self._truth = publish(TRUTH, true)
+        self._gas = [
+            (
+                publish(f"{TRUTH}/{name}/pressure", one),
+                publish(f"{TRUTH}/{name}/mass_flow", messages.mass_flow(0, name, 0.0, frames)),
+            )
+            for name, one in shown.items()
+        ]
+
+    def publish(self, stamp_ns: int) -> None:
+        """Publish the present step."""
         place, *pressures = self._plant.measure()
         self._joint(stamp_ns, place)
         for send, pressure in zip(self._pressures, pressures, strict=True):
@@ -120,14 +159,6 @@ class PlantSimulator(PacedNode):
         for (send_pressure, send_flow), (pressure, flow) in zip(self._gas, gas, strict=True):
             send_pressure(stamp_ns, pressure, 0.0)
             send_flow(stamp_ns, flow, 0.0, 0.0)
-        if self._time and stamp_ns % (self.every * self.control_ns) == 0:
-            self._time(stamp_ns)
-
-    def _on_ready(self, message: String) -> None:
-        started = not self._absent
-        self._absent.discard(message.data)
-        if not self._absent and not started:
-            self._pace.begin()
 
 
 def order_of_truth(count: int) -> Callable[[Sequence[float]], tuple[Numbers, list[Numbers]]]:

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-from pam_orthosis.bag.topics import MEAN_PRESSURE, PLANNED, POSITION, REFERENCE, SAMPLE
+from pam_orthosis.bag.topics import BESIDE, MEAN_PRESSURE, PLANNED, POSITION, REFERENCE, SAMPLE
 from pam_orthosis.control.cooperation import CooperativeController
 from pam_orthosis.control.guarded import GuardedPosition
 from pam_orthosis.control.position import PositionCommand
@@ -39,6 +39,7 @@ class PositionControllerNode(graph.GraphNode):
         self._state = self.publish_numbers("controller_state", messages.controller_state(0, joint))
         pressures = {f"{name}/pressure": messages.PRESSURE for name in names}
         asked = {REFERENCE: messages.MOTION, MEAN_PRESSURE: messages.PRESSURE, PLANNED: messages.MOTION}
+        asked[BESIDE] = messages.MOTION
         self._asked = [topic for topic in asked if topic in self.topics]
         inputs = {SAMPLE: ["position[0]"], **pressures, **{topic: asked[topic] for topic in self._asked}}
         self._join = self.join_inputs(inputs, self._step, newest=True)
@@ -83,9 +84,12 @@ class PositionControllerNode(graph.GraphNode):
 
 
 def _reference(asked: Mapping[str, tuple]) -> Reference:
-    mean, planned = asked.get(MEAN_PRESSURE), asked.get(PLANNED)
+    mean, planned, beside = (asked.get(topic) for topic in (MEAN_PRESSURE, PLANNED, BESIDE))
     return Reference(
-        *asked[REFERENCE], from_number(*mean) if mean else None, Motion(*planned) if planned else None
+        *asked[REFERENCE],
+        from_number(*mean) if mean else None,
+        Motion(*planned) if planned else None,
+        Motion(*beside) if beside else None,
     )
 
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -77,7 +77,8 @@ class TopicNode(Node):
         self.parameters = declare_rows(self, self.machine, self.spec)
         self.legs = self.served_legs()
         self.beside = {topic for leg in self.legs for topic in asked_beside(self.parameters_of(leg))}
-        self.topics = self.topics_of_run(self.beside)
+        self._tables = {leg: self.topics_of(leg) for leg in self.legs}
+        self.topics = {name: one for table in self._tables.values() for name, one in table.items()}
         self.every = self.parameters.control.position.every
         self.control_ns = round(self.parameters.scenario.control_period * 1e9)
         self.period_ns = self.control_ns * (self.every if self.role in SLOW else 1)  # of its own steps
@@ -97,9 +98,11 @@ class TopicNode(Node):
         """Return the parameters that the node has for one of its legs."""
         return self.parameters
 
-    def topics_of_run(self, beside: Collection[str]) -> dict[str, Topic]:
-        """Return the topics of the node's run by name, of the optional ones those of these names."""
-        return self.table.of_run(*(self.settings[key] for key in ALIKE), beside)
+    def topics_of(self, leg: str) -> dict[str, Topic]:
+        """Return the topics of one of the node's legs by name: each may be of another machine."""
+        parameters = self.parameters_of(leg)
+        table = self.table if parameters.declared == self.machine else Topics(parameters.declared)
+        return table.of_run(*(self.settings[key] for key in ALIKE), asked_beside(parameters))
 
     @property
     def leg(self) -> str:
@@ -131,10 +134,10 @@ class TopicNode(Node):
 
     def publish_to(self, topic: str, latched: bool = False, leg: str = "") -> Publisher:
         """Create a publisher of the table, and wait for its subscribers before the start."""
-        entry, name = self.topics[topic], self._name(topic, leg)
+        entry, name = self.entry(topic, leg), self._name(topic, leg)
         quality = qos(PUBLISHED_DEPTH, latched)
         publisher = self.create_publisher(message_class(entry.type), name, quality)
-        if len(self._owners(topic)) == 1 and entry.subscribers:
+        if len(self._owners(topic, leg)) == 1 and entry.subscribers:
             self.ownership.publishes(publisher.topic_name)
         count = len(entry.subscribers)
         if not latched:  # who comes later gets it too
@@ -142,12 +145,16 @@ class TopicNode(Node):
             self.barrier.await_peer(f"a listener on {name}", there)
         return publisher
 
-    def publish_numbers(self, topic: str, *examples: Any) -> Callable[..., None]:
+    def entry(self, topic: str, leg: str) -> Topic:
+        """Return a topic of a leg's table."""
+        return self._tables.get(leg, self.topics)[topic]
+
+    def publish_numbers(self, topic: str, *examples: Any, leg: str = "") -> Callable[..., None]:
         """Create a publisher of the table for messages like these; return `send(stamp_ns, *numbers)`.
 
         The numbers are those of type float64 in the order of the message; as many belong to one example.
         """
-        outlet, kind = Outlet(self.publish_to(topic)), self.topics[topic].type
+        outlet, kind = Outlet(self.publish_to(topic, leg=leg)), self.entry(topic, leg).type
         self.outlets.append(outlet)
         made = [Template(serialize_message(example), kind) for example in examples]
         templates, send = {template.count: template for template in made}, outlet.send
@@ -163,7 +170,7 @@ class TopicNode(Node):
         """
         begins_at_0 = not self.realtime and not self.settings["replay"]
         own_ns = self.period_ns if begins_at_0 and self.period_ns > self.control_ns else 0
-        read = Reader(self.topics[topic].type, fields)
+        read = Reader(self.entry(topic, options.get("leg", "")).type, fields)
 
         def receive(data: bytes) -> None:
             try:
@@ -184,7 +191,7 @@ class TopicNode(Node):
         takes raw messages instead that come from this process, with zeros for padding. In real time the
         measurements are taken as they come, as from any sensor, once all peers are there.
         """
-        entry, name, raw = self.topics[topic], self._name(topic, leg), options.pop("raw", False)
+        entry, name, raw = self.entry(topic, leg), self._name(topic, leg), options.pop("raw", False)
         near = options.pop("near", callback)
         if self.realtime and entry.rate == "step":
             callback, near = self._once_ready(callback), self._once_ready(near)
@@ -199,7 +206,7 @@ class TopicNode(Node):
         else:
             met = partial(self.met_stranger, topic, leg)
             back = partial(self._may_come_again, topic)
-            subscription = self.ownership.listen(subscribe, callback, self._owners(topic), met, back)
+            subscription = self.ownership.listen(subscribe, callback, self._owners(topic, leg), met, back)
         if raw:
             self.inlets.append((subscription.topic_name, near))
         if not options.get("latched"):  # what is there comes by itself
@@ -243,12 +250,12 @@ class TopicNode(Node):
 
     def _name(self, topic: str, leg: str) -> str:
         """Return the name of a topic of a leg: what other programs use too is common to all legs."""
-        return topic if self.topics[topic].shared else in_leg(topic, leg, self.legs)
+        return topic if self.entry(topic, leg).shared else in_leg(topic, leg, self.legs)
 
-    def _owners(self, topic: str) -> tuple[str, ...]:
+    def _owners(self, topic: str, leg: str = "") -> tuple[str, ...]:
         """Return who publishes on a topic, by role; in a replay the nodes that are fed say of themselves."""
         of_all = self.settings["replay"] and topic in ("ready", "configuration")
-        return self.table.nodes if of_all else self.topics[topic].producers
+        return self.table.nodes if of_all else self.entry(topic, leg).producers
 
     def _may_come_again(self, topic: str, nodes: set[str]) -> bool:
         """Whether silent nodes of these names may have been killed: the end is said once, whoever lives."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import sys
 
-from pam_orthosis.bag.topics import CLOCK, MEAN_PRESSURE, PLANNED, REFERENCE, SAMPLE, TRAJECTORY
+from pam_orthosis.bag.topics import BESIDE, CLOCK, MEAN_PRESSURE, PLANNED, REFERENCE, SAMPLE, TRAJECTORY
 from pam_orthosis.control.reference import Motion, as_number
 from pam_orthosis.control.trajectory import Trajectory, make_trajectory
 from pam_orthosis.errors import OrthosisError
@@ -34,6 +34,7 @@ class TrajectoryPublisher(graph.GraphNode):
         self._next_ns: int | None = None
         motion = messages.trajectory(0, self.machine.name, Motion(0.0, 0.0, 0.0))
         examples = {REFERENCE: motion, MEAN_PRESSURE: messages.fluid_pressure(0, "", 0.0), PLANNED: motion}
+        examples[BESIDE] = messages.trajectory(0, self.machine.neighbour, Motion(0.0, 0.0, 0.0))
         self._send = {
             topic: self.publish_numbers(topic, example)
             for topic, example in examples.items()
@@ -93,6 +94,8 @@ class TrajectoryPublisher(graph.GraphNode):
             self._send[MEAN_PRESSURE](stamp_ns, as_number(reference.mean_pressure), 0.0)
         if reference.planned is not None:
             self._send[PLANNED](stamp_ns, *reference.planned)
+        if reference.beside is not None:
+            self._send[BESIDE](stamp_ns, *reference.beside)
 
 
 def main() -> int:

@@ -86,7 +86,7 @@ def read_run(path: Path, namespace: str = "") -> RunData:
     Raises:
         OrthosisError: the bag is unusable.
     """
-    machine = recorded_machine(path)
+    machine = recorded_machine(path, namespace)
     name = machine.coordinate.name
     by_actuator = [f"{one}_{kind}" for one in machine.names for kind in KINDS]
     useful = (f"estimate_{name}", "disturbance", *by_actuator)

@@ -40,6 +40,14 @@ class Actuator:
         """Return the force of Eq. (13), N; a slack muscle (no elastic force) pulls nothing."""
         return taut(elastic, rate, self.damping) if self.pulls_only else elastic - self.damping * rate
 
+    def times(self, count: int) -> Actuator:
+        """Return so many of these side by side, fed by one valve."""
+        if count == 1:
+            return self
+        volume = self.volume
+        many = replace(self, volume=lambda dl, p: count * volume(dl, p), damping=count * self.damping)
+        return many.scaled(count)
+
     def scaled(self, factor: Expression) -> Actuator:
         """Return an actuator whose static force is larger by a factor."""
         affine = self.affine

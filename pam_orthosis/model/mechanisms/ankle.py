@@ -18,6 +18,7 @@ import casadi as ca
 from pam_orthosis.model.mechanisms import leg
 from pam_orthosis.model.mechanisms.base import ROTATION, Coordinate, Mechanics, stop_effort
 from pam_orthosis.model.mechanisms.one_axis import lever_contraction
+from pam_orthosis.model.mechanisms.passive import ankle_moment
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Expression, Signals
 
@@ -25,13 +26,8 @@ DEGREES = 180.0 / math.pi
 
 
 def passive_moment(q: Expression, knee: Expression) -> Expression:
-    """Return the passive moment of a person's ankle towards plantarflexion, N m (rad, rad).
-
-    Riener & Edrich, J. Biomech. 32 (1999) 539-544; their ankle angle counts plantarflexion positive.
-    """
-    a, k = -DEGREES * q, DEGREES * knee
-    stretched_calf = ca.exp(2.1016 - 0.0843 * a - 0.0176 * k)
-    return stretched_calf - ca.exp(-7.9763 + 0.1949 * a + 0.0008 * k) - 1.792
+    """Return the passive moment of a person's ankle towards plantarflexion, N m (rad, rad)."""
+    return ankle_moment(-DEGREES * q, DEGREES * knee)
 
 
 def foot_bodies(q: Expression, shank: Expression, ankle: Expression, p: Section) -> list[leg.Body]:
@@ -67,9 +63,13 @@ class Ankle:
     stops: ClassVar[tuple[str, ...]] = ("ankle.joint.minimum", "ankle.joint.maximum")
     live: ClassVar[tuple[str, ...]] = ("leg.person.mass",)
     subject: ClassVar[str] = "ankle"
-    locked: ClassVar[bool] = False
     heading: ClassVar[float] = -math.pi / 2  # of the toes in pictures, whose muscles lie along -x
     parameters: Section
+
+    @property
+    def locked(self) -> bool:
+        """Whether the joint is locked."""
+        return bool(self.parameters.ankle.joint.locked)
 
     @property
     def idle(self) -> Mapping[str, str]:

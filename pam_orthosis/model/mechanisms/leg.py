@@ -10,7 +10,7 @@ extension; `knee_torque` carries the change of sign.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,11 +86,19 @@ def hip_angle(q: Expression, leg: Section) -> Expression:
     return ca.atan2(across, along) + ca.asin(leg.bearing_height / reach)
 
 
-def bodies(q: Expression, leg: Section) -> list[Body]:
-    """Return the bodies of apparatus and person (section 3): thighs, knee, shanks, foot and shoe.
+def lumped_foot(_shank: Expression, ankle: Expression, leg: Section) -> list[Body]:
+    """Return shoe and, with a person, foot as the paper has them: lumped masses at the ankle."""
+    parts, person = [Body(leg.shoe_mass, 0.0, ankle, 0.0)], leg.person
+    if person.present:
+        parts.append(Body(person.foot_mass_fraction * person.mass, 0.0, ankle, 0.0))
+    return parts
+
+
+def bodies(q: Expression, leg: Section, foot: Callable[..., list[Body]] = lumped_foot) -> list[Body]:
+    """Return the bodies of apparatus and person (section 3): thighs, knee, shanks, shoe and foot.
 
     The person's parts are De Leva's (1996) fractions of the body mass; without a person they are
-    left out.
+    left out. `foot` is (angle of the shank, position of the ankle, leg) -> shoe and foot.
     """
     hip = hip_angle(q, leg)
     shank_angle = hip - leg.configuration * q
@@ -98,20 +106,20 @@ def bodies(q: Expression, leg: Section) -> list[Body]:
     thigh_length, shank_length = segment_lengths(leg)
     knee = thigh_length * thigh
     ankle = knee + shank_length * shank
+    shoe, *feet = foot(shank_angle, ankle, leg)
     parts = [
         _bar(leg.thigh, thigh_length, 0.5 * thigh_length * thigh, hip),
         Body(leg.knee_mass, 0.0, knee, 0.0),
         _bar(leg.shank, shank_length, knee + 0.5 * shank_length * shank, shank_angle),
-        Body(leg.shoe_mass, 0.0, ankle, 0.0),
+        shoe,
     ]
     person = leg.person
     if person.present:
         parts += [
             _segment(person.thigh, person.mass, thigh_length, 0 * knee, thigh, hip),
             _segment(person.shank, person.mass, shank_length, knee, shank, shank_angle),
-            Body(person.foot_mass_fraction * person.mass, 0.0, ankle, 0.0),
         ]
-    return parts
+    return parts + feet
 
 
 def mechanics(
@@ -122,18 +130,21 @@ def mechanics(
     `extra_foot_mass` (kg) is a lumped mass at the ankle that an effect may add.
     """
     parts = bodies(q, leg)
-    foot = parts[3]
-    parts.append(Body(extra_foot_mass, 0.0, foot.position, 0.0))
+    parts.append(Body(extra_foot_mass, 0.0, parts[3].position, 0.0))
     return lagrange(q, velocity, parts)
 
 
 def lagrange(q: Expression, velocity: Expression, parts: Sequence[Body]) -> Mechanics:
-    """Return the terms of Eq. (26) of bodies that move with one coordinate, from L = T - U by Eq. (25)."""
+    """Return the terms of Eq. (26) of bodies that move with n coordinates, from L = T - U by Eq. (25).
+
+    Inertia (n, n), the others (n,); q and velocity are symbols.
+    """
     kinetic, potential = energies(q, velocity, parts)
-    momentum = ca.gradient(kinetic, velocity)
-    inertia = ca.gradient(momentum, velocity)
+    momenta = ca.vertsplit(ca.gradient(kinetic, velocity))
+    inertia = ca.horzcat(*(ca.gradient(one, velocity) for one in momenta))
     # d/dt (dL/dq-dot) - dL/dq = m q-ddot + [d(dT/dq-dot)/dq q-dot - dT/dq] + dU/dq
-    coriolis = ca.gradient(momentum, q) * velocity - ca.gradient(kinetic, q)
+    carried = ca.vertcat(*(ca.dot(ca.gradient(one, q), velocity) for one in momenta))
+    coriolis = carried - ca.gradient(kinetic, q)
     return Mechanics(inertia, coriolis, ca.gradient(potential, q))
 
 

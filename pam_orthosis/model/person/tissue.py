@@ -12,21 +12,11 @@ import casadi as ca
 
 from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
 from pam_orthosis.model.mechanisms import leg
+from pam_orthosis.model.mechanisms.passive import knee_moment
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Expression, Signals
 
 RISE = 0.05  # s, in which a fast stretch brings clonus on
-
-
-def knee_moment(knee: Expression, hip: Expression, ankle: Expression = 0.0) -> Expression:
-    """Return the passive elastic moment of a knee, N m in the direction of flexion.
-
-    Angles in degrees: knee and hip flexion, ankle plantarflexion.
-    Riener and Edrich 1999, J. Biomech. 32:539-544.
-    """
-    flexing = ca.exp(1.800 - 0.0460 * ankle - 0.0352 * knee + 0.0217 * hip) + ca.exp(2.220 - 0.150 * knee)
-    extending = ca.exp(-3.971 - 0.0004 * ankle + 0.0495 * knee - 0.0128 * hip) + 4.820
-    return flexing - extending
 
 
 def _passive_moment(s: Signals, p: Section, _states: tuple[Expression, ...]) -> Contribution:

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from pam_orthosis.model.machines import KNEE, RIG
+from pam_orthosis.model.mechanisms.passive import knee_moment
 from pam_orthosis.model.parameters import load
-from pam_orthosis.model.person.tissue import TISSUE, knee_moment
+from pam_orthosis.model.person.tissue import TISSUE
 from pam_orthosis.model.plant import Plant
 
 # hip 0 and 70 degrees, ankle at a right angle: knee in degrees -> N m in the direction of flexion

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mechanisms of several coordinates, each of which is the joint of a machine of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+
+from pam_orthosis.model.mechanisms import leg
+from pam_orthosis.model.mechanisms.ankle import foot_bodies, passive_moment
+from pam_orthosis.model.mechanisms.base import Mechanics
+from pam_orthosis.model.rows import Section
+from pam_orthosis.model.signals import Expression
+
+
+@dataclass(frozen=True)
+class Leg:
+    """Knee and ankle, the ankle on its linear bearing: Eqs. (24)-(26) with a foot that turns.
+
+    Attributes:
+        joints: kinds of the mechanisms whose coordinates these are, in order.
+        subjects: files of `config/` with rows that its joints have.
+        parameters: the section `leg` with its rows of the ankle.
+    """
+
+    joints: ClassVar[tuple[str, ...]] = ("knee", "ankle")
+    subjects: ClassVar[tuple[str, ...]] = ("ankle", "coupled")
+    parameters: Section
+
+    def bodies(self, q: Expression, extra_mass: Expression = 0.0) -> list[leg.Body]:
+        """Return all bodies at knee and ankle angle (2,), rad, with a mass on the ankle's axis, kg."""
+
+        def foot(shank: Expression, ankle: Expression, p: Section) -> list[leg.Body]:
+            return [*foot_bodies(q[1], shank, ankle, p), leg.Body(extra_mass, 0.0, ankle, 0.0)]
+
+        return leg.bodies(q[0], self.parameters, foot)
+
+    def terms(self, q: Expression, velocity: Expression, extra_mass: Expression = 0.0) -> Mechanics:
+        """Return inertia (2, 2), k (2,) and G (2,) of Eq. (26); G holds the person's moment at the ankle.
+
+        Args:
+            q: knee and ankle angle, symbols (2,), rad.
+            velocity: of both, symbols (2,), rad/s.
+            extra_mass: what effects add on the ankle's axis, kg.
+        """
+        p, terms = self.parameters, leg.lagrange(q, velocity, self.bodies(q, extra_mass))
+        if not p.person.present:
+            return terms
+        passive = p.ankle.passive_share * passive_moment(q[1], q[0])
+        return Mechanics(terms.inertia, terms.coriolis, terms.gravity + ca.vertcat(0, passive))
+
+
+COUPLED = {"leg": Leg}
+
+
+def accelerations(effort: Expression, terms: Mechanics, free: Sequence[int]) -> Expression:
+    """Return q-double-dot (n,) of Eq. (26) for the efforts on n coordinates; those that are not free rest."""
+    own, rest = list(free), effort - terms.coriolis - terms.gravity
+    result = ca.SX.zeros(rest.shape[0])
+    if own:
+        result[own] = ca.inv_minor(terms.inertia[own, own]) @ rest[own]
+    return result

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The real graph of a leg: each joint has its own nodes in a namespace, one plant couples both."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import QUICK
+
+from pam_orthosis.bag.legs import namespaces
+from pam_orthosis.bag.read import read_bag
+from pam_orthosis.bag.topics import BESIDE, Topics, resolve
+from pam_orthosis.cli.main import main
+from pam_orthosis.control.legs import device_parameters
+from pam_orthosis.control.loop import CoupledLoop
+from pam_orthosis.model.device import device_named
+
+LEG = device_named(Path("leg"))
+
+
+@pytest.fixture(scope="module")
+def leg(run_graph):
+    """One second of gait, each joint in a process of its own."""
+    return run_graph("--machine", "leg", "--composed", "--duration", "1", "--bound-deg", "1", "--json")
+
+
+def test_each_joint_is_judged_by_its_own_bound(leg, capsys):
+    done, bag = leg
+    assert done.returncode == 0, done.stderr
+    verdict = json.loads(done.stdout)
+    assert verdict["passed"]
+    assert {joint: one["samples"] for joint, one in verdict["legs"].items()} == {"knee": 200, "ankle": 200}
+    assert namespaces(bag) == ["/ankle", "/knee"]
+    error = verdict["legs"]["ankle"]["max_abs_error_deg"]
+    assert error > 0.05, "it moves"
+    assert main(["check", str(bag), "--bound-deg", f"5,ankle={error / 2}"]) == 1
+    said = capsys.readouterr().out
+    assert "FAILED" in said.split("knee\n")[0]
+    assert "PASSED" in said.split("knee\n")[1]
+    assert main(["check", str(bag), "--bound-deg", "5,hip=1"]) == 2
+    assert "no hip to bound; there are: ankle, knee" in capsys.readouterr().err
+
+
+def test_the_graph_computes_what_the_loop_without_it_does(leg):
+    values = {key: float(value) for key, value in (text.split("=") for text in QUICK[1::2])}
+    expected = CoupledLoop(device_parameters(LEG, values)).run(200)
+    for joint, machine in LEG.joints.items():
+        names = ["angle", *(f"{name}_voltage" for name in machine.names)]
+        recorded = read_bag(leg[1], names, namespace=f"/{joint}")
+        assert np.ptp(recorded["angle"].value) > np.radians(1)
+        for name in names:
+            np.testing.assert_array_equal(recorded[name].value, expected[joint][name])
+
+
+def test_the_bag_holds_every_topic_of_both_joints_and_their_machines(leg):
+    for joint, machine in LEG.joints.items():
+        bag = read_bag(leg[1], Topics(machine).signals, namespace=f"/{joint}")
+        assert bag.machine == machine
+        assert bag.parameters["scenario.start_hold"] == 0.1
+        assert Topics(machine).signals.keys() == bag.series.keys()
+        assert resolve(BESIDE, joint) in {resolve(one.name, joint) for one in Topics(machine).recorded}
+
+
+def test_the_controllers_of_a_joint_answer_the_bag_again_to_the_bit(leg, capsys):
+    assert main(["replay", str(leg[1]), "--namespace", "ankle", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["identical"]
+    topics = {one["topic"] for one in told["legs"]["ankle"]}
+    assert {"estimate", "dorsiflexor/mass_flow", "plantarflexor/valve_command"} <= topics
+    assert "joint_states" not in topics  # both joints move together
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--legs", "2"), "are for single machines, not for leg"),
+        (("--realtime",), "are for single machines, not for leg"),
+        (("--param", "leg.wing=1"), "no joint of the leg has a parameter leg.wing"),
+        (("--bound-mm", "1"), "give --bound-deg"),
+        (("--param", "scenario.trajectory=sine"), "coupled joints move by gait or hold"),
+    ],
+)
+def test_what_a_leg_cannot_do_is_refused_before_it_starts(tmp_path, capsys, options, words):
+    assert main(["run", "--machine", "leg", "--out", str(tmp_path / "bag"), *options]) == 2
+    told = capsys.readouterr().err
+    assert words in told
+    assert len(told.splitlines()) == 1
+    assert not (tmp_path / "bag").exists()
