@@ -245,5 +245,7 @@ def mapping(node: Any, where: str) -> dict[str, Any]:
 
 def meant(key: str, known: Iterable[str]) -> str:
     """Return a question for the name that a wrong one is near to, or nothing."""
-    close = difflib.get_close_matches(key, list(known), n=1, cutoff=0.5)
+    there = list(known)
+    ends = [one for one in there if one.endswith(f".{key}")]  # of a dotted key the end alone
+    close = ends[:1] or difflib.get_close_matches(key, there, n=1, cutoff=0.5)
     return f"; did you mean {close[0]}?" if close else ""

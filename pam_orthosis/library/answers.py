@@ -6,7 +6,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,7 @@ from pam_orthosis.bag.verdict import Bound, Verdict, judge
 from pam_orthosis.files import as_text, write_files
 from pam_orthosis.library.pictures import Picture
 from pam_orthosis.library.run import Run
-from pam_orthosis.markup import table
+from pam_orthosis.markup import Shown, table
 
 if TYPE_CHECKING:
     from pam_orthosis.discrepancy.judgement import Outcome
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 Recorded = Run | str | Path
 
 
-class Check(Verdict):
+class Check(Shown, Verdict):
     """How well a run follows its reference; errors and bound are in `unit` (deg or mm)."""
 
-    def _repr_html_(self) -> str:
+    def _shown(self) -> tuple[Sequence[str], list[tuple[str, str]], str]:
         answer = "passed" if self.passed else "failed"
         head = (
             f"{answer}: maximum error {self.max_abs_error:.3f} {self.unit}, bound {self.bound:g} {self.unit}"
@@ -36,7 +36,7 @@ class Check(Verdict):
             for name, value in self.as_dict().items()
             if isinstance(value, float | int) and name != "passed"
         ]
-        return table(("what", "value"), rows, head)
+        return ("what", "value"), rows, head
 
 
 def check(run: Recorded, bound: float = 3.0, skip_s: float = 0.0, namespace: str = "") -> Check:
@@ -56,7 +56,7 @@ def check(run: Recorded, bound: float = 3.0, skip_s: float = 0.0, namespace: str
         return Check(**vars(judge(bag, Bound(bound), skip_s, namespace)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Gap:
     """What a gap search found.
 
@@ -65,7 +65,7 @@ class Gap:
         words: what the verb `gap` prints.
     """
 
-    outcome: Outcome = field(repr=False)
+    outcome: Outcome
     words: str
 
     @property
@@ -101,6 +101,9 @@ class Gap:
         from pam_orthosis.report.gap import page
 
         write_files({Path(path): as_text(page(self.outcome, self.words))})
+
+    def __repr__(self) -> str:
+        return self.words
 
     def _repr_html_(self) -> str:
         rows = [

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,7 +21,7 @@ from pam_orthosis.bag.sampled import sampled, since_first
 from pam_orthosis.bag.simulated import recorded_signals
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.library.pictures import Picture
-from pam_orthosis.markup import table
+from pam_orthosis.markup import Shown
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import Parameters, load
 
@@ -32,8 +32,8 @@ Array = NDArray[np.float64]
 BOUND = 3.0  # deg or mm, drawn into a picture
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(Shown):
     """Signals of one run, all at the same instants.
 
     Attributes:
@@ -46,7 +46,7 @@ class Run:
     parameters: Parameters
     scenario: str
     stamps_ns: NDArray[np.int64]
-    signals: Mapping[str, Array] = field(repr=False)
+    signals: Mapping[str, Array]
 
     def __getitem__(self, name: str) -> Array:
         """Return a signal, (n,) SI.
@@ -139,13 +139,13 @@ class Run:
         values = self.parameters.flat()
         return Bag(Path(self.scenario), series, {"scenario": self.scenario}, values, self.machine)
 
-    def _repr_html_(self) -> str:
+    def _shown(self) -> tuple[Sequence[str], list[tuple[str, str, str]], str]:
         rows = [(name, f"{np.nanmin(v):.4g}", f"{np.nanmax(v):.4g}") for name, v in self.signals.items()]
         words = f"{self.machine.name}, {self.scenario}: {len(self.time)} samples in {self.time[-1]:.3f} s"
-        return table(("signal (SI)", "least", "largest"), rows, words)
+        return ("signal (SI)", "least", "largest"), rows, words
 
 
-class Runs(Sequence[Run]):
+class Runs(Shown, Sequence[Run]):
     """Runs of several cases, all at the same instants: `runs["angle"]` is (cases, n)."""
 
     def __init__(self, runs: Sequence[Run], cases: Mapping[str, Array]):
@@ -168,9 +168,9 @@ class Runs(Sequence[Run]):
         """Seconds since the first sample, (n,)."""
         return self._runs[0].time
 
-    def _repr_html_(self) -> str:
+    def _shown(self) -> tuple[Sequence[str], list[tuple[str, ...]], str]:
         rows = [tuple(f"{value:g}" for value in values) for values in zip(*self.cases.values(), strict=True)]
-        return table(tuple(self.cases), rows, f"{len(self)} runs of {self.time[-1]:.3f} s")
+        return tuple(self.cases), rows, f"{len(self)} runs of {self.time[-1]:.3f} s"
 
 
 def read(path: str | Path, namespace: str = "") -> Run:

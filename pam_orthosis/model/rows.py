@@ -106,6 +106,11 @@ class Section:
     def __getattr__(self, name: str) -> Any:
         raise MissingParameter(f"no parameter {self._path}.{name}: does its row stand in config/?")
 
+    def __repr__(self) -> str:
+        return "\n".join(
+            f"{self._path}.{k}" + ("" if isinstance(v, Section) else f" = {v}") for k, v in self.items()
+        )
+
     def items(self) -> Iterable[tuple[str, Any]]:
         """Pairs of name and value or branch."""
         return [(k, v) for k, v in self.__dict__.items() if not k.startswith("_")]

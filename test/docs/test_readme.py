@@ -2,11 +2,12 @@
 """The README speaks of what exists."""
 
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
-from pam_orthosis.cli.main import VERBS
+from pam_orthosis.cli.main import VERBS, verb_parser
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -22,6 +23,12 @@ def test_every_command_is_a_verb_and_every_verb_is_shown():
     assert shown
     assert shown <= set(VERBS)
     assert set(VERBS) <= shown
+
+
+def test_every_command_is_one_that_the_program_takes():
+    lines = re.findall(r"^ {4}pam-orthosis (\S+)(.*?)(?: {2,}#.*)?$", README, flags=re.M)
+    for verb, arguments in lines:
+        verb_parser(verb).parse_args(shlex.split(arguments))
 
 
 def test_it_is_short_and_its_picture_small():

@@ -127,6 +127,18 @@ def test_objects_show_themselves(short, run):
     assert run.plot()._repr_png_().startswith(b"\x89PNG")
 
 
+def test_objects_print_themselves(short, run):
+    verdict = po.check(run)
+    assert repr(verdict).startswith(f"passed: maximum error {verdict.max_abs_error:.3f} deg, bound 3 deg\n")
+    head, _, *rows = repr(run).splitlines()
+    assert head == f"knee, {run.scenario}: {len(run.time)} samples in {run.time[-1]:.3f} s"
+    assert [row.split()[0] for row in rows] == list(run.signals)
+    low, high = map(float, next(row.split()[1:] for row in rows if row.startswith("angle ")))
+    assert (low, high) == pytest.approx((run["angle"].min(), run["angle"].max()), rel=1e-3)
+    assert f"control.position.c1 = {short.control.position.c1}" in repr(short.control.position).splitlines()
+    assert repr(short).splitlines()[0] == "parameters.muscle"
+
+
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_arguments_are_completed(shell, capsys):
     with pytest.raises(SystemExit):

@@ -26,6 +26,7 @@ def test_overrides_reach_the_tree_and_leave_the_defaults_alone():
     ("key", "value", "words"),
     [
         ("control.position.c3", 1.0, "did you mean control.position.c"),
+        ("c1", 30.0, "did you mean control.position.c1"),
         ("control.position.c1", -1.0, "outside"),
         ("control.position.c1", math.nan, "finite"),
         ("control.position.c1", "forty", "number"),
