@@ -14,7 +14,7 @@ from pam_orthosis.reading import from_yaml
 
 METADATA_FILE = "metadata.yaml"
 RUN_RECORD, BAG_RECORD = "pam_orthosis", "rosbag2"  # metadata in an MCAP file: of the run, of the bag
-LONG = ("parameters", "machine")  # of the metadata of a run, which `metadata.yaml` leaves out
+LONG = ("parameters", "machine", "legs")  # of the metadata of a run, which `metadata.yaml` leaves out
 NO_TYPE = "__schemaless__"  # as rosbags calls the type of a channel without a schema
 
 

@@ -29,7 +29,7 @@ def add_parameter_arguments(
         "--machine",
         type=Path,
         metavar="FILE",
-        help="another machine: a YAML file, ankle, shoe or, for `run`, leg (knee)",
+        help="another machine: a YAML file, ankle, shoe or, for `run`, leg and device (knee)",
     )
     meaning = "set a parameter, e.g. control.position.c1=30 (repeatable)"
     parser.add_argument("--param", action="append", default=[], metavar="KEY=VALUE", help=meaning)

@@ -9,7 +9,7 @@ from typing import Any
 from pam_orthosis.control.trajectory import make_trajectory
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.device import Device, of_joint
-from pam_orthosis.model.parameters import Parameters, load
+from pam_orthosis.model.parameters import Parameters, Section, load
 
 PERIODIC = ("gait", "sine")
 
@@ -24,7 +24,18 @@ def differences(parameters: Parameters) -> dict[str, dict[str, Any]]:
     if parameters.scenario.trajectory in PERIODIC:
         right["scenario.start_phase"] = (parameters.scenario.start_phase + 0.5) % 1.0
         right[parameters.declared.start] = make_trajectory(parameters.changed(right)).sample(0).position
+        if parameters.scenario.plan.enabled:
+            right |= _half_a_cycle_later(parameters.scenario.plan)
     return {"left": {}, "right": right}
+
+
+def _half_a_cycle_later(plan: Section) -> dict[str, list[float]]:
+    """Return a plan, whose phase is that since the start, half a cycle later: odd harmonics change sign."""
+    return {
+        f"scenario.plan.{name}.{part}": [(-1) ** n * value for n, value in enumerate(getattr(series, part))]
+        for name, series in (("angle", plan.angle), ("pressure", plan.pressure))
+        for part in ("cosine", "sine")
+    }
 
 
 def device_parameters(device: Device, values: Mapping[str, Any]) -> dict[str, Parameters]:

@@ -161,8 +161,9 @@ def _check_alike(parameters: Sequence[Parameters]) -> None:
     kinds = [one.declared.neighbour for one in parameters]
     if len({one.declared.coupled for one in parameters}) != 1 or not all(kinds):
         raise OrthosisError("the joints are not of one mechanism")
+    own = {one.declared.start for one in parameters}
     first, *others = (one.flat() for one in parameters)
     for other in others:
-        for key in first.keys() & other.keys():
+        for key in first.keys() & other.keys() - own:
             if key.startswith(SHARED) and first[key] != other[key]:
                 raise OrthosisError(f"{key} = {first[key]} and {other[key]}: joints of one leg have the same")

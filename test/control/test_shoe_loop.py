@@ -43,7 +43,7 @@ def loads(seconds, since=np.inf, change=None, **changes):
             for (name, sign), one in zip(CUSHIONS.items(), both.values(), strict=True)
         ])  # fmt: skip
         true.append([told[f"{name}_tension"] for name in CUSHIONS])
-        loop._step(index)
+        loop.step(index)
     named = [dict(zip(CUSHIONS, np.array(rows).T, strict=True)) for rows in (set_, true)]
     return *named, loop
 

@@ -11,7 +11,8 @@ import pytest
 from pam_orthosis.control.legs import device_parameters
 from pam_orthosis.control.loop import ClosedLoop, CoupledLoop
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model.coupled import Coupled
+from pam_orthosis.model import coupled
+from pam_orthosis.model.coupled import Coupled, Plants
 from pam_orthosis.model.device import device_named, entry_of, legs_from, parameters_of
 from pam_orthosis.model.integrate import runge_kutta_4
 from pam_orthosis.model.mechanisms.coupled import Leg, accelerations
@@ -159,6 +160,25 @@ def test_joints_of_one_leg_share_its_parameters():
     other = own["ankle"].changed({"leg.shank.mass": 2.0})
     with pytest.raises(OrthosisError, match=r"leg\.shank\.mass"):
         Coupled([own["knee"], other])
+
+
+def test_joints_of_one_side_are_coupled_and_shoes_move_alone(monkeypatch):
+    class Two:
+        def __init__(self, given):
+            self.given = given
+            self.joints = [type("Joint", (), {"lines": ()})() for _ in given]
+            made.append(self)
+
+    made = []
+    monkeypatch.setattr(coupled, "Coupled", Two)
+    own = device_parameters(device_named(Path("device")), {})
+    plants = Plants(own)
+    assert [one.given for one in made] == [
+        [own[f"{side}/{n}"] for n in ("knee", "ankle")] for side in ("left", "right")
+    ]
+    assert plants.of["right/ankle"] is made[1].joints[1]
+    assert plants.of["left/shoe"].machine.name == "shoe"
+    assert plants.of.keys() == own.keys()
 
 
 def test_each_joint_knows_the_others_gait():
