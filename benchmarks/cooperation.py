@@ -24,7 +24,15 @@ from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model.parameters import Parameters, load, scenario_overrides
 from pam_orthosis.model.plant import true_parameters
 
-STIFFNESSES = {40: 2.0, 100: 4.0, 200: 6.0, 400: 12.0, 600: 20.0}  # N m/rad -> damping, N m s/rad
+STIFFNESSES = {
+    40: 2.0,
+    100: 4.0,
+    150: 5.0,
+    200: 6.0,
+    300: 9.0,
+    400: 12.0,
+    600: 20.0,
+}  # N m/rad -> damping, N m s/rad
 FREQUENCIES = (0.1, 0.5, 1.0, 2.0)  # Hz
 PERSONS = {30: 1.35, 75: 1.75, 120: 1.9}  # body mass, kg -> height, m
 SHARES = (0.0, 0.3, 0.6, 1.0)
@@ -137,32 +145,46 @@ def tasks() -> dict[str, tuple[Callable[[dict[str, Any]], dict[str, Any]], list[
     }  # fmt: skip
 
 
-def table(found: dict[str, list[dict[str, Any]]]) -> Iterator[str]:
-    """Yield the results as Markdown."""
-    yield "| asked / N m/rad | 0.1 to 2 Hz, persons of 30 to 120 kg | drawn hardware | without dry friction |"
-    yield "|---|---|---|---|"
+def stiffness_table(found: dict[str, list[dict[str, Any]]]) -> Iterator[str]:
+    """Yield stiffness asked and measured as Markdown, of persons over all frequencies."""
+    persons = " | ".join(f"person of {mass} kg" for mass in PERSONS)
+    yield f"| asked / N m/rad | {persons} | 75 kg, drawn hardware | 75 kg, no dry friction |"
+    yield "|---|" + "---|" * (len(PERSONS) + 2)
     for asked in STIFFNESSES:
         own = [one for one in found["stiffness"] if one["asked"] == asked]
-        groups = [
-            [one["measured"] for one in own if bool(one["sample"]) == bool(sample) and one["dry"] == dry]
-            for sample, dry in ((0, False), (1, False), (0, True))
-        ]
-        yield f"| {asked} | " + " | ".join(f"{min(one):.0f} .. {max(one):.0f}" for one in groups) + " |"
-    yield ""
-    yield "| share of the person | path / deg | assistance | estimated share |"
+        plain = [one for one in own if not one["sample"] and not one["dry"]]
+        groups = [[one for one in plain if one["mass"] == mass] for mass in PERSONS]
+        groups += [[one for one in own if one["sample"]], [one for one in own if one["dry"]]]
+        cells = [_span([one["measured"] for one in group], 0) for group in groups]
+        yield f"| {asked} | " + " | ".join(cells) + " |"
+
+
+def share_table(found: dict[str, list[dict[str, Any]]]) -> Iterator[str]:
+    """Yield what assistance does for persons of different shares as Markdown."""
+    yield "| share of the person | largest distance from the path / deg | assistance | estimated share |"
     yield "|---|---|---|---|"
     for share in SHARES:
         own = [one for one in found["assisted"] if one["share"] == share]
-        path = max(one["path_deg"] for one in own)
-        both = ([one[key] for one in own] for key in ("level", "estimated"))
-        spans = [f"{min(values):.2f} .. {max(values):.2f}" for values in both]
-        yield f"| {share:.1f} | {path:.1f} | " + " | ".join(spans) + " |"
-    yield ""
-    rms = [one["rms"] for one in found["felt"]]
-    yield f"Transparent: {min(rms):.1f} .. {max(rms):.1f} N m RMS at 0.5 Hz."
+        path, level, estimated = (
+            _span([one[key] for one in own], digits)
+            for key, digits in (("path_deg", 1), ("level", 2), ("estimated", 2))
+        )
+        yield f"| {share:.1f} | {path} | {level} | {estimated} |"
+
+
+def felt_table(found: dict[str, list[dict[str, Any]]]) -> Iterator[str]:
+    """Yield what is felt in transparent mode, and how a slow person lags, as Markdown."""
+    yield "| case | measured |"
+    yield "|---|---|"
+    torque = _span([one["rms"] for one in found["felt"]], 1)
+    yield f"| transparent, 0.5 Hz: torque that is felt | {torque} N m RMS |"
     for one in found["slow"]:
         waits = "waited for" if one["waits"] else "not waited for"
-        yield f"A slow person, {waits}: {one['rms_deg']:.1f} deg RMS."
+        yield f"| strides of 2.6 s, a reference of 2.0 s, {waits}: error | {one['rms_deg']:.1f} deg RMS |"
+
+
+def _span(values: list[float], digits: int) -> str:
+    return f"{min(values):.{digits}f} .. {max(values):.{digits}f}"
 
 
 def main() -> None:
@@ -181,7 +203,8 @@ def main() -> None:
             found = {name: list(pool.map(measure, of)) for name, (measure, of) in tasks().items()}
         arguments.out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
         return
-    print("\n".join(table(json.loads(arguments.results.read_text(encoding="utf-8")))))
+    found = json.loads(arguments.results.read_text(encoding="utf-8"))
+    print("\n\n".join("\n".join(table(found)) for table in (stiffness_table, share_table, felt_table)))
 
 
 if __name__ == "__main__":

@@ -194,10 +194,15 @@ def summary(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "events": dict(Counter(one["event"] for one in walks)),
         "trips": dict(Counter(one["trip"] or "none" for one in walks)),
         "missed": sum(one["missed"] for one in walks), "false": sum(one["false"] for one in walks),
-        "beyond": _worst(walks), "nonsense": len(blind),
+        "beyond": _worst(walks), "beyond_margin": sum(map(_is_beyond, walks)), "nonsense": len(blind),
         "nonsense_trips": dict(Counter(one["trip"] or "none" for one in blind)),
         "nonsense_beyond_margin": sum(one["missed"] for one in blind), "nonsense_beyond": _worst(blind),
     }  # fmt: skip
+
+
+def _is_beyond(run: dict[str, Any]) -> bool:
+    """Whether a limit was exceeded by more than its margin, before a trip or after it."""
+    return any(run["beyond"][name] > margin for name, margin in MARGINS.items())
 
 
 def _worst(runs: Sequence[dict]) -> dict[str, float]:
@@ -208,8 +213,8 @@ def table(found: dict[str, Any]) -> Iterator[str]:
     """Yield counts and a Markdown table: limits, margins, and what truth was beyond."""
     yield (
         f"{found['walks']} walks, {found['minutes']:.1f} minutes to the first trip: {found['missed']} missed,"
-        f" {found['false']} false. {found['nonsense']} runs of senseless voltages:"
-        f" {found['nonsense_beyond_margin']} beyond a margin."
+        f" {found['false']} false, {found['beyond_margin']} beyond a margin. {found['nonsense']} runs of"
+        f" senseless voltages: {found['nonsense_beyond_margin']} beyond a margin."
     )
     yield ""
     yield "| limit | margin | persons: beyond the limit | senseless voltages: beyond the limit |"

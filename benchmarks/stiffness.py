@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stiffness of the joint over the co-contraction p_im, by the model and from recordings.
 
-python benchmarks/stiffness.py
+python benchmarks/stiffness.py > benchmarks/results/stiffness.md
 """
 
 from __future__ import annotations
@@ -94,7 +94,9 @@ def on_plant(parameters) -> tuple[float, float]:
 
 
 def main() -> None:
-    """Print a row for each p_im: pressures held, valves closed, measured, measured without dry friction."""
+    """Print a row for each p_im: stiffness, N m/rad, and the largest deflection."""
+    print("| p_im | model, pressures held | model, valves closed | measured | no dry friction | deflection |")
+    print("|---|---|---|---|---|---|")
     for mean in MEANS:
         p = load({
             **scenario_overrides("diagnostic-stiffness"), "control.position.mean_pressure": mean,

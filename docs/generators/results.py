@@ -18,7 +18,10 @@ ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "benchmarks" / "results"
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
+import cooperation  # noqa: E402
 import gap_table  # noqa: E402
+import repetition  # noqa: E402
+import safety  # noqa: E402
 from speed.rows import as_text  # noqa: E402
 
 BOUND = 3.0  # deg
@@ -70,7 +73,21 @@ def blocks() -> dict[str, Callable[[], str]]:
         "speed": speed,
         "paper": paper,
         "paper-observer": paper_observer,
+        "safety": lambda: _text(safety.table(safety.summary(safety.read(RESULTS / "safety.jsonl")))),
+        "stiffness-asked": lambda: _text(cooperation.stiffness_table(_cooperation())),
+        "assistance": lambda: _text(cooperation.share_table(_cooperation())),
+        "felt": lambda: _text(cooperation.felt_table(_cooperation())),
+        "repetition": lambda: _text(repetition.table(_lines(RESULTS / "repetition.jsonl"))),
+        "stiffness": lambda: (RESULTS / "stiffness.md").read_text(encoding="utf-8"),
     }
+
+
+def _text(lines: Iterable[str]) -> str:
+    return "\n".join(lines) + "\n"
+
+
+def _cooperation() -> dict[str, list[dict[str, Any]]]:
+    return json.loads((RESULTS / "cooperation.json").read_text(encoding="utf-8"))
 
 
 def tracking() -> str:

@@ -75,3 +75,16 @@ def test_the_table_of_controllers_shows_the_worst_runs():
     cell = row[1 + results.CONTROLLERS.index("paper")]
     assert f"/ {max(paper):.2f} deg" in cell
     assert f"{sum(error > 3.0 for error in paper)} of {len(paper)} above" in cell
+
+
+def test_the_safety_monitor_misses_no_trip_and_trips_falsely_once_in_ten_minutes_at_most():
+    found = results.safety.summary(results.safety.read(results.RESULTS / "safety.jsonl"))
+    assert (found["walks"], found["nonsense"]) == (200, 200)
+    assert found["missed"] == found["nonsense_beyond_margin"] == 0
+    assert 10 * found["false"] / found["minutes"] <= 1
+
+
+def test_learning_halves_the_error_on_every_hardware_sample():
+    learned = _rows(results.blocks()["repetition"]())
+    assert [row[0] for row in learned] == ["default", "person"]
+    assert all(int(row[1]) == 11 and float(row[4]) <= 0.5 for row in learned)
