@@ -44,7 +44,7 @@ def strides(task: tuple[str, int, bool]) -> dict[str, Any]:
 def table(results: list[dict[str, Any]]) -> Iterator[str]:
     """Yield a Markdown table: of each scenario the worst hardware sample."""
     found = {(one["scenario"], one["sample"], one["learns"]): one["rms_deg"] for one in results}
-    yield "| scenario | samples | first without / deg | tenth with / deg | tenth / first, worst | strides worse than without |"
+    yield "| scenario | samples | first without, deg | tenth with, deg | tenth / first | strides worse |"
     yield "|---|---|---|---|---|---|"
     for scenario in SCENARIOS:
         both = [

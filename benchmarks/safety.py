@@ -217,7 +217,7 @@ def table(found: dict[str, Any]) -> Iterator[str]:
         f" senseless voltages: {found['nonsense_beyond_margin']} beyond a margin."
     )
     yield ""
-    yield "| limit | margin, truth beyond it | persons: beyond the limit | senseless voltages: beyond the limit |"
+    yield "| limit | margin of truth | persons: beyond the limit | senseless voltages: beyond the limit |"
     yield "|---|---|---|---|"
     for name, margin in MARGINS.items():
         values = (found[group].get(name, 0.0) for group in ("beyond", "nonsense_beyond"))
