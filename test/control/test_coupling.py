@@ -36,6 +36,33 @@ def test_knee_and_ankle_follow_measured_strides_within_one_degree(present):
         assert loop.loops[name].health()["position"]["vented_samples"] == 0
 
 
+HOLDS = {"start": 2.4, "duration": 1.5, "stiffness": 150.0, "damping": 1.0}
+STIFF = {"volition.enabled": True} | {f"block.{key}": value for key, value in HOLDS.items()}
+CLONUS = {
+    f"tissue.clonus.{key}": value
+    for key, value in {"enabled": True, "amplitude": 4.0, "threshold": 1.0}.items()
+}
+PERSONS = {
+    "pushes": ({"ankle/plant.external_torque": 5.0, "ankle/plant.external_frequency": 0.35}, 0.5, 1.0),
+    "stiffens": ({f"ankle/plant.person.{key}": value for key, value in STIFF.items()}, 3.0, 6.0),
+    "has clonus": ({f"ankle/plant.person.{key}": value for key, value in CLONUS.items()}, 1.0, 2.0),
+}
+
+
+@pytest.mark.parametrize("what", PERSONS)
+def test_an_ankle_holds_or_gives_way_and_comes_back_and_the_knee_walks_on(what):
+    changes, least, most = PERSONS[what]
+    loop = CoupledLoop(joints(BRIEF | PERSON | changes))
+    errors = {
+        name: np.degrees(np.abs(run["reference_angle"] - run["true_angle"]))
+        for name, run in loop.run(1000).items()
+    }
+    assert errors["knee"].max() <= 1.0
+    assert least <= errors["ankle"].max() <= most
+    assert errors["ankle"][-40:].max() <= 1.0
+    assert loop.loops["ankle"].health()["position"]["vented_samples"] == 0
+
+
 def test_at_rest_the_coupling_is_the_ankles_weight_in_the_pose_of_the_moving_knee():
     nominal = joints(PERSON)["ankle"].nominal()
     q, knee, held_at = 0.1, 0.4, nominal.leg.ankle.knee_angle
