@@ -17,7 +17,7 @@ from pam_orthosis.library.run import Array, Run, Runs
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.machines import KNEE, machine_named
 from pam_orthosis.model.parameters import Parameters, load, scenario_overrides
-from pam_orthosis.model.plant import Plant
+from pam_orthosis.model.plant import Plant, as_modelled
 from pam_orthosis.model.study import Study
 
 DRIVEN = "given voltages"
@@ -33,7 +33,10 @@ def machine(path: str | Path | None = None) -> Machine:
 
 
 def parameters(
-    scenario: str = "default", changes: Mapping[str, Any] | None = None, machine: Machine | None = None
+    scenario: str = "default",
+    changes: Mapping[str, Any] | None = None,
+    machine: Machine | None = None,
+    exact: bool = False,
 ) -> Parameters:
     """Return the parameters of a machine in a [scenario](scenarios.md).
 
@@ -41,11 +44,14 @@ def parameters(
         scenario: what the machine does.
         changes: dotted key -> value, such as `{"control.position.c1": 30.0}`.
         machine: of `machine(path)`; the knee if None.
+        exact: the emulated hardware is the nominal model, but for the scenario and `changes`. Otherwise it
+            has effects of its own, which `gap` finds beside one that is hidden.
 
     Raises:
         OrthosisError: an unknown scenario or key, or an unusable value.
     """
-    return load(scenario_overrides(scenario) | dict(changes or {}), machine)
+    shipped = as_modelled(load({}, machine)) if exact else {}
+    return load(shipped | scenario_overrides(scenario) | dict(changes or {}), machine)
 
 
 @overload

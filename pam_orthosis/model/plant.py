@@ -54,6 +54,19 @@ def true_parameters(parameters: Parameters, branches: tuple[str, ...] = ("",)) -
     return parameters.substituted(true)
 
 
+def as_modelled(parameters: Parameters) -> dict[str, Any]:
+    """Return the changes that make the emulated hardware its nominal model; the sensors stay noisy."""
+    values = parameters.flat()
+    changes: dict[str, Any] = {key: 1.0 for key in values if key.startswith("plant.deviation.")}
+    changes |= {
+        key: False
+        for key, value in values.items()
+        if key.startswith("plant.effects.") and key.endswith(".enabled") and value
+    }
+    changes |= {f"plant.delay.{part}": 0.0 for part in ("computing", "converter", "hose_length")}
+    return changes | {"plant.delay.valve": values["valve.delay"], "plant.muscle_law": "polynomial"}
+
+
 def with_nominal(parameters: Parameters, changes: Mapping[str, Any]) -> Parameters:
     """Return the tree with another nominal model; deviations keep the emulated hardware as it is.
 

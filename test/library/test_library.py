@@ -117,6 +117,16 @@ def test_what_is_wrong_is_said(short):
             call()
 
 
+def test_exact_hardware_is_the_nominal_model_but_for_what_is_changed():
+    leak = "plant.effects.extensor_leak.enabled"
+    values = po.parameters("person", {leak: True}, exact=True).flat()
+    effects = {key for key in values if key.startswith("plant.effects.") and key.endswith(".enabled")}
+    assert {key for key in effects if values[key]} == {leak}
+    assert {value for key, value in values.items() if key.startswith("plant.deviation.")} == {1.0}
+    assert values["plant.muscle_law"] == "polynomial"
+    assert values["leg.person.present"] is True
+
+
 def test_objects_show_themselves(short, run):
     shown = [one._repr_html_() for one in (short, po.machine(), run, po.check(run))]
     for html, words in zip(

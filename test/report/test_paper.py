@@ -15,6 +15,7 @@ from pam_orthosis.identification.data import read_data
 from pam_orthosis.identification.identify import identify
 from pam_orthosis.model.components.muscle import towing_force
 from pam_orthosis.model.parameters import load
+from pam_orthosis.model.plant import as_modelled
 from pam_orthosis.report.pages import paper as pages
 from pam_orthosis.report.paper import observer, table, tracking
 
@@ -82,7 +83,7 @@ def test_the_pattern_of_the_poles_saves_lag_at_the_same_noise(simulated):
 
 def test_what_the_equation_of_motion_lacks_is_the_torque_where_nothing_else_disturbs():
     """The measure of the emulated hardware's disturbance, tried where the answer is known."""
-    found = observer.observe(observer.without_hardware_effects(), exact=False)
+    found = observer.observe(as_modelled(load()), exact=False)
     middle = found.signals["time"] - found.parameters.scenario.control_period / 2
     frequencies = found.parameters.plant.external_frequency, 1 / found.parameters.scenario.cycle_time
     known = -found.signals["true_torque"]

@@ -14,7 +14,7 @@ import numpy as np
 from pam_orthosis.control.axis import Axis
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model import parameters as tree
-from pam_orthosis.model.plant import Plant
+from pam_orthosis.model.plant import Plant, as_modelled
 from pam_orthosis.progress import Progress, counted, silent
 
 SCENARIO, GAIT = "observer", "default"
@@ -75,18 +75,6 @@ class WatchedPlant(Plant):
         return self.seen[-1]
 
 
-def without_hardware_effects() -> dict[str, Any]:
-    """Return the overrides that make the plant the controllers' nominal model; its sensors stay noisy."""
-    values = tree.load().flat()
-    exact: dict[str, Any] = {key: 1.0 for key in values if key.startswith("plant.deviation.")}
-    for key, value in values.items():
-        if key.startswith("plant.effects.") and key.endswith(".enabled") and value:
-            exact[key] = False
-    parts = ("computing", "converter", "hose_length")
-    exact |= {f"plant.delay.{part}": 0.0 for part in parts}
-    return exact | {"plant.delay.valve": values["valve.delay"], "plant.muscle_law": "polynomial"}
-
-
 def observe(overrides: Mapping[str, Any] | None = None, exact: bool = True, seed: int = 1) -> ObserverRun:
     """Move the knee under the scenario's sinusoidal torque and watch the observer.
 
@@ -97,7 +85,7 @@ def observe(overrides: Mapping[str, Any] | None = None, exact: bool = True, seed
             is what Eq. (26) needs beside the torque to explain the true motion.
         seed: of the sensor noise.
     """
-    fixed = without_hardware_effects() if exact else {}
+    fixed = as_modelled(tree.load()) if exact else {}
     p = tree.load({**tree.scenario_overrides(SCENARIO), **fixed, **(overrides or {})})
     plant = WatchedPlant(p, seed)
     signals = ClosedLoop(p, seed, plant=plant).run(round(p.scenario.duration / p.scenario.control_period))
