@@ -166,6 +166,14 @@ def test_it_does_not_resume_beyond_a_limit(fed):
     assert fed.monitor.resume() == "nothing has tripped"
 
 
+@pytest.mark.parametrize("name", ["knee", "ankle", "shoe"])
+def test_a_walk_of_each_machine_trips_nothing(name):
+    parameters = load({}, machine_named(Path(name)))
+    monitor = SafetyMonitor(parameters)
+    ClosedLoop(parameters, 1, plant=Watched(Plant(parameters, 1), monitor)).run(500)
+    assert monitor.trips == []
+
+
 def test_it_never_adds_air():
     assert restrained((2.0, 7.0), (10.0, 5.0)) == (2.0, 5.0)
 
