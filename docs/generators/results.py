@@ -131,7 +131,8 @@ def gap(cases: Sequence[dict[str, Any]]) -> str:
         rows.append((f"nothing hidden, {name}", str(len(none)), f"verdict none: {_share(*quiet(none))}", "-"))
     outside = chosen_of(cases, "outside")
     named = sum("found" in r and bool(gap_table.names(r)) for r in outside)
-    words = f"verdict unexplained: {_share(*honest(outside))}"
+    counts = open_verdicts(outside)
+    words = "; ".join(f"verdict {name}: {_share(n, len(outside))}" for name, n in counts.items() if n)
     rows.append(("an effect outside the catalogue", str(len(outside)), words, _share(named, len(outside))))
     return table(("hidden", "cases", "right", "a wrong name"), rows)
 
@@ -144,10 +145,13 @@ def gap_sets() -> str:
         single = [r for r in cases if r["set"] in ("clean", "realistic")]
         none = [r for r in cases if r["set"].endswith("-none")]
         counted = (right(single), wrong(single), both(chosen_of(cases, "pairs")), quiet(none))
-        counted += (honest(chosen_of(cases, "outside")),)
-        rows.append((seed, *(f"{part} of {whole}" if whole else "-" for part, whole in counted)))
+        outside = chosen_of(cases, "outside")
+        told = ", ".join(str(n) for n in open_verdicts(outside).values()) + f" of {len(outside)}"
+        cells = [f"{part} of {whole}" if whole else "-" for part, whole in counted]
+        rows.append((seed, *cells, told if outside else "-"))
     head = ("set", "one effect: named", "a wrong name", "two effects: both named", "nothing hidden: `none`")
-    return table((*head, "outside the catalogue: `unexplained`"), rows)
+    verdicts = ", ".join(f"`{name}`" for name in gap_table.OPEN)
+    return table((*head, f"outside the catalogue: {verdicts}"), rows)
 
 
 def chosen_of(cases: Iterable[dict[str, Any]], name: str, size: str = "") -> list[dict[str, Any]]:
@@ -175,9 +179,10 @@ def quiet(cases: Sequence[dict[str, Any]]) -> tuple[int, int]:
     return sum("found" in r and r["found"]["verdict"] == "none" for r in cases), len(cases)
 
 
-def honest(outside: Sequence[dict[str, Any]]) -> tuple[int, int]:
-    """Return how many cases outside the catalogue are called unexplained, of how many."""
-    return sum("found" in r and r["found"]["verdict"] in gap_table.OPEN for r in outside), len(outside)
+def open_verdicts(outside: Sequence[dict[str, Any]]) -> dict[str, int]:
+    """Return verdict on a gap that is not explained -> how many cases outside the catalogue have it."""
+    told = [r["found"]["verdict"] for r in outside if "found" in r]
+    return {name: told.count(name) for name in gap_table.OPEN}
 
 
 def _share(part: int, whole: int) -> str:

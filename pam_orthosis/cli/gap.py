@@ -23,6 +23,7 @@ from pam_orthosis.files import (
     refuse_existing,
     remove_empty,
     write_files,
+    write_text,
     writing,
 )
 from pam_orthosis.progress import Progress, counted, shown
@@ -73,6 +74,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=output, metavar="DIR", help="write gap.json, gap.html and, without --system, model.yaml"
     )
     parser.add_argument(
+        "--next", type=output, metavar="FILE.csv",
+        help="write the experiment that would help next: a table of positions and mean pressures to follow",
+    )  # fmt: skip
+    parser.add_argument(
         "--until", choices=("check", "replay", "where"),
         help="stop after this stage: what the data can show; how large the gap is; where it is",
     )  # fmt: skip
@@ -99,18 +104,20 @@ def execute(arguments: argparse.Namespace) -> int:
                 _write(arguments, outcome, data, case, words)
     finally:  # a file that cannot be written must not take the verdict with it
         print(json.dumps(data, indent=2) if arguments.json else words)
+    if arguments.next:
+        _write_next(arguments, outcome, case)
     from pam_orthosis.discrepancy.judgement import GOOD
 
     return 0 if outcome.verdict in GOOD else 1
 
 
 class Case(NamedTuple):
-    """What was asked: settings, stages before the search, parameters of --model, what records lack.
+    """What was asked: parameters, stages before the search, parameters of --model, what records lack.
 
     `assumed`: bags without a record; `untold`: rows that the others lack, and the values taken.
     """
 
-    settings: Any
+    parameters: Any
     start: Beginning
     data: Telling
     given: Mapping[str, Any]
@@ -164,13 +171,13 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     start = begin(system, training, held_out, parameters.gap, progress)
     progress("computing what these data can show")
     data = telling(start.problem, start.null, parameters.gap.evidence.threshold, progress)
-    return Case(parameters.gap, start, data, given, assumed, rows, heading)
+    return Case(parameters, start, data, given, assumed, rows, heading)
 
 
 def _searched(case: Case, progress: Progress) -> Outcome:
     from pam_orthosis.discrepancy.workflow import search
 
-    return search(case.start, case.settings, progress)
+    return search(case.start, case.parameters.gap, progress)
 
 
 def _described(case: Case, outcome: Outcome) -> tuple[dict[str, Any], str]:
@@ -212,8 +219,12 @@ def _check_out(arguments: argparse.Namespace) -> None:
     folder = arguments.out
     if arguments.system and arguments.machine:
         raise OrthosisError("--system and --machine each say what the recordings are of: give one")
-    if arguments.until and (folder or arguments.json):
-        raise OrthosisError("--until prints words only; leave --out and --json out")
+    if arguments.until and (folder or arguments.json or arguments.next):
+        raise OrthosisError("--until prints words only; leave --out, --next and --json out")
+    if arguments.system and arguments.next:
+        raise OrthosisError("--next knows experiments of machines, none of a --system")
+    if arguments.next:
+        refuse_existing([arguments.next])
     if folder is not None and folder.exists() and not folder.is_dir():
         raise OrthosisError(f"--out {folder} is a file; give a folder")
     if folder:
@@ -248,3 +259,14 @@ def _write(arguments: argparse.Namespace, outcome, data, case: Case, words: str)
     )
     made = dict(zip(FILES, texts, strict=True))
     write_files({arguments.out / name: as_text(made[name]) for name in _files(arguments)})
+
+
+def _write_next(arguments: argparse.Namespace, outcome, case: Case) -> None:
+    from pam_orthosis.cli.gap_next import advice, next_experiment, references
+
+    name = next_experiment(outcome, case.data.experiments)
+    if name:
+        write_text(arguments.next, references(name, case.parameters))
+    if not arguments.json:
+        none = f"next: no experiment is known that would tell more; {arguments.next} is not written"
+        print(advice(name, case.parameters) if name else none)

@@ -4,13 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from pam_orthosis.discrepancy import findings, measure, structure
 from pam_orthosis.discrepancy.beginning import Beginning, strained_parameters
 from pam_orthosis.discrepancy.confirmation import emptied
 from pam_orthosis.discrepancy.findings import Named, first_accepted, named_effect, runner_up_of
+from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.noise_floor import decided_and_floor, remark_on_left_out
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.selection import Selection, Step
@@ -22,6 +25,9 @@ LEAST_CLOSURE = 0.9  # below it named effects that leave structure are a part of
 MOST_LEFT = 1.3  # gap after over the noise floor above which the residual is not called clean
 NEAR = 1.5  # gap of an equation over the noise floor above which it is not explained, whatever was closed
 LEAST_NAMED = 0.5  # closure of a model below which it names nothing
+FAR_STRAIN = 5.0  # tolerances: less likely hardware than a wrong zero, unit or mechanism
+MANY_STRAINED = 3  # nuisance parameters so far off: they bend a model to another machine
+MOST_KEPT = 20.0  # gap of an equation over the noise floor, whatever is described, of the machine given
 OPEN = ("partial", "unexplained")
 GOOD = ("none", "recalibrated", "explained")  # verdicts on a gap that is not there or explained
 
@@ -30,12 +36,15 @@ class Rest(NamedTuple):
     """What a model leaves of the held-out recordings.
 
     `clean`: noise only. `kept`: the gap over the noise, in the equation where it is largest. `gone`: nothing
-    was to be explained, recalibration alone leaves noise.
+    was to be explained, recalibration alone leaves noise: what is named explains what it moved. `astray`:
+    nuisance parameters are far off in an equation in which no effect is named. `foreign`: many are.
     """
 
     clean: bool
     kept: float
     gone: bool
+    astray: bool = False
+    foreign: bool = False
 
 
 @dataclass(frozen=True)
@@ -70,6 +79,26 @@ class Outcome:
     selection: Selection = field(repr=False)
     held_out: Problem = field(repr=False)
     unknown: Unknown | None = None
+    foreign: bool = False
+
+    def over_noise(self) -> dict[str, float]:
+        """Return equation -> gap that is left over that of noise."""
+        return measure.over_noise(self.system, self.after, self.floor)
+
+    def described(self, left: Unknown | None) -> Outcome:
+        """Return the outcome with what can be said of what is left."""
+        kept = self.over_noise()
+        known = left.description if left else None
+        if known:
+            kept[known.equation] = np.sqrt(1 + (kept[known.equation] ** 2 - 1) * (1 - known.reduced))
+        if self.foreign or max(kept.values()) > MOST_KEPT:
+            nothing: dict[str, Any] = dict.fromkeys(
+                ("effects", "surrogates", "look_alikes", "separated_by"), ()
+            )
+            return replace(self, verdict="unexplained", runner_up=None, foreign=True, **nothing)
+        others = [value for name, value in kept.items() if left is None or name != left.equation]
+        whole = left is not None and left.known and max(others, default=0.0) <= NEAR
+        return replace(self, verdict="described" if whole else self.verdict, unknown=left)
 
 
 def outcome_of(start: Beginning, found: Selection, settings: Section) -> Outcome:
@@ -79,20 +108,25 @@ def outcome_of(start: Beginning, found: Selection, settings: Section) -> Outcome
     judged, floor = decided_and_floor(start, found, spread, settings)
     configured = start.configured(judged)
     before, after = start.recalibrated(judged), measure.gap(judge, final, judged)
-    left = structure.locate(judge, final)
-    closed = _closures(configured, before, after, floor)
-    counted = _from_configured(before, floor, closed)
+    where, left = start.where(), structure.locate(judge, final)
+    gone = _is_gone(before, floor, where)
+    base = configured if gone else before
+    closed = _closures(configured, base, after, floor)
+    counted = _from_configured(floor if gone else base, floor, closed)
     empty = tuple(key for name in final.effects for key in emptied(system, name, final))
     rest = Rest(
         clean=structure.clean(left) and not beyond(after, floor),
         kept=max(measure.over_noise(system, after, floor).values()),
-        gone=before.white[measure.OVERALL] < (1 + measure.LEAST_EXCESS) * floor.white[measure.OVERALL],
+        gone=gone,
+        astray=bool(_astray(system, final)),
+        foreign=len(_far_off(final)) >= MANY_STRAINED,
     )
     verdict = verdict_on(final.effects, closed[measure.OVERALL], rest, empty)
     every = tuple(named_effect(system, found, spread, name, settings.evidence) for name in final.effects)
     first = first_accepted(found, every)
     # a name that leaves most of the gap open is no name
-    meant = _meant(final.effects, empty) if _trusted(closed[measure.OVERALL]) else ()
+    trusted = _trusted(closed[measure.OVERALL]) and not rest.foreign
+    meant = _meant(final.effects, empty) if trusted else ()
     return Outcome(
         system=system,
         verdict=verdict,
@@ -107,7 +141,7 @@ def outcome_of(start: Beginning, found: Selection, settings: Section) -> Outcome
         floor=floor,
         closure=closed,
         from_configured=counted,
-        where=start.where(),
+        where=where,
         left=left,
         strained=strained_parameters(final),
         empty=empty,
@@ -115,7 +149,26 @@ def outcome_of(start: Beginning, found: Selection, settings: Section) -> Outcome
         remarks=(*start.remarks, *remark_on_left_out(judged)),
         selection=found,
         held_out=judge,
+        foreign=rest.foreign,
     )
+
+
+def _far_off(final: Fit) -> list[str]:
+    """Return the nuisance parameters that are far outside their tolerance."""
+    return [name for name, value in strained_parameters(final).items() if abs(value) > FAR_STRAIN]
+
+
+def _astray(system: System, final: Fit) -> list[str]:
+    """Return those that are far off where no effect is named whose other form may have moved them."""
+    named = {system.equation_of(name) for name in final.effects}
+    seen = {name for equation in named & set(final.blocks) for name in final.blocks[equation].names}
+    return [name for name in _far_off(final) if name not in seen]
+
+
+def _is_gone(before: measure.Gap, floor: measure.Gap, where: Sequence[structure.Where]) -> bool:
+    """Return whether recalibration alone leaves noise: a share of so little says nothing of an effect."""
+    hardly = before.white[measure.OVERALL] < (1 + measure.LEAST_EXCESS) * floor.white[measure.OVERALL]
+    return hardly or (structure.clean(where) and not beyond(before, floor))
 
 
 def _closures(
@@ -169,9 +222,14 @@ def verdict_on(effects: Names, share: float | None, rest: Rest, empty: Sequence[
         empty: parameters at which effects are not what their names say.
     """
     if not effects:
-        return "none" if rest.clean else "unexplained"
-    if not _meant(effects, empty) or not _trusted(share):
+        return "none" if rest.clean and not rest.astray else "unexplained"
+    if rest.foreign or not _meant(effects, empty) or not _trusted(share):
         return "unexplained"
-    if empty or rest.kept > NEAR or not (rest.clean or (share is not None and share >= LEAST_CLOSURE)):
+    if (
+        empty
+        or rest.astray
+        or rest.kept > NEAR
+        or not (rest.clean or (share is not None and share >= LEAST_CLOSURE))
+    ):
         return "partial"
     return "recalibrated" if rest.gone else "explained"

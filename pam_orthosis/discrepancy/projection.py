@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import product
 
@@ -14,6 +15,7 @@ from pam_orthosis.discrepancy.fit import Fit, scaled_slopes
 from pam_orthosis.discrepancy.free import WIDE, with_scales
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.system import Values
+from pam_orthosis.errors import OrthosisError
 
 SHAPE_SCALES = (0.05, 0.3, 1.0)  # of the shape corrections' priors: how good may the maps be?
 
@@ -83,7 +85,7 @@ class Projection:
         weight = np.array([one.scale / one.sd for one in own])
         centre = np.array([one.centre / one.scale for one in own])
         hessian = self._data_hessian + np.diag(weight**2)
-        factor = cho_factor(hessian + 1e-9 * np.diag(np.diag(hessian)))
+        factor = _factor(hessian)
         priors = 2 * float(np.sum(np.log(weight[weight > 0])))
         occam = 2 * float(np.sum(np.log(np.diag(factor[0])))) - priors
         return Level(scales, weight, centre, factor, occam)
@@ -140,3 +142,12 @@ class Projection:
     def values(self, position: np.ndarray) -> dict[str, float]:
         """Return the nuisance parameters at a scaled position."""
         return {one.name: float(x * one.scale) for one, x in zip(self.base.free, position, strict=True)}
+
+
+def _factor(hessian: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Return the Cholesky factor, with as little of the diagonal added as rounding asks for."""
+    for share in (1e-9, 1e-6):
+        with suppress(np.linalg.LinAlgError):
+            factor: tuple[np.ndarray, bool] = cho_factor(hessian + share * np.diag(np.diag(hessian)))
+            return factor
+    raise OrthosisError("a fit to these recordings has no minimum: check their columns, signs and units")

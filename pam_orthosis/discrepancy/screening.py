@@ -20,8 +20,8 @@ POLISHED = 3
 POLISHED_SHARE = 0.4  # of the best projected gain: worth a full fit
 NEAR_BAR = 0.3  # of the evidence that is asked for: a projection may be that far off
 SLACK = 20.0  # the same where little is asked for
-FAR = 100.0  # power density of residuals over noise, and
-FAR_STRAIN = 4.0  # deviation of a nuisance parameter over its tolerance, that let parameters be suspected
+FAR = 10.0  # power density of residuals over noise, and
+FAR_STRAIN = 3.0  # deviation of a free parameter over its tolerance, that let parameters be suspected
 SECOND_START = 0.3  # of the best start's gain: a second start is tried
 
 
@@ -65,8 +65,7 @@ def fitted_candidates(
 def _is_far(problem: Problem, base: Fit) -> bool:
     """Return whether a model is so far off that parameters of the apparatus are suspected."""
     density = max(1 / weight**2 for weight in problem.weights.values())
-    nuisance = (one for one in base.free if "." not in one.name)
-    return density > FAR or any(abs(one.deviation(base.values)) > FAR_STRAIN for one in nuisance)
+    return density > FAR or any(abs(one.deviation(base.values)) > FAR_STRAIN for one in base.free)
 
 
 def _room(problem: Problem, name: str) -> float:

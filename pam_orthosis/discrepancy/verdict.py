@@ -10,7 +10,7 @@ from typing import Any
 from pam_orthosis.discrepancy.beginning import Beginning
 from pam_orthosis.discrepancy.confirmation import at_values
 from pam_orthosis.discrepancy.findings import Named
-from pam_orthosis.discrepancy.judgement import Outcome, beyond
+from pam_orthosis.discrepancy.judgement import FAR_STRAIN, Outcome, beyond
 from pam_orthosis.discrepancy.measure import OVERALL, over_noise
 from pam_orthosis.discrepancy.structure import Where, clean
 from pam_orthosis.discrepancy.system import Channel, System
@@ -20,7 +20,6 @@ from pam_orthosis.model.parameters import Parameters, experiments, scenario_name
 
 LABEL = 25  # characters of the first column, at least
 MOST_NAMED, MOST_SHOWN = 3, 8  # parameters in one line: of many, and else
-FAR_STRAIN = 5.0  # tolerances: less likely hardware than a wrong zero or unit
 
 
 def assumed_words(files: Sequence[Path], count: int, model: Path | None) -> str:
@@ -233,8 +232,13 @@ def _alike(one: Named, several: bool) -> list[str]:
 def _strain(strained: Mapping[str, float]) -> str:
     told = ", ".join(f"{name} {value:+.1f}" for name, value in strained.items())
     said = f"nuisance parameters outside their tolerance (multiples of it): {told}"
-    far = max(map(abs, strained.values())) > FAR_STRAIN
-    return f"{said}; check units, zeros (absolute pressure?) and calibration first" if far else said
+    return (
+        f"{said}; check units, zeros (absolute pressure?) and calibration first" if _far(strained) else said
+    )
+
+
+def _far(strained: Mapping[str, float]) -> bool:
+    return max(map(abs, strained.values()), default=0.0) > FAR_STRAIN
 
 
 def _refusal(outcome: Outcome) -> str:
@@ -252,13 +256,14 @@ def _answer(outcome: Outcome) -> str:
     kept = over_noise(outcome.system, outcome.after, outcome.floor)
     worst = max(kept, key=lambda name: kept[name])
     left = f"in the {worst} equation {kept[worst]:.1f} times the noise is left{_emptied(outcome)}"
+    bent = ", nuisance parameters are far outside their tolerance" if _far(outcome.strained) else ""
     words = {
         "none": "recalibrated within its tolerances, the model leaves noise only",
         "recalibrated": f"no gap is left once nuisance parameters move; named for what moves them: {names}",
         "explained": f"by {names}",
-        "partial": f"{names} explains{much}; {left}",
+        "partial": f"{names} explains{much}; {left}{bent}",
         "described": _described(outcome, names),
-        "unexplained": _unexplained(outcome, left),
+        "unexplained": _unexplained(outcome, left, bent),
     }[outcome.verdict]
     return f"{outcome.verdict.upper()}{' ' if outcome.verdict == 'explained' else ': '}{words}"
 
@@ -274,7 +279,11 @@ def _title(system: System, name: str) -> str:
     return f"a wrong {system.wrong[name]}" if name in system.wrong else name.replace("_", " ")
 
 
-def _unexplained(outcome: Outcome, left: str) -> str:
+def _unexplained(outcome: Outcome, left: str, bent: str) -> str:
+    if outcome.foreign:
+        return f"nothing I know, this is not the machine that was given; {left}{bent}"
+    if clean(outcome.left) and not beyond(outcome.after, outcome.floor) and _far(outcome.strained):
+        return "noise only is left, but by nuisance parameters far outside their tolerance"
     if clean(outcome.left) and beyond(outcome.after, outcome.floor):
         white = outcome.after.white[OVERALL]
         return (

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from pam_orthosis.discrepancy import select
 from pam_orthosis.discrepancy.beginning import Beginning, begin
@@ -48,9 +47,9 @@ def search(start: Beginning, settings: Section, tell: Progress = silent) -> Outc
     outcome = outcome_of(start, found, settings)
     if outcome.verdict not in OPEN:
         return outcome
+    if outcome.foreign:
+        return outcome.described(None)
     tell("describing what is left")
     named = bool(outcome.effects)  # surrogates explain nothing: what they hide is left too
     model, problem = (found.final, found.final_problem) if named else (start.null, start.problem)
-    left = unknown(problem, start.held_out, model, outcome.floor)
-    verdict = "described" if left and left.known else outcome.verdict
-    return replace(outcome, verdict=verdict, unknown=left)
+    return outcome.described(unknown(problem, start.held_out, model, outcome.floor))

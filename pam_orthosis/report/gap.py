@@ -23,6 +23,7 @@ MEANINGS = {
     "described": "A curve describes the difference; the catalogue has no name for its cause.",
     "unexplained": "Model and recordings differ, and nothing in the catalogue accounts for it.",
 }
+FOREIGN = "The recordings are of another machine than the model, or their columns, signs or units are wrong."
 GAP = (
     "The gap is what remains between recordings and model, above the noise, when parameters are recalibrated"
     " within their tolerances."
@@ -45,7 +46,8 @@ def page(outcome: Outcome, words: str, next_experiments: Sequence[str] = ()) -> 
              plots=gap_figures.traces(outcome)),
         Part("All numbers", pre=words, more="as gap prints them"),
     ]  # fmt: skip
-    meaning = [text for text in (MEANINGS.get(outcome.verdict), GAP) if text]
+    meant = FOREIGN if outcome.foreign else MEANINGS.get(outcome.verdict)
+    meaning = [text for text in (meant, GAP) if text]
     tone = TONES.get(outcome.verdict, NEUTRAL)
     return Page(
         "gap",
@@ -68,6 +70,11 @@ def _headline(outcome: Outcome, answer: str) -> str:
 def _missing(outcome: Outcome) -> list[Part]:
     found = [_effect(outcome, one, "") for one in outcome.effects]
     found += [_effect(outcome, one, " (best surrogate, no explanation)") for one in outcome.surrogates]
+    if plots := gap_figures.unknown(outcome):
+        words = (
+            "The unknown, described: a curve over one signal. It is no cause, and `model.yaml` has it not."
+        )
+        found.append(Part("What nothing explains", (words,), plots=plots))
     if plots := gap_figures.missing(outcome):
         words = "What the equations lack, before and after: a curve that is flat at zero lacks nothing."
         found.append(Part("What the model misses", (words,), plots=plots))

@@ -8,6 +8,7 @@ from itertools import takewhile
 import numpy as np
 
 from pam_orthosis.discrepancy import structure
+from pam_orthosis.discrepancy.description import QUANTILE
 from pam_orthosis.discrepancy.judgement import Outcome
 from pam_orthosis.discrepancy.structure import missing_rate, order
 from pam_orthosis.report.plots import AFTER, BEFORE, REFERENCE, Plot, Trace, bars, dots, line
@@ -78,6 +79,24 @@ def missing(outcome: Outcome) -> list[Plot]:
         for title, equation, channels, name in panels
         for channel in channels
     ]
+
+
+def unknown(outcome: Outcome) -> list[Plot]:
+    """Return the curve that describes what nothing explains, between the ends of its 95 % intervals."""
+    one = outcome.unknown.description if outcome.unknown else None
+    if one is None:
+        return []
+    x, half = one.places, QUANTILE * one.spread
+    data = [
+        line(x, one.shape, "curve, without its parabola", AFTER, width=2.4),
+        line(x, one.shape - half, "95 %, lower", REFERENCE, "dot"),
+        line(x, one.shape + half, "95 %, upper", REFERENCE, "dot"),
+    ]
+    over = spoken(one.coordinate)
+    size = f"half of its range is {one.amplitude[0]:.3g} {one.unit}"
+    title = f"Unknown in {spoken(one.channel)}, over {over}"
+    axis = over + _unit(outcome.system, one.coordinate)
+    return [Plot(title, f"{title}: {size}", axis, f"unknown / {one.unit}", data, (0.0,), height=340)]
 
 
 def spoken(name: str) -> str:

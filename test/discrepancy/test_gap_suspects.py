@@ -71,3 +71,22 @@ def test_a_wrong_sprocket_is_named_with_its_size(bench):
     assert any("the model has 0.1: effective diameter" in line for line in lines)
     changed = patch.overrides(few, [one.name], outcome.selection.final.values)
     assert changed == {DIAMETER: pytest.approx(0.12, rel=0.02)}
+
+
+def test_a_wrong_valve_is_named_although_recalibration_hides_it(bench):
+    """The share of the little gap that recalibration leaves says nothing of it."""
+    size = "valve.conductance"
+    right = 0.7 * bench.parameters.flat()[size]
+
+    def recording(seed, cycle):
+        return bench.recording(seed, cycle, valve__conductance=right, plant__deviation__conductance=1.0)
+
+    few = replace(
+        bench.system, catalogue={n: bench.system.catalogue[n] for n in (name_of(size), "valve_lag")}
+    )
+    outcome = workflow.find_gap(few, [recording(1, 2.0)], [recording(3, 1.7)], bench.parameters.gap)
+    (one,) = outcome.effects
+    assert outcome.verdict == "recalibrated"
+    assert one.parameters["value"][0] == pytest.approx(right, rel=0.03)
+    assert "overall" in outcome.from_configured
+    assert outcome.closure["overall"] > 0.95

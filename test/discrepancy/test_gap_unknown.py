@@ -2,6 +2,7 @@
 """What nothing in the catalogue explains is described: as a curve over a signal, as events, or not at all."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.run import Run
 from pam_orthosis.discrepancy.unknown_words import short, unknown_as_dict, unknown_words
 from pam_orthosis.discrepancy.whitening import Whitener
+from pam_orthosis.report import gap_figures
+from pam_orthosis.report.plots import packed
 
 CYCLES = {1: 2.0, 2: 1.4, 3: 1.7}  # seed -> s
 
@@ -74,6 +77,11 @@ def test_a_torque_of_the_angle_is_described_with_its_period_and_size(bench, told
     assert short(bench.system, found).startswith("unknown torque of angle (period 0.4")
     assert "removes 9" in unknown_words(bench.system, found)[0]
     assert unknown_as_dict(found)["curve"]["coordinate"] == "angle"
+    (plot,) = gap_figures.unknown(SimpleNamespace(unknown=found, system=bench.system))
+    assert (plot.x, plot.y) == ("angle / rad", "unknown / N m")
+    upper = found.description.shape + 1.96 * found.description.spread
+    assert [trace["x"] for trace in plot.data] == [packed(found.description.places)] * 3
+    assert plot.data[2]["y"] == packed(upper)
 
 
 def test_pushes_at_instants_of_their_own_are_events(bench, told):

@@ -124,7 +124,7 @@ def test_an_answer_without_a_name_tells_why(ranked, reason, said):
     torque = SimpleNamespace(name="torque", channels=("angle",))
     outcome = SimpleNamespace(
         verdict="unexplained", effects=(), surrogates=(), empty=(), left=[place], steps=[step],
-        closure={"overall": 0.0}, unknown=None,
+        closure={"overall": 0.0}, unknown=None, strained={}, foreign=False,
         system=SimpleNamespace(equations=[torque], wrong={}), after=Gap({}, {"angle": 9.0}),
         floor=Gap({}, {"angle": 1.0}),
     )  # fmt: skip
@@ -195,12 +195,18 @@ def test_without_voltages_the_torque_is_judged_and_the_rest_is_said(bench, tmp_p
 def test_the_verb_writes_json_model_and_page(bench, tmp_path, capsys, page_fits):
     files = [str(table(tmp_path / f"{seed}.csv", bench.arrays(seed, **FRICTION))) for seed in (1, 2)]
     out, nominal = tmp_path / "out", without_delay(tmp_path)
-    status = cli.main(["gap", files[0], "--held-out", files[1], *nominal, "--out", str(out), "--json"])
+    written = ["--out", str(out), "--next", str(tmp_path / "next.csv"), "--json"]
+    status = cli.main(["gap", files[0], "--held-out", files[1], *nominal, *written])
     told = json.loads(capsys.readouterr().out)
     assert status == 0
     assert told == json.loads((out / "gap.json").read_text())
     assert told["apparatus_assumed"] == files  # a table does not tell of what it is
     assert told["effects"][0]["name"] == "joint_friction"
+    assert (
+        (tmp_path / "next.csv")
+        .read_text()
+        .startswith("time,reference_angle,mean_pressure,valves_closed\n0.00,")
+    )
     page = (out / "gap.html").read_text()
     assert "<pre>the apparatus is assumed: " in page
     assert "Missing is joint friction: it closes" in page
@@ -529,7 +535,7 @@ def test_a_gap_that_is_left_is_not_called_none(effects, closed, after, verdict):
     outcome = SimpleNamespace(
         verdict=told, effects=[SimpleNamespace(name=name) for name in effects], surrogates=(), left=left,
         after=gaps[0], floor=gaps[1], empty=(), closure={"overall": closed}, system=system, steps=(),
-        unknown=None,
+        unknown=None, strained={}, foreign=False,
     )  # fmt: skip
     said = _answer(outcome)
     if verdict == "unexplained":

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The experiment that would help next, as a table of references for a controller of one's own."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from io import StringIO
+from typing import TYPE_CHECKING
+
+from pam_orthosis.control.reference import Valve, as_number
+from pam_orthosis.control.trajectory import make_trajectory
+from pam_orthosis.model.parameters import Parameters, experiments, scenario_overrides
+
+if TYPE_CHECKING:
+    from pam_orthosis.discrepancy.judgement import Outcome
+
+PERIOD_NS = 10_000_000  # of the table's rows: a controller interpolates
+
+
+def next_experiment(outcome: Outcome, useful: Sequence[str]) -> str:
+    """Return the scenario that separates what was found, or else shows most; empty if none would help."""
+    if outcome.foreign:
+        return ""
+    apart = [test for one in (*outcome.effects, *outcome.surrogates) for test in one.separated_by]
+    return next((name for name in (*apart, *useful) if name in experiments()), "")
+
+
+def references(name: str, parameters: Parameters) -> str:
+    """Return a CSV table: time s, position rad or m, mean pressure absolute Pa, whether valves are closed.
+
+    Raises:
+        OrthosisError: the experiment is not for this machine, or its stops are in the way.
+    """
+    parameters = parameters.changed(scenario_overrides(name))
+    experiment = make_trajectory(parameters)
+    text = StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(
+        ("time", f"reference_{parameters.declared.coordinate.name}", "mean_pressure", "valves_closed")
+    )
+    for row in range(round(parameters.scenario.duration * 1e9 / PERIOD_NS)):
+        now = experiment.sample(row * PERIOD_NS)
+        mean = "" if now.mean_pressure is None else f"{as_number(now.mean_pressure):.0f}"
+        closed = int(now.mean_pressure is Valve.CLOSED)
+        table.writerow((f"{row * PERIOD_NS * 1e-9:.2f}", f"{now.position:.5f}", mean, closed))
+    return text.getvalue()
+
+
+def advice(name: str, parameters: Parameters) -> str:
+    """Return in words what to do, what to record, and what to do with it."""
+    machine = parameters.declared
+    signals = [
+        machine.coordinate.name,
+        *(f"{n}_{what}" for what in ("pressure", "voltage") for n in machine.names),
+    ]
+    return (
+        f"next: {experiments()[name]}; record {', '.join(signals)} by one clock, every"
+        f" {1e3 * parameters.scenario.control_period:g} ms, and give them to gap beside these recordings"
+    )
