@@ -256,7 +256,7 @@ def _answer(outcome: Outcome) -> str:
     kept = over_noise(outcome.system, outcome.after, outcome.floor)
     worst = max(kept, key=lambda name: kept[name])
     left = f"in the {worst} equation {kept[worst]:.1f} times the noise is left{_emptied(outcome)}"
-    bent = ", nuisance parameters are far outside their tolerance" if _far(outcome.strained) else ""
+    bent = ", and nuisance parameters are far outside their tolerance" if _far(outcome.strained) else ""
     words = {
         "none": "recalibrated within its tolerances, the model leaves noise only",
         "recalibrated": f"no gap is left once nuisance parameters move; named for what moves them: {names}",
