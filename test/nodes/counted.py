@@ -101,7 +101,7 @@ def count_loop(first: int, last: int) -> dict:
         if index == first:
             counting.mark()
             sys.setprofile(counting)
-        loop._step(index)
+        loop.step(index)
     sys.setprofile(None)
     counting.mark()
     return counting.per_step(last - first)

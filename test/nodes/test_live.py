@@ -98,15 +98,15 @@ def test_the_person_in_the_emulated_orthosis_changes(make_node):
     from pam_orthosis.nodes.plant_simulator import PlantSimulator
 
     node = make_node(PlantSimulator, **{"leg.person.present": "true"})
-    before = node._plant.state.copy()
+    before = node._plants.of[""].state.copy()
     assert _set(node, "leg.person.mass", 110.0).successful
-    assert (node._plant.state == before).all()
+    assert (node._plants.of[""].state == before).all()
     node.advance(5.0, 5.0)
-    heavier = node._plant.state.copy()
+    heavier = node._plants.of[""].state.copy()
     assert _set(node, "leg.person.mass", 50.0).successful
-    node._plant.state[:] = before
+    node._plants.of[""].state[:] = before
     node.advance(5.0, 5.0)
-    assert abs(node._plant.state[1] - heavier[1]) > 1e-3  # the knee turns otherwise
+    assert abs(node._plants.of[""].state[1] - heavier[1]) > 1e-3  # the knee turns otherwise
 
 
 def test_nobody_else_steps_into_the_emulated_orthosis(make_node):

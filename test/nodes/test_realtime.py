@@ -31,7 +31,7 @@ GENTLE += ["--param", "control.observer.pole=15", "--param", "control.pressure.g
 class FakePlant:
     """What `RealTime` needs of its node, and a clock that the test sets."""
 
-    period_ns, table = 5_000_000, TABLE
+    period_ns, commands = 5_000_000, {topic: ("", topic) for topic in TABLE.commands}
 
     def __init__(self):
         self.parameters = load()
@@ -41,7 +41,7 @@ class FakePlant:
         self.receivers, self.samples, self.applied = {}, [], []
         self.spools, self.came = [CLOSED] * 2, []
 
-    def listen_to_numbers(self, topic, fields, callback):
+    def listen_to_numbers(self, topic, fields, callback, leg):
         self.receivers[topic] = callback
 
     def create_timer(self, period_s, callback):
@@ -108,7 +108,7 @@ def test_valves_vent_when_one_of_them_was_never_told_anything(plant):
         plant.now += plant.period_ns
         plant.tick()
     for _ in range(SILENCE_SAMPLES + 2):
-        plant.receivers[plant.table.commands[0]](plant.samples[-1], (0.2,))
+        plant.receivers[TABLE.commands[0]](plant.samples[-1], (0.2,))
         plant.now += plant.period_ns
         plant.tick()
     assert (VENT, VENT) not in plant.applied[: 3 * SILENCE_SAMPLES]
