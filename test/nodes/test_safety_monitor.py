@@ -23,6 +23,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from rclpy.experimental import EventsExecutor  # noqa: E402
 from rclpy.serialization import deserialize_message  # noqa: E402
 
+from pam_orthosis.nodes.inverse_valve_model import InverseValveModelNode  # noqa: E402
 from pam_orthosis.nodes.plant_simulator import PlantSimulator  # noqa: E402
 from pam_orthosis.nodes.safety_monitor import SafetyMonitorNode  # noqa: E402
 
@@ -110,6 +111,15 @@ def test_commands_that_fill_against_the_limits_stop_the_device(start):
         monitor._heard(1, monitor.time_ns, (1.0,))
     assert "command" in monitor.latched()
     assert monitor._stop.active
+
+
+def test_no_valve_fills_above_the_allowed_pressure_and_it_vents_far_above(start):
+    valve, sent = start(InverseValveModelNode, *ENABLED), []
+    valve._commands["extensor"] = lambda _stamp_ns, spool: sent.append(spool)
+    for index, allowed in enumerate((6.85e5, REST - 1e4, REST - 1e5)):
+        valve._step("extensor", index * PERIOD_NS, (1e-3,), (REST,), (allowed,))
+    assert sent[0] > 0.0
+    assert sent[1:] == [0.0, VENT]
 
 
 def test_samples_that_stay_away_vent_in_real_time(start):
