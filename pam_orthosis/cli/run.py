@@ -28,7 +28,6 @@ from pam_orthosis.cli.parameters import (
 )
 from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.files import Used, claimed, output
-from pam_orthosis.model.device import device_named, entry_of, parameters_of
 from pam_orthosis.model.parameters import Parameters, scenario_names
 from pam_orthosis.progress import Progress, shown
 
@@ -76,6 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(arguments: argparse.Namespace) -> int:
     """Run and judge; return 0 if the bound holds, 1 if not."""
     from pam_orthosis.bag.verdict import bound_in, judge_all  # what reads bags takes its time to load
+    from pam_orthosis.model.device import parameters_of
 
     if arguments.list:
         print("\n".join(f"{name:24s} {meaning}" for name, meaning in scenario_names().items()))
@@ -123,6 +123,7 @@ def need_ros() -> None:
 def _chosen(arguments: argparse.Namespace, given: Mapping[str, Any]) -> tuple[Parameters, launch.Mode]:
     """Return the parameters, those of the first joint of a device, and how the run is made."""
     from pam_orthosis.control.legs import device_parameters
+    from pam_orthosis.model.device import device_named, entry_of
     from pam_orthosis.nodes.launch import Mode
 
     if arguments.no_plant and not arguments.realtime:
