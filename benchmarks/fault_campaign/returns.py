@@ -128,7 +128,7 @@ class Graph:
     def gone(self) -> list[str]:
         """Return the nodes that have ended, with the last line of each."""
         ended = [name for name, process in self._processes.items() if process.poll() is not None]
-        return [f"{name} has ended: {self._last_line(name)}" for name in ended]
+        return [f"{name} has ended: {self.last_line(name)}" for name in ended]
 
     def wait(self, condition) -> bool:
         """Wait until a condition holds or a node has ended; return whether it holds."""
@@ -146,7 +146,8 @@ class Graph:
         ends = {name: process.returncode for name, process in self._processes.items()}
         return [f"{name} ended with {status}" for name, status in ends.items() if status]
 
-    def _last_line(self, name: str) -> str:
+    def last_line(self, name: str) -> str:
+        """Return what a node said last."""
         lines = self._logs[name].read_text().strip().splitlines()
         return lines[-1] if lines else "nothing said"
 
@@ -154,7 +155,7 @@ class Graph:
         """Return stamps, s, and values of knee angle and reference that are on disk."""
         found: dict[str, list[tuple[float, float]]] = {name: [] for name in READERS}
         names: dict[int, str] = {}
-        with suppress(OSError, McapError), open(self.bag / "walk_0.mcap", "rb") as stream:
+        with suppress(OSError, McapError), open(self.bag / f"{self.bag.name}_0.mcap", "rb") as stream:
             for record in StreamReader(stream).records:
                 if isinstance(record, Channel):
                     names[record.id] = record.topic.strip("/")

@@ -100,6 +100,13 @@ class StepCollector:
                 return
             yield from self._leave()
 
+    def overtaken(self) -> Iterator[Message]:
+        """Hand out all up to the newest whole instant: who had more to say was lost in between."""
+        whole = [each for each in self._stamps if len(self._pending[each]) >= self._due(each)]
+        while whole and self._stamps[0] < max(whole):
+            yield from self._leave()
+        yield from self.complete()
+
     def rest(self) -> Iterator[Message]:
         """Hand out what is left, complete or not, in the same order."""
         while self._stamps:

@@ -27,13 +27,14 @@ class Agreement:
         message: what this node says of itself.
         absent: roles of the nodes that have not been heard.
         text: the contradiction, if there is one.
+        again: somebody was heard twice: he was started again.
     """
 
     def __init__(self, node: str, role: str, values: Mapping[str, Any], others: Collection[str]):
-        self._node, self._values = node, values
+        self._node, self._role, self._values = node, role, values
         self.message = String(data=json.dumps({"node": node, "role": role, "values": dict(values)}))
         self.absent = [other for other in others if other != role]
-        self.text, self._found = "", 0.0
+        self.text, self._found, self.again = "", 0.0, False
 
     def add(self, message: String) -> None:
         """Take what another node was started with; the first contradiction counts."""
@@ -43,6 +44,7 @@ class Agreement:
             different = [key for key, value in self._values.items() if values.get(key, value) != value]
         except (ValueError, TypeError, AttributeError, KeyError):
             return  # no node of this package
+        self.again = self.again or role not in (self._role, *self.absent)
         self.absent = [other for other in self.absent if other != role]
         if different and not self.text:
             key = different[0]

@@ -45,6 +45,10 @@ class BagPlayer(graph.GraphNode):
             "answer_timeout": Setting(5.0, "wall time without an answer after which the replay fails [s]"),
         }
         super().__init__(PLAYER, settings, role=RECORDER)
+
+    def configure(self) -> None:
+        """Open both bags, feed and listen."""
+        super().configure()
         chosen = self.settings["nodes"].split(",")
         bag, leg = Path(self.settings["bag"]), self.settings["namespace"]
         self._script = Script(bag, leg, chosen, held_ns(self.parameters), self.beside)
@@ -111,7 +115,7 @@ class BagPlayer(graph.GraphNode):
 
     def _begin(self) -> None:
         """Feed the first instant once all are there, this player too."""
-        if self.ready and not self._absent and self._now is None:
+        if self.active and not self._absent and self._now is None:
             self._feed()
             self._go_on()
 

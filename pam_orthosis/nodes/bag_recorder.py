@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from functools import partial
@@ -35,6 +36,7 @@ from pam_orthosis.scene.sampled import SampledScene
 QUEUE_DEPTH = 5000
 LATE_NS = 150_000_000
 WRITTEN_A_SAMPLE = 3  # instants, in real time: what waited for a late one must not hold up the graph
+OVERTAKEN_SECONDS = 1.0
 LOOK_SECONDS, ACKNOWLEDGED_STEPS = 0.05, 10
 PATIENCE_SECONDS = 3.0  # with the others, when a stranger is here and no supervisor ends them
 
@@ -55,10 +57,15 @@ class BagRecorder(graph.GraphNode):
         settings = {"directory": folder, "scenario_name": scenario, "sample_timeout": silence, "legs": LEGS}
         settings |= {"aside": aside}
         super().__init__(RECORDER, settings)
+
+    def configure(self) -> None:
+        """Begin the bag, and listen."""
+        super().configure()
         self._run_ns = round(self.parameters.scenario.duration * 1e9 / self.period_ns) * self.period_ns
         run = run_metadata(self.parameters, self.settings["scenario_name"], self.settings["legs"])
         self._writer = self._made_writer(Path(self.settings["directory"]), run)
         self._heard = False
+        self._waiting: deque[Callable[[], None]] = deque(maxlen=QUEUE_DEPTH)  # what came before it was active
         self._doubted: set[str] = set()
         self._names: dict[str, str] = {}
         self._viewed: dict[str, tuple[RecordedScene, str]] = {}
@@ -88,6 +95,8 @@ class BagRecorder(graph.GraphNode):
         """Expect samples from now on."""
         for leg in self._legs:
             leg.begin()
+        while self._waiting:
+            self._waiting.popleft()()
 
     def health(self) -> dict[str, int]:
         """Count messages that came twice."""
@@ -189,6 +198,10 @@ class BagRecorder(graph.GraphNode):
         first = leg.name == self.legs[0]
 
         def receive(data: bytes) -> None:
+            if not self.acts:
+                if not self.realtime:
+                    self._waiting.append(partial(receive, data))
+                return
             if name in self._doubted and not self._vents(topic, data):
                 return
             self._heard = True
@@ -252,6 +265,8 @@ class BagRecorder(graph.GraphNode):
         if self.settings["aside"]:
             self._begun()
         for leg in self._legs:
+            if self._has_gaps(leg):
+                self._write(leg.steps.overtaken())
             leg.acknowledge()
         if self.ended or self.stranger:  # who may have said what looks like the last step
             return
@@ -262,6 +277,11 @@ class BagRecorder(graph.GraphNode):
         else:
             if all(over):
                 self._finish()
+
+    def _has_gaps(self, leg: RecordedLeg) -> bool:
+        """Whether in lockstep all wait for this node, and it for what somebody who left did not say."""
+        lost = leg.joined_late or self.barrier.anew()
+        return lost and not self.realtime and leg.silence > OVERTAKEN_SECONDS
 
     def _finish(self) -> None:
         for steps in self._collectors():

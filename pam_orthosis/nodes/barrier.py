@@ -15,6 +15,19 @@ PEER_POLL_SECONDS = 0.02
 PEER_SECONDS, PEER_REPORT_SECONDS = 5.0, 30.0  # until it is said who is waited for, and said again
 
 
+class Notice:
+    """Tells the log of a node for whom it waits: once, and now and then again."""
+
+    def __init__(self, node: Node):
+        self._node, self._said, self._due = node, "", 0.0
+
+    def say(self, text: str) -> None:
+        """Say it, if that is news or due."""
+        if text != self._said or time.monotonic() > self._due:
+            self._said, self._due = text, time.monotonic() + PEER_REPORT_SECONDS
+            self._node.get_logger().info(text)
+
+
 class Barrier:
     """Looks whether all peers are there, says for whom it waits, and lets the node start once.
 
@@ -43,6 +56,10 @@ class Barrier:
     def await_agreement(self, agreement: Agreement) -> None:
         """Do not start before all nodes of a leg are known to have been started alike."""
         self._agreements.append(agreement)
+
+    def anew(self) -> bool:
+        """Whether a node has been started again since this one hears it."""
+        return any(agreement.again for agreement in self._agreements)
 
     def missing(self) -> list[str]:
         """Return who or what must be there before the start and is not."""

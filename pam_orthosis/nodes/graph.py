@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
 from std_msgs.msg import String
 
-from pam_orthosis.bag.topics import DIAGNOSTICS, SECOND_NS
+from pam_orthosis.bag.topics import DIAGNOSTICS, RECORDER, SECOND_NS
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import messages
@@ -42,16 +42,24 @@ class GraphNode(TopicNode):
     """
 
     def __init__(self, name: str, settings: Mapping[str, Setting] | None = None, role: str | None = None):
+        # `spin` looks around now and then at each step
+        self.pulse: Callable[[], None] = lambda: None
+        self.supervised = False  # else who has left may come again
         super().__init__(name, settings, role)
-        self._changed: dict[str, Any] = {}
-        take_changes(self, self.spec.live, self._take_changes)
+
+    def forget(self) -> None:
+        """Be as before the first run."""
+        super().forget()
         self._origin_ns: int | None = None
         self.time_ns = 0
-        self._reported_second = -1
         self.ended = False
-        # `spin` looks around in both: now and then at each step, at once when something has happened
-        self.pulse: Callable[[], None] = lambda: None
-        self.alarm: Callable[[], None] = lambda: None
+
+    def configure(self) -> None:
+        """Make what all nodes of a run have."""
+        super().configure()
+        self._changed: dict[str, Any] = {}
+        take_changes(self, self.spec.live, self._take_changes)
+        self._reported_second = -1
         self._ages = Ages(self.control_ns)  # a slow node holds up the others
         self._reported: dict[str, Any] = {}
         self._stepped_at = time.monotonic()
@@ -68,6 +76,7 @@ class GraphNode(TopicNode):
         """End the run, but for one that is over."""
         if not self.ended and not self.failure:
             self.failure = failure
+            self.acts = self.active and self.role == RECORDER  # it records what comes until all have ended
             self.alarm()
 
     def wait_until_delivered(self, seconds: float) -> None:
@@ -81,7 +90,7 @@ class GraphNode(TopicNode):
         if self.realtime:  # what is there now stays: the collector need not look through it in each pause
             gc.collect()
             gc.freeze()
-        self.ready, self._stepped_at = True, time.monotonic()
+        self._stepped_at = time.monotonic()
         self.get_logger().info(self._described())
         self.say_ready(self.role)
         self.started()
@@ -159,9 +168,6 @@ class GraphNode(TopicNode):
         """Whether something has come since this was last asked: last words may stand behind it."""
         return False
 
-    def close(self) -> None:
-        """Release what the node holds; called once, however the run ended."""
-
     def _take_changes(self, changes: dict[str, Any]) -> None:
         idle = self.machine.mechanism(self.parameters).idle
         for key in idle.keys() & changes.keys():
@@ -190,7 +196,7 @@ class GraphNode(TopicNode):
     def _report_standstill(self) -> None:
         """Report, in real time, that no step was done for long."""
         since = time.monotonic() - self._stepped_at
-        if self.ready and not self.ended and since > STALE_SECONDS:
+        if self.active and not self.ended and since > STALE_SECONDS:
             self._report(self.now_ns(), DiagnosticStatus.STALE, f"no step for {since:.0f} s", self._reported)
 
     def _report(self, stamp_ns: int, level: bytes, message: str, values: Mapping[str, Any]) -> None:

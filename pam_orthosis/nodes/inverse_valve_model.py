@@ -27,6 +27,10 @@ class InverseValveModelNode(graph.GraphNode):
 
     def __init__(self) -> None:
         super().__init__(VALVE)
+
+    def configure(self) -> None:
+        """Make models, guards and commands."""
+        super().configure()
         self._left = False
         self._stop = EmergencyStop(self, round(self.parameters.control.guard.rest_time * 1e9))
         names = self.machine.names
@@ -61,9 +65,18 @@ class InverseValveModelNode(graph.GraphNode):
     def abandon(self) -> bool:
         """Tell all valves to vent: nobody controls them any more."""
         self._left = True
+        self._vent()
+        return True
+
+    def deactivate(self) -> None:
+        """Leave the valves vented; in lockstep no time passes meanwhile."""
+        super().deactivate()
+        if self.realtime:
+            self._vent()
+
+    def _vent(self) -> None:
         for name, stamp_ns in self._answered_ns.items():
             self._publish(name, stamp_ns + self.period_ns, VENT)
-        return True
 
     def _answered(self, stamp_ns: int, *_: float) -> None:
         if self._answer:

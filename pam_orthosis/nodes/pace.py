@@ -15,6 +15,7 @@ from pam_orthosis.bag.topics import PLANT, RECORDER, SECOND_NS, VALVE, Topics, i
 from pam_orthosis.errors import RunFailed
 from pam_orthosis.model.components.spool import VENT
 from pam_orthosis.nodes import messages
+from pam_orthosis.nodes.barrier import Notice
 from pam_orthosis.nodes.graph import GraphNode
 from pam_orthosis.nodes.join import Join
 from pam_orthosis.nodes.topic_node import Numbers
@@ -83,6 +84,7 @@ class Lockstep:
         self._begun, self._begun_ns = False, 0
         self._early: tuple[Any, ...] = ()
         self._progress = time.monotonic()
+        self._notice = Notice(plant)
         self._join = Join(plant.commands, self._answered)
         for name, (leg, topic) in plant.commands.items():
             plant.listen_to_numbers(topic, messages.SPOOL, partial(self._join.add, name), leg=leg)
@@ -94,11 +96,21 @@ class Lockstep:
             plant.wall_timer(plant.period_ns / SECOND_NS, self._go_on)
 
     def begin(self) -> None:
-        """Take the first step."""
-        self._begun, self._begun_ns = True, time.monotonic_ns()
+        """Take the first step: behind the last that was answered if the run is on without this plant."""
+        self._begun = True
+        stamp_ns, *_ = self._early or (0,)
+        if stamp_ns > self._stamp_ns:
+            self._stamp_ns = stamp_ns + self._plant.period_ns
+            self._early = ()
+        self._begun_ns = time.monotonic_ns() - self._stamp_ns
         self._publish()
         if self._early:
             self._answered(*self._early)
+
+    def resume(self) -> None:
+        """Go on: the plant is active again."""
+        self._progress = time.monotonic()
+        self._go_on()
 
     def health(self) -> dict[str, int]:
         """Count lost inputs."""
@@ -116,7 +128,7 @@ class Lockstep:
         self._plant.advance(*(spool for (spool,) in spools))
         self._plant.step_done(stamp_ns)
         self._progress = time.monotonic()
-        self._stamp_ns += self._plant.period_ns
+        self._stamp_ns = stamp_ns + self._plant.period_ns
         self._waits = True
         self._go_on()
 
@@ -128,17 +140,22 @@ class Lockstep:
         """Take the next step, if there is one, when the recorder is near enough."""
         early = self._paced and time.monotonic_ns() - self._begun_ns < self._stamp_ns
         near = self._stamp_ns - self._recorded_ns <= self._longest_lead_ns and not early
-        if self._waits and self._stamp_ns <= self._last_ns and near and not self._plant.abandoned:
+        goes = self._plant.active and not self._plant.abandoned
+        if self._waits and self._stamp_ns <= self._last_ns and near and goes:
             self._waits = False
             self._publish()
 
     def _watch(self) -> None:
-        """Fail, naming what is missing, when nothing has moved for too long."""
+        """Say what is missing when nothing has moved for too long; fail if somebody ends the others."""
         limit = self._plant.settings["answer_timeout"]
-        if not self._begun or self._plant.ended or time.monotonic() - self._progress < limit:
+        steps = self._begun and self._plant.active and not self._plant.ended
+        if not steps or time.monotonic() - self._progress < limit:
             return
-        at = f"at {self._stamp_ns / 1e9:.3f} s for {limit:g} s"
-        self._plant.fail(RunFailed(f"plant_simulator waited {at}: {self._cause()}"))
+        at = f"at {self._stamp_ns / 1e9:.3f} s"
+        if self._plant.supervised:
+            self._plant.fail(RunFailed(f"plant_simulator waited {at} for {limit:g} s: {self._cause()}"))
+        else:
+            self._notice.say(f"waiting {at}: {self._cause()}")
 
     def _cause(self) -> str:
         """Return who is gone, or else what did not come: who sends that may wait for somebody himself."""
@@ -180,6 +197,9 @@ class RealTime:
         self._plant.create_timer(self._plant.period_ns * 1e-9, self._tick)
         self._sample(0)
 
+    def resume(self) -> None:
+        """Go on: the plant is active again, and its timer never stood still."""
+
     def health(self) -> dict[str, int]:
         """Count samples answered too late, samples not taken, periods without commands."""
         return {
@@ -206,15 +226,16 @@ class RealTime:
             self._vent_in_silence()
             self._plant.live_on()
             self._passed += 1
-        over = self._plant.ended or self._plant.abandoned
+        over = self._plant.ended or self._plant.abandoned or not self._plant.active
         if self._passed == due > self._sampled and not over:
             self._late += min(self._answered_ns.values()) < self._stamp_ns(self._sampled)
             self._skipped += due - self._sampled - 1
             self._sample(due)
 
     def _vent_in_silence(self) -> None:
-        """Have all valves vent in the next period where any gets no commands any more."""
-        if max(self._unanswered.values()) > SILENCE_SAMPLES and any(self._answered_ns.values()):
+        """Have all valves vent in the next period where any gets no commands any more, or none is taken."""
+        silent = max(self._unanswered.values()) > SILENCE_SAMPLES
+        if (silent or not self._plant.active) and any(self._answered_ns.values()):
             self._silent += 1
             for line in range(len(self._answered_ns)):
                 self._plant.take(line, VENT, self._passed * self._plant.period_ns)

@@ -40,9 +40,14 @@ class PlantSimulator(PacedNode):
         timeout = Setting(5.0, "wall time without an answer after which the run fails [s]")
         paced = Setting(False, "in lockstep no faster than the wall clock")
         super().__init__(PLANT, {"answer_timeout": timeout, "paced": paced, "legs": LEGS})
+
+    def configure(self) -> None:
+        """Make the hardware, and what it hears and says."""
+        super().configure()
         own = {leg: self.parameters_of(leg) for leg in self.legs}
         self._plants = Plants(own)
         self._absent = {leg: set(self.entry("ready", leg).producers) for leg in self.legs}
+        self._hears_who_is_ready = False
         self._newest_ns: int | None = None
         self._stop = EmergencyStop(self)
         clocks = [] if self.realtime else self.legs
@@ -64,6 +69,10 @@ class PlantSimulator(PacedNode):
 
     def started(self) -> None:
         """Hear who is ready; not before, so that it is said by those alone who are there now."""
+        if self._hears_who_is_ready:
+            self._pace.resume()
+            return
+        self._hears_who_is_ready = True
         for leg in self.legs:
             self.listen_to("ready", partial(self._on_ready, leg), leg=leg, latched=True)
 

@@ -23,6 +23,10 @@ class PositionControllerNode(graph.GraphNode):
 
     def __init__(self) -> None:
         super().__init__(POSITION)
+
+    def configure(self) -> None:
+        """Make the controller, and what it hears and says."""
+        super().configure()
         self._controller = GuardedPosition(self.parameters, CooperativeController(self.parameters))
         self._saturated = self._clamped = 0
         self._residual = 0.0

@@ -24,6 +24,10 @@ class PressureControllerNode(graph.GraphNode):
         of_name = name.removesuffix(NAME).rstrip("_")
         muscle = Setting(of_name, "actuator whose pressure is controlled, e.g. extensor")
         super().__init__(name, {"muscle": muscle}, CONTROLLER.format("{muscle}"))
+
+    def configure(self) -> None:
+        """Make the controller, and what it hears and says."""
+        super().configure()
         self._muscle = self.settings["muscle"]
         controller = PressureController(self.parameters, self._muscle)
         self._controller = GuardedPressure(self.parameters, controller)

@@ -31,6 +31,7 @@ STUCK_SECONDS = 60.0  # without a beat, after which a process of a run ends itse
 ARM_SECONDS = 5.0
 LEAVING_SECONDS = 10.0  # the same for one whose supervisor is gone
 LEAVE_SECONDS = 1.0
+BY_HAND = ("--ros-args", "-p", "autostart:=false")  # of a node that was cleaned up
 ORPHAN_SECONDS = 0.45  # nobody sees to it that the recorder ends last
 
 
@@ -50,6 +51,11 @@ class Heartbeat:
         self.orphaned = False
         if self._pipe is not None:
             os.set_blocking(self._pipe, False)
+
+    @property
+    def supervised(self) -> bool:
+        """Whether a supervisor listens."""
+        return self._pipe is not None
 
     def beat(self, nodes: Sequence[GraphNode]) -> bool:
         """Write a line if one is due; return whether the supervisor still lives."""
@@ -93,8 +99,8 @@ def _status(nodes: Sequence[GraphNode], ended: bool) -> str:
         return "ended"
     if any(node.stranger for node in nodes):
         return "refused"
-    if not all(node.ready for node in nodes):
-        return f"starting {sum(len(node.barrier.missing()) for node in nodes)}"
+    if not all(node.active or node.stepped for node in nodes):
+        return f"starting {sum(len(node.waits_for()) for node in nodes)}"
     return f"running {min(node.time_ns for node in nodes)}"
 
 
@@ -118,7 +124,8 @@ class _Watch:
         self.errors: list[Exception] = []
         nodes[0].wall_timer(HEARTBEAT_SECONDS, self.look)
         for node in nodes:
-            node.pulse, node.alarm = self.pulse, self.look
+            node.pulse, node.alarm, node.supervised = self.pulse, self.look, self.heartbeat.supervised
+            node.alone = len(nodes) == 1
 
     def pulse(self) -> None:
         """Look, if there is a signal or it is time."""
@@ -128,7 +135,7 @@ class _Watch:
     def look(self) -> None:
         """End the spinning at the run's end, a failure, a signal, or without the supervisor."""
         self._due = time.monotonic() + HEARTBEAT_SECONDS
-        failed = self._signals or any(node.failure for node in self._nodes)
+        failed = self._signals or any(node.failure or node.over or node.worn for node in self._nodes)
         ended = all(node.ended for node in self._nodes)
         if failed or not self.heartbeat.beat(self._nodes) or ended:
             self.over.set_result(None)
@@ -182,7 +189,8 @@ def _close(nodes: Sequence[GraphNode], executor: EventsExecutor, heartbeat: Hear
         seconds = ORPHAN_SECONDS if heartbeat.orphaned else LAST_WORDS_SECONDS
         _abandon(nodes, executor, seconds, patient)
     for node in nodes:
-        node.close()
+        if node.configured:
+            node.close()
 
 
 def _connect(nodes: Sequence[GraphNode], exchange: Exchange) -> None:
@@ -198,12 +206,12 @@ def _abandon(
 
     Who has failed leaves first: the others go on until the supervisor sees that.
     """
-    stay = [node.abandon() for node in nodes]
+    stay = [node.abandon() for node in nodes if node.configured]
     until = time.monotonic() + LONGEST_LAST_WORDS_SECONDS
     silent = 0 if any(stay) else SILENT_TURNS
     while silent < SILENT_TURNS:
         executor.spin_until_future_complete(Future(), timeout_sec=seconds)
-        heard = patient and len(nodes) == 1 and nodes[0].hears()
+        heard = patient and len(nodes) == 1 and nodes[0].configured and nodes[0].hears()
         silent = 0 if heard and time.monotonic() < until else silent + 1
 
 
@@ -224,6 +232,8 @@ def run(make_nodes: Callable[[], Sequence[GraphNode]]) -> int:
     if not whole:
         sys.stderr.flush()
         leave(nodes)
+        if status == 0 and len(nodes) == 1 and nodes[0].worn:
+            os.execv(sys.executable, [*sys.orig_argv, *BY_HAND])
         os._exit(status)
     rclpy.try_shutdown()
     return status

@@ -11,6 +11,7 @@ from pam_orthosis.bag.steps import StepCollector
 from pam_orthosis.bag.topics import SECOND_NS, in_leg
 from pam_orthosis.errors import RunFailed
 from pam_orthosis.nodes import messages
+from pam_orthosis.nodes.barrier import Notice
 from pam_orthosis.nodes.graph import GraphNode
 
 GRACE_NS = SECOND_NS // 2
@@ -37,6 +38,8 @@ class RecordedLeg:
         self._newest_ns: int | None = None
         self._acknowledged_ns = -1
         self._answered = True
+        self.joined_late = False  # if its run begins at 0
+        self._notice = Notice(node)
         self._recorded = node.publish_to("recorded", leg=name)
         self._end = node.publish_to("end", leg=name)
 
@@ -46,6 +49,7 @@ class RecordedLeg:
 
     def sampled(self, stamp_ns: int) -> None:
         """Note that the leg has taken a sample; in real time the run begins with its first."""
+        self.joined_late = self.joined_late or (self._newest_ns is None and stamp_ns > 0)
         self._sampled, self._newest_ns = time.monotonic(), stamp_ns
         if self.end_ns is None:
             self.end_ns = stamp_ns + self._run_ns
@@ -83,8 +87,8 @@ class RecordedLeg:
         """
         if self.end_ns is None:
             # the plant waits for all others, and its process is watched; a driver waits for nobody
-            if self._node.ready and not self._node.settings["with_plant"] and self._silence() > self._limit:
-                raise self._no_sample()
+            if self._node.active and not self._node.settings["with_plant"] and self.silence > self._limit:
+                self._tell_silence()
             return False
         return self._complete() or (self._node.realtime and self._nothing_more())
 
@@ -104,18 +108,24 @@ class RecordedLeg:
 
         The clock does not tell: on a busy machine much may have arrived that nobody has looked at yet.
         """
-        silent = self._silence() > self._limit
+        silent = self.silence > self._limit
         if silent and self._newest_ns < self.end_ns - self._node.period_ns:
-            raise self._no_sample()
+            self._tell_silence()
+            return False
         return self._newest_ns >= self.end_ns + GRACE_NS or silent
 
     @property
     def _limit(self) -> float:
         return self._node.settings["sample_timeout"]
 
-    def _silence(self) -> float:
+    @property
+    def silence(self) -> float:
+        """The wall time without a sample, s."""
         return time.monotonic() - self._sampled
 
-    def _no_sample(self) -> RunFailed:
-        topic = in_leg("joint_states", self.name, self._node.legs)
-        return RunFailed(f"no sample on {topic} for {self._limit:g} s: does the driver run?")
+    def _tell_silence(self) -> None:
+        """Raise RunFailed; where nobody would end the others, say it: what is gone may come again."""
+        text = f"no sample on {in_leg('joint_states', self.name, self._node.legs)}"
+        if self._node.supervised:
+            raise RunFailed(f"{text} for {self._limit:g} s: does the driver run?")
+        self._notice.say(text)

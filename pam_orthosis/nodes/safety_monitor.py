@@ -26,6 +26,10 @@ class SafetyMonitorNode(graph.GraphNode):
 
     def __init__(self) -> None:
         super().__init__(SAFETY)
+
+    def configure(self) -> None:
+        """Make the monitor, and what it hears and says."""
+        super().configure()
         if ALLOWED not in self.topics:
             raise OrthosisError(
                 "safety_monitor: set control.limits.enabled to true, for all nodes of the run"

@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 from rclpy.subscription import Subscription
@@ -25,6 +25,7 @@ from pam_orthosis.nodes.barrier import Barrier
 from pam_orthosis.nodes.exchange import Outlet
 from pam_orthosis.nodes.join import HoldingJoin, Join
 from pam_orthosis.nodes.layout import layout
+from pam_orthosis.nodes.managed import ManagedNode
 from pam_orthosis.nodes.ownership import Ownership
 from pam_orthosis.nodes.parameters import MACHINE, Setting, declare_rows, declare_settings, machine_of
 from pam_orthosis.nodes.transport import QUEUE_DEPTH, message_class, qos
@@ -42,7 +43,7 @@ MODE = {
 Numbers = tuple[float, ...]
 
 
-class TopicNode(Node):
+class TopicNode(ManagedNode):
     """A node of the table: declares its parameters, makes its publishers, subscriptions and services.
 
     Args:
@@ -51,10 +52,10 @@ class TopicNode(Node):
         role: name in the table of topics if not `name`, with settings in braces.
 
     Attributes:
-        ready: all its peers are there.
         failure: ends the run; it makes the error when all is safe.
         machine, table: whose graph this is, and its topics.
         topics, beside: those of this run, and the names of the optional ones among them.
+        acts: it is active, and no failure has ended its run.
         stranger: somebody who does not belong there was met by a node that has to end last.
 
     Raises:
@@ -62,13 +63,19 @@ class TopicNode(Node):
     """
 
     def __init__(self, name: str, settings: Mapping[str, Setting] | None, role: str | None):
-        super().__init__(name)
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
-        self.settings = declare_settings(self, {**(settings or {}), **MODE})
+        self._own_settings, self._role_of = settings or {}, role or name
+        self.forget()
+        super().__init__(name)
+
+    def configure(self) -> None:
+        """Declare its parameters, and make what looks for peers and strangers."""
+        self.forget()
+        self.settings = declare_settings(self, {**self._own_settings, **MODE})
         self.realtime = self.settings["realtime"]
         self.machine = machine_of(self.settings)
         self.table = Topics(self.machine)
-        self.role = (role or name).format(**self.settings)
+        self.role = self._role_of.format(**self.settings)
         specs = layout(self.table)
         if self.role not in specs:
             names = ", ".join(self.machine.names)
@@ -82,13 +89,17 @@ class TopicNode(Node):
         self.every = self.parameters.control.position.every
         self.control_ns = round(self.parameters.scenario.control_period * 1e9)
         self.period_ns = self.control_ns * (self.every if self.role in SLOW else 1)  # of its own steps
-        self.ready = self.stranger = False
+        self.ownership = Ownership(self, self.refuse)
+        self.barrier = Barrier(self, self.come_up, self.fail)
+
+    def forget(self) -> None:
+        """Be as before the first run."""
+        self.stranger = self.acts = False
         self.failure: Callable[[], OrthosisError] | None = None
         self.outlets: list[Outlet] = []
         self.inlets: list[tuple[str, Callable[[bytes], None]]] = []
+        self._held: list[Callable[[], None]] = []  # hand on what came while the node was not active
         self.unreadable = 0  # messages that came
-        self.ownership = Ownership(self, self.refuse)
-        self.barrier = Barrier(self, self.begin, self.fail)
 
     def served_legs(self) -> tuple[str, ...]:
         """Return the namespaces, inside the node's own, of the legs that it serves."""
@@ -117,9 +128,25 @@ class TopicNode(Node):
         """Create a timer of the wall clock, whatever the time of the node is."""
         return self.create_timer(seconds, callback, clock=self._wall)
 
+    def waits_for(self) -> list[str]:
+        """Return who or what must be there before the node can become active and is not."""
+        return self.barrier.missing() if self.configured else ["its configuration"]
+
+    def activate(self) -> None:
+        """Take part; OrthosisError if a peer is missing."""
+        if missing := self.barrier.missing():
+            raise OrthosisError(f"{self.get_name()} waits for {', '.join(missing)}")
+        self.active = self.acts = True
+        self.begin()
+        for hand_on in self._held:
+            hand_on()
+
+    def deactivate(self) -> None:
+        """Take no more part."""
+        self.acts = False
+
     def begin(self) -> None:
         """Do what is due when all peers are there."""
-        self.ready = True
 
     def refuse(self, failure: Callable[[], OrthosisError]) -> None:
         """End the run."""
@@ -135,7 +162,7 @@ class TopicNode(Node):
     def publish_to(self, topic: str, latched: bool = False, leg: str = "") -> Publisher:
         """Create a publisher of the table, and wait for its subscribers before the start."""
         entry, name = self.entry(topic, leg), self._name(topic, leg)
-        quality = qos(PUBLISHED_DEPTH, latched)
+        quality = qos(PUBLISHED_DEPTH, self._lasts(entry, latched))
         publisher = self.create_publisher(message_class(entry.type), name, quality)
         if len(self._owners(topic, leg)) == 1 and entry.subscribers:
             self.ownership.publishes(publisher.topic_name)
@@ -168,8 +195,7 @@ class TopicNode(Node):
         A number that a message lacks is NaN, which guards take care of. A slow node passes over what is
         between its steps unread, where it knows these instants beforehand.
         """
-        begins_at_0 = not self.realtime and not self.settings["replay"]
-        own_ns = self.period_ns if begins_at_0 and self.period_ns > self.control_ns else 0
+        own_ns = self.period_ns if self.is_lockstep() and self.period_ns > self.control_ns else 0
         read = Reader(self.entry(topic, options.get("leg", "")).type, fields)
 
         def receive(data: bytes) -> None:
@@ -194,12 +220,16 @@ class TopicNode(Node):
         entry, name, raw = self.entry(topic, leg), self._name(topic, leg), options.pop("raw", False)
         near = options.pop("near", callback)
         if self.realtime and entry.rate == "step":
-            callback, near = self._once_ready(callback), self._once_ready(near)
             options["reliable"] = PLANT not in entry.producers
-        if self.role != RECORDER:  # it records what comes until all have ended
+        if self.role == RECORDER:  # it records what comes until all have ended
+            pass
+        elif entry.rate == "step":
+            most = 0 if self.realtime else options.get("depth", QUEUE_DEPTH)
+            callback, near = (self._while_active(each, most) for each in (callback, near))
+        else:
             callback, near = self._unless_failed(callback), self._unless_failed(near)
-        count = len(entry.producers)
-        kind, quality = message_class(entry.type), qos(**options)
+        count, awaited = len(entry.producers), not options.pop("latched", False)
+        kind, quality = message_class(entry.type), qos(latched=self._lasts(entry, not awaited), **options)
         subscribe = partial(self.create_subscription, kind, name, qos_profile=quality, raw=raw)
         if entry.shared:
             subscription = subscribe(callback)
@@ -209,7 +239,7 @@ class TopicNode(Node):
             subscription = self.ownership.listen(subscribe, callback, self._owners(topic, leg), met, back)
         if raw:
             self.inlets.append((subscription.topic_name, near))
-        if not options.get("latched"):  # what is there comes by itself
+        if awaited:  # what is latched comes by itself
             peer = f"{name} of {' and '.join(entry.producers)}"
             self.barrier.await_peer(peer, lambda: subscription.get_publisher_count() >= count)
         return subscription
@@ -258,12 +288,37 @@ class TopicNode(Node):
         return self.table.nodes if of_all else self.entry(topic, leg).producers
 
     def _may_come_again(self, topic: str, nodes: set[str]) -> bool:
-        """Whether silent nodes of these names may have been killed: the end is said once, whoever lives."""
+        """Whether silent nodes of these names may have been killed."""
         a_driver = not self.settings["with_plant"] and PLANT in self.topics[topic].producers
-        return topic != "end" and (a_driver or nodes <= set(self._owners(topic)))
+        return a_driver or nodes <= set(self._owners(topic))
 
-    def _once_ready(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
-        return lambda message: callback(message) if self.ready else None
+    def _lasts(self, entry: Topic, latched: bool) -> bool:
+        """Whether a topic's last messages are kept for who comes again: in lockstep all wait for him."""
+        return latched or (self.is_lockstep() and (entry.rate == "step" or entry.name == "recorded"))
+
+    def is_lockstep(self) -> bool:
+        """Whether the run begins at the time 0, and goes on when all have answered."""
+        return not self.realtime and not self.settings["replay"]
+
+    def _while_active(self, callback: Callable[[Any], None], most: int) -> Callable[[Any], None]:
+        """Return a callback that acts upon nothing while the node is not active, or after a failure.
+
+        So many that have come last wait until it is active.
+        """
+        waiting: deque[Any] = deque(maxlen=most)
+
+        def receive(message: Any) -> None:
+            if self.acts:
+                callback(message)
+            elif not self.failure:
+                waiting.append(message)
+
+        def hand_on() -> None:
+            while waiting and self.acts:
+                callback(waiting.popleft())
+
+        self._held.append(hand_on)
+        return receive
 
     def _unless_failed(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         """Return a callback that acts upon nothing once a stranger or another fault has ended the run."""

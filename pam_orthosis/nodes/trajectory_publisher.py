@@ -25,6 +25,10 @@ class TrajectoryPublisher(graph.GraphNode):
 
     def __init__(self) -> None:
         super().__init__(TRAJECTORY)
+
+    def configure(self) -> None:
+        """Make the motion, and what it hears and says."""
+        super().configure()
         if self.parameters.control.cooperation.wait:
             raise OrthosisError(
                 "control.cooperation.wait: no node waits for a person: leave it out, or use ClosedLoop"
@@ -76,7 +80,8 @@ class TrajectoryPublisher(graph.GraphNode):
 
     def _tick(self, now_ns: int, _numbers: tuple = ()) -> None:
         if self._next_ns is None:
-            self._first_ns = self._next_ns = now_ns
+            self._next_ns = now_ns  # not the first if it was started again
+            self._first_ns = 0 if self.is_lockstep() else now_ns
         if self._next_ns < now_ns:  # skipped samples need no reference
             since = (now_ns - self._next_ns) // self.control_ns
             self._next_ns = now_ns - since % self.every * self.control_ns

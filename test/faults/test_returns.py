@@ -2,8 +2,10 @@
 """A small share of the campaign of returns, and how it is told who came again."""
 
 import signal
+import time
 
 import campaign_path  # noqa: F401
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
@@ -24,16 +26,21 @@ def test_who_comes_again_takes_its_place_and_the_knee_follows(leaving, tmp_path)
     assert returns.suffer(leaving, tmp_path / "graph").faults == []
 
 
-def test_a_run_in_lockstep_that_nobody_supervises_names_who_is_gone(tmp_path):
+def test_in_lockstep_all_wait_for_a_killed_node_that_takes_its_place(tmp_path):
     graph = returns.Graph(tmp_path / "graph", Mode())
     try:
-        assert graph.wait(graph.newest_s)
+        assert graph.wait(lambda: graph.newest_s() > returns.BEFORE_S)
         graph.end(POSITION, signal.SIGKILL)
-        graph.wait_for_end_of(PLANT)
-        said = {words.split()[0]: words for words in graph.gone()}
-        assert said[PLANT].endswith(f"s: {POSITION} is gone")
+        while not graph.last_line(PLANT).endswith(f"s: {POSITION} is gone"):
+            time.sleep(0.1)
+        graph.start_again(POSITION)
+        left_s = graph.newest_s()
+        assert graph.wait(lambda: graph.newest_s() > left_s + returns.SETTLED_S)
+        time_s, error = graph.errors_since(left_s)
     finally:
-        graph.close()
+        assert graph.close() == []
+    assert np.ptp(np.diff(time_s)) < 1e-6  # no sample is missing
+    assert np.rad2deg(error[1:].max()) < 3.0
 
 
 @pytest.fixture

@@ -62,8 +62,8 @@ def test_both_nodes_name_the_parameter_in_which_they_differ(start, setting, key,
     )
     assert str(first.failure()).startswith(f"{here} and {other} in /position_controller")
     assert str(second.failure()).startswith(f"{there} and {one} in /trajectory_publisher")
-    assert not first.ready
-    assert not second.ready
+    assert not first.active
+    assert not second.active
 
 
 def test_nodes_that_agree_wait_for_the_others(start):

@@ -79,7 +79,7 @@ def test_the_namespace_is_in_the_name(make):
 def test_a_node_without_steps_is_stale_after_two_seconds(make):
     node, reports = make("-p", "realtime:=true")
     for seconds, expected in ((1.0, []), (2.5, [STALE])):
-        node.ready, node._stepped_at = True, node._stepped_at - seconds
+        node.active, node._stepped_at = True, node._stepped_at - seconds
         node._report_standstill()
         assert [one.level for one in reports] == expected
     assert reports[-1].message.startswith("no step for ")

@@ -16,7 +16,7 @@ SAMPLE, ANSWER, OTHER = (True, False), (False, True), (False, False)
 def leg():
     settings = {"with_plant": False, "sample_timeout": 5.0}
     node = SimpleNamespace(realtime=True, publish_to=lambda topic, leg: None, settings=settings)
-    node.ready, node.legs = False, [""]
+    node.active, node.legs, node.supervised = False, [""], True
     return RecordedLeg(node, "", 10**9, None)
 
 
@@ -36,7 +36,7 @@ def test_a_driver_that_never_sends_a_sample_fails_the_run(leg, monkeypatch):
     now += 100.0  # as long as it takes until all peers are there
     assert not leg.over()
     leg.begin()
-    leg._node.ready = True
+    leg._node.active = True
     now += 4.9
     assert not leg.over()
     now += 0.2
@@ -45,7 +45,7 @@ def test_a_driver_that_never_sends_a_sample_fails_the_run(leg, monkeypatch):
 
 
 def test_the_plant_may_wait_for_the_others(leg, monkeypatch):
-    leg._node.settings["with_plant"] = leg._node.ready = True
+    leg._node.settings["with_plant"] = leg._node.active = True
     later = time.monotonic() + 50.0
     monkeypatch.setattr(time, "monotonic", lambda: later)
     assert not leg.over()
