@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Record a blind test case of the gap workflow: bags of a plant with hidden effects, and the answer."""
+"""Record a blind test case of the gap workflow: bags of a knee with hidden effects, and the answer."""
 
 from __future__ import annotations
 

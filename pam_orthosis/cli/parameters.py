@@ -73,6 +73,10 @@ def check_controllable(parameters: Parameters) -> None:
 
     Axis(parameters.nominal())
     make_trajectory(parameters)
+    if parameters.declared.text:  # a shipped machine is known to hold at its start
+        from pam_orthosis.model.plant import Plant  # casadi takes a second to load
+
+        Plant(parameters)
 
 
 def with_model(parameters: Parameters, arguments: argparse.Namespace) -> Parameters:

@@ -11,7 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import casadi as ca
+import numpy as np
 
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components import pneumatics
 from pam_orthosis.model.components.actuator import Actuator, volume_terms
 from pam_orthosis.model.effects.base import ActiveEffects
@@ -20,6 +22,9 @@ from pam_orthosis.model.mechanisms.base import Mechanism, acceleration
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import ActuatorSignals, Air, Expression, Signals
+
+PLACES = 21  # between the stops at which strokes are looked at
+PLAY = 1e-6  # m, of numbers that are rounded
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,29 @@ def nominal(machine: Machine, parameters: Parameters, effects: Section) -> Hardw
     """Return a machine as its parameters describe it, with these settings of effects."""
     actuators = {one.name: one.built(parameters) for one in machine.actuators}
     return Hardware(machine, machine.mechanism(parameters), parameters.valve, actuators, effects)
+
+
+def check_strokes(hardware: Hardware) -> None:
+    """Check that cylinders are as long as the mechanism moves them between its stops.
+
+    Raises:
+        OrthosisError: one is not.
+    """
+    machine, limits = hardware.machine, hardware.mechanism.parameters
+    cylinders = [i for i, one in enumerate(machine.actuators) if one.kind == "cylinder"]
+    if not cylinders:
+        return
+    q = ca.SX.sym("q")
+    strokes = ca.Function("strokes", [q], [ca.vertcat(*hardware.mechanism.contractions(q))])
+    moved = strokes(np.linspace(limits.minimum, limits.maximum, PLACES)[None, :]).full()
+    for i in cylinders:
+        name, (low, high) = machine.actuators[i].name, (moved[i].min(), moved[i].max())
+        length = hardware.actuators[name].length
+        if low < -PLAY or high > length + PLAY:
+            raise OrthosisError(
+                f"between the stops of the {machine.name} the stroke of {name} goes from {low:.4g} to"
+                f" {high:.4g} m, and its cylinder has 0 to {length:.4g} m: mend its length or transmission"
+            )
 
 
 def assemble(hardware: Hardware) -> Assembly:

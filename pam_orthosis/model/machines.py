@@ -23,6 +23,7 @@ TOP = (
     "name", "meaning", "mechanism", "actuators", "sensor", "start", "effects", "branch", "coupled",
     "experiments", "takes", "values",
 )  # fmt: skip
+REQUIRED = "mechanism", "actuators", "sensor"
 OF_ACTUATOR = ("kind", "parameters", "transmission", "parallel", "sizes")
 NAME = re.compile(r"[a-z][a-z0-9_]{0,30}")
 OF_MACHINE = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
@@ -99,6 +100,8 @@ def machine_from(text: str, name: str, where: str) -> Machine:
     """
     file = _File(text, name, where)
     top = file.top
+    if absent := [key for key in REQUIRED if key not in top]:
+        raise file.refusal(f"a machine has a {absent[0]}, which is missing here")
     kind, parameters = _mechanism(file)
     declared = file.mapping(top.get("actuators"), "actuators")
     if not 1 <= len(declared) <= MOST_ACTUATORS:
@@ -182,6 +185,8 @@ def _actuator(file: _File, name: str, node: Any, mechanism: str) -> ActuatorOf:
     inline = {key: value for key, value in node.items() if key not in OF_ACTUATOR}
     if "parameters" in node or kind not in INLINE:
         file.known(inline, OF_ACTUATOR, where)
+        if not node.get("parameters"):
+            raise file.refusal(f"{where} has no parameters: give the branch of its values, as muscle.dmsp_20")
         branch = file.text(node, "parameters", "")
     else:
         branch = file.section(inline, INLINE[kind], f"{OWN}.{name}", where)

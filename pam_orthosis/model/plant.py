@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import integrate
-from pam_orthosis.model.assembly import Hardware, assemble
+from pam_orthosis.model.assembly import Hardware, assemble, check_strokes
 from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.components import muscle
 from pam_orthosis.model.components.actuator import Actuator
@@ -127,6 +127,7 @@ class Plant:
         self._p, self.machine = parameters, machine
         given, live = parameters.symbolic(machine.live)  # inputs: they may change on the way
         hardware = self._hardware(given)
+        check_strokes(hardware)
         self.assembly = assembly = assemble(hardware)
         self.states, self.locked = assembly.states, hardware.mechanism.locked
         self._names = (*assembly.states, *machine.outputs)
@@ -160,6 +161,9 @@ class Plant:
         """
         y, drawn = self._report(), self._noise.standard_normal(len(self._sensors)).tolist()
         shown = zip(self._sensors, drawn, strict=True)
+        if not math.isfinite(y[self._sensors[0][0]]):
+            many = "a stiffness or damping (of stops: stop_stiffness, stop_damping) is too large"
+            raise OrthosisError(f"the simulation of the {self.machine.name} diverges: {many}")
         return self._measurement(*(quantised(y[name] + noise * d, step) for (name, noise, step), d in shown))
 
     def truth(self) -> Any:

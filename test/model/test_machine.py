@@ -203,6 +203,8 @@ def test_parameters_know_their_machine(read):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
+        ("sensor: {noise: 1.0e-5}", "", "a machine has a sensor, which is missing here"),
+        ("cylinder, area: 8.0e-4, volume: 2.0e-5, length: 0.3", "muscle", "push has no parameters: give the"),
         ("kind: translation", "kind: slide", "kind of the mechanism is one of"),
         ("inertia: 5.0, ", "", "the mechanism .translation. has no inertia: mass"),
         ("inertia: 5.0", "inertia: -5.0", "outside .* check its unit"),
@@ -251,6 +253,25 @@ def test_a_wrong_file_is_refused_in_one_line(read, old, new, words):
     with pytest.raises(OrthosisError, match=words) as refused:
         load(machine=read(SLIDE.replace(old, new)))
     assert "\n" not in str(refused.value)
+
+
+def test_a_cylinder_is_as_long_as_its_stroke(read):
+    with pytest.raises(OrthosisError, match=r"stroke of push goes from 0 to 0.3 m, .* 0 to 0.16 m: mend"):
+        plant_of(
+            read(
+                SLIDE.replace(
+                    "length: 0.3, transmission: {arm: 1.0}", "length: 0.16, transmission: {arm: 1.0}"
+                )
+            )
+        )
+
+
+def test_a_simulation_that_diverges_is_an_error(read):
+    plant = plant_of(read(SLIDE))
+    plant.state[0] = np.nan
+    plant.advance(5.0, 5.0)
+    with pytest.raises(OrthosisError, match="the simulation of the machine diverges: a stiffness"):
+        plant.measure()
 
 
 def test_a_number_needs_no_point(read):

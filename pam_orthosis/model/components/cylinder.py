@@ -8,7 +8,7 @@ from pam_orthosis.model.rows import Field, Section
 
 FIELDS = (
     Field("area", "m^2", 1.0e-6, 1.0, "area of the piston in this chamber"),
-    Field("volume", "m^3", 1.0e-8, 1.0, "volume of the chamber at the stroke zero"),
+    Field("volume", "m^3", 1.0e-8, 1.0, "volume of the chamber at the stroke zero, without its hose"),
     Field("damping", "N s/m", 0.0, 1.0e5, "viscous friction of the piston's seals", 0.0),
     Field("length", "m", 1.0e-3, 10.0, "length of the stroke"),
 )
