@@ -38,7 +38,8 @@ class Wired(Plant):
 
 
 if __name__ == "__main__":
-    from pam_orthosis.nodes import entry, plant_simulator
+    from pam_orthosis.model import coupled
+    from pam_orthosis.nodes import entry
 
-    plant_simulator.Plant = Wired
+    coupled.Plant = Wired
     sys.exit(entry.start(sys.argv.pop(1)))
