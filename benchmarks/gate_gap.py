@@ -165,9 +165,24 @@ def _found(outcome: Outcome) -> dict[str, Any]:
 
 
 def _recordings(search: Search, seed: int) -> dict[str, dict[str, np.ndarray]]:
-    """Return recordings of a knee with hidden effects: a gait and experiments, and a gait to judge by."""
-    parameters, rng = cases.nominal(), np.random.default_rng([seed, 29])
-    secret = cases.draw(rng, parameters, search.class_, "medium", list(search.hidden) or 0, search.outside)
+    """Return recordings of a knee with hidden effects."""
+    rng = np.random.default_rng([seed, 29])
+    hidden = list(search.hidden) or 0
+    secret = cases.draw(rng, cases.nominal(), search.class_, "medium", hidden, search.outside)
+    return record(secret, seed)
+
+
+def record(
+    secret: cases.Secret, seed: int, wrong: Mapping[str, float] | None = None
+) -> dict[str, dict[str, np.ndarray]]:
+    """Return recordings of a knee: a gait and experiments, and a gait to judge by.
+
+    Args:
+        secret: what is hidden in the plant.
+        seed: of the noise.
+        wrong: values of the plant's parameters of which the nominal model has others.
+    """
+    parameters = cases.nominal()
     script = diagnostic.Script(parameters.scenario.start_angle, parameters.control.position.mean_pressure)
     for part in EXPERIMENTS:
         part(script, parameters.scenario.diagnostic)
@@ -179,7 +194,7 @@ def _recordings(search: Search, seed: int) -> dict[str, dict[str, np.ndarray]]:
         "held-out gait": (make_trajectory(slower), HELD_OUT_GAIT),
     }
     return {
-        name: cases.record(parameters, secret, run, 100 * seed + number)
+        name: cases.record(parameters, secret, run, 100 * seed + number, wrong=wrong)
         for number, (name, run) in enumerate(runs.items())
     }
 

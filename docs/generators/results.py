@@ -65,6 +65,7 @@ def blocks() -> dict[str, Callable[[], str]]:
         "tracking": tracking,
         "gap": lambda: gap(blind_cases()),
         "gap-sets": gap_sets,
+        "gap-wrong": gap_wrong,
         "gap-peer": gap_peer,
         "control": control,
         "delay": delay,
@@ -183,6 +184,19 @@ def open_verdicts(outside: Sequence[dict[str, Any]]) -> dict[str, int]:
     """Return verdict on a gap that is not explained -> how many cases outside the catalogue have it."""
     told = [r["found"]["verdict"] for r in outside if "found" in r]
     return {name: told.count(name) for name in gap_table.OPEN}
+
+
+def gap_wrong() -> str:
+    """Return what became of wrong parameters."""
+    rows = [
+        (
+            f"`{r['key']}`", r["by"].replace("x", "times "), f"{r['nominal']:.4g}", f"{r['true']:.4g}",
+            f"{r['value']:.4g} ({r['interval'][0]:.4g} .. {r['interval'][1]:.4g})" if "value" in r else "-",
+            f"`{r['verdict']}`: {', '.join(r['effects']) or 'nothing'}",
+        )
+        for r in gap_table.read(RESULTS / "gap_wrong.jsonl")
+    ]  # fmt: skip
+    return table(("parameter", "off by", "model", "true", "found", "verdict"), rows)
 
 
 def _share(part: int, whole: int) -> str:

@@ -165,13 +165,23 @@ def draw(
 
 
 def record(
-    parameters: Parameters, secret: Secret, run: Run, seed: int, progress: Progress = silent
+    parameters: Parameters,
+    secret: Secret,
+    run: Run,
+    seed: int,
+    progress: Progress = silent,
+    wrong: Mapping[str, float] | None = None,
 ) -> Recording:
-    """Return one recording in closed loop of a trajectory over its duration."""
+    """Return one recording in closed loop of a trajectory over its duration.
+
+    `wrong`: values of the plant's parameters of which the controllers have others.
+    """
     trajectory, duration = run
     progress("compiling the model")
     parameters = started(parameters, trajectory)
-    plant = HiddenPlant(parameters, secret.hidden, secret.deviations, secret.misfits, seed)
+    plant = HiddenPlant(
+        parameters.changed(wrong or {}), secret.hidden, secret.deviations, secret.misfits, seed
+    )
     loop = ClosedLoop(parameters, plant=plant, trajectory=trajectory)
     recording = loop.run(round(duration / parameters.scenario.control_period), progress)
     return {name: values for name, values in recording.items() if not name.startswith("true_")}
