@@ -182,8 +182,8 @@ def quiet(cases: Sequence[dict[str, Any]]) -> tuple[int, int]:
 
 def open_verdicts(outside: Sequence[dict[str, Any]]) -> dict[str, int]:
     """Return verdict on a gap that is not explained -> how many cases outside the catalogue have it."""
-    told = [r["found"]["verdict"] for r in outside if "found" in r]
-    return {name: told.count(name) for name in gap_table.OPEN}
+    verdicts = [r["found"]["verdict"] for r in outside if "found" in r]
+    return {name: verdicts.count(name) for name in gap_table.OPEN}
 
 
 def gap_wrong() -> str:
