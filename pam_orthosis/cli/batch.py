@@ -107,7 +107,10 @@ def _units(arguments: argparse.Namespace) -> list:
             Unit(name, "pam_orthosis.batch.walk", (text, bound), True, True, seconds)
             for name, text in _walks(arguments.inputs, more)
         ]
-    bounds = [f"--bound-{unit}={value:g}" for value, unit in filter(None, [arguments.bound])]
+    bounds = [
+        f"--bound-{unit}=" + ",".join([f"{value:g}", *(f"{joint}={one:g}" for joint, one in own.items())])
+        for value, unit, own in filter(None, [arguments.bound])
+    ]
     given = {"check": ("--json", *bounds), "gap": ("--json",), "report": ()}[task]
     return [
         Unit(name, PROGRAM, (task, str(bag), *given, *more), task != "check", task != "report", seconds, bag)

@@ -80,12 +80,12 @@ def check_strokes(hardware: Hardware) -> None:
     strokes = ca.Function("strokes", [q], [ca.vertcat(*hardware.mechanism.contractions(q))])
     moved = strokes(np.linspace(limits.minimum, limits.maximum, PLACES)[None, :]).full()
     for i in cylinders:
-        name, (low, high) = machine.actuators[i].name, (moved[i].min(), moved[i].max())
+        name, most = machine.actuators[i].name, moved[i].max()
         length = hardware.actuators[name].length
-        if low < -PLAY or high > length + PLAY:
+        if most > length + PLAY:
             raise OrthosisError(
-                f"between the stops of the {machine.name} the stroke of {name} goes from {low:.4g} to"
-                f" {high:.4g} m, and its cylinder has 0 to {length:.4g} m: mend its length or transmission"
+                f"between the stops of the {machine.name} the stroke of {name} reaches {most:.4g} m, and its"
+                f" cylinder has {length:.4g} m: mend its length or transmission"
             )
 
 

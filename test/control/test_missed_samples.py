@@ -28,7 +28,7 @@ class Sparse(ClosedLoop):
 
     told = True
 
-    def _step(self, index):
+    def step(self, index):
         measured, reference = self.plant.measure(), self._trajectory.sample(index * self.plant.period_ns)
         seen = [k for k in range(index + 1) if not any(gap <= k < gap + GAP for gap in GAPS)]
         if seen[-1] == index:

@@ -256,7 +256,7 @@ def test_a_wrong_file_is_refused_in_one_line(read, old, new, words):
 
 
 def test_a_cylinder_is_as_long_as_its_stroke(read):
-    with pytest.raises(OrthosisError, match=r"stroke of push goes from 0 to 0.3 m, .* 0 to 0.16 m: mend"):
+    with pytest.raises(OrthosisError, match=r"stroke of push reaches 0.3 m, .* has 0.16 m: mend"):
         plant_of(
             read(
                 SLIDE.replace(

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """An emergency stop outlives the node that was told of it; a reset at either end ends it."""
 
-
 import pytest
 from conftest import wait_for
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Health reports: an error while a node vents until somebody acts, a warning while a counter grows."""
 
-
 import pytest
 
 pytest.importorskip("rclpy")

@@ -31,6 +31,13 @@ def _regular(stamp_ns):
     return len(early) if early.all() else int(np.argmin(early)) + 1
 
 
+def _kept(depth):
+    """Return the quality of service that nodes in lockstep hear: messages are kept for who comes again."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+
+    return QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
 def _fill_ahead(publisher):
     """Ask for an open valve at all steps of the near future."""
     from pam_orthosis.nodes import messages
@@ -47,7 +54,7 @@ def test_a_stranger_on_a_command_topic_is_named_and_moves_no_valve(stranger, liv
 
     run = live_run("--open", *QUICK)
     run.wait_until_it_records()
-    publisher = stranger.create_publisher(JointState, "extensor/valve_command", 20 * STEPS)
+    publisher = stranger.create_publisher(JointState, "extensor/valve_command", _kept(20 * STEPS))
     wait_for(lambda: publisher.get_subscription_count() > 0)
     _fill_ahead(publisher)
     status, said, _ = run.ended()
@@ -86,12 +93,12 @@ def test_a_publisher_that_comes_again_is_no_stranger(in_process, monkeypatch):
 
     node, other, turn = in_process
     for _ in range(3):
-        publisher = other.create_publisher(Clock, "/clock", 10)
+        publisher = other.create_publisher(Clock, "/clock", _kept(10))
         wait_for(lambda: turn() or node.count_publishers("/clock") == 1)
         other.destroy_publisher(publisher)
         wait_for(lambda: turn() or node.count_publishers("/clock") == 0)
     assert node.failure is None
-    there = [other.create_publisher(Clock, "/clock", 10) for _ in range(2)]
+    there = [other.create_publisher(Clock, "/clock", _kept(10)) for _ in range(2)]
     wait_for(lambda: turn() or node.failure)
     monkeypatch.setattr(ownership, "NAME_SECONDS", 0.0)
     monkeypatch.setattr(node.ownership, "_publishing", lambda name: [])

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of running nodes: described, changed where that is safe, refused with a reason elsewhere."""
 
-
 import pytest
 from own_domain import own_domain
 

@@ -217,6 +217,9 @@ class Ticked:
         self.published, self.done = [], []
         self._publish, self.step_done = self.published.append, self.done.append
 
+    def is_lockstep(self):
+        return True
+
     def tick(self, now_ns):
         """Hear of a sample."""
         from pam_orthosis.nodes.trajectory_publisher import TrajectoryPublisher

@@ -36,6 +36,7 @@ class FakePlant:
     def __init__(self):
         self.parameters = load()
         self.ended = self.abandoned = False
+        self.active = True
         self.now = 1_000_000_000
         self.sample_cost = self.period_cost = 0
         self.receivers, self.samples, self.applied = {}, [], []

@@ -285,6 +285,8 @@ def test_without_a_supervisor_nothing_ends_a_process(monkeypatch):
 class Listening:
     """A node that hears something in some turns, and the executor of it."""
 
+    configured = True
+
     def __init__(self, *turns):
         self.heard, self.turns = turns, 0
 
