@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A ROS node of somebody else, in a process of its own: forges messages, a service or the name of a node.
 
-python stranger.py publish TOPIC TYPE latched|volatile | serve SERVICE | call NAME
+python stranger.py publish TOPIC TYPE latched|kept|volatile | serve SERVICE | call NAME
+`kept` is as `latched`, but waits for a listener.
 Prints `spoke SECONDS` (since 1970) at its first message, or when it is there; lives until it is killed.
 """
 
@@ -49,12 +50,13 @@ def forged(type_name: str, stamp_s: float) -> list[Any]:
     return [message]
 
 
-def speak(node: Any, topic: str, type_name: str, latched: bool) -> None:
+def speak(node: Any, topic: str, type_name: str, last: str) -> None:
     """Publish on a topic for ever, of instants near the present one by the wall clock and by the run's."""
-    durability = QoSDurabilityPolicy.TRANSIENT_LOCAL if latched else QoSDurabilityPolicy.VOLATILE
+    kept = last != "volatile"
+    durability = QoSDurabilityPolicy.TRANSIENT_LOCAL if kept else QoSDurabilityPolicy.VOLATILE
     kind = type(forged(type_name, 0.0)[0])
     publisher = node.create_publisher(kind, topic, QoSProfile(depth=200, durability=durability))
-    while not latched and not publisher.get_subscription_count():
+    while last != "latched" and not publisher.get_subscription_count():
         time.sleep(0.001)
     print(f"spoke {time.time()}", flush=True)
     began = time.monotonic()
@@ -71,7 +73,7 @@ def main() -> None:
     rclpy.init(args=[])
     node = rclpy.create_node(name if act == "call" else "stranger")
     if act == "publish":
-        speak(node, name, rest[0], rest[1] == "latched")
+        speak(node, name, rest[0], rest[1])
     if act == "serve":
         node.create_service(Trigger, name, lambda _request, response: response)
     print(f"spoke {time.time()}", flush=True)

@@ -74,7 +74,8 @@ class Forgery:
         if self.kind != "publish":
             return [*SPEAKER, self.kind, f"{leg}/{self.name}" if leg and self.kind == "serve" else self.name]
         topic = _table(self.mode)[self.name]
-        durability = "latched" if self.name in LATCHED else "volatile"
+        lockstep = "real time" not in self.mode and (topic.rate == "step" or self.name == "recorded")
+        durability = "latched" if self.name in LATCHED else "kept" if lockstep else "volatile"
         return [*SPEAKER, "publish", in_leg(self.name, leg, self.legs), topic.type, durability]
 
 
