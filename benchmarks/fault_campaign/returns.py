@@ -125,15 +125,16 @@ class Graph:
         """Wait until a node ends by itself."""
         self._processes[name].wait(LIMIT_S)
 
-    def gone(self) -> list[str]:
-        """Return the nodes that have ended, with the last line of each."""
+    def gone(self, without: str = "") -> list[str]:
+        """Return the nodes, but for one, that have ended, with the last line of each."""
         ended = [name for name, process in self._processes.items() if process.poll() is not None]
+        ended = [name for name in ended if name != without]
         return [f"{name} has ended: {self.last_line(name)}" for name in ended]
 
-    def wait(self, condition) -> bool:
-        """Wait until a condition holds or a node has ended; return whether it holds."""
+    def wait(self, condition, without: str = "") -> bool:
+        """Wait until a condition holds or a node, but for one, has ended; return whether it holds."""
         until = time.monotonic() + LIMIT_S
-        while not (there := condition()) and not self.gone() and time.monotonic() < until:
+        while not (there := condition()) and not self.gone(without) and time.monotonic() < until:
             time.sleep(0.2)
         return there
 

@@ -26,6 +26,7 @@ TABLE = Topics(KNEE)
 PERIOD_S = 0.02
 ANGLE_RAD, PRESSURE_PA, TORQUE_N_M, FLOW_KG_S = 1.0, 6e5, 10.0, 0.01
 AHEAD_S = 0.05
+LISTENER_S = 60.0  # of patience
 
 
 def forged(type_name: str, stamp_s: float) -> list[Any]:
@@ -56,7 +57,10 @@ def speak(node: Any, topic: str, type_name: str, last: str) -> None:
     durability = QoSDurabilityPolicy.TRANSIENT_LOCAL if kept else QoSDurabilityPolicy.VOLATILE
     kind = type(forged(type_name, 0.0)[0])
     publisher = node.create_publisher(kind, topic, QoSProfile(depth=200, durability=durability))
+    until = time.monotonic() + LISTENER_S
     while last != "latched" and not publisher.get_subscription_count():
+        if time.monotonic() > until:
+            sys.exit(f"nobody who can hear {last} messages listens to {topic}")
         time.sleep(0.001)
     print(f"spoke {time.time()}", flush=True)
     began = time.monotonic()

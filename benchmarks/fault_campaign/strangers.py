@@ -148,7 +148,11 @@ def suffer(forgery: Forgery, folder: Path) -> Ending:
         if stranger is None:
             _wait(lambda: run.poll() is not None or _holds_messages(bag / "bag_0.mcap"))
             stranger = _spoken(forgery.command(), environment)
-        spoke = float(stranger.stdout.readline().split()[1])
+        if not (word := stranger.stdout.readline()):  # it has ended: its stderr says why
+            run.terminate()
+            run.communicate()
+            return Ending(forgery, run.poll(), "", 0.0, os.getloadavg()[0], ["the stranger was not heard"])
+        spoke = float(word.split()[1])
         said = run.communicate(timeout=LIMIT_S)[1].strip().splitlines()
         took_s = time.time() - spoke
     except subprocess.TimeoutExpired:

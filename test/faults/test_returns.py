@@ -2,7 +2,6 @@
 """A small share of the campaign of returns, and how it is told who came again."""
 
 import signal
-import time
 
 import campaign_path  # noqa: F401
 import numpy as np
@@ -31,8 +30,8 @@ def test_in_lockstep_all_wait_for_a_killed_node_that_takes_its_place(tmp_path):
     try:
         assert graph.wait(lambda: graph.newest_s() > returns.BEFORE_S)
         graph.end(POSITION, signal.SIGKILL)
-        while not graph.last_line(PLANT).endswith(f"s: {POSITION} is gone"):
-            time.sleep(0.1)
+        gone = f"s: {POSITION} is gone"
+        assert graph.wait(lambda: graph.last_line(PLANT).endswith(gone), POSITION), graph.last_line(PLANT)
         graph.start_again(POSITION)
         left_s = graph.newest_s()
         assert graph.wait(lambda: graph.newest_s() > left_s + returns.SETTLED_S)
