@@ -31,7 +31,8 @@ from control_campaign.hardware import drawn
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, load
-from pam_orthosis.model.plant import Plant, with_nominal
+from pam_orthosis.model.plant import Plant
+from pam_orthosis.model.truth import with_nominal
 from pam_orthosis.planning.plan import make_plan
 from pam_orthosis.planning.recorded import recorded
 

@@ -22,7 +22,7 @@ from pam_orthosis.control.activity import strides
 from pam_orthosis.control.cooperation import CooperativeController
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model.parameters import Parameters, load, scenario_overrides
-from pam_orthosis.model.plant import true_parameters
+from pam_orthosis.model.truth import true_parameters
 
 STIFFNESSES = {
     40: 2.0,

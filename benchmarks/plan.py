@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model.parameters import load, scenario_overrides
-from pam_orthosis.model.plant import with_nominal
+from pam_orthosis.model.truth import with_nominal
 from pam_orthosis.planning.plan import make_plan
 
 PICTURE = Path("plan.png")

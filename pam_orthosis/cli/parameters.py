@@ -85,7 +85,7 @@ def with_model(parameters: Parameters, arguments: argparse.Namespace) -> Paramet
         return parameters
     from pam_orthosis.control.loop import ClosedLoop  # casadi takes a second to load
     from pam_orthosis.discrepancy import patch
-    from pam_orthosis.model.plant import with_nominal
+    from pam_orthosis.model.truth import with_nominal
 
     model, given = arguments.model, assignments(arguments.param)
     changes = patch.read_nominal(model, parameters.declared)

@@ -19,7 +19,7 @@ from pam_orthosis.improvement import learned
 from pam_orthosis.improvement.experiments import Experiment, experiments
 from pam_orthosis.improvement.resumed import Found, read_found, write_found
 from pam_orthosis.model.parameters import NOMINAL, Parameters
-from pam_orthosis.model.plant import with_nominal
+from pam_orthosis.model.truth import with_nominal
 from pam_orthosis.progress import Progress, counted, silent
 
 # of the evidence of another effect for which it could pass, which a further one needs (`gap.evidence.share`)

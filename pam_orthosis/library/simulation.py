@@ -17,8 +17,9 @@ from pam_orthosis.library.run import Array, Run, Runs
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.machines import KNEE, machine_named
 from pam_orthosis.model.parameters import Parameters, load, scenario_overrides
-from pam_orthosis.model.plant import Plant, as_modelled
+from pam_orthosis.model.plant import Plant
 from pam_orthosis.model.study import Study
+from pam_orthosis.model.truth import as_modelled
 
 DRIVEN = "given voltages"
 

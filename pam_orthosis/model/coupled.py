@@ -16,7 +16,8 @@ from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.mechanisms.base import Mechanics
 from pam_orthosis.model.mechanisms.coupled import accelerations
 from pam_orthosis.model.parameters import Parameters
-from pam_orthosis.model.plant import Array, Plant, true_parameters
+from pam_orthosis.model.plant import Array, Plant
+from pam_orthosis.model.truth import true_parameters
 
 SHARED = "leg."  # rows of the one mechanism: all its joints have the same
 

@@ -21,8 +21,9 @@ from pam_orthosis.model.components.actuator import Actuator
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.machines import RIG
 from pam_orthosis.model.parameters import Parameters
-from pam_orthosis.model.plant import Array, Plant, quantised, true_parameters
+from pam_orthosis.model.plant import Array, Plant, quantised
 from pam_orthosis.model.rows import Section
+from pam_orthosis.model.truth import true_parameters
 
 # of `plant.effects`, those of muscles and valves act at the rig too
 SHARED_EFFECTS = ("muscle_hysteresis", "valve_lag", "valve_dead_band")

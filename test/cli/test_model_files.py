@@ -14,7 +14,8 @@ from pam_orthosis.improvement import learned
 from pam_orthosis.model.components import muscle
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import config_folder, load
-from pam_orthosis.model.plant import Plant, with_nominal
+from pam_orthosis.model.plant import Plant
+from pam_orthosis.model.truth import with_nominal
 from pam_orthosis.planning import plan as planning
 
 SCENARIO = "person"

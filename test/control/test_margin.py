@@ -9,7 +9,7 @@ import pytest
 from pam_orthosis.control import margin
 from pam_orthosis.control.margin import FINEST, SHARE, limits, maximum_error, perturbations
 from pam_orthosis.model.parameters import load, scenario_overrides
-from pam_orthosis.model.plant import true_parameters
+from pam_orthosis.model.truth import true_parameters
 
 QUICK = {
     "scenario.duration": 1.5, "scenario.trajectory": "sine", "scenario.start_angle": 0.6,

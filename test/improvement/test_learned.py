@@ -9,7 +9,7 @@ from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.effects.base import enabled
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
-from pam_orthosis.model.plant import true_parameters, with_nominal
+from pam_orthosis.model.truth import true_parameters, with_nominal
 
 RIGHT = {
     **dict.fromkeys(DEVIATIONS, 0.0), "extensor_force": 0.02, "flexor_force": -0.01,

@@ -10,7 +10,8 @@ from pam_orthosis.model import integrate
 from pam_orthosis.model.assembly import assemble
 from pam_orthosis.model.machines import KNEE, RIG, read_machine
 from pam_orthosis.model.parameters import config_folder, load
-from pam_orthosis.model.plant import Plant, true_hardware, with_nominal
+from pam_orthosis.model.plant import Plant, true_hardware
+from pam_orthosis.model.truth import with_nominal
 
 SLIDE = """
 meaning: a double-acting cylinder on a carriage

@@ -13,7 +13,8 @@ from pam_orthosis.model.assembly import assemble
 from pam_orthosis.model.compiled import Compiled, compiled
 from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.machines import KNEE
-from pam_orthosis.model.plant import Plant, true_hardware, with_nominal
+from pam_orthosis.model.plant import Plant, true_hardware
+from pam_orthosis.model.truth import with_nominal
 
 VOLTAGES = 5 + 1.6 * np.sin(np.arange(250)[:, None] * np.array([0.06, 0.043]) + [0.0, 2.0])
 

@@ -22,8 +22,8 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components import pneumatics
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load, scenario_overrides
-from pam_orthosis.model.plant import with_nominal
 from pam_orthosis.model.shapes import fourier_shape
+from pam_orthosis.model.truth import with_nominal
 from pam_orthosis.planning import plan as plan_module
 from pam_orthosis.planning.plan import NODES, RESERVE, fourier, make_plan
 from pam_orthosis.planning.problem import Cycle, NotFound

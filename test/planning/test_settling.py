@@ -11,8 +11,8 @@ from pam_orthosis.control.reference import Reference
 from pam_orthosis.control.trajectory import make_trajectory, settling_shape
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load, scenario_overrides
-from pam_orthosis.model.plant import with_nominal
 from pam_orthosis.model.shapes import fourier_shape
+from pam_orthosis.model.truth import with_nominal
 from pam_orthosis.planning import plan as plan_module
 from pam_orthosis.planning.plan import NODES, make_plan
 from pam_orthosis.planning.problem import Cycle, NotFound, nearest_cycle

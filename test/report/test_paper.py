@@ -15,7 +15,7 @@ from pam_orthosis.identification.data import read_data
 from pam_orthosis.identification.identify import identify
 from pam_orthosis.model.components.muscle import towing_force
 from pam_orthosis.model.parameters import load
-from pam_orthosis.model.plant import as_modelled
+from pam_orthosis.model.truth import as_modelled
 from pam_orthosis.report.pages import paper as pages
 from pam_orthosis.report.paper import observer, table, tracking
 

@@ -14,7 +14,8 @@ import numpy as np
 from pam_orthosis.control.axis import Axis
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model import parameters as tree
-from pam_orthosis.model.plant import Plant, as_modelled
+from pam_orthosis.model.plant import Plant
+from pam_orthosis.model.truth import as_modelled
 from pam_orthosis.progress import Progress, counted, silent
 
 SCENARIO, GAIT = "observer", "default"

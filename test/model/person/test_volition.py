@@ -7,7 +7,8 @@ import pytest
 from pam_orthosis.control.trajectory import make_trajectory
 from pam_orthosis.model.parameters import load, scenario_overrides
 from pam_orthosis.model.person.volition import Volition, needed_effort
-from pam_orthosis.model.plant import Plant, true_parameters
+from pam_orthosis.model.plant import Plant
+from pam_orthosis.model.truth import true_parameters
 
 PERSON = "plant.person"
 PERIOD = 0.005
