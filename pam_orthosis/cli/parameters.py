@@ -72,11 +72,22 @@ def check_controllable(parameters: Parameters) -> None:
     from pam_orthosis.control.trajectory import make_trajectory
 
     Axis(parameters.nominal())
-    make_trajectory(parameters)
+    _check_beginning(parameters, make_trajectory(parameters).sample(0).position)
     if parameters.declared.text:  # a shipped machine is known to hold at its start
         from pam_orthosis.model.plant import Plant  # casadi takes a second to load
 
         Plant(parameters)
+
+
+def _check_beginning(parameters: Parameters, begins: float) -> None:
+    """Raise OrthosisError if the motion begins where a guard takes the machine for lost."""
+    machine, start = parameters.declared, parameters.at(parameters.declared.start)
+    if abs(begins - start) >= parameters.control.guard.tracking_error:
+        unit = machine.coordinate.unit
+        raise OrthosisError(
+            f"the motion begins at {begins:.6g} {unit}, the {machine.name} at {machine.start} = {start:.6g}"
+            f" {unit}: give --param {machine.start}={begins:.6g}"
+        )
 
 
 def with_model(parameters: Parameters, arguments: argparse.Namespace) -> Parameters:

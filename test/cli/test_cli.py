@@ -48,6 +48,7 @@ def test_help_loads_no_verb():
         (["run", "--param", "seed"], "give KEY=VALUE"),
         (["run", "--duration", "nan"], "scenario.duration"),
         (["run", "--duration", "-1"], "scenario.duration"),
+        (["run", "--param", "scenario.trajectory=sine"], "give --param scenario.start_angle=0.6"),
         (["recover", "nowhere"], "expected .mcap files"),
     ],
 )
