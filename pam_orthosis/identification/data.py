@@ -111,36 +111,61 @@ def read_data(
     _check_specimen(runs, specimen)
     if specimen not in specimens:
         raise OrthosisError(f"no muscle {specimen} here; there are: {', '.join(specimens)}")
-    lengths = {_bag_length(path, run, specimen, parameters) for path, run in runs.items()}
-    lengths |= {length or getattr(parameters.muscle, specimen).geometry.map_length} if tables else set()
-    if len(lengths) > 1:
-        raise OrthosisError(f"muscles of different nominal lengths ({_texts(lengths)} m): one at a time")
-    nominal = lengths.pop()
-    samples, decays, volumes = [], [], []
-    for serial, path in enumerate(counted(bags, progress, "reading bags")):
-        test = runs[path].get("test", "force")
-        if test == "diagnostic":
-            continue  # for the gap workflow: pressures change, moves are too fast for static force
-        if test == "decay":
-            decays.append(_decay(path, specimen, parameters))
-        elif test == "volume":
-            volumes.append(_volumes(path, specimen, parameters))
-        else:
-            samples.append(_bag_samples(path, serial, parameters))
-    ambient, serial, marked = parameters.valve.ambient_pressure, len(bags), False
-    for path in counted(tables, progress, "reading tables"):
-        part = table_parts(path, nominal, ambient, serial)
-        samples += [part.samples] if part.samples else []
-        decays += [part.decay] if part.decay else []
-        volumes += [part.volumes] if part.volumes else []
-        marked |= part.marked
-        serial = 1 + int(max([serial, *(one.serial.max() for one in samples)]))
-    if not samples:
+    nominal = _nominal_length(runs, specimen, parameters, length, bool(tables))
+    parts = _Parts()
+    _add_bags(parts, runs, specimen, parameters, counted(bags, progress, "reading bags"))
+    marked = _add_tables(parts, nominal, parameters, len(bags), counted(tables, progress, "reading tables"))
+    if not parts.samples:
         raise OrthosisError("no force measurement among the data: give bags of `rig` or a table")
     return Data(
-        specimen, parameters, nominal, joined(Samples, numbered_repeats(samples)), not bags, decays,
-        joined(Volumes, volumes), marked, own, _assumed(tables, length, specimen, nominal, own),
+        specimen, parameters, nominal, joined(Samples, numbered_repeats(parts.samples)), not bags,
+        parts.decays, joined(Volumes, parts.volumes), marked, own,
+        _assumed(tables, length, specimen, nominal, own),
     )  # fmt: skip
+
+
+@dataclass
+class _Parts:
+    """What bags and tables hold, part by part."""
+
+    samples: list[Samples] = field(default_factory=list)
+    decays: list[Decay] = field(default_factory=list)
+    volumes: list[Volumes] = field(default_factory=list)
+
+
+def _nominal_length(runs, specimen: str, parameters: Parameters, given: float | None, tables: bool) -> float:
+    """Return the one nominal length of bags and tables, m."""
+    lengths = {_bag_length(path, run, specimen, parameters) for path, run in runs.items()}
+    lengths |= {given or getattr(parameters.muscle, specimen).geometry.map_length} if tables else set()
+    if len(lengths) > 1:
+        raise OrthosisError(f"muscles of different nominal lengths ({_texts(lengths)} m): one at a time")
+    return lengths.pop()
+
+
+def _add_bags(parts: _Parts, runs, specimen: str, parameters: Parameters, bags: Iterable[Path]) -> None:
+    for serial, path in enumerate(bags):
+        test = runs[path].get("test", "force")
+        if test == "decay":
+            parts.decays.append(_decay(path, specimen, parameters))
+        elif test == "volume":
+            parts.volumes.append(_volumes(path, specimen, parameters))
+        elif test != "diagnostic":  # the gap workflow's: moves too fast for static force
+            parts.samples.append(_bag_samples(path, serial, parameters))
+
+
+def _add_tables(
+    parts: _Parts, nominal: float, parameters: Parameters, serial: int, tables: Iterable[Path]
+) -> bool:
+    """Add what tables hold, their samples numbered from `serial` on; return whether one marks slack."""
+    marked = False
+    for path in tables:
+        part = table_parts(path, nominal, parameters.valve.ambient_pressure, serial)
+        parts.samples += [part.samples] if part.samples else []
+        parts.decays += [part.decay] if part.decay else []
+        parts.volumes += [part.volumes] if part.volumes else []
+        marked |= part.marked
+        serial = 1 + int(max([serial, *(one.serial.max() for one in parts.samples)]))
+    return marked
 
 
 def _assumed(
