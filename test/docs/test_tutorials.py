@@ -6,7 +6,6 @@ Commands that take minutes are left to `make docs-commands`, which runs all in a
 
 import json
 import re
-import subprocess
 import sys
 from pathlib import Path
 
@@ -23,21 +22,6 @@ sys.path.insert(0, str(ROOT / "docs"))
 import commands as shown  # noqa: E402
 
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
-
-
-@pytest.fixture(scope="module")
-def program(tmp_path_factory):
-    """Return `pam-orthosis` of the wheel, installed apart from the checkout."""
-    folder = tmp_path_factory.mktemp("wheel")
-    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
-    subprocess.run(
-        [*pip, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, ROOT], check=True
-    )
-    (wheel,) = folder.glob("*.whl")
-    subprocess.run([*pip, "install", "--no-deps", "--target", folder / "site", wheel], check=True)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", str(folder / "site"))
-        yield folder / "site" / "bin" / "pam-orthosis"
 
 
 def test_the_program_is_that_of_the_wheel(program, tmp_path):
