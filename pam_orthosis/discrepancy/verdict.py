@@ -9,6 +9,7 @@ from typing import Any
 
 from pam_orthosis.discrepancy.beginning import Beginning
 from pam_orthosis.discrepancy.confirmation import at_values
+from pam_orthosis.discrepancy.curves import curves, in_words
 from pam_orthosis.discrepancy.findings import Named
 from pam_orthosis.discrepancy.judgement import FAR_STRAIN, Outcome, beyond
 from pam_orthosis.discrepancy.measure import OVERALL, over_noise
@@ -119,7 +120,10 @@ def describe(outcome: Outcome) -> str:
     if outcome.verdict != "none":
         seen = ", ".join(f"{name} {share:.0%}" for name, share in list(worst.coordinates.items())[:3])
         lines.append(f"gap: {worst.equation} equation; residual explained by {seen}")
-    lines += [_told(one) if one.name not in wrong else _wrong(outcome.system, one) for one in outcome.effects]
+    lines += [
+        _told(outcome, one) if one.name not in wrong else _wrong(outcome.system, one)
+        for one in outcome.effects
+    ]
     lines += [f"best surrogate, no explanation: {one.name}" for one in outcome.surrogates]
     lines += _others(outcome)
     lines += [f"remark: {remark}" for remark in outcome.remarks]
@@ -176,7 +180,18 @@ def _share(outcome: Outcome, name: str) -> str:
     return "-" if value is None else f"{100 * value:.1f} %{mark}"
 
 
-def _told(one: Named) -> str:
+def runner_up_words(name: str, behind: float) -> str:
+    """Return what is said of the best effect that was not chosen; `behind` is negative if it fits better."""
+    if behind >= 0:
+        return f"next best: {name}, with {behind:.0f} less evidence"
+    return f"not accepted, although it fits better: {name}, with {-behind:.0f} more evidence"
+
+
+def _told(outcome: Outcome, one: Named) -> str:
+    if drawn := curves(outcome, one):
+        held = f"; {len(one.at_bound)} of {len(one.parameters)} coefficients at a bound" * bool(one.at_bound)
+        words = f"{'; '.join(in_words(drawn))} (curves in gap.html){held}"
+        return f"effect: {one.name} ({one.equation}): {words}; evidence {one.evidence:.0f}"
     shown = dict(one.parameters)
     if len(shown) > MOST_SHOWN:  # the coefficients of a map: the most certain ones
         order = sorted(shown, key=lambda name: -_certainty(*shown[name]))
@@ -213,7 +228,7 @@ def _others(outcome: Outcome) -> list[str]:
     for one in (*outcome.effects, *outcome.surrogates):
         lines += _alike(one, len(outcome.effects) + len(outcome.surrogates) > 1)
     if not outcome.look_alikes and outcome.runner_up is not None:
-        lines.append(f"runner-up: {outcome.runner_up[0]}, {outcome.runner_up[1]:.0f} behind in evidence")
+        lines.append(runner_up_words(*outcome.runner_up))
     if outcome.strained:
         lines.append(_strain(outcome.strained))
     return lines
@@ -259,7 +274,7 @@ def _answer(outcome: Outcome) -> str:
     bent = ", and nuisance parameters are far outside their tolerance" if _far(outcome.strained) else ""
     words = {
         "none": "recalibrated within its tolerances, the model leaves noise only",
-        "recalibrated": f"no gap is left once nuisance parameters move; named for what moves them: {names}",
+        "recalibrated": f"recalibration alone leaves noise, but what it moves has a better reason: {names}",
         "explained": f"by {names}",
         "partial": f"{names} explains{much}; {left}{bent}",
         "described": _described(outcome, names),

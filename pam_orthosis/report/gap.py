@@ -5,20 +5,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from pam_orthosis.discrepancy.curves import curves
 from pam_orthosis.discrepancy.findings import Named
 from pam_orthosis.discrepancy.judgement import Outcome
 from pam_orthosis.discrepancy.measure import OVERALL
+from pam_orthosis.discrepancy.verdict import runner_up_words
 from pam_orthosis.model.parameters import experiments, scenario_names
-from pam_orthosis.report import gap_figures
+from pam_orthosis.report import gap_curves, gap_figures
 from pam_orthosis.report.gap_figures import spoken
 from pam_orthosis.report.page import BAD, GOOD, NEUTRAL, Page, Part, listed
 
-MOST_LISTED = 8  # parameters of an effect; the coefficients of a curve are shown as the curve
 TONES = {"none": GOOD, "recalibrated": GOOD, "explained": GOOD, "unexplained": BAD}
 MEANINGS = {
     "none": "Recalibrated within its tolerances, the model explains the recordings down to their noise.",
-    "recalibrated": "Recalibration alone leaves noise; the effect below is better evidence than that.",
-    "explained": "Model and recordings differ by more than noise, and the effect below accounts for it.",
+    "recalibrated": "Recalibration alone leaves noise; what is named below explains it better.",
+    "explained": "Model and recordings differ by more than noise, and what is named below accounts for it.",
     "partial": "The effects below account for a part of the difference; the rest has no name.",
     "described": "A curve describes the difference; the catalogue has no name for its cause.",
     "unexplained": "Model and recordings differ, and nothing in the catalogue accounts for it.",
@@ -29,6 +30,15 @@ GAP = (
     " within their tolerances."
 )
 AT_BOUND = ", at its bound"
+CURVE = (
+    "The curves below show it where these recordings say something of it; dotted lines, or numbers in"
+    " brackets, are the 95 % interval."
+)
+EVIDENCE = (
+    "Evidence says how much better the recordings are explained with an effect than without it; parameters"
+    " cost. Each 10 more multiply the odds by about 150."
+)
+MOST_LISTED = 8  # parameters of an effect in a table that is not folded away
 
 
 def page(outcome: Outcome, words: str, next_experiments: Sequence[str] = ()) -> str:
@@ -61,10 +71,31 @@ def page(outcome: Outcome, words: str, next_experiments: Sequence[str] = ()) -> 
 
 
 def _headline(outcome: Outcome, answer: str) -> str:
-    share, names = outcome.closure[OVERALL], " and ".join(spoken(one.name) for one in outcome.effects)
+    share, wrong = outcome.closure[OVERALL], outcome.system.wrong
     if outcome.verdict != "explained" or share is None:
-        return answer
-    return f"Missing is {names}: it closes {100 * share:.1f} % of the gap on recordings that were not fitted."
+        words = answer.partition(": ")[2] or answer
+        return f"{words[0].upper()}{words[1:]}."
+    named = {
+        "missing is": [spoken(one.name) for one in outcome.effects if one.name not in wrong],
+        "wrong is": [_meaning(outcome, one.name) for one in outcome.effects if one.name in wrong],
+    }
+    first = "; ".join(f"{verb} {' and '.join(names)}" for verb, names in named.items() if names)
+    does = "it closes" if len(outcome.effects) == 1 else "together they close"
+    much = f"{does} {100 * share:.1f} % of the gap on recordings that were not fitted"
+    return f"{first[0].upper()}{first[1:]}: {much}."
+
+
+def _meaning(outcome: Outcome, name: str) -> str:
+    """Return what a parameter is, of a candidate `NAME` that has one or as `EFFECT.PARAMETER`, in words."""
+    effect, _, parameter = name.partition(".")
+    known = {one.name: one.meaning for one in outcome.system.calibrations}
+    if name in known or effect not in outcome.system.catalogue:
+        return known.get(name, spoken(name))
+    quantities = outcome.system.catalogue[effect].parameters
+    if not parameter:
+        return quantities[0].meaning
+    meaning = next(q.meaning for q in quantities if q.name == parameter)
+    return f"{spoken(effect)}, {meaning}"
 
 
 def _missing(outcome: Outcome) -> list[Part]:
@@ -76,56 +107,72 @@ def _missing(outcome: Outcome) -> list[Part]:
         )
         found.append(Part("What nothing explains", (words,), plots=plots))
     if plots := gap_figures.missing(outcome):
-        words = "What the equations lack, before and after: a curve that is flat at zero lacks nothing."
+        words = "What the equations miss, before and after: a curve that is flat at zero misses nothing."
         found.append(Part("What the model misses", (words,), plots=plots))
     return found
 
 
 def _effect(outcome: Outcome, one: Named, remark: str) -> Part:
-    effect = outcome.system.catalogue[one.name]
-    known = {quantity.name: quantity for quantity in effect.parameters}
-    bounds = {free.name: free for free in outcome.selection.final.free}
+    effect, drawn = outcome.system.catalogue[one.name], curves(outcome, one)
+    title, words = f"{titled(outcome, one.name)}{remark}", [effect.physics, f"Source: {effect.source}"]
+    if one.at_bound:
+        held = f"{len(one.at_bound)} of {len(one.parameters)} values lie at a bound"
+        words.append(f"{held}; the true ones may be beyond it.")
+    if drawn:
+        return Part(title, [*words, CURVE], plots=gap_curves.plots(drawn))
+    rows, wrong = _values(outcome, one), one.name in outcome.system.wrong
+    if len(rows) > MOST_LISTED:
+        text = "\n".join("  ".join(row).rstrip() for row in rows)
+        return Part(title, words, pre=text, more=f"{len(rows)} coefficients")
+    head = ("parameter", "value", "95 % interval", *(["the model has"] if wrong else []))
+    return Part(title, words, listed(head, rows))
+
+
+def _values(outcome: Outcome, one: Named) -> list[tuple[str, ...]]:
+    """Return the parameters of an effect in words, with values, intervals, and what a wrong model has."""
+    known = {quantity.name: quantity for quantity in outcome.system.catalogue[one.name].parameters}
     rows = []
     for name, (value, unit, low, high) in one.parameters.items():
-        free = bounds[f"{one.name}.{name}"]
-        near = 1e-6 * (free.upper - free.lower)
-        mark = AT_BOUND if min(value - free.lower, free.upper - value) <= near else ""
-        told = f"{value:.4g} {unit}".removesuffix(" -") + mark
-        rows.append((spoken(name), told, f"{low:.4g} .. {high:.4g}", known[name].meaning))
-    words = [effect.physics, f"Source: {effect.source}"]
-    if held := sum(row[1].endswith(AT_BOUND) for row in rows):
-        words.append(f"{held} of {len(rows)} values lie at a bound; the true ones may be beyond it.")
-    head = ("parameter", "value", "95 % interval", "meaning")
-    if len(rows) > MOST_LISTED:
-        words.append(f"It is a curve of {len(rows)} coefficients, which is drawn below.")
-        text = "\n".join("  ".join(row).rstrip() for row in rows)
-        return Part(f"Missing: {spoken(one.name)}{remark}", words, pre=text, more=f"{len(rows)} coefficients")
-    return Part(f"Missing: {spoken(one.name)}{remark}", words, listed(head, rows))
+        quantity, of = known[name], "" if unit == "-" else f" {unit}"
+        row = quantity.meaning, f"{value:.4g}{of}" + AT_BOUND * (name in one.at_bound)
+        had = [f"{quantity.neutral:.4g}{of}"] if one.name in outcome.system.wrong else []
+        rows.append((*row, f"{low:.4g} to {high:.4g}{of}", *had))
+    return rows
+
+
+def titled(outcome: Outcome, name: str) -> str:
+    """Return what was found, in words."""
+    if name not in outcome.system.wrong:
+        return f"Missing: {spoken(name)}"
+    return f"Wrong in the model: {_meaning(outcome, name)}"
 
 
 def _sure(outcome: Outcome) -> list[Part]:
-    words = []
+    plot, words, table = gap_figures.ranking(outcome), [], None
     for one in (*outcome.effects, *outcome.surrogates):
         others = ", ".join(map(spoken, one.look_alikes))
         words.append(
-            f"These data do not separate {spoken(one.name)} from {others}."
+            f"These recordings do not separate {spoken(one.name)} from {others}."
             if others
             else f"Nothing else in the catalogue comes near {spoken(one.name)}."
         )
     if outcome.runner_up and outcome.effects:
-        name, behind = outcome.runner_up
-        words.append(f"The next best, {spoken(name)}, is {behind:.0f} behind in evidence.")
+        said = runner_up_words(spoken(outcome.runner_up[0]), outcome.runner_up[1])
+        words.append(f"{said[0].upper()}{said[1:]}.")
+    if plot:
+        words.append(EVIDENCE)
     if outcome.strained:
-        told = ", ".join(f"{spoken(name)} by {value:+.1f}" for name, value in outcome.strained.items())
-        words.append(f"Calibration had to leave its tolerance, in multiples of it: {told}.")
-    plot = gap_figures.ranking(outcome)
-    return [Part("How sure", words, plots=[plot] if plot else [])] if words or plot else []
+        words.append("Recalibration had to leave the tolerances in which these parameters are known:")
+        rows = [(_meaning(outcome, name), f"{value:+.1f}") for name, value in outcome.strained.items()]
+        table = listed(("parameter", "off by, in tolerances"), rows)
+    return [Part("How sure", words, table, plots=[plot] if plot else [])] if words else []
 
 
 def _smaller(outcome: Outcome) -> Part:
     share = outcome.closure[OVERALL]
+    base = ", counted from the model as configured" * (OVERALL in outcome.from_configured)
     words = ["There is hardly any gap to close."] if share is None else [
-        f"{100 * share:.1f} % of the gap is closed, on recordings that were not fitted."
+        f"{100 * share:.1f} % of the gap is closed, on recordings that were not fitted{base}."
     ]  # fmt: skip
     rows = []
     for channel in outcome.system.channels:

@@ -19,6 +19,7 @@ SLOW = 12.0  # Hz, of what the model misses
 BINS = 24
 MOST, MOST_DOTS = 800, 800  # points of a curve, dots of a cloud
 MOST_RANKED = 8
+DECADE = 10.0  # times the noise: larger gaps are drawn on a logarithmic scale
 PER_ORDER = ("", "/s", "/s²")
 LOOKS = {"before": (BEFORE, "dash"), "after": (AFTER, "solid")}
 
@@ -46,7 +47,8 @@ def sizes(outcome: Outcome) -> Plot:
         bars(names, after, "after: with what was found", AFTER),
     ]
     title = "The gap on held-out recordings; the dashed line is noise alone"
-    return Plot(title, f"gap over noise: {alt}", "", "gap / noise", data, (1.0,), log=True)
+    wide = max(before + after) > DECADE
+    return Plot(title, f"gap over noise: {alt}", "", "gap / noise", data, (1.0,), log=wide)
 
 
 def ranking(outcome: Outcome) -> Plot | None:
