@@ -4,19 +4,21 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable, Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pam_orthosis.bag.verdict import Bound, Verdict, judge
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import as_text, write_files
 from pam_orthosis.library.pictures import Picture
 from pam_orthosis.library.run import Run
 from pam_orthosis.markup import Shown, table
 
 if TYPE_CHECKING:
+    from pam_orthosis.discrepancy.data import Recording
     from pam_orthosis.discrepancy.judgement import Outcome
     from pam_orthosis.identification.identify import Identified
 
@@ -51,8 +53,8 @@ def check(run: Recorded, bound: float = 3.0, skip_s: float = 0.0, namespace: str
     Raises:
         OrthosisError: the bag is unusable, or there is nothing to judge.
     """
-    with ExitStack() as stack:
-        (bag,) = _as_bags(stack, [run])
+    with _bags() as bags:
+        (bag,) = bags.of([run], "run")
         return Check(**vars(judge(bag, Bound(bound), skip_s, namespace)))
 
 
@@ -138,14 +140,14 @@ def gap(
     from pam_orthosis.discrepancy.verdict import describe
     from pam_orthosis.discrepancy.workflow import find_gap
 
-    with ExitStack() as stack:
-        fitted, judged = _as_bags(stack, training), _as_bags(stack, held_out)
+    with _bags() as bags:
+        fitted, judged = bags.of(training, "training run"), bags.of(held_out, "held-out run")
         paths, file = [*fitted, *judged], None if model is None else Path(model)
         apparatus = apparatus_of(paths)
         given = patch.read(file, apparatus.machine) if file else {}
         nominal = apparatus.nominal(paths, given, "", file)
         system = apparatus.system(nominal, None)
-        every = [apparatus.read(path, system, "") for path in paths]
+        every = [bags.recording(apparatus.read(path, system, "")) for path in paths]
         outcome = find_gap(system, every[: len(fitted)], every[len(fitted) :], nominal.gap)
     return Gap(outcome, describe(outcome))
 
@@ -213,13 +215,42 @@ def identify(
     return Muscle(identified(read, [p - ambient for p in rig.procedure.held_out_pressures]))
 
 
-def _as_bags(stack: ExitStack, runs: Iterable[Recorded]) -> list[Path]:
-    """Return the bags of runs; those that are none are written, until the stack is closed."""
-    paths = []
-    for number, one in enumerate(runs):
-        if isinstance(one, Run):
-            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pam-orthosis-")))
-            paths.append(one.save(folder / f"run-{number}"))
-        else:
-            paths.append(Path(one))
-    return paths
+class _Bags:
+    """Bags of runs; those that are none are written into a folder, and called by what the user gave."""
+
+    def __init__(self, folder: Path):
+        self._folder = folder
+        self._called: dict[str, str] = {}
+
+    def of(self, runs: Iterable[Recorded], called: str) -> list[Path]:
+        """Return the bags of runs, called `called` and their number."""
+        return [
+            self._written(one, f"{called} {number}") if isinstance(one, Run) else Path(one)
+            for number, one in enumerate(runs, 1)
+        ]
+
+    def _written(self, run: Run, called: str) -> Path:
+        path = self._folder / f"{len(self._called) + 1:04d}"
+        self._called[str(path)] = called
+        return run.save(path)
+
+    def said(self, words: str) -> str:
+        """Return words with what the user gave instead of the bags that were written of it."""
+        for path, called in self._called.items():
+            words = words.replace(path, called)
+        return words
+
+    def recording(self, one: Recording) -> Recording:
+        """Return a recording that is called as the user gave it."""
+        return replace(one, name=self.said(one.name), remarks=tuple(map(self.said, one.remarks)))
+
+
+@contextmanager
+def _bags() -> Iterator[_Bags]:
+    """Yield what writes bags; what refuses them names what the user gave."""
+    with tempfile.TemporaryDirectory(prefix="pam-orthosis-") as folder:
+        bags = _Bags(Path(folder))
+        try:
+            yield bags
+        except OrthosisError as error:
+            raise type(error)(bags.said(str(error))) from None

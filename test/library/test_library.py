@@ -117,6 +117,19 @@ def test_what_is_wrong_is_said(short):
             call()
 
 
+def test_a_run_that_is_refused_is_called_as_it_was_given(run):
+    brief = run.between(0.0, 0.1)
+    for call, words in {
+        (lambda: po.gap([WALK, brief])): "training run 2",
+        (lambda: po.gap([WALK], [brief])): "held-out run 1",
+        (lambda: po.check(brief, skip_s=5.0)): "^run 1 holds no sample",
+    }.items():
+        with pytest.raises(OrthosisError, match=words) as refused:
+            call()
+        assert "pam-orthosis-" not in str(refused.value)
+        assert refused.value.__cause__ is None
+
+
 def test_exact_hardware_is_the_nominal_model_but_for_what_is_changed():
     leak = "plant.effects.extensor_leak.enabled"
     values = po.parameters("person", {leak: True}, exact=True).flat()
