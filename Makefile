@@ -12,7 +12,7 @@ BENCH ?= bench_gap.jsonl
 BENCH_CONTROL ?= bench_control.jsonl
 # how fast it is, in ratios; minutes: see benchmarks/bench_speed.py
 BENCH_SPEED ?= bench_speed.json
-.PHONY: bench bench-gap bench-control setup run test paper docs docs-commands constraints clean
+.PHONY: bench bench-gap bench-control setup run test paper docs docs-commands notebooks constraints clean
 
 setup: $(READY)
 
@@ -63,13 +63,23 @@ docs: setup
 	$(BIN)/python docs/generate.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-# every command of the documentation that can run by itself, with the wheel in a fresh environment; takes long
-docs-commands: setup
+# the wheel, with the extra $(1), in a fresh environment
+define FRESH
 	rm -rf build/wheel build/fresh
 	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir build/wheel .
 	$(PYTHON) -m venv build/fresh
-	build/fresh/bin/python -m pip install --quiet --constraint constraints.txt "$$(echo build/wheel/*.whl)[ros]"
-	$(BIN)/python docs/commands.py --program build/fresh/bin/pam-orthosis $(COMMANDS)
+	build/fresh/bin/python -m pip install --quiet --constraint constraints.txt "$$(echo build/wheel/*.whl)[$(1)]"
+endef
+
+# every command of the documentation that can run by itself, with the wheel in a fresh environment; takes long
+docs-commands: setup
+	$(call FRESH,ros)
+	build/fresh/bin/python docs/commands.py --program build/fresh/bin/pam-orthosis $(COMMANDS)
+
+# the notebooks, each from an empty folder, with the wheel in a fresh environment; minutes
+notebooks: setup
+	$(call FRESH,notebooks)
+	build/fresh/bin/python docs/notebooks.py --check
 
 constraints: setup
 	$(BIN)/python .ci/constraints.py > constraints.new && mv constraints.new constraints.txt

@@ -110,6 +110,7 @@ setup(
         "hide": HIDE,
         "pandas": PANDAS,
         "modbus": MODBUS,
+        "notebooks": NOTEBOOKS,
         "peer": ["pysindy>=2.0"],
         "ros": ROS,
         "test": TEST,

@@ -14,10 +14,11 @@ from scipy.signal import butter, lfilter
 from pam_orthosis.bag.arrays import write_arrays
 from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.cli.main import main
-from pam_orthosis.discrepancy import beginning, check, judgement, select, workflow
+from pam_orthosis.discrepancy import beginning, check, judgement, patch, select, workflow
 from pam_orthosis.discrepancy.apparatus import without_record
 from pam_orthosis.discrepancy.contract import as_dict
 from pam_orthosis.discrepancy.data import from_arrays
+from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.measure import Gap, closure, over_noise
 from pam_orthosis.discrepancy.verdict import assumed_words, describe
 from pam_orthosis.model.machines import KNEE, RIG
@@ -33,6 +34,21 @@ def friction(bench):
     settings = bench.parameters.gap
     start = beginning.begin(bench.system, training, held_out, settings, replay=bench.replay)
     return start, workflow.search(start, settings), settings
+
+
+def test_the_held_out_gap_is_the_same_with_the_model_that_is_written(bench, friction, tmp_path):
+    """`model.yaml` holds all that was found: recalibrated, it leaves what the search left."""
+    _, outcome, settings = friction
+    file, named = tmp_path / "model.yaml", [one.name for one in outcome.effects]
+    patch.write(file, patch.overrides(outcome.system, named, outcome.selection.final.values))
+    training = [bench.recording(1, **FRICTION), bench.recording(2, cycle_time=1.4, **FRICTION)]
+    held_out = [bench.recording(3, cycle_time=1.7, **FRICTION)]
+    again = beginning.begin(
+        knee(bench.parameters.changed(patch.read_nominal(file))), training, held_out, settings
+    )
+    gap = again.recalibrated()
+    assert outcome.before.units["angle"] > 5 * outcome.after.units["angle"]
+    assert gap.units == pytest.approx(outcome.after.units, rel=0.02)
 
 
 def test_another_joint_read_as_the_default_knee_is_not_explained(tmp_path, capsys):
