@@ -94,7 +94,7 @@ CAMPAIGNS = {
     "signals": Campaign(run_signals, 3),
     "guards": Campaign(run_guards, 1),
     "kills": Campaign(run_kills, 63),
-    "returns": Campaign(run_returns, 24),
+    "returns": Campaign(run_returns, 66),
     "strangers": Campaign(run_strangers, 200),
     "soak": Campaign(run_soak, 3600),
 }

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes and the driver leave, or are killed, and come again in a graph in real time that nobody supervises.
+"""Nodes and the driver leave, or are killed, and come again in a graph that nobody supervises.
 
-Nothing is judged by the wall clock: a trial waits until the recorded knee follows again. Each row is kept as
-soon as it is there, and a campaign goes on where it was broken off.
+Nothing is judged by the wall clock: a trial waits until the recorded knee follows again; in lockstep, where
+all wait, it must never stop following. Each row is kept as soon as it is there, and a campaign goes on where
+it was broken off.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from mcap.stream_reader import StreamReader
 
 from pam_orthosis.bag.cdr import Reader
 from pam_orthosis.bag.read import read_bag
-from pam_orthosis.bag.topics import POSITION, RECORDER, TRAJECTORY, VALVE, Topics
+from pam_orthosis.bag.topics import PLANT, POSITION, RECORDER, TRAJECTORY, VALVE, Topics
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
@@ -40,6 +41,8 @@ LEFT = (POSITION, *TABLE.controllers, VALVE, TRAJECTORY, DRIVER)
 BEFORE_S, SETTLED_S = 2.0, 2.0  # of recorded time: until somebody goes, and how long the knee has to follow
 RELEASED_RAD, SHARE = 0.35, 0.25  # a released knee is so far away, one that follows has so much of that left
 HANGING_RAD = 0.0
+BOUND_DEG = 3.0  # in lockstep, where nobody misses who has left
+EVEN_S = 1.0e-6  # between steps of the stamps
 SLOW = {  # a rate that a busy machine keeps up with, and gains for it
     "scenario.control_period": 0.02, "scenario.trajectory": "hold", "scenario.start_angle": 0.4,
     "scenario.duration": 36000.0,
@@ -55,11 +58,12 @@ READERS = {
 
 @dataclass(frozen=True)
 class Leaving:
-    """Who goes, on which signal, and for how long, s."""
+    """Who goes, on which signal, for how long, s, and whether the others wait for it."""
 
     who: str
     signal: str
     seconds: float
+    lockstep: bool = False
 
 
 @dataclass
@@ -75,8 +79,10 @@ class Outcome:
 
 def leavings() -> Iterator[Leaving]:
     """Yield who leaves how, without end."""
-    ways = (("SIGKILL", 0.5), ("SIGTERM", 4.0), ("SIGKILL", 4.0), ("SIGTERM", 0.5))
-    return cycle([Leaving(who, *way) for way in ways for who in LEFT])
+    ways = [(name, seconds) for seconds in (0.5, 4.0, 30.0) for name in ("SIGKILL", "SIGTERM")]
+    at_pace = [Leaving(who, *way) for way in ways for who in LEFT]
+    waiting = [Leaving(who, *way, lockstep=True) for way in ways for who in LEFT if who != DRIVER]
+    return cycle([*at_pace, *waiting])
 
 
 def _driver(angle: float) -> list[str]:
@@ -182,12 +188,13 @@ class Graph:
 def suffer(leaving: Leaving, folder: Path) -> Outcome:
     """Start a graph, let somebody leave and come again, and wait until the knee follows."""
     outcome = Outcome(leaving)
-    graph = Graph(folder, Mode(realtime=True, with_plant=leaving.who != DRIVER))
+    graph = Graph(folder, Mode(realtime=not leaving.lockstep, with_plant=leaving.who != DRIVER))
+    come_again = _leave_in_lockstep if leaving.lockstep else _leave_and_return
     try:
         if graph.wait(graph.newest_s):
             begun_s = graph.newest_s()
             graph.wait(lambda: graph.newest_s() > begun_s + BEFORE_S)
-            _leave_and_return(graph, leaving, outcome)
+            come_again(graph, leaving, outcome)
         outcome.faults += graph.gone()
     finally:
         outcome.faults += graph.close()
@@ -215,6 +222,25 @@ def _leave_and_return(graph: Graph, leaving: Leaving, outcome: Outcome) -> None:
         outcome.faults.append(
             f"the knee was {outcome.released_deg:.1f} degrees away, and is so still by {outcome.left_deg:.1f}"
         )
+
+
+def _leave_in_lockstep(graph: Graph, leaving: Leaving, outcome: Outcome) -> None:
+    graph.end(leaving.who, getattr(signal, leaving.signal))
+    if not graph.wait(lambda: graph.last_line(PLANT).endswith(f"s: {leaving.who} is gone"), leaving.who):
+        outcome.faults.append(f"the plant does not say who is gone: {graph.last_line(PLANT)}")
+    left_s = graph.newest_s()
+    time.sleep(leaving.seconds)
+    graph.start_again(leaving.who)
+    graph.wait(lambda: graph.newest_s() > left_s + SETTLED_S)
+    time_s, error = graph.errors_since(left_s)
+    if not error.size:
+        outcome.faults.append("no sample has come since")
+        return
+    outcome.left_deg = float(np.rad2deg(error.max()))
+    if np.ptp(np.diff(time_s)) > EVEN_S:
+        outcome.faults.append("samples are missing")
+    if outcome.left_deg >= BOUND_DEG:
+        outcome.faults.append(f"the knee was {outcome.left_deg:.1f} degrees away")
 
 
 def _unreadable(graph: Graph) -> list[str]:

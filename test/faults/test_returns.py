@@ -1,45 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """A small share of the campaign of returns, and how it is told who came again."""
 
-import signal
-
 import campaign_path  # noqa: F401
-import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 from fault_campaign import returns
 from fault_campaign.returns import DRIVER, Leaving
 
-from pam_orthosis.bag.topics import PLANT, POSITION
+from pam_orthosis.bag.topics import POSITION
 from pam_orthosis.nodes import ownership
-from pam_orthosis.nodes.launch import Mode
 
 
 @pytest.mark.parametrize(
     "leaving",
-    [Leaving(POSITION, "SIGTERM", 4.0), Leaving(POSITION, "SIGKILL", 0.5), Leaving(DRIVER, "SIGKILL", 0.5)],
-    ids=lambda leaving: f"{leaving.who} {leaving.signal} {leaving.seconds:g} s",
+    [
+        Leaving(POSITION, "SIGTERM", 4.0),
+        Leaving(POSITION, "SIGKILL", 0.5),
+        Leaving(DRIVER, "SIGKILL", 0.5),
+        Leaving(POSITION, "SIGKILL", 0.5, lockstep=True),
+    ],
+    ids=lambda leaving: (
+        f"{leaving.who} {leaving.signal} {leaving.seconds:g} s{' in lockstep' * leaving.lockstep}"
+    ),
 )
 def test_who_comes_again_takes_its_place_and_the_knee_follows(leaving, tmp_path):
     assert returns.suffer(leaving, tmp_path / "graph").faults == []
-
-
-def test_in_lockstep_all_wait_for_a_killed_node_that_takes_its_place(tmp_path):
-    graph = returns.Graph(tmp_path / "graph", Mode())
-    try:
-        assert graph.wait(lambda: graph.newest_s() > returns.BEFORE_S)
-        graph.end(POSITION, signal.SIGKILL)
-        gone = f"s: {POSITION} is gone"
-        assert graph.wait(lambda: graph.last_line(PLANT).endswith(gone), POSITION), graph.last_line(PLANT)
-        graph.start_again(POSITION)
-        left_s = graph.newest_s()
-        assert graph.wait(lambda: graph.newest_s() > left_s + returns.SETTLED_S)
-        time_s, error = graph.errors_since(left_s)
-    finally:
-        assert graph.close() == []
-    assert np.ptp(np.diff(time_s)) < 1e-6  # no sample is missing
-    assert np.rad2deg(error[1:].max()) < 3.0
 
 
 @pytest.fixture
