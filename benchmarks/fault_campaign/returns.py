@@ -2,8 +2,8 @@
 """Nodes and the driver leave, or are killed, and come again in a graph that nobody supervises.
 
 Nothing is judged by the wall clock: a trial waits until the recorded knee follows again; in lockstep, where
-all wait, it must never stop following. Each row is kept as soon as it is there, and a campaign goes on where
-it was broken off.
+all wait, no sample may be missing. Each row is kept as soon as it is there, and a campaign goes on where it
+was broken off.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ LEFT = (POSITION, *TABLE.controllers, VALVE, TRAJECTORY, DRIVER)
 BEFORE_S, SETTLED_S = 2.0, 2.0  # of recorded time: until somebody goes, and how long the knee has to follow
 RELEASED_RAD, SHARE = 0.35, 0.25  # a released knee is so far away, one that follows has so much of that left
 HANGING_RAD = 0.0
-BOUND_DEG = 3.0  # in lockstep, where nobody misses who has left
+BOUND_DEG = 3.0  # within which a knee in lockstep follows
 EVEN_S = 1.0e-6  # between steps of the stamps
 SLOW = {  # a rate that a busy machine keeps up with, and gains for it
     "scenario.control_period": 0.02, "scenario.trajectory": "hold", "scenario.start_angle": 0.4,
@@ -231,16 +231,20 @@ def _leave_in_lockstep(graph: Graph, leaving: Leaving, outcome: Outcome) -> None
     left_s = graph.newest_s()
     time.sleep(leaving.seconds)
     graph.start_again(leaving.who)
-    graph.wait(lambda: graph.newest_s() > left_s + SETTLED_S)
-    time_s, error = graph.errors_since(left_s)
-    if not error.size:
-        outcome.faults.append("no sample has come since")
-        return
-    outcome.left_deg = float(np.rad2deg(error.max()))
-    if np.ptp(np.diff(time_s)) > EVEN_S:
+
+    def follows() -> bool:
+        time_s, error = graph.errors_since(left_s)
+        if not error.size or time_s[-1] < left_s + SETTLED_S:
+            return False
+        settled = time_s > time_s[-1] - SETTLED_S
+        outcome.released_deg, outcome.left_deg = np.rad2deg([error.max(), error[settled].max()])
+        return outcome.left_deg < BOUND_DEG
+
+    if not graph.wait(follows):
+        outcome.faults.append(f"the knee is still {outcome.left_deg:.1f} degrees away")
+    time_s, _ = graph.errors_since(left_s)
+    if time_s.size and np.ptp(np.diff(time_s)) > EVEN_S:
         outcome.faults.append("samples are missing")
-    if outcome.left_deg >= BOUND_DEG:
-        outcome.faults.append(f"the knee was {outcome.left_deg:.1f} degrees away")
 
 
 def _unreadable(graph: Graph) -> list[str]:
