@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recorder's order is that of instants and table, whatever the arrival was."""
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pam_orthosis.bag.steps import Message, StepCollector
@@ -29,6 +29,7 @@ def _place(message):
     return message.stamp_ns, ORDER[message.topic], message.data
 
 
+@settings(deadline=None)
 @given(st.permutations(_run(5)), st.lists(st.integers(0, 60), max_size=10))
 def test_any_arrival_gives_one_order_once(arrival, repeated):
     steps = StepCollector(PERIOD_NS, TABLE.of_run())
@@ -130,6 +131,7 @@ def _is_slow(topic):
     return next(one for one in TABLE.recorded if one.name == topic).slow
 
 
+@settings(deadline=None)
 @given(st.permutations(_slow_run(7, 3)))
 def test_slow_topics_are_due_at_their_own_instants_only(arrival):
     steps, out = StepCollector(PERIOD_NS, TABLE.of_run(), every=3), []
@@ -165,3 +167,20 @@ def test_in_real_time_the_messages_tell_which_instants_are_slow():
         steps.add(message)
         out += steps.complete()
     assert out == [m for m in run if m.stamp_ns < (first + 3) * PERIOD_NS]
+
+
+def test_what_a_whole_later_instant_has_overtaken_leaves_though_it_is_not_whole():
+    messages = [message for message in _run(4) if message.topic != "reference"]
+    references = [message for message in _run(4) if message.topic == "reference"]
+    steps = StepCollector(PERIOD_NS, TABLE.of_run())
+    for message in [*messages, references[0]]:
+        steps.add(message)
+    assert {message.stamp_ns for message in steps.complete()} == {0}
+    assert list(steps.overtaken()) == []  # no later one is whole
+    steps.add(references[2])
+    out = list(steps.overtaken())
+    there = [message for message in (*messages, references[2]) if 0 < message.stamp_ns <= 2 * PERIOD_NS]
+    assert out == sorted(there, key=_place)
+    assert steps.done_ns == 2 * PERIOD_NS
+    steps.add(references[3])
+    assert {message.stamp_ns for message in steps.complete()} == {3 * PERIOD_NS}

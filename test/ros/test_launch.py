@@ -20,7 +20,12 @@ from generators import declared, nodes
 
 FILES = sorted((ROOT / "launch").iterdir())
 NEEDED = ("launch", "launch_ros", "launch_xml", "ros2launch")
-WALKS = {"one_leg": (), "two_legs": (), "one_leg-realtime": ("realtime:=true",)}
+WALKS = {
+    "one_leg": (),
+    "two_legs": (),
+    "one_leg-realtime": ("realtime:=true",),
+    "one_leg-safety": ("safety:=true",),
+}
 
 
 def _tree(name):
