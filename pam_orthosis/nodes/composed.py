@@ -36,6 +36,10 @@ def make(names: Sequence[str]) -> list[GraphNode]:
     if names:
         return [_made(name) for name in names]
     recorder = BagRecorder()
+    if not recorder.configured:
+        raise OrthosisError(
+            "with autostart:=false name the nodes: only its configuration says which there are"
+        )
     return [recorder, *(_made(name) for name in recorder.topics["ready"].producers if name != RECORDER)]
 
 
