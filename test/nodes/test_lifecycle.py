@@ -10,9 +10,10 @@ import pytest
 from conftest import LIMIT_S, wait_for
 
 pytest.importorskip("rclpy")
-from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.msg import Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode
 from sensor_msgs.msg import JointState
 
 from pam_orthosis.bag.topics import Topics
@@ -162,3 +163,24 @@ def test_a_shutdown_ends_the_process(manage):
     graph = manage(autostart="false")
     assert graph.set(NODE, "unconfigured_shutdown")
     assert graph.process.wait(LIMIT_S) == 0
+
+
+def test_an_event_of_a_transition_reaches_no_late_listener_and_has_no_time(stranger):
+    """Why `ready`, `end` and `recorded` are topics of their own."""
+    node = LifecycleNode("managed", context=stranger.context)
+    executor = SingleThreadedExecutor(context=stranger.context)
+    executor.add_node(stranger)
+    events = []
+    try:
+        node.trigger_configure()
+        stranger.create_subscription(TransitionEvent, "/managed/transition_event", events.append, 10)
+        heard_by = node.count_subscribers
+        wait_for(lambda: executor.spin_once(timeout_sec=0.05) or heard_by("/managed/transition_event"))
+        node.trigger_activate()
+        wait_for(lambda: executor.spin_once(timeout_sec=0.05) or len(events) > 1)
+    finally:
+        node.destroy_node()
+    assert [(event.goal_state.label, event.timestamp) for event in events] == [
+        ("activating", 0),
+        ("active", 0),
+    ]
