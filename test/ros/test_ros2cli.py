@@ -16,6 +16,7 @@ from pam_orthosis.model.machines import KNEE
 from pam_orthosis.nodes.launch import free_domain
 
 PAGE = ROOT / "docs" / "howto" / "shells.md"
+TRIES = 20  # of a tool that may look before the node is known
 pytestmark = pytest.mark.skipif(not find_spec("ros2cli"), reason="ros2 is not installed: it is not on PyPI")
 
 
@@ -51,3 +52,31 @@ def test_the_tools_see_the_nodes_their_messages_and_parameters(ros2, tmp_path):
             os.killpg(shell.pid, signal.SIGTERM)
         for shell in shells:
             shell.communicate(timeout=LIMIT_S)
+
+
+def test_a_node_is_led_by_hand_through_its_states(ros2):
+    node = "/position_controller"
+    shell = ros2(
+        "run", "pam_orthosis", node[1:], "--ros-args", "-p", "autostart:=false", start_new_session=True
+    )
+
+    def said(*words):
+        return ros2(*words).communicate(timeout=LIMIT_S)[0]
+
+    def until(wanted):
+        """Ask for the state again while discovery has not found the node."""
+        answers = (said("lifecycle", "get", node) for _ in range(TRIES))
+        assert any(wanted in answer for answer in answers)
+
+    try:
+        until("unconfigured [1]")
+        assert "configure [1]" in said("lifecycle", "list", node)
+        assert "Transitioning successful" in said("lifecycle", "set", node, "configure")
+        until("inactive [2]")
+        assert "Transitioning failed" in said("lifecycle", "set", node, "activate")  # it is alone
+        info = said("node", "info", node)
+        assert "/controller_state: sensor_msgs/msg/JointState" in info
+        assert f"{node}/change_state: lifecycle_msgs/srv/ChangeState" in info
+    finally:
+        os.killpg(shell.pid, signal.SIGTERM)
+        assert "waits for plant_simulator" in shell.communicate(timeout=LIMIT_S)[0]
