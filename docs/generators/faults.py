@@ -9,15 +9,17 @@ from typing import Any
 from generators.markdown import table
 
 RESULTS = Path(__file__).resolve().parents[2] / "benchmarks" / "results" / "faults.json"
+RETURNS = RESULTS.with_name("returns.json")
 Found = Mapping[str, Any]
 
 
 def blocks() -> dict[str, Callable[[], str]]:
     """Return the tables by their names."""
     results = json.loads(RESULTS.read_text(encoding="utf-8"))
-    return {
+    made = {
         f"faults-{name}": lambda name=name: MAKERS[name](results[name]) for name in results if name in MAKERS
     }
+    return {**made, "faults-returns": lambda: _returns(json.loads(RETURNS.read_text(encoding="utf-8")))}
 
 
 def _head(what: str) -> str:
@@ -94,6 +96,21 @@ def _kills(found: Found) -> str:
         f"{tried} faults, {in_time} runs ended within 2 s, load average {found['load_average']} on two cores."
     )
     return _head(said) + table(head, rows)
+
+
+def _returns(rows: list[Found]) -> str:
+    """Return who left and came again in which way, and how the knee followed afterwards."""
+    lines = []
+    for mode, lockstep in (("real time", False), ("lockstep", True)):
+        of_mode = [row for row in rows if row["lockstep"] is lockstep]
+        for who in dict.fromkeys(row["who"] for row in of_mode):
+            own = [row for row in of_mode if row["who"] == who]
+            away, left = (max(row[key] for row in own) for key in ("released_deg", "left_deg"))
+            longest = max(row["seconds"] for row in own)
+            faults = "; ".join(fault for row in own for fault in row["faults"]) or "-"
+            lines.append((mode, who, str(len(own)), f"{longest:g}", f"{away:.1f}", f"{left:.1f}", faults))
+    head = ("run", "who", "tried", "away, s at most", "error meanwhile, deg", "error then, deg", "wrong")
+    return table(head, lines)
 
 
 def _strangers(found: Found) -> str:

@@ -25,7 +25,16 @@ import safety  # noqa: E402
 from speed.rows import as_text  # noqa: E402
 
 BOUND = 3.0  # deg
-BLIND = ("515151", "626262", "737373", "959595", "161616", "272727", "383838")  # sets of cases, newest last
+BLIND = (
+    "515151",
+    "626262",
+    "737373",
+    "959595",
+    "161616",
+    "272727",
+    "383838",
+    "848484",
+)  # sets of cases, newest last
 BAGS = {"walk": "default", "person": "person"}  # reference bag -> its scenario
 TASKS = ("gait 2 s", "gait 2 s, 75 kg", "gait 2 s, 75 kg, supply of 7 bar")
 CONTROLLERS = ("paper", "learned", "calm", "planned")
