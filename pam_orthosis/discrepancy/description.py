@@ -220,8 +220,8 @@ class _Fitting:
 
 def unit_of(system: System, channel: str) -> str:
     """Return the unit in which what is added to a channel's equation is told."""
-    if channel in system.pushes:
-        effect, _, parameter = system.pushes[channel].partition(".")
+    if push := system.push(channel):
+        effect, parameter = push
         return next(q.unit for q in system.catalogue[effect].parameters if q.name == parameter)
     known = system.channel(channel)
     return f"{known.unit}/s" + ("^2" if known.state in system.derived.values() else "")
@@ -229,9 +229,10 @@ def unit_of(system: System, channel: str) -> str:
 
 def lever(group: Problem, one: Scored, equation: Equation, channel: str, linear: Injection) -> np.ndarray:
     """Return what one unit of what is added makes of the rate, (n,)."""
-    if channel not in group.system.pushes:
+    push = group.system.push(channel)
+    if push is None:
         return np.ones(one.run.recording.samples)
-    effect, _, parameter = group.system.pushes[channel].partition(".")
+    effect, parameter = push
     index, values = equation.channels.index(channel), group.replay.defaults((effect,))
     seen = [
         group.replay.residuals(one.run, equation, (effect,), {**values, f"{effect}.{parameter}": size})

@@ -3,8 +3,8 @@
 
 The model's acceleration is evaluated at recorded signals, with what drives the motion (pressures, inputs)
 shifted in time, and compared with the recorded acceleration. What the nominal parameters leave open enters
-linearly, and so do friction, hysteresis and elasticity that it may not have. The shift that leaves least is
-the skew: of stamps, or of a sensor that lags by as much.
+linearly, and so do mistakes in them, and friction, hysteresis and elasticity that it may not have. The shift
+that leaves least is the skew: of stamps, or of a sensor that lags by as much.
 """
 
 from __future__ import annotations
@@ -53,8 +53,7 @@ def remarks_on_stamps(system: System, recordings: Sequence[Recording]) -> list[s
 
 def skews(system: System, one: Recording) -> list[Skew]:
     """Return how far what drives each coordinate is off in time; small or unclear ones are left out."""
-    assembled = system.assemble(())
-    found = []
+    assembled, found = system.assemble(tuple(system.wrong)), []
     for rate, state in system.derived.items():
         channel = next(c.name for c in system.channels if c.state == state)
         drivers = _drivers(system, assembled, rate, channel)
@@ -94,7 +93,7 @@ def _left(
     velocity = np.gradient(smooth[channel], one.period)
     measured = np.gradient(velocity, one.period)[places]
     missing = _missing(smooth[channel], velocity, [smooth[name] for name in drivers])[places]
-    law = _law(assembled, rate, len(places))
+    law = _law(assembled, rate, len(places), _right(system, assembled))
     result = []
     for shift in _shifts():
         at = np.clip(time[places] + shift, 0.0, time[-1])
@@ -111,12 +110,19 @@ def _left(
     return np.array(result)
 
 
-def _law(assembled: Assembled, rate: str, count: int) -> ca.Function:
+def _right(system: System, assembled: Assembled) -> list[float]:
+    """Return the model's parameters with nothing off and nothing mistaken."""
+    known = {
+        f"{name}.{q.name}": q.neutral for name in system.wrong for q in system.catalogue[name].parameters
+    }
+    return [float(known.get(name) or 0.0) for name in assembled.parameters]
+
+
+def _law(assembled: Assembled, rate: str, count: int, values: Sequence[float]) -> ca.Function:
     """Return (states, inputs, times) -> acceleration and its slopes over the parameters, of many samples."""
     acceleration = assembled.rates[assembled.states.index(rate)]
     slopes = ca.densify(ca.jacobian(acceleration, assembled.theta))
-    zero = ca.DM.zeros(assembled.theta.shape)
-    told = ca.substitute([acceleration, slopes], [assembled.theta], [zero])
+    told = ca.substitute([acceleration, slopes], [assembled.theta], [ca.DM(values)])
     return ca.Function("law", [assembled.x, assembled.u, assembled.time], told).map(count)
 
 

@@ -193,6 +193,14 @@ class System:
         """The effects that can be named."""
         return tuple(name for name, effect in self.catalogue.items() if not effect.shape)
 
+    def push(self, channel: str) -> tuple[str, str] | None:
+        """Return effect and parameter in whose unit an unknown is told; None if no effect is there for it.
+
+        One that the nominal model has already is no candidate, and its constant is recalibrated.
+        """
+        effect, _, parameter = self.pushes.get(channel, "").partition(".")
+        return (effect, parameter) if effect in self.catalogue else None
+
     def equation_of(self, effect: str) -> str:
         """Return the equation in which an effect shows, as reports call it."""
         equation = self._place(effect)

@@ -64,8 +64,8 @@ def unknown_as_dict(unknown: Unknown | None) -> dict[str, Any] | None:
 
 
 def _name(system: System, one: Description) -> str:
-    if one.channel in system.pushes:
-        return f"unknown {system.pushes[one.channel].rpartition('.')[2]}"
+    if push := system.push(one.channel):
+        return f"unknown {push[1]}"
     return f"unknown rate of {one.channel.replace('_', ' ')}"
 
 

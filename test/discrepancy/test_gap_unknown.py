@@ -10,7 +10,9 @@ import pytest
 from pam_orthosis.discrepancy import beginning, description, unknown
 from pam_orthosis.discrepancy.data import from_arrays
 from pam_orthosis.discrepancy.injection import injection
+from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.problem import Problem
+from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.run import Run
 from pam_orthosis.discrepancy.unknown_words import short, unknown_as_dict, unknown_words
 from pam_orthosis.discrepancy.whitening import Whitener
@@ -65,6 +67,22 @@ def test_the_linearised_replay_is_that_of_the_model(bench):
     assert np.std(back - change) < 0.06 * np.std(change)
     lever = description.lever(Problem(bench.replay, []), _Scored(run), equation, "angle", linear)
     assert 0.2 * lever[1000:].mean() == pytest.approx(linear.added(change)[1000:].mean(), rel=0.05)
+
+
+def test_without_a_candidate_of_a_constant_the_missing_rate_is_described(bench):
+    """A model that has a constant torque already has no candidate in whose unit an unknown is told."""
+    system = knee(bench.parameters.changed({"effects.constant_torque.enabled": True}))
+    equation, run = system.equations[0], Run(system, bench.recording(1), 40.0)
+    assert description.unit_of(bench.system, "angle") == "N m"
+    assert description.unit_of(system, "angle") == "rad/s^2"
+    problem = Problem(Replay(system), [])
+    linear = injection(problem.replay, run, equation, "angle", problem.replay.defaults(()))
+    assert (description.lever(problem, _Scored(run), equation, "angle", linear) == 1.0).all()
+    found = SimpleNamespace(
+        channel="angle", coordinate="angle", period=None, amplitude=(2.0,), unit="rad/s^2"
+    )
+    told = short(system, SimpleNamespace(description=found, events=()))
+    assert told == "unknown rate of angle of angle (2 rad/s^2)"
 
 
 def test_a_torque_of_the_angle_is_described_with_its_period_and_size(bench, told):
