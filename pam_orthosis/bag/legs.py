@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which legs a bag holds."""
+"""Which legs, or joints of a device, a bag holds."""
 
 from __future__ import annotations
 
@@ -25,6 +25,14 @@ def namespaces(path: Path) -> list[str]:
     except OrthosisError:
         return [""]
     return sorted(there & led or there) or [""]
+
+
+def check_named(path: Path, namespace: str) -> None:
+    """Raise OrthosisError, which names the legs in a bag, if it holds several and none of this name."""
+    names = [one.strip("/") for one in namespaces(path)]
+    if names != [""] and namespace.strip("/") not in names:
+        what = f"no {namespace.strip('/')}" if namespace else "several machines"
+        raise OrthosisError(f"{path} holds {what}; give one by --namespace: {', '.join(names)}")
 
 
 def _namespaces(reader: Reader, name: str, kind: str) -> set[str]:

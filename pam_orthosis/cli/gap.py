@@ -150,7 +150,8 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
         parameters = load(given)
         system = load_system(arguments.system)
     else:
-        apparatus = apparatus_of(paths, machine_named(arguments.machine) if arguments.machine else None)
+        machine = machine_named(arguments.machine) if arguments.machine else None
+        apparatus = apparatus_of(paths, machine, namespace)
         given = patch.read(arguments.model, apparatus.machine) if arguments.model else {}
         parameters, read = apparatus.nominal(paths, given, namespace, arguments.model), apparatus.read
         system = apparatus.system(parameters, None)

@@ -49,7 +49,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Write what is asked for and say where."""
+    from pam_orthosis.bag.legs import check_named, namespaces
+
     bag = arguments.bag.resolve()
+    whole = namespaces(bag) != [""] and not (arguments.namespace or arguments.animation)
+    whole = whole and arguments.only in (None, "page")
+    if not whole:
+        check_named(bag, arguments.namespace)
     if arguments.animation:
         return _write(arguments, {arguments.animation: _animation})
     folder = arguments.out or Path(f"{bag_name(bag)}-report")
@@ -57,9 +63,9 @@ def execute(arguments: argparse.Namespace) -> int:
         refuse_used(folder, REMAKE)
     leg = arguments.namespace.strip("/").replace("/", "-")
     name = f"{bag_name(bag)}{leg and '-'}{leg}"
-    makers = {"page": ("html", _page), "picture": ("png", _picture), "table": ("csv", _table),
+    makers = {"page": ("html", _pages if whole else _page), "picture": ("png", _picture), "table": ("csv", _table),
               "mat": ("mat", _mat)}  # fmt: skip
-    kinds = [arguments.only] if arguments.only else ["page", "picture"]
+    kinds = [arguments.only] if arguments.only else ["page"] if whole else ["page", "picture"]
     return _write(arguments, {folder / f"{name}.{ending}": make for ending, make in map(makers.get, kinds)})
 
 
@@ -90,6 +96,17 @@ def _page(bag: Path, arguments: argparse.Namespace) -> Write:
 
     verdict = judge(bag, bound_of(arguments), namespace=arguments.namespace)
     return as_text(run_page(read_run(bag, arguments.namespace), verdict, describe(verdict)))
+
+
+def _pages(bag: Path, arguments: argparse.Namespace) -> Write:
+    from pam_orthosis.bag.verdict import judge_all
+    from pam_orthosis.report.device_page import device_page
+    from pam_orthosis.report.run_data import read_run
+
+    verdicts = judge_all(bag, bound_of(arguments))
+    runs = {name: read_run(bag, name) for name in verdicts}
+    words = "\n\n".join(f"{name}\n{describe(verdict)}" for name, verdict in verdicts.items())
+    return as_text(device_page(bag.name, runs, verdicts, words))
 
 
 def _picture(bag: Path, arguments: argparse.Namespace) -> Write:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pam_orthosis.bag.legs import check_named
 from pam_orthosis.bag.read import machine_of, recorded_parameters, run_record
 from pam_orthosis.discrepancy import declared, knee, rig
 from pam_orthosis.discrepancy.data import Recording, recording
@@ -59,13 +60,16 @@ class Apparatus:
             return load({**recorded, **given}, self.machine)
 
 
-def apparatus_of(paths: Sequence[Path], machine: Machine | None = None) -> Apparatus:
+def apparatus_of(
+    paths: Sequence[Path], machine: Machine | None = None, namespace: str = ""
+) -> Apparatus:
     """Return what recordings are of; tables are of `machine`, or of the knee.
 
     Raises:
-        OrthosisError: of several apparatus, or a bag was recorded with another file than the given one.
+        OrthosisError: of several apparatus, or of joints that move each other; or a bag was recorded with
+            another file than the given one, or holds several machines and no namespace is given.
     """
-    kinds = [_apparatus(path, machine) for path in paths]
+    kinds = [_apparatus(path, machine, namespace) for path in paths]
     others = {(one.name, one.machine.text) for one in kinds}
     if len(others) > 1:
         names = ", ".join(sorted(name for name, _ in others))
@@ -73,9 +77,14 @@ def apparatus_of(paths: Sequence[Path], machine: Machine | None = None) -> Appar
     return kinds[0]
 
 
-def _apparatus(path: Path, given: Machine | None) -> Apparatus:
-    run = {} if is_table(path) else run_record(path)
+def _apparatus(path: Path, given: Machine | None, namespace: str) -> Apparatus:
+    if not is_table(path):
+        check_named(path, namespace)
+    run = {} if is_table(path) else run_record(path, namespace)
     recorded = machine_of(path, run)
+    if recorded.coupled:
+        alone = f"record the {recorded.name} alone, by run --machine {recorded.name}"
+        raise OrthosisError(f"{path}: {recorded.neighbour} and {recorded.name} move each other; {alone}")
     if given and run and recorded.text != given.text:
         raise OrthosisError(f"{path} was recorded with another file, of {recorded.name}: leave --machine out")
     machine = given or recorded
@@ -105,7 +114,7 @@ def recorded_nominal(path: Path, namespace: str = "") -> dict[str, Any]:
     """
     if is_table(path):
         return {}
-    recorded = recorded_parameters(path, run_record(path), namespace)
+    recorded = recorded_parameters(path, run_record(path, namespace), namespace)
     return {key: value for key, value in recorded.items() if key.split(".", 1)[0] in (*NOMINAL, "rig")}
 
 

@@ -264,12 +264,14 @@ def machine_named(name: Path) -> Machine:
     """Return the machine of a file or, where there is none, the shipped one of this name.
 
     Raises:
-        OrthosisError: neither is there, or the file is unusable.
+        OrthosisError: neither is there, it is that of a device, or the file is unusable.
     """
     if str(name) == KNEE.name and not name.exists():
         return KNEE
     if not name.exists() and str(name) in shipped_machines():
         return read_machine(config_folder() / "machines" / f"{name}.yaml")
+    if not name.exists() and (config_folder() / "devices" / f"{name}.yaml").exists():
+        raise OrthosisError(f"{name} is a device of several machines, for `run`; give one of its machines")
     return read_machine(name)
 
 

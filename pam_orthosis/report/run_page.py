@@ -49,8 +49,8 @@ def run_page(run: RunData, verdict: Verdict, words: str) -> str:
     incomplete = [f"The run is incomplete: {verdict.incomplete}."] if verdict.incomplete else []
     parts = [
         Part("How well it follows", table=_numbers(verdict), pre=words, more="as check prints it"),
-        Part("The machine", (HINT,), machine=_moving(run)),
-        Part("Curves", _thinned(run), plots=[_plot(panel, run, verdict.bound) for panel in run.panels]),
+        Part("The machine", (HINT,), machine=moving(run)),
+        Part("Curves", _thinned(run), plots=[plot(panel, run, verdict.bound) for panel in run.panels]),
         *_cycles(verdict),
         *_recording(run),
     ]
@@ -94,7 +94,8 @@ def _thinned(run: RunData) -> list[str]:
     return words
 
 
-def _plot(panel: Panel, run: RunData, bound: float) -> Plot:
+def plot(panel: Panel, run: RunData, bound: float) -> Plot:
+    """Return the curves of a panel, with the bound where they are errors."""
     what = panel.label.split(" / ")[0]
     means = next(
         (words for name, words in SHOWS.items() if what.startswith(name)), "reference and measurement"
@@ -122,7 +123,8 @@ def _trace(curve: Curve, actuators: tuple[str, ...]) -> Trace:
     )
 
 
-def _moving(run: RunData) -> Moving:
+def moving(run: RunData) -> Moving:
+    """Return the machine as it moved."""
     count = min(MOST_PICTURES, len(run.time), max(2, round(run.time[-1] * PICTURES_PER_SECOND)))
     scene = view(run, np.unique(np.linspace(0, len(run.time) - 1, count).round().astype(int)))
     actuators = {

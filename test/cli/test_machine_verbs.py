@@ -109,3 +109,12 @@ def test_what_no_controller_can_move_is_refused_before_a_folder_is_begun(machine
     assert main(["improve", "--machine", str(machine_files["elbow"]), "--out", str(out)]) == 2
     assert "scenario.gait goes to 0.897 rad" in capsys.readouterr().err
     assert not out.exists()
+
+
+@pytest.mark.parametrize("device", ["leg", "device"])
+@pytest.mark.parametrize("command", [["improve", "--out", "x"], ["margin"], ["plan", "--out", "x"]])
+def test_what_takes_one_machine_refuses_a_device_in_a_line(device, command, capsys):
+    assert main([*command, "--machine", device]) == 2
+    told = capsys.readouterr().err.splitlines()
+    assert f"{device} is a device of several machines, for `run`; give one of its machines" in told[-1]
+    assert sum("error" in line for line in told) == 1

@@ -14,6 +14,7 @@ from pam_orthosis.bag.topics import BESIDE, Topics, resolve
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.legs import device_parameters
 from pam_orthosis.control.loop import CoupledLoop
+from pam_orthosis.discrepancy.apparatus import recorded_nominal
 from pam_orthosis.model.device import device_named
 
 LEG = device_named(Path("leg"))
@@ -69,6 +70,38 @@ def test_the_controllers_of_a_joint_answer_the_bag_again_to_the_bit(leg, capsys)
     topics = {one["topic"] for one in told["legs"]["ankle"]}
     assert {"estimate", "dorsiflexor/mass_flow", "plantarflexor/valve_command"} <= topics
     assert "joint_states" not in topics  # both joints move together
+
+
+def test_the_page_has_a_verdict_and_a_drawing_for_each_joint(leg, tmp_path, capsys):
+    bag = leg[1]
+    assert main(["report", str(bag), "--bound-deg", "5,ankle=0.01", "--out", str(tmp_path)]) == 0
+    page = (tmp_path / f"{bag.name}.html").read_text(encoding="utf-8")
+    assert "The bag holds 2 machines; beyond their bounds are ankle." in page
+    for joint, answer in (("ankle", "FAILED"), ("knee", "PASSED")):
+        assert f"<td>{joint}</td><td>{answer}</td>" in page
+        assert f"<h2>{joint}: the machine" in page
+    assert not list(tmp_path.glob("*.png"))
+    assert main(["report", str(bag), "--only", "picture", "--out", str(tmp_path)]) == 2
+    assert "holds several machines; give one by --namespace: ankle, knee" in capsys.readouterr().err
+    assert main(["report", str(bag), "--namespace", "/ankle", "--only", "picture", "--out", str(tmp_path)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ((), "holds several machines; give one by --namespace: ankle, knee"),
+        (("--namespace", "hip"), "holds no hip; give one by --namespace: ankle, knee"),
+        (("--namespace", "/ankle"), "record the ankle alone, by run --machine ankle"),
+    ],
+)
+def test_gap_says_in_a_line_why_it_cannot_search_a_joint(leg, capsys, given, words):
+    assert main(["gap", str(leg[1]), *given]) == 2
+    told = capsys.readouterr().err.splitlines()
+    assert words in told[-1]
+    assert sum("error" in line for line in told) == 1
+    ankle = LEG.joints["ankle"]
+    nominal = recorded_nominal(leg[1], "ankle")
+    assert nominal["leg.ankle.dorsiflexor.lever"] == ankle.values["leg.ankle.dorsiflexor.lever"]
 
 
 @pytest.mark.parametrize(
