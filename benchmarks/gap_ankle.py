@@ -4,8 +4,8 @@
     python benchmarks/gap_ankle.py [--out benchmarks/results/gap_ankle.jsonl]
 
 The emulated ankle is the nominal model but for the sensors' noise, its gas, supply and valves, which are off
-as shipped, and the hidden effect. Recorded are 14 s of its gait and of two sines, to judge a gait of another
-cadence and a third sine. The search gets the recordings alone.
+as shipped, and the hidden effect; a person of 75 kg wears it. Recorded are 14 s of its gait and of two sines,
+to judge a gait of another cadence and a third sine. The search gets the recordings alone.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ def motion(kind: str, cycle: float, seed: int, amplitude: float = 0.0) -> dict:
     """Return the values of one recording."""
     sine = {"scenario.sine.centre": 0.0, "scenario.sine.amplitude": amplitude} if amplitude else {}
     own = {"scenario.trajectory": kind, "scenario.cycle_time": cycle, "scenario.seed": seed}
-    return {**own, **sine, "scenario.duration": 14.0}
+    return {**own, **sine, "scenario.duration": 14.0, "leg.person.present": True}
 
 
-TRAINING = (motion("gait", 2.0, 1), motion("sine", 1.0, 2, 0.12), motion("sine", 3.0, 3, 0.2))
-HELD_OUT = (motion("gait", 1.7, 4), motion("sine", 1.5, 5, 0.16))
+TRAINING = (motion("gait", 2.0, 1), motion("sine", 1.5, 2, 0.12), motion("sine", 3.0, 3, 0.22))
+HELD_OUT = (motion("gait", 1.8, 4), motion("sine", 2.0, 5, 0.16))
 
 
 def solve(case: dict, _tools: dict) -> dict:

@@ -63,7 +63,8 @@ def execute(arguments: argparse.Namespace) -> int:
         refuse_used(folder, REMAKE)
     leg = arguments.namespace.strip("/").replace("/", "-")
     name = f"{bag_name(bag)}{leg and '-'}{leg}"
-    makers = {"page": ("html", _pages if whole else _page), "picture": ("png", _picture), "table": ("csv", _table),
+    page = _pages if whole else _page
+    makers = {"page": ("html", page), "picture": ("png", _picture), "table": ("csv", _table),
               "mat": ("mat", _mat)}  # fmt: skip
     kinds = [arguments.only] if arguments.only else ["page"] if whole else ["page", "picture"]
     return _write(arguments, {folder / f"{name}.{ending}": make for ending, make in map(makers.get, kinds)})

@@ -10,9 +10,10 @@ from pam_orthosis.control import diagnostic
 from pam_orthosis.control.diagnostic import Experiment
 from pam_orthosis.control.reference import Motion, Reference
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.mechanisms import Sole
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.rules import out_of_reach
-from pam_orthosis.model.shapes import Shape, fourier_shape, scenario_shape, smooth_step
+from pam_orthosis.model.shapes import Shape, fourier_shape, scaled_shape, scenario_shape, smooth_step
 
 COUPLED = ("gait", "hold")  # motions that are another joint's too
 
@@ -154,8 +155,10 @@ def make_trajectory(parameters: Parameters) -> Trajectory | Experiment:
             raise OrthosisError(f"scenario.trajectory = {s.trajectory} is not for the {machine.name}")
         return diagnostic.make_experiment(s.trajectory, parameters)
     plan = _plan(parameters) if s.plan.enabled else None
+    start = parameters.at(machine.start) if machine.start else 0.0
+    shape = scaled_shape(scenario_shape(parameters), start, _load(parameters))
     return Trajectory(
-        scenario_shape(parameters), s.cycle_time, s.start_hold, s.start_ramp, s.start_phase, plan,
+        shape, s.cycle_time, s.start_hold, s.start_ramp, s.start_phase, plan,
         _beside(parameters),
     )  # fmt: skip
 
@@ -180,4 +183,11 @@ def _plan(parameters: Parameters) -> Planned:
         )
         for s, more in ((plan.angle, plan.start.angle), (plan.pressure, plan.start.pressure))
     )
-    return Planned(change, mean, parameters.control.position.mean_pressure, plan.cycle_time)
+    resting = parameters.control.position.mean_pressure
+    return Planned(change, scaled_shape(mean, resting, _load(parameters)), resting, plan.cycle_time)
+
+
+def _load(parameters: Parameters) -> float:
+    """Return how many times the load of the scenario a machine that loads something is asked for."""
+    mechanism = parameters.declared.mechanism(parameters)
+    return mechanism.load if isinstance(mechanism, Sole) else 1.0

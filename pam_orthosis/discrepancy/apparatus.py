@@ -60,9 +60,7 @@ class Apparatus:
             return load({**recorded, **given}, self.machine)
 
 
-def apparatus_of(
-    paths: Sequence[Path], machine: Machine | None = None, namespace: str = ""
-) -> Apparatus:
+def apparatus_of(paths: Sequence[Path], machine: Machine | None = None, namespace: str = "") -> Apparatus:
     """Return what recordings are of; tables are of `machine`, or of the knee.
 
     Raises:

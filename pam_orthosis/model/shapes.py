@@ -43,6 +43,16 @@ def fourier_shape(cosine: Sequence[float], sine: Sequence[float]) -> Shape:
     return shape
 
 
+def scaled_shape(shape: Shape, rest: float, by: float) -> Shape:
+    """Return a shape whose distance from rest is so many times as large."""
+
+    def scaled(phase: float) -> tuple[float, float, float]:
+        value, slope, bend = shape(phase)
+        return rest + by * (value - rest), by * slope, by * bend
+
+    return shape if by == 1.0 else scaled
+
+
 def step_shape(low: float, high: float, rise: float) -> Shape:
     """Return the shape of steps up at phase 0 and down at phase 0.5, quintic within the phase `rise`."""
 

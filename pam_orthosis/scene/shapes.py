@@ -9,7 +9,7 @@ from pam_orthosis.scene.leg import leg
 from pam_orthosis.scene.one_axis import one_axis
 from pam_orthosis.scene.shape import Shape
 
-SHAPES = {"knee": leg, "ankle": one_axis, "rotation": one_axis, "translation": one_axis}
+SHAPES = {"knee": leg, "ankle": one_axis, "rotation": one_axis, "sole": one_axis, "translation": one_axis}
 
 
 def shape_of(parameters: Parameters) -> Shape:

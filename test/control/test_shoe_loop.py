@@ -78,6 +78,20 @@ def test_the_set_course_is_that_of_the_ground_reaction_force(walk):
     assert (stride.max() - rest) == pytest.approx(0.3 * 75 * 9.81 * 1.08, rel=0.12)
 
 
+@pytest.mark.parametrize(("name", "value"), [("share", 0.15), ("body_mass", 50.0)])
+def test_the_load_is_a_share_of_the_bodys_weight(walk, name, value):
+    """What is asked for beyond rest is as many times the shipped course as the weight is; it is pressed."""
+    shipped = load({}, SHOE).machine.mechanism
+    wanted, true, _ = loads(7.0, **{f"machine.mechanism.{name}": value})
+    last, by = slice(-round(STRIDE / PERIOD), None), value / getattr(shipped, name)
+    rest = {cushion: one[0] for cushion, one in walk[0].items()}
+    for cushion in CUSHIONS:
+        asked = wanted[cushion][last]
+        beyond = by * (walk[0][cushion][last] - rest[cushion])
+        assert asked - rest[cushion] == pytest.approx(beyond, abs=1e-5)  # N; the rest is rounded in the file
+        assert true[cushion][last].max() == pytest.approx(asked.max(), rel=0.10)
+
+
 def test_the_load_rises_over_the_start(walk):
     first = sum(walk[1].values())[: round(1.0 / PERIOD)]
     assert first.max() < 60
@@ -94,6 +108,31 @@ def test_what_is_asked_beyond_the_limit_is_not_pressed():
     limit = load({}, SHOE).control.position.maximum_pressure - load({}, SHOE).valve.ambient_pressure
     area = load({}, SHOE).machine.forefoot.area
     assert 0.8 * area * limit < true["forefoot"].max() < 1.1 * area * limit
+
+
+def vented(loop):
+    loop.plant.advance = lambda *_, own=loop.plant.advance: own(0.0, 0.0)
+
+
+def unsupplied(loop):
+    """Close the supply: a valve that fills finds no more pressure than outside."""
+    loop.plant.advance = lambda *volts, own=loop.plant.advance: own(*(min(v, 5.0) for v in volts))
+
+
+@pytest.mark.parametrize("stop", [vented, unsupplied])
+def test_who_takes_the_air_releases_the_sole(stop):
+    """An emergency stop and the end of a run open all vents; a supply that gives way fills no more."""
+    parameters = load({}, SHOE)
+    loop = ClosedLoop(parameters, seed=1)
+    told = []
+    for index in range(round(7.5 / PERIOD)):
+        if index == round(5.0 / PERIOD):
+            stop(loop)
+        told.append([loop.plant.signals()[f"{name}_tension"] for name in CUSHIONS])
+        loop.step(index)
+    before, after = np.array(told)[round(3.0 / PERIOD) :][:400], np.array(told)[round(7.0 / PERIOD) :]
+    assert before.max() > 150
+    assert after.max() < (5 if stop is vented else 20)
 
 
 def test_a_stop_releases_the_sole():

@@ -83,7 +83,8 @@ def test_the_page_has_a_verdict_and_a_drawing_for_each_joint(leg, tmp_path, caps
     assert not list(tmp_path.glob("*.png"))
     assert main(["report", str(bag), "--only", "picture", "--out", str(tmp_path)]) == 2
     assert "holds several machines; give one by --namespace: ankle, knee" in capsys.readouterr().err
-    assert main(["report", str(bag), "--namespace", "/ankle", "--only", "picture", "--out", str(tmp_path)]) == 0
+    one = ["--namespace", "/ankle", "--only", "picture", "--out", str(tmp_path)]
+    assert main(["report", str(bag), *one]) == 0
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@
 from pam_orthosis.model.mechanisms.ankle import Ankle
 from pam_orthosis.model.mechanisms.carriage import Carriage
 from pam_orthosis.model.mechanisms.knee import Knee
-from pam_orthosis.model.mechanisms.one_axis import Rotation, Translation
+from pam_orthosis.model.mechanisms.one_axis import Rotation, Sole, Translation
 
-__all__ = ["MECHANISMS", "Ankle", "Carriage", "Knee", "Rotation", "Translation"]
-MECHANISMS = {one.kind: one for one in (Knee, Ankle, Carriage, Rotation, Translation)}
+__all__ = ["MECHANISMS", "Ankle", "Carriage", "Knee", "Rotation", "Sole", "Translation"]
+MECHANISMS = {one.kind: one for one in (Knee, Ankle, Carriage, Rotation, Sole, Translation)}

@@ -160,6 +160,27 @@ class Rotation(OneAxis):
 
 
 @dataclass(frozen=True)
+class Sole(Rotation):
+    """A sole that cushions load with a share of the body's weight; its coordinate is its pitch.
+
+    The motion and the mean pressure of the scenario press with the weight of `course`, and are scaled to it.
+    """
+
+    kind: ClassVar[str] = "sole"
+    fields: ClassVar[tuple[Field, ...]] = (
+        *Rotation.fields,
+        Field("share", "-", 0.05, 1.5, "share of the body's weight with which the sole is loaded"),
+        Field("body_mass", "kg", 10.0, 250.0, "mass of the body"),
+        Field("course", "kg", 0.5, 375.0, "mass with whose weight the scenario's course presses"),
+    )
+
+    @property
+    def load(self) -> float:
+        """What is asked for, over the scenario's course."""
+        return float(self.parameters.share * self.parameters.body_mass / self.parameters.course)
+
+
+@dataclass(frozen=True)
 class Translation(OneAxis):
     """A load that slides along a line; its weight pulls towards lower coordinates."""
 
