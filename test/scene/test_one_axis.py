@@ -129,6 +129,6 @@ def test_samples_of_the_machine_make_its_messages(scene, name):
 def test_a_machine_without_a_picture_is_refused_in_one_line(parameters):
     other = replace(parameters.declared, kind="carriage")
     with pytest.raises(
-        OrthosisError, match=r"^a carriage has no picture: knee, ankle, rotation, translation have one$"
+        OrthosisError, match=r"^a carriage has no picture: knee, ankle, rotation, sole, translation have one$"
     ):
         shape_of(Parameters(other, {row.key: row for row in parameters.rows()}))
