@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pam_orthosis.bag.cdr import store
-from pam_orthosis.bag.topics import JOINT, MOTION, PRESSURE, SECOND_NS, VECTOR
+from pam_orthosis.bag.topics import JOINT, MOTION, PRESSURE, SECOND_NS, VECTOR, WRENCH
 
 
 def new(kind: str, **fields: Any) -> Any:
@@ -76,6 +76,15 @@ def fluid_pressure(stamp_ns: int, actuator: str, pressure: float) -> Any:
 def mass_flow(stamp_ns: int, actuator: str, flow: float) -> Any:
     """Return a mass flow into an actuator, kg/s, as a vector in the frame of its port."""
     return new(VECTOR, header=header(stamp_ns, f"{actuator}_port"), vector=vector((flow, 0.0, 0.0)))
+
+
+def wrench(stamp_ns: int, place: str, value: float) -> Any:
+    """Return a wrench that is zero but at a place, such as `torque.y`, N m or N."""
+    kind, _, axis = place.partition(".")
+    parts = {
+        of: vector([value * (of == kind and axis == one) for one in "xyz"]) for of in ("force", "torque")
+    }
+    return new(WRENCH, header=header(stamp_ns), wrench=new("geometry_msgs/msg/Wrench", **parts))
 
 
 def trajectory(stamp_ns: int, joint: str, fields: Mapping[str, float]) -> Any:

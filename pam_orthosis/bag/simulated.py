@@ -16,7 +16,7 @@ from pam_orthosis.model.parameters import Parameters
 
 
 def recorded_signals(machine: Machine) -> tuple[str, ...]:
-    """Return what such a bag holds: no truth, nor wrench and plan, which `write_arrays` does not know."""
+    """Return what such a bag holds: no truth, no disturbance, no plan."""
     left_out = "disturbance", f"followed_{machine.coordinate.name}"
     names = Topics(machine).signals
     return tuple(name for name in names if name not in left_out and not name.startswith("truth_"))

@@ -5,6 +5,7 @@ STATUSES = "Exit status: 0 good, 1 the answer is no, 2 unusable input or usage, 
 
 ANSWERS = {
     "run": ("the bound holds", "the bound does not hold"),
+    "session": ("the programme is carried out", "the session ended early"),
     "replay": ("all answers are equal to the bit", "answers differ, or most could not be compared"),
     "check": ("the bound holds", "the bound does not hold, or the bag is incomplete"),
     "rig": ("the bags are recorded", ""),
@@ -33,6 +34,10 @@ EXAMPLES = {
         "pam-orthosis run --realtime --duration 10",
         "pam-orthosis run --machine cylinder.yaml --composed",
     ),
+    "session": (
+        "pam-orthosis session programme.yaml --out monday",
+        "pam-orthosis session programme.yaml --json",
+    ),
     "replay": (
         "pam-orthosis replay walk",
         "pam-orthosis replay walk --node position_controller --param control.position.c1=30",
@@ -60,6 +65,7 @@ EXAMPLES = {
         "pam-orthosis gap carriage.csv --system motor_carriage.py",
     ),
     "report": (
+        "pam-orthosis report wednesday --earlier monday --out training",
         "pam-orthosis report walk --out report",
         "pam-orthosis report walk --only table --out report",
         "pam-orthosis report walk --animation walk.gif",

@@ -25,6 +25,7 @@ from pam_orthosis.processes import ENDING
 
 VERBS = {
     "run": "start the node graph, record a bag, judge it",
+    "session": "train an emulated person on both legs by a programme, record a bag",
     "replay": "feed the samples of a bag to the nodes again, compare their answers",
     "check": "judge the tracking of a recorded bag",
     "rig": "record the identification procedure on the emulated test rig",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Show a recorded run: an offline page (plots, leg, verdict), pictures, an animation, or a table."""
+"""Show a recorded run or session: an offline page, pictures, an animation, or a table."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from pam_orthosis.cli.check import add_bound_arguments, bound_of, describe
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import (
     REMAKE,
     Write,
@@ -44,6 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("page", "picture", "table", "mat"),
         help="make one of them (page and picture); mat: a table for MATLAB",
     )
+    parser.add_argument(
+        "--earlier", type=Path, metavar="BAG", help="beside the session BAG, an earlier one to compare with"
+    )
     parser.add_argument("--namespace", default="", metavar="NS", help="namespace of the leg in the bag")
 
 
@@ -52,10 +56,13 @@ def execute(arguments: argparse.Namespace) -> int:
     from pam_orthosis.bag.legs import check_named, namespaces
 
     bag = arguments.bag.resolve()
-    whole = namespaces(bag) != [""] and not (arguments.namespace or arguments.animation)
-    whole = whole and arguments.only in (None, "page")
+    several = namespaces(bag) != [""] and not (arguments.namespace or arguments.animation)
+    whole = several and arguments.only in (None, "page")
     if not whole:
         check_named(bag, arguments.namespace)
+    session = not arguments.animation and _is_session(bag)
+    if arguments.earlier and not session:
+        raise OrthosisError(f"--earlier is for sessions, {arguments.bag} is none")
     if arguments.animation:
         return _write(arguments, {arguments.animation: _animation})
     folder = arguments.out or Path(f"{bag_name(bag)}-report")
@@ -63,7 +70,7 @@ def execute(arguments: argparse.Namespace) -> int:
         refuse_used(folder, REMAKE)
     leg = arguments.namespace.strip("/").replace("/", "-")
     name = f"{bag_name(bag)}{leg and '-'}{leg}"
-    page = _pages if whole else _page
+    page = _page if not whole else _session if session else _pages
     makers = {"page": ("html", page), "picture": ("png", _picture), "table": ("csv", _table),
               "mat": ("mat", _mat)}  # fmt: skip
     kinds = [arguments.only] if arguments.only else ["page"] if whole else ["page", "picture"]
@@ -108,6 +115,20 @@ def _pages(bag: Path, arguments: argparse.Namespace) -> Write:
     runs = {name: read_run(bag, name) for name in verdicts}
     words = "\n\n".join(f"{name}\n{describe(verdict)}" for name, verdict in verdicts.items())
     return as_text(device_page(bag.name, runs, verdicts, words))
+
+
+def _is_session(bag: Path) -> bool:
+    from pam_orthosis.bag.session import is_session
+
+    return is_session(bag)
+
+
+def _session(bag: Path, arguments: argparse.Namespace) -> Write:
+    from pam_orthosis.report.pages.session import page
+    from pam_orthosis.report.session import shown as read
+
+    earlier = arguments.earlier and read(arguments.earlier.resolve())
+    return as_text(page(read(bag), earlier))
 
 
 def _picture(bag: Path, arguments: argparse.Namespace) -> Write:

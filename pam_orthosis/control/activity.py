@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import casadi as ca
@@ -28,6 +28,22 @@ class Stride(NamedTuple):
 def strides(run: Mapping[str, Array], parameters: Parameters) -> list[Stride]:
     """Return the person's share in each whole cycle of the scenario, the first one left out.
 
+    Args:
+        run: signals of `ClosedLoop.run`.
+        parameters: the nominal model, whose observer made the estimates.
+    """
+    begin = parameters.scenario.start_hold + parameters.scenario.start_ramp
+    period, cycle = parameters.scenario.control_period, parameters.scenario.cycle_time
+    length, count = round(cycle / period), len(run["disturbance"])
+    starts = range(round(begin / period), count - length + 1, length)
+    return shares(run, parameters, [(start, start + length) for start in starts])
+
+
+def shares(
+    run: Mapping[str, Array], parameters: Parameters, spans: Sequence[tuple[int, int]]
+) -> list[Stride]:
+    """Return the person's share in each span of samples, from the first to before the last.
+
     What acts from outside is the observer's disturbance with its sign changed; the effort of the motion, Eq.
     (26), is that of the muscles by the nominal model and what acts from outside together. The share is the
     first one's regression on the second. Friction and errors of the model are in the standard error; what is
@@ -36,13 +52,11 @@ def strides(run: Mapping[str, Array], parameters: Parameters) -> list[Stride]:
     Args:
         run: signals of `ClosedLoop.run`.
         parameters: the nominal model, whose observer made the estimates.
+        spans: of the samples.
     """
-    outside, begin = -run["disturbance"], parameters.scenario.start_hold + parameters.scenario.start_ramp
+    outside = -run["disturbance"]
     needed = _muscle_effort(run, parameters) + outside
-    period, cycle = parameters.scenario.control_period, parameters.scenario.cycle_time
-    length = round(cycle / period)
-    starts = range(round(begin / period), len(outside) - length + 1, length)
-    return [_stride(run["time"][k], outside[k : k + length], needed[k : k + length]) for k in starts]
+    return [_stride(run["time"][first], outside[first:end], needed[first:end]) for first, end in spans]
 
 
 def _stride(begin: float, outside: Array, needed: Array) -> Stride:

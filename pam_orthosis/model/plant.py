@@ -190,6 +190,11 @@ class Plant:
         self._held[self._own.stop :] = self._live_values()
         self._reported = None
 
+    def intend(self, aim: Callable[[float], tuple[float, float, float]]) -> None:
+        """Let the person, if one acts, intend the motion that `aim` returns for a time, s."""
+        if self._volition:
+            self._volition.aim = aim
+
     def signals(self) -> dict[str, float]:
         """Return states and outputs by name, free of noise (for the recorder, studies and tests)."""
         return dict(self._report())

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -28,6 +29,9 @@ class Volition:
     Args:
         parameters: the whole tree.
         mechanism: the true one, of numbers.
+
+    Attributes:
+        aim: time, s -> the motion that they intend.
     """
 
     def __init__(self, parameters: Parameters, mechanism: Mechanism):
@@ -37,6 +41,7 @@ class Volition:
         self._needed = needed_effort(mechanism)
         self._slip = 0.0  # rad or m, of the limb before the frame
         self._blocked_at: float | None = None
+        self.aim: Callable[[float], Motion] = self.intended
 
     def effort(self, time: float, position: float, velocity: float) -> float:
         """Return what the frame feels from now on for a control period, N m or N; call it once a period."""
@@ -50,7 +55,7 @@ class Volition:
         return effort
 
     def intended(self, time: float) -> Motion:
-        """Return the motion that the person intends at a time, s."""
+        """Return the motion that the person intends at a time, s, by a cadence of their own."""
         covered, cadence, growth = smooth_step(time - self._s.start_hold, self._s.start_ramp)
         phase, rate, curvature = (one / self._will.cycle_time for one in (covered, cadence, growth))
         position, slope, bend = self._shape(self._s.start_phase + phase)
@@ -63,7 +68,7 @@ class Volition:
             wanted = block.stiffness * (self._blocked_at - position) - block.damping * velocity
         else:
             self._blocked_at = None
-            aim = self.intended(time)
+            aim = self.aim(time)
             tired = 1 - will.fatigue * (1 - math.exp(-time / will.fatigue_time))
             wanted = will.share * tired * float(self._needed(*aim))
             wanted += will.stiffness * (aim[0] - position) + will.damping * (aim[1] - velocity)

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page of a training session, in a therapist's words; an earlier session beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from pam_orthosis.report.page import BAD, GOOD, NEUTRAL, Page, Part, listed
+from pam_orthosis.report.plots import AFTER, BEFORE, Plot, Trace, line, packed
+from pam_orthosis.report.session import Shown, Strides
+
+COLOURS = {"left": AFTER, "right": BEFORE}
+SURE = 2.0  # standard errors, from which on a difference is called one
+MODES = {
+    "position": "led: the orthosis moves the leg",
+    "impedance": "spring: the orthosis pulls softly to the path",
+    "assist": "as needed: the orthosis helps where the person does not",
+    "transparent": "free: the orthosis follows the leg",
+}
+SHARE = (
+    "The share is the part of the torque of the motion that does not come from the muscles of the orthosis,"
+    " in percent: 100 means that the person does all of it, 0 nothing, below 0 that the person works against it."
+    " The figure behind ± is the standard error of one stride."
+)
+NO_STRIDES = "No stride was completed."
+
+
+def page(now: Shown, earlier: Shown | None = None) -> str:
+    """Return the page."""
+    session, made = now.session, len(now.session.strides)
+    answer, tone = ("ENDED EARLY", BAD) if session.ended else ("COMPLETED", GOOD)
+    if session.trips and not session.ended:
+        tone = NEUTRAL
+    strides = f"{made} strides in {now.minutes:.1f} min"
+    brought = " and ".join(f"{_share(one)} on the {leg}" for leg, one in now.legs.items())
+    headline = f"{strides}. The person brought {brought}." if made else f"{strides}. {NO_STRIDES}"
+    parts = [Part("Stages", (SHARE,), listed(*_stages(now)))]
+    if earlier:
+        parts.append(Part(f"Compared with {earlier.session.name}", (), listed(*_compared(now, earlier))))
+    if made:
+        parts.append(Part("Stride by stride", plots=[*_plots(now, earlier)]))
+    parts.append(_safety(now))
+    about = "training session of an emulated person, no medical record"
+    return Page(session.name, answer, tone, headline, [*_meaning(now)], parts, about).html()
+
+
+def _meaning(now: Shown) -> Iterator[str]:
+    if now.session.ended:
+        yield f"The session ended early: {now.session.ended}."
+    if now.session.strides:
+        yield difference(now)
+    trips = len(now.session.trips)
+    stopped = (
+        f"stopped the training {trips} time{'s' * (trips > 1)}; see below" if trips else "did not step in"
+    )
+    yield f"The safety monitor {stopped}."
+
+
+def difference(now: Shown) -> str:
+    """Return in words which leg did more."""
+    left, right = now.legs["left"], now.legs["right"]
+    points = 100 * float(np.mean(left.share - right.share))
+    unsure = 100 * float(np.mean(np.hypot(left.error, right.error)))
+    if abs(points) < SURE * unsure:
+        return f"Both legs did about the same: they differ by {abs(points):.0f} ± {unsure:.0f} points."
+    more, less = ("left", "right") if points > 0 else ("right", "left")
+    return f"The {more} leg did more than the {less} one, by {abs(points):.0f} ± {unsure:.0f} points."
+
+
+def _share(strides: Strides) -> str:
+    if not len(strides.share):
+        return "-"
+    return f"{100 * np.mean(strides.share):.0f} ± {100 * np.mean(strides.error):.0f} %"
+
+
+def _mean(values: Any) -> str:
+    return f"{np.mean(values):.1f}" if len(values) else "-"
+
+
+def _stages(now: Shown) -> tuple[list[str], list[list[str]]]:
+    head = ["stage", "help", "s a stride", "strides", "share left", "share right",
+            "off the path left, right / deg", "range left, right / deg"]  # fmt: skip
+    rows = []
+    for number, stage in enumerate(now.session.stages):
+        if stage["pause"]:
+            rows.append([stage["name"], f"rest of {stage['pause']:g} s", *["-"] * 6])
+            continue
+        chosen = now.stage(number)
+        own = [one.of(chosen) for one in now.legs.values()]
+        done = f"{len(chosen)}" if len(chosen) == stage["strides"] else f"{len(chosen)} of {stage['strides']}"
+        off, moved = (", ".join(_mean(getattr(one, what)) for one in own) for what in ("off", "range"))
+        row = [stage["name"], MODES[stage["mode"]], f"{stage['cycle_time']:g}", done]
+        rows.append([*row, *map(_share, own), off, moved])
+    return head, rows
+
+
+def _compared(now: Shown, earlier: Shown) -> tuple[list[str], list[list[str]]]:
+    rows = [
+        (name, before, after, f"{after - before:+.{digits}f}", digits)
+        for (name, before, digits), (_, after, _) in zip(_figures(earlier), _figures(now), strict=True)
+    ]
+    texts = [[name, f"{b:.{digits}f}", f"{a:.{digits}f}", change] for name, b, a, change, digits in rows]
+    return ["", "earlier", "now", "change"], texts
+
+
+def _figures(of: Shown) -> Iterator[tuple[str, float, int]]:
+    """Yield name, value and digits of what sessions are compared by."""
+    yield "strides", len(of.session.strides), 0
+    yield "minutes", of.minutes, 1
+    for leg, one in of.legs.items():
+        if len(one.share):
+            yield f"share, {leg} / %", 100 * float(np.mean(one.share)), 0
+            yield f"uncertainty of a stride, {leg} / points", 100 * float(np.mean(one.error)), 0
+            yield f"off the path, {leg} / deg", float(np.mean(one.off)), 1
+            yield f"range, {leg} / deg", float(np.mean(one.range)), 1
+    yield "trips", len(of.session.trips), 0
+
+
+def _plots(now: Shown, earlier: Shown | None) -> Iterator[Plot]:
+    yield _plot(now, earlier, "share", "the person's share / %", 100.0)
+    yield _plot(now, earlier, "off", "largest distance from the path / deg", 1.0)
+    yield _plot(now, earlier, "range", "range of motion / deg", 1.0)
+
+
+def _plot(now: Shown, earlier: Shown | None, what: str, y: str, scale: float) -> Plot:
+    data: list[Trace] = []
+    for leg, one in now.legs.items():
+        values = scale * getattr(one, what)
+        drawn = line(np.arange(1, len(values) + 1), values, leg, COLOURS[leg]) | {"mode": "lines+markers"}
+        if what == "share":
+            drawn["error_y"] = {
+                "type": "data",
+                "array": packed(scale * one.error),
+                "thickness": 0.8,
+                "width": 0,
+            }
+        data.append(drawn)
+    for leg, one in (earlier.legs if earlier else {}).items():
+        values = scale * getattr(one, what)
+        data.append(line(np.arange(1, len(values) + 1), values, f"{leg}, earlier", COLOURS[leg], "dot"))
+    means = ", ".join(f"{leg} {scale * np.mean(getattr(one, what)):.1f}" for leg, one in now.legs.items())
+    return Plot(y.partition(" /")[0], f"mean of {y}: {means}", "stride", y, data, shared="strides")
+
+
+def _safety(now: Shown) -> Part:
+    if not now.session.trips:
+        return Part("Safety", ("No limit was exceeded.",))
+    words = "After each trip both legs stopped, and the training went on once the limits allowed it."
+    rows = [[f"{one.time:.1f}", one.leg, _in_words(one.limit)] for one in now.session.trips]
+    return Part("Safety", (words,), listed(["second", "leg", "what was exceeded"], rows))
+
+
+def _in_words(limit: str) -> str:
+    return limit.partition(" at ")[0] + " (SI units)"
