@@ -2,8 +2,8 @@
 """Train a person on both legs by a programme of stages, in simulation, and record a bag.
 
 The programme is a YAML file: `stages`, each of `strides` (with `cycle_time_s`, `mode`, `stiffness`,
-`damping`, `tunnel`) or of `pause_s`; what a stage does not give stays as it was. A safety monitor watches each leg.
-`pam-orthosis report` makes a page of the bag.
+`damping`, `tunnel`) or of `pause_s`; what a stage does not give stays as it was.
+A safety monitor watches each leg. `pam-orthosis report` makes a page of the bag.
 """
 
 from __future__ import annotations

@@ -79,7 +79,9 @@ def _of_leg(given: Any, leg: str) -> dict[str, Any]:
 def _stages(given: Any, shared: Parameters) -> tuple[Stage, ...]:
     if not isinstance(given, list) or not given:
         raise OrthosisError("stages: give a list of strides and pauses")
-    stages, changes, total = [], {}, 0.0
+    stages: list[Stage] = []
+    changes: dict[str, Any] = {}
+    total = 0.0
     for number, one in enumerate(given, 1):
         stage = _stage(mapping(one, f"stage {number}"), f"stage {number}")
         changes |= stage.changes

@@ -15,15 +15,19 @@ from pam_orthosis.report.session import Shown, Strides
 COLOURS = {"left": AFTER, "right": BEFORE}
 SURE = 2.0  # standard errors, from which on a difference is called one
 MODES = {
-    "position": "led: the orthosis moves the leg",
-    "impedance": "spring: the orthosis pulls softly to the path",
-    "assist": "as needed: the orthosis helps where the person does not",
-    "transparent": "free: the orthosis follows the leg",
+    "position": "led",
+    "impedance": "spring",
+    "assist": "as needed",
+    "transparent": "free",
 }
 SHARE = (
     "The share is the part of the torque of the motion that does not come from the muscles of the orthosis,"
-    " in percent: 100 means that the person does all of it, 0 nothing, below 0 that the person works against it."
+    " in percent: 100 means that the person does all of it, 0 nothing; below 0 they work against it."
     " The figure behind ± is the standard error of one stride."
+)
+HELP = (
+    "Help: led, the orthosis moves the leg; spring, it pulls softly to the path; as needed, it helps where"
+    " the person does not; free, it follows the leg."
 )
 NO_STRIDES = "No stride was completed."
 
@@ -36,8 +40,12 @@ def page(now: Shown, earlier: Shown | None = None) -> str:
         tone = NEUTRAL
     strides = f"{made} strides in {now.minutes:.1f} min"
     brought = " and ".join(f"{_share(one)} on the {leg}" for leg, one in now.legs.items())
-    headline = f"{strides}. The person brought {brought}." if made else f"{strides}. {NO_STRIDES}"
-    parts = [Part("Stages", (SHARE,), listed(*_stages(now)))]
+    headline = (
+        f"{strides}. The person brought {brought} of the torque of the motion."
+        if made
+        else f"{strides}. {NO_STRIDES}"
+    )
+    parts = [Part("Stages", (SHARE, HELP), listed(*_stages(now)))]
     if earlier:
         parts.append(Part(f"Compared with {earlier.session.name}", (), listed(*_compared(now, earlier))))
     if made:
@@ -73,7 +81,7 @@ def difference(now: Shown) -> str:
 def _share(strides: Strides) -> str:
     if not len(strides.share):
         return "-"
-    return f"{100 * np.mean(strides.share):.0f} ± {100 * np.mean(strides.error):.0f} %"
+    return f"{100 * np.mean(strides.share):.0f}\u00a0±\u00a0{100 * np.mean(strides.error):.0f}\u00a0%"
 
 
 def _mean(values: Any) -> str:
@@ -120,12 +128,12 @@ def _figures(of: Shown) -> Iterator[tuple[str, float, int]]:
 
 
 def _plots(now: Shown, earlier: Shown | None) -> Iterator[Plot]:
-    yield _plot(now, earlier, "share", "the person's share / %", 100.0)
-    yield _plot(now, earlier, "off", "largest distance from the path / deg", 1.0)
-    yield _plot(now, earlier, "range", "range of motion / deg", 1.0)
+    yield _plot(now, earlier, "share", "the person's share", "share / %", 100.0)
+    yield _plot(now, earlier, "off", "largest distance from the path", "distance / deg", 1.0)
+    yield _plot(now, earlier, "range", "range of motion", "range / deg", 1.0)
 
 
-def _plot(now: Shown, earlier: Shown | None, what: str, y: str, scale: float) -> Plot:
+def _plot(now: Shown, earlier: Shown | None, what: str, title: str, y: str, scale: float) -> Plot:
     data: list[Trace] = []
     for leg, one in now.legs.items():
         values = scale * getattr(one, what)
@@ -142,7 +150,7 @@ def _plot(now: Shown, earlier: Shown | None, what: str, y: str, scale: float) ->
         values = scale * getattr(one, what)
         data.append(line(np.arange(1, len(values) + 1), values, f"{leg}, earlier", COLOURS[leg], "dot"))
     means = ", ".join(f"{leg} {scale * np.mean(getattr(one, what)):.1f}" for leg, one in now.legs.items())
-    return Plot(y.partition(" /")[0], f"mean of {y}: {means}", "stride", y, data, shared="strides")
+    return Plot(title, f"mean {y} of {title}: {means}", "stride", y, data, shared="strides")
 
 
 def _safety(now: Shown) -> Part:
