@@ -26,7 +26,7 @@ class Stage(NamedTuple):
     Attributes:
         name: in the report.
         strides: how many; 0: it is a pause.
-        pause: how long the legs rest, s.
+        pause: how long the legs rest when they have come to rest, s.
         changes: of the parameters from here on: cadence and cooperation.
     """
 

@@ -67,6 +67,7 @@ class Leg:
         watched = Watched(plant, self.monitor)
         self.loop = ClosedLoop(parameters, 0, watched, trajectory, self._controller)
         plant.intend(lambda time: trajectory.sample(round(time * 1e9))[:3])
+        self.slowing: float = parameters.scenario.start_ramp  # time until it rests, s
         self.rows: list[tuple[float, ...]] = []
 
     def enter(self, stage: Stage, time_ns: int) -> None:
@@ -93,6 +94,7 @@ class Session:
         self._stage, self._begun, self._made = -1, 0, 0  # number of the stage, its first sample, its strides
         self._from, self._last = 0.0, 0  # phase at its beginning, sample at which the last stride ended
         self._tripped: int | None = None
+        self._slowing = first.slowing
         self.strides: list[Done] = []
         self.trips: list[Event] = []
         self.ended = ""
@@ -135,7 +137,7 @@ class Session:
         if self._tripped is not None:
             return
         if stage.pause:
-            if (index - self._begun) * self._period_ns * 1e-9 >= stage.pause:
+            if (index - self._begun) * self._period_ns * 1e-9 >= self._slowing + stage.pause:
                 self._enter(index)
             return
         if self._phase(index * self._period_ns)[0] - self._from >= self._made + 1:
@@ -152,7 +154,7 @@ class Session:
             if tripped:
                 for name, leg in tripped.items():
                     trip = leg.monitor.trips[0]
-                    self.trips.append(Event(name, str(trip.limit), trip.time_ns * 1e-9))
+                    self.trips.append(Event(name, str(trip), trip.time_ns * 1e-9))
                 self._tripped = index
                 self._each(lambda leg: leg.trajectory.stop(time_ns))
             return
