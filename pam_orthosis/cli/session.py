@@ -40,7 +40,10 @@ def execute(arguments: argparse.Namespace) -> int:
         write_session(bag, programme, trained)
     seconds = float(next(iter(trained.signals.values()))["time"][-1])
     print(f"recorded {bag}", file=sys.stderr)
-    trips = [f"{one.leg} leg: {one.limit} at {one.time:.1f} s" for one in trained.trips]
+    trips = [
+        f"{one.leg} leg, {one.time:.1f} s: {one.limit} {one.value:.4g} beyond {one.allowed:.4g}"
+        for one in trained.trips
+    ]
     found = {"strides": len(trained.strides), "seconds": round(seconds, 3), "trips": trips,
              "completed": not trained.ended, "ended": trained.ended}  # fmt: skip
     words = [f"{len(trained.strides)} strides in {seconds / 60:.1f} min, {len(trips)} trips", *trips]

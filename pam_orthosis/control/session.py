@@ -26,11 +26,13 @@ PATIENCE_S = 60.0  # for a monitor that does not let the training go on, after w
 
 
 class Event(NamedTuple):
-    """A trip: which leg, the limit in words, when, s."""
+    """A trip: which leg, which limit, when, s, what was measured and what is allowed, SI."""
 
     leg: str
     limit: str
     time: float
+    value: float
+    allowed: float
 
 
 class Done(NamedTuple):
@@ -154,7 +156,7 @@ class Session:
             if tripped:
                 for name, leg in tripped.items():
                     trip = leg.monitor.trips[0]
-                    self.trips.append(Event(name, str(trip), trip.time_ns * 1e-9))
+                    self.trips.append(Event(name, trip.limit, trip.time_ns * 1e-9, trip.value, trip.allowed))
                 self._tripped = index
                 self._each(lambda leg: leg.trajectory.stop(time_ns))
             return

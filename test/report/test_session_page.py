@@ -8,6 +8,8 @@ from browser import fits, started
 
 from pam_orthosis.bag.session import read_session
 from pam_orthosis.cli.main import main
+from pam_orthosis.control.session import Event
+from pam_orthosis.report.pages.session import _in_words
 
 PROGRAMME = """
 right: {plant.person.volition.share: 0.1}
@@ -45,6 +47,11 @@ def test_the_page_names_the_leg_that_did_more_and_compares(bag, tmp_path, capsys
     assert "No limit was exceeded." in text
     with started() as browser:
         fits(browser, page)
+
+
+def test_a_trip_is_named_in_degrees():
+    words = _in_words(Event("left", "range of motion", 3.0, 1.32, 1.3))
+    assert words == "range of motion: 75.6 deg, allowed 74.5 deg"
 
 
 def test_earlier_is_for_sessions(bag, capsys):

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from pam_orthosis.control.session import Event
 from pam_orthosis.report.page import BAD, GOOD, NEUTRAL, Page, Part, listed
 from pam_orthosis.report.plots import AFTER, BEFORE, Plot, Trace, line, packed
 from pam_orthosis.report.session import Shown, Strides
@@ -29,6 +31,16 @@ HELP = (
     "Help: led, the orthosis moves the leg; spring, it pulls softly to the path; as needed, it helps where"
     " the person does not; free, it follows the leg."
 )
+UNITS = {
+    "range of motion": (180 / math.pi, "deg"),
+    "speed": (180 / math.pi, "deg/s"),
+    "torque": (1.0, "N m"),
+    "force": (1.0, "N"),
+    "pressure": (1e-5, "bar"),
+    "spasm": (1.0, "N m"),
+    "stale data": (1e3, "ms"),
+    "command": (1.0, "V"),
+}  # limit -> from SI, unit
 NO_STRIDES = "No stride was completed."
 
 
@@ -157,9 +169,10 @@ def _safety(now: Shown) -> Part:
     if not now.session.trips:
         return Part("Safety", ("No limit was exceeded.",))
     words = "After each trip both legs stopped, and the training went on once the limits allowed it."
-    rows = [[f"{one.time:.1f}", one.leg, _in_words(one.limit)] for one in now.session.trips]
+    rows = [[f"{one.time:.1f}", one.leg, _in_words(one)] for one in now.session.trips]
     return Part("Safety", (words,), listed(["second", "leg", "what was exceeded"], rows))
 
 
-def _in_words(limit: str) -> str:
-    return limit.partition(" at ")[0] + " (SI units)"
+def _in_words(trip: Event) -> str:
+    scale, unit = UNITS.get(trip.limit, (1.0, ""))
+    return f"{trip.limit}: {scale * trip.value:.1f} {unit}, allowed {scale * trip.allowed:.1f} {unit}"
