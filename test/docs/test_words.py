@@ -18,7 +18,7 @@ PAGES = [
 # private words, and words of a history
 PRIVATE = re.compile(
     r"\b(is|are|was) told\b|\btells\b|\bbelie(f|ve[sd]?)\b|\bordinary parameters\b|\blook-alikes?\b"
-    r"|\bhardly tell\b|\blet go\b|\brid of\b|\btaken back\b|\bcogwheel\b|\bprogramme\b|\bby a hair\b"
+    r"|\bhardly tell\b|\blet go\b|\brid of\b|\btaken back\b|\bcogwheel\b|\bby a hair\b"
     r"|\bwhat the model lacks\b"
     r"|\bsince then\b|\bno longer\b|\bas it was\b|\b20\d\d-\d\d|\b(November|December) 20",
     re.IGNORECASE,
