@@ -2,7 +2,7 @@
 """Train a person on both legs by a programme of stages, in simulation, and record a bag.
 
 The programme is a YAML file: `stages`, each of `strides` (with `cycle_time_s`, `mode`, `stiffness`,
-`damping`, `tunnel`) or of `pause_s`; what a stage does not give stays as it was.
+`damping`, `tunnel`) or of `pause_s`; what a stage does not give keeps its value.
 A safety monitor watches each leg. `pam-orthosis report` makes a page of the bag.
 """
 
