@@ -125,6 +125,19 @@ def test_pressures_stamped_late_are_found_and_others_are_not(documented):
     assert skew.seconds == pytest.approx(0.004, abs=0.001)
 
 
+@pytest.mark.parametrize(
+    ("nominal", "true"), [("leg.cogwheel_diameter", 0.14), ("leg.symmetric_angle", None)]
+)
+def test_a_wrong_dimension_is_no_skew(bench, nominal, true):
+    true = true or bench.parameters.flat()[nominal] + 0.3
+    one = bench.recording(1, **{nominal.replace(".", "__"): true})
+    assert not skews(bench.system, one)
+    late = round(0.01 / one.period)  # and does not hide one
+    shifted = {k: v[late:] if k == "angle" else v[:-late] for k, v in one.signals.items()}
+    (skew,) = skews(bench.system, replace(one, signals=shifted))
+    assert 0.005 < skew.seconds < 0.015  # how late is less sure where the model is wrong too
+
+
 @pytest.mark.parametrize(("period", "kept"), [(0.001, False), (0.005, True)])
 def test_voltages_of_a_loop_faster_than_the_table_are_left_out_by_name(
     tmp_path, monkeypatch, capsys, period, kept
