@@ -13,7 +13,7 @@ STAGES = """
 stages:
   - {name: warm-up, strides: 1, cycle_time_s: 3.0, mode: position}
   - {pause_s: 1.5}
-  - {name: training, strides: 2, cycle_time_s: 2.0, mode: assist}
+  - {name: training, strides: 2, cycle_time_s: 2.6, mode: assist}
 """
 
 
@@ -62,7 +62,8 @@ def test_stages_follow_each_other_and_the_share_is_that_of_each_leg(tmp_path):
     assert not trained.trips
     assert not trained.ended
     (warm, first, last), period = trained.strides, 0.005
-    assert (last.end - last.first) * period == pytest.approx(2.0, abs=period)
+    assert (last.end - last.first) * period == pytest.approx(2.6, abs=period)
+    assert warm.end * period == pytest.approx(1.0 + 2.0 / 2 + 3.0, abs=2 * period)  # hold, ramp, one cycle
     assert (first.first - warm.end) * period == pytest.approx(2.0 + 1.5, abs=2 * period)
     # they slow down within 2 s, and rest as long as asked for
     still = trained.signals["left"]["reference_velocity"][first.first - 290 : first.first]
