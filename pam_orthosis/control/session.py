@@ -23,6 +23,7 @@ from pam_orthosis.model.plant import Plant
 from pam_orthosis.progress import Progress, silent
 
 PATIENCE_S = 60.0  # for a monitor that does not let the training go on, after which it ends
+STOPS_MOST = 3  # in one stage: its limits and its mode do not suit the person
 
 
 class Event(NamedTuple):
@@ -96,6 +97,7 @@ class Session:
         self._stage, self._begun, self._made = -1, 0, 0  # number of the stage, its first sample, its strides
         self._from, self._last = 0.0, 0  # phase at its beginning, sample at which the last stride ended
         self._tripped: int | None = None
+        self._stops = 0  # by trips in this stage
         self._slowing = first.slowing
         self.strides: list[Done] = []
         self.trips: list[Event] = []
@@ -127,7 +129,7 @@ class Session:
     def _enter(self, index: int) -> None:
         """Begin the next stage, if there is one."""
         self._stage += 1
-        self._begun, self._made, self._last = index, 0, index
+        self._begun, self._made, self._last, self._stops = index, 0, index, 0
         if self._stage < len(self._programme.stages):
             stage, time_ns = self._programme.stages[self._stage], index * self._period_ns
             self._from = self._phase(time_ns)[0]
@@ -154,11 +156,7 @@ class Session:
         time_ns = index * self._period_ns
         if self._tripped is None:
             if tripped:
-                for name, leg in tripped.items():
-                    trip = leg.monitor.trips[0]
-                    self.trips.append(Event(name, trip.limit, trip.time_ns * 1e-9, trip.value, trip.allowed))
-                self._tripped = index
-                self._each(lambda leg: leg.trajectory.stop(time_ns))
+                self._stop(tripped, index)
             return
         waited = (index - self._tripped) * self._period_ns * 1e-9
         if waited < self._programme.resume:
@@ -170,3 +168,14 @@ class Session:
             self._tripped = None
             if self._programme.stages[self._stage].strides:
                 self._each(lambda leg: leg.trajectory.go_on(time_ns))
+
+    def _stop(self, tripped: dict[str, Leg], index: int) -> None:
+        """Stop both legs and note the trips; after too many in a stage the session ends."""
+        for name, leg in tripped.items():
+            trip = leg.monitor.trips[0]
+            self.trips.append(Event(name, trip.limit, trip.time_ns * 1e-9, trip.value, trip.allowed))
+        self._tripped, self._stops = index, self._stops + 1
+        self._each(lambda leg: leg.trajectory.stop(index * self._period_ns))
+        if self._stops >= STOPS_MOST:
+            name = self._programme.stages[self._stage].name
+            self.ended = f"{self._stops} stops by the safety monitor in the stage {name}"

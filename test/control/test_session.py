@@ -6,7 +6,7 @@ import pytest
 
 from pam_orthosis.control.activity import shares
 from pam_orthosis.control.programme import read_programme
-from pam_orthosis.control.session import Session
+from pam_orthosis.control.session import STOPS_MOST, Session
 from pam_orthosis.errors import OrthosisError
 
 STAGES = """
@@ -98,3 +98,14 @@ def test_after_a_trip_both_legs_stop_and_go_on_again(tmp_path):
             break
     assert index * 0.005 >= session.trips[0].time + 3.0
     assert not any(leg.trajectory.stopped for leg in session._legs.values())
+
+
+def test_a_stage_that_trips_again_and_again_ends_the_session(tmp_path):
+    given = programme(
+        tmp_path,
+        "resume_s: 3.0\nleft: {control.limits.high: 0.9}\n"
+        "stages: [{name: training, strides: 9, cycle_time_s: 3.0}]",
+    )
+    trained = Session(given).run()
+    assert [one.limit for one in trained.trips] == ["range of motion"] * STOPS_MOST
+    assert trained.ended == f"{STOPS_MOST} stops by the safety monitor in the stage training"
