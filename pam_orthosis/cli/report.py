@@ -63,6 +63,8 @@ def execute(arguments: argparse.Namespace) -> int:
     session = not arguments.animation and _is_session(bag)
     if arguments.earlier and not session:
         raise OrthosisError(f"--earlier is for sessions, {arguments.bag} is none")
+    if arguments.earlier and not whole:
+        raise OrthosisError("--earlier is for the page of both legs; leave --only and --namespace out")
     if arguments.animation:
         return _write(arguments, {arguments.animation: _animation})
     folder = arguments.out or Path(f"{bag_name(bag)}-report")

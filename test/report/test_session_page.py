@@ -57,6 +57,8 @@ def test_a_trip_is_named_in_degrees():
 def test_earlier_is_for_sessions(bag, capsys):
     assert main(["report", "bags/walk", "--earlier", str(bag)]) == 2
     assert "--earlier is for sessions" in capsys.readouterr().err
+    assert main(["report", str(bag), "--earlier", str(bag), "--namespace", "left"]) == 2
+    assert "leave --only and --namespace out" in capsys.readouterr().err
     assert main(["report", str(bag), "--earlier", "bags/walk", "--out", str(bag.parent / "no")]) == 2
     assert "no session" in capsys.readouterr().err
 
