@@ -87,7 +87,7 @@ class Gap:
         return as_dict(self.outcome)
 
     def changes(self) -> dict[str, Any]:
-        """Return the found effects as changes of the nominal model, for `parameters` and `model.yaml`."""
+        """Return what was found as changes of the nominal model, for `simulate(..., model=...)`."""
         from pam_orthosis.discrepancy import patch
 
         found = self.outcome
@@ -140,6 +140,11 @@ def gap(
     from pam_orthosis.discrepancy.verdict import describe
     from pam_orthosis.discrepancy.workflow import find_gap
 
+    training, held_out = _listed(training), _listed(held_out)
+    if any(
+        one is other or (one == other and not isinstance(one, Run)) for one in training for other in held_out
+    ):
+        raise OrthosisError("a recording is both training and held out; what was fitted cannot judge")
     with _bags() as bags:
         fitted, judged = bags.of(training, "training run"), bags.of(held_out, "held-out run")
         paths, file = [*fitted, *judged], None if model is None else Path(model)
@@ -150,6 +155,12 @@ def gap(
         every = [bags.recording(apparatus.read(path, system, "")) for path in paths]
         outcome = find_gap(system, every[: len(fitted)], every[len(fitted) :], nominal.gap)
     return Gap(outcome, describe(outcome))
+
+
+def _listed(runs: Iterable[Recorded]) -> list[Recorded]:
+    if isinstance(runs, Run | str | Path):
+        raise OrthosisError("gap: give lists of runs, bags or tables, such as po.gap([run])")
+    return list(runs)
 
 
 @dataclass(frozen=True)
@@ -223,11 +234,19 @@ class _Bags:
         self._called: dict[str, str] = {}
 
     def of(self, runs: Iterable[Recorded], called: str) -> list[Path]:
-        """Return the bags of runs, called `called` and their number."""
-        return [
-            self._written(one, f"{called} {number}") if isinstance(one, Run) else Path(one)
-            for number, one in enumerate(runs, 1)
-        ]
+        """Return the bags of runs, called `called` and their number.
+
+        Raises:
+            OrthosisError: one is neither a run nor a path.
+        """
+        return [self._bag(one, f"{called} {number}") for number, one in enumerate(runs, 1)]
+
+    def _bag(self, one: Recorded, called: str) -> Path:
+        if isinstance(one, Run):
+            return self._written(one, called)
+        if isinstance(one, str | Path):
+            return Path(one)
+        raise OrthosisError(f"{called}: give a run, a bag or a table, not {type(one).__name__}")
 
     def _written(self, run: Run, called: str) -> Path:
         path = self._folder / f"{len(self._called) + 1:04d}"

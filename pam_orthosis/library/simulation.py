@@ -19,9 +19,10 @@ from pam_orthosis.model.machines import KNEE, machine_named
 from pam_orthosis.model.parameters import Parameters, load, scenario_overrides
 from pam_orthosis.model.plant import Plant
 from pam_orthosis.model.study import Study
-from pam_orthosis.model.truth import as_modelled
+from pam_orthosis.model.truth import as_modelled, with_nominal
 
 DRIVEN = "given voltages"
+EFFECTS = "plant.effects."
 
 
 def machine(path: str | Path | None = None) -> Machine:
@@ -52,21 +53,33 @@ def parameters(
         OrthosisError: an unknown scenario or key, or an unusable value.
     """
     shipped = as_modelled(load({}, machine)) if exact else {}
-    return load(shipped | scenario_overrides(scenario) | dict(changes or {}), machine)
-
-
-@overload
-def simulate(parameters: Parameters, *, voltages: ArrayLike | None = None) -> Run: ...
+    made = load(shipped | scenario_overrides(scenario) | dict(changes or {}), machine)
+    for effect in {key.rpartition(".")[0] for key in changes or () if key.startswith(EFFECTS)}:
+        if exact and not made.flat().get(f"{effect}.enabled", True):
+            raise OrthosisError(f"{effect} is off in exact hardware; give {effect}.enabled: True too")
+    return made
 
 
 @overload
 def simulate(
-    parameters: Parameters, cases: Mapping[str, ArrayLike], voltages: ArrayLike | None = None
+    parameters: Parameters, *, voltages: ArrayLike | None = None, model: Mapping[str, Any] | None = None
+) -> Run: ...
+
+
+@overload
+def simulate(
+    parameters: Parameters,
+    cases: Mapping[str, ArrayLike],
+    voltages: ArrayLike | None = None,
+    model: Mapping[str, Any] | None = None,
 ) -> Runs: ...
 
 
 def simulate(
-    parameters: Parameters, cases: Mapping[str, ArrayLike] | None = None, voltages: ArrayLike | None = None
+    parameters: Parameters,
+    cases: Mapping[str, ArrayLike] | None = None,
+    voltages: ArrayLike | None = None,
+    model: Mapping[str, Any] | None = None,
 ) -> Run | Runs:
     """Simulate a machine with its cascade of controllers, or driven by given valve voltages.
 
@@ -77,11 +90,16 @@ def simulate(
         cases: dotted key -> its values, (cases,): a run for each.
         voltages: (n, actuators) V, each held for a control period; then no controller takes part, and the
             states come out free of noise. Many cases of the knee are advanced in vector registers.
+        model: dotted key -> value that the controllers' nominal model has instead, such as `Gap.changes()`;
+            the emulated hardware stays. A change of `parameters` changes both.
 
     Raises:
         OrthosisError: an unusable value or voltage, cases of different lengths, or the machine cannot be
             held at its start.
     """
+    if not isinstance(parameters, Parameters):
+        raise OrthosisError(f"simulate: give parameters, such as po.parameters(), not {parameters!r}")
+    parameters = with_nominal(parameters, model) if model else parameters
     if cases is None:
         return (
             _followed(parameters) if voltages is None else _driven(parameters, _checked(voltages, parameters))

@@ -180,3 +180,37 @@ def test_bash_completes_a_verb_and_its_options(tmp_path, capsys):
     lines = [f"source {file}", words.format("iden", 1), words.format("report --only ta", 3)]
     done = subprocess.run(["bash", "-c", "\n".join(lines)], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["identify", "table"]
+
+
+@pytest.mark.parametrize(
+    ("call", "problem"),
+    [
+        (lambda _: po.simulate("default"), "give parameters, such as po.parameters"),
+        (lambda run: po.check([run, run]), "run 1: give a run, a bag or a table, not list"),
+        (po.gap, "such as po.gap"),
+        (lambda run: po.gap([run], [run]), "both training and held out"),
+        (lambda _: po.gap([str(WALK)], [str(WALK)]), "both training and held out"),
+        (
+            lambda _: po.parameters(changes={"plant.effects.backlash.half_width": 0.01}, exact=True),
+            "give plant.effects.backlash.enabled: True too",
+        ),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(call, problem, run):
+    with pytest.raises(OrthosisError, match=problem):
+        call(run)
+
+
+def test_what_the_controllers_are_to_know_leaves_the_hardware_as_it_is(short):
+    """A moving mass is twice as large in the hardware: once it is known, once not."""
+    heavy = short.changed({"plant.deviation.moving_mass": 2.0})
+    masses = {
+        key: 2.0 * heavy.at(key)
+        for key in ("leg.thigh.mass", "leg.shank.mass", "leg.knee_mass", "leg.shoe_mass")
+    }
+    known, unknown = po.simulate(heavy, model=masses), po.simulate(heavy)
+    both = po.simulate(short.changed({**masses, "plant.deviation.moving_mass": 1.0}))
+    assert known.parameters.at("leg.thigh.mass") == masses["leg.thigh.mass"]
+    assert known.parameters.at("plant.deviation.moving_mass") == pytest.approx(1.0)
+    assert known["angle"] == pytest.approx(both["angle"], abs=1e-6)
+    assert np.abs(known["angle"] - unknown["angle"]).max() > 1e-4
