@@ -30,7 +30,7 @@ def namespaces(path: Path) -> list[str]:
 def check_named(path: Path, namespace: str) -> None:
     """Raise OrthosisError, which names the legs in a bag, if it holds several and none of this name."""
     names = [one.strip("/") for one in namespaces(path)]
-    if names != [""] and namespace.strip("/") not in names:
+    if (len(names) > 1 or namespace) and names != [""] and namespace.strip("/") not in names:
         what = f"no {namespace.strip('/')}" if namespace else "several machines"
         raise OrthosisError(f"{path} holds {what}; give one by --namespace: {', '.join(names)}")
 

@@ -53,7 +53,8 @@ def remarks_on_stamps(system: System, recordings: Sequence[Recording]) -> list[s
 
 def skews(system: System, one: Recording) -> list[Skew]:
     """Return how far what drives each coordinate is off in time; small or unclear ones are left out."""
-    assembled, found = system.assemble(tuple(system.wrong)), []
+    wrong = tuple(name for name in system.wrong if name in system.catalogue)
+    assembled, found = system.assemble(wrong), []
     for rate, state in system.derived.items():
         channel = next(c.name for c in system.channels if c.state == state)
         drivers = _drivers(system, assembled, rate, channel)
@@ -113,7 +114,10 @@ def _left(
 def _right(system: System, assembled: Assembled) -> list[float]:
     """Return the model's parameters with nothing off and nothing mistaken."""
     known = {
-        f"{name}.{q.name}": q.neutral for name in system.wrong for q in system.catalogue[name].parameters
+        f"{name}.{q.name}": q.neutral
+        for name in system.wrong
+        if name in system.catalogue
+        for q in system.catalogue[name].parameters
     }
     return [float(known.get(name) or 0.0) for name in assembled.parameters]
 
