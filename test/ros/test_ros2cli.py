@@ -30,20 +30,34 @@ def ros2(install_space, tmp_path, monkeypatch):
         )
 
 
-def test_the_tools_see_the_nodes_their_messages_and_parameters(ros2, tmp_path):
+@pytest.fixture
+def said(ros2):
+    """Return a function that returns what `ros2 ...` says."""
+    return lambda *words: ros2(*words).communicate(timeout=LIMIT_S)[0]
+
+
+@pytest.fixture
+def until(said):
+    """Return a function that says it again while discovery has not found what is wanted."""
+
+    def again(wanted, *words):
+        answers = (said(*words) for _ in range(TRIES))
+        assert any(wanted in answer for answer in answers), words
+
+    return again
+
+
+def test_the_tools_see_the_nodes_their_messages_and_parameters(ros2, said, until, tmp_path):
     lines = re.findall(r"^ros2 (run pam_orthosis .*)$", PAGE.read_text(encoding="utf-8"), flags=re.M)
     wanted = [line.replace("=10.0", "=3600.0").replace("by_hand", str(tmp_path / "bag")) for line in lines]
     shells = [ros2(*line.split(), start_new_session=True) for line in wanted]
-
-    def said(*words):
-        return ros2(*words).communicate(timeout=LIMIT_S)[0]
 
     try:
         assert "ready" in shells[0].stdout.readline()
         table = Topics(KNEE)
         for topic in table.of_run().values():
             if topic.rate == "step" and topic.producers:
-                assert "nanosec" in said("topic", "echo", "--once", f"/{topic.name.lstrip('/')}"), topic.name
+                until("nanosec", "topic", "echo", "--once", f"/{topic.name.lstrip('/')}")
         for node in table.nodes:
             assert 10 < len(said("param", "list", f"/{node}").splitlines()) < 60
         assert "pam_orthosis" not in said("doctor")
@@ -54,19 +68,11 @@ def test_the_tools_see_the_nodes_their_messages_and_parameters(ros2, tmp_path):
             shell.communicate(timeout=LIMIT_S)
 
 
-def test_a_node_that_is_led_by_hand_answers_as_the_page_shows(ros2):
+def test_a_node_that_is_led_by_hand_answers_as_the_page_shows(ros2, until):
     node = "/position_controller"
     shell = ros2(
         "run", "pam_orthosis", node[1:], "--ros-args", "-p", "autostart:=false", start_new_session=True
     )
-
-    def said(*words):
-        return ros2(*words).communicate(timeout=LIMIT_S)[0]
-
-    def until(wanted, *words):
-        """Say it again while discovery has not found the node."""
-        answers = (said(*words) for _ in range(TRIES))
-        assert any(wanted in answer for answer in answers), words
 
     try:
         until("configure [1]", "lifecycle", "list", node)
