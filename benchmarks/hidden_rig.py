@@ -18,7 +18,7 @@ from pam_orthosis.testing import physics
 from pam_orthosis.testing.case import Recording
 from pam_orthosis.testing.physics import STEP, compiled
 from pam_orthosis.testing.plant import NO_DEVIATION, PRESSURE_NOISE, PRESSURE_RESOLUTION, VOLTAGE_RESOLUTION
-from pam_orthosis.testing.quantities import Apparatus, Hidden, maps, muscle_and_valve
+from pam_orthosis.testing.quantities import Apparatus, Hidden, maps, muscle_and_valve, muscle_laws
 
 POSITION_NOISE, POSITION_RESOLUTION = 5.0e-6, 1.0e-5  # m
 FORCE_NOISE, FORCE_RESOLUTION = 2.0, 1.0  # N
@@ -73,9 +73,9 @@ def rates(x, out, t, ue, uf, anchors, mass, offset, ae, af, h, me, mf):
     out[CE1], out[CE2] = re - x[CE1] / 0.6, re - x[CE2] / 1.8
     out[CF1], out[CF2] = -re - x[CF1] / 0.6, -re - x[CF2] / 1.8
     ce, cf = 0.6 * x[CE1] + 0.4 * x[CE2], 0.6 * x[CF1] + 0.4 * x[CF2]
-    scale = ae.extensor_force * h.force_scale_e
+    scale = ae.force * h.force_scale_e
     te = physics.muscle(xe, re, ge, ce, scale, anchors[0], me.force_waves[0], ae, h, me)
-    tf = physics.muscle(xf, -re, gf, cf, af.flexor_force, anchors[1], mf.force_waves[1], af, h, mf)
+    tf = physics.muscle(xf, -re, gf, cf, af.force, anchors[1], mf.force_waves[1], af, h, mf)
     rubbing, out[BRISTLE] = carriage_friction(x[BRISTLE], x[V], h)
     out[X] = x[V]
     out[V] = (te - tf - rubbing) / mass
@@ -128,8 +128,8 @@ class HiddenRig:
             apparatus(parameters, muscles.dmsp_20, off, "specimen"),
             apparatus(parameters, muscles.mas_40, off, "positioner"),
             hidden,
-            maps(muscles.dmsp_20),
-            maps(muscles.mas_40),
+            maps(muscle_laws(muscles.dmsp_20)),
+            maps(muscle_laws(muscles.mas_40)),
         )
         self._closed, self._half_span = valve.closed_voltage, valve.maximum_voltage - valve.closed_voltage
         self._noise, self._index, self._held = np.random.default_rng(seed), 0, (0.0, 0.0)
@@ -183,8 +183,7 @@ def apparatus(parameters: Parameters, m: Section, off: Mapping[str, float], musc
     damping = off[f"{muscle}_damping"]
     known = muscle_and_valve(m, parameters.valve, off) | {
         "damping": m.force.damping * (1 + damping) if muscle == MUSCLES[0] else m.force.damping + damping,
-        "extensor_force": 1 + off["specimen_force"],
-        "flexor_force": 1 + off["positioner_force"],
+        "force": 1 + off[f"{muscle}_force"],
         "supply": parameters.rig.supply_pressure * (1 + off["supply_pressure"]),
     }
     return Apparatus(**(dict.fromkeys(Apparatus._fields, 0.0) | known))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Record a blind test case of the gap workflow: bags of a knee with hidden effects, and the answer."""
+"""Record a blind test case of the gap workflow: bags of a machine with hidden effects, and the answer."""
 
 from __future__ import annotations
 
@@ -16,6 +16,10 @@ CLASSES, SIZES = ("clean", "realistic"), ("small", "medium", "large")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
+    parser.add_argument(
+        "--machine", type=Path, metavar="NAME|FILE", help="ankle, shoe, or the YAML file of a machine of two"
+        " actuators (the knee)",
+    )  # fmt: skip
     parser.add_argument(
         "--class", dest="class_", choices=CLASSES, default="clean", help="clean: only effect and tolerances"
         " differ; realistic: force map, valve curve and volume are off in shape too (clean)",
@@ -52,11 +56,19 @@ def _recorded(
     arguments: argparse.Namespace, effects: int | list[str], progress: Progress
 ) -> tuple[list[Path], list[Path], Path]:
     """Record the case; return its bags and the file of its answer, below its folder."""
-    from pam_orthosis.testing.case import make_case
+    from pam_orthosis.model.machines import machine_named
+    from pam_orthosis.testing.case import make_case, nominal
     from pam_orthosis.testing.write import write_case
 
+    parameters = nominal(machine_named(arguments.machine) if arguments.machine else None)
     case = make_case(
-        arguments.seed, arguments.class_, arguments.size, effects, arguments.outside, progress=progress
+        arguments.seed,
+        arguments.class_,
+        arguments.size,
+        effects,
+        arguments.outside,
+        progress=progress,
+        parameters=parameters,
     )
     progress("writing the bags")
     with filled(arguments.out) as folder:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.random import Generator
@@ -24,9 +24,13 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, Section, load
 from pam_orthosis.model.shapes import fourier_shape
 from pam_orthosis.progress import Progress, part, silent
-from pam_orthosis.testing.effects import EFFECTS, OUTSIDE, SIZES, HiddenEffect
-from pam_orthosis.testing.plant import HiddenPlant
+from pam_orthosis.testing import motions
+from pam_orthosis.testing.effects import EFFECTS, OUTSIDE, SIZES, HiddenEffect, Scale, of_machine
+from pam_orthosis.testing.plant import HiddenPlant, scale_of
 from pam_orthosis.testing.quantities import Hidden
+
+if TYPE_CHECKING:
+    from pam_orthosis.model.machine import Machine
 
 CLASSES = ("clean", "realistic")
 TOLERANCE_SHARE = 0.7  # of the stated standard deviation, by which nuisance parameters are off
@@ -44,6 +48,7 @@ NOMINAL = {
     "control.pressure.gain": 40.0,
     "control.pressure.reference_filter": 50.0,
 }
+OF_MACHINES = "scenario.start_hold", "valve.dead_band", "valve.delay"  # of these, in cases of other machines
 # realistic class: sizes of the misfits in shape (about 5 N rms, 2 %, 1 %)
 MAP_SD, VALVE_SD, VOLUME_SD = 3.5, 0.02, 0.01
 GAIT_SECONDS, HELD_OUT_GAIT_SECONDS, PUSH_SECONDS = 20.0, 14.0, 120.0
@@ -74,9 +79,18 @@ class Secret:
     answer: dict[str, Any]
 
 
-def nominal() -> Parameters:
-    """Return what is known of the apparatus of all cases: the nominal model, without any effect."""
-    return load(NOMINAL)
+def nominal(machine: Machine | None = None) -> Parameters:
+    """Return what is known of the apparatus of all cases: the nominal model, without any effect.
+
+    Raises:
+        OrthosisError: it cannot be emulated.
+    """
+    if machine is None or machine.kind == "knee":
+        return load(NOMINAL, machine)
+    own = load({key: NOMINAL[key] for key in OF_MACHINES}, machine)
+    return own.changed(
+        {key: False for key in own.flat() if key.startswith("effects.") and own.at(key) is True}
+    )
 
 
 def make_case(
@@ -87,6 +101,8 @@ def make_case(
     outside: bool = False,
     alone: str | None = None,
     progress: Progress = silent,
+    parameters: Parameters | None = None,
+    wrong: Mapping[str, float] | None = None,
 ) -> Case:
     """Draw a case and record it.
 
@@ -98,12 +114,14 @@ def make_case(
         outside: draw from the effects outside the catalogue.
         alone: of the effects that are drawn the only one to hide; everything else stays as it is.
         progress: called with the seconds of the recordings that are done.
+        parameters: the nominal model, of any machine of two actuators (the knee's).
+        wrong: values of the plant's parameters of which the nominal model has others.
 
     Raises:
-        OrthosisError: unknown class, size or effect.
+        OrthosisError: unknown class, size or effect, or a machine that cannot be emulated.
     """
     rng = np.random.default_rng([seed, 4])
-    parameters = nominal()
+    parameters = nominal() if parameters is None else parameters
     secret = draw(rng, parameters, class_, size, effects, outside, alone)
     training, held_out = trajectories(rng, parameters), trajectories(rng, parameters, held_out=True)
     seeds = iter(rng.integers(2**31, size=len(training) + len(held_out)).tolist())
@@ -115,7 +133,7 @@ def make_case(
         made = {}
         for name, run in runs.items():
             watched = part(progress, f"recording {kind}_{name}", begun, run[1], whole, " s")
-            made[name] = record(parameters, secret, run, next(seeds), watched)
+            made[name] = record(parameters, secret, run, next(seeds), watched, wrong)
             begun += run[1]
         return made
 
@@ -135,12 +153,13 @@ def draw(
     """Draw the plant of a case; arguments as in `make_case`."""
     _check(class_, CLASSES, "class")
     _check(size, SIZES, "size")
-    table = OUTSIDE if outside else EFFECTS
+    scale = scale_of(parameters)
+    table = of_machine(OUTSIDE if outside else EFFECTS, parameters.declared, scale)
     chosen = _chosen(rng, table, effects)
     if alone is not None:
         _check(alone, tuple(effect.name for effect in chosen), "effect")
     fields: dict[str, float] = {}
-    misfits = realistic_misfits(rng) if class_ == "realistic" else {}
+    misfits = realistic_misfits(rng, scale) if class_ == "realistic" else {}
     parts: dict[str, dict[str, float]] = {}
     for effect in chosen:
         hidden = alone in (None, effect.name)
@@ -149,7 +168,7 @@ def draw(
         parts |= {effect.name: part} if hidden else {}
     deviations = {
         name: TOLERANCE_SHARE * sd * rng.standard_normal()
-        for name, sd in parameters.gap.tolerance.items()
+        for name, sd in motions.tolerances(parameters).items()
         if sd
     }
     answer = {
@@ -189,14 +208,20 @@ def record(
 
 def started(parameters: Parameters, trajectory: Any) -> Parameters:
     """Return the parameters with the angle at which a trajectory starts."""
-    return parameters.changed({"scenario.start_angle": trajectory.sample(0).position})
+    return parameters.changed({parameters.declared.start: trajectory.sample(0).position})
 
 
 def trajectories(rng: Generator, parameters: Parameters, held_out: bool = False) -> dict[str, Run]:
     """Return name -> (trajectory, duration s): a gait and diagnostic experiments, drawn anew."""
     seconds = HELD_OUT_GAIT_SECONDS if held_out else GAIT_SECONDS
-    experiments = _experiments(rng, parameters)
-    return {"gait": (_gait(rng, parameters), seconds), "diagnostic": (experiments, experiments.duration)}
+    if parameters.declared.kind == "knee":
+        experiments = _experiments(rng, parameters)
+        return {"gait": (_gait(rng, parameters), seconds), "diagnostic": (experiments, experiments.duration)}
+    first, second = (motions.own_motion(rng, parameters) for _ in range(2))
+    if not parameters.control.position.feedback:  # what is not held anywhere makes no experiments
+        return {"first": (first, seconds), "second": (second, seconds)}
+    experiments = motions.experiments(rng, parameters, motions.levels(rng, parameters), PARTS)
+    return {"motion": (first, seconds), "diagnostic": (experiments, experiments.duration)}
 
 
 def _gait(rng: Generator, parameters: Parameters) -> Trajectory:
@@ -213,17 +238,13 @@ def _experiments(rng: Generator, parameters: Parameters) -> diagnostic.Experimen
         "low_angle": rng.uniform(0.32, 0.48), "high_angle": rng.uniform(0.85, 1.05),
         "low_mean": rng.uniform(3.0e5, 3.4e5), "high_mean": rng.uniform(4.7e5, 5.3e5),
     })  # fmt: skip
-    script = diagnostic.Script(parameters.scenario.start_angle, parameters.control.position.mean_pressure)
-    for index in rng.permutation(len(PARTS)):
-        PARTS[index](script, levels)
-    rest = parameters.gap.replay.warm_up + parameters.scenario.start_hold  # nothing is lost in the warm-up
-    return diagnostic.Experiment(script.phases, rest)
+    return motions.experiments(rng, parameters, levels, PARTS)
 
 
-def realistic_misfits(rng: Generator) -> dict[str, np.ndarray]:
+def realistic_misfits(rng: Generator, scale: Scale = Scale()) -> dict[str, np.ndarray]:  # noqa: B008 immutable
     """Return the misfits of the class `realistic`."""
     return {
-        "force_waves": force_waves(rng, MAP_SD * rng.standard_normal((2, 4))),
+        "force_waves": force_waves(rng, scale.force * MAP_SD * rng.standard_normal((2, 4))),
         "valve_waves": _waves(rng, VALVE_SD * rng.standard_normal(2), 5.0),
         "volume_waves": _waves(rng, VOLUME_SD * rng.standard_normal(2), 2.0),
     }

@@ -4,8 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from pam_orthosis.model.machine import Machine
 
 SIZES = ("small", "medium", "large")
 
@@ -102,3 +105,50 @@ _OUTSIDE = [
     HiddenEffect("sticking_spool", "half_width", "spool_play", (0.02, 0.06, 0.15), "play of the spool, V"),
 ]
 OUTSIDE = {effect.name: effect for effect in _OUTSIDE}
+
+# the sizes above are a knee's: by what those of another machine are larger, by field
+_EFFORTS = ("coulomb", "constant_torque", "periodic_torque", "cogging", "torque")
+_FORCES = ("hysteresis", "pressure_damping", "direction_damping", "creep", "force_waves")
+SCALED: Mapping[str, str] = {
+    **dict.fromkeys(_EFFORTS, "effort"),
+    **dict.fromkeys(("viscosity", "elasticity", "reflex_gain"), "effort_per_unit"),
+    **dict.fromkeys(("play", "angle_offset"), "unit"),
+    **dict.fromkeys(_FORCES, "force"),
+    **dict.fromkeys(("dead_volume_e", "dead_volume_f"), "volume"),
+    **dict.fromkeys(("leak_e", "leak_f"), "conductance"),
+    **dict.fromkeys(("hose", "sag"), "resistance"),
+}
+ON_A_LINE = {"joint_friction": "carriage_friction"}
+
+
+class Scale(NamedTuple):
+    """How many times as large as a knee's the efforts, forces, volumes and flows of a machine are."""
+
+    effort: float = 1.0
+    effort_per_unit: float = 1.0
+    unit: float = 1.0
+    force: float = 1.0
+    volume: float = 1.0
+    conductance: float = 1.0
+    resistance: float = 1.0
+
+    def of(self, field: str) -> float:
+        """Return the factor of a field of `quantities.Hidden` or of a misfit."""
+        return float(getattr(self, SCALED[field])) if field in SCALED else 1.0
+
+
+def of_machine(table: Mapping[str, HiddenEffect], machine: Machine, scale: Scale) -> dict[str, HiddenEffect]:
+    """Return the effects that a machine can have, under its names for them and in its sizes."""
+    if machine.kind == "knee":
+        return dict(table)
+    ends = dict(zip(("extensor_", "flexor_"), machine.names, strict=True))
+    found = {}
+    for effect in table.values():
+        name = ON_A_LINE.get(effect.name, effect.name) if machine.coordinate.unit == "m" else effect.name
+        for known, own in ends.items():
+            name = f"{own}_{name.removeprefix(known)}" if name.startswith(known) else name
+        sizes = tuple(scale.of(effect.field) * size for size in effect.sizes)
+        others = effect.others if name == effect.name else {}
+        if name in machine.catalogue or table is OUTSIDE:
+            found[name] = replace(effect, name=name, sizes=sizes, others=others)
+    return found

@@ -11,10 +11,17 @@ updated exactly between steps. SI units; pressures absolute unless named gauge.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-# inlining matters: the sets of parameters are passed by value
-compiled = njit(cache=True, error_model="numpy", forceinline=True)
+from pam_orthosis.testing.mechanics import (
+    clip,
+    compiled,
+    dragged,
+    load_terms,
+    pulled,
+    sprocket,
+    stops,
+    strokes,
+)
 
 STEP = 5.0e-5  # s
 RING = 2048  # steps that the ring buffers remember: 0.1 s
@@ -37,34 +44,6 @@ def polynomial(c, x):
         slope = slope * x + value
         value = value * x + c[k]
     return value, slope
-
-
-@compiled
-def clip(x, low, high):
-    """Return x within limits."""
-    return min(max(x, low), high)
-
-
-@compiled
-def dragged(follower, leader, play):
-    """Return where a leader takes what follows it with a play (half width)."""
-    return clip(follower, leader - play, leader + play)
-
-
-@compiled
-def leg_terms(q, a, h, leg):
-    """Return inertia, its slope and gravity torque at an angle, by linear interpolation."""
-    place = clip((q - a.table_start) / a.table_step, 0.0, leg.shape[1] - 1.001)
-    k = int(place)
-    f = place - k
-    m = leg[0, k] + f * (leg[0, k + 1] - leg[0, k])
-    s = leg[1, k] + f * (leg[1, k + 1] - leg[1, k])
-    g = leg[2, k] + f * (leg[2, k + 1] - leg[2, k])
-    if h.foot_mass != 0.0:
-        m += h.foot_mass * (leg[3, k] + f * (leg[3, k + 1] - leg[3, k]))
-        s += h.foot_mass * (leg[4, k] + f * (leg[4, k + 1] - leg[4, k]))
-        g += h.foot_mass * (leg[5, k] + f * (leg[5, k + 1] - leg[5, k]))
-    return m, s, g
 
 
 @compiled
@@ -156,8 +135,8 @@ def map_error(waves, x, gauge):
 
 @compiled
 def muscle(x, rate, gauge, creep, scale, anchors, waves, a, h, maps):
-    """Return the tension of a muscle, N."""
-    s = clip(x * a.stroke_scale, 0.0, a.box_contraction)
+    """Return the tension of a muscle or the push of a chamber, N."""
+    s = clip(x * a.stroke_scale, a.box_start, a.box_contraction)
     force = polynomial(maps.a, s)[0] * clip(gauge, 0.0, a.box_gauge) - polynomial(maps.b, s)[0]
     force = scale * force + map_error(waves, x, gauge) - h.creep * creep
     share = gauge / 6.0e5
@@ -165,13 +144,15 @@ def muscle(x, rate, gauge, creep, scale, anchors, waves, a, h, maps):
         level = HYSTERESIS_FLOOR + (1 - HYSTERESIS_FLOOR) * share
         force -= h.hysteresis * level * slip_force(x, anchors)
     force -= share * (h.pressure_damping * rate + h.direction_damping * abs(rate))
+    if a.pushes > 0.0:
+        return force - a.damping * rate
     return max(force - a.damping * rate, 0.0) if force > 0 else 0.0
 
 
 @compiled
 def volume(x, gauge, dead, wave, a, maps):
     """Return the volume with its derivatives by pressure and contraction."""
-    s = clip(x * a.stroke_scale, 0.0, a.box_contraction)
+    s = clip(x * a.stroke_scale, a.box_start, a.box_contraction)
     v, v_slope = polynomial(maps.v, s)
     w, w_slope = polynomial(maps.w, clip(gauge, 0.0, a.box_gauge))
     error, error_slope = 1.0, 0.0
@@ -195,50 +176,27 @@ def friction(bristle, w, h):
 
 
 @compiled
-def torque_from_outside(t, w, q, reflex, h, maps):
-    """Return what acts on the knee beside muscles and friction, N m."""
+def torque_from_outside(t, w, q, reflex, a, h, maps):
+    """Return what acts on the load beside actuators and friction, N m or N."""
     torque = h.constant_torque - h.viscosity * w - h.reflex_gain * reflex
     if h.periodic_torque != 0.0:
         phase = 2 * np.pi * h.periodic_frequency * t + h.periodic_phase
         torque += h.periodic_torque * (np.sin(phase) + 0.05 * np.sin(3 * phase))
-    bend = q - 0.6
-    torque -= h.elasticity * bend * (0.97 + 0.3 * bend * bend)
+    bend = q - a.middle
+    torque -= h.elasticity * bend * (0.97 + 0.3 * (bend / a.unit) * (bend / a.unit))
     if h.cogging != 0.0:
-        torque += h.cogging * np.sin(14 * q)
+        torque += h.cogging * np.sin(14 * q / a.unit)
     place = min(t * 1e3, len(maps.torque) - 1.001)
     k = int(place)
     return torque + maps.torque[k] + (place - k) * (maps.torque[k + 1] - maps.torque[k])
 
 
 @compiled
-def stops(q, w, a):
-    """Return the torque of the soft ends of the joint."""
-    if q < a.stop_low:
-        return max((a.stop_low - q) * (a.stop_stiffness - a.stop_damping * w), 0.0)
-    if q > a.stop_high:
-        return -max((q - a.stop_high) * (a.stop_stiffness + a.stop_damping * w), 0.0)
-    return 0.0
-
-
-@compiled
-def sprocket(q, w, wheel, h):
-    """Return angle and rate of the sprocket behind the play."""
-    if h.play == 0.0:
-        return q, w
-    lost = q - wheel
-    edge = h.play - 1e-12  # the wheel was put on the edge with a rounding error
-    drags = (lost >= edge and w > 0) or (lost <= -edge and w < 0)
-    return dragged(wheel, q, h.play), w if drags else 0.0
-
-
-@compiled
-def rates(x, out, t, ue, uf, reflex, wheel, anchors, a, h, maps):
+def rates(x, out, t, ue, uf, reflex, wheel, anchors, a, b, h, maps, mb):
     """Write the rates of all continuous states; return the flows behind the hoses, kg/s."""
     q, w, pe, pf = x[Q], x[W], x[PE], x[PF]
     turned, turning = sprocket(q, w, wheel, h)
-    wound = a.radius * (turned - a.symmetric_angle)
-    xe, xf = a.symmetric_contraction - wound, a.symmetric_contraction + wound
-    re, rf = -a.radius * turning, a.radius * turning
+    xe, xf, re, rf = strokes(turned, turning, a, maps)
     ge, gf = pe - a.ambient, pf - a.ambient
     if h.valve_lag > 0.0:
         out[SE1], out[SE2] = (ue - x[SE1]) / h.valve_lag, (x[SE1] - x[SE2]) / h.valve_lag
@@ -246,24 +204,24 @@ def rates(x, out, t, ue, uf, reflex, wheel, anchors, a, h, maps):
         ue, uf = x[SE2], x[SF2]
     gain_e = h.valve_gain_e * (1 + h.gain_drift * t / 30.0)
     oe = spool_opening(ue, gain_e, maps.valve_waves[0], a, h)
-    of = spool_opening(uf, h.valve_gain_f, maps.valve_waves[1], a, h)
+    of = spool_opening(uf, h.valve_gain_f, mb.valve_waves[1], b, h)
     oe, of = oe + h.cross_talk * of, of + h.cross_talk * oe
     supply = a.supply - x[SAG]
-    fe, ff = hose_flow(oe, pe, supply, a, h), hose_flow(of, pf, supply, a, h)
+    fe, ff = hose_flow(oe, pe, supply, a, h), hose_flow(of, pf, supply, b, h)
     drawn = h.sag * (max(fe, 0.0) + max(ff, 0.0)) - x[SAG]
     out[SAG] = drawn / (0.04 if drawn > 0 else 0.06)
     out[PE] = pressure_rate(pe, fe, xe, re, h.leak_e, h.dead_volume_e, maps.volume_waves[0], t, a, h, maps)
-    out[PF] = pressure_rate(pf, ff, xf, rf, h.leak_f, h.dead_volume_f, maps.volume_waves[1], t, a, h, maps)
+    out[PF] = pressure_rate(pf, ff, xf, rf, h.leak_f, h.dead_volume_f, mb.volume_waves[1], t, b, h, mb)
     out[CE1], out[CE2] = re - x[CE1] / 0.6, re - x[CE2] / 1.8
     out[CF1], out[CF2] = rf - x[CF1] / 0.6, rf - x[CF2] / 1.8
     ce, cf = 0.6 * x[CE1] + 0.4 * x[CE2], 0.6 * x[CF1] + 0.4 * x[CF2]
-    scale_e, scale_f = a.extensor_force * h.force_scale_e, a.flexor_force * h.force_scale_f
+    scale_e, scale_f = a.force * h.force_scale_e, b.force * h.force_scale_f
     te = muscle(xe, re, ge, ce, scale_e, anchors[0], maps.force_waves[0], a, h, maps)
-    tf = muscle(xf, rf, gf, cf, scale_f, anchors[1], maps.force_waves[1], a, h, maps)
-    rubbing, out[BRISTLE] = friction(x[BRISTLE], w, h)
-    torque = a.radius * (tf - te) - rubbing + stops(q, w, a)
-    torque += torque_from_outside(t, w, q, reflex, h, maps)
-    inertia, slope, gravity = leg_terms(q, a, h, maps.leg)
+    tf = muscle(xf, rf, gf, cf, scale_f, anchors[1], mb.force_waves[1], b, h, mb)
+    rubbing, out[BRISTLE] = friction(x[BRISTLE], w / a.unit, h)
+    torque = pulled(te, tf, turned, a, maps) - rubbing - a.load_damping * w + stops(q, w, a)
+    torque += torque_from_outside(t, w, q, reflex, a, h, maps)
+    inertia, slope, gravity = load_terms(q, a, h, maps.load)
     out[Q] = w
     out[W] = (torque - gravity - 0.5 * slope * w * w) / inertia
     if a.locked > 0:
@@ -304,7 +262,7 @@ def late(ring, row, index, delay):
 
 
 @compiled
-def advance(x, wheel, spools, anchors, ring, index, steps, ue, uf, a, h, maps):
+def advance(x, wheel, spools, anchors, ring, index, steps, ue, uf, a, b, h, maps, mb):
     """Advance all states by `steps` with the valve voltages (above closed, V) held; return the index."""
     k1, k2, middle = np.zeros(STATES), np.zeros(STATES), np.zeros(STATES)
     for _ in range(steps):
@@ -314,19 +272,19 @@ def advance(x, wheel, spools, anchors, ring, index, steps, ue, uf, a, h, maps):
         ve = spools[0] = dragged(spools[0], late(ring, RING_UE, index, h.valve_delay), h.spool_play)
         vf = spools[1] = dragged(spools[1], late(ring, RING_UF, index, h.valve_delay), h.spool_play)
         reflex = late(ring, RING_REFLEX, index, h.reflex_delay)
-        fe, ff = rates(x, k1, t, ve, vf, reflex, wheel[0], anchors, a, h, maps)
+        fe, ff = rates(x, k1, t, ve, vf, reflex, wheel[0], anchors, a, b, h, maps, mb)
         ring[RING_Q, index % RING] = x[Q]
         ring[RING_PE, index % RING] = x[PE] + hose_drop(fe, h)
         ring[RING_PF, index % RING] = x[PF] + hose_drop(ff, h)
         for i in range(STATES):
             middle[i] = x[i] + STEP * k1[i]
-        rates(middle, k2, t + STEP, ve, vf, reflex, wheel[0], anchors, a, h, maps)
+        rates(middle, k2, t + STEP, ve, vf, reflex, wheel[0], anchors, a, b, h, maps, mb)
         for i in range(STATES):
             x[i] += 0.5 * STEP * (k1[i] + k2[i])
         wheel[0] = dragged(wheel[0], x[Q], h.play)
-        wound = a.radius * (wheel[0] - a.symmetric_angle)
+        xe, xf, _, _ = strokes(wheel[0], 0.0, a, maps)
         for i in range(ELEMENTS):
-            d, xe, xf = slip_distance(i), a.symmetric_contraction - wound, a.symmetric_contraction + wound
+            d = slip_distance(i)
             anchors[0, i] = clip(anchors[0, i], xe - d, xe + d)
             anchors[1, i] = clip(anchors[1, i], xf - d, xf + d)
         index += 1
@@ -334,10 +292,10 @@ def advance(x, wheel, spools, anchors, ring, index, steps, ue, uf, a, h, maps):
 
 
 @compiled
-def sense(x, wheel, anchors, ring, index, ue, uf, a, h, maps):
-    """Return noise-free sensor values at the present instant: angle, both pressures."""
+def sense(x, wheel, anchors, ring, index, ue, uf, a, b, h, maps, mb):
+    """Return noise-free sensor values at the present instant: coordinate, both pressures."""
     scratch = np.zeros(STATES)
-    fe, ff = rates(x, scratch, index * STEP, ue, uf, 0.0, wheel[0], anchors, a, h, maps)
+    fe, ff = rates(x, scratch, index * STEP, ue, uf, 0.0, wheel[0], anchors, a, b, h, maps, mb)
     ring[RING_Q, index % RING] = x[Q]
     ring[RING_PE, index % RING] = x[PE] + hose_drop(fe, h)
     ring[RING_PF, index % RING] = x[PF] + hose_drop(ff, h)

@@ -9,32 +9,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pam_orthosis.model.parameters import Parameters, Section
+from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.testing import physics
-from pam_orthosis.testing.quantities import Apparatus, Hidden, maps, muscle_and_valve
+from pam_orthosis.testing.effects import Scale
+from pam_orthosis.testing.loads import Load, load_of
+from pam_orthosis.testing.quantities import Apparatus, Hidden, Maps, damping_of, laws, maps, muscle_and_valve
 
 ANGLE_NOISE, ANGLE_RESOLUTION = 3.5e-4, 3.8349519697141030e-4  # rad
 PRESSURE_NOISE, PRESSURE_RESOLUTION = 500.0, 244.0  # Pa
 VOLTAGE_RESOLUTION = 10.0 / 65536
-GRAVITY = 9.81
-TABLE_START, TABLE_STEP, TABLE_SIZE = -0.3, 5.0e-4, 4401
+FINEST = 1e-12  # step of a sensor without one
 NO_DEVIATION: Mapping[str, float] = {}
 
 
-class Measurement(NamedTuple):
-    """One sample of the sensors, in the order of the closed loop: knee angle rad, absolute pressures Pa."""
-
-    angle: float
-    extensor_pressure: float
-    flexor_pressure: float
-
-
 class Truth(NamedTuple):
-    """What the closed loop records of the true state: rad, rad/s; the external torque is not known here."""
+    """What the closed loop records of the true state, SI; the effort from outside is not known here."""
 
-    angle: float
+    position: float
     velocity: float
-    torque: float = float("nan")
+    effort: float = float("nan")
 
 
 class HiddenPlant:
@@ -43,7 +36,7 @@ class HiddenPlant:
     Args:
         parameters: the nominal model; what the plant is without deviations, misfits and hidden effects.
         hidden: sizes of the hidden effects.
-        deviations: of the nuisance parameters, keys as in `gap.tolerance`.
+        deviations: of the nuisance parameters, keys as `motions.tolerances` has them.
         misfits: arrays of `Maps` that differ from none (force_waves, valve_waves, volume_waves, torque).
         seed: of the sensor noise.
     """
@@ -56,48 +49,44 @@ class HiddenPlant:
         misfits: Mapping[str, np.ndarray] = NO_DEVIATION,
         seed: int = 0,
     ):
+        machine, off = parameters.declared, defaultdict(float, deviations)
         period = parameters.scenario.control_period
         self.period_ns = round(period * 1e9)
         self._steps = round(period / physics.STEP)
-        self._a = apparatus(parameters, deviations)
-        self._h = hidden
-        table = leg_table(parameters.leg, 1 + deviations.get("moving_mass", 0.0))
-        self._maps = maps(parameters.muscle.dmsp_20, leg=table, **misfits)
-        self._offsets = [deviations.get(f"{name}_offset", 0.0) for name in Measurement._fields]
+        self._parts = (*apparatuses(parameters, off), hidden, *_maps(parameters, off, misfits))
+        self._a = self._parts[0]
+        self._offsets = [off[f"{name}_offset"] for name in machine.channels]
+        noise, step = _coordinate_sensor(parameters)
+        self._spread = (noise, PRESSURE_NOISE, PRESSURE_NOISE)
+        self._resolution = (step, PRESSURE_RESOLUTION, PRESSURE_RESOLUTION)
         self._noise = np.random.default_rng(seed)
         self._closed = parameters.valve.closed_voltage
         self._index = 0
-        self._volts = (
-            deviations.get("extensor_closed_voltage", 0.0),
-            deviations.get("flexor_closed_voltage", 0.0),
-        )
+        self._volts = tuple(off[f"{name}_closed_voltage"] for name in machine.names)
         self._start(parameters)
 
-    def measure(self) -> Measurement:
-        """Return noisy, quantised sensor readings; draws noise once a call."""
+    def measure(self) -> tuple[float, ...]:
+        """Return noisy, quantised sensor readings: coordinate, absolute pressures Pa. It draws noise."""
         true, noise = self._sense(), self._noise.standard_normal(3)
-        spread = (ANGLE_NOISE, PRESSURE_NOISE, PRESSURE_NOISE)
-        steps = (ANGLE_RESOLUTION, PRESSURE_RESOLUTION, PRESSURE_RESOLUTION)
-        values = (x + o + s * n for x, o, s, n in zip(true, self._offsets, spread, noise, strict=True))
-        return Measurement(*(round(v / step) * step for v, step in zip(values, steps, strict=True)))
+        values = (x + o + s * n for x, o, s, n in zip(true, self._offsets, self._spread, noise, strict=True))
+        return tuple(round(v / step) * step for v, step in zip(values, self._resolution, strict=True))
 
-    def advance(self, extensor_voltage: float, flexor_voltage: float) -> None:
-        """Integrate one control period with the voltages held."""
-        self._held = self._above_closed(extensor_voltage, flexor_voltage)
+    def advance(self, *voltages: float) -> None:
+        """Integrate one control period with the voltages of both valves held."""
+        self._held = self._above_closed(*voltages)
         self._index = physics.advance(
             self.x, self._wheel, self._spools, self._anchors, self._ring, self._index, self._steps,
-            *self._held, self._a, self._h, self._maps,
+            *self._held, *self._parts,
         )  # fmt: skip
 
     def truth(self) -> Truth:
-        """Return the true angle and velocity."""
+        """Return the true position and velocity."""
         return Truth(*self.x[:2].tolist())
 
     def _sense(self) -> tuple[float, float, float]:
         return physics.sense(
-            self.x, self._wheel, self._anchors, self._ring, self._index, *self._held,
-            self._a, self._h, self._maps,
-        )  # fmt: skip
+            self.x, self._wheel, self._anchors, self._ring, self._index, *self._held, *self._parts
+        )
 
     def _above_closed(self, *voltages: float) -> tuple[float, ...]:
         exact = (min(max(v - self._closed, -self._a.half_span), self._a.half_span) for v in voltages)
@@ -105,86 +94,89 @@ class HiddenPlant:
         return tuple(v + shift for v, shift in zip(quantised, self._volts, strict=True))
 
     def _start(self, parameters: Parameters) -> None:
-        """Find the state at rest with closed valves at the starting angle, pressures about the mean."""
-        angle, mean = parameters.scenario.start_angle, parameters.control.position.mean_pressure
+        """Find the state at rest with closed valves at the start, pressures about the mean."""
+        mean = parameters.control.position.mean_pressure
+        place = parameters.at(parameters.declared.start)
         self.x = np.zeros(physics.STATES)
-        self.x[:4] = angle, 0.0, mean, mean
+        self.x[:4] = place, 0.0, mean, mean
         self._held = (0.0, 0.0)
-        self._wheel, self._spools = np.array([angle]), np.zeros(2)
-        wound = self._a.radius * (angle - self._a.symmetric_angle)
-        rest = self._a.symmetric_contraction
-        self._anchors = np.outer([rest - wound, rest + wound], np.ones(physics.ELEMENTS))
+        self._wheel, self._spools = np.array([place]), np.zeros(2)
+        first, second, *slopes = physics.strokes(place, 1.0, self._a, self._parts[3])
+        self._anchors = np.outer([first, second], np.ones(physics.ELEMENTS))
         self._ring = np.zeros((6, physics.RING))
+        pulls = np.sign(slopes)
         low, high = -0.8 * mean, 0.8 * mean
         for _ in range(50 if self._a.locked == 0 else 0):
             shift = 0.5 * (low + high)
-            self.x[physics.PE], self.x[physics.PF] = mean - shift, mean + shift
+            self.x[physics.PE : physics.PF + 1] = mean + pulls * shift
             low, high = (shift, high) if self._acceleration() < 0 else (low, shift)
         for row, state in ((physics.RING_Q, 0), (physics.RING_PE, 2), (physics.RING_PF, 3)):
             self._ring[row] = self.x[state]
 
     def _acceleration(self) -> float:
         out = np.zeros(physics.STATES)
-        physics.rates(
-            self.x, out, 0.0, 0.0, 0.0, 0.0, self._wheel[0], self._anchors, self._a, self._h, self._maps
-        )
+        physics.rates(self.x, out, 0.0, 0.0, 0.0, 0.0, self._wheel[0], self._anchors, *self._parts)
         return out[physics.W]
 
 
-def apparatus(parameters: Parameters, deviations: Mapping[str, float]) -> Apparatus:
-    """Return the true parameters: nominal values times one plus deviation."""
-    leg, m, off = parameters.leg, parameters.muscle.dmsp_20, defaultdict(float, deviations)
-    return Apparatus(
-        **muscle_and_valve(m, parameters.valve, off),
-        damping=m.force.damping * (1 + off["muscle_damping"]),
-        extensor_force=1 + off["extensor_force"],
-        flexor_force=1 + off["flexor_force"],
-        supply=parameters.valve.supply_pressure * (1 + off["supply_pressure"]),
-        radius=leg.cogwheel_diameter / 2,
-        symmetric_angle=leg.symmetric_angle,
-        symmetric_contraction=leg.symmetric_contraction,
-        stop_low=leg.joint.minimum,
-        stop_high=leg.joint.maximum,
-        stop_stiffness=leg.joint.stop_stiffness,
-        stop_damping=leg.joint.stop_damping,
-        table_start=TABLE_START,
-        table_step=TABLE_STEP,
-        locked=float(leg.joint.locked),
+def apparatuses(
+    parameters: Parameters, deviations: Mapping[str, float] = NO_DEVIATION
+) -> tuple[Apparatus, Apparatus]:
+    """Return the true parameters, each with one of the actuators: nominal values times one plus deviation."""
+    machine, off = parameters.declared, defaultdict(float, deviations)
+    load = load_of(parameters, off)
+    common = {
+        "supply": parameters.valve.supply_pressure * (1 + off["supply_pressure"]),
+        **dict(zip(("radius", "symmetric_angle", "symmetric_contraction"), load.wound, strict=True)),
+        **{f"stop_{name}": getattr(load.stops, f"stop_{name}") for name in ("stiffness", "damping")},
+        "stop_low": load.stops.minimum,
+        "stop_high": load.stops.maximum,
+        "table_start": load.start,
+        "table_step": load.step,
+        "load_damping": load.damping,
+        "middle": load.middle,
+        "unit": load.unit,
+        "locked": float(dict(load.stops.items()).get("locked", False)),
+    }
+    first, second = (
+        Apparatus(
+            **muscle_and_valve(parameters.at(one.parameters), parameters.valve, off),
+            damping=damping_of(one, parameters, off),
+            force=1 + off[f"{one.name}_force"],
+            pushes=float(one.kind == "cylinder"),
+            **common,
+        )
+        for one in machine.actuators
     )
+    return first, second
 
 
-def leg_table(leg: Section, mass_factor: float) -> np.ndarray:
-    """Return (6, n): inertia, its slope, gravity torque of the apparatus, then of 1 kg at the ankle."""
-    q = TABLE_START + TABLE_STEP * np.arange(TABLE_SIZE)
-    names = {"thigh": leg.thigh.mass, "knee": leg.knee_mass, "shank": leg.shank.mass, "ankle": leg.shoe_mass}
-    apparatus = {name: mass_factor * mass for name, mass in names.items()}
-    ankle = {**dict.fromkeys(names, 0.0), "ankle": 1.0}
-    rows = [_inertia_and_gravity(q, leg, masses) for masses in (apparatus, ankle)]
-    return np.array([row for m, g in rows for row in (m, np.gradient(m, TABLE_STEP), g)])
+def _maps(
+    parameters: Parameters, off: Mapping[str, float], misfits: Mapping[str, np.ndarray]
+) -> tuple[Maps, Maps]:
+    load: Load = load_of(parameters, off)
+    tables = {"load": load.table, "strokes": load.strokes, **misfits}
+    first, second = (maps(laws(one, parameters), **tables) for one in parameters.declared.actuators)
+    return first, second
 
 
-def _inertia_and_gravity(
-    q: np.ndarray, leg: Section, mass: dict[str, float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return inertia and gravity torque by q from velocities per unit of knee speed (planar linkage)."""
-    thigh, shank, k = leg.thigh.length, leg.shank.length, leg.configuration
-    a = _hip(q, thigh, shank, k, leg.bearing_height)
-    s = a - k * q
-    a1 = k * shank * np.cos(s) / (thigh * np.cos(a) + shank * np.cos(s))
-    s1 = a1 - k
-    knee = np.array([-np.sin(a), np.cos(a)]) * thigh * a1
-    along = np.array([-np.sin(s), np.cos(s)]) * shank * s1
-    speeds = {"thigh": 0.5 * knee, "knee": knee, "shank": knee + 0.5 * along, "ankle": knee + along}
-    inertia = sum(mass[name] * (v**2).sum(axis=0) for name, v in speeds.items())
-    inertia = inertia + mass["thigh"] * (thigh**2 + leg.thigh.width**2) / 12 * a1**2
-    inertia = inertia + mass["shank"] * (shank**2 + leg.shank.width**2) / 12 * s1**2
-    return inertia, GRAVITY * sum(mass[name] * v[1] for name, v in speeds.items())
+def _coordinate_sensor(parameters: Parameters) -> tuple[float, float]:
+    """Return noise and step of the coordinate's sensor: a user's machine has its own."""
+    sensor = parameters.declared.sensor
+    if sensor.startswith("plant."):
+        return ANGLE_NOISE, ANGLE_RESOLUTION
+    return parameters.at(f"{sensor}_noise"), parameters.at(f"{sensor}_resolution") or FINEST
 
 
-def _hip(q: np.ndarray, thigh: float, shank: float, k: int, height: float) -> np.ndarray:
-    """Return the hip angle that puts the ankle on its bearing, by Newton's method."""
-    a = 0.5 * k * q
-    for _ in range(30):
-        wrong = thigh * np.sin(a) + shank * np.sin(a - k * q) - height
-        a = a - wrong / (thigh * np.cos(a) + shank * np.cos(a - k * q))
-    return a
+def scale_of(parameters: Parameters) -> Scale:
+    """Return by what sizes of effects that were chosen for the knee are larger in a machine."""
+    if parameters.declared.kind == "knee":
+        return Scale()
+    known, none = load(), defaultdict(float, NO_DEVIATION)
+    (first, _), (of_knee, _) = (_maps(one, none, NO_DEVIATION) for one in (parameters, known))
+    own, other = apparatuses(parameters)[0], apparatuses(known)[0]
+    force = first.a[0] / of_knee.a[0]
+    effort = force * np.abs(first.strokes[[1, 3]]).max() / other.radius
+    volume = first.v[0] * other.stroke_scale / (of_knee.v[0] * own.stroke_scale)
+    flow = own.conductance / other.conductance
+    return Scale(effort, effort / own.unit, own.unit, force, volume, flow, 1 / flow)

@@ -8,23 +8,29 @@ and the rig is used, delete `__pycache__`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pam_orthosis.model.parameters import Section
+from pam_orthosis.model.parameters import Parameters, Section
+
+if TYPE_CHECKING:
+    from pam_orthosis.model.machine import ActuatorOf
+
+# a chamber's laws are straight lines, known everywhere
+CHAMBER = {"stroke_scale": 1.0, "box_start": -np.inf, "box_contraction": np.inf, "box_gauge": np.inf}
 
 
 class Apparatus(NamedTuple):
-    """True values of the parameters; those of the leg are zero where there is none."""
+    """True values of the parameters, of one actuator and of what it moves; zero what a machine has not."""
 
     radius: float
     symmetric_angle: float
     symmetric_contraction: float
     damping: float
-    extensor_force: float
-    flexor_force: float
+    force: float  # true / nominal
     stroke_scale: float  # specimen's length / muscle's length
+    box_start: float
     box_contraction: float
     box_gauge: float
     ambient: float
@@ -43,6 +49,10 @@ class Apparatus(NamedTuple):
     table_start: float
     table_step: float
     locked: float
+    load_damping: float
+    middle: float  # of the range: where a hidden spring is free
+    unit: float  # of widths and speeds of the load's effects
+    pushes: float  # 1: a chamber, which can push
 
 
 class Hidden(NamedTuple):
@@ -97,13 +107,14 @@ class Hidden(NamedTuple):
 
 
 class Maps(NamedTuple):
-    """Arrays: polynomials of the muscles, table of the leg, misfits, torque from outside."""
+    """Arrays: polynomials of an actuator, tables of the load, misfits, torque from outside."""
 
     a: np.ndarray
     b: np.ndarray
     v: np.ndarray
     w: np.ndarray
-    leg: np.ndarray  # (6, n): m, dm/dq, G of the apparatus; the same of 1 kg at the ankle
+    load: np.ndarray  # (6, n): m, dm/dq, G of the apparatus; the same of 1 kg that an effect adds
+    strokes: np.ndarray  # (4, n): contraction and its slope of both; (4, 0): a sprocket winds them
     force_waves: np.ndarray  # (2, k, 4): amplitude N, wave numbers of contraction and pressure, phase
     valve_waves: np.ndarray  # (2, 3): relative amplitude, wave number of the opening, phase
     volume_waves: np.ndarray  # (2, 3): relative amplitude, wave number of the contraction, phase
@@ -111,17 +122,15 @@ class Maps(NamedTuple):
 
 
 def muscle_and_valve(m: Section, valve: Section, off: Mapping[str, float]) -> dict[str, float]:
-    """Return what `Apparatus` has of a muscle and its valve: nominal values times one plus deviation.
+    """Return what `Apparatus` has of an actuator and its valve: nominal values times one plus deviation.
 
     Args:
-        m: section of the muscle's parameters.
+        m: section of the actuator's parameters.
         valve: section of the valve's.
         off: deviation of any name, 0 if there is none.
     """
     return {
-        "stroke_scale": m.map_length / m.length,
-        "box_contraction": m.box.maximum_contraction,
-        "box_gauge": m.box.maximum_pressure_gauge,
+        **(_box(m) if "box" in dict(m.items()) else CHAMBER),
         "ambient": valve.ambient_pressure,
         "temperature": valve.temperature,
         "exponent": valve.polytropic_exponent * (1 + off["polytropic_exponent"]),
@@ -133,12 +142,50 @@ def muscle_and_valve(m: Section, valve: Section, off: Mapping[str, float]) -> di
     }
 
 
-def maps(m: Section, **others: np.ndarray) -> Maps:
-    """Return the polynomials of a muscle and other arrays of `Maps`; what is not given is zero."""
+def _box(m: Section) -> dict[str, float]:
+    """Return where a muscle's laws are known."""
+    return {
+        "stroke_scale": m.map_length / m.length,
+        "box_start": 0.0,
+        "box_contraction": m.box.maximum_contraction,
+        "box_gauge": m.box.maximum_pressure_gauge,
+    }
+
+
+def damping_of(one: ActuatorOf, parameters: Parameters, off: Mapping[str, float]) -> float:
+    """Return the true damping of an actuator, N s/m."""
+    m = parameters.at(one.parameters)
+    if one.kind == "cylinder":
+        return one.parallel * m.damping
+    small = one.parameters == "muscle.dmsp_10"
+    return one.parallel * m.force.damping * (1 + off["small_muscle_damping" if small else "muscle_damping"])
+
+
+def laws(one: ActuatorOf, parameters: Parameters) -> dict[str, np.ndarray]:
+    """Return the polynomials of an actuator: area a and counterforce b, volume v(contraction) w(pressure)."""
+    m, count = parameters.at(one.parameters), one.parallel
+    if one.kind == "cylinder":
+        area = count * m.area
+        known = {"a": [area], "b": [0.0], "v": [count * m.volume, area], "w": [1.0]}
+        return {name: np.array(values) for name, values in known.items()}
+    return muscle_laws(m, count)
+
+
+def muscle_laws(m: Section, count: int = 1) -> dict[str, np.ndarray]:
+    """Return the polynomials of so many muscles side by side."""
+    return {
+        **{name: count * np.array(getattr(m.force, name)) for name in ("a", "b")},
+        "v": count * np.array(m.volume.v),
+        "w": np.array(m.volume.w),
+    }
+
+
+def maps(known: Mapping[str, np.ndarray], **others: np.ndarray) -> Maps:
+    """Return the polynomials of an actuator and other arrays of `Maps`; what is not given is zero."""
     arrays = {
-        **{name: np.array(getattr(m.force, name)) for name in ("a", "b")},
-        **{name: np.array(getattr(m.volume, name)) for name in ("v", "w")},
-        "leg": np.zeros((6, 2)),
+        **known,
+        "load": np.zeros((6, 2)),
+        "strokes": np.zeros((4, 0)),
         "force_waves": np.zeros((2, 1, 4)),
         "valve_waves": np.zeros((2, 3)),
         "volume_waves": np.zeros((2, 3)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,11 +14,10 @@ from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.files import write_text
 from pam_orthosis.testing.case import Case, Recording
 
-_WRITTEN = (
-    "angle", "reference_angle", "reference_velocity", "reference_acceleration",
-    "extensor_pressure", "flexor_pressure", "extensor_pressure_reference", "flexor_pressure_reference",
-    "extensor_mass_flow", "flexor_mass_flow", "extensor_voltage", "flexor_voltage",
-)  # fmt: skip
+if TYPE_CHECKING:
+    from pam_orthosis.model.machine import Machine
+
+_KINDS = ("pressure", "pressure_reference", "mass_flow", "voltage")
 
 
 def write_case(case: Case, folder: Path) -> tuple[list[Path], list[Path], Path]:
@@ -36,7 +36,14 @@ def write_case(case: Case, folder: Path) -> tuple[list[Path], list[Path], Path]:
 
 
 def _write(folder: Path, recording: Recording, case: Case) -> Path:
-    signals = {name: recording[name] for name in _WRITTEN}
+    signals = {name: recording[name] for name in _written(case.parameters.declared)}
     stamps = np.round(recording["time"] * 1e9).astype(np.int64)
     write_arrays(folder, stamps, signals, run_metadata(case.parameters.nominal(), "blind"))
     return folder
+
+
+def _written(machine: Machine) -> tuple[str, ...]:
+    """Return the signals that a bag of a case holds."""
+    q = machine.coordinate.name
+    motion = (q, f"reference_{q}", "reference_velocity", "reference_acceleration")
+    return (*motion, *(f"{name}_{kind}" for kind in _KINDS for name in machine.names))
