@@ -253,6 +253,7 @@ def _write(arguments: argparse.Namespace, outcome, data, case: Case, words: str)
 
     named = [one.name for one in outcome.effects]
     added = patch.overrides(outcome.system, named, outcome.selection.final.values)
+    added |= {} if arguments.system else patch.limits(case.parameters, added)
     texts = (
         json.dumps(data, indent=2) + "\n",
         patch.text({**case.given, **added}),

@@ -94,6 +94,7 @@ EXAMPLES = {
     "gap-hide": (
         "pam-orthosis gap-hide --effect joint_friction --out case",
         "pam-orthosis gap-hide --class realistic --effect random --seed 7 --out case",
+        "pam-orthosis gap-hide --machine ankle --effect plantarflexor_leak --out case",
         "pam-orthosis gap-hide --effect none --out case",
     ),
     "recover": ("pam-orthosis recover walk --out walk-recovered",),

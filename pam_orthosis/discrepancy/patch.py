@@ -14,13 +14,15 @@ from pam_orthosis.discrepancy.system import System
 from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.files import write_text
 from pam_orthosis.model.machine import Machine
-from pam_orthosis.model.parameters import NOMINAL, load
+from pam_orthosis.model.parameters import NOMINAL, Parameters, load
 from pam_orthosis.reading import read_yaml
 
 HEADING = "# Model of the gap workflow: overrides by dotted key, for `--model` and `parameters.load`.\n"
 OF_NOMINAL = tuple(f"{branch}." for branch in NOMINAL if branch != "scenario")
 PLANNED = "scenario.plan."
 ROW = {"value", "meaning"}  # what a parameter's row has at least
+SUPPLY, HIGHEST = "valve.supply_pressure", "control.position.maximum_pressure"
+REACH = 0.97  # of a supply pressure: what a controller asks of a muscle at most
 
 
 def overrides(system: System, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
@@ -34,6 +36,15 @@ def overrides(system: System, effects: Sequence[str], values: Mapping[str, float
         for q in system.catalogue[name].parameters:
             changed[f"{system.branch}.{name}.{q.name}"] = float(f"{values[f'{name}.{q.name}']:.6g}")
     return changed
+
+
+def limits(nominal: Parameters, changed: Mapping[str, Any]) -> dict[str, float]:
+    """Return the highest reference pressure where the supply turned out to be too low for the present one."""
+    reach = REACH * float(changed.get(SUPPLY, nominal.at(SUPPLY)))
+    if SUPPLY not in changed or reach >= changed.get(HIGHEST, nominal.at(HIGHEST)):
+        return {}
+    least = nominal.row(HIGHEST).minimum
+    return {HIGHEST: float(f"{reach if least is None else max(least, reach):.6g}")}
 
 
 def text(changed: Mapping[str, Any]) -> str:

@@ -6,12 +6,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from pam_orthosis.discrepancy import patch
 from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.machine import Machine
 
 DIGITS = 6
-REACH = 0.97  # of a supply pressure: what a controller asks of a muscle at most
 
 
 def learnable(machine: Machine) -> dict[str, Effect]:
@@ -58,14 +58,7 @@ def calibrated(nominal, effects: Sequence[str], values: Mapping[str, float]) -> 
     for name in (f"{channel}_offset" for channel in machine.channels):
         if name in machine.catalogue:
             changes |= _effect(nominal, name, {"offset": values[name] + present(name, "offset", 0.0)})
-    return changes | _limits(nominal, changes) | _shapes(nominal, effects, values)
-
-
-def _limits(nominal, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the highest reference pressure where the supply turned out to be too low for the present one."""
-    key, supply = "control.position.maximum_pressure", changes.get("valve.supply_pressure")
-    reach = None if supply is None else REACH * supply
-    return {} if reach is None or reach >= nominal.flat()[key] else {key: _within(nominal, key, reach)}
+    return changes | patch.limits(nominal, changes) | _shapes(nominal, effects, values)
 
 
 def _shapes(nominal, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:

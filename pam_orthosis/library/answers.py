@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from pam_orthosis.discrepancy.data import Recording
     from pam_orthosis.discrepancy.judgement import Outcome
     from pam_orthosis.identification.identify import Identified
+    from pam_orthosis.model.parameters import Parameters
 
 Recorded = Run | str | Path
 
@@ -65,10 +66,12 @@ class Gap:
     Attributes:
         outcome: all of it.
         words: what the verb `gap` prints.
+        nominal: the model that was searched.
     """
 
     outcome: Outcome
     words: str
+    nominal: Parameters
 
     @property
     def verdict(self) -> str:
@@ -92,7 +95,8 @@ class Gap:
 
         found = self.outcome
         named = [one.name for one in found.effects]
-        return dict(patch.overrides(found.system, named, found.selection.final.values))
+        changed = patch.overrides(found.system, named, found.selection.final.values)
+        return changed | patch.limits(self.nominal, changed)
 
     def save_page(self, path: str | Path) -> None:
         """Write the page `gap.html`.
@@ -154,7 +158,7 @@ def gap(
         system = apparatus.system(nominal, None)
         every = [bags.recording(apparatus.read(path, system, "")) for path in paths]
         outcome = find_gap(system, every[: len(fitted)], every[len(fitted) :], nominal.gap)
-    return Gap(outcome, describe(outcome))
+    return Gap(outcome, describe(outcome), nominal)
 
 
 def _listed(runs: Iterable[Recorded]) -> list[Recorded]:

@@ -15,6 +15,8 @@ from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.run import Run
 from pam_orthosis.discrepancy.suspects import name_of
 from pam_orthosis.discrepancy.verdict import describe
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import load
 from pam_orthosis.model.plant import Plant
 
 DIAMETER = "leg.cogwheel_diameter"
@@ -90,3 +92,15 @@ def test_a_wrong_valve_is_named_although_recalibration_hides_it(bench):
     assert one.parameters["value"][0] == pytest.approx(right, rel=0.03)
     assert "overall" in outcome.from_configured
     assert outcome.closure["overall"] > 0.95
+
+
+def test_a_model_with_a_low_supply_can_be_run():
+    """What was found goes into `run --model`: the highest reference pressure is below the supply there."""
+    found = {"valve.supply_pressure": 5.6e5}
+    with pytest.raises(OrthosisError, match="maximum_pressure"):
+        load(found)
+    limits = patch.limits(load(), found)
+    assert limits == {"control.position.maximum_pressure": pytest.approx(0.97 * 5.6e5)}
+    assert load(found | limits)
+    assert not patch.limits(load(), {"valve.supply_pressure": 8e5})
+    assert not patch.limits(load(), {"valve.hose.volume": 4e-5})
