@@ -7,17 +7,18 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from pam_orthosis.bag.topics import RECORDER, Topics
-from pam_orthosis.model.machines import KNEE
+from pam_orthosis.bag.topics import RECORDER
+from pam_orthosis.control.legs import device_parameters
+from pam_orthosis.model.device import device_named, entry_of
 from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes import launch
 from speed.rows import Goal, Row, alternating, row
 from speed.stepping import Pace, watched
-
-TABLE = Topics(KNEE)
+from speed.tables import nodes
 
 RATE_HZ = 500
 PERIOD_NS = round(1e9 / RATE_HZ)
+ONE, DEVICE = "knee", "device"  # graphs
 SLOW_HZ = 100  # of the position controller, where it is slower than the pressure controllers
 STEPS = {False: 120, True: 250}  # composed?
 ENDLESS = {"scenario.duration": 3600.0, "scenario.control_period": 1 / RATE_HZ}
@@ -46,6 +47,17 @@ def rows(repeats: int) -> Iterator[Row]:
             yield from _steps(f"{layout}, {recorder}", ours, floor)
         yield from _real_time(f"{RATE_HZ} Hz, {layout}, recorder included", composed, ours, floor)
         yield from _at_two_rates(repeats, composed, layout)
+    yield from _of_the_device(repeats)
+
+
+def _of_the_device(repeats: int) -> Iterator[Row]:
+    """Yield the rows of two legs with shoes, all in one process, recorder included."""
+    ours, floor = alternating(
+        repeats, lambda: stepped(True, True, graph=DEVICE), lambda: relayed(True, True, graph=DEVICE)
+    )
+    where = f"the device at {RATE_HZ} Hz, one process, recorder included"
+    yield from _steps(where, ours, floor, " of")
+    yield from _real_time(where, False, ours, floor)
 
 
 def _at_two_rates(repeats: int, composed: bool, layout: str) -> Iterator[Row]:
@@ -75,9 +87,10 @@ def _real_time(where: str, composed: bool, ours: Sequence[Spent], floor: Sequenc
     yield row("graph", f"{what}, beside that of the relays", "x real time", factors, relays_factors)
 
 
-def stepped(composed: bool, recorded: bool, every: int = 1) -> tuple[float, float]:
+def stepped(composed: bool, recorded: bool, every: int = 1, graph: str = ONE) -> tuple[float, float]:
     """Return the time and the processor time of a step of the graph, us."""
-    return _microseconds(watched(commands_of(composed, recorded, every), PERIOD_NS, STEPS[composed]))
+    made = commands_of(composed, recorded, every) if graph == ONE else device_commands()
+    return _microseconds(watched(made, PERIOD_NS, STEPS[composed]))
 
 
 def commands_of(composed: bool, recorded: bool, every: int = 1) -> Callable[[Path], dict[str, list[str]]]:
@@ -89,6 +102,14 @@ def commands_of(composed: bool, recorded: bool, every: int = 1) -> Callable[[Pat
         return made if recorded else _without_recorder(made)
 
     return commands
+
+
+def device_commands() -> Callable[[Path], dict[str, list[str]]]:
+    """Return what makes the command of the device's graph, one process with its recorder, in a folder."""
+    joints = device_parameters(device_named(Path(DEVICE)), ENDLESS)
+    legs = {name: entry_of(one) for name, one in joints.items()}
+    first, mode = next(iter(joints.values())), launch.Mode(composed=True, legs=legs, one_plant=True)
+    return lambda work: launch.commands(work, first, work / "bag", "default", mode)
 
 
 def _microseconds(pace: Pace) -> tuple[float, float]:
@@ -105,18 +126,20 @@ def _without_recorder(commands: dict[str, list[str]]) -> dict[str, list[str]]:
     return made
 
 
-def relayed(composed: bool, recorded: bool, every: int = 1) -> tuple[float, float]:
+def relayed(composed: bool, recorded: bool, every: int = 1, graph: str = ONE) -> tuple[float, float]:
     """Return the time and the processor time of a step of the relays, us."""
-    return _microseconds(watched(relays(composed, recorded, every), PERIOD_NS, STEPS[composed]))
+    return _microseconds(watched(relays(composed, recorded, every, graph), PERIOD_NS, STEPS[composed]))
 
 
-def relays(composed: bool, recorded: bool, every: int = 1) -> Callable[[Path], dict[str, list[str]]]:
+def relays(
+    composed: bool, recorded: bool, every: int = 1, graph: str = ONE
+) -> Callable[[Path], dict[str, list[str]]]:
     """Return what makes the commands of the relays in a folder."""
-    roles = [node for node in (RECORDER, *TABLE.nodes[1:-1], TABLE.nodes[0]) if recorded or node != RECORDER]
+    roles = [node for node in nodes(graph) if recorded or node != RECORDER]
 
     def commands(work: Path) -> dict[str, list[str]]:
         folder = str(work / "bag") if recorded else "-"
-        base = [sys.executable, "-m", "speed.relay", f"{PERIOD_NS}x{every}", folder]
+        base = [sys.executable, "-m", "speed.relay", f"{graph}:{PERIOD_NS}x{every}", folder]
         return {"relays": [*base, *roles]} if composed else {role: [*base, role] for role in roles}
 
     return commands

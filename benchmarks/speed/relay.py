@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The floor of the graph: nodes of bare rclpy that pass the same messages round, without any mathematics.
 
-    python -m speed.relay PERIOD_NS[xEVERY] RECORDED_FOLDER|- [realtime] NODE... --ros-args ...
+    python -m speed.relay GRAPH:PERIOD_NS[xEVERY] RECORDED_FOLDER|- [realtime] NODE... --ros-args ...
 
-Topics, types and peers come from the table of topics, the executor is the graph's. A relay answers when all
-inputs of a stamp are there, with messages that it made once. With EVERY, in lockstep, those of trajectory and
+GRAPH is `knee` or a device, whose nodes have namespaces. Topics, types and peers come from the tables of
+topics, the executor is the graph's. A relay answers when all inputs of a stamp are there, with messages
+that it made once. With EVERY, in lockstep, those of trajectory and
 position controller do so at each such step only, and the others wait for them only then. What there is
 beside that is needed by any lockstep: a start barrier, a recorder that the plant does not run away from, a
 heartbeat. In real time a timer paces the plant, and what stands for the valves writes how old each sample was
@@ -42,10 +43,10 @@ from pam_orthosis.nodes import messages
 from pam_orthosis.nodes.pace import MAX_UNRECORDED_STEPS
 from pam_orthosis.nodes.supervisor import HEARTBEAT_VARIABLE
 from pam_orthosis.nodes.transport import message_class, qos
+from speed.tables import nodes, step_topics
 
-TABLE = topics.Topics(KNEE)
-STEP = [topic for topic in TABLE.of_run().values() if topic.rate == "step"]
-REALTIME, AGES, KEPT_AGES = "realtime", "ages.json", 50
+REALTIME, AGES, KEPT_AGES = "realtime", "_ages.json", 50
+FLOW = "/mass_flow"
 RECORDER_DEPTH, ACKNOWLEDGED_STEPS = 5000, 10
 
 
@@ -63,15 +64,21 @@ EXAMPLES = {
 
 def filled(topic: Topic):
     """Return a message with as many numbers as the graph's own has."""
-    example = EXAMPLES.get(topic.name) or EXAMPLES.get(topic.type)
+    example = EXAMPLES.get(topic.name.rpartition("/")[2]) or EXAMPLES.get(topic.type)
     return deepcopy(example) if example else message_class(topic.type)()
 
 
 class Rates(NamedTuple):
-    """Period of a step, ns, and how many of them make one of the slow nodes."""
+    """Whose relays these are, the period of a step, ns, and how many of them make one of the slow nodes."""
 
+    graph: str
     period_ns: int
     every: int = 1
+
+    @property
+    def step(self) -> list[Topic]:
+        """The topics of each step."""
+        return step_topics(self.graph)
 
     def slow(self, stamp_ns: int) -> bool:
         """Whether the slow nodes work at an instant of lockstep."""
@@ -82,8 +89,9 @@ class Relay(Node):
     """One node of the table."""
 
     def __init__(self, role: str, rates: Rates, recorded: bool):
-        super().__init__(f"relay_{role}")
+        super().__init__(f"relay_{role}".replace("/", "_"))
         self.role, self.rates, self.recorded = role, rates, recorded
+        self.base = role.rpartition("/")[2]
         self.period_ns = rates.period_ns
         self.now_ns, self._first_ns = 0, -1
         self.is_ready = False
@@ -105,7 +113,7 @@ class Relay(Node):
 
     def outputs(self, under: str = "") -> Callable[[int], None]:
         """Return what publishes all that the node publishes, with names that begin with `under`."""
-        mine = [t for t in STEP if self.role in t.producers and t.name.startswith(under)]
+        mine = [t for t in self.rates.step if self.role in t.producers and t.name.startswith(under)]
         made = [(self.publisher(t), filled(t), t.slow) for t in mine]
         stamps = [m.clock if hasattr(m, "clock") else m.header.stamp for _, m, _ in made]
 
@@ -121,8 +129,8 @@ class Relay(Node):
 
     def joined(self, under: str, act: Callable[[int], None]) -> None:
         """Call `act` with each stamp of which all inputs with names that begin with `under` are there."""
-        inputs = [t for t in STEP if self.role in t.consumers and t.name.startswith(under)]
-        quick = 0 if self.role in SLOW else sum(not topic.slow for topic in inputs)
+        inputs = [t for t in self.rates.step if self.role in t.consumers and t.name.startswith(under)]
+        quick = 0 if self.base in SLOW else sum(not topic.slow for topic in inputs)
         counts: dict[int, int] = {}
 
         def receive(message) -> None:
@@ -158,8 +166,12 @@ class Controller(Relay):
 
     def __init__(self, role: str, rates: Rates, recorded: bool):
         super().__init__(role, rates, recorded)
-        for under in ("extensor", "flexor") if role == VALVE else ("",):
+        for under in self._muscles() if self.base == VALVE else ("",):
             self.joined(under, self.outputs(under))
+
+    def _muscles(self) -> list[str]:
+        flows = [t.name for t in self.rates.step if self.role in t.consumers and t.name.endswith(FLOW)]
+        return [name.removesuffix(FLOW) for name in flows]
 
 
 class Trajectory(Relay):
@@ -168,7 +180,8 @@ class Trajectory(Relay):
     def __init__(self, role: str, rates: Rates, recorded: bool):
         super().__init__(role, rates, recorded)
         self._publish = self.outputs()
-        self.listen(TABLE.by_name["/clock"], self._tick)
+        clock = next(t for t in rates.step if role in t.consumers and t.name.endswith(topics.CLOCK))
+        self.listen(clock, self._tick)
 
     def _tick(self, message) -> None:
         stamp_ns = messages.nanoseconds(message.clock)
@@ -184,14 +197,14 @@ class Plant(Relay):
     def __init__(self, role: str, rates: Rates, recorded: bool):
         super().__init__(role, rates, recorded)
         self._publish = self.outputs()
-        self._absent = set(TABLE.nodes if recorded else TABLE.nodes[:-1])
+        self._absent = set(nodes(rates.graph)) - (set() if recorded else {RECORDER})
         self._next_ns = 0
         self._recorded_ns = -1 if recorded else 1 << 62
         self._waits = True
         self.joined("", self._answered)
         self.create_subscription(String, "ready", self._on_ready, qos(latched=True))
         if recorded:
-            self.listen(TABLE.by_name["recorded"], self._on_recorded)
+            self.listen(topics.Topics(KNEE).by_name["recorded"], self._on_recorded)
 
     def _on_ready(self, message: String) -> None:
         self._absent.discard(message.data)
@@ -236,7 +249,7 @@ class Valves(Controller):
     """Keeps how old samples are when both answers have left."""
 
     def __init__(self, role: str, rates: Rates, folder: Path):
-        self._file, self._half, self._ages = folder / AGES, set(), []
+        self._file, self._half, self._ages = folder / f"{role.replace('/', '_')}{AGES}", set(), []
         super().__init__(role, rates, True)
 
     def passed(self, stamp_ns: int) -> None:
@@ -265,7 +278,8 @@ class Recorder(Relay):
         self._writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2")
         self._acknowledge = self.create_publisher(Time, "recorded", qos())
-        for topic in STEP:
+        self._tick = next(t.name for t in rates.step if t.name.endswith(topics.SAMPLE))
+        for topic in rates.step:
             self.listen(topic, self._receiver(topic), RECORDER_DEPTH, raw=True)
 
     def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
@@ -276,7 +290,7 @@ class Recorder(Relay):
         def receive(data: bytes) -> None:
             stamp_ns = serialised_stamp_ns(data)
             self._writer.add_message(channel, stamp_ns, bytes(data), stamp_ns)
-            if topic.name == "joint_states" and stamp_ns % (ACKNOWLEDGED_STEPS * self.period_ns) == 0:
+            if topic.name == self._tick and stamp_ns % (ACKNOWLEDGED_STEPS * self.period_ns) == 0:
                 self._acknowledge.publish(messages.time(stamp_ns))
                 self.passed(stamp_ns)
 
@@ -287,11 +301,12 @@ def make(role: str, realtime: bool, rates: Rates, folder: str) -> Relay:
     """Return the relay that stands for a node of the table; `folder` is `-` without a recorder."""
     if role == RECORDER:
         return Recorder(role, rates, Path(folder))
-    if realtime and role == VALVE:
+    base = role.rpartition("/")[2]
+    if realtime and base == VALVE:
         return Valves(role, rates, Path(folder))
     if realtime and role == PLANT:
         return Clocked(role, rates, True)
-    return {PLANT: Plant, TRAJECTORY: Trajectory}.get(role, Controller)(role, rates, folder != "-")
+    return {PLANT: Plant, TRAJECTORY: Trajectory}.get(base, Controller)(role, rates, folder != "-")
 
 
 def spin(nodes: Sequence[Relay]) -> None:
@@ -316,7 +331,8 @@ def main() -> None:
     """Run the relays that the command line names."""
     rclpy.init(args=sys.argv)
     given, folder, *roles = remove_ros_args(sys.argv)[1:]
-    rates, realtime = Rates(*map(int, given.split("x"))), REALTIME in roles
+    graph, period = given.split(":")
+    rates, realtime = Rates(graph, *map(int, period.split("x"))), REALTIME in roles
     spin([make(role, realtime, rates, folder) for role in roles if role != REALTIME])
 
 

@@ -69,10 +69,12 @@ def machine_of(arguments: argparse.Namespace) -> Machine:
 def check_controllable(parameters: Parameters) -> None:
     """Raise OrthosisError if there are no controllers for the machine, or it cannot do what is asked for."""
     from pam_orthosis.control.axis import Axis
+    from pam_orthosis.control.load import check_load
     from pam_orthosis.control.trajectory import make_trajectory
 
     Axis(parameters.nominal())
     _check_beginning(parameters, make_trajectory(parameters).sample(0).position)
+    check_load(parameters)
     if parameters.declared.text:  # a shipped machine is known to hold at its start
         from pam_orthosis.model.plant import Plant  # casadi takes a second to load
 

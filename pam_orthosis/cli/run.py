@@ -132,13 +132,15 @@ def _chosen(arguments: argparse.Namespace, given: Mapping[str, Any]) -> tuple[Pa
     if device is None:
         parameters = with_model(chosen(arguments, given), arguments)
         return parameters, _mode(arguments, parameters)
-    others = arguments.legs > 1, arguments.model, arguments.realtime, arguments.watch
+    others = arguments.legs > 1, arguments.model, arguments.no_plant, arguments.watch
     if any(others) or arguments.scenario != DEFAULT:
-        told = "--legs, --model, --realtime, --watch and --scenario are for single machines"
+        told = "--legs, --model, --no-plant, --watch and --scenario are for single machines"
         raise OrthosisError(f"{told}, not for {arguments.machine}; give its values by --param")
     joints = device_parameters(device, {**given, **assignments(arguments.param)})
     legs = {name: entry_of(one) for name, one in joints.items()}
-    return next(iter(joints.values())), Mode(arguments.composed, legs=legs, one_plant=True)
+    return next(iter(joints.values())), Mode(
+        arguments.composed, arguments.realtime, legs=legs, one_plant=True
+    )
 
 
 def _mode(arguments: argparse.Namespace, parameters: Parameters) -> launch.Mode:

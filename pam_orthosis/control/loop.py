@@ -22,7 +22,7 @@ from pam_orthosis.control.reference import as_number
 from pam_orthosis.control.repetition import Repetition
 from pam_orthosis.control.trajectory import Trajectory, make_trajectory
 from pam_orthosis.control.waiting import Waiting
-from pam_orthosis.model.coupled import Coupled
+from pam_orthosis.model.coupled import Plants
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
@@ -169,23 +169,35 @@ class ClosedLoop:
         )  # fmt: skip
 
 
+class _Answered:
+    """One machine of several that move together: its voltages wait for those of the others."""
+
+    def __init__(self, plant: Plant):
+        self.period_ns, self.measure, self.truth = plant.period_ns, plant.measure, plant.truth
+        self.voltages: tuple[float, ...] = ()
+
+    def advance(self, *voltages: float) -> None:
+        """Take the voltages."""
+        self.voltages = voltages
+
+
 class CoupledLoop:
-    """The joints of one mechanism in one process, each with its own cascade.
+    """The machines of a device in one process, each with its own cascade.
 
     Args:
-        parameters: of each joint by its name, in the order of the mechanism's coordinates.
+        parameters: of each by its namespace, joints of one mechanism in the order of its coordinates.
     """
 
     def __init__(self, parameters: Mapping[str, Parameters]):
-        self.plant = Coupled(list(parameters.values()))
-        own = zip(parameters.items(), self.plant.joints, strict=True)
-        self.loops = {name: ClosedLoop(one, plant=joint) for (name, one), joint in own}
+        self.plants = Plants(parameters)
+        self._own = {name: _Answered(self.plants.of[name]) for name in parameters}
+        self.loops = {name: ClosedLoop(one, plant=self._own[name]) for name, one in parameters.items()}
 
-    def run(self, steps: int) -> dict[str, dict[str, NDArray[np.float64]]]:
-        """Advance; return for each joint what `ClosedLoop.run` does."""
+    def run(self, steps: int, first: int = 0) -> dict[str, dict[str, NDArray[np.float64]]]:
+        """Advance from a step on; return for each machine what `ClosedLoop.run` does."""
         tables = {name: np.empty((steps, len(loop.signals))) for name, loop in self.loops.items()}
         for index in range(steps):
             for name, loop in self.loops.items():
-                tables[name][index] = loop.step(index)
-            self.plant.live_on()
+                tables[name][index] = loop.step(first + index)
+            self.plants.advance(*(volts for own in self._own.values() for volts in own.voltages))
         return {name: dict(zip(self.loops[name].signals, t.T, strict=True)) for name, t in tables.items()}

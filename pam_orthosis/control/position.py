@@ -134,7 +134,7 @@ def pressures_for_effort(asked: Demand, axis: Axis) -> Allocation:
     pull = asked.effort / arm
     # area[1] p[1] - area[0] p[0] = level
     level = pull + (counter[1] - counter[0] + damping[1] - damping[0])
-    second = (level + 2 * mean * area[0]) / (area[0] + area[1])
+    second = second_of_mean(level, mean, area)
     least = ca.fmax(low[1], (level + area[0] * low[0]) / area[1])
     most = ca.fmin(high, (level + area[0] * high) / area[1])
     second = _within(_within(second, least, most), low[1], high)
@@ -153,6 +153,11 @@ def pressures_for_effort(asked: Demand, axis: Axis) -> Allocation:
     near = _both(lambda p: _within((p - high) / settings.slack_reserve + 1, 0, 1), needed)
     slack_share = _both(lambda share, slackens: share if slackens else 0.0, near, (muscles[1], muscles[0]))
     return Allocation(pressures, missed, slack_share)
+
+
+def second_of_mean(level: Expression, mean: Expression, area: Pair) -> Expression:
+    """Return the second gauge pressure of the pair with a mean where area[1] p[1] - area[0] p[0] = level."""
+    return (level + 2 * mean * area[0]) / (area[0] + area[1])
 
 
 def pressures_with_effects(asked: Demand, effect: Added | None, axis: Axis) -> Allocation:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pam_orthosis.bag.topics import SECOND_NS
+from pam_orthosis.control.load import check_load
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.library.run import Array, Run, Runs
@@ -133,6 +134,7 @@ def _stamps(parameters: Parameters, samples: int) -> Any:
 
 
 def _followed(parameters: Parameters) -> Run:
+    check_load(parameters)
     settings = parameters.scenario
     steps = round(settings.duration / settings.control_period)
     result = ClosedLoop(parameters, settings.seed).run(steps)

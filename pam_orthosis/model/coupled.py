@@ -13,6 +13,7 @@ import numpy as np
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import integrate
 from pam_orthosis.model.compiled import compiled
+from pam_orthosis.model.interlock import Interlock, has_sole
 from pam_orthosis.model.mechanisms.base import Mechanics
 from pam_orthosis.model.mechanisms.coupled import accelerations
 from pam_orthosis.model.parameters import Parameters
@@ -116,7 +117,7 @@ class Coupled:
 
 
 class Plants:
-    """The hardware of a run: a plant in each namespace, those of one leg's joints coupled.
+    """The hardware of a run: a plant in each namespace, those of one leg's joints coupled, and an interlock.
 
     Args:
         parameters: of each, truth included, by its namespace.
@@ -136,10 +137,11 @@ class Plants:
             else:
                 self.of[names[0]] = Plant(given[0], given[0].scenario.seed)
         self._lines = [(self.of[name], i) for name in parameters for i in range(len(self.of[name].lines))]
+        self._interlock = Interlock(parameters) if any(map(has_sole, parameters.values())) else None
 
     def advance(self, *voltages: float) -> None:
         """Let a control period pass; voltages, of all valves in order, answer the sample at its start."""
-        own = iter(voltages)
+        own = iter(self._interlock.answered(voltages) if self._interlock else voltages)
         for plant in dict.fromkeys(plant for plant, _ in self._lines):
             plant.advance(*islice(own, len(plant.lines)))
         for coupled in self._coupled:
@@ -148,7 +150,7 @@ class Plants:
     def take(self, line: int, voltage: float, at_ns: int) -> None:
         """Take the voltage of the valve of this number that comes at an instant of the plant."""
         plant, own = self._lines[line]
-        plant.take(own, voltage, at_ns)
+        plant.take(own, self._interlock.allowed(line, voltage) if self._interlock else voltage, at_ns)
 
     def live_on(self) -> None:
         """Let a control period pass under the voltages that have come."""
@@ -156,6 +158,8 @@ class Plants:
             plant.live_on()
         for coupled in self._coupled:
             coupled.live_on()
+        if self._interlock:
+            self._interlock.passed()
 
 
 def _check_alike(parameters: Sequence[Parameters]) -> None:

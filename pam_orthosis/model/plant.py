@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections import namedtuple
 from collections.abc import Callable, Collection, Iterator, Sequence
+from functools import lru_cache
 from operator import itemgetter
 from typing import Any, TypeAlias
 
@@ -79,10 +80,11 @@ class Plant:
         self._names = (*assembly.states, *machine.outputs)
         self.symbols = [assembly.x, ca.vertcat(assembly.u, live)]
         self.period_ns = round(parameters.scenario.control_period * 1e9)
-        self._grid = np.arange(0, self.period_ns, round(parameters.plant.simulation.step * 1e9))
+        self._step_ns = round(parameters.plant.simulation.step * 1e9)
         self._computing_ns, line = self._delays_ns()
         # a voltage that comes late changes within one of the steps
-        self.steps = len(self._grid) + ((self._computing_ns + line) % self.period_ns > 0)
+        self._whole, _ = _divided(self.period_ns, self._step_ns, ())
+        self.steps = len(self._whole) + ((self._computing_ns + line) % self.period_ns > 0)
         self._outputs = compiled(ca.Function("plant_outputs", self.symbols, [assembly.outputs]))
         self._noise = np.random.default_rng(seed)
         self._sensors = [*_sensors(machine, parameters)]
@@ -95,7 +97,6 @@ class Plant:
         self._held = np.array([*[closed] * count, *self._external(0.0), 0.0, *self._live_values()])
         self._own = slice(count, len(machine.inputs))  # of the inputs, those beside the voltages
         self._inputs = inputs_of_steps.reshape(self.steps, -1)
-        self._whole = np.diff(self._grid, append=self.period_ns) / 1e9  # lengths of a period's steps, s
         self._index = 0
         self._reported: dict[str, float] | None = None
         self.state[:] = self._start(hardware, self._acceleration())
@@ -163,14 +164,15 @@ class Plant:
 
     def inputs_of(self, coming: Collection[int]) -> tuple[Array, Array]:
         """Return the inputs of the steps of this period, one begins at each instant, and their lengths, s."""
-        begin_ns = self.time_ns
-        starts = np.union1d(self._grid, [instant - begin_ns for instant in coming])
-        inputs = np.tile(self._held, (len(starts), 1))
-        for instant in sorted(coming):
-            acting = [line.at(instant) for line in self.lines]
-            inputs[np.searchsorted(starts, instant - begin_ns) :, : len(acting)] = acting
+        begin_ns, instants, count = self.time_ns, sorted(coming), len(self.lines)
+        offsets = tuple(instant - begin_ns for instant in instants)
+        lengths, places = _divided(self.period_ns, self._step_ns, offsets)
+        inputs = np.empty((len(lengths), len(self._held)))
+        inputs[:] = self._held
+        for instant, place in zip(instants, places, strict=True):
+            inputs[place:, :count] = [line.at(instant) for line in self.lines]
         self._held[:] = inputs[-1]
-        return inputs, np.diff(starts, append=self.period_ns) / 1e9
+        return inputs, lengths
 
     def lived(self) -> None:
         """Note that the present period is over."""
@@ -277,6 +279,13 @@ class Plant:
                 f" {self.machine.coordinate.name}, a lighter person or load, or a higher supply pressure"
             )
         return x
+
+
+@lru_cache(maxsize=64)
+def _divided(period_ns: int, step_ns: int, offsets: tuple[int, ...]) -> tuple[Array, list[int]]:
+    """Return the lengths of a period's steps, s, of which one begins at each offset, and their places."""
+    starts = np.union1d(np.arange(0, period_ns, step_ns), offsets)
+    return np.diff(starts, append=period_ns) / 1e9, np.searchsorted(starts, offsets).tolist()
 
 
 def _sensors(machine: Machine, parameters: Parameters) -> Iterator[tuple[str, float, float]]:

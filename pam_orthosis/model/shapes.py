@@ -33,12 +33,14 @@ def fourier_shape(cosine: Sequence[float], sine: Sequence[float]) -> Shape:
     """Return the shape of a Fourier series; coefficients by harmonic, the mean first."""
     a, b = np.asarray(cosine), np.asarray(sine)
     order = 2 * math.pi * np.arange(len(a))
+    slope_c, slope_s = order * b, order * a
+    bend_c, bend_s = -(order**2 * a), order**2 * b
 
     def shape(phase: float) -> tuple[float, float, float]:
-        c, s = np.cos(order * phase), np.sin(order * phase)
-        position = float(a @ c + b @ s)
-        slope = float((order * b) @ c - (order * a) @ s)
-        return position, slope, float(-(order**2 * a) @ c - (order**2 * b) @ s)
+        angle = order * phase
+        c, s = np.cos(angle), np.sin(angle)
+        slope = float(slope_c @ c - slope_s @ s)
+        return float(a @ c + b @ s), slope, float(bend_c @ c - bend_s @ s)
 
     return shape
 

@@ -49,14 +49,14 @@ class BagRecorder(graph.GraphNode):
     description, TF, joints and markers.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, place: Sequence[str] = ()) -> None:
         folder = Setting("recording", "folder of the new bag")
         scenario = Setting("default", "name of the scenario, for the bag's metadata")
         silence = Setting(5.0, "wall time without a sample after which a run in real time fails [s]")
         aside = Setting(False, "another process packs, compresses and writes the bag")
         settings = {"directory": folder, "scenario_name": scenario, "sample_timeout": silence, "legs": LEGS}
         settings |= {"aside": aside}
-        super().__init__(RECORDER, settings)
+        super().__init__(RECORDER, settings, place=place)
 
     def configure(self) -> None:
         """Begin the bag, and listen."""

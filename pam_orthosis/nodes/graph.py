@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -35,17 +35,23 @@ class GraphNode(TopicNode):
     `close`.
 
     Args:
-        name, settings, role: as of a `TopicNode`.
+        name, settings, role, place: as of a `TopicNode`.
 
     Raises:
         OrthosisError: unusable parameters.
     """
 
-    def __init__(self, name: str, settings: Mapping[str, Setting] | None = None, role: str | None = None):
+    def __init__(
+        self,
+        name: str,
+        settings: Mapping[str, Setting] | None = None,
+        role: str | None = None,
+        place: Sequence[str] = (),
+    ):
         # `spin` looks around now and then at each step
         self.pulse: Callable[[], None] = lambda: None
         self.supervised = False  # else who has left may come again
-        super().__init__(name, settings, role)
+        super().__init__(name, settings, role, place)
 
     def forget(self) -> None:
         """Be as before the first run."""

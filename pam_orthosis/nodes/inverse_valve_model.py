@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -25,8 +25,8 @@ class InverseValveModelNode(graph.GraphNode):
     for so long at least that the position controller notices: it leads the machine back afterwards.
     """
 
-    def __init__(self) -> None:
-        super().__init__(VALVE)
+    def __init__(self, place: Sequence[str] = ()) -> None:
+        super().__init__(VALVE, place=place)
 
     def configure(self) -> None:
         """Make models, guards and commands."""

@@ -63,24 +63,27 @@ def commands(
     common = {**_of_machine(work, parameters.declared), "realtime": mode.realtime}
     common |= {"with_plant": mode.with_plant, "replay": False, "leg": ""}
     recorder = {**common, "directory": as_parameter(bag), "scenario_name": scenario}
+    together = mode.composed and (mode.one_plant or not mode.legs)
+    recorder["aside"] = together
     if not mode.legs:
         specs = _specs(parameters, set() if mode.with_plant else {PLANT})
-        recorder["aside"] = mode.composed
         return _Group(work, parameters, specs, "", recorder).commands(mode.composed)
     recorder["legs"] = common["legs"] = json.dumps(mode.legs)
     alone = {RECORDER} | ({PLANT} if mode.one_plant or not mode.with_plant else set())
-    group: dict[str, list[str]] = {}
+    groups: list[_Group] = []
     for spec in _specs(parameters, set() if mode.one_plant else {PLANT}):
         if spec.name in alone:
             settings = recorder if spec.name == RECORDER else common
-            group |= _Group(work, parameters, [spec], "", settings).commands(False)
+            groups.append(_Group(work, parameters, [spec], "", settings))
     for number, (leg, differences) in enumerate(mode.legs.items()):
         own = parameters_of(differences, parameters)
         own_clock = ["-r", f"/clock:=/{leg}/clock"] if number else []
         settings = common | _of_machine(work, own.declared) | {"leg": leg, "legs": ""}
-        legs_group = _Group(work, own, _specs(own, alone), leg, settings, own_clock)
-        group |= legs_group.commands(mode.composed)
-    return group
+        groups.append(_Group(work, own, _specs(own, alone), leg, settings, own_clock))
+    if together:
+        return {COMPOSED: _in_one_process(groups)}
+    made = [group.commands(mode.composed and bool(group.leg)) for group in groups]
+    return {name: command for commands in made for name, command in commands.items()}
 
 
 def _specs(parameters: Parameters, without: Collection[str]) -> list[NodeSpec]:
@@ -158,17 +161,25 @@ class _Group:
     remaps: Sequence[str] = ()
 
     def commands(self, composed: bool) -> dict[str, list[str]]:
-        files = {spec.name: self._written(spec) for spec in self.specs}
+        """Return the command lines by the names of their processes."""
+        files = self.files()
         if composed:
             names = [spec.name for spec in self.specs]
-            return {self._full(COMPOSED): self._command(COMPOSED, names, files.values())}
+            command = _command(COMPOSED, names, files.values())
+            return {self._full(COMPOSED): [*command, *self._place()]}
         return {
-            self._full(spec.name): [
-                *self._command(spec.executable, [], [files[spec.name]]),
-                *("-r", f"__node:={spec.name}"),
+            full: [
+                *_command(spec.executable, [], [files[full]]),
+                *self._place(),
+                "-r",
+                f"__node:={spec.name}",
             ]
-            for spec in self.specs
+            for spec, full in zip(self.specs, files, strict=True)
         }
+
+    def files(self) -> dict[str, Path]:
+        """Write the parameter files; return them by the full names of their nodes."""
+        return {self._full(spec.name): self._written(spec) for spec in self.specs}
 
     def _full(self, name: str) -> str:
         return f"{self.leg}/{name}" if self.leg else name
@@ -186,11 +197,21 @@ class _Group:
         file.write_text(yaml.safe_dump(section, sort_keys=False))
         return file
 
-    def _command(self, executable: str, names: Iterable[str], files: Iterable[Path]) -> list[str]:
-        command = [sys.executable, "-m", "pam_orthosis.nodes.entry", executable, *names, "--ros-args"]
-        for file in files:
-            command += ["--params-file", str(file)]
-        return [*command, *(("-r", f"__ns:=/{self.leg}") if self.leg else ()), *self.remaps]
+    def _place(self) -> list[str]:
+        return [*(("-r", f"__ns:=/{self.leg}") if self.leg else ()), *self.remaps]
+
+
+def _in_one_process(groups: Iterable[_Group]) -> list[str]:
+    """Return the command line of all nodes of these groups; each takes its namespace from its name."""
+    files = {full: file for group in groups for full, file in group.files().items()}
+    return _command(COMPOSED, files, files.values())
+
+
+def _command(executable: str, names: Iterable[str], files: Iterable[Path]) -> list[str]:
+    command = [sys.executable, "-m", "pam_orthosis.nodes.entry", executable, *names, "--ros-args"]
+    for file in files:
+        command += ["--params-file", str(file)]
+    return command
 
 
 def environment(work: Path, domain: int) -> dict[str, str]:

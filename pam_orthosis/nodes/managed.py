@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -23,6 +23,10 @@ class ManagedNode(LifecycleNode):
     With the parameter `autostart` it configures itself when it is made; otherwise `ros2 lifecycle set` or
     another manager does. Errors of a transition refuse it, and are told in one line.
 
+    Args:
+        name: in the graph.
+        place: arguments of ROS that are its own, such as its namespace, where nodes share a process.
+
     Attributes:
         configured, active: its state.
         over: it was shut down, and its process is to end.
@@ -35,8 +39,8 @@ class ManagedNode(LifecycleNode):
         OrthosisError: with `autostart`, what `configure` raises.
     """
 
-    def __init__(self, name: str):
-        super().__init__(name)
+    def __init__(self, name: str, place: Sequence[str] = ()):
+        super().__init__(name, cli_args=["--ros-args", *place] if place else None)
         self.configured = self.active = self.over = self.worn = False
         self.alone = True
         self.alarm: Callable[[], None] = lambda: None

@@ -36,10 +36,10 @@ class PlantSimulator(PacedNode):
     is commanded, until `~/reset`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, place: Sequence[str] = ()) -> None:
         timeout = Setting(5.0, "wall time without an answer after which the run fails [s]")
         paced = Setting(False, "in lockstep no faster than the wall clock")
-        super().__init__(PLANT, {"answer_timeout": timeout, "paced": paced, "legs": LEGS})
+        super().__init__(PLANT, {"answer_timeout": timeout, "paced": paced, "legs": LEGS}, place=place)
 
     def configure(self) -> None:
         """Make the hardware, and what it hears and says."""

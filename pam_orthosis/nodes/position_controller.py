@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pam_orthosis.bag.topics import BESIDE, MEAN_PRESSURE, PLANNED, POSITION, REFERENCE, SAMPLE
@@ -21,8 +21,8 @@ UNKNOWN_VARIANCE = 0.0
 class PositionControllerNode(graph.GraphNode):
     """Publishes the pressure references, the estimate and the disturbance of each step."""
 
-    def __init__(self) -> None:
-        super().__init__(POSITION)
+    def __init__(self, place: Sequence[str] = ()) -> None:
+        super().__init__(POSITION, place=place)
 
     def configure(self) -> None:
         """Make the controller, and what it hears and says."""

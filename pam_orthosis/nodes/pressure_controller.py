@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 from pam_orthosis.bag.topics import CONTROLLER
@@ -20,10 +21,10 @@ NAME = "pressure_controller"
 class PressureControllerNode(graph.GraphNode):
     """Publishes the mass flow of each step into an actuator of the machine."""
 
-    def __init__(self, name: str = NAME) -> None:
+    def __init__(self, name: str = NAME, place: Sequence[str] = ()) -> None:
         of_name = name.removesuffix(NAME).rstrip("_")
         muscle = Setting(of_name, "actuator whose pressure is controlled, e.g. extensor")
-        super().__init__(name, {"muscle": muscle}, CONTROLLER.format("{muscle}"))
+        super().__init__(name, {"muscle": muscle}, CONTROLLER.format("{muscle}"), place)
 
     def configure(self) -> None:
         """Make the controller, and what it hears and says."""

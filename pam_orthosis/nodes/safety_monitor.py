@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -24,8 +25,8 @@ class SafetyMonitorNode(graph.GraphNode):
     those who own the valves, whatever the nodes between do. The service `~/resume` goes on, slowly.
     """
 
-    def __init__(self) -> None:
-        super().__init__(SAFETY)
+    def __init__(self, place: Sequence[str] = ()) -> None:
+        super().__init__(SAFETY, place=place)
 
     def configure(self) -> None:
         """Make the monitor, and what it hears and says."""

@@ -50,6 +50,7 @@ class TopicNode(ManagedNode):
         name: in the graph.
         settings: parameters beside those of `config/`.
         role: name in the table of topics if not `name`, with settings in braces.
+        place: as of a `ManagedNode`.
 
     Attributes:
         failure: ends the run; it makes the error when all is safe.
@@ -62,11 +63,17 @@ class TopicNode(ManagedNode):
         OrthosisError: unusable parameters.
     """
 
-    def __init__(self, name: str, settings: Mapping[str, Setting] | None, role: str | None):
+    def __init__(
+        self,
+        name: str,
+        settings: Mapping[str, Setting] | None,
+        role: str | None,
+        place: Sequence[str] = (),
+    ):
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._own_settings, self._role_of = settings or {}, role or name
         self.forget()
-        super().__init__(name)
+        super().__init__(name, place)
 
     def configure(self) -> None:
         """Declare its parameters, and make what looks for peers and strangers."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 
 from pam_orthosis.bag.topics import BESIDE, CLOCK, MEAN_PRESSURE, PLANNED, REFERENCE, SAMPLE, TRAJECTORY
 from pam_orthosis.control.reference import Motion, as_number
@@ -23,8 +24,8 @@ class TrajectoryPublisher(graph.GraphNode):
     `~/stop` begin the motion anew and bring it to rest.
     """
 
-    def __init__(self) -> None:
-        super().__init__(TRAJECTORY)
+    def __init__(self, place: Sequence[str] = ()) -> None:
+        super().__init__(TRAJECTORY, place=place)
 
     def configure(self) -> None:
         """Make the motion, and what it hears and says."""

@@ -5,8 +5,10 @@ import os
 import subprocess
 import sys
 import time
+from functools import reduce
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mcap.exceptions import McapError
 from mcap.records import Message
@@ -82,6 +84,12 @@ def _holds_messages(file):
         return False
 
 
+def common(*series):
+    """Return the stamps that all series of a bag have, and their values there."""
+    stamps = reduce(np.intersect1d, [each.stamp_ns for each in series])
+    return stamps, [each.value[np.searchsorted(each.stamp_ns, stamps)] for each in series]
+
+
 def alive(pid):
     """Whether a process runs."""
     try:
@@ -127,3 +135,17 @@ def stranger(monkeypatch):
         yield node
         node.destroy_node()
         rclpy.shutdown(context=context)
+
+
+@pytest.fixture
+def caller(monkeypatch):
+    """Return somebody in the domain that the environment names, who calls services."""
+    pytest.importorskip("rclpy")
+    from caller import Caller
+
+    domain = 60 + os.getpid() % 40
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_folder() / "loopback.xml"))
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    made = Caller(domain)
+    yield made
+    made.close()

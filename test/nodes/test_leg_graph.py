@@ -22,7 +22,7 @@ LEG = device_named(Path("leg"))
 
 @pytest.fixture(scope="module")
 def leg(run_graph):
-    """One second of gait, each joint in a process of its own."""
+    """One second of gait, all nodes in one process."""
     return run_graph("--machine", "leg", "--composed", "--duration", "1", "--bound-deg", "1", "--json")
 
 
@@ -109,7 +109,7 @@ def test_gap_says_in_a_line_why_it_cannot_search_a_joint(leg, capsys, given, wor
     ("options", "words"),
     [
         (("--legs", "2"), "are for single machines, not for leg"),
-        (("--realtime",), "are for single machines, not for leg"),
+        (("--watch",), "are for single machines, not for leg"),
         (("--param", "leg.wing=1"), "no joint of the leg has a parameter leg.wing"),
         (("--bound-mm", "1"), "give --bound-deg"),
         (("--param", "scenario.trajectory=sine"), "coupled joints move by gait or hold"),

@@ -1,80 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Start, stop, emergency stop and reset in a running graph, seen in its bag."""
 
-import os
-from functools import reduce
-
 import numpy as np
 import pytest
-from conftest import wait_for
+from conftest import common
 
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.model.parameters import load
 
-rclpy = pytest.importorskip("rclpy")
+pytest.importorskip("rclpy")
 FOLLOWS_DEG = 3.0
-
-
-class Caller:
-    """A ROS node of somebody else: calls services and sets parameters of a running graph."""
-
-    def __init__(self, domain):
-        from rclpy.experimental import EventsExecutor
-        from rosgraph_msgs.msg import Clock
-
-        self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=domain)
-        self.node = rclpy.create_node("caller", context=self._context)
-        self._executor = EventsExecutor(context=self._context)
-        self._executor.add_node(self.node)
-        self._time_s = 0.0
-        self.node.create_subscription(Clock, "/clock", self._on_clock, 10)
-
-    def let_pass(self, seconds):
-        """Wait until so much simulated time has passed."""
-        begun = self._time_s
-        wait_for(lambda: self._executor.spin_once(timeout_sec=0.1) or self._time_s > begun + seconds)
-
-    def _on_clock(self, message):
-        self._time_s = message.clock.sec + 1e-9 * message.clock.nanosec
-
-    def call(self, name, kind, request):
-        """Call a service; return its response."""
-        client = self.node.create_client(kind, name)
-        assert client.wait_for_service(timeout_sec=30)
-        future = client.call_async(request)
-        self._executor.spin_until_future_complete(future, timeout_sec=30)
-        assert future.done()
-        return future.result()
-
-    def trigger(self, name):
-        from std_srvs.srv import Trigger
-
-        return self.call(name, Trigger, Trigger.Request())
-
-    def set(self, node, key, value):
-        """Set a parameter of a node; return the result."""
-        from rcl_interfaces.srv import SetParameters
-
-        parameter = rclpy.parameter.Parameter(key, value=value).to_parameter_msg()
-        request = SetParameters.Request(parameters=[parameter])
-        return self.call(f"{node}/set_parameters", SetParameters, request).results[0]
-
-    def close(self):
-        self.node.destroy_node()
-        rclpy.shutdown(context=self._context)
-
-
-@pytest.fixture
-def caller(monkeypatch):
-    from pam_orthosis.model.parameters import config_folder
-
-    domain = 60 + os.getpid() % 40
-    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_folder() / "loopback.xml"))
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-    caller = Caller(domain)
-    yield caller
-    caller.close()
 
 
 def test_services_and_live_parameters_act_in_a_running_graph(caller, live_run):
@@ -127,9 +62,3 @@ def _assert_followed(recorded, vented_ns):
     assert settled.sum() > 200
     assert np.ptp(angles[0][settled]) > 0.5
     assert error[settled].max() < FOLLOWS_DEG
-
-
-def common(*series):
-    """Return the stamps that all series have, and their values there."""
-    stamps = reduce(np.intersect1d, [each.stamp_ns for each in series])
-    return stamps, [each.value[np.searchsorted(each.stamp_ns, stamps)] for each in series]
