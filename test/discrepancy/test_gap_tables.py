@@ -12,7 +12,7 @@ from pam_orthosis.discrepancy.columns import read_mapping, signals_of, with_colu
 from pam_orthosis.discrepancy.data import from_csv, recording
 from pam_orthosis.discrepancy.even import even
 from pam_orthosis.discrepancy.knee import knee
-from pam_orthosis.discrepancy.stamps import skews
+from pam_orthosis.discrepancy.stamps import STEP, skews
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
 
@@ -135,7 +135,9 @@ def test_a_wrong_dimension_is_no_skew(bench, nominal, true):
     late = round(0.01 / one.period)  # and does not hide one
     shifted = {k: v[late:] if k == "angle" else v[:-late] for k, v in one.signals.items()}
     (skew,) = skews(bench.system, replace(one, signals=shifted))
-    assert 0.005 < skew.seconds < 0.015  # how late is less sure where the model is wrong too
+    # friction and damping that may be missing resemble a lag and take a part of it, with the right model
+    # too (5 ms are read as 3.2): a wrong dimension must not add to that
+    assert abs(skew.seconds - 0.01) < STEP
 
 
 @pytest.mark.parametrize(("period", "kept"), [(0.001, False), (0.005, True)])
