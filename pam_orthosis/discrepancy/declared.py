@@ -22,6 +22,7 @@ APPARATUS = (
     "valve.",
     "effects.",
 )  # keys of the nominal model that recordings share
+MASSES = ("leg.shoe_mass",)  # of the ankle: where it is wrong, all forces are by one factor
 # what may be off in machines of the leg, and in those that carry a person's
 OF_LEG, OF_PERSON = ("moving_mass", "small_muscle_damping"), ("person_mass", "passive_moment")
 
@@ -39,7 +40,8 @@ def _view(machine: Machine, nominal: Parameters) -> View:
         graph_view(machine, nominal),
         calibrations=from_rows(nominal, *_tolerances(machine, nominal)),
         multiplied={**DEVIATIONS, **own},
-        suspects=VALVE,
+        suspects=(*VALVE, *(MASSES if machine.kind == "ankle" else ())),
+        usual=False,
         sources=_sources(machine),
     )
 

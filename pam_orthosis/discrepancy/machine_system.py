@@ -24,6 +24,7 @@ from pam_orthosis.model.signals import Expression, Signals
 Symbols = Mapping[str, Expression]
 MOST_SUPPLY = 1.5  # of the nominal supply pressure, that a chamber can hold: beyond it the unit is another
 PUSH = "constant_torque.torque"  # in whose unit an unknown torque is told
+SMALL = 0.2  # of a typical size, which is a knee's: where a search starts too
 MARGIN = 0.2  # of the range between the stops: farther out the unit or the zero is another
 
 
@@ -42,6 +43,7 @@ class View:
         gains: observer gains of coordinate and velocity, 1/s and 1/s^2.
         added: calibration -> key of the parameter to which it is added.
         stiff: steps follow the fastest state.
+        usual: sizes and places of the catalogue's effects, which are a knee's, are usual here.
         learns: effects that the model has already are recalibrated with it; delays among them, and that of
             the valves, let inputs act later.
         beside: (signals, calibrations) -> what is measured beside coordinate and pressures, by channel.
@@ -59,6 +61,7 @@ class View:
     gains: tuple[float, float]
     added: Mapping[str, str] = field(default_factory=dict)
     stiff: bool = True
+    usual: bool = True
     learns: bool = True
     beside: Callable[[Signals, Symbols], Mapping[str, Expression]] = lambda signals, symbols: {}
     mechanism: Callable[[Parameters, Symbols], Mechanism] | None = None
@@ -134,7 +137,7 @@ class _Described:
     def system(self, catalogue: Mapping[str, Effect], without: Callable[[str], System]) -> System:
         """Return the system; `without` makes it without an effect that the model has already."""
         machine, view = self._machine, self._view
-        known = {name: self._seen(effect) for name, effect in catalogue.items()}
+        known = {name: self._seen(self._placed(effect)) for name, effect in catalogue.items()}
         wrong = self._suspects if catalogue is machine.catalogue else {}
         return System(
             name=view.title,
@@ -165,6 +168,18 @@ class _Described:
             for effect in self._learned
             for name in _deviations(effect).values()
         )
+
+    def _placed(self, effect: Effect) -> Effect:
+        """Return an effect that is looked for at the machine's own places, and at small sizes too."""
+        if self._view.usual:
+            return effect
+        size, *others = effect.parameters
+        starts = effect.starts
+        if effect.states and size.neutral is not None:  # those without states begin near zero in any case
+            starts = (*starts, {size.name: size.neutral + SMALL * (size.typical - size.neutral)})
+        middle = 0.5 * sum(self._machine.mechanism(self._nominal).limits)
+        moved = (replace(q, typical=middle) if q.name == effect.middle else q for q in others)
+        return replace(effect, starts=starts, parameters=(size, *moved))
 
     def _seen(self, effect: Effect) -> Effect:
         """Return an effect with channels in place of the signals that it lags behind or is drawn over."""

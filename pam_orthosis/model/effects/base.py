@@ -116,6 +116,7 @@ class Effect:
         fastest: the shortest time constant that its states have at these values, values -> s.
         held: for the gap workflow, own state -> {channel: gain by which a replay holds it to the recording,
             1/s times the ratio of their units}; for a state that chance decides.
+        middle: name of the coordinate that is usually the middle of the machine's range.
         periodic: names of its frequency, Hz, and phase, rad; a search starts where residuals have peaks.
         on: the actuators on which this instance acts.
     """
@@ -140,6 +141,7 @@ class Effect:
     late: Callable[[Any], float] | None = None
     fastest: Callable[[Any], float] | None = None
     held: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    middle: str = ""
     periodic: tuple[str, str] | None = None
     on: tuple[str, ...] = ()
 

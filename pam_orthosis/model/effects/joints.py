@@ -110,6 +110,7 @@ EFFECTS = [
         minimum_effect=0.1,
         starts=({"stiffness": -2.0},),
         coordinate="angle",
+        middle="rest_angle",
         confounded_with=("force_map_misfit", "constant_torque"),
         separated_by=("diagnostic-cocontraction",),
     ),

@@ -175,7 +175,7 @@ EFFECTS = [
             Quantity("offset_share", 0.4, "-", 0.0, 1.0, "share of the half width left without pressure",
                      fitted=False, meaningful=(0.0, 1.0)),
             Quantity("sliding_distance", 1.0e-3, "m", 5.0e-5, 0.02, "contraction until the fibres slide",
-                     meaningful=(5.0e-5, 0.01)),  # wider, it is an elasticity
+                     meaningful=(1.0e-4, 0.01)),  # shorter, the load rubs; wider, it is an elasticity
         ),
         expression=_muscle_hysteresis,
         physics="The fibres of the braid rub on each other and on the rubber. They stick over a short "
