@@ -25,16 +25,17 @@ from pam_orthosis.testing.write import write_case
 
 RESULTS = Path(__file__).resolve().parent / "results" / "gap_ankle.jsonl"
 PERSON = {"leg.person.present": True}
+NAMED = "explained", "recalibrated"
 # machine, worn by a person, effect or wrong parameter (empty: nothing), size or factor on the parameter
 HIDDEN = (
     ("ankle", False, "joint_friction", "large"),
     ("ankle", True, "parallel_elasticity", "large"),
     ("ankle", False, "plantarflexor_leak", "medium"),
     ("ankle", False, "hose_resistance", "medium"),
-    ("ankle", True, "dorsiflexor_pressure_gain", "large"),
+    ("ankle", True, "dorsiflexor_pressure_gain", "medium"),
     ("ankle", False, "valve_delay", "medium"),
     ("ankle", False, "leg.shoe_mass", 1.6),
-    ("ankle", False, "valve.supply_pressure", 0.85),
+    ("ankle", False, "valve.supply_pressure", 1.15),
     ("shoe", False, "heel_leak", "medium"),
     ("shoe", False, "forefoot_pressure_gain", "large"),
     ("ankle", False, "", "medium"),
@@ -49,31 +50,35 @@ def plan(seed: int) -> list[dict]:
     return [{"seed": seed, "number": n, **dict(zip(names, one, strict=True))} for n, one in enumerate(HIDDEN)]
 
 
-def solve(case: dict, _tools: dict) -> dict:
-    """Record a case, search it, and return what was named beside what was hidden."""
+def made(case: dict) -> cases.Case:
+    """Return the recordings of a case."""
     parameters = cases.nominal(machine_named(Path(case["machine"])))
     parameters = parameters.changed(PERSON if case["person"] else {})
     effects, size, wrong = ([case["hidden"]] if case["hidden"] else 0), case["size"], {}
     if "." in case["hidden"]:
         effects, size, key = 0, "medium", case["hidden"]
         wrong = {key: parameters.at(key) * case["size"]}
-    made = cases.make_case(
-        1000 * case["seed"] + case["number"], "clean", size, effects, parameters=parameters, wrong=wrong
-    )
+    seed = 1000 * case["seed"] + case["number"]
+    return cases.make_case(seed, "clean", size, effects, parameters=parameters, wrong=wrong)
+
+
+def solve(case: dict, _tools: dict) -> dict:
+    """Record a case, search it, and return what was named beside what was hidden."""
+    recorded = made(case)
     with tempfile.TemporaryDirectory() as folder:
-        training, held_out, _ = write_case(made, Path(folder))
+        training, held_out, _ = write_case(recorded, Path(folder))
         start = time.monotonic()
         told = po.gap(training, held_out).as_dict()
     named = [one["name"] for one in told["effects"]]
-    expected = [name_of(case["hidden"]) if wrong else case["hidden"]] if case["hidden"] else []
+    expected = [name_of(case["hidden"])] if case["hidden"] else []
     return {
         **case,
-        "true": wrong or made.answer["effects"],
+        "true": recorded.answer["wrong"] or recorded.answer["effects"],
         "verdict": told["verdict"],
         "effects": told["effects"],
         "runner_up": told["runner_up"],
         "explained": told["closure"],
-        "right": named == expected and told["verdict"] == ("explained" if expected else "none"),
+        "right": named == expected and told["verdict"] in (NAMED if expected else ("none",)),
         "seconds": round(time.monotonic() - start, 1),
     }
 

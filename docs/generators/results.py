@@ -75,6 +75,7 @@ def blocks() -> dict[str, Callable[[], str]]:
         "gap": lambda: gap(blind_cases()),
         "gap-sets": gap_sets,
         "gap-wrong": gap_wrong,
+        "gap-ankle": gap_ankle,
         "gap-peer": gap_peer,
         "control": control,
         "delay": delay,
@@ -206,6 +207,31 @@ def gap_wrong() -> str:
         for r in gap_table.read(RESULTS / "gap_wrong.jsonl")
     ]  # fmt: skip
     return table(("parameter", "off by", "model", "true", "found", "verdict"), rows)
+
+
+def gap_ankle() -> str:
+    """Return what became of what was hidden in ankle and shoe."""
+    rows = [
+        (
+            r["machine"] + (", worn" if r["person"] else ""),
+            _hidden(r),
+            ", ".join(_named(one) for one in r.get("effects", ())) or "nothing",
+            f"`{r['verdict']}`" if "verdict" in r else "failed",
+        )
+        for r in gap_table.read(RESULTS / "gap_ankle.jsonl")
+    ]
+    return table(("machine", "hidden", "named", "verdict"), rows)
+
+
+def _hidden(result: dict[str, Any]) -> str:
+    if "true" not in result:
+        return f"`{result['hidden']}`"
+    sizes = [v if isinstance(v, float) else next(iter(v.values())) for v in result["true"].values()]
+    return f"`{result['hidden']}` {sizes[0]:.3g}" if sizes else "nothing"
+
+
+def _named(effect: dict[str, Any]) -> str:
+    return f"`{effect['name']}` {next(iter(effect['parameters'].values()))['value']:.3g}"
 
 
 def _share(part: int, whole: int) -> str:

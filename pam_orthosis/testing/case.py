@@ -48,7 +48,7 @@ NOMINAL = {
     "control.pressure.gain": 40.0,
     "control.pressure.reference_filter": 50.0,
 }
-OF_MACHINES = "scenario.start_hold", "valve.dead_band", "valve.delay"  # of these, in cases of other machines
+OF_MACHINES = "scenario.control_period", "scenario.start_hold", "valve.dead_band", "valve.delay"
 # realistic class: sizes of the misfits in shape (about 5 N rms, 2 %, 1 %)
 MAP_SD, VALVE_SD, VOLUME_SD = 3.5, 0.02, 0.01
 GAIT_SECONDS, HELD_OUT_GAIT_SECONDS, PUSH_SECONDS = 20.0, 14.0, 120.0
@@ -87,7 +87,11 @@ def nominal(machine: Machine | None = None) -> Parameters:
     """
     if machine is None or machine.kind == "knee":
         return load(NOMINAL, machine)
-    own = load({key: NOMINAL[key] for key in OF_MACHINES}, machine)
+    known = {key: NOMINAL[key] for key in OF_MACHINES if key not in machine.values}
+    own = load(known, machine)
+    loops = {key: value for key, value in NOMINAL.items() if key.startswith("control.")}
+    slower = {key: min(value, own.at(key)) for key, value in loops.items()}
+    own = own.changed(slower)
     return own.changed(
         {key: False for key in own.flat() if key.startswith("effects.") and own.at(key) is True}
     )
@@ -138,7 +142,7 @@ def make_case(
         return made
 
     made = recorded("training", training), recorded("held_out", held_out)
-    return Case(*made, parameters, {"seed": seed, **secret.answer})
+    return Case(*made, parameters, {"seed": seed, **secret.answer, "wrong": dict(wrong or {})})
 
 
 def draw(

@@ -39,9 +39,15 @@ def tolerances(parameters: Parameters) -> dict[str, float]:
 
 
 def own_motion(rng: Generator, parameters: Parameters) -> Any:
-    """Return the motion of the scenario with another cadence and, of a gait, other harmonics."""
+    """Return the motion of the scenario with another cadence and, of a gait, other harmonics.
+
+    What was planned for one cadence, a sole's course, is asked for with another load.
+    """
     s = parameters.scenario
     cycle = s.cycle_time * rng.uniform(0.8, 1.5)
+    if s.plan.enabled:
+        share = f"{parameters.declared.parameters}.share"
+        return make_trajectory(parameters.changed({share: parameters.at(share) * rng.uniform(0.6, 1.1)}))
     if s.trajectory == "gait" and parameters.control.position.feedback:
         spread = 1 + 0.1 * rng.standard_normal((2, len(s.gait.cosine)))
         shape = fourier_shape(np.array(s.gait.cosine) * spread[0], np.array(s.gait.sine) * spread[1])

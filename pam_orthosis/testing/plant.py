@@ -104,11 +104,12 @@ class HiddenPlant:
         first, second, *slopes = physics.strokes(place, 1.0, self._a, self._parts[3])
         self._anchors = np.outer([first, second], np.ones(physics.ELEMENTS))
         self._ring = np.zeros((6, physics.RING))
-        pulls = np.sign(slopes)
-        low, high = -0.8 * mean, 0.8 * mean
+        pulls, ambient, supply = np.sign(slopes), self._a.ambient, parameters.valve.supply_pressure
+        reach = 0.8 * mean if parameters.declared.kind == "knee" else supply - mean
+        low, high = -reach, reach
         for _ in range(50 if self._a.locked == 0 else 0):
             shift = 0.5 * (low + high)
-            self.x[physics.PE : physics.PF + 1] = mean + pulls * shift
+            self.x[physics.PE : physics.PF + 1] = np.clip(mean + pulls * shift, ambient, supply)
             low, high = (shift, high) if self._acceleration() < 0 else (low, shift)
         for row, state in ((physics.RING_Q, 0), (physics.RING_PE, 2), (physics.RING_PF, 3)):
             self._ring[row] = self.x[state]

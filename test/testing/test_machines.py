@@ -131,3 +131,17 @@ def test_the_verb_refuses_machines_that_it_cannot_emulate(given, more, message, 
 def test_a_knee_with_a_person_is_refused():
     with pytest.raises(cases.OrthosisError, match="no person"):
         HiddenPlant(load({**cases.NOMINAL, "leg.person.present": True}))
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_the_motions_of_a_machine_are_drawn_anew(name):
+    """Two runs to fit, two to judge, within the machine's range."""
+    p = cases.nominal(machine_named(Path(name)))
+    rng = np.random.default_rng(1)
+    one, other = cases.trajectories(rng, p), cases.trajectories(rng, p, held_out=True)
+    assert set(one) == set(other) == ({"first", "second"} if name == "shoe" else {"motion", "diagnostic"})
+    low, high = (p.at(key) for key in p.declared.stops)
+    for kind in one:
+        at = [[run[kind][0].sample(t * 10**8).position for t in range(300)] for run in (one, other)]
+        assert low < np.min(at) < np.max(at) < high
+        assert np.abs(np.subtract(*at)).max() > 0.05 * np.ptp(at)
