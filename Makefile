@@ -56,7 +56,7 @@ bench-control: setup
 # figures and pictures of the page on the paper's results
 paper: setup
 	$(BIN)/pam-orthosis paper --out build/paper --overwrite --json > benchmarks/results/paper.json
-	cp build/paper/pictures/force.png build/paper/pictures/observer.png build/paper/pictures/tracking.png docs/pictures
+	cd build/paper/pictures && cp force.png observer.png tracking.png device.png rig.png mechanics.png ../../../docs/pictures
 
 # the site in site/, without a warning; generated pages are made on the way
 docs: setup

@@ -56,6 +56,11 @@ def as_text(text: str) -> Write:
     return lambda stream: stream.write(text.encode("utf-8", "backslashreplace"))
 
 
+def as_bytes(content: bytes) -> Write:
+    """Return what writes these bytes."""
+    return lambda stream: stream.write(content)
+
+
 def write_files(files: Mapping[Path, Write], overwrite: bool = False) -> None:
     """Write files, and the folders that they need, all of them or none.
 

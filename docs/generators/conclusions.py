@@ -72,6 +72,7 @@ def speed() -> str:
 def paper() -> str:
     """Return the paper's three figures beside ours."""
     rows = {row["result"]: row for row in results.paper_results()["rows"]}
+    moved = results.paper_results()["by_hand"]
     parts = [
         f"{words} {rows[name]['here'].split(',')[0]} (paper: {rows[name]['paper'].split(',')[0]})"
         for words, name in (
@@ -80,7 +81,15 @@ def paper() -> str:
             ("the knee deviates by at most", "maximum tracking error"),
         )
     ]
-    return f"In the emulation {parts[0]}, {parts[1]}, and {parts[2]}."
+    vented, filled = (
+        {joint: max(one[kind] for one in moved if one["joint"] == joint) for joint in ("knee", "ankle")}
+        for kind in ("resistance", "filled")
+    )
+    return (
+        f"In the emulation {parts[0]}, {parts[1]}, and {parts[2]}. With vented muscles a hand that moves the"
+        f" knee overcomes {vented['knee']:.1f} N m beside weight and inertia, {vented['ankle']:.1f} N m at"
+        f" the ankle; with filled ones {filled['knee']:.0f} and {filled['ankle']:.0f} N m."
+    )
 
 
 def conclusions() -> dict[str, str]:

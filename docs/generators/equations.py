@@ -54,6 +54,7 @@ MEANING = {
 }
 _CITED = re.compile(r"Eqs?\.\s*(\(\d+\)(?:(?:,\s*|\s*-\s*|\s+and\s+|\s+to\s+|,\s+and\s+)\(\d+\))*)")
 _SENTENCE = re.compile(r"(?<!Eq)(?<!Eqs)[.;]\s+(?=\S)")
+PRINTS = ") prints "  # is said of an equation that is used otherwise
 _PART = re.compile(r"\((\d+)\)|(-|\bto\b)")
 
 
@@ -81,8 +82,11 @@ def cited(docstring: str) -> set[int]:
 
 def sentence(docstring: str, number: int) -> str:
     """Return the first sentence of a docstring that cites an equation."""
-    parts = [part for paragraph in docstring.split("\n\n") for part in _SENTENCE.split(paragraph)]
-    return " ".join(next(part for part in parts if number in cited(part)).split())
+    return " ".join(next(part for part in _sentences(docstring) if number in cited(part)).split())
+
+
+def _sentences(docstring: str) -> list[str]:
+    return [part for paragraph in docstring.split("\n\n") for part in _SENTENCE.split(paragraph)]
 
 
 def citations() -> dict[int, list[Citation]]:
@@ -96,6 +100,17 @@ def citations() -> dict[int, list[Citation]]:
             for number in cited(docstring):
                 found[number].append(Citation(f"{module}.{name}", sentence(docstring, number)))
     return {number: found[number] for number in MEANING}
+
+
+def mended() -> list[Citation]:
+    """Return what docstrings say of equations that are not used as the paper prints them."""
+    found = []
+    for path in sorted(PACKAGE.rglob("*.py")):
+        module = ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
+        for name, docstring in _docstrings(ast.parse(path.read_text(encoding="utf-8"))):
+            sentences = (" ".join(part.split()) for part in _sentences(docstring))
+            found += [Citation(f"{module}.{name}", words) for words in sentences if PRINTS in words]
+    return sorted(found, key=lambda one: min(cited(one.words)))
 
 
 def tests() -> dict[int, list[str]]:
@@ -144,5 +159,9 @@ def pages() -> dict[str, str]:
         " [Model and equations](../explanation/model.md) puts them in order.\n\n"
     )
     return {
-        "reference/equations.md": WIDE + head + table(("equation", "what it says", "where", "tests"), rows)
+        "reference/equations.md": WIDE
+        + head
+        + table(("equation", "what it says", "where", "tests"), rows)
+        + "\n## Not used as they are printed\n\n"
+        + table(("where", "what"), [(f"`{one.place}`", one.words) for one in mended()])
     }

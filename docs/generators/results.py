@@ -13,6 +13,7 @@ from generators.markdown import table
 from pam_orthosis.bag.verdict import judge
 from pam_orthosis.model.parameters import scenario_names
 from pam_orthosis.report import improvement
+from pam_orthosis.report.paper import tables
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "benchmarks" / "results"
@@ -84,6 +85,9 @@ def blocks() -> dict[str, Callable[[], str]]:
         "speed": speed,
         "paper": paper,
         "paper-observer": paper_observer,
+        "paper-hand": lambda: _listed(tables.by_hand(paper_results()["by_hand"])),
+        "paper-force-rate": lambda: _listed(tables.force_rate(paper_results()["force_rate"])),
+        "paper-inertia": lambda: _listed(tables.inertia(paper_results()["inertia"])),
         "safety": lambda: _text(safety.table(safety.summary(safety.read(RESULTS / "safety.jsonl")))),
         "stiffness-asked": lambda: _text(cooperation.stiffness_table(_cooperation())),
         "assistance": lambda: _text(cooperation.share_table(_cooperation())),
@@ -335,6 +339,10 @@ def paper_observer() -> str:
         )
         for one in paper_results()["trade_off"]
     ])  # fmt: skip
+
+
+def _listed(one: tables.Listed) -> str:
+    return f"## {one.title}\n\n{one.words}\n\n{table(one.head, one.rows)}"
 
 
 def paper_results() -> dict[str, Any]:

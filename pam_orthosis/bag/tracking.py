@@ -33,16 +33,19 @@ def steady_state_error(stamp_ns: np.ndarray, error: np.ndarray, velocity: np.nda
         error: (n,) tracking error.
         velocity: (n,) velocity of the reference.
     """
+    still = rests(stamp_ns, velocity)
+    return float(np.abs(np.concatenate([error[rest] for rest in still])).mean()) if still else None
+
+
+def rests(stamp_ns: np.ndarray, velocity: np.ndarray) -> list[slice]:
+    """Return where a reference rests for `REST_SECONDS` and longer, by its velocity at stamps (n,)."""
     still = np.abs(velocity) <= REST_FRACTION * np.abs(velocity).max()
     edges = np.flatnonzero(np.diff(np.concatenate(([False], still, [False]))))
-    rests = [
+    return [
         slice(start, end)
-        for start, end in edges.reshape(-1, 2)
+        for start, end in edges.reshape(-1, 2).tolist()
         if stamp_ns[end - 1] - stamp_ns[start] >= REST_SECONDS * SECOND_NS
     ]
-    if not rests:
-        return None
-    return float(np.abs(np.concatenate([error[rest] for rest in rests])).mean())
 
 
 def not_led(stamp_ns: np.ndarray, closed: np.ndarray, near: np.ndarray) -> np.ndarray:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compute the paper's figures 4, 5, 8 and 9 again and show its results beside those of the emulation."""
+"""Draw the paper's figures again, and show its results beside those of the emulation."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pam_orthosis.cli.identify import FIGURES
-from pam_orthosis.files import REMAKE, as_text, output, refuse_existing, write_files
+from pam_orthosis.files import REMAKE, as_bytes, as_text, output, refuse_existing, write_files
 from pam_orthosis.model.parameters import load
 from pam_orthosis.progress import Progress, shown
 
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from pam_orthosis.report.paper.table import Results
 
 MUSCLE = "dmsp_20"
-PICTURES = ("observer.png", "trade_off.png", "tracking.png", *FIGURES)
+SCHEMES = ("device.png", "rig.png", "rig_control.png", "mechanics.png", "knee_control.png")
+PICTURES = ("observer.png", "trade_off.png", "tracking.png", *SCHEMES, *FIGURES)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,23 +51,38 @@ def _made(page: Path, pictures: Path, overwrite: bool, progress: Progress) -> Re
     """Make all results, the page and its pictures."""
     from pam_orthosis.report.identification import drawn
     from pam_orthosis.report.pages import paper as pages
-    from pam_orthosis.report.paper import figures, observer, table, tracking  # matplotlib takes a second
+    from pam_orthosis.report.paper import (  # matplotlib takes a second
+        by_hand,
+        figures,
+        force_rate,
+        inertia,
+        observer,
+        schemes,
+        table,
+        tracking,
+    )
 
     identified = _identified(progress)
     progress("fig. 8: observer")
     observed = observer.observe()
     on_hardware, points = observer.observe(exact=False), observer.trade_off(progress=progress)
     progress("fig. 9: tracking")
-    found = table.Results(identified, observed, on_hardware, points, tracking.track())
+    tracked = tracking.track()
+    moved, compared = by_hand.all_moved(progress), force_rate.compared(progress)
+    found = table.Results(
+        identified, observed, on_hardware, points, tracked, moved, compared, inertia.compared()
+    )
+    progress("drawing the figures")
+    schematic = schemes.schemes()
     files = {
         pictures / "observer.png": lambda stream: figures.draw_observer(observed, stream),
         pictures / "trade_off.png": lambda stream: figures.draw_trade_off(points, observed, stream),
         pictures / "tracking.png": lambda stream: figures.draw_tracking(found.tracking, stream),
+        **{pictures / f"{name}.png": as_bytes(png) for name, png in schematic.items()},
         **drawn(identified, pictures),
         page: as_text(table.page(found)),
-        page.with_suffix(".html"): as_text(pages.page(found)),
+        page.with_suffix(".html"): as_text(pages.page(found, schematic)),
     }
-    progress("drawing the figures")
     write_files(files, overwrite)
     return found
 

@@ -14,7 +14,8 @@ integral, so that e = x_d - x obeys
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import casadi as ca
@@ -28,11 +29,11 @@ from pam_orthosis.model.components import pneumatics
 from pam_orthosis.model.components.actuator import volume_terms
 from pam_orthosis.model.mechanisms.carriage import carriage_acceleration, positioner_contraction
 from pam_orthosis.model.parameters import Parameters
-from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Expression
 
-# relative distance of the observer's poles: scipy places only distinct poles on one output
+# relative distances of an observer's poles: scipy places only distinct poles on one output
 POLE_SPREAD = (0.9, 1.0, 1.1)
+WIDER_SPREAD = (0.85, 0.95, 1.05, 1.15)
 # m s; a slack MAS-40 cannot push: beyond this the integral would only wind up
 INTEGRAL_LIMIT = 2.0e-3
 
@@ -67,6 +68,8 @@ def demanded_jerk(
 ) -> Expression:
     """Return v of Eq. (12) with the derivative orders of relative degree 3, m/s^3.
 
+    Eq. (12) prints lower orders at alpha_3 and alpha_2 and in the feed-forward, with which the error grows.
+
     Args:
         reference: (4,) position and three derivatives.
         estimate: (3,) position, velocity, acceleration.
@@ -95,18 +98,23 @@ def slack_pressure(position: Expression, nominal: Parameters) -> Expression:
 
 
 def linearising_flow(
-    jerk: Expression, position: Expression, velocity: Expression, pressure: Expression, nominal: Parameters
+    jerk: Expression,
+    position: Expression,
+    velocity: Expression,
+    pressure: Expression,
+    nominal: Parameters,
+    force_rate: Expression = 0.0,
 ) -> Expression:
     """Return the mass flow of Eq. (11) that makes the third derivative of x_S equal to `jerk`, kg/s.
 
     Eq. (9) is solved for the pressure's rate, Eq. (6) for the flow; the partial derivatives come by
-    differentiation of the model. dF_M,d/dt is neglected as in Eq. (10).
+    differentiation of the model. `force_rate` is dF_M,d/dt of Eq. (10), N/s, which the paper neglects.
     """
     x, p = ca.SX.sym("x"), ca.SX.sym("p")
     contraction = positioner_contraction(x, nominal.rig)
     force = positioner_force(x, p, nominal)
     by_pressure, by_position = ca.gradient(force, p), ca.gradient(force, x)
-    rate = (-nominal.rig.carriage_mass * jerk - by_position * velocity) / by_pressure
+    rate = (force_rate - nominal.rig.carriage_mass * jerk - by_position * velocity) / by_pressure
     volume, volume_by_pressure, volume_by_contraction = volume_terms(
         lambda dl, gauge: muscle_model.volume(dl, gauge, nominal.muscle.mas_40),
         contraction,
@@ -121,13 +129,13 @@ def linearising_flow(
 
 
 def control_function(nominal: Parameters) -> ca.Function:
-    """Return (reference, estimate, integral, pressure) -> mass flow, Eqs. (11)-(12)."""
+    """Return (reference, estimate, integral, pressure, dF_M,d/dt) -> mass flow, Eqs. (11)-(12)."""
     reference, estimate = ca.SX.sym("reference", 4), ca.SX.sym("estimate", 3)
-    integral, pressure = ca.SX.sym("integral"), ca.SX.sym("pressure")
+    integral, pressure, force_rate = (ca.SX.sym(name) for name in ("integral", "pressure", "force_rate"))
     alpha = error_coefficients([-nominal.rig.position.pole] * 4).tolist()
     jerk = demanded_jerk(ca.vertsplit(reference), ca.vertsplit(estimate), integral, alpha)
-    flow = linearising_flow(jerk, estimate[0], estimate[1], pressure, nominal)
-    return ca.Function("carriage_control", [reference, estimate, integral, pressure], [flow])
+    flow = linearising_flow(jerk, estimate[0], estimate[1], pressure, nominal, force_rate)
+    return ca.Function("carriage_control", [reference, estimate, integral, pressure, force_rate], [flow])
 
 
 class CarriageObserver:
@@ -144,7 +152,8 @@ class CarriageObserver:
             force, positioner_force(position, pressure, nominal), nominal.rig.carriage_mass
         )
         self._known = compiled(ca.Function("carriage_known", [position, pressure, force], [known]))
-        self._transition, self._input, self._gain = _observer_matrices(nominal.rig)
+        t, pole = nominal.rig.control_period, nominal.rig.position.observer_pole
+        self._transition, self._input, self._gain = _observer_matrices(t, pole, POLE_SPREAD)
         self._state: NDArray[np.float64] | None = None
 
     def step(self, position: float, pressure: float, force: float) -> CarriageEstimate:
@@ -159,25 +168,92 @@ class CarriageObserver:
         return CarriageEstimate(x, velocity, known + error)
 
 
-def _observer_matrices(rig: Section) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return transition (3, 3), input (3,) and gain (3,) of the sampled observer."""
-    t = rig.control_period
-    transition = np.array([[1, t, t**2 / 2], [0, 1, t], [0, 0, 1.0]])
-    poles = np.exp(-rig.position.observer_pole * t * np.array(POLE_SPREAD))
+class Neglected:
+    """dF_M,d/dt as the paper has it in Eq. (10): nothing."""
+
+    def step(self, position: float, pressure: float, force: float) -> float:
+        """Return the derivative of the investigated muscle's force, N/s, after a sample (m, Pa, N)."""
+        return 0.0
+
+
+class Differentiated:
+    """dF_M,d/dt from the load cell: the difference of two readings behind a low-pass filter."""
+
+    def __init__(self, nominal: Parameters):
+        self._period = nominal.rig.control_period
+        self._share = 1 - math.exp(-nominal.rig.position.force_rate_pole * self._period)
+        self._before, self._rate = math.nan, 0.0
+
+    def step(self, position: float, pressure: float, force: float) -> float:
+        """Return the derivative, N/s, after a sample (m, Pa, N)."""
+        if not math.isnan(self._before):
+            self._rate += self._share * ((force - self._before) / self._period - self._rate)
+        self._before = force
+        return self._rate
+
+
+class DisturbanceObserver:
+    """dF_M,d/dt without a load cell, the alternative that the paper names after Eq. (10).
+
+    F_M,d is the disturbance of Eq. (7): it and its derivative are states beside position and velocity, the
+    derivative held constant; F_M,r of Eq. (8) is known, the position is measured.
+    """
+
+    def __init__(self, nominal: Parameters):
+        position, pressure = ca.SX.sym("x"), ca.SX.sym("p")
+        self._mass = nominal.rig.carriage_mass
+        known = carriage_acceleration(0, positioner_force(position, pressure, nominal), self._mass)
+        self._known = compiled(ca.Function("carriage_pulled", [position, pressure], [known]))
+        t, pole = nominal.rig.control_period, nominal.rig.position.force_rate_pole
+        self._transition, self._input, self._gain = _observer_matrices(t, pole, WIDER_SPREAD)
+        self._state: NDArray[np.float64] | None = None
+
+    def step(self, position: float, pressure: float, force: float) -> float:
+        """Return the derivative, N/s, after a sample (m, Pa, N)."""
+        known = float(self._known(position, pressure)[0][0])
+        if self._state is None:  # at rest, in balance
+            self._state, self._before = np.array([position, 0.0, -known, 0.0]), known
+        predicted = self._transition @ self._state + self._input * (0.5 * (self._before + known))
+        self._state = predicted + self._gain * (position - predicted[0])
+        self._before = known
+        return float(self._mass * self._state[3])
+
+
+FORCE_RATES: dict[str, Callable[[Parameters], Neglected | Differentiated | DisturbanceObserver]] = {
+    "neglected": lambda _nominal: Neglected(),
+    "differentiated": Differentiated,
+    "observed": DisturbanceObserver,
+}
+
+
+def _observer_matrices(
+    t: float, pole: float, spread: Sequence[float]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return transition (n, n), input (n,) and gain (n,) of a sampled observer with n poles about -`pole`."""
+    n = len(spread)
+    transition = np.array(
+        [[t ** (j - i) / math.factorial(j - i) if j >= i else 0.0 for j in range(n)] for i in range(n)]
+    )
+    poles = np.exp(-pole * t * np.array(spread))
     # the measurement of now corrects the prediction of now: the error's matrix is (1 - k c) A
     placed = signal.place_poles(transition.T, transition[:1].T, poles)
-    return transition, np.array([t**2 / 2, t, 0.0]), placed.gain_matrix[0]
+    return transition, np.array([t**2 / 2, t, *[0.0] * (n - 2)]), placed.gain_matrix[0]
 
 
 class CarriageController:
-    """Observer and linearising law with its integral; knows the nominal model only."""
+    """Observer and linearising law with its integral; knows the nominal model only.
+
+    `force_rate` is what it took for dF_M,d/dt at its last step, N/s.
+    """
 
     def __init__(self, parameters: Parameters):
         nominal = parameters.rig_nominal()
         self._observer = CarriageObserver(nominal)
         self._control = compiled(control_function(nominal))
+        self._force_rate = FORCE_RATES[nominal.rig.position.force_rate](nominal)
         self._period = nominal.rig.control_period
         self._integral = 0.0
+        self.force_rate = 0.0
 
     def step(
         self, position: float, pressure: float, force: float, reference: CarriageReference
@@ -186,5 +262,6 @@ class CarriageController:
         estimate = self._observer.step(position, pressure, force)
         integral = self._integral + (reference.position - position) * self._period
         self._integral = min(max(integral, -INTEGRAL_LIMIT), INTEGRAL_LIMIT)
-        flow = float(self._control(reference, estimate, self._integral, pressure)[0][0])
+        self.force_rate = self._force_rate.step(position, pressure, force)
+        flow = float(self._control(reference, estimate, self._integral, pressure, self.force_rate)[0][0])
         return flow, estimate

@@ -61,8 +61,8 @@ def characteristic(pole: Expression, damping: Expression) -> tuple[Expression, E
 def gains(x: ca.SX, pressures: ca.SX, polynomial: Sequence[Expression], axis: Axis) -> ca.SX:
     """Return h of Eq. (31): the poles of A - h c, Eq. (32), are placed by Ackermann's formula.
 
-    The measurement c x of Eq. (30) is the position, and so is its estimate: Eq. (31) prints
-    y-hat-dot = c(x-hat) where y-hat is meant.
+    The measurement c x of Eq. (30) is the position. Eq. (31) prints y-hat-dot = c(x-hat) where y-hat is
+    meant.
 
     Args:
         x: estimate (3,), the point of linearisation.

@@ -57,8 +57,8 @@ def desired_acceleration(
 ) -> Expression:
     """Return the q-double-dot that fulfils the condition of Eq. (37).
 
-    e1 = q_d - q, Eq. (33); e2 = q_d-dot - q-dot + c1 e1, Eq. (36). In the bracket of Eq. (37) the
-    paper prints q_d-dot; differentiating Eq. (36) gives q_d-double-dot, used here, so that
+    e1 = q_d - q, Eq. (33); e2 = q_d-dot - q-dot + c1 e1, Eq. (36). In its bracket Eq. (37) prints
+    q_d-dot, where differentiating e2 gives q_d-double-dot, used here. Then
     V2-dot = -c1 e1^2 - c2 e2^2 for the function V1 of Eq. (34) plus e2^2 / 2, V1 having been made
     decreasing by Eq. (35).
     """

@@ -56,6 +56,7 @@ class RigSample(NamedTuple):
     voltages: tuple[float, float]
     truth: RigTruth
     cylinder: Cylinder | None = None
+    force_rate: float = 0.0  # what the control took for the derivative of the specimen's force, N/s
 
 
 class Ramp:
@@ -168,8 +169,9 @@ class Rig:
         time_ns = self._index * self.plant.period_ns
         self._index += 1
         return RigSample(
-            time_ns, measured, reference, pressure_reference, estimate, flows, voltages, truth, cylinder
-        )
+            time_ns, measured, reference, pressure_reference, estimate, flows, voltages, truth, cylinder,
+            self._carriage.force_rate,
+        )  # fmt: skip
 
     def rest(self, pressure: float, duration: float) -> Iterator[RigSample]:
         """Hold pressure and position."""

@@ -115,6 +115,7 @@ def fit_force(s: Samples, damping: float = 0.0, degrees: tuple[int, int] = (3, 4
     """Fit the coefficients of Eq. (14) to samples, the damping part being known, Eq. (23).
 
     The weighted index of Eq. (21) is minimised, its gradient vanishing as Eq. (22) asks, by singular values.
+    Eq. (23) prints the inverse of B^T B, which squares its condition number, without weights.
 
     Args:
         s: samples of a taut muscle.

@@ -6,6 +6,7 @@ A page is one HTML file that needs nothing but itself.
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files
@@ -29,6 +30,18 @@ class Moving(NamedTuple):
     data: Mapping[str, Any]
 
 
+class Picture(NamedTuple):
+    """A picture that a page holds: what it shows, in words, and PNG."""
+
+    alt: str
+    png: bytes
+
+    @property
+    def source(self) -> str:
+        """The picture as the address of an image."""
+        return f"data:image/png;base64,{b64encode(self.png).decode()}"
+
+
 class Part(NamedTuple):
     """A part of a page, whatever of it there is, in this order; `pre` is folded away under `more`."""
 
@@ -37,6 +50,7 @@ class Part(NamedTuple):
     table: Markup | None = None
     machine: Moving | None = None
     plots: Sequence[Plot] = ()
+    pictures: Sequence[Picture] = ()
     pre: str = ""
     more: str = ""
 

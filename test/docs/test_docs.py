@@ -64,6 +64,13 @@ def test_every_equation_is_cited_where_it_is_used(pages):
     assert re.findall(r"^\| \((\d+)\) \| [^|]+ \| `", page, flags=re.M) == [str(n) for n in range(1, 38)]
 
 
+def test_what_is_not_used_as_it_is_printed_is_listed(pages):
+    mended = {min(equations.cited(one.words)) for one in equations.mended()}
+    assert mended == {12, 14, 23, 25, 27, 31, 37}
+    below = pages["reference/equations.md"].partition("## Not used as they are printed")[2]
+    assert all(one.words in below for one in equations.mended())
+
+
 def test_a_citation_is_found_in_ranges_and_lists():
     assert equations.cited("By Eqs. (14) and (16)-(18), and Eq. (25).") == {14, 16, 17, 18, 25}
     assert equations.cited("Equation 14, or (15).") == set()

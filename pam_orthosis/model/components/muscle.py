@@ -120,7 +120,7 @@ def counterforce(contraction: Expression, m: Section) -> Expression:
 def towing_force(contraction: Expression, pressure_gauge: Expression, m: Section) -> Expression:
     """Return F_tow of Eq. (14), N; negative where the muscle would hang slack.
 
-    The pressure is the gauge pressure: at ambient pressure a muscle does not pull.
+    Eq. (14) prints p_M for any pressure: it is the gauge pressure, since at ambient pressure no muscle pulls.
     """
     return area(contraction, m) * boxed_pressure(pressure_gauge, m) - counterforce(contraction, m)
 

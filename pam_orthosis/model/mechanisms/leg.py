@@ -97,7 +97,7 @@ def lumped_foot(_shank: Expression, ankle: Expression, leg: Section) -> list[Bod
 def bodies(q: Expression, leg: Section, foot: Callable[..., list[Body]] = lumped_foot) -> list[Body]:
     """Return the bodies of apparatus and person (section 3): thighs, knee, shanks, shoe and foot.
 
-    The person's parts are De Leva's (1996) fractions of the body mass; without a person they are
+    The person's parts have De Leva's (1996) fractions of the body mass; without a person they are
     left out. `foot` is (angle of the shank, position of the ankle, leg) -> shoe and foot.
     """
     hip = hip_angle(q, leg)
@@ -116,8 +116,8 @@ def bodies(q: Expression, leg: Section, foot: Callable[..., list[Body]] = lumped
     person = leg.person
     if person.present:
         parts += [
-            _segment(person.thigh, person.mass, thigh_length, 0 * knee, thigh, hip),
-            _segment(person.shank, person.mass, shank_length, knee, shank, shank_angle),
+            _segment(person.thigh, person, thigh_length, 0 * knee, thigh, hip),
+            _segment(person.shank, person, shank_length, knee, shank, shank_angle),
         ]
     return parts + feet
 
@@ -137,6 +137,7 @@ def mechanics(
 def lagrange(q: Expression, velocity: Expression, parts: Sequence[Body]) -> Mechanics:
     """Return the terms of Eq. (26) of bodies that move with n coordinates, from L = T - U by Eq. (25).
 
+    Eq. (25) prints a partial derivative by time where the total one is meant.
     Inertia (n, n), the others (n,); q and velocity are symbols.
     """
     kinetic, potential = energies(q, velocity, parts)
@@ -164,8 +165,8 @@ def energies(q: Expression, velocity: Expression, parts: Sequence[Body]) -> tupl
 def knee_torque(extensor_force: Expression, flexor_force: Expression, leg: Section) -> Expression:
     """Return the torque of Eq. (27) in the direction of flexion, N m.
 
-    The paper's M_k = d_cw / 2 (F_e - F_f) is positive in extension; here q and torque are positive
-    in flexion, hence the flexor's force comes first.
+    Eq. (27) prints M_k = d_cw / 2 (F_e - F_f), positive in extension: here q and torque are positive in
+    flexion, hence the flexor's force comes first.
     """
     return leg.cogwheel_diameter / 2 * (flexor_force - extensor_force)
 
@@ -186,14 +187,53 @@ def _bar(bar: Section, length: Expression, position: Expression, orientation: Ex
     return Body(bar.mass, bar.mass * (length**2 + bar.width**2) / 12, position, orientation)
 
 
+def segment_inertia(segment: Section, person: Section, length: Expression) -> tuple[Expression, Expression]:
+    """Return where a person's segment has its centre / its length, and its moment of inertia there, kg m^2.
+
+    By De Leva's radius of gyration or, as the paper has it, of a frustum (thigh) and a cylinder (shank).
+    """
+    mass = segment.mass_fraction * person.mass
+    if person.inertia == "gyration":
+        return segment.centre_fraction, mass * (segment.gyration_fraction * length) ** 2
+    return segment.solid_centre, frustum_inertia(mass, length, segment.solid_centre, segment.density)
+
+
+def frustum_radii(
+    mass: Expression, length: Expression, centre: Expression, density: Expression
+) -> tuple[Expression, Expression]:
+    """Return the radii of a homogeneous frustum, proximal and distal, m; a cylinder's centre is at 0.5.
+
+    With the ratio k of the radii its centre is (1 + 2k + 3k^2) / (4 (1 + k + k^2)) of its length away from
+    the proximal end, its volume pi/3 R^2 l (1 + k + k^2).
+    """
+    a, b, c = 3 - 4 * centre, 2 - 4 * centre, 1 - 4 * centre
+    ratio = (ca.sqrt(b**2 - 4 * a * c) - b) / (2 * a)
+    proximal = ca.sqrt(3 * mass / (math.pi * density * length * (1 + ratio + ratio**2)))
+    return proximal, ratio * proximal
+
+
+def frustum_inertia(
+    mass: Expression, length: Expression, centre: Expression, density: Expression
+) -> Expression:
+    """Return the transverse moment of inertia of a homogeneous frustum about its centre, kg m^2.
+
+    By integration of r^4 / 4 + r^2 z^2 along it.
+    """
+    proximal, distal = frustum_radii(mass, length, centre, density)
+    k, across = distal / proximal, 3 * mass / (1 + distal / proximal + (distal / proximal) ** 2)
+    thick = proximal**2 * (1 + k + k**2 + k**3 + k**4) / 20
+    long = length**2 * (1 + 3 * k + 6 * k**2) / 30
+    return across * (thick + long) - mass * (centre * length) ** 2
+
+
 def _segment(
     segment: Section,
-    body_mass: Expression,
+    person: Section,
     length: Expression,
     proximal: Expression,
     direction: Expression,
     orientation: Expression,
 ) -> Body:
-    mass = segment.mass_fraction * body_mass
-    centre = proximal + segment.centre_fraction * length * direction
-    return Body(mass, mass * (segment.gyration_fraction * length) ** 2, centre, orientation)
+    centre, inertia = segment_inertia(segment, person, length)
+    place = proximal + centre * length * direction
+    return Body(segment.mass_fraction * person.mass, inertia, place, orientation)

@@ -3,14 +3,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from pam_orthosis.report.page import NEUTRAL, Page, Part, listed
+from pam_orthosis.report.page import NEUTRAL, Page, Part, Picture, listed
 from pam_orthosis.report.pages import identify
 from pam_orthosis.report.paper.observer import PATTERNS, ObserverRun, TradeOff
+from pam_orthosis.report.paper.schemes import SCHEMES
 from pam_orthosis.report.paper.table import Results, rows
+from pam_orthosis.report.paper.tables import tables
 from pam_orthosis.report.paper.tracking import Tracking
 from pam_orthosis.report.plots import AFTER, BEFORE, ESTIMATE, MEASURED, REFERENCE, Plot, line
 from pam_orthosis.report.run_data import thinned
@@ -25,8 +28,8 @@ PANELS = {
 }
 
 
-def page(found: Results) -> str:
-    """Return the page."""
+def page(found: Results, schematic: Mapping[str, bytes]) -> str:
+    """Return the page; `schematic` are the figures that show no run, PNG by name."""
     headline = (
         f"Tracking: {found.tracking.largest:.2f} deg at most (paper: about 3 deg). Observer: the disturbance"
         f" is estimated {found.observer.lag * 1e3:.1f} ms late (paper: about 25 ms)."
@@ -41,6 +44,8 @@ def page(found: Results) -> str:
         Part("Fig. 8: observer under a sinusoidal disturbance", plots=_observer(found.observer)),
         Part("What less lag costs", plots=_trade_off(found.trade_off)),
         Part("Fig. 9: tracking and error over the gait", plots=_tracking(found.tracking)),
+        *(Part(one.title, (one.words,), listed(one.head, one.rows)) for one in tables(found.as_dict())),
+        *(Part(SCHEMES[name], pictures=[Picture(SCHEMES[name], png)]) for name, png in schematic.items()),
     ]
     return Page(
         "paper", "side by side", NEUTRAL, headline, meaning, parts, "the paper's results again"

@@ -9,9 +9,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pam_orthosis.bag.tracking import REST_SECONDS
 from pam_orthosis.identification.identify import Identified
+from pam_orthosis.report.paper.by_hand import Moved
+from pam_orthosis.report.paper.force_rate import ForceRate
+from pam_orthosis.report.paper.inertia import Compared
 from pam_orthosis.report.paper.observer import DAMPING, POLE, ObserverRun, TradeOff
+from pam_orthosis.report.paper.schemes import SCHEMES
+from pam_orthosis.report.paper.tables import tables
 from pam_orthosis.report.paper.tracking import Tracking
+from pam_orthosis.report.paper.turns import WAY, errors_by_turn
 
 PICTURES = {
     "force": "Fig. 4: force, measured and calculated",
@@ -19,7 +26,7 @@ PICTURES = {
     "observer": "Fig. 8: observer under a sinusoidal disturbance",
     "trade_off": "What less lag costs",
     "tracking": "Fig. 9: tracking and error over the gait",
-}
+} | SCHEMES
 _HEAD = """# The paper's results, side by side
 
 `pam-orthosis paper` writes this page, tables and pictures, from runs that it makes itself.
@@ -41,7 +48,7 @@ class Results:
     """What the figures' runs gave.
 
     `observer` is the paper's simulation (the plant is the observer's model), `observer_on_hardware` the
-    same on the emulated hardware.
+    same on the emulated hardware. `by_hand` is each joint with its muscles vented, and filled.
     """
 
     identified: Identified
@@ -49,6 +56,9 @@ class Results:
     observer_on_hardware: ObserverRun
     trade_off: Sequence[TradeOff]
     tracking: Tracking
+    by_hand: Sequence[tuple[Moved, Moved]]
+    force_rate: Sequence[ForceRate]
+    inertia: Sequence[Compared]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the numbers as plain data for JSON; SI units, angles in degrees."""
@@ -59,12 +69,18 @@ class Results:
                 "training": self.identified.errors(held_out=False),
             },
             "trade_off": [asdict(one) for one in self.trade_off],
+            "by_hand": [
+                vented.as_dict() | {"filled": filled.as_dict()["resistance"]}
+                for vented, filled in self.by_hand
+            ],
+            "force_rate": [asdict(one) for one in self.force_rate],
+            "inertia": [one._asdict() for one in self.inertia],
         }
         for name in ("observer", "observer_on_hardware"):
             run = getattr(self, name)
             data[name] = {key: getattr(run, key) for key in ("lag", "gain", "velocity_noise")}
-        kinds = ("largest", "rms", "steady_state", "worst_phase")
-        data["tracking"] = {key: getattr(self.tracking, key) for key in kinds}
+        data["tracking"] = {key: getattr(self.tracking, key) for key in ("largest", "rms", "worst_phase")}
+        data["tracking"] |= {key: getattr(self.tracking, key).tolist() for key in ("beginnings", "rests")}
         return data
 
 
@@ -76,6 +92,8 @@ def rows(found: Results) -> list[Row]:
 def page(found: Results) -> str:
     """Return the page in Markdown; pictures lie beside it in `pictures/`."""
     parts = [_HEAD, _table(rows(found)), "\n", _words(found.observer), _trade_off(found.trade_off)]
+    for one in tables(found.as_dict()):
+        parts.append(f"\n## {one.title}\n\n{one.words}\n\n{markdown(one.head, one.rows)}")
     parts += [f"\n## {title}\n\n![{title}](pictures/{name}.png)\n" for name, title in PICTURES.items()]
     return "".join(parts)
 
@@ -114,21 +132,32 @@ def tracking_rows(found: Tracking) -> list[Row]:
             f"{found.parameters.scenario.cycle_time:g} s a cycle, start included",
         ),
         Row(
-            "steady-state error", "below 1 deg", f"{found.steady_state:.3f} deg",
-            "mean absolute error at rest before the first step",
+            "steady-state error at the beginning of the step", "below 1 deg", _over_steps(found.beginnings),
+            f"mean absolute error in the {REST_SECONDS:g} s about the instant, nearest to heel strike, when"
+            f" the knee turns, of {len(found.beginnings)} gait steps",
+        ),
+        Row(
+            "the same, steps from rest to rest", "-", _over_steps(found.rests),
+            f"in the last {REST_SECONDS:g} s before each of {len(found.rests)} steps of the scenario `steps`",
         ),
         Row("RMS tracking error", "-", f"{found.rms:.3f} deg", "the same run"),
     ]  # fmt: skip
 
 
+def _over_steps(errors: np.ndarray) -> str:
+    return f"{errors.max():.3f} deg at most, {errors.mean():.3f} deg mean"
+
+
 def _force_rows(found: Identified) -> list[Row]:
     errors = found.errors(held_out=True)
+    near, far = errors_by_turn(found)
     levels = ", ".join(f"{float(one):.1f}" for one in errors["by_pressure_bar_gauge"])
     rows = [
         Row(
             "force model, DMSP-20", "about 30 N maximum",
             f"{errors['max']:.1f} N maximum, {errors['rms']:.1f} N RMS",
-            f"emulated rig, at {levels} bar gauge, which the fit did not see",
+            f"emulated rig, at {levels} bar gauge, which the fit did not see; RMS {near:.1f} N within"
+            f" {1e3 * WAY:g} mm after a change in direction, {far:.1f} N elsewhere",
         )
     ]  # fmt: skip
     if found.volume:
@@ -139,8 +168,12 @@ def _force_rows(found: Identified) -> list[Row]:
 
 
 def _table(lines: Sequence[Row]) -> str:
-    head = "| result | paper | here | how measured |\n|---|---|---|---|\n"
-    return head + "".join(f"| {' | '.join(row)} |\n" for row in lines)
+    return markdown(("result", "paper", "here", "how measured"), lines)
+
+
+def markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """Return a table in Markdown."""
+    return "".join(f"| {' | '.join(row)} |\n" for row in (head, ["---"] * len(head), *lines))
 
 
 def _words(run: ObserverRun) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fig. 9: the knee follows the gait; error over time and over the gait cycle."""
+"""Fig. 9: the knee follows the gait; error over time and over the gait cycle, and where each step begins."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from pam_orthosis.bag.tracking import steady_state_error
+from pam_orthosis.bag.topics import SECOND_NS
+from pam_orthosis.bag.tracking import REST_SECONDS, rests
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model import parameters as tree
 
 CYCLES = 5  # whole cycles at full cadence
+STEPS = "steps"  # scenario of a motion from rest to rest
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,8 @@ class Tracking:
         time, reference, angle, error: (n,); error = reference - measured angle.
         phase: (n,) of the gait cycle from heel strike, counted on from cycle to cycle; NaN while the
             cadence rises.
-        steady_state: mean |error| at rest before the step.
+        beginnings: mean |error| at the beginning of each step, where the knee turns about heel strike.
+        rests: the same of each step of the scenario `steps`, at the end of the rest before it.
     """
 
     parameters: Any
@@ -34,7 +37,8 @@ class Tracking:
     angle: np.ndarray
     error: np.ndarray
     phase: np.ndarray
-    steady_state: float
+    beginnings: np.ndarray
+    rests: np.ndarray
 
     @property
     def largest(self) -> float:
@@ -53,17 +57,62 @@ class Tracking:
 
 
 def track(overrides: Mapping[str, Any] | None = None, seed: int = 1) -> Tracking:
-    """Let the knee walk as the default scenario does, for some whole cycles."""
+    """Let the knee walk as the default scenario does, for some whole cycles, and step from rest to rest."""
     p = tree.load(overrides)
     s = p.scenario
     begin = s.start_hold + s.start_ramp / 2  # the rise of the cadence covers half of what a step would
-    seconds = begin + CYCLES * s.cycle_time
-    run = ClosedLoop(p, seed).run(round(seconds / s.control_period))
+    run = ClosedLoop(p, seed).run(round((begin + CYCLES * s.cycle_time) / s.control_period))
     error = np.degrees(run["reference_angle"] - run["angle"])
-    stamps = np.round(run["time"] * 1e9).astype(np.int64)
     phase = s.start_phase + (run["time"] - begin) / s.cycle_time
     phase[run["time"] < s.start_hold + s.start_ramp] = np.nan
     return Tracking(
         p, run["time"], np.degrees(run["reference_angle"]), np.degrees(run["angle"]), error, phase,
-        steady_state_error(stamps, error, run["reference_velocity"]),
+        turning_errors(run["time"], error, run["reference_velocity"], phase), stepped(overrides, seed),
     )  # fmt: skip
+
+
+def stepped(overrides: Mapping[str, Any] | None = None, seed: int = 1) -> np.ndarray:
+    """Let the knee step from rest to rest; return `Tracking.rests`."""
+    p = tree.load({**tree.scenario_overrides(STEPS), **(overrides or {})})
+    s = p.scenario
+    seconds = s.start_hold + s.start_ramp + CYCLES * s.cycle_time
+    run = ClosedLoop(p, seed).run(round(seconds / s.control_period))
+    return resting_errors(
+        np.round(run["time"] * SECOND_NS).astype(np.int64),
+        np.degrees(run["reference_angle"] - run["angle"]), run["reference_velocity"],
+    )  # fmt: skip
+
+
+def resting_errors(stamp_ns: np.ndarray, error: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """Return the mean |error| over the end of each rest of the reference that a motion follows.
+
+    Args:
+        stamp_ns: (n,) stamps.
+        error: (n,) tracking error.
+        velocity: (n,) of the reference.
+    """
+    found = []
+    for rest in rests(stamp_ns, velocity):
+        if rest.stop < len(stamp_ns):
+            first = np.searchsorted(stamp_ns, stamp_ns[rest.stop - 1] - REST_SECONDS * SECOND_NS)
+            found.append(float(np.abs(error[first : rest.stop]).mean()))
+    return np.array(found)
+
+
+def turning_errors(
+    time: np.ndarray, error: np.ndarray, velocity: np.ndarray, phase: np.ndarray
+) -> np.ndarray:
+    """Return the mean |error| about the instant nearest to each heel strike at which the reference turns.
+
+    Args:
+        time: (n,) s.
+        error: (n,) tracking error.
+        velocity: (n,) of the reference.
+        phase: (n,) of the gait cycle, counted on; NaN where it is not judged.
+    """
+    turns = np.flatnonzero(np.diff(np.sign(velocity)) != 0)
+    found = []
+    for strike in np.arange(np.ceil(np.nanmin(phase)), np.nanmax(phase)):
+        turn = time[turns[np.nanargmin(np.abs(phase[turns] - strike))]]
+        found.append(float(np.abs(error[np.abs(time - turn) <= REST_SECONDS / 2]).mean()))
+    return np.array(found)
