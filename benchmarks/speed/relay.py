@@ -202,7 +202,7 @@ class Plant(Relay):
         self._recorded_ns = -1 if recorded else 1 << 62
         self._waits = True
         self.joined("", self._answered)
-        self.create_subscription(String, "ready", self._on_ready, qos(latched=True))
+        self.create_subscription(String, "ready", self._on_ready, qos(topics.PUBLISHED_DEPTH, latched=True))
         if recorded:
             self.listen(topics.Topics(KNEE).by_name["recorded"], self._on_recorded)
 

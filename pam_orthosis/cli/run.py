@@ -136,6 +136,9 @@ def _chosen(arguments: argparse.Namespace, given: Mapping[str, Any]) -> tuple[Pa
     if any(others) or arguments.scenario != DEFAULT:
         told = "--legs, --model, --no-plant, --watch and --scenario are for single machines"
         raise OrthosisError(f"{told}, not for {arguments.machine}; give its values by --param")
+    if arguments.realtime and not arguments.composed:
+        told = "give --composed too: nodes in processes of their own answer a device's samples too late"
+        raise OrthosisError(f"--realtime with --machine {arguments.machine}: {told}")
     joints = device_parameters(device, {**given, **assignments(arguments.param)})
     legs = {name: entry_of(one) for name, one in joints.items()}
     return next(iter(joints.values())), Mode(

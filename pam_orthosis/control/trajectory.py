@@ -22,13 +22,15 @@ class Planned(NamedTuple):
     """Shapes, over the cycles from where it starts, of what a plan asks for; see `planning`.
 
     `change` is the planned less the desired position, `mean` the mean pressure, absolute Pa, `resting` at
-    rest. Both were planned for one cycle time, s.
+    rest. Both were planned for one cycle time, s. A load shrinks with the cadence: its position is `unloaded`
+    at rest; None: the machine presses on nobody.
     """
 
     change: Shape
     mean: Shape
     resting: float
     cycle_time: float
+    unloaded: float | None = None
 
 
 class Trajectory:
@@ -122,7 +124,22 @@ def _planned(plan: Planned, wanted: Reference, phase: float, rate: float, curvat
         wanted.acceleration + bend * rate**2 + slope * curvature,
     )
     mean = plan.resting + share * (plan.mean(phase)[0] - plan.resting)
+    if plan.unloaded is not None:
+        growth = curvature * plan.cycle_time if share < 1.0 else 0.0
+        desired = _shrunk(Motion(*wanted[:3]), plan.unloaded, share, growth)
+        planned = _shrunk(planned, plan.unloaded, share, growth)
+        wanted = Reference(*desired, beside=wanted.beside)
     return wanted._replace(mean_pressure=mean, planned=planned)
+
+
+def _shrunk(motion: Motion, rest: float, share: float, growth: float) -> Motion:
+    """Return a share of a motion's distance from rest; how the share's growth changes moves nothing heavy."""
+    away = motion.position - rest
+    return Motion(
+        rest + share * away,
+        share * motion.velocity + growth * away,
+        share * motion.acceleration + 2.0 * growth * motion.velocity,
+    )
 
 
 def settling_shape(settled: Shape, more: Shape, cycles: float) -> Shape:
@@ -184,7 +201,9 @@ def _plan(parameters: Parameters) -> Planned:
         for s, more in ((plan.angle, plan.start.angle), (plan.pressure, plan.start.pressure))
     )
     resting = parameters.control.position.mean_pressure
-    return Planned(change, scaled_shape(mean, resting, _load(parameters)), resting, plan.cycle_time)
+    loads = isinstance(parameters.declared.mechanism(parameters), Sole)
+    unloaded = parameters.machine.mechanism.start if loads else None
+    return Planned(change, scaled_shape(mean, resting, _load(parameters)), resting, plan.cycle_time, unloaded)
 
 
 def _load(parameters: Parameters) -> float:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pam_orthosis.control.legs import differences
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.trajectory import make_trajectory
 from pam_orthosis.model.machines import machine_named
@@ -143,3 +144,30 @@ def test_a_stop_releases_the_sole():
     before, after = round(5.0 / PERIOD), round(5.6 / PERIOD)
     assert max(one[before - 400 : before].max() for one in true.values()) > 150
     assert max(one[after:].max() for one in true.values()) < 5
+
+
+def forces_at_rest(parameters, seconds, stop=None):
+    """Return the force set on each cushion, N, at an instant; `stop` is when the motion is stopped."""
+    trajectory = make_trajectory(parameters)
+    if stop is not None:
+        trajectory.stop(round(stop * 1e9))
+    asked, machine = trajectory.sample(round(seconds * 1e9)), parameters.machine
+    gauge = asked.mean_pressure - parameters.valve.ambient_pressure
+    torque = machine.mechanism.stiffness * asked.planned.position
+    return [machine.heel.area * gauge + sign * 0.5 * torque / 0.1 for sign in CUSHIONS.values()]
+
+
+def test_a_leg_that_begins_in_the_middle_of_a_stride_is_not_loaded_yet():
+    whole = load({"scenario.start_hold": 1.0}, SHOE)
+    right = whole.changed(differences(whole)["right"])
+    assert max(forces_at_rest(right, 0.0)) < 40
+    assert right.at(SHOE.start) == pytest.approx(whole.at(SHOE.start), abs=1e-6)
+    _, true, _ = loads(0.9, **differences(whole)["right"])
+    assert max(one.max() for one in true.values()) < 40
+
+
+@pytest.mark.parametrize("stop", [6.2, 6.5, 6.8, 7.1])
+def test_a_motion_that_is_stopped_leaves_no_load_wherever_in_the_stride(stop):
+    parameters = load({}, SHOE)
+    end = stop + parameters.scenario.start_ramp + 0.1
+    assert max(forces_at_rest(parameters, end, stop)) < 40

@@ -34,11 +34,12 @@ MEASURED = ("angle", "extensor_pressure", "flexor_pressure")
 
 
 class Middleware:
-    """A publisher, and how many subscriptions the middleware knows of."""
+    """A publisher and its handle, and how many subscriptions the middleware knows of."""
 
     topic_name = "/estimate"
 
     def __init__(self, subscriptions):
+        self.handle = self
         self.subscriptions, self.published = subscriptions, []
 
     def get_subscription_count(self):

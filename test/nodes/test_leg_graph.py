@@ -110,6 +110,7 @@ def test_gap_says_in_a_line_why_it_cannot_search_a_joint(leg, capsys, given, wor
     [
         (("--legs", "2"), "are for single machines, not for leg"),
         (("--watch",), "are for single machines, not for leg"),
+        (("--realtime",), "give --composed too"),
         (("--param", "leg.wing=1"), "no joint of the leg has a parameter leg.wing"),
         (("--bound-mm", "1"), "give --bound-deg"),
         (("--param", "scenario.trajectory=sine"), "coupled joints move by gait or hold"),
