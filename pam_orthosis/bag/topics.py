@@ -241,7 +241,8 @@ class Topics:
         what = "health of each node, once a second of its time"
         yield Topic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", nodes, (), what, "-", "1 Hz")
         ends, what = (VALVE, PLANT), "whether there is an emergency stop: kept at both ends of the commands"
-        yield Topic(EMERGENCY_STOP, "diagnostic_msgs/msg/DiagnosticArray", ends, ends, what, "-", "event")
+        told = (*ends, POSITION, *self.controllers)
+        yield Topic(EMERGENCY_STOP, "diagnostic_msgs/msg/DiagnosticArray", ends, told, what, "-", "event")
         what = "what the node was started with, as JSON"
         yield Topic("configuration", text, nodes, nodes, what, "-", "event")
         yield Topic("ready", text, nodes, (PLANT,), "the node's peers are there", "-", "event")

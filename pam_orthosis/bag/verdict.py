@@ -15,7 +15,17 @@ import numpy as np
 
 from pam_orthosis.bag.legs import namespaces
 from pam_orthosis.bag.loads import Load, loads_of
-from pam_orthosis.bag.read import Bag, Series, aligned, legs_of, read_bag, recorded_machine, run_record
+from pam_orthosis.bag.read import (
+    Bag,
+    Series,
+    aligned,
+    legs_of,
+    read_bag,
+    recorded_machine,
+    recorded_valve,
+    run_record,
+)
+from pam_orthosis.bag.releases import Release, releases
 from pam_orthosis.bag.timing import Timing, timing
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.bag.tracking import (
@@ -69,7 +79,7 @@ class Verdict:
     voltage per second: chatter. `timing` is that of a run in real time. `not_led` samples are not judged:
     the scenario kept the valves closed, or the machine was on its way back from there. `incomplete` says what
     cannot be judged though it should be; then it is not passed. Errors and bound are in `unit`. `loads` are
-    those of cushions, which have to be good too.
+    those of cushions, which have to be good too. `releases` count by the error that they leave.
     """
 
     max_abs_error: float
@@ -90,6 +100,7 @@ class Verdict:
     remarks: tuple[str, ...] = ()
     unit: str = "deg"
     loads: Mapping[str, Load] = field(default_factory=dict)
+    releases: tuple[Release, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return the verdict as plain data for JSON, errors with their unit in the name."""
@@ -128,7 +139,10 @@ def judge(
         _check_enough(bag, stamps, incomplete)
         incomplete = ""
     error = (reference - place) * coordinate.shown_factor
-    led = ~not_led(stamps, _closed(bag, stamps), np.abs(error) <= most)
+    near = np.abs(error) <= most
+    lowest: float = recorded_valve(bag.path, bag.run, namespace).minimum_voltage
+    released = releases(bag, lowest, (stamps, near), namespace)
+    led = ~not_led(stamps, _closed(bag, stamps), near)
     if not led.any():
         raise OrthosisError(f"{bag.path}: the valves are closed throughout; there is no tracking to judge")
     stamps, error, velocity = stamps[led], error[led], velocity[led]
@@ -154,6 +168,7 @@ def judge(
         timing=timing(bag.path, namespace, bag.parameters.get(PERIOD)),
         unit=coordinate.shown_unit,
         loads=loads,
+        releases=released,
     )
 
 

@@ -4,7 +4,7 @@
 The error is reference - measured angle or position. Steady state: its mean size while the reference rests, at
 less than 2 % of its peak speed for 0.1 s or more. Observer's velocity lag: delay of the estimated velocity
 behind the measured motion, negative if it is ahead. Voltage variation: sum of the changes of a valve voltage
-per second.
+per second. Released: all valves vented, with the reason that the nodes gave; back: within the bound again.
 """
 
 from __future__ import annotations
@@ -112,6 +112,7 @@ def describe(verdict: Verdict) -> str:
     lines = [f"{name:26s} {value:8.3f} {unit}" for name, value, unit in rows if value is not None]
     lines += _timing(verdict.timing) if verdict.timing else []
     lines += [_load(name, load) for name, load in verdict.loads.items()]
+    lines += [f"released                   {release}" for release in verdict.releases]
     if verdict.not_led:
         lines.append(f"not judged                 {verdict.not_led} samples: the scenario leaves it free")
     lines += [f"left out                   {remark}" for remark in verdict.remarks]

@@ -225,6 +225,7 @@ def _rescue(bag: Path, work: Path) -> str:
         left = str(error)
     with suppress(OSError):  # the disk may be full, which is perhaps why the run failed
         shutil.copytree(work, bag / "log", ignore=shutil.ignore_patterns("ros"))
+        left += f"; logs in {bag / 'log'}"
     return left
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Guards of single signals: what is unusable is bridged for a moment, then the signal counts as lost.
+"""Guards of signals: what is unusable is bridged for a moment, then the signal counts as lost.
 
 A guard passes what is usable on unchanged, to the last bit. What it counts is reported in `/diagnostics`.
 """
@@ -7,7 +7,10 @@ A guard passes what is usable on unchanged, to the last bit. What it counts is r
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from typing import Any
 
+from pam_orthosis.control.reference import PressureReference, Valve
 from pam_orthosis.model.parameters import Parameters, Section
 
 
@@ -62,6 +65,11 @@ class SignalGuard:
         self._last, self._started, self._missed, self._since = value, True, 0, 0
         return value
 
+    def trust(self) -> None:
+        """Take the next usable sample for what it is, as at the start, though the signal was lost."""
+        self.lost, self._started, self._followed = "", False, None
+        self._missed = self._same = self._since = 0
+
     def _fault(self, value: float) -> str:
         if not math.isfinite(value):
             return "not finite"
@@ -97,6 +105,66 @@ class Overdue:
         if not holds:
             self._count = 0
         return self._count > self._limit
+
+
+class Guarded:
+    """What guarded controllers share: guards, counters, and why they vent, for good or for the time being."""
+
+    RELEASED = ""
+
+    def __init__(self, parameters: Parameters, guards: dict[str, SignalGuard]):
+        self._guards = guards
+        self._unusable = overdue(parameters.control.guard.hold_time, parameters)
+        self._vent = ""
+        self._loose = False
+        self._limited = self._vented = 0
+
+    def health(self) -> dict[str, Any]:
+        """Return the counters of the reactions and why it vents; zero or empty while all is well."""
+        return {
+            "held_samples": sum(each.held for each in self._guards.values()),
+            "limited_samples": self._limited,
+            "vented_samples": self._vented,
+            "vent": self._vent or (self.RELEASED if self._loose else ""),
+        }
+
+    @property
+    def latched(self) -> str:
+        """Why it vents until somebody acts, if it does."""
+        return self._vent
+
+    def reset(self) -> None:
+        """Vent for good no longer: trust each signal until it is lost again."""
+        self._vent = ""
+        for each in self._guards.values():
+            each.trust()
+
+    def _command_held(self, command: Iterable[PressureReference], periods: int) -> bool:
+        """Return whether a command is unusable and to be held; vent if that lasts."""
+        broken = not all(math.isfinite(number) for number in command if number is not Valve.CLOSED)
+        self._limited += broken
+        if self._unusable.step(broken, periods):
+            self._vent = self._vent or "command not finite"
+        return broken
+
+    def _finite(self, what: str, *results: PressureReference) -> bool:
+        """Return whether results are finite; vent for good if not."""
+        good = all(math.isfinite(number) for number in results if number is not Valve.CLOSED)
+        if not good:
+            self._vent = self._vent or f"{what} not finite"
+        return good
+
+    def _watch(self, late: bool, caught_up: bool) -> None:
+        """Let go what does not follow; take hold of it again when it is caught up with."""
+        self._loose = late or (self._loose and not caught_up)
+
+    def _venting(self) -> bool:
+        """Return whether to vent, and count it."""
+        lost = [f"{name} {each.lost}" for name, each in self._guards.items() if each.lost]
+        self._vent = self._vent or (lost[0] if lost else "")
+        venting = bool(self._vent) or self._loose
+        self._vented += venting
+        return venting
 
 
 def driven(voltage: float, valve: Section) -> float:

@@ -10,11 +10,10 @@ reference afterwards. Without faults each returns what its controller returns, t
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
 from typing import Any
 
 from pam_orthosis.control import guard
+from pam_orthosis.control.guard import Guarded
 from pam_orthosis.control.inverse_valve import InverseValveModel
 from pam_orthosis.control.position import PositionCommand, PositionController
 from pam_orthosis.control.pressure import PressureController
@@ -27,60 +26,6 @@ from pam_orthosis.model.parameters import Parameters
 NEAR = 0.2  # of the largest error: what is followed is caught up with
 SILENT_PERIODS = 20  # without a sample, after which valves have vented by themselves
 VENT_FLOW = -1.0  # kg/s: far more than a valve can pass, so that it opens fully
-
-
-class Guarded:
-    """What the three have in common: guards, counters, and why they vent, for good or for the time being."""
-
-    RELEASED = ""
-
-    def __init__(self, parameters: Parameters, guards: dict[str, guard.SignalGuard]):
-        self._guards = guards
-        self._unusable = guard.overdue(parameters.control.guard.hold_time, parameters)
-        self._vent = ""
-        self._loose = False
-        self._limited = self._vented = 0
-
-    def health(self) -> dict[str, Any]:
-        """Return the counters of the reactions and why it vents; zero or empty while all is well."""
-        return {
-            "held_samples": sum(each.held for each in self._guards.values()),
-            "limited_samples": self._limited,
-            "vented_samples": self._vented,
-            "vent": self._vent or (self.RELEASED if self._loose else ""),
-        }
-
-    @property
-    def latched(self) -> str:
-        """Why it vents until somebody acts, if it does."""
-        return self._vent
-
-    def _command_held(self, command: Iterable[PressureReference], periods: int) -> bool:
-        """Return whether a command is unusable and to be held; vent if that lasts."""
-        broken = not all(math.isfinite(number) for number in command if number is not Valve.CLOSED)
-        self._limited += broken
-        if self._unusable.step(broken, periods):
-            self._vent = self._vent or "command not finite"
-        return broken
-
-    def _finite(self, what: str, *results: PressureReference) -> bool:
-        """Return whether results are finite; vent for good if not."""
-        good = all(math.isfinite(number) for number in results if number is not Valve.CLOSED)
-        if not good:
-            self._vent = self._vent or f"{what} not finite"
-        return good
-
-    def _watch(self, overdue: bool, caught_up: bool) -> None:
-        """Let go what does not follow; take hold of it again when it is caught up with."""
-        self._loose = overdue or (self._loose and not caught_up)
-
-    def _venting(self) -> bool:
-        """Return whether to vent, and count it."""
-        lost = [f"{name} {each.lost}" for name, each in self._guards.items() if each.lost]
-        self._vent = self._vent or (lost[0] if lost else "")
-        venting = bool(self._vent) or self._loose
-        self._vented += venting
-        return venting
 
 
 class GuardedPosition(Guarded):
@@ -111,6 +56,7 @@ class GuardedPosition(Guarded):
         self._begun, self._trusted = False, guard.overdue(g.trust_time, nominal)
         self._most, self._failed, self._returns = g.returns, 0, 0
         self._release: Release | None = None
+        self._untold = ""
         self._return: Return | None = None
 
     def health(self) -> dict[str, Any]:
@@ -122,6 +68,21 @@ class GuardedPosition(Guarded):
         """Why it vents until somebody acts, if it does: it may have given up."""
         given_up = self._release is not None and self._failed > self._most
         return super().latched or (self.RELEASED if given_up else "")
+
+    def reset(self) -> None:
+        """Lead the joint back if it was let go for good, once it rests and both actuators answer."""
+        if not self.latched:
+            return
+        super().reset()
+        self._controller.restart()
+        self._watch_anew()
+        self._failed, self._return, self._release = 0, None, Release(self._nominal)
+        self.RELEASED, self._loose = self._lost, True
+
+    def released(self) -> str:
+        """Return why the joint was released since this was last asked, if it was."""
+        reason, self._untold = self._untold, ""
+        return reason
 
     def retune(self, parameters: Parameters) -> None:
         """Pass new values on to the controller."""
@@ -211,6 +172,7 @@ class GuardedPosition(Guarded):
         if far or swings or self._unfilled.step(short, periods):
             self.RELEASED = self._lost if far or swings else "pressure does not follow"
             self._loose, self._release, self._return = True, Release(self._nominal), None
+            self._untold = self.RELEASED
             self._failed += 1
 
     def _is_short(self, asked: PressureReference, pressure: float) -> bool:

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pam_orthosis.control.diagnostic import Experiment
-from pam_orthosis.control.guarded import Guarded, GuardedPosition, GuardedPressure, GuardedValve
+from pam_orthosis.control.guard import Guarded
+from pam_orthosis.control.guarded import GuardedPosition, GuardedPressure, GuardedValve
 from pam_orthosis.control.inverse_valve import InverseValveModel
 from pam_orthosis.control.limits import SafetyMonitor, restrained
 from pam_orthosis.control.position import PositionController

@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An emergency stop that the nodes at both ends of the valves' commands share, so that it outlives either."""
+"""An emergency stop that the nodes at both ends of the valves' commands share, so that it outlives either.
+
+Its end is a reset for all: what vents for good is tried again.
+"""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
@@ -22,13 +26,14 @@ class EmergencyStop:
     Args:
         node: that acts upon it.
         shortest_ns: time of the run that a stop lasts at least.
+        over: is called when a stop is over.
 
     Attributes:
         active: all valves are to vent.
     """
 
-    def __init__(self, node: GraphNode, shortest_ns: int = 0):
-        self._node, self._shortest_ns = node, shortest_ns
+    def __init__(self, node: GraphNode, shortest_ns: int = 0, over: Callable[[], None] = lambda: None):
+        self._node, self._shortest_ns, self._over = node, shortest_ns, over
         self.active = self._reset_asked = False
         self._since_ns = self._told_ns = 0
         self._publishers = [node.publish_to(EMERGENCY_STOP, latched=True, leg=leg) for leg in node.legs]
@@ -55,7 +60,9 @@ class EmergencyStop:
             OrthosisError: there is none.
         """
         if not self.active:
-            raise OrthosisError("there is no emergency stop to reset")
+            raise OrthosisError(
+                "there is no emergency stop to reset; what vents for good is tried again after one"
+            )
         self._reset_asked = True
         least = f"{self._shortest_ns * 1e-9:g} s"
         return f"the valves follow their commands again, {least} after the stop at the earliest"
@@ -66,13 +73,15 @@ class EmergencyStop:
         level, word = (DiagnosticStatus.ERROR, "stopped") if active else (DiagnosticStatus.OK, "released")
         name = f"{self._node.full_role()}: emergency stop"
         self._tell(messages.diagnostics(self._told_ns, name, level, word, {}))
+        if not active:
+            self._over()
 
     def _hear(self, told: DiagnosticArray) -> None:
         stamp_ns = messages.nanoseconds(told.header.stamp)
         if stamp_ns <= self._told_ns or not told.status:
             return
         self._told_ns = stamp_ns
-        active = told.status[0].level == DiagnosticStatus.ERROR
+        active = says_stopped(told)
         self._reset_asked = self.active and not active
         if active:
             self.active, self._since_ns = True, self._node.time_ns
@@ -81,3 +90,21 @@ class EmergencyStop:
     def _tell(self, told: DiagnosticArray) -> None:
         for publisher in self._publishers:
             publisher.publish(told)
+
+
+def hear_reset(node: GraphNode, reset: Callable[[], None]) -> None:
+    """Have a node that keeps no stop of its own call something when one is over."""
+    stopped = False
+
+    def hear(told: DiagnosticArray) -> None:
+        nonlocal stopped
+        before, stopped = stopped, says_stopped(told)
+        if before and not stopped:
+            reset()
+
+    node.listen_to(EMERGENCY_STOP, hear, latched=True)
+
+
+def says_stopped(told: DiagnosticArray) -> bool:
+    """Whether a message says that there is an emergency stop."""
+    return any(one.level == DiagnosticStatus.ERROR for one in told.status)

@@ -32,7 +32,8 @@ class InverseValveModelNode(graph.GraphNode):
         """Make models, guards and commands."""
         super().configure()
         self._left = False
-        self._stop = EmergencyStop(self, round(self.parameters.control.guard.rest_time * 1e9))
+        least_ns = round(self.parameters.control.guard.rest_time * 1e9)
+        self._stop = EmergencyStop(self, least_ns, self._reset)
         names = self.machine.names
         self._all = Join(names, self._answered)
         self._answer = self.publish_to("answered") if self.realtime else None
@@ -63,7 +64,9 @@ class InverseValveModelNode(graph.GraphNode):
         return "emergency stop" if self._stop.active else next(iter(reasons), "")
 
     def abandon(self) -> bool:
-        """Tell all valves to vent: nobody controls them any more."""
+        """Tell all valves to vent: nobody controls them any more. In lockstep by hand all wait instead."""
+        if not (self.realtime or self.supervised):
+            return False
         self._left = True
         self._vent()
         return True
@@ -73,6 +76,10 @@ class InverseValveModelNode(graph.GraphNode):
         super().deactivate()
         if self.realtime:
             self._vent()
+
+    def _reset(self) -> None:
+        for model in self._models.values():
+            model.reset()
 
     def _vent(self) -> None:
         for name, stamp_ns in self._answered_ns.items():

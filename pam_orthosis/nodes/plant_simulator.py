@@ -101,8 +101,13 @@ class PlantSimulator(PacedNode):
         self._plants.live_on()
 
     def abandon(self) -> bool:
-        """Let the hardware live on alone: valves without commands vent, as the last samples show."""
+        """Let the hardware live on alone: valves without commands vent, as the last samples show.
+
+        In lockstep without a supervisor no time passes until somebody goes on.
+        """
         self.abandoned = True
+        if not (self.realtime or self.supervised):
+            return False
         vents = [VENT] * len(self._valves)
         periods = max(1, VENT_SAMPLE_NS // self.period_ns)
         for _ in range(0 if self._newest_ns is None else VENT_SAMPLES):

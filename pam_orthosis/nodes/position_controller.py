@@ -14,6 +14,7 @@ from pam_orthosis.control.position import PositionCommand
 from pam_orthosis.control.reference import Motion, Reference, as_number, from_number
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages, process
+from pam_orthosis.nodes.emergency import hear_reset
 
 UNKNOWN_VARIANCE = 0.0
 
@@ -47,6 +48,7 @@ class PositionControllerNode(graph.GraphNode):
         self._asked = [topic for topic in asked if topic in self.topics]
         inputs = {SAMPLE: ["position[0]"], **pressures, **{topic: asked[topic] for topic in self._asked}}
         self._join = self.join_inputs(inputs, self._step, newest=True)
+        hear_reset(self, self._controller.reset)
 
     def health(self) -> dict[str, Any]:
         """Count steps out of reach or outside the actuators' model, lost inputs; tell what the guards did."""
@@ -58,9 +60,10 @@ class PositionControllerNode(graph.GraphNode):
         }
 
     def figures(self) -> dict[str, Any]:
-        """Return the largest |y - y-hat| of the observer since the last report."""
+        """Return, since the last report, the largest |y - y-hat| and why the joint was released."""
         residual, self._residual = self._residual, 0.0
-        return {f"observer_residual_{self.machine.coordinate.unit}": residual}
+        figures: dict[str, Any] = {f"observer_residual_{self.machine.coordinate.unit}": residual}
+        return {**figures, "released": reason} if (reason := self._controller.released()) else figures
 
     def latched(self) -> str:
         """Return why it vents until somebody acts, if it does."""

@@ -13,6 +13,7 @@ from pam_orthosis.control.pressure import PressureController
 from pam_orthosis.control.reference import from_number
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages, process
+from pam_orthosis.nodes.emergency import hear_reset
 from pam_orthosis.nodes.parameters import Setting
 
 NAME = "pressure_controller"
@@ -40,6 +41,7 @@ class PressureControllerNode(graph.GraphNode):
             "estimate": ["position[0]", "velocity[0]"],
         }
         self._join = self.join_inputs(inputs, self._step)
+        hear_reset(self, self._controller.reset)
 
     def health(self) -> dict[str, Any]:
         """Count lost inputs, and what the guards did."""

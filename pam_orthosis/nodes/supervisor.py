@@ -221,7 +221,7 @@ def _judge(child: Child) -> None:
     if code is not None:
         child.listen()  # its last words may have come since
     if code is not None and (code != 0 or child.status not in OVER):
-        how = how_it_ended(code)
+        how = how_it_ended(code) if code else "ended before the run"
         if code < 0 and child.has_nothing_to_lose():  # while it was taken apart
             child.let_go = True
             print(f"{NOTE_PREFIX}node {child.name} {how} when its run was over", file=sys.stderr)

@@ -47,7 +47,7 @@ def test_what_cannot_be_recovered_is_said_and_the_output_kept(unfinished, monkey
 
     bag, work = unfinished
     monkeypatch.setattr(recover, "recover_in_place", refuse)
-    assert run._rescue(bag, work) == f"{bag} holds no readable message"
+    assert run._rescue(bag, work) == f"{bag} holds no readable message; logs in {bag / 'log'}"
     assert (bag / "log" / "node.log").read_text() == "no air"
 
 

@@ -10,8 +10,9 @@ from own_domain import own_domain
 from rclpy.experimental import EventsExecutor
 
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.components.spool import VENT
 from pam_orthosis.nodes.inverse_valve_model import InverseValveModelNode
-from pam_orthosis.nodes.plant_simulator import PlantSimulator
+from pam_orthosis.nodes.plant_simulator import VENT_SAMPLES, PlantSimulator
 
 FOREVER_NS = 10**15  # of the run's time: any stop has lasted for long enough
 
@@ -81,3 +82,19 @@ def test_a_stop_lasts_for_so_long_at_least_that_the_position_controller_notices(
     assert valve._stop.step()
     valve.time_ns += 1
     assert not valve._stop.step()
+
+
+def test_in_lockstep_by_hand_no_time_passes_for_who_leaves(until):
+    """All wait for who comes again; under a supervisor the bag is to show how the valves vent."""
+    plant, valve = added(until, PlantSimulator), added(until, InverseValveModelNode)
+    samples, commands = [], []
+    plant.publish_sample, plant._newest_ns = samples.append, 0
+    valve._commands = {"extensor": lambda stamp_ns, spool: commands.append(spool)}
+    valve._answered_ns = {"extensor": 0}
+    assert not plant.abandon()
+    assert not valve.abandon()
+    assert (samples, commands) == ([], [])
+    plant.supervised = valve.supervised = True
+    plant.abandon()
+    assert valve.abandon()
+    assert (len(samples), commands) == (VENT_SAMPLES, [VENT])

@@ -79,7 +79,7 @@ def test_one_needless_call_a_step_is_noticed(monkeypatch):
     monkeypatch.setattr(guarded.GuardedPosition, "step", twice)
     over = exceeded(counted.count_loop(FIRST, LAST), json.loads(BUDGET.read_text())["loop"])
     assert over
-    assert "control/guarded.py" in over[0]
+    assert any("control/guarded.py" in one for one in over)
 
 
 if __name__ == "__main__":

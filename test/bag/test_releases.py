@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verdict tells when a machine was let go, why by the nodes' reports, and whether it came back."""
+
+import json
+
+import numpy as np
+import pytest
+
+from bags import PERIOD_NS, TABLE, joint_state, reference, write
+from pam_orthosis.bag import messages
+from pam_orthosis.bag.record import BagWriter
+from pam_orthosis.bag.topics import DIAGNOSTICS, resolve
+from pam_orthosis.cli.main import main
+
+SECONDS, LOWEST, USUAL = 6.0, 1.2e5, 3e5
+TIME = np.arange(round(SECONDS / 0.005)) * 0.005
+KNOWN = {"control.position.minimum_pressure": LOWEST, "scenario.duration": SECONDS}
+OK, WARN, ERROR = 0, 1, 2
+
+
+def report(node, level, message="", **values):
+    """Return a report of a node as it is in a bag."""
+    told = [messages.new("diagnostic_msgs/msg/KeyValue", key=key, value=text) for key, text in values.items()]
+    return messages.new(
+        "diagnostic_msgs/msg/DiagnosticStatus",
+        level=level, name=f"{node}: loop", message=message, hardware_id="", values=told,
+    )  # fmt: skip
+
+
+def between(since, until):
+    return (since <= TIME) & (until > TIME)
+
+
+def check(folder, capsys, vents, away, reports=(), lowest=None, lost=None, **known):
+    """Write a bag: where valves vent, the error (deg), reports (s, status); return what `check` says."""
+    kinds = ("joint_states", "reference", "extensor/valve_command", "flexor/valve_command")
+    asked = ("extensor/pressure_reference", "flexor/pressure_reference")
+    with BagWriter(folder, {"parameters": json.dumps({**KNOWN, **known})}) as writer:
+        for topic in (*kinds, *asked, DIAGNOSTICS):
+            writer.add_topic(resolve(topic), TABLE.by_name[topic].type)
+        for k in range(len(TIME)):
+            stamp_ns = k * PERIOD_NS
+            write(writer, "joint_states", stamp_ns, joint_state(stamp_ns, "knee", [-np.radians(away[k])]))
+            write(writer, "reference", stamp_ns, reference(stamp_ns, (0.0, 0.0)))
+            for topic in kinds[2:] if lost is None or not lost[k] else ():
+                valve = topic.split("/")[0] + "_valve"
+                write(writer, topic, stamp_ns, joint_state(stamp_ns, valve, [-1.0 if vents[k] else 0.1]))
+            pressure = LOWEST if lowest is not None and lowest[k] else USUAL
+            for topic in asked:
+                write(writer, topic, stamp_ns, messages.fluid_pressure(stamp_ns, "extensor", pressure))
+            for at, status in reports:
+                if at == TIME[k]:
+                    array = messages.new(
+                        "diagnostic_msgs/msg/DiagnosticArray",
+                        header=messages.header(stamp_ns), status=[status],
+                    )  # fmt: skip
+                    write(writer, DIAGNOSTICS, stamp_ns, array)
+    assert main(["check", str(folder), "--bound-deg", "3", "--partial"]) in (0, 1)
+    text = [line for line in capsys.readouterr().out.splitlines() if line.startswith("released")]
+    main(["check", str(folder), "--json"])
+    return [line.removeprefix("released").strip() for line in text], json.loads(capsys.readouterr().out)
+
+
+def test_a_joint_that_a_guard_let_go_is_told_with_reason_and_return(tmp_path, capsys):
+    """It is asked for the lowest pressure between two vents; its reference passes it before it is back."""
+    vents, lowest = between(1.8, 2.5) | between(2.7, 3.0), between(2.5, 2.7) | between(3.0, 3.2)
+    away = np.where(between(1.5, 3.9) & ~between(3.5, 3.7), 20.0, 0.1)
+    reports = [
+        (1.0, report("position_controller", OK, "ok", vent="")),
+        (2.0, report("position_controller", WARN, "vent", vent="knee does not follow")),
+        (3.0, report("position_controller", ERROR, "given up")),
+    ]
+    told, found = check(tmp_path / "walk", capsys, vents, away, reports, lowest)
+    assert told == ["at 1.800 s, for 1.400 s: knee does not follow; back at 3.900 s"]
+    reason = {"reason": "knee does not follow"}
+    assert found["releases"] == [{"since_s": 1.8, "until_s": 3.2, "back_s": 3.9, **reason}]
+    assert not found["passed"]
+
+
+def test_without_a_release_nothing_is_told(tmp_path, capsys):
+    """A valve that vents for a moment is controlled, and reports of other things are no reason."""
+    reports = [(2.0, report("position_controller", WARN, "held_samples", vent=""))]
+    told, found = check(tmp_path / "walk", capsys, between(2.0, 2.05), 0.0 * TIME, reports)
+    assert told == []
+    assert found["releases"] == []
+    assert found["passed"]
+
+
+@pytest.mark.parametrize(
+    ("reports", "reason"),
+    [
+        ([(3.0, report("position_controller", OK, released="pressure does not follow"))],
+         "pressure does not follow"),
+        ([(2.0, report("position_controller", WARN, vent="pressure does not follow")),
+          (2.0, report("inverse_valve_model", ERROR, "emergency stop"))], "emergency stop"),
+        ([(2.0, report("left/position_controller", WARN, vent="of another leg"))], "no report tells why"),
+        ([(1.0, report("position_controller", WARN, vent="long before")),
+          (4.0, report("position_controller", WARN, vent="long after"))], "no report tells why"),
+    ],
+)  # fmt: skip
+def test_the_reason_is_that_of_the_first_report_on_it(tmp_path, capsys, reports, reason):
+    told, _ = check(tmp_path / "walk", capsys, between(1.8, 2.5), 0.0 * TIME, reports)
+    assert told == [f"at 1.800 s, for 0.700 s: {reason}; back at 2.500 s"]
+
+
+@pytest.mark.parametrize(
+    ("duration", "reason"), [(SECONDS, "no report tells why"), (60.0, "the run was cut short")]
+)
+def test_a_joint_that_does_not_come_back(tmp_path, capsys, duration, reason):
+    vents, away = between(1.0, 2.0) | between(5.0, 7.0), np.where(TIME > 1.0, 9.0, 0.0)
+    told, found = check(tmp_path / "walk", capsys, vents, away, **{"scenario.duration": duration})
+    assert told == [
+        "at 1.000 s, for 1.000 s: no report tells why; not back",
+        f"at 5.000 s, until the end: {reason}",
+    ]
+    assert [(one["until_s"], one["back_s"]) for one in found["releases"]] == [(2.0, None), (None, None)]
+
+
+def test_valves_that_get_no_commands_vent(tmp_path, capsys):
+    nothing, lost = np.zeros_like(TIME, dtype=bool), between(2.0, 4.0)
+    told, _ = check(tmp_path / "walk", capsys, nothing, np.where(between(2.2, 4.5), 30.0, 0.0), lost=lost)
+    assert told == ["at 2.095 s, for 1.905 s: no commands; back at 4.500 s"]
