@@ -159,3 +159,8 @@ def deaf_children() -> Iterator[None]:
 def go_on_without_parent() -> None:
     """Have this process continued, if somebody has stopped it, when its parent ends: nobody else would."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGCONT)
+
+
+def end_with_parent() -> None:
+    """Have this process killed when its parent ends."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)

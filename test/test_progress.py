@@ -11,7 +11,6 @@ import pytest
 from pam_orthosis import progress
 from pam_orthosis.bag.recover import recover
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.discrepancy.together import together
 from pam_orthosis.model.parameters import load
 from pam_orthosis.progress import Shown, Watch, counted, part, shown
 
@@ -136,12 +135,6 @@ def test_each_item_is_told_before_it_is_worked_on():
     for item in counted("abc", lambda *words: told.append(words), "reading"):
         assert told[-1] == ("reading", "abc".index(item), 3)
     assert len(told) == 3
-
-
-def test_each_fit_is_told():
-    told = []
-    assert together(abs, [-1, 2, -3], lambda *words: told.append(words), "fitting") == [1, 2, 3]
-    assert told == [("fitting", done, 3) for done in range(4)]
 
 
 def test_a_simulation_tells_how_far_it_is(monkeypatch):

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="results, one folder for each bag; finished bags are not repeated")  # fmt: skip
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
-        "--workers", type=_at_least_1, metavar="N", help="processes at a time (number of cores)"
+        "--workers", type=at_least_1, metavar="N", help="processes at a time (number of cores)"
     )
     where.add_argument(
         "--cluster", metavar="ADDRESS", help="address of a Dask scheduler, e.g. tcp://host:8786"
@@ -111,7 +111,7 @@ def _units(arguments: argparse.Namespace) -> list:
         f"--bound-{unit}=" + ",".join([f"{value:g}", *(f"{joint}={one:g}" for joint, one in own.items())])
         for value, unit, own in filter(None, [arguments.bound])
     ]
-    given = {"check": ("--json", *bounds), "gap": ("--json",), "report": ()}[task]
+    given = {"check": ("--json", *bounds), "gap": ("--json", "--jobs=1"), "report": ()}[task]
     return [
         Unit(name, PROGRAM, (task, str(bag), *given, *more), task != "check", task != "report", seconds, bag)
         for name, bag in _named([path.resolve() for path in arguments.inputs]).items()
@@ -148,5 +148,6 @@ def _whole(text: str, least: int = 0) -> int:
     return int(text)
 
 
-def _at_least_1(text: str) -> int:
+def at_least_1(text: str) -> int:
+    """Return the whole number that a text is, 1 or more."""
     return _whole(text, 1)

@@ -15,6 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from pam_orthosis.cli.batch import at_least_1
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import (
     as_text,
@@ -82,6 +83,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="stop after this stage: what the data can show; how large the gap is; where it is",
     )  # fmt: skip
     parser.add_argument("--namespace", default="", metavar="NS", help="of the leg in the bags")
+    parser.add_argument(
+        "--jobs", type=at_least_1, metavar="N",
+        help="processes at a time (number of cores); the answer does not depend on it",
+    )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print gap.json instead of words")
 
 
@@ -134,7 +139,9 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     from pam_orthosis.discrepancy.beginning import begin
     from pam_orthosis.discrepancy.columns import read_mapping, with_columns
     from pam_orthosis.discrepancy.data import recording, with_prompt_inputs
+    from pam_orthosis.discrepancy.replay import Replay
     from pam_orthosis.discrepancy.telling import telling
+    from pam_orthosis.discrepancy.together import Workers
     from pam_orthosis.discrepancy.user_file import load_system
     from pam_orthosis.discrepancy.verdict import assumed_words, untold_words
     from pam_orthosis.model.machines import machine_named
@@ -169,7 +176,8 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     training, held_out = every[: len(arguments.measured)], every[len(arguments.measured) :]
     if arguments.out:
         _try(arguments.out)
-    start = begin(system, training, held_out, parameters.gap, progress)
+    replay = Replay(system, Workers(arguments.jobs))
+    start = begin(system, training, held_out, parameters.gap, progress, replay)
     progress("computing what these data can show")
     data = telling(start.problem, start.null, parameters.gap.evidence.threshold, progress)
     return Case(parameters, start, data, given, assumed, rows, heading)
@@ -251,8 +259,7 @@ def _write(arguments: argparse.Namespace, outcome, data, case: Case, words: str)
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.report.gap import page
 
-    named = [one.name for one in outcome.effects]
-    added = patch.overrides(outcome.system, named, outcome.selection.final.values)
+    added = patch.changes_of(outcome)
     added |= {} if arguments.system else patch.limits(case.parameters, added)
     texts = (
         json.dumps(data, indent=2) + "\n",

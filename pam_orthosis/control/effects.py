@@ -39,7 +39,7 @@ def known(nominal: Parameters, *stages: str) -> tuple[str, ...]:
     """
     machine = nominal.declared
     foreseen = [name for name in enabled(nominal.at(machine.branch)) if name not in UNFORESEEN]
-    return tuple(name for name in foreseen if machine.catalogue[name].stage in stages)
+    return tuple(name for name in foreseen if machine.possible[name].stage in stages)
 
 
 def assembled(nominal: Parameters, *names: str) -> assembly.Assembly:
@@ -54,7 +54,7 @@ def values(nominal: Parameters, name: str) -> Section:
 
 
 def _active(nominal: Parameters, names: Sequence[str], states: ca.SX) -> ActiveEffects:
-    active = ActiveEffects(nominal.declared.catalogue, _settings(nominal, names))
+    active = ActiveEffects(nominal.declared.possible, _settings(nominal, names))
     active.bind(ca.vertsplit(states))
     return active
 

@@ -17,7 +17,7 @@ from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.run import Run
 from pam_orthosis.discrepancy.stamps import remarks_on_stamps
 from pam_orthosis.discrepancy.system import Names, System, Values
-from pam_orthosis.discrepancy.whitening import noise_levels, noise_whitener
+from pam_orthosis.discrepancy.whitening import Whitener, noise_levels, noise_whitener
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress, silent
@@ -80,7 +80,7 @@ def begin(
     missing = check.missing_inputs(system, [*training, *held_out])
     if missing:
         system = _without(system, missing)
-        replay = None
+        replay = Replay(system, replay.workers) if replay else None
     if not held_out:
         check.check_divisible(training, HELD_SHARE, settings.replay.warm_up)
         training, held_out = _split(training)
@@ -120,17 +120,22 @@ def prepared(
     runs = [[Run(system, one, cutoff) for one in group] for group in (training, held_out)]
     _check_replayed(replay, [run for group in runs for run in group])
     noise = _noise(bare, runs[0], settings)
-    scored = [[_scored(bare, run, noise, settings, seed) for seed, run in enumerate(group)] for group in runs]
-    floors = [floor for _, floor in scored[1]]
+    numbered = [(seed, run) for group in runs for seed, run in enumerate(group)]
+    whitened = replay.workers.together(lambda one: _whitened(bare, one[1], noise, settings, one[0]), numbered)
+    floors = [floor for _, floor in whitened[len(runs[0]) :]]
     units = {name: float(np.mean([floor[name] for floor in floors])) for name in floors[0]}
     white = dict.fromkeys([*units, measure.OVERALL], 1.0)
-    problems = [Problem(replay, [one for one, _ in group]) for group in scored]
-    return problems[0], problems[1], measure.Gap(units, white)
+    scored = [
+        Scored(run, whiten, _warm_up(run, settings))
+        for (_, run), (whiten, _) in zip(numbered, whitened, strict=True)
+    ]
+    first, second = scored[: len(runs[0])], scored[len(runs[0]) :]
+    return Problem(replay, first), Problem(replay, second), measure.Gap(units, white)
 
 
 def bare_replay(replay: Replay) -> Replay:
     """Return the replay without the effects that the model has already."""
-    return Replay(replay.system.bare()) if replay.system.simpler else replay
+    return Replay(replay.system.bare(), replay.workers) if replay.system.simpler else replay
 
 
 def _check_replayed(replay: Replay, runs: Sequence[Run]) -> None:
@@ -169,14 +174,11 @@ def residual_noise(
     return noise_levels(residuals, [run.period for run in runs])
 
 
-def _scored(
+def _whitened(
     replay: Replay, run: Run, noise: Values, settings: Section, seed: int
-) -> tuple[Scored, dict[str, float]]:
-    warm_up = _warm_up(run, settings)
-    whiten, floor = noise_whitener(
-        replay, run, (), replay.defaults(()), noise, settings.replay.cross_cutoff, warm_up, seed
-    )
-    return Scored(run, whiten, warm_up), floor
+) -> tuple[Whitener, dict[str, float]]:
+    cutoff, warm_up = settings.replay.cross_cutoff, _warm_up(run, settings)
+    return noise_whitener(replay, run, (), replay.defaults(()), noise, cutoff, warm_up, seed)
 
 
 def strained_parameters(final: Fit) -> dict[str, float]:

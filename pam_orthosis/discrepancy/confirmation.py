@@ -71,12 +71,12 @@ def _falls(problem: Problem, smaller: Fit, larger: Fit) -> np.ndarray:
     for equation in problem.system.equations:
         before = problem.residual(equation, smaller.effects, smaller.values)
         after = problem.residual(equation, larger.effects, larger.values)
-        falls.append(_block_sums(problem, equation, before**2 - after**2))
+        falls.append(block_sums(problem, equation, before**2 - after**2))
     total: np.ndarray = np.sum(falls, axis=0)
     return total
 
 
-def _block_sums(problem: Problem, equation: Equation, values: np.ndarray) -> np.ndarray:
+def block_sums(problem: Problem, equation: Equation, values: np.ndarray) -> np.ndarray:
     """Return sums over blocks of time, the equation's channels added."""
     sums = []
     for one, part in problem.by_run(equation, values):

@@ -36,7 +36,7 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
         },
         "where": _places(outcome, outcome.where, outcome.before),
         "left": _places(outcome, outcome.left, outcome.after),
-        "unknown": unknown_as_dict(outcome.unknown),
+        "unknown": unknown_as_dict(outcome.system, outcome.unknown),
         "another_machine": outcome.foreign,
         "empty_of_meaning": list(outcome.empty),
         "out_of_tolerance": {name: _number(value) for name, value in outcome.strained.items()},

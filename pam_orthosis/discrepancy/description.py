@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from pam_orthosis.discrepancy.confirmation import LEAST_T, block_sums
 from pam_orthosis.discrepancy.fit import Fit, scaled_slopes
 from pam_orthosis.discrepancy.injection import Injection, injection
 from pam_orthosis.discrepancy.problem import Problem, Scored
@@ -90,15 +92,16 @@ def described(problem: Problem, judge: Problem, model: Fit, equation: Equation) 
     for channel in equation.channels:
         if system.channel(channel).state is None:
             continue
-        for name in _coordinates(groups):
-            shares = [(fitting.reduced(channel, name, knots), knots) for knots in KNOTS]
-            best = max(shares)
-            found[channel, name] = next(one for one in shares if one[0] > best[0] - SIMPLER)
+        names = _coordinates(groups)
+        best = problem.replay.workers.together(partial(fitting.best, channel), names)
+        found |= {(channel, name): one for name, one in zip(names, best, strict=True)}
     order = sorted(found, key=lambda key: -found[key][0])
     if not order or found[order[0]][0] < LEAST_REDUCED:
         return None
     channel, name = order[0]
     share, knots = found[order[0]]
+    if fitting.t(channel, name, knots) < LEAST_T:  # a part of the held-out recordings has it, by chance
+        return None
     others = [(key[1], found[key][0]) for key in order if key[1] != name]
     places, values, covariance = fitting.curve(channel, name, knots)
     bend = _without_parabola(places, 1 / np.maximum(np.diag(covariance), 1e-300))
@@ -152,14 +155,33 @@ class _Fitting:
             if serial == one.run.serial and linear is not None
         }
 
+    def best(self, channel: str, name: str) -> tuple[float, int]:
+        """Return the share that a curve removes, see `reduced`, and its knots: few do nearly as well."""
+        shares = [(self.reduced(channel, name, knots), knots) for knots in KNOTS]
+        return next(one for one in shares if one[0] > max(shares)[0] - SIMPLER)
+
     def reduced(self, channel: str, name: str, knots: int) -> float:
         """Return the share of the held-out squares above the noise that a curve removes."""
+        before, after = self._judged(channel, name, knots)
+        gap = float(before @ before) - len(before)
+        return (float(before @ before) - float(after @ after)) / gap if gap > 0 else 0.0
+
+    def _judged(self, channel: str, name: str, knots: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the held-out residuals without a curve and with it."""
         step, _, columns = self._solve(channel, name, knots)
         slopes, place = self._slopes[1]
         before = self._residuals[1]
-        after = before + slopes.T @ step[place] + columns[1] @ step[self._count :]
-        gap = float(before @ before) - len(before)
-        return (float(before @ before) - float(after @ after)) / gap if gap > 0 else 0.0
+        return before, before + slopes.T @ step[place] + columns[1] @ step[self._count :]
+
+    def t(self, channel: str, name: str, knots: int) -> float:
+        """Return the t value of the fall of the held-out squares, over blocks of time."""
+        before, after = self._judged(channel, name, knots)
+        falls = block_sums(self._groups[1], self._equation, before**2 - after**2)
+        return (
+            float(falls.mean() / max(falls.std(ddof=1) / np.sqrt(len(falls)), 1e-12))
+            if len(falls) > 1
+            else 0.0
+        )
 
     def curve(self, channel: str, name: str, knots: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the knots, the curve there, and its covariance."""
@@ -225,6 +247,20 @@ def unit_of(system: System, channel: str) -> str:
         return next(q.unit for q in system.catalogue[effect].parameters if q.name == parameter)
     known = system.channel(channel)
     return f"{known.unit}/s" + ("^2" if known.state in system.derived.values() else "")
+
+
+def holder(system: System, one: Description) -> tuple[str, str] | None:
+    """Return what of the nominal model can hold a description, and the name there of its coordinate.
+
+    None if nothing can, or if it holds an earlier one.
+    """
+    name = system.described.get(one.channel, "")
+    told = system.push(one.channel) is not None or one.channel != system.channels[0].name
+    states = {channel.name: channel.state for channel in system.channels}
+    coordinate = states.get(one.coordinate, one.coordinate)
+    if not name or name in system.simpler or not told or coordinate is None:
+        return None
+    return name, coordinate
 
 
 def lever(group: Problem, one: Scored, equation: Equation, channel: str, linear: Injection) -> np.ndarray:

@@ -11,7 +11,6 @@ from pam_orthosis.discrepancy.fit import Fit, fit, fit_tempered, score
 from pam_orthosis.discrepancy.free import free_parameters, scales_of
 from pam_orthosis.discrepancy.refit import refined_in
 from pam_orthosis.discrepancy.selection import Selection
-from pam_orthosis.discrepancy.together import together
 from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress
 
@@ -20,7 +19,10 @@ def eliminate_weak(found: Selection, settings: Section, tell: Progress) -> None:
     """Drop effects that no longer earn their place beside the others."""
     while len(found.final.effects) > 1:
         effects = found.final.effects
-        lost = together(lambda name: _loss(found, name), effects, tell, "refitting without each effect")
+        replay = found.problem.replay
+        lost = replay.workers.together(
+            lambda name: _loss(found, name), effects, replay, tell, "refitting without each effect"
+        )
         losses = dict(zip(effects, lost, strict=True))
         found.evidence.update({name: evidence for name, (evidence, _) in losses.items()})
         weakest = _empty(found, losses) or _weakest(found, losses, settings)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dtbtrs
 
 from pam_orthosis.discrepancy.data import smoothed
 from pam_orthosis.discrepancy.replay import Replay
@@ -44,11 +45,14 @@ class Injection:
         pulled = np.eye(size)
         pulled[:, self.place] -= self.period * self.gains
         step = step @ pulled
-        state, seen = np.zeros((size, added.shape[1])), np.empty(added.shape)
-        for i in range(n):
-            seen[i] = state[self.place]
-            state = step[i] @ state
-            state[self.driven] += self.period * added[i]
+        # each state less what follows from the one before is what was added: a triangle with few diagonals
+        band, right = np.zeros((2 * size, n * size)), np.zeros((n * size, added.shape[1]))
+        band[0] = 1.0
+        for i, j in np.ndindex(size, size):
+            band[size + i - j, j::size] = -step[:, i, j]
+        right[size + self.driven :: size] = self.period * added[:-1]
+        states, _ = dtbtrs(band, right, uplo="L", diag="U")
+        seen: np.ndarray = states[self.place :: size]
         return seen
 
     def added(self, change: np.ndarray, cutoff: float = CUTOFF) -> np.ndarray:

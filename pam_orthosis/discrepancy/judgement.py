@@ -26,6 +26,7 @@ MOST_LEFT = 1.3  # gap after over the noise floor above which the residual is no
 NEAR = 1.5  # gap of an equation over the noise floor above which it is not explained, whatever was closed
 LEAST_NAMED = 0.5  # closure of a model below which it names nothing
 FAR_STRAIN = 5.0  # tolerances: less likely hardware than a wrong zero, unit or mechanism
+MOVED = 3.0  # tolerances that recalibration moves a parameter: a finding, whatever is left
 MANY_STRAINED = 3  # nuisance parameters so far off: they bend a model to another machine
 MOST_KEPT = 20.0  # gap of an equation over the noise floor, whatever is described, of the machine given
 OPEN = ("partial", "unexplained")
@@ -38,6 +39,7 @@ class Rest(NamedTuple):
     `clean`: noise only. `kept`: the gap over the noise, in the equation where it is largest. `gone`: nothing
     was to be explained, recalibration alone leaves noise: what is named explains what it moved. `astray`:
     nuisance parameters are far off in an equation in which no effect is named. `foreign`: many are.
+    `moved`: calibrations lie beyond what was stated of them.
     """
 
     clean: bool
@@ -45,6 +47,7 @@ class Rest(NamedTuple):
     gone: bool
     astray: bool = False
     foreign: bool = False
+    moved: bool = False
 
 
 @dataclass(frozen=True)
@@ -91,13 +94,14 @@ class Outcome:
         known = left.description if left else None
         if known:
             kept[known.equation] = np.sqrt(1 + (kept[known.equation] ** 2 - 1) * (1 - known.reduced))
-        if self.foreign or max(kept.values()) > MOST_KEPT:
+        pushed = left is not None and bool(left.events)  # it is moved by what is no part of it
+        if self.foreign or (max(kept.values()) > MOST_KEPT and not pushed):
             nothing: dict[str, Any] = dict.fromkeys(
                 ("effects", "surrogates", "look_alikes", "separated_by"), ()
             )
             return replace(self, verdict="unexplained", runner_up=None, foreign=True, **nothing)
         others = [value for name, value in kept.items() if left is None or name != left.equation]
-        whole = left is not None and left.known and max(others, default=0.0) <= NEAR
+        whole = known is not None and max(others, default=0.0) <= NEAR
         return replace(self, verdict="described" if whole else self.verdict, unknown=left)
 
 
@@ -120,6 +124,7 @@ def outcome_of(start: Beginning, found: Selection, settings: Section) -> Outcome
         gone=gone,
         astray=bool(_astray(system, final)),
         foreign=len(_far_off(final)) >= MANY_STRAINED,
+        moved=bool(moved_far(system, final)),
     )
     verdict = verdict_on(final.effects, closed[measure.OVERALL], rest, empty)
     every = tuple(named_effect(system, found, spread, name, settings.evidence) for name in final.effects)
@@ -156,6 +161,13 @@ def outcome_of(start: Beginning, found: Selection, settings: Section) -> Outcome
 def _far_off(final: Fit) -> list[str]:
     """Return the nuisance parameters that are far outside their tolerance."""
     return [name for name, value in strained_parameters(final).items() if abs(value) > FAR_STRAIN]
+
+
+def moved_far(system: System, final: Fit) -> dict[str, float]:
+    """Return the calibrations that lie beyond what was stated of them, in multiples of their tolerance."""
+    own = {one.name for one in system.calibrations}
+    moved = {one.name: one.deviation(final.values) for one in final.free if one.name in own}
+    return {name: value for name, value in moved.items() if abs(value) > MOVED}
 
 
 def _astray(system: System, final: Fit) -> list[str]:
@@ -222,7 +234,7 @@ def verdict_on(effects: Names, share: float | None, rest: Rest, empty: Sequence[
         empty: parameters at which effects are not what their names say.
     """
     if not effects:
-        return "none" if rest.clean and not rest.astray else "unexplained"
+        return ("recalibrated" if rest.moved else "none") if rest.clean and not rest.astray else "unexplained"
     if rest.foreign or not _meant(effects, empty) or not _trusted(share):
         return "unexplained"
     if (

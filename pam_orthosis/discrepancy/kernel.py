@@ -10,14 +10,20 @@ lag inside the step is as exact as the integration, so that no false delay appea
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Mapping
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from pam_orthosis.discrepancy.cut import Part
 from pam_orthosis.discrepancy.system import Names
-from pam_orthosis.model.compiled import best_library, pointer, processor, taken_out
+from pam_orthosis.model.compiled import best_library, pointer, processor, remember, remembered, taken_out
 
+NAME = "replay"  # of the libraries
 # what is fitted may differ in its last digits from one processor to the next; not a number stays what it is
 FLAGS = (
     "-O2", "-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math",
@@ -78,13 +84,13 @@ class Kernel:
 
     def __init__(self, part: Part, wrt: Names = ()):
         self.part, self.wrt = part, wrt
-        self._observe, rates = _with_sensitivities(part, wrt)
-        self._rates, self._held, self._fixed = _hoisted(rates)
         self.states, self.channels = len(part.own), part.observe.size1_out(1)
-        self._size, self._results = self._observe.size1_in(0), self._observe.size1_out(1)
+        self._size, self._results = ((1 + len(wrt)) * count for count in (self.states, self.channels))
         self._width = part.observe.size1_in(1)
         self._library: ctypes.CDLL | None = None
-        self._source = self._write_source()
+        self._key = _key(part, wrt)
+        self._path = remembered(NAME, self._key)
+        self._source = "" if self._path else self._write_source()
 
     def __call__(
         self, z: np.ndarray, theta: np.ndarray, start: np.ndarray, period: float, substeps: int
@@ -105,18 +111,42 @@ class Kernel:
         table: np.ndarray = flat.reshape(len(z), 1 + len(self.wrt), self.channels).transpose(0, 2, 1)
         return table
 
+    @property
+    def built(self) -> bool:
+        """Whether it is machine code."""
+        return self._library is not None
+
     def build(self) -> None:
         """Compile; without a compiler the virtual machine does the work."""
-        path = best_library("replay", self._source, FLAGS, OPTIONS)
-        self._library = None if path is None else ctypes.CDLL(str(path))
+        if self._path is None:
+            self._path = best_library(NAME, self._source, FLAGS, OPTIONS)
+            if self._path:
+                remember(NAME, self._key, self._path)
+        self._library = None if self._path is None else ctypes.CDLL(str(self._path))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what another process needs to load the machine code."""
+        rest = ("_library", "_functions", "_source")
+        return {key: value for key, value in vars(self).items() if key not in rest}
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        vars(self).update(state)
+        self._library = ctypes.CDLL(str(self._path))
+
+    @cached_property
+    def _functions(self) -> tuple[ca.Function, ca.Function, ca.Function, ca.Function]:
+        """observe, rates, held, fixed: see `_with_sensitivities` and `_hoisted`."""
+        observe, rates = _with_sensitivities(self.part, self.wrt)
+        return observe, *_hoisted(rates)
 
     def _write_source(self) -> str:
         generator = ca.CodeGenerator("replay.c")
-        for function in (self._observe, self._rates, self._held, self._fixed):
+        *_, held, fixed = self._functions
+        for function in self._functions:
             generator.add(function)
         loop = LOOP.format(
             states=self._size, data=self._width, results=self._results,
-            fixed=max(1, self._fixed.size1_out(0)), held=max(1, self._held.size1_out(0)),
+            fixed=max(1, fixed.size1_out(0)), held=max(1, held.size1_out(0)),
         )  # fmt: skip
         return f"/* {processor()} */\n" + EXTREMES + generator.dump() + loop
 
@@ -125,8 +155,9 @@ class Kernel:
     ) -> np.ndarray:
         x, row = ca.MX.sym("x", self._size), ca.MX.sym("z", self._width)
         parameters = ca.MX.sym("theta", len(theta))
-        after, result = self._observe(x, row, parameters, period)
-        held = self._held(row, parameters, period, self._fixed(parameters, period))
+        observe, _, outer, fixed = self._functions
+        after, result = observe(x, row, parameters, period)
+        held = outer(row, parameters, period, fixed(parameters, period))
         for j in range(substeps):
             after = self._virtual_step(after, row, parameters, held, period, j / substeps, period / substeps)
         one = ca.Function("one", [x, row, parameters], [after, result])
@@ -141,13 +172,21 @@ class Kernel:
         """Return the state one Runge-Kutta step later, as the C loop does it."""
 
         def rates(state: ca.MX, part: float) -> ca.MX:
-            return self._rates(state, z, theta, period, at + part * h / period, held)
+            return self._functions[1](state, z, theta, period, at + part * h / period, held)
 
         k1 = rates(x, 0.0)
         k2 = rates(x + h / 2 * k1, 0.5)
         k3 = rates(x + h / 2 * k2, 0.5)
         k4 = rates(x + h * k3, 1.0)
         return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def _key(part: Part, wrt: Names) -> str:
+    """Return what the source of a kernel follows from: cheaper than the source."""
+    own = Path(__file__).read_text(encoding="utf-8")
+    return " ".join(
+        (part.observe.serialize(), part.rates.serialize(), *wrt, version("casadi"), own, processor())
+    )
 
 
 def _with_sensitivities(part: Part, wrt: Names) -> tuple[ca.Function, ca.Function]:

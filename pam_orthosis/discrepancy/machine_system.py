@@ -128,9 +128,9 @@ class _Described:
         self._settings = dict(nominal.at(machine.branch).items())
         self._suspects = suspects(nominal, view.suspects)
         self.present = enabled(nominal.at(machine.branch))
-        present = [machine.catalogue[name] for name in self.present if view.learns]
+        present = [machine.possible[name] for name in self.present if view.learns]
         # parameters of effects that the model has already are recalibrated; its dead times, s, are exact
-        self._learned = [effect for effect in present if not effect.shape and effect.late is None]
+        self._learned = [one for one in present if one.parameters and not one.shape and one.late is None]
         self._lateness = {e.name: e.late(self._settings[e.name]) for e in present if e.late is not None}
         self._calibrations = (*view.calibrations, *self._of_learned())
 
@@ -159,12 +159,23 @@ class _Described:
             late=self._nominal.valve.delay + sum(self._lateness.values()) if view.learns else 0.0,
             unusable=view.unusable,
             sources=view.sources,
+            described=self._holders(),
         )
+
+    def _holders(self) -> dict[str, str]:
+        """Return what of the nominal model can hold a curve, by the channel whose equation it is added to."""
+        found = {
+            one.name: f"{one.state.removesuffix('_pressure')}_unknown_rate"
+            for one in self._view.channels
+            if one.state
+        }
+        found[self._view.channels[0].name] = f"unknown_{self._machine.coordinate.effort}"
+        return {channel: name for channel, name in found.items() if name in self._machine.possible}
 
     def _of_learned(self) -> tuple[Calibration, ...]:
         row, sd = self._nominal.row("gap.learned.deviation"), self._nominal.gap.learned.deviation
         return tuple(
-            Calibration(name, sd, row.unit, row.meaning)
+            Calibration(name, sd, row.unit, row.meaning, True)
             for effect in self._learned
             for name in _deviations(effect).values()
         )
@@ -288,5 +299,6 @@ def from_rows(
     for name, key in keys.items():
         row, sd = nominal.row(key), nominal.flat()[key]
         if sd:
-            found.append(Calibration(name, sd, row.unit, told.get(name, row.meaning)))
+            meaning = told.get(name, row.meaning)
+            found.append(Calibration(name, sd, row.unit, meaning, row.unit == "-"))
     return tuple(found)

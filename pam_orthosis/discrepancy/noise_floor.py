@@ -63,8 +63,8 @@ def decided_and_floor(
     """
     final, judge = found.final, start.held_out
     system = found.problem.system
-    catalogue = system.bare().catalogue
-    if not any(catalogue[name].held for name in (*final.effects, *system.simpler)):
+    catalogue, present = system.bare().catalogue, (*final.effects, *system.simpler)
+    if not any(catalogue[name].held for name in present if name in catalogue):
         return None, final_floor(start, found, settings)
     noise, cutoff = _last_levels(start, found, settings), settings.replay.cross_cutoff
     squares = expected_squares(judge, final, spread, noise, cutoff)

@@ -5,18 +5,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from pam_orthosis.discrepancy.description import Description, holder
 from pam_orthosis.discrepancy.suspects import VALUE
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.files import write_text
+from pam_orthosis.model.effects.described import settings
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import NOMINAL, Parameters, load
 from pam_orthosis.reading import read_yaml
 
+if TYPE_CHECKING:
+    from pam_orthosis.discrepancy.judgement import Outcome
+
+DESCRIBED = "described"  # verdict
 HEADING = "# Model of the gap workflow: overrides by dotted key, for `--model` and `parameters.load`.\n"
 OF_NOMINAL = tuple(f"{branch}." for branch in NOMINAL if branch != "scenario")
 PLANNED = "scenario.plan."
@@ -45,6 +51,24 @@ def limits(nominal: Parameters, changed: Mapping[str, Any]) -> dict[str, float]:
         return {}
     least = nominal.row(HIGHEST).minimum
     return {HIGHEST: float(f"{reach if least is None else max(least, reach):.6g}")}
+
+
+def changes_of(outcome: Outcome) -> dict[str, Any]:
+    """Return what a search found as overrides: named effects, right values, what it could only describe."""
+    system, named = outcome.system, [one.name for one in outcome.effects]
+    changed = overrides(system, named, outcome.selection.final.values)
+    curve = outcome.unknown.description if outcome.unknown and outcome.verdict == DESCRIBED else None
+    return changed | (of_description(system, curve) if curve else {})
+
+
+def of_description(system: System, one: Description) -> dict[str, Any]:
+    """Return the overrides that put a curve into the nominal model; none if that cannot hold it."""
+    known = holder(system, one)
+    if known is None:
+        return {}
+    name, coordinate = known
+    own = settings(coordinate, one.places.tolist(), one.values.tolist())
+    return {f"{system.branch}.{name}.{key}": value for key, value in own.items()}
 
 
 def text(changed: Mapping[str, Any]) -> str:

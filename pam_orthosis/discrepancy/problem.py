@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,10 +11,7 @@ import numpy as np
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.run import Run
 from pam_orthosis.discrepancy.system import Equation, Names, Values
-from pam_orthosis.discrepancy.together import THREADS
 from pam_orthosis.discrepancy.whitening import Whitener
-
-_POOL = ThreadPoolExecutor(THREADS)  # of its own: what `together` runs waits for it
 
 
 @dataclass(frozen=True)
@@ -75,7 +71,7 @@ class Problem:
     def residuals(self, effects: Names, values: Values) -> dict[str, np.ndarray]:
         """Return the whitened residuals of all equations."""
         tasks = [(equation, one) for equation in self.system.equations for one in self.scored]
-        pieces = list(_POOL.map(lambda t: self._whitened(t[0], t[1], effects, values), tasks))
+        pieces = self.replay.workers.map(lambda t: self._whitened(t[0], t[1], effects, values), tasks)
         return {
             equation.name: self._joined(
                 equation, [piece for task, piece in zip(tasks, pieces, strict=True) if task[0] is equation]
@@ -94,7 +90,9 @@ class Problem:
     def blocks(self, effects: Names, values: Values, names: Names) -> dict[str, Block]:
         """Return residuals and derivatives by those of `names` that matter, of every equation."""
         tasks = [(equation, one) for equation in self.system.equations for one in self.scored]
-        pieces = list(_POOL.map(lambda t: self._linearised(t[0], t[1], effects, values, names), tasks))
+        pieces = self.replay.workers.map(
+            lambda t: self._linearised(t[0], t[1], effects, values, names), tasks
+        )
         blocks = {}
         for equation in self.system.equations:
             own = [piece for task, piece in zip(tasks, pieces, strict=True) if task[0] is equation]

@@ -18,7 +18,6 @@ from pam_orthosis.discrepancy.free import of_effect
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.system import Equation
-from pam_orthosis.discrepancy.together import together
 
 SILENT = 0.5  # whitened samples: by how much a silent effect may change them
 AROUND = 0.1  # s, on both sides of a sample, in which it must be silent too
@@ -42,8 +41,10 @@ def evidence(problem: Problem, base: Fit, names: Sequence[str], large: Collectio
     free = [one for one in base.free if one.name.partition(".")[0] not in large]
     smaller = fit(quiet, base.effects, base.values, free, most=STEPS)
     before, projection = score(quiet, smaller), Projection(quiet, smaller)
-    fits = together(lambda name: _fitted(projection, name), names)
-    return {name: before - score(quiet, one) for name, one in zip(names, fits, strict=True)}
+    scores = problem.replay.workers.together(
+        lambda name: score(quiet, _fitted(projection, name)), names, problem.replay
+    )
+    return {name: before - one for name, one in zip(names, scores, strict=True)}
 
 
 def _fitted(projection: Projection, name: str) -> Fit:

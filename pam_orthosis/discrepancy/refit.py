@@ -33,7 +33,7 @@ def _from_simpler(problem: Problem, start: Values) -> list[dict[str, float]]:
     """
     if not problem.system.simpler:
         return []
-    bare = Problem(Replay(problem.system.bare()), problem.scored)
+    bare = Problem(Replay(problem.system.bare(), problem.replay.workers), problem.scored)
     _, fitted = fit_tempered(bare, (), bare.replay.defaults(()), nuisance(bare.system))
     return [{**start} | {key: value for key, value in fitted.values.items() if key in start}]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import replace
 from threading import Lock
 from types import SimpleNamespace
@@ -18,26 +18,33 @@ from pam_orthosis.discrepancy.cut import Part, cut, divided
 from pam_orthosis.discrepancy.kernel import Kernel
 from pam_orthosis.discrepancy.run import Run, Shift
 from pam_orthosis.discrepancy.system import Assembled, Equation, Names, System, Values
+from pam_orthosis.discrepancy.together import Workers
+from pam_orthosis.progress import Progress, silent
 
 STEP_TIMES_RATE = 1.4  # longest Runge-Kutta step times the fastest eigenvalue (stable up to 2.78)
 MOST_SUBSTEPS = 64
 PROBED = 6  # samples of each kind at which the fastest eigenvalue is looked for
-REMEMBERED = 144
+REMEMBERED, PREPARED = 144, 36  # results; recordings as kernels read them, an equation and a shift each
 _CASADI = Lock()  # expression graphs are built by one thread at a time
 
 
 class Replay:
-    """Replays runs of one system; kernels are built when they are first needed, and kept."""
+    """Replays runs of one system; kernels are built when they are first needed, and kept.
 
-    def __init__(self, system: System):
-        self.system = system
+    Args:
+        workers: the cores that it may use (all).
+    """
+
+    def __init__(self, system: System, workers: Workers | None = None):
+        self.system, self.workers = system, workers or Workers()
         self._nominal = Shift(inputs=system.late)
         self._parts: dict[tuple[str, tuple[str, ...], bool], tuple[Part, ...]] = {}
         self._kernels: dict[Hashable, Kernel] = {}
         self._touched: dict[str, frozenset[str]] = {}
         self._memory: OrderedDict[tuple[Any, ...], np.ndarray] = OrderedDict()
-        self._data: dict[tuple[int, str], np.ndarray] = {}
+        self._data: OrderedDict[tuple[Any, ...], np.ndarray] = OrderedDict()
         self._latest: tuple[tuple[str, ...], Assembled, Assembled] | None = None
+        self._told: set[tuple[str, Hashable]] = set()
         self._tidying = Lock()
         effects = system.bare().catalogue.values()  # those that the model has already among them
         self._scales = {n: s for one in effects for n, s in zip(one.states, one.scales, strict=True)}
@@ -64,6 +71,35 @@ class Replay:
                 if any(name.startswith(f"{effect}.") for name in _parameters(self._cut(equation, effects)))
             )
         return self._touched[effect]
+
+    def touching(self, names: Iterable[str], progress: Progress = silent) -> list[str]:
+        """Return those effects that change something."""
+        every = list(names)
+        new = [name for name in every if name not in self._touched]
+        self.workers.together(self.touched, new, self, progress, "taking the effects into the equations")
+        return [name for name in every if self.touched(name)]
+
+    def news(self) -> dict[str, dict[Hashable, Any]]:
+        """Return what was built since the last call: see `together.Memory`."""
+        kept: dict[str, Any] = {
+            "_parts": self._parts,
+            "_touched": self._touched,
+            "_kernels": self._kernels,
+        }
+        told = {
+            name: {key: one for key, one in store.items() if (name, key) not in self._told}
+            for name, store in kept.items()
+        }
+        self._told |= {(name, key) for name, store in told.items() for key in store}
+        told["_kernels"] = {key: one for key, one in told["_kernels"].items() if one.built}
+        return told
+
+    def learn(self, news: Mapping[str, Mapping[Hashable, Any]]) -> None:
+        """Take what another process has built."""
+        for name, store in news.items():
+            known = getattr(self, name)
+            for key, one in store.items():
+                known.setdefault(key, one)
 
     def residuals(self, run: Run, equation: Equation, effects: Names, values: Values) -> np.ndarray:
         """Return recorded minus predicted, (n, channels of the equation)."""
@@ -137,23 +173,31 @@ class Replay:
         if known is not None:
             return known
         kernel = self._kernel(part, wrt)
-        data = self._rows(run, equation) if shift == self._nominal else run.data(equation, shift)
+        data = self._rows(run, equation, shift)
         # the base states of most models are slow; states of an effect need not be
         fast = equation.stiff or not set(part.own) <= set(equation.states)
         substeps = self._substeps(run, part, data, theta) if fast else 1
         result = kernel(data, theta, run.start(part), run.period, substeps)
-        if not wrt:
-            self._memory[key] = result
-            with self._tidying:
-                while len(self._memory) > REMEMBERED:
-                    self._memory.popitem(last=False)
-        return result
+        return result if wrt else self._kept(self._memory, key, result, REMEMBERED)
 
-    def _rows(self, run: Run, equation: Equation) -> np.ndarray:
-        key = (run.serial, equation.name)
-        if key not in self._data:
-            self._data[key] = run.data(equation, self._nominal)
-        return self._data[key]
+    def _rows(self, run: Run, equation: Equation, shift: Shift) -> np.ndarray:
+        key = (run.serial, equation.name, shift.key())
+        known = self._data.get(key)
+        return self._kept(self._data, key, run.data(equation, shift), PREPARED) if known is None else known
+
+    def _kept(
+        self,
+        store: OrderedDict[tuple[Any, ...], np.ndarray],
+        key: tuple[Any, ...],
+        value: np.ndarray,
+        most: int,
+    ) -> np.ndarray:
+        """Return a value that is remembered; of many the ones that were computed last are."""
+        with self._tidying:
+            store[key] = value
+            while len(store) > most:
+                store.popitem(last=False)
+        return value
 
     def _shift(self, equation: Equation, effects: Names, values: Values) -> Shift:
         advance: dict[str, float] = {}

@@ -58,6 +58,7 @@ class Run:
             channel.name: smoothed(self._raw[channel.name], self.period, cutoff)
             for channel in system.channels
         }
+        self._splines: dict[str, CubicSpline] = {}
         self._inputs = {name: self._raw.get(name, np.zeros(recording.samples)) for name in system.inputs}
 
     def data(self, equation: Equation, shift: Shift = UNSHIFTED) -> np.ndarray:
@@ -119,7 +120,9 @@ class Run:
         if seconds == 0.0:
             return values
         time = np.arange(len(values)) * self.period
-        advanced: np.ndarray = CubicSpline(time, values)(np.clip(time + seconds, 0.0, time[-1]))
+        if name not in self._splines:
+            self._splines[name] = CubicSpline(time, values)
+        advanced: np.ndarray = self._splines[name](np.clip(time + seconds, 0.0, time[-1]))
         return advanced
 
 

@@ -10,7 +10,6 @@ from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.system import Values
-from pam_orthosis.discrepancy.together import together
 from pam_orthosis.progress import Progress
 
 LEAST_SCREEN = 6.0  # gain of a score test below which a fit is not worth its time
@@ -33,32 +32,36 @@ def fitted_candidates(
     `bars` is the evidence that each effect needs; one whose score is far below is not fitted.
     """
     projection = Projection(problem, base)
-    touched = problem.replay.touched
+    replay, system = problem.replay, problem.system
     known = {*base.effects, *(() if _is_far(problem, base) else problem.system.wrong)}
-    names = [name for name in problem.system.candidates if name not in known and touched(name)]
-    shapes = [name for name in problem.system.shapes if name not in base.effects and touched(name)]
+    names = replay.touching((name for name in system.candidates if name not in known), tell)
+    shapes = [name for name in system.shapes if name not in base.effects and replay.touched(name)]
 
-    def screen(name: str) -> tuple[float, Trial, list[np.ndarray]]:
+    def screen(name: str) -> tuple[float, str, list[np.ndarray]]:
         trial = Trial(projection, name)
         starts = trial.starts()
         gains = [secant_gain(projection, trial, start) for start in starts]
         order = np.argsort(gains)[::-1][:2]
         kept = [starts[i] for i in order if gains[i] >= SECOND_START * gains[order[0]]]
-        return gains[order[0]], trial, kept
+        return gains[order[0]], name, kept
 
-    screened = sorted(together(screen, names, tell, "screening effects"), key=lambda item: -item[0])
+    several = replay.workers.together
+    screened = sorted(several(screen, names, replay, tell, "screening effects"), key=lambda item: -item[0])
     best = screened[0][0] if screened else 0.0  # a small catalogue may be used up
     least = max(LEAST_SCREEN, LEAST_SHARE * best)
     kept = [
-        (gain, trial, starts)
-        for gain, trial, starts in screened[:most]
-        if gain > least and gain * _room(problem, trial.name) > LEAST_OF_BAR * bars[trial.name]
+        (gain, name, starts)
+        for gain, name, starts in screened[:most]
+        if gain > least and gain * _room(problem, name) > LEAST_OF_BAR * bars[name]
     ]
-    found = together(
-        lambda item: candidate(projection, item[1], item[2], item[0]), kept, tell, "fitting candidates"
-    )
+
+    def fitted(item: tuple[float, str, list[np.ndarray]]) -> Candidate:
+        gain, name, starts = item
+        return candidate(projection, Trial(projection, name), starts, gain)
+
+    found = several(fitted, kept, replay, tell, "fitting candidates")
     found += [widened_shape(projection, name) for name in shapes]
-    gains = {trial.name: gain for gain, trial, _ in screened} | {one.name: one.gain for one in found}
+    gains = {name: gain for gain, name, _ in screened} | {one.name: one.gain for one in found}
     return sorted((one for one in found if one.gain > least), key=lambda one: -one.evidence), gains
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pam_orthosis.discrepancy import quiet, selection
+from pam_orthosis.discrepancy.candidates import Candidate
 from pam_orthosis.discrepancy.confirmation import (
     LEAST_T,
     LEAST_TRANSFER,
@@ -27,7 +28,6 @@ from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.screening import fitted_candidates, worth_polishing
 from pam_orthosis.discrepancy.selection import Ranking, Selection, Step
 from pam_orthosis.discrepancy.system import Values
-from pam_orthosis.discrepancy.together import together
 from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress, silent
 
@@ -72,7 +72,7 @@ def _earned(problem: Problem, base: Fit, tell: Progress) -> dict[str, tuple[floa
     earned = {}
     for name in problem.system.simpler:
         tell(f"looking at what {name}, which the model has, explains here")
-        replay = Replay(problem.system.without_effect(name))
+        replay = Replay(problem.system.without_effect(name), problem.replay.workers)
         simpler = Problem(replay, problem.scored).weighted(problem.weights)
         # as in `_loss`
         known = replay.defaults(())
@@ -96,7 +96,7 @@ def _round(found: Selection, held_out: Problem, settings: Section, tell: Progres
         blocked = selection.blocked(found, bars, gains, (), settings)
         return Step(None, None, None, 0.0, 0.0, (), "no effect gains anything", gains, blocked)
     worth = worth_polishing(problem, ranked, bars)
-    models = together(lambda one: refitted(problem, base, one, tell), worth)
+    models = _refitted_all(problem, base, worth, tell)
     judged = sorted(weighed(problem, base, models), key=lambda item: -item[0])
     told = ranking(judged, ranked)
     blocked = selection.blocked(found, bars, gains, told, settings)
@@ -106,6 +106,22 @@ def _round(found: Selection, held_out: Problem, settings: Section, tell: Progres
         reason = f"{name} has evidence {evidence:.0f}, it would need {bars[name]:.0f}"
         return Step(None, None, None, evidence, 0.0, told, reason, gains, blocked)
     return _accepted(problem, base, held_out, able[:TRIED], told, gains, blocked)
+
+
+def _refitted_all(
+    problem: Problem, base: Fit, worth: Sequence[Candidate], tell: Progress
+) -> list[tuple[Problem, Fit]]:
+    """Return the model with each of some candidates: see `refitted`."""
+
+    def one(candidate: Candidate) -> tuple[Values, Fit]:
+        weighted, model = refitted(problem, base, candidate, silent)
+        return weighted.weights, model
+
+    names = ", ".join(candidate.name for candidate in worth)
+    found = problem.replay.workers.together(
+        one, worth, problem.replay, tell, f"refitting everything with {names}"
+    )
+    return [(problem.weighted(weights), model) for weights, model in found]
 
 
 def _accepted(

@@ -80,12 +80,16 @@ class Equation:
 
 @dataclass(frozen=True)
 class Calibration:
-    """A nuisance parameter that may be off: deviation from the nominal model with mean 0 and this sd."""
+    """A nuisance parameter that may be off: deviation from the nominal model with mean 0 and this sd.
+
+    `relative`: it is a share of what the model has.
+    """
 
     name: str
     sd: float
     unit: str
     meaning: str
+    relative: bool = False
 
 
 @dataclass(frozen=True)
@@ -135,6 +139,7 @@ class System:
         pushes: channel -> `EFFECT.PARAMETER`, a constant in its equation in whose unit an unknown is
             told.
         wrong: candidate -> key of the parameter that it takes to be wrong.
+        described: channel -> what below `branch` can hold a curve that is added to its equation.
         sources: signal (of a table `time` too) -> where recordings have it.
     """
 
@@ -160,6 +165,7 @@ class System:
     sources: Mapping[str, Source] = field(default_factory=dict)
     pushes: Mapping[str, str] = field(default_factory=dict)
     wrong: Mapping[str, str] = field(default_factory=dict)
+    described: Mapping[str, str] = field(default_factory=dict)
 
     def without(self, missing: Collection[str]) -> System:
         """Return the system without equations and effects that need inputs that are missing."""

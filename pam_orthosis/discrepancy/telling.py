@@ -20,7 +20,6 @@ from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.problem import Block, Problem
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.system import System
-from pam_orthosis.discrepancy.together import together
 from pam_orthosis.progress import Progress, silent
 
 ALIKE = 0.95  # cosine of two signatures above which they are one
@@ -50,9 +49,8 @@ def telling(problem: Problem, model: Fit, threshold: float, progress: Progress =
     """
     problem, model = _untempered(problem, model)
     projection = Projection(problem, model)
-    touched = problem.replay.touched
     known = {*model.effects, *problem.system.wrong}
-    names = [name for name in problem.system.candidates if name not in known and touched(name)]
+    names = problem.replay.touching(name for name in problem.system.candidates if name not in known)
     trials = [Trial(projection, name) for name in names]
     gram = _gram(projection, trials, progress)
     size = np.sqrt(np.maximum(np.diag(gram), 0.0))
@@ -86,13 +84,17 @@ def _gram(projection: Projection, trials: list[Trial], progress: Progress) -> np
     rows = {name: np.zeros((len(trials), len(block.residual))) for name, block in base.items()}
     shared = np.zeros((len(projection.position), len(trials)))
 
-    def seen(i: int) -> None:
-        for name, residual in trials[i].residuals(trials[i].starts()[0]).items():
-            if np.isfinite(residual).all():
-                rows[name][i] = residual - base[name].residual
-                shared[:, i] += projection.correlated(name, rows[name][i])
+    def seen(trial: Trial) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        residuals = trial.residuals(trial.starts()[0])
+        changes = {n: r - base[n].residual for n, r in residuals.items() if np.isfinite(r).all()}
+        return {name: (change, projection.correlated(name, change)) for name, change in changes.items()}
 
-    together(seen, range(len(trials)), progress, "computing what these data can show")
+    replay = projection.problem.replay
+    told = replay.workers.together(seen, trials, replay, progress, "computing what these data can show")
+    for i, of_trial in enumerate(told):
+        for name, (change, correlated) in of_trial.items():
+            rows[name][i] = change
+            shared[:, i] += correlated
     total: Any = sum(row @ row.T for row in rows.values())
     gram: np.ndarray = total - shared.T @ level.solve(shared)
     return gram

@@ -29,11 +29,6 @@ class Unknown:
     description: Description | None
     events: Sequence[Event]
 
-    @property
-    def known(self) -> bool:
-        """Whether something can be said of it."""
-        return self.description is not None or bool(self.events)
-
 
 def unknown(problem: Problem, judge: Problem, model: Fit, floor: measure.Gap) -> Unknown | None:
     """Return what can be said of the gap that a model leaves in held-out recordings; None if it is small."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pam_orthosis.discrepancy.description import Description, unit_of
+from pam_orthosis.discrepancy.description import Description, holder, unit_of
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.unknown import Unknown
 
@@ -33,7 +33,8 @@ def unknown_words(system: System, unknown: Unknown) -> list[str]:
         next_best = "" if one.runner_up is None else f" (next: {one.runner_up[0]}, {one.runner_up[1]:.0%})"
         return [
             f"unknown {where}: {short(system, unknown)}, amplitude {low:.3g} .. {high:.3g} {one.unit} between"
-            f" {ends}; removes {one.reduced:.0%} of the held-out gap{next_best}"
+            f" {ends}; removes {one.reduced:.0%} of the held-out gap{next_best}",
+            *_carried(system, one),
         ]
     if unknown.events:
         unit = unit_of(system, next(e for e in system.equations if e.name == unknown.equation).channels[0])
@@ -45,13 +46,26 @@ def unknown_words(system: System, unknown: Unknown) -> list[str]:
     return [f"unknown {where}: it depends on nothing that was measured, alone"]
 
 
-def unknown_as_dict(unknown: Unknown | None) -> dict[str, Any] | None:
+def _carried(system: System, one: Description) -> list[str]:
+    """Return a line on what becomes of a description in a model file; none if there is no such file."""
+    if not system.described:
+        return []
+    known = holder(system, one)
+    if known is None:
+        return ["no model file can carry this description"]
+    first = one.channel == system.channels[0].name
+    use = "controllers and gap use it" if first else "gap uses it, controllers do not"
+    return [f"a model file carries this description, which is no cause, as {system.branch}.{known[0]}: {use}"]
+
+
+def unknown_as_dict(system: System, unknown: Unknown | None) -> dict[str, Any] | None:
     """Return what is left as JSON-ready values."""
     if unknown is None:
         return None
     one = unknown.description
     curve = None if one is None else {
         "channel": one.channel, "coordinate": one.coordinate, "unit": one.unit, "period": one.period,
+        "carried_as": (holder(system, one) or (None,))[0],
         "reduced": one.reduced, "amplitude": list(one.amplitude), "places": one.places.tolist(),
         "values": one.values.tolist(), "without_parabola": one.shape.tolist(),
         "standard_deviations": one.spread.tolist(),

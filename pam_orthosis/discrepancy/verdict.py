@@ -11,10 +11,10 @@ from pam_orthosis.discrepancy.beginning import Beginning
 from pam_orthosis.discrepancy.confirmation import at_values
 from pam_orthosis.discrepancy.curves import curves, in_words
 from pam_orthosis.discrepancy.findings import Named
-from pam_orthosis.discrepancy.judgement import FAR_STRAIN, Outcome, beyond
+from pam_orthosis.discrepancy.judgement import FAR_STRAIN, Outcome, beyond, moved_far
 from pam_orthosis.discrepancy.measure import OVERALL, over_noise
 from pam_orthosis.discrepancy.structure import Where, clean
-from pam_orthosis.discrepancy.system import Channel, System
+from pam_orthosis.discrepancy.system import Calibration, Channel, System
 from pam_orthosis.discrepancy.telling import Telling
 from pam_orthosis.discrepancy.unknown_words import short, unknown_words
 from pam_orthosis.model.parameters import Parameters, experiments, scenario_names
@@ -257,7 +257,9 @@ def _far(strained: Mapping[str, float]) -> bool:
 
 
 def _refusal(outcome: Outcome) -> str:
-    """Return why no effect was added: the reason of the first round, if there was a candidate."""
+    """Return why nothing is named: else the reason of the first round, if there was a candidate."""
+    if outcome.surrogates:
+        return "no model of the catalogue explains half of the gap"
     step = outcome.steps[0] if outcome.steps else None
     if step is None or step.accepted is not None or not step.ranked:
         return "nothing in the catalogue fits"
@@ -274,13 +276,38 @@ def _answer(outcome: Outcome) -> str:
     bent = ", and nuisance parameters are far outside their tolerance" if _far(outcome.strained) else ""
     words = {
         "none": "recalibrated within its tolerances, the model leaves noise only",
-        "recalibrated": f"recalibration alone leaves noise, but what it moves has a better reason: {names}",
+        "recalibrated": _recalibrated(outcome, names) if outcome.verdict == "recalibrated" else "",
         "explained": f"by {names}",
         "partial": f"{names} explains{much}; {left}{bent}",
         "described": _described(outcome, names),
         "unexplained": _unexplained(outcome, left, bent),
     }[outcome.verdict]
     return f"{outcome.verdict.upper()}{' ' if outcome.verdict == 'explained' else ': '}{words}"
+
+
+def _recalibrated(outcome: Outcome, names: str) -> str:
+    if names:
+        return f"recalibration alone leaves noise, but what it moves has a better reason: {names}"
+    system, final = outcome.system, outcome.selection.final
+    moved = moved_far(system, final)
+    told = [
+        _moved(one, final.values[one.name], moved[one.name])
+        for one in system.calibrations
+        if one.name in moved
+    ]
+    rivals = (
+        [f"{name}, evidence {value:.0f}" for name, value in outcome.steps[0].ranked[:1]]
+        if outcome.steps
+        else []
+    )
+    instead = f"; the best effect instead, with too little evidence: {rivals[0]}" if rivals else ""
+    return f"the model leaves noise only with {', '.join(told)}{instead}"
+
+
+def _moved(one: Calibration, value: float, deviation: float) -> str:
+    """Return how far a calibration was moved, and how far it was stated to be off."""
+    told = f"{1 + value:.3g} times as large" if one.relative else f"{value:+.3g} {one.unit} off"
+    return f"{one.name} {told} ({abs(deviation):.1f} times its tolerance)"
 
 
 def _described(outcome: Outcome, names: str) -> str:
@@ -305,11 +332,9 @@ def _unexplained(outcome: Outcome, left: str, bent: str) -> str:
             f"the held-out recordings leave what was fitted (the gap is {white:.1f} times the noise, and no"
             " fit knows better there); fit recordings that reach as far"
         )
-    if outcome.empty:
-        return left
-    if outcome.surrogates:
-        return f"{left}; no model of the catalogue explains half of the gap"
-    return f"{left}; {_refusal(outcome)}"
+    if outcome.unknown and outcome.unknown.events:
+        return f"{left}; {short(outcome.system, outcome.unknown)}, of nothing that was measured"
+    return left if outcome.empty else f"{left}; {_refusal(outcome)}"
 
 
 def _emptied(outcome: Outcome) -> str:

@@ -11,6 +11,7 @@ from pam_orthosis.discrepancy.data import Recording
 from pam_orthosis.discrepancy.judgement import OPEN, Outcome, outcome_of
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.together import alone
 from pam_orthosis.discrepancy.unknown import unknown
 from pam_orthosis.model.parameters import Section, load
 from pam_orthosis.progress import Progress, silent
@@ -37,7 +38,8 @@ def find_gap(
         OrthosisError: a recording is unfit.
     """
     settings = settings or load().gap
-    return search(begin(system, training, held_out, settings, tell, replay), settings, tell)
+    with alone():
+        return search(begin(system, training, held_out, settings, tell, replay), settings, tell)
 
 
 def search(start: Beginning, settings: Section, tell: Progress = silent) -> Outcome:

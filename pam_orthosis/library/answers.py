@@ -93,9 +93,7 @@ class Gap:
         """Return what was found as changes of the nominal model, for `simulate(..., model=...)`."""
         from pam_orthosis.discrepancy import patch
 
-        found = self.outcome
-        named = [one.name for one in found.effects]
-        changed = patch.overrides(found.system, named, found.selection.final.values)
+        changed = patch.changes_of(self.outcome)
         return changed | patch.limits(self.nominal, changed)
 
     def save_page(self, path: str | Path) -> None:
@@ -127,7 +125,10 @@ class Gap:
 
 
 def gap(
-    training: Iterable[Recorded], held_out: Iterable[Recorded] = (), model: str | Path | None = None
+    training: Iterable[Recorded],
+    held_out: Iterable[Recorded] = (),
+    model: str | Path | None = None,
+    jobs: int | None = None,
 ) -> Gap:
     """Find which physical effect is missing in the nominal model, as the verb `gap` does.
 
@@ -135,12 +136,15 @@ def gap(
         training: runs, bags or tables to fit.
         held_out: those that judge and are not fitted; if empty, the last quarter of each of `training`.
         model: YAML file with parameters of the nominal model that differ from those recorded.
+        jobs: processes at a time (number of cores); the answer does not depend on it.
 
     Raises:
         OrthosisError: a recording is unfit, or they are of different machines.
     """
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.discrepancy.apparatus import apparatus_of
+    from pam_orthosis.discrepancy.replay import Replay
+    from pam_orthosis.discrepancy.together import Workers
     from pam_orthosis.discrepancy.verdict import describe
     from pam_orthosis.discrepancy.workflow import find_gap
 
@@ -157,7 +161,8 @@ def gap(
         nominal = apparatus.nominal(paths, given, "", file)
         system = apparatus.system(nominal, None)
         every = [bags.recording(apparatus.read(path, system, "")) for path in paths]
-        outcome = find_gap(system, every[: len(fitted)], every[len(fitted) :], nominal.gap)
+        replay = Replay(system, Workers(jobs))
+        outcome = find_gap(system, every[: len(fitted)], every[len(fitted) :], nominal.gap, replay=replay)
     return Gap(outcome, describe(outcome), nominal)
 
 

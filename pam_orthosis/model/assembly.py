@@ -92,7 +92,7 @@ def check_strokes(hardware: Hardware) -> None:
 def assemble(hardware: Hardware) -> Assembly:
     """Return the equations of motion and gas with all effects that are on."""
     machine, mechanism = hardware.machine, hardware.mechanism
-    effects = ActiveEffects(machine.catalogue | machine.tissue, hardware.effects)
+    effects = ActiveEffects(machine.possible | machine.tissue, hardware.effects)
     names = (*machine.states, *effects.states)
     x, u = ca.SX.sym("x", len(names)), ca.SX.sym("u", len(machine.inputs))
     effects.bind(ca.vertsplit(x)[len(machine.states) :])
@@ -108,6 +108,7 @@ def assemble(hardware: Hardware) -> Assembly:
         a.volume, a.volume_by_pressure, a.volume_by_contraction = volume_terms(law, a.contraction, a.gauge)
     effects.stages(s, "gas")
     set_pressure_rates(s)
+    effects.stages(s, "rate")
     for name, a in s.actuators.items():
         a.force = hardware.actuators[name].force(a.contraction, a.gauge)
     effects.stages(s, "force")

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterable
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -155,6 +156,35 @@ def best_library(
     except Distrusted as error:
         _tell_once(f"{error}: CasADi computes without it, slower; XDG_CACHE_HOME gives another folder")
         return None
+
+
+def remembered(name: str, key: str) -> Path | None:
+    """Return the library that was built for a key, see `remember`; None if there is none to trust."""
+    folder = _cache_folder()
+    if folder is None or os.environ.get("PAM_ORTHOSIS_NO_COMPILER"):
+        return None
+    note = _note(folder, name, key)
+    try:
+        _check_owned(folder)
+        _check_owned(note)
+        library = folder / Path(note.read_text(encoding="utf-8")).name
+        _check_owned(library)
+        return library if loads(library) else None
+    except (OSError, ValueError, Distrusted):
+        return None
+
+
+def remember(name: str, key: str, library: Path) -> None:
+    """Note which library was built for a key, all that its source follows from."""
+    with suppress(OSError), tempfile.TemporaryDirectory(dir=library.parent) as folder:
+        written = Path(folder, "note")
+        written.write_text(library.name, encoding="utf-8")
+        written.chmod(0o600)
+        os.replace(written, _note(library.parent, name, key))
+
+
+def _note(folder: Path, name: str, key: str) -> Path:
+    return folder / f"{name}_{hashlib.sha256(key.encode()).hexdigest()[:20]}.txt"
 
 
 def processor() -> str:

@@ -19,6 +19,7 @@ from pam_orthosis.model.components import cylinder, muscle
 from pam_orthosis.model.components.actuator import Actuator
 from pam_orthosis.model.effects import KINDS
 from pam_orthosis.model.effects.base import Effect
+from pam_orthosis.model.effects.described import described
 from pam_orthosis.model.mechanisms import MECHANISMS
 from pam_orthosis.model.mechanisms.base import Coordinate, Mechanism
 from pam_orthosis.model.mechanisms.coupled import COUPLED, Leg
@@ -184,6 +185,12 @@ class Machine:
             )
             for one in instances
         }
+
+    @property
+    def possible(self) -> dict[str, Effect]:
+        """The effects that its nominal model can have: the catalogue, and what could only be described."""
+        c = self.coordinate
+        return self.catalogue | described(c.name, c.effort, c.effort_unit, self.names)
 
     @cached_property
     def tissue(self) -> dict[str, Effect]:

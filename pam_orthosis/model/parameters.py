@@ -181,8 +181,8 @@ def _shipped_rows() -> dict[str, Row]:
             rows.update(_effect_rows("plant.rig.effects", of_rig.pop("effects", {}), own))
         rows.update(_rows_of(tree, subject))
     rows.update(_effect_rows("plant.person.tissue", {}, KNEE.tissue))
-    rows.update(_effect_rows("effects", {}, KNEE.catalogue))
-    rows.update(_effect_rows("rig.effects", {}, RIG.catalogue))
+    rows.update(_effect_rows("effects", {}, KNEE.possible))
+    rows.update(_effect_rows("rig.effects", {}, RIG.possible))
     return rows
 
 
@@ -199,7 +199,7 @@ def _rows_for(machine: Machine) -> dict[str, Row]:
     shared = {key: row for key, row in _shipped_rows().items() if not key.startswith(others)}
     true = _effect_rows("plant.effects", {}, effects)
     true |= _effect_rows("plant.person.tissue", {}, machine.tissue)
-    known = shared | rows | true | _effect_rows(machine.branch, {}, effects)
+    known = shared | rows | true | _effect_rows(machine.branch, {}, machine.possible)
     try:
         return known | _with_values(known, machine.values)
     except OrthosisError as error:

@@ -102,9 +102,7 @@ def _missing(outcome: Outcome) -> list[Part]:
     found = [_effect(outcome, one, "") for one in outcome.effects]
     found += [_effect(outcome, one, " (best surrogate, no explanation)") for one in outcome.surrogates]
     if plots := gap_figures.unknown(outcome):
-        words = (
-            "The unknown, described: a curve over one signal. It is no cause, and `model.yaml` has it not."
-        )
+        words = "The unknown, described: a curve over one signal. It is no cause."
         found.append(Part("What nothing explains", (words,), plots=plots))
     if plots := gap_figures.missing(outcome):
         words = "What the equations miss, before and after: a curve that is flat at zero misses nothing."

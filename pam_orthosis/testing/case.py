@@ -52,6 +52,7 @@ OF_MACHINES = "scenario.control_period", "scenario.start_hold", "valve.dead_band
 # realistic class: sizes of the misfits in shape (about 5 N rms, 2 %, 1 %)
 MAP_SD, VALVE_SD, VOLUME_SD = 3.5, 0.02, 0.01
 GAIT_SECONDS, HELD_OUT_GAIT_SECONDS, PUSH_SECONDS = 20.0, 14.0, 120.0
+PUSHES = "torque"  # the misfit that is another one in each recording
 CENTRE = np.array([0.08] + [0.0] * 6)  # rad: keeps drawn gaits off the stops
 PARTS = (diagnostic.triangle, diagnostic.cocontraction, diagnostic.closed_hold, diagnostic.decay)
 
@@ -201,10 +202,9 @@ def record(
     """
     trajectory, duration = run
     progress("compiling the model")
+    own = {name: _begun_anew(maps, seed) if name == PUSHES else maps for name, maps in secret.misfits.items()}
     parameters = started(parameters, trajectory)
-    plant = HiddenPlant(
-        parameters.changed(wrong or {}), secret.hidden, secret.deviations, secret.misfits, seed
-    )
+    plant = HiddenPlant(parameters.changed(wrong or {}), secret.hidden, secret.deviations, own, seed)
     loop = ClosedLoop(parameters, plant=plant, trajectory=trajectory)
     recording = loop.run(round(duration / parameters.scenario.control_period), progress)
     return {name: values for name, values in recording.items() if not name.startswith("true_")}
@@ -295,8 +295,15 @@ def _pushes(rng: Generator, size: float) -> np.ndarray:
     return torque
 
 
+def _begun_anew(torque: np.ndarray, seed: int) -> np.ndarray:
+    """Return pushes as another recording meets them: no clock tells when the next one comes."""
+    begun = np.random.default_rng([seed, 6]).integers(len(torque))
+    anew: np.ndarray = np.roll(torque, begun)
+    return anew
+
+
 MISFITS: dict[str, Callable[[Generator, float], np.ndarray]] = {
-    "torque": _pushes,
+    PUSHES: _pushes,
     "force_waves": lambda rng, size: force_waves(rng, size / math.sqrt(2) * rng.choice([-1.0, 1.0], (2, 4))),
     "valve_waves": lambda rng, size: _waves(rng, size * rng.choice([-1.0, 1.0], 2), 6.0),
     "volume_waves": lambda rng, size: _waves(rng, size * rng.choice([-1.0, 1.0], 2), 3.0),

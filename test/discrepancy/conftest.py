@@ -7,6 +7,7 @@ from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.discrepancy.data import from_arrays
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.together import Workers
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.testing import case as cases
@@ -39,7 +40,7 @@ class Bench:
     def __init__(self):
         self.parameters = load(OF_NOMINAL)
         self.system = knee(self.parameters)
-        self.replay = Replay(self.system)
+        self.replay = Replay(self.system, Workers(2))
         self._known = {}
 
     def arrays(self, seed, cycle_time=2.0, **plant):

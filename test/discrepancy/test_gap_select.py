@@ -9,6 +9,7 @@ import pytest
 
 from pam_orthosis.discrepancy import elimination, screening, select, selection
 from pam_orthosis.discrepancy.candidates import Candidate, Trial
+from pam_orthosis.discrepancy.together import Workers
 from pam_orthosis.model.effects.base import Effect, Quantity
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
@@ -25,7 +26,8 @@ def touched(name):
 
 def found_so_far(evidence, alike, present=None):
     problem = SimpleNamespace(
-        replay=SimpleNamespace(touched=touched), system=SimpleNamespace(catalogue=KNEE.catalogue, shapes=())
+        replay=SimpleNamespace(touched=touched, workers=Workers(1)),
+        system=SimpleNamespace(catalogue=KNEE.catalogue, shapes=()),
     )
     return selection.Selection(
         problem, None, problem, None, evidence=evidence, alike=alike, present=present or {}

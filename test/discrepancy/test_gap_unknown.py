@@ -7,13 +7,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy import beginning, description, unknown
+from pam_orthosis.control import effects
+from pam_orthosis.discrepancy import beginning, description, patch, unknown
 from pam_orthosis.discrepancy.data import from_arrays
-from pam_orthosis.discrepancy.injection import injection
+from pam_orthosis.discrepancy.injection import Injection, injection
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.run import Run
+from pam_orthosis.discrepancy.unknown import Unknown
 from pam_orthosis.discrepancy.unknown_words import short, unknown_as_dict, unknown_words
 from pam_orthosis.discrepancy.whitening import Whitener
 from pam_orthosis.report import gap_figures
@@ -35,6 +37,11 @@ def added(bench, torque):
         moved = arrays["angle"] + linear.response((lever * wanted)[:, None])[:, 0]
         made.append(from_arrays(f"run {seed}", bench.system, {**arrays, "angle": moved}))
     return made
+
+
+def _described(one):
+    shown = {"unit": "Pa/s", "period": None, "amplitude": (2e4, 1e4, 3e4), "reduced": 0.9, "runner_up": None}
+    return SimpleNamespace(**vars(one), **shown)
 
 
 class _Scored:
@@ -69,6 +76,18 @@ def test_the_linearised_replay_is_that_of_the_model(bench):
     assert 0.2 * lever[1000:].mean() == pytest.approx(linear.added(change)[1000:].mean(), rel=0.05)
 
 
+def test_a_response_is_that_of_the_replay_step_by_step():
+    rng, n = np.random.default_rng(1), 40
+    one = Injection(rng.normal(0, 5, (n, 2, 2)), np.array([6.0, 20.0]), 0, 1, 0.01)
+    added, state = rng.normal(size=(n, 3)), np.zeros((2, 3))
+    seen = one.response(added)
+    for k in range(n):
+        assert seen[k] == pytest.approx(state[0], abs=1e-12)
+        held = state - 0.01 * np.outer(one.gains, state[0])
+        rate = one.slopes[k] @ held
+        state = held + 0.01 * rate + 0.5 * 0.01**2 * one.slopes[k] @ rate + [[0.0], [0.01]] * added[k]
+
+
 def test_without_a_candidate_of_a_constant_the_missing_rate_is_described(bench):
     """A model that has a constant torque already has no candidate in whose unit an unknown is told."""
     system = knee(bench.parameters.changed({"effects.constant_torque.enabled": True}))
@@ -94,7 +113,7 @@ def test_a_torque_of_the_angle_is_described_with_its_period_and_size(bench, told
     assert one.reduced > 0.8
     assert short(bench.system, found).startswith("unknown torque of angle (period 0.4")
     assert "removes 9" in unknown_words(bench.system, found)[0]
-    assert unknown_as_dict(found)["curve"]["coordinate"] == "angle"
+    assert unknown_as_dict(bench.system, found)["curve"]["coordinate"] == "angle"
     (plot,) = gap_figures.unknown(SimpleNamespace(unknown=found, system=bench.system))
     assert (plot.x, plot.y) == ("angle / rad", "unknown / N m")
     upper = found.description.shape + 1.96 * found.description.spread
@@ -114,8 +133,56 @@ def test_pushes_at_instants_of_their_own_are_events(bench, told):
     assert "of nothing that was measured; pushes at 4.0 s (+1." in line
     assert short(bench.system, found) == "3 pushes (4.0 s, 7.3 s, 10.1 s)"
     bare = replace(found, events=())
-    assert not bare.known
     assert unknown_words(bench.system, bare)[0].endswith("depends on nothing that was measured, alone")
+
+
+def test_a_model_file_carries_a_description(bench, told, tmp_path):
+    """The next search has it in its model, and finds the gap that was left; so do the controllers."""
+    wave = lambda angle, time: 0.5 * np.sin(14 * angle)  # noqa: E731
+    one = told(wave).description
+    path = tmp_path / "model.yaml"
+    patch.write(path, patch.of_description(bench.system, one))
+    model = bench.parameters.changed(patch.read_nominal(path))
+    *training, held_out = added(bench, wave)
+    start = beginning.begin(knee(model), training, [held_out], bench.parameters.gap)
+    before = beginning.begin(bench.system, training, [held_out], bench.parameters.gap, replay=bench.replay)
+    gaps = [b.recalibrated().white["angle"] ** 2 - b.floor.white["angle"] ** 2 for b in (before, start)]
+    assert 1 - gaps[1] / gaps[0] == pytest.approx(one.reduced, abs=0.03)
+    assert start.system.catalogue.keys() == bench.system.catalogue.keys()
+    assert description.holder(start.system, one) is None  # it holds one already
+    feed_forward, angles = effects.added_by_effects(model), np.linspace(-0.2, 1.5, 50)
+    torque = [float(feed_forward(q, 0.0, [2e5, 3e5], [], 0.0)[0]) for q in angles]
+    assert torque == pytest.approx(np.interp(angles, one.places, one.values), abs=1e-4)
+
+
+def test_a_rate_of_pressure_is_carried_too(bench):
+    """In the search, not by the controllers."""
+    one = SimpleNamespace(channel="flexor_pressure", coordinate="velocity", places=np.array([-1.0, 1.0]),
+                          values=np.array([-2e4, 2e4]))  # fmt: skip
+    changes = patch.of_description(bench.system, one)
+    assert changes["effects.flexor_unknown_rate.coordinate"] == "velocity"
+    system, run = knee(bench.parameters.changed(changes)), bench.recording(1)
+    (gas,) = (one for one in system.equations if one.name == "gas")
+    seen = []
+    for replay in (bench.replay, Replay(system)):
+        started = Run(replay.system, run, 40.0)
+        seen.append(replay.residuals(started, gas, (), replay.defaults(()))[2000:])
+    moved = np.std(seen[1] - seen[0], axis=0)
+    assert moved[1] > 500.0
+    assert moved[0] == 0.0
+    assert unknown_words(bench.system, Unknown("gas", _described(one), ()))[1].endswith(
+        "as effects.flexor_unknown_rate: gap uses it, controllers do not"
+    )
+
+
+def test_a_description_by_chance_is_none(bench, monkeypatch):
+    """What one stretch of the held-out recordings has by chance does not count."""
+    falls = np.zeros(12)
+    falls[3] = 1e5
+    monkeypatch.setattr(description, "block_sums", lambda *_: falls)
+    *training, held_out = added(bench, lambda angle, time: 0.5 * np.sin(14 * angle))
+    start = beginning.begin(bench.system, training, [held_out], bench.parameters.gap, replay=bench.replay)
+    assert unknown.unknown(start.problem, start.held_out, start.null, start.floor).description is None
 
 
 def test_where_hardly_anything_is_left_nothing_is_said(told):

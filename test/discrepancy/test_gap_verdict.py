@@ -18,8 +18,10 @@ from pam_orthosis.discrepancy import beginning, check, judgement, patch, select,
 from pam_orthosis.discrepancy.apparatus import without_record
 from pam_orthosis.discrepancy.contract import as_dict
 from pam_orthosis.discrepancy.data import from_arrays
+from pam_orthosis.discrepancy.events import Event
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.measure import Gap, closure, over_noise
+from pam_orthosis.discrepancy.unknown import Unknown
 from pam_orthosis.discrepancy.verdict import assumed_words, describe
 from pam_orthosis.model.machines import KNEE, RIG
 from pam_orthosis.model.parameters import load
@@ -113,7 +115,7 @@ def test_what_is_far_off_counts_where_no_effect_of_its_equation_is_named(frictio
 def test_a_description_of_one_equation_does_not_describe_the_other(friction):
     _, outcome, _ = friction
     curve = SimpleNamespace(equation="torque", reduced=0.99)
-    left = SimpleNamespace(equation="torque", description=curve, known=True)
+    left = SimpleNamespace(equation="torque", description=curve, events=())
 
     def told(angle, pressure):
         white = {**outcome.after.white, "angle": angle, "flexor_pressure": pressure}
@@ -137,6 +139,44 @@ def _swapped(arrays):
         for n in names
         for a, b in (("extensor", "flexor"), ("flexor", "extensor"))
     }
+
+
+def test_pushes_are_no_description(friction):
+    """No model can carry what comes at instants of its own, however much of the gap it is."""
+    _, outcome, _ = friction
+    pushes = Unknown("torque", None, (Event("run", 3.1, 1.5, 0.2), Event("run", 7.4, -1.2, 0.3)))
+    white = {**outcome.after.white, "angle": 25.0}
+    open_ = replace(outcome, verdict="unexplained", effects=(), after=Gap(outcome.after.units, white))
+    told = open_.described(pushes)
+    assert (told.verdict, told.foreign) == ("unexplained", False)
+    last = describe(told).splitlines()[-1]
+    assert last.endswith("2 pushes (3.1 s, 7.4 s), of nothing that was measured")
+    assert open_.described(replace(pushes, events=())).foreign
+
+
+def test_a_parameter_that_is_recalibrated_beyond_its_tolerance_is_said(friction):
+    _, outcome, _ = friction
+    final = outcome.selection.final
+    far = replace(final, values={**final.values, "muscle_damping": 0.9, "angle_offset": -5e-3})
+    assert judgement.moved_far(outcome.system, far) == pytest.approx(
+        {"muscle_damping": 4.5, "angle_offset": -5e-3 / 1.5e-3}
+    )
+    assert not judgement.moved_far(
+        outcome.system, replace(final, values={**final.values, "angle_offset": 4e-3})
+    )
+    clean = judgement.Rest(True, 1.0, True, moved=True)
+    assert judgement.verdict_on((), None, clean, ()) == "recalibrated"
+    assert judgement.verdict_on((), None, clean._replace(astray=True), ()) == "unexplained"
+    assert judgement.verdict_on((), None, clean._replace(moved=False), ()) == "none"
+    told = replace(
+        outcome, verdict="recalibrated", effects=(), selection=replace(outcome.selection, final=far)
+    )
+    last = describe(told).splitlines()[-1]
+    assert last.startswith(
+        "RECALIBRATED: the model leaves noise only with muscle_damping 1.9 times as large (4.5 "
+    )
+    assert "angle_offset -0.005 rad off (3.3 times its tolerance)" in last
+    assert "; the best effect instead, with too little evidence: joint_friction, evidence " in last
 
 
 def test_muscles_that_are_swapped_are_no_effect(bench):
@@ -255,6 +295,9 @@ def test_a_noise_floor_that_is_no_measure_of_the_sensor_is_said(bench, changed, 
         ("creep", "time_constant", (0.05, 30.0), (0.1, 10.0)),
         ("valve_delay", "delay", (0.05, -0.05), (-8e-3, 1e-3, 8e-3)),
         ("valve_lag", "natural_frequency", (5.0, 1000.0), (12.0, 200.0)),
+        ("valve_lag", "damping_ratio", (0.3, 2.0), (0.5, 0.8, 1.4)),
+        ("joint_friction", "stribeck", (2.0,), (0.0, 0.2)),
+        ("parallel_elasticity", "rest_angle", (-1.0, 2.0), (0.0, 0.6)),
         ("volume_misfit", "extensor_c0", (-0.3, 0.3), (0.0, 0.15)),
         ("valve_curve_misfit", "flexor_vent_1", (0.5,), (0.25,)),
         ("valve_curve_misfit", "flexor_vent_5", (), (-0.5, 0.5)),

@@ -35,7 +35,9 @@ from pam_orthosis.discrepancy.data import (
     is_table,
 )
 from pam_orthosis.discrepancy.measure import Gap
+from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.telling import Telling, telling
+from pam_orthosis.discrepancy.together import Workers
 from pam_orthosis.discrepancy.verdict import _answer, describe, untold_words
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.errors import OrthosisError
@@ -48,10 +50,10 @@ FRICTION = {"plant__effects__joint_friction__enabled": True, "plant__effects__jo
 COLUMNS = ("time", "angle", "extensor_pressure", "flexor_pressure", "extensor_voltage", "flexor_voltage")
 
 
-def search(bench, **plant):
+def search(bench, replay=None, **plant):
     training = [bench.recording(1, **plant), bench.recording(2, cycle_time=1.4, **plant)]
     held_out = [bench.recording(3, cycle_time=1.7, **plant)]
-    return find_gap(bench.system, training, held_out, bench.parameters.gap, replay=bench.replay)
+    return find_gap(bench.system, training, held_out, bench.parameters.gap, replay=replay or bench.replay)
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +93,14 @@ def test_friction_is_named_measured_and_closes_the_gap(friction):
     assert friction.closure["overall"] > 0.95
     assert friction.where[0].equation == "torque"
     assert friction.before.units["angle"] > 3 * friction.after.units["angle"]
+
+
+def test_one_process_gives_the_same_answer_to_the_last_digit(bench, friction):
+    """That of `friction` was found by two."""
+    alone = search(bench, Replay(bench.system, Workers(1)), **FRICTION)
+    assert alone.selection.final.values == friction.selection.final.values
+    assert alone.after.white == friction.after.white
+    assert as_dict(alone) == as_dict(friction)
 
 
 def test_gap_json_keeps_its_contract(friction):
@@ -239,9 +249,9 @@ def test_the_noise_floor_of_a_model_with_effects_counts_from_the_whiteners_noise
         return dict.fromkeys(friction.floor.units, 2.0 if replay is bare else 3.0)
 
     monkeypatch.setattr(noise_floor, "residual_noise", levels)
-    monkeypatch.setattr(beginning, "Replay", lambda system: system)
+    monkeypatch.setattr(beginning, "Replay", lambda system, workers: system)
     system = SimpleNamespace(simpler={"joint_friction": None}, bare=lambda: bare)
-    replay = SimpleNamespace(system=system, defaults=lambda _: {})
+    replay = SimpleNamespace(system=system, defaults=lambda _: {}, workers=None)
     problem = SimpleNamespace(replay=replay, scored=[])
     found = SimpleNamespace(problem=problem, final=SimpleNamespace(effects=(), values={}))
     units = dict.fromkeys(friction.floor.units, 1.0)

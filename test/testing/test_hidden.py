@@ -280,3 +280,12 @@ def test_sizes_are_known(size):
     cases.draw(np.random.default_rng(0), cases.nominal(), "realistic", size, 1)
     with pytest.raises(OrthosisError, match="no size"):
         cases.draw(np.random.default_rng(0), cases.nominal(), "clean", size + "r", 1)
+
+
+def test_pushes_come_at_instants_of_their_own_in_each_recording():
+    """A clock must not tell when they come: they are of nothing that is measured."""
+    torque = cases._pushes(np.random.default_rng(1), 1.2)
+    first, other = (cases._begun_anew(torque, seed) for seed in (1, 2))
+    assert sorted(first) == sorted(other) == sorted(torque)
+    assert abs(np.corrcoef(first, other)[0, 1]) < 0.3
+    assert (cases._begun_anew(torque, 1) == first).all()

@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 # the order in which a model evaluates its signals; an effect sees all signals of earlier stages
 STAGES = (
-    "body", "supply", "command", "spool", "opening", "flow", "gas", "force", "torque", "sensor",
+    "body", "supply", "command", "spool", "opening", "flow", "gas", "rate", "force", "torque", "sensor",
 )  # fmt: skip
 # the equation of the model in which an effect of a stage shows
 EQUATIONS = {
     "body": "torque", "force": "torque", "torque": "torque", "supply": "supply", "command": "valve",
-    "spool": "valve", "opening": "valve", "flow": "gas", "gas": "gas", "sensor": "sensor",
+    "spool": "valve", "opening": "valve", "flow": "gas", "gas": "gas", "rate": "gas", "sensor": "sensor",
 }  # fmt: skip
 
 AT_BOUND = 1e-3  # of a bound, or of the typical value: nearer than that a parameter is at its bound

@@ -40,7 +40,7 @@ EFFECTS = [
         parameters=(
             Quantity("coulomb", 2.0, "N", 0.0, 200.0, "Coulomb friction of the carriage", 0.0),
             Quantity("viscosity", 5.0, "N s/m", 0.0, 1000.0, "viscous friction of the carriage", fitted=False,
-                     meaningful=(0.0, 1000.0)),
+                     meaningful=(0.0, 990.0)),
             Quantity("transition_velocity", 1.0e-3, "m/s", 1.0e-5, 0.1, "width of the change of sign",
                      fitted=False, meaningful=(1.0e-5, 0.015)),  # wider, it is viscous
         ),
@@ -71,7 +71,7 @@ EFFECTS = [
         parameters=(
             Quantity("coulomb", 0.8, "N m", 0.0, 20.0, "Coulomb torque", 0.0),
             Quantity("stribeck", 0.2, "-", 0.0, 2.0, "rise of the torque at low speed / Coulomb torque",
-                     meaningful=(0.0, 2.0)),
+                     meaningful=(0.0, 1.9)),
             Quantity("stribeck_velocity", 0.1, "rad/s", 0.005, 5.0, "speed at which the rise has decayed",
                      fitted=False, meaningful=(0.005, 5.0)),
             Quantity("transition_velocity", 0.02, "rad/s", 0.001, 1.0, "width of the change of sign",
@@ -100,7 +100,7 @@ EFFECTS = [
         parameters=(
             Quantity("stiffness", 2.0, "N m/rad", -50.0, 200.0, "stiffness of the spring", 0.0),
             Quantity("rest_angle", 0.6, "rad", -1.0, 2.0, "angle at which it is free of load",
-                     fitted=False, meaningful=(-1.0, 2.0)),
+                     fitted=False),
         ),
         expression=lambda s, p, _states: Contribution(
             {"effort": -p.stiffness * (s.coordinate - p.rest_angle)}

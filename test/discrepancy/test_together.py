@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fits in several processes: the same answers, whatever happens to one of them is said, none is left."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from pam_orthosis.discrepancy.together import Workers
+from pam_orthosis.errors import OrthosisError
+
+
+class Memory:
+    def __init__(self):
+        self.known, self.told = [], 0
+
+    def news(self):
+        new, self.told = self.known[self.told :], len(self.known)
+        return new
+
+    def learn(self, news):
+        self.known += news
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 5])
+def test_results_come_in_the_order_of_their_items(jobs):
+    told, items = [], [3, -1, 2, 0]
+    found = Workers(jobs).together(lambda x: x * x, items, None, lambda *words: told.append(words), "fitting")
+    assert found == [9, 1, 4, 0]
+    assert told == [("fitting", done, 4) for done in range(5)]
+    assert Workers(jobs).map(abs, items) == [3, 1, 2, 0]
+    assert Workers(jobs).together(abs, []) == []
+
+
+def test_they_are_other_processes_with_one_core_each_and_what_they_learn_is_kept():
+    workers, memory = Workers(2), Memory()
+    memory.known, mine = ["before"], os.getpid()
+
+    def work(item):
+        memory.known.append(item)
+        return os.getpid(), workers.jobs, workers.map(abs, [-1, 2])
+
+    found = workers.together(work, [1, 2, 3], memory)
+    assert len({pid for pid, *_ in found} - {mine}) == 2
+    assert all(one[1:] == (1, [1, 2]) for one in found)
+    assert memory.known[0] == "before"
+    assert sorted(memory.known[1:]) == [1, 2, 3]
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_what_one_raises_is_raised(jobs):
+    def work(item):
+        if item == 2:
+            raise OrthosisError("mine")
+
+    with pytest.raises(OrthosisError, match="mine"):
+        Workers(jobs).together(work, [1, 2, 3])
+
+
+def test_one_that_is_killed_is_said():
+    with pytest.raises(OrthosisError, match="was killed by SIGKILL; if memory is short, --jobs 1"):
+        Workers(2).together(lambda item: os.kill(os.getpid(), signal.SIGKILL), [1, 2])
+
+
+SLEEPERS = """
+import os, signal, time
+from pam_orthosis.discrepancy.together import Workers
+
+def work(item):
+    os.write(1, b"%d\\n" % os.getpid())
+    time.sleep(20)
+    print("left", flush=True)
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell in the background ignores it
+Workers(2).together(work, [1, 2])
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_none_outlives_the_search(how):
+    with subprocess.Popen(
+        [sys.executable, "-c", SLEEPERS], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    ) as search:  # fmt: skip
+        pids = [int(search.stdout.readline()) for _ in range(2)]
+        os.killpg(search.pid, how) if how == signal.SIGINT else os.kill(search.pid, how)
+        left = search.stdout.read()  # its end: nobody holds it any more, those processes among them
+        said = search.stderr.read()
+    assert left == ""
+    assert said.count("KeyboardInterrupt") == (how == signal.SIGINT), said
+    assert len(set(pids)) == 2
