@@ -17,7 +17,9 @@ def friction(moved):
     """Return what dry friction with its rise at low speed and viscous friction can resist at most, N m."""
     p = load(machine=machine_named(Path(moved.joint)))
     dry, viscous = p.plant.effects.joint_friction, p.plant.effects.viscous_friction
-    return dry.coulomb * (1 + dry.stribeck) + viscous.viscosity * np.abs(moved.velocity), dry.coulomb
+    tissue = p.plant.person.tissue.passive_moment.viscosity if moved.person and moved.joint == "knee" else 0.0
+    viscosity = viscous.viscosity + tissue
+    return dry.coulomb * (1 + dry.stribeck) + viscosity * np.abs(moved.velocity), dry.coulomb
 
 
 @pytest.fixture(scope="module")

@@ -19,6 +19,8 @@ import numpy as np
 from pam_orthosis.control.trajectory import Trajectory
 from pam_orthosis.model.assembly import Hardware
 from pam_orthosis.model.machines import machine_named
+from pam_orthosis.model.mechanisms import leg
+from pam_orthosis.model.mechanisms.passive import knee_moment
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.model.plant import Plant
 from pam_orthosis.model.shapes import scenario_shape
@@ -31,6 +33,8 @@ SLOW_SECONDS = 20.0  # through the range and back
 CLEARANCE = 0.02  # rad, to the stops
 SETTLING = 1.0  # s at rest at first, in which the muscles vent; not judged
 CYCLES = 2  # of the gait
+# a relaxed leg in the knee's machine: its mass, and the elastic moment of its tissue
+RELAXED = {"leg.person.present": True, "plant.person.tissue.passive_moment.enabled": True}
 JOINTS, WEARERS, SPEEDS = ("knee", "ankle"), (False, True), ("slow", "gait")
 
 Motion = Callable[[float], tuple[float, float]]  # time, s -> angle, rad, and velocity, rad/s
@@ -46,7 +50,7 @@ class Moved:
         speed: `slow`, through the whole range, or `gait`.
         angle, velocity: (n,) true ones, rad, rad/s.
         torque: (n,) of the hand, N m.
-        weight: (n,) G of Eq. (26) of the true mechanism, with the passive moment of the person's ankle, N m.
+        weight: (n,) G of Eq. (26) of the true mechanism, with the passive moment of the person's joint, N m.
         inertia: (n,) m q-double-dot + k of it, N m.
     """
 
@@ -111,13 +115,14 @@ def by_hand(
 
     Args:
         joint: the shipped machine.
-        person: whether a relaxed leg is in the orthosis: its mass, and the passive moment of its ankle.
+        person: whether a relaxed leg is in the orthosis: its mass, and the passive moment of the joint.
         speed: `slow` or `gait`.
         filled: the muscles hold their mean pressure behind closed valves; otherwise all valves vent first.
         overrides: of the parameters.
     """
-    given = {"scenario.control_period": PERIOD, "leg.person.present": person, **(overrides or {})}
-    p = load(given, machine_named(Path(joint)))
+    p = load({"scenario.control_period": PERIOD}, machine_named(Path(joint)))
+    relaxed = RELAXED if joint == "knee" else {"leg.person.present": True}
+    p = p.changed({**(relaxed if person else {}), **(overrides or {})})
     motion, start, seconds = (_slow if speed == "slow" else _gait)(p)
     p = p.changed({p.declared.start: start})
     function = _terms(p)
@@ -166,7 +171,11 @@ def _gait(p: Parameters) -> tuple[Motion, float, float]:
 
 
 def _terms(p: Parameters) -> ca.Function:
-    """Return (angle, velocity) -> m, k and G of Eq. (26) of the true mechanism."""
+    """Return (angle, velocity) -> m, k and G of Eq. (26) of the true mechanism, the knee's tissue in G."""
     q, velocity = ca.SX.sym("q"), ca.SX.sym("velocity")
-    terms = p.declared.mechanism(true_parameters(p)).terms(q, velocity)
-    return ca.Function("true_terms", [q, velocity], [terms.inertia, terms.coriolis, terms.gravity])
+    terms, gravity = p.declared.mechanism(true_parameters(p)).terms(q, velocity), 0
+    tissue = p.plant.person.tissue
+    if p.declared.kind == "knee" and tissue.passive_moment.enabled:
+        hip = leg.hip_angle(q, p.leg)
+        gravity = -tissue.passive_moment.scale * knee_moment(q * 180 / math.pi, hip * 180 / math.pi)
+    return ca.Function("true_terms", [q, velocity], [terms.inertia, terms.coriolis, terms.gravity + gravity])

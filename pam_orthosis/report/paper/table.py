@@ -17,7 +17,7 @@ from pam_orthosis.report.paper.inertia import Compared
 from pam_orthosis.report.paper.observer import DAMPING, POLE, ObserverRun, TradeOff
 from pam_orthosis.report.paper.schemes import SCHEMES
 from pam_orthosis.report.paper.tables import tables
-from pam_orthosis.report.paper.tracking import Tracking
+from pam_orthosis.report.paper.tracking import BRISK, Tracking
 from pam_orthosis.report.paper.turns import WAY, errors_by_turn
 
 PICTURES = {
@@ -79,7 +79,9 @@ class Results:
         for name in ("observer", "observer_on_hardware"):
             run = getattr(self, name)
             data[name] = {key: getattr(run, key) for key in ("lag", "gain", "velocity_noise")}
-        data["tracking"] = {key: getattr(self.tracking, key) for key in ("largest", "rms", "worst_phase")}
+        data["tracking"] = {
+            key: getattr(self.tracking, key) for key in ("largest", "rms", "worst_phase", "accelerated")
+        }
         data["tracking"] |= {key: getattr(self.tracking, key).tolist() for key in ("beginnings", "rests")}
         return data
 
@@ -130,6 +132,11 @@ def tracking_rows(found: Tracking) -> list[Row]:
             f"{found.largest:.2f} deg, at {100 * found.worst_phase:.0f} % of the cycle",
             f"reference - measured angle, emulated hardware, no person, "
             f"{found.parameters.scenario.cycle_time:g} s a cycle, start included",
+        ),
+        Row(
+            "the same during the largest acceleration", "the largest", f"{found.accelerated:.2f} deg",
+            f"the largest error in those {100 * BRISK:g} % of the time in which the reference accelerates or"
+            " decelerates most, at full cadence",
         ),
         Row(
             "steady-state error at the beginning of the step", "below 1 deg", _over_steps(found.beginnings),

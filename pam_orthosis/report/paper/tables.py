@@ -42,7 +42,7 @@ def by_hand(moved: Data) -> Listed:
     return Listed(
         "Moved by hand when depressurised",
         "A hand leads the joint of the emulated hardware while all valves vent; the largest of each torque."
-        " The weight of the ankle holds the passive moment of the person's calf. Filled: valves closed,"
+        " Weight holds the passive moment of a relaxed person's joint. Filled: valves closed,"
         " muscles at their mean pressure.",
         head,
         rows,

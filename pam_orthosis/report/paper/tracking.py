@@ -15,6 +15,7 @@ from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model import parameters as tree
 
 CYCLES = 5  # whole cycles at full cadence
+BRISK = 0.1  # of the time, in which the reference accelerates or decelerates most
 STEPS = "steps"  # scenario of a motion from rest to rest
 
 
@@ -54,6 +55,14 @@ class Tracking:
     def worst_phase(self) -> float:
         """Where in the gait cycle the largest |error| lies, once the cadence is reached."""
         return float(self.phase[np.nanargmax(np.where(np.isnan(self.phase), np.nan, np.abs(self.error)))] % 1)
+
+    @property
+    def accelerated(self) -> float:
+        """The largest |error| in the share `BRISK` of the time in which the reference accelerates most."""
+        period = self.time[1] - self.time[0]
+        acceleration = np.abs(np.gradient(np.gradient(self.reference, period), period))
+        most = acceleration >= np.nanquantile(np.where(np.isnan(self.phase), np.nan, acceleration), 1 - BRISK)
+        return float(np.abs(self.error[most & ~np.isnan(self.phase)]).max())
 
 
 def track(overrides: Mapping[str, Any] | None = None, seed: int = 1) -> Tracking:
