@@ -41,6 +41,8 @@ HIDDEN = (
     ("ankle", False, "", "medium"),
     ("ankle", True, "", "medium"),
     ("shoe", False, "", "medium"),
+    ("ankle", False, "parallel_elasticity", "large"),
+    ("shoe", False, "heel_leak", "large"),
 )
 
 
