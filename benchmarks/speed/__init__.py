@@ -3,6 +3,7 @@
 
 GROUPS = {
     "graph": "the node graph against bare relays of the same messages",
+    "device": "two legs with shoes in one process, recorder included, against relays of the same messages",
     "start": "commands and graph until they do something",
     "bags": "bags written and read",
     "latency": "from sample to answer in real time",

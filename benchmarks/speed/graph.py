@@ -44,20 +44,9 @@ def rows(repeats: int) -> Iterator[Row]:
                 lambda c=composed, r=recorded: relayed(c, r),
             )
             recorder = "recorder included" if recorded else "without recorder"
-            yield from _steps(f"{layout}, {recorder}", ours, floor)
-        yield from _real_time(f"{RATE_HZ} Hz, {layout}, recorder included", composed, ours, floor)
+            yield from steps(f"{layout}, {recorder}", ours, floor)
+        yield from real_time(f"{RATE_HZ} Hz, {layout}, recorder included", REAL_TIME[composed], ours, floor)
         yield from _at_two_rates(repeats, composed, layout)
-    yield from _of_the_device(repeats)
-
-
-def _of_the_device(repeats: int) -> Iterator[Row]:
-    """Yield the rows of two legs with shoes, all in one process, recorder included."""
-    ours, floor = alternating(
-        repeats, lambda: stepped(True, True, graph=DEVICE), lambda: relayed(True, True, graph=DEVICE)
-    )
-    where = f"the device at {RATE_HZ} Hz, one process, recorder included"
-    yield from _steps(where, ours, floor, " of")
-    yield from _real_time(where, False, ours, floor)
 
 
 def _at_two_rates(repeats: int, composed: bool, layout: str) -> Iterator[Row]:
@@ -67,24 +56,28 @@ def _at_two_rates(repeats: int, composed: bool, layout: str) -> Iterator[Row]:
         repeats, lambda: stepped(composed, True, every), lambda: relayed(composed, True, every)
     )
     where = f"{RATE_HZ} Hz, position {SLOW_HZ} Hz, {layout}, recorder included"
-    yield from _steps(where, ours, floor, " at")
-    yield from _real_time(where, composed, ours, floor)
+    yield from steps(where, ours, floor, " at")
+    yield from real_time(where, REAL_TIME[composed], ours, floor)
 
 
-def _steps(where: str, ours: Sequence[Spent], floor: Sequence[Spent], joined: str = ",") -> Iterator[Row]:
+def steps(
+    where: str, ours: Sequence[Spent], floor: Sequence[Spent], joined: str = ",", group: str = "graph"
+) -> Iterator[Row]:
     """Yield the rows that compare the time and the processor time of a step with those of the relays."""
     what = f"a step{joined} {where}"
     (elapsed, used), (floor_elapsed, floor_used) = (zip(*side, strict=True) for side in (ours, floor))
-    yield row("graph", what, "us", elapsed, floor_elapsed, FLOOR)
-    yield row("graph", f"processor time of {what}", "us", used, floor_used, FLOOR)
+    yield row(group, what, "us", elapsed, floor_elapsed, FLOOR)
+    yield row(group, f"processor time of {what}", "us", used, floor_used, FLOOR)
 
 
-def _real_time(where: str, composed: bool, ours: Sequence[Spent], floor: Sequence[Spent]) -> Iterator[Row]:
+def real_time(
+    where: str, goal: Goal, ours: Sequence[Spent], floor: Sequence[Spent], group: str = "graph"
+) -> Iterator[Row]:
     """Yield the rows that compare the time of a step with the wall clock, and with relays."""
     what = f"simulated time at {where}"
     factors, relays_factors = ([1e6 / RATE_HZ / elapsed for elapsed, _ in side] for side in (ours, floor))
-    yield row("graph", what, "x real time", factors, goal=REAL_TIME[composed])
-    yield row("graph", f"{what}, beside that of the relays", "x real time", factors, relays_factors)
+    yield row(group, what, "x real time", factors, goal=goal)
+    yield row(group, f"{what}, beside that of the relays", "x real time", factors, relays_factors)
 
 
 def stepped(composed: bool, recorded: bool, every: int = 1, graph: str = ONE) -> tuple[float, float]:

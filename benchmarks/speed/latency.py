@@ -19,7 +19,6 @@ from speed.stepping import watched
 from speed.tables import nodes
 
 RATES_HZ = (200, 500)
-DEVICE_HZ = 200
 SECONDS = 4.0
 DEVICE_LATE = Goal("at most 0.5 %", at_most=0.5)
 FIGURES = (("median", "ms"), ("99th percentile", "ms"), ("answers later than a period", "%"))
@@ -30,21 +29,22 @@ def rows(repeats: int) -> Iterator[Row]:
     for rate in RATES_HZ:
         for composed in (False, True):
             layout = "one process" if composed else "processes"
-            yield from _of(f"latency at {rate} Hz, {layout}", repeats, rate, composed, ONE)
-    what = f"latency of the device at {DEVICE_HZ} Hz, one process"
-    yield from _of(what, repeats, DEVICE_HZ, True, DEVICE)
+            yield from of_graph(f"latency at {rate} Hz, {layout}", repeats, rate, composed)
 
 
-def _of(what: str, repeats: int, rate: int, composed: bool, graph: str) -> Iterator[Row]:
+def of_graph(
+    what: str, repeats: int, rate: int, composed: bool, graph: str = ONE, group: str = "latency"
+) -> Iterator[Row]:
+    """Yield the rows of a graph at a rate; late answers of a device have a goal."""
     given = rate, composed, graph
     ours, floor = alternating(repeats, lambda: answered(*given), lambda: relayed(*given))
     for index, (figure, unit) in enumerate(FIGURES):
         mine, theirs = ([each[index] for each in side] for side in (ours, floor))
         goal = DEVICE_LATE if graph == DEVICE and unit == "%" else NO_GOAL
         judged = None if goal.words or min(theirs) == 0 else theirs  # a goal is for the figure itself
-        yield row("latency", f"{what}: {figure}", unit, mine, judged, goal)
+        yield row(group, f"{what}: {figure}", unit, mine, judged, goal)
         if goal.words:
-            yield row("latency", f"{what}: {figure}, relays", unit, theirs)
+            yield row(group, f"{what}: {figure}, relays", unit, theirs)
 
 
 def answered(rate: int, composed: bool, graph: str) -> tuple[float, float, float]:

@@ -198,6 +198,8 @@ def _plan(parameters: Parameters) -> Planned:
         settling_shape(
             fourier_shape(s.cosine, s.sine), fourier_shape(more.cosine, more.sine), plan.start.settling
         )
+        if any(more.cosine) or any(more.sine)
+        else fourier_shape(s.cosine, s.sine)
         for s, more in ((plan.angle, plan.start.angle), (plan.pressure, plan.start.pressure))
     )
     resting = parameters.control.position.mean_pressure
