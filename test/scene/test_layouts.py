@@ -4,6 +4,7 @@
 import json
 import re
 import runpy
+from itertools import product
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -11,12 +12,18 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from pam_orthosis.bag.topics import JOINT, MOTION, Topics
+from pam_orthosis.model.device import device_named
+
 ROOT = Path(__file__).resolve().parents[2]
 LICHTBLICK = json.loads((ROOT / "config" / "lichtblick.json").read_text())
 PANELS = LICHTBLICK["configById"]
 PLOTTED = [path["value"] for panel in PANELS.values() for path in panel.get("paths", ())]
 RERUN = runpy.run_path(str(ROOT / "config" / "rerun_layout.py"))
 CURVES = [curve.get("name") for curve in ElementTree.parse(ROOT / "config" / "plotjuggler.xml").iter("curve")]
+DEVICE_CURVES = [
+    curve.get("name") for curve in ElementTree.parse(ROOT / "config" / "plotjuggler-device.xml").iter("curve")
+]
 ENTITIES = [path for paths in RERUN["PLOTS"].values() for path in paths]
 MODIFIERS = {"rad2deg", "deg2rad", "negative"}
 JOINT_FIELDS = ("position", "velocity", "effort")
@@ -74,6 +81,17 @@ def test_a_plotted_path_leads_to_a_number(recorded, path):
 @pytest.mark.parametrize("curve", CURVES)
 def test_a_curve_is_a_series_of_plotjuggler(recorded, curve):
     assert curve in series(recorded[1])
+
+
+def test_each_curve_of_a_device_is_a_signal_of_one_of_its_machines():
+    device, there = device_named(Path("device")), set()
+    for side, (name, machine) in product(device.sides, device.joints.items()):
+        for one in Topics(machine).signals.values():
+            field = f"points[0]/{one.field}[0]" if one.type == MOTION else one.field.replace(".", "/")
+            words = f"/{side}/{name}", one.topic, one.joint if one.type == JOINT else "", field
+            there.add("/".join(filter(None, words)))
+    assert len(DEVICE_CURVES) == 20
+    assert set(DEVICE_CURVES) <= there
 
 
 @pytest.mark.parametrize("entity", ENTITIES)
