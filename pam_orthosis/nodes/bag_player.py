@@ -64,7 +64,7 @@ class BagPlayer(graph.GraphNode):
                 self._hear(topic)
             for topic in self._script.unrecorded(node):  # the node waits for a listener
                 self._listen_aside(topic, lambda _answer: None)
-        self._recorded, self._end = self._tell("recorded"), self._tell("end")
+        self._recorded, self._end = self._publisher_of("recorded"), self._publisher_of("end")
         self._absent = set(self._script.nodes)
         self.listen_to("ready", self._on_ready, latched=True)
         # the nodes wait for a listener; the player waits for none of them, since it may feed a few only
@@ -89,7 +89,7 @@ class BagPlayer(graph.GraphNode):
         self.barrier.await_peer(f"a listener on {topic}", there)
         return publisher
 
-    def _tell(self, topic: str):
+    def _publisher_of(self, topic: str):
         return self.create_publisher(transport.message_class(self.topics[topic].type), topic, transport.qos())
 
     def _hear(self, topic: str) -> None:

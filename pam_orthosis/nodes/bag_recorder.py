@@ -42,7 +42,7 @@ PATIENCE_SECONDS = 3.0  # with the others, when a stranger is here and no superv
 
 
 class BagRecorder(graph.GraphNode):
-    """Writes each step when it is complete, and tells the plants how far the bag reaches.
+    """Writes each step when it is complete, and reports to the plants how far the bag reaches.
 
     Serialised messages are written as they arrive. Each recorded type begins with its stamp, right
     behind the four bytes of encapsulation. Beside them stands what viewers need: the leg's
@@ -134,7 +134,7 @@ class BagRecorder(graph.GraphNode):
             self._report_missing()
             for steps in self._collectors():
                 self._write(steps.rest())
-        with suppress(OrthosisError) if self.failure else nullcontext():  # that one is told
+        with suppress(OrthosisError) if self.failure else nullcontext():  # that one is reported
             self._writer.close()
 
     def _made_writer(self, folder: Path, run: Mapping[str, str]) -> BagWriter | BagWriterProcess:
@@ -289,7 +289,7 @@ class BagRecorder(graph.GraphNode):
                 self._write([message])
                 self.pulse()
         for leg in self._legs:
-            leg.tell_end()
+            leg.report_end()
         self.ended = True
         self.alarm()
 

@@ -102,8 +102,8 @@ class Driver(Node):
         self._silent: dict[int, int] = {}  # periods since each valve's last command; none has come yet
         for line, one in enumerate(self.machine.names):
             self.create_subscription(JointState, f"{one}/valve_command", partial(self._on_command, line), 10)
-        self._stopped, self._told_ns = False, 0  # by a node of the graph
-        self.create_subscription(DiagnosticArray, EMERGENCY_STOP, self._on_told, qos(latched=True))
+        self._stopped, self._reported_ns = False, 0  # by a node of the graph
+        self.create_subscription(DiagnosticArray, EMERGENCY_STOP, self._on_stop_state, qos(latched=True))
         self.create_service(Trigger, "~/emergency_stop", self._on_stop)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self._first_ns, self._passed = self.get_clock().now().nanoseconds, 0
@@ -236,11 +236,11 @@ class Driver(Node):
                 if not self._guarded(self.write, each, self._commands[each]):
                     break
 
-    def _on_told(self, told: DiagnosticArray) -> None:
+    def _on_stop_state(self, report: DiagnosticArray) -> None:
         """Vent, or not any more, as the newest word on the latched topic says."""
-        stamp_ns = messages.nanoseconds(told.header.stamp)
-        if told.status and stamp_ns > self._told_ns:
-            self._told_ns, self._stopped = stamp_ns, told.status[0].level == DiagnosticStatus.ERROR
+        stamp_ns = messages.nanoseconds(report.header.stamp)
+        if report.status and stamp_ns > self._reported_ns:
+            self._reported_ns, self._stopped = stamp_ns, report.status[0].level == DiagnosticStatus.ERROR
 
     def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self.state is not State.DISCONNECTED:

@@ -18,9 +18,9 @@ from pam_orthosis.nodes.graph import GraphNode
 
 
 class EmergencyStop:
-    """Offers `~/emergency_stop` and `~/reset`, and keeps what a peer was told as well.
+    """Offers `~/emergency_stop` and `~/reset`, and follows what its peers report.
 
-    The state is told on a latched topic, by each who knows it: one that is started again hears it of the
+    The state is published on a latched topic, by each who knows it: one that is started again hears it of the
     other. The newest state counts.
 
     Args:
@@ -35,7 +35,7 @@ class EmergencyStop:
     def __init__(self, node: GraphNode, shortest_ns: int = 0, over: Callable[[], None] = lambda: None):
         self._node, self._shortest_ns, self._over = node, shortest_ns, over
         self.active = self._reset_asked = False
-        self._since_ns = self._told_ns = 0
+        self._since_ns = self._reported_ns = 0
         self._publishers = [node.publish_to(EMERGENCY_STOP, latched=True, leg=leg) for leg in node.legs]
         for leg in node.legs:  # a stop in one of them is a stop in all
             node.listen_to(EMERGENCY_STOP, self._hear, leg=leg, latched=True)
@@ -68,28 +68,28 @@ class EmergencyStop:
         return f"the valves follow their commands again, {least} after the stop at the earliest"
 
     def _become(self, active: bool) -> None:
-        self.active, self._reset_asked, self._told_ns = active, False, time.time_ns()
+        self.active, self._reset_asked, self._reported_ns = active, False, time.time_ns()
         self._since_ns = self._node.time_ns
         level, word = (DiagnosticStatus.ERROR, "stopped") if active else (DiagnosticStatus.OK, "released")
         name = f"{self._node.full_role()}: emergency stop"
-        self._tell(messages.diagnostics(self._told_ns, name, level, word, {}))
+        self._publish(messages.diagnostics(self._reported_ns, name, level, word, {}))
         if not active:
             self._over()
 
-    def _hear(self, told: DiagnosticArray) -> None:
-        stamp_ns = messages.nanoseconds(told.header.stamp)
-        if stamp_ns <= self._told_ns or not told.status:
+    def _hear(self, report: DiagnosticArray) -> None:
+        stamp_ns = messages.nanoseconds(report.header.stamp)
+        if stamp_ns <= self._reported_ns or not report.status:
             return
-        self._told_ns = stamp_ns
-        active = says_stopped(told)
+        self._reported_ns = stamp_ns
+        active = says_stopped(report)
         self._reset_asked = self.active and not active
         if active:
             self.active, self._since_ns = True, self._node.time_ns
-        self._tell(told)
+        self._publish(report)
 
-    def _tell(self, told: DiagnosticArray) -> None:
+    def _publish(self, report: DiagnosticArray) -> None:
         for publisher in self._publishers:
-            publisher.publish(told)
+            publisher.publish(report)
 
 
 def hear_reset(node: GraphNode, reset: Callable[[], None]) -> None:
@@ -98,7 +98,7 @@ def hear_reset(node: GraphNode, reset: Callable[[], None]) -> None:
 
     def hear(told: DiagnosticArray) -> None:
         nonlocal stopped
-        before, stopped = stopped, says_stopped(told)
+        before, stopped = stopped, says_stopped(report)
         if before and not stopped:
             reset()
 

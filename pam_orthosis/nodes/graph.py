@@ -152,7 +152,7 @@ class GraphNode(TopicNode):
         return ""
 
     def figures(self) -> dict[str, Any]:
-        """Return what else the health report tells; called once a second of the run's time."""
+        """Return the figures of the health report; called once a second of the run's time."""
         return {}
 
     def retune(self, parameters: Parameters) -> None:
@@ -182,11 +182,11 @@ class GraphNode(TopicNode):
         self.retune(changed)
         self.parameters = changed
         self._changed |= changes
-        self.get_logger().info(f"from now on {_told(changes)}")
+        self.get_logger().info(f"from now on {_as_text(changes)}")
 
     def _report_health(self, stamp_ns: int) -> None:
-        told = {"set_while_running": _told(self._changed)} if self._changed else {}
-        health, figures = self.health(), {**self.figures(), **told}
+        changed = {"set_while_running": _as_text(self._changed)} if self._changed else {}
+        health, figures = self.health(), {**self.figures(), **changed}
         if self.unreadable:
             health["unreadable_inputs"] = self.unreadable
         if self.realtime:
@@ -232,5 +232,5 @@ def _warns(value: Any, before: Any) -> bool:
     return value > before if type(value) is int else bool(value)
 
 
-def _told(values: Mapping[str, Any]) -> str:
+def _as_text(values: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} = {value}" for name, value in values.items())

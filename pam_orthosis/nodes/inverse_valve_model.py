@@ -52,7 +52,7 @@ class InverseValveModelNode(graph.GraphNode):
         ]
 
     def health(self) -> dict[str, Any]:
-        """Count lost inputs; tell of an emergency stop, and what the guards did."""
+        """Count lost inputs; report an emergency stop and what the guards did."""
         dropped = sum(join.dropped for join in self._joins)
         models = self._models.items()
         guards = {f"{m}_{name}": value for m, one in models for name, value in one.health().items()}

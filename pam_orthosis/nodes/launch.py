@@ -123,9 +123,9 @@ def replay_commands(
 
 def view_command(work: Path, parameters: Parameters, legs: Iterable[str]) -> list[str]:
     """Return the command line of the live view of these legs; its parameter file is written into `work`."""
-    told = _of_machine(work, parameters.declared) | {"legs": ",".join(legs)}
+    settings = _of_machine(work, parameters.declared) | {"legs": ",".join(legs)}
     spec = NodeSpec(VIEWER, VIEWER, SHOWN)
-    return _Group(work, parameters, [spec], "", told).commands(False)[VIEWER]
+    return _Group(work, parameters, [spec], "", settings).commands(False)[VIEWER]
 
 
 def paced(commands: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
@@ -235,7 +235,7 @@ def refuse_used_domain(domain: str, environment: Mapping[str, str], mode: Mode, 
     """Refuse a ROS domain in which somebody speaks on the topics of a run, before this one disturbs him.
 
     Raises:
-        OrthosisError: that tells who.
+        OrthosisError: with the name of who uses it.
     """
     if not domain.isdecimal() or not _in_use(int(domain)):
         return

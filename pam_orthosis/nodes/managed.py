@@ -21,7 +21,7 @@ class ManagedNode(LifecycleNode):
     """A node that is made by `configure`, works between `activate` and `deactivate`, and ends with `close`.
 
     With the parameter `autostart` it configures itself when it is made; otherwise `ros2 lifecycle set` or
-    another manager does. Errors of a transition refuse it, and are told in one line.
+    another manager does. Errors of a transition refuse it, and are reported in one line.
 
     Args:
         name: in the graph.

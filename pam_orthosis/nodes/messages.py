@@ -103,9 +103,9 @@ def controller_state(stamp_ns: int, joint: str) -> JointState:
 def diagnostics(
     stamp_ns: int, name: str, level: bytes, message: str, values: Mapping[str, Any]
 ) -> DiagnosticArray:
-    """Return a node's report of its health: level, what it is about, and what else it tells."""
-    told = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    """Return a node's report of its health: level, what it is about, and its figures."""
+    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
     status = DiagnosticStatus(
-        level=level, name=name, message=message, hardware_id="pam_orthosis", values=told
+        level=level, name=name, message=message, hardware_id="pam_orthosis", values=pairs
     )
     return DiagnosticArray(header=header(stamp_ns), status=[status])

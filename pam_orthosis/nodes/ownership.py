@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who may publish on a topic and answer a service of the graph; anybody else is a stranger.
 
-DDS takes anybody at his word, and a message does not tell who sent it. But a publisher is matched before
+DDS takes anybody at his word, and a message does not say who sent it. But a publisher is matched before
 its first message is delivered, so that one publisher too many is noticed before anything that it says is
 acted upon. A node that was killed stays known until its lease ends: one of its name that comes while it is
 silent takes its place.
@@ -20,8 +20,8 @@ from rclpy.subscription import Subscription
 
 from pam_orthosis.errors import OrthosisError, RunFailed
 
-NAME_SECONDS = 1.0  # at most, until the graph tells which node a stranger's publisher belongs to
-PATIENCE_SECONDS = 5.0  # the same for one who may have come again: a starved machine tells late
+NAME_SECONDS = 1.0  # at most, until the graph knows which node a stranger's publisher belongs to
+PATIENCE_SECONDS = 5.0  # the same for one who may have come again: a starved machine answers late
 LOOK_SECONDS = 0.5
 SILENT_SECONDS = 0.25  # five control periods of the longest kind, after which an owner that speaks is gone
 LEASE_SECONDS = 25.0  # at most, until the middleware forgets who was killed: 20 s if nothing else is set

@@ -77,7 +77,7 @@ class PlantSimulator(PacedNode):
             self.listen_to("ready", partial(self._on_ready, leg), leg=leg, latched=True)
 
     def health(self) -> dict[str, int]:
-        """Count lost or late inputs; tell of an emergency stop."""
+        """Count lost or late inputs; report an emergency stop."""
         return {**self._pace.health(), "emergency_stop": self._stop.active}
 
     def latched(self) -> str:

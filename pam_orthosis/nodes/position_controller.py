@@ -51,7 +51,7 @@ class PositionControllerNode(graph.GraphNode):
         hear_reset(self, self._controller.reset)
 
     def health(self) -> dict[str, Any]:
-        """Count steps out of reach or outside the actuators' model, lost inputs; tell what the guards did."""
+        """Count steps out of reach or outside the actuators' model, lost inputs; what the guards did."""
         return {
             **self._controller.health(),
             "saturated": self._saturated,

@@ -67,7 +67,7 @@ class Heartbeat:
         if now - self._armed > ARM_SECONDS:  # each time costs a thread
             self._armed = now
             self.ends_within(STUCK_SECONDS)
-        return self.tell(_status(nodes, ended))
+        return self.write(_status(nodes, ended))
 
     def ends_within(self, seconds: float | None) -> None:
         """Let the process end itself, in whatever call it is stuck, if nothing is heard for so long.
@@ -82,7 +82,7 @@ class Heartbeat:
         else:
             faulthandler.dump_traceback_later(seconds, exit=True)
 
-    def tell(self, status: str) -> bool:
+    def write(self, status: str) -> bool:
         """Write a line; return whether the supervisor still lives."""
         try:
             if self._pipe is not None:
@@ -167,7 +167,7 @@ def spin(nodes: Sequence[GraphNode], signals: Sequence[int]) -> bool:
     finally:
         _close(nodes, executor, watch.heartbeat, patient=not failed)
     if _ended(nodes):
-        watch.heartbeat.tell("closed")
+        watch.heartbeat.write("closed")
     for node in nodes:
         if node.failure:
             raise node.failure()
@@ -185,7 +185,7 @@ def _close(nodes: Sequence[GraphNode], executor: EventsExecutor, heartbeat: Hear
     """Close nodes; those of a run that is cut short say and hear last words before."""
     heartbeat.ends_within(LEAVING_SECONDS if heartbeat.orphaned else None)
     if not _ended(nodes):
-        heartbeat.tell("leaving")
+        heartbeat.write("leaving")
         seconds = ORPHAN_SECONDS if heartbeat.orphaned else LAST_WORDS_SECONDS
         _abandon(nodes, executor, seconds, patient)
     for node in nodes:

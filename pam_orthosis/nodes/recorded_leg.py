@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One leg as the recorder sees it: how far its run is, when it is over, what its plant is told."""
+"""One leg as the recorder sees it: how far its run is, when it is over, what its plant has to know."""
 
 from __future__ import annotations
 
@@ -88,11 +88,11 @@ class RecordedLeg:
         if self.end_ns is None:
             # the plant waits for all others, and its process is watched; a driver waits for nobody
             if self._node.active and not self._node.settings["with_plant"] and self.silence > self._limit:
-                self._tell_silence()
+                self._report_silence()
             return False
         return self._complete() or (self._node.realtime and self._nothing_more())
 
-    def tell_end(self) -> None:
+    def report_end(self) -> None:
         """Tell the leg's nodes that the run is over, and wait until they know."""
         self._end.publish(messages.time(self.steps.done_ns))
         for _ in range(ACK_WAITS):
@@ -106,11 +106,11 @@ class RecordedLeg:
     def _nothing_more(self) -> bool:
         """Whether something much later has come already.
 
-        The clock does not tell: on a busy machine much may have arrived that nobody has looked at yet.
+        The clock is no proof: on a busy machine much may have arrived that nobody has looked at yet.
         """
         silent = self.silence > self._limit
         if silent and self._newest_ns < self.end_ns - self._node.period_ns:
-            self._tell_silence()
+            self._report_silence()
             return False
         return self._newest_ns >= self.end_ns + GRACE_NS or silent
 
@@ -123,7 +123,7 @@ class RecordedLeg:
         """The wall time without a sample, s."""
         return time.monotonic() - self._sampled
 
-    def _tell_silence(self) -> None:
+    def _report_silence(self) -> None:
         """Raise RunFailed; where nobody would end the others, say it: what is gone may come again."""
         text = f"no sample on {in_leg('joint_states', self.name, self._node.legs)}"
         if self._node.supervised:

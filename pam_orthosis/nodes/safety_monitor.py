@@ -48,7 +48,7 @@ class SafetyMonitorNode(graph.GraphNode):
             self.wall_timer(self.parameters.control.limits.stale_time / 2, self._look)
 
     def health(self) -> dict[str, Any]:
-        """Count trips and lost inputs; tell of an emergency stop."""
+        """Count trips and lost inputs; report an emergency stop."""
         return {
             "trips": self._trips + len(self._monitor.trips),
             "emergency_stop": self._stop.active,

@@ -213,7 +213,7 @@ def test_an_emergency_stop_vents_until_reset(ready):
 
 def test_a_stop_by_a_node_of_the_graph_vents_until_it_is_released(ready):
     def tell(stamp_ns, level):
-        ready._on_told(messages.diagnostics(stamp_ns, "safety_monitor: emergency stop", level, "", {}))
+        ready._on_stop_state(messages.diagnostics(stamp_ns, "safety_monitor: emergency stop", level, "", {}))
         ready.period()
         ready.told(*OPEN)
 
