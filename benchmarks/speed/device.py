@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from speed.graph import DEVICE, RATE_HZ, REAL_TIME, real_time, relayed, stepped, steps
-from speed.latency import of_graph
+from speed.latency import Timed, rows_of
 from speed.rows import Row, alternating
 
 GROUP, CLOCKED_HZ = "device", 200
@@ -22,5 +22,4 @@ def rows(repeats: int) -> Iterator[Row]:
     where = f"{RATE_HZ} Hz, the device"
     yield from steps(where, ours, floor, " at", GROUP)
     yield from real_time(where, REAL_TIME[False], ours, floor, GROUP)
-    what = f"latency at {CLOCKED_HZ} Hz, the device"
-    yield from of_graph(what, repeats, CLOCKED_HZ, True, DEVICE, GROUP)
+    yield from rows_of(Timed(CLOCKED_HZ, True, DEVICE), repeats, GROUP)

@@ -7,8 +7,9 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,58 +19,106 @@ from speed.rows import NO_GOAL, Goal, Row, alternating, row
 from speed.stepping import watched
 from speed.tables import nodes
 
-RATES_HZ = (200, 500)
-SECONDS = 4.0
+SECONDS = 60.0  # of each figure, over all repeats
 DEVICE_LATE = Goal("at most 0.5 %", at_most=0.5)
 FIGURES = (("median", "ms"), ("99th percentile", "ms"), ("answers later than a period", "%"))
+LEGS = ("left", "right")
+
+Latency = tuple[float, float, float]
+
+
+class Timed(NamedTuple):
+    """What is timed: samples in a second, one process (a leg) or many, of which machine, so many times."""
+
+    rate: int
+    composed: bool
+    graph: str = ONE
+    legs: int = 1
+
+    @property
+    def words(self) -> str:
+        """Return what it is called in a row."""
+        where = ("one process" + " a leg" * (self.legs > 1)) if self.composed else "processes"
+        of = f" of the {self.graph}" if self.graph != ONE else ""
+        return f"latency{of} at {self.rate} Hz, {where}{', two legs' * (self.legs > 1)}"
+
+
+TIMED = (
+    *(Timed(rate, composed) for rate in (200, 500) for composed in (False, True)),
+    *(Timed(200, composed, legs=len(LEGS)) for composed in (False, True)),
+)
 
 
 def rows(repeats: int) -> Iterator[Row]:
-    """Yield the rows: median, 99th percentile and late answers for each rate and layout."""
-    for rate in RATES_HZ:
-        for composed in (False, True):
-            layout = "one process" if composed else "processes"
-            yield from of_graph(f"latency at {rate} Hz, {layout}", repeats, rate, composed)
+    """Yield the rows: median, 99th percentile and late answers of each."""
+    for one in TIMED:
+        yield from rows_of(one, repeats)
 
 
-def of_graph(
-    what: str, repeats: int, rate: int, composed: bool, graph: str = ONE, group: str = "latency"
-) -> Iterator[Row]:
-    """Yield the rows of a graph at a rate; late answers of a device have a goal."""
-    given = rate, composed, graph
+def rows_of(timed: Timed, repeats: int, group: str = "latency") -> Iterator[Row]:
+    """Yield the rows of one; late answers of a device have a goal."""
+    given = timed, SECONDS / repeats
     ours, floor = alternating(repeats, lambda: answered(*given), lambda: relayed(*given))
     for index, (figure, unit) in enumerate(FIGURES):
         mine, theirs = ([each[index] for each in side] for side in (ours, floor))
-        goal = DEVICE_LATE if graph == DEVICE and unit == "%" else NO_GOAL
+        goal = DEVICE_LATE if timed.graph == DEVICE and unit == "%" else NO_GOAL
         judged = None if goal.words or min(theirs) == 0 else theirs  # a goal is for the figure itself
-        yield row(group, f"{what}: {figure}", unit, mine, judged, goal)
+        yield row(group, f"{timed.words}: {figure}", unit, mine, judged, goal)
         if goal.words:
-            yield row(group, f"{what}: {figure}, relays", unit, theirs)
+            yield row(group, f"{timed.words}: {figure}, relays", unit, theirs)
 
 
-def answered(rate: int, composed: bool, graph: str) -> tuple[float, float, float]:
+def answered(timed: Timed, seconds: float) -> Latency:
     """Return median and 99th percentile, ms, and late answers, %, in real time, of the slowest joint."""
     with tempfile.TemporaryDirectory(prefix="pam-orthosis-bench-") as folder:
         command = [sys.executable, "-m", "pam_orthosis.cli.main", "run", "--realtime", "--json"]
-        command += ["--duration", str(SECONDS), "--param", f"scenario.control_period={1 / rate}"]
-        command += [*(["--machine", graph] if graph != ONE else [])]
-        command += ["--out", str(Path(folder) / "bag"), *(["--composed"] if composed else [])]
+        command += ["--duration", str(seconds), "--param", f"scenario.control_period={1 / timed.rate}"]
+        command += ["--machine", timed.graph] if timed.graph != ONE else ["--legs", str(timed.legs)]
+        command += ["--out", str(Path(folder) / "bag"), *(["--composed"] if timed.composed else [])]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     verdict = json.loads(done.stdout)
-    timings = [one["timing"] for one in verdict.get("legs", {"": verdict}).values()]
-    late = max(100 * one["missed_deadlines"] / one["periods"] for one in timings)
-    median, high = (max(one[f"latency_{key}_ms"] for one in timings) for key in ("median", "p99"))
-    return median, high, late
+    return _slowest([_of_joint(one["timing"]) for one in verdict.get("legs", {"": verdict}).values()])
 
 
-def relayed(rate: int, composed: bool, graph: str) -> tuple[float, float, float]:
+def _of_joint(timing: dict[str, float]) -> Latency:
+    late = 100 * timing["missed_deadlines"] / timing["periods"]
+    return timing["latency_median_ms"], timing["latency_p99_ms"], late
+
+
+def _slowest(joints: Sequence[Latency]) -> Latency:
+    median, high, late = zip(*joints, strict=True)
+    return max(median), max(high), max(late)
+
+
+def relayed(timed: Timed, seconds: float) -> Latency:
     """Return the same of relays."""
-    roles, period_ns = nodes(graph), round(1e9 / rate)
+    period_ns = round(1e9 / timed.rate)
     with tempfile.TemporaryDirectory(prefix="pam-orthosis-bench-") as folder:
-        base = [sys.executable, "-m", "speed.relay", f"{graph}:{period_ns}", folder, REALTIME]
-        commands = {"relays": [*base, *roles]} if composed else {role: [*base, role] for role in roles}
-        watched(lambda _work: commands, period_ns, round(SECONDS * rate))
-        told = [np.array(json.loads(file.read_text())) for file in Path(folder).glob(f"*{AGES}")]
-    of_all = [np.percentile(ages[len(ages) // 5 :], [50, 99]) / 1e6 for ages in told]  # of a run that goes
-    late = max(100 * float(np.mean(ages > period_ns)) for ages in told)
-    return *map(float, np.max(of_all, axis=0)), late
+        commands = _relays(timed, period_ns, Path(folder))
+        watched(lambda _work: commands, period_ns, round(seconds * timed.rate))
+        return _slowest([_aged(file, period_ns) for file in Path(folder).rglob(f"*{AGES}")])
+
+
+def _relays(timed: Timed, period_ns: int, folder: Path) -> dict[str, list[str]]:
+    """Return the commands; of several legs each is a graph of its own, with its recorder apart."""
+    recorder, *others = nodes(timed.graph)
+    base = [sys.executable, "-m", "speed.relay", f"{timed.graph}:{period_ns}"]
+    alone = {role: [role] for role in (recorder, *others)}
+    if timed.legs == 1:
+        groups = {"relays": [recorder, *others]} if timed.composed else alone
+        return {name: [*base, str(folder), REALTIME, *roles] for name, roles in groups.items()}
+    groups = {recorder: [recorder], "leg": others} if timed.composed else alone
+    return {
+        f"{leg}_{name}": [
+            *(*base, str(folder / leg), REALTIME, *roles),
+            *("--ros-args", "-r", f"__ns:=/{leg}", "-r", f"/clock:=/{leg}/clock"),
+        ]
+        for leg in LEGS
+        for name, roles in groups.items()
+    }
+
+
+def _aged(file: Path, period_ns: int) -> Latency:
+    ages = np.array(json.loads(file.read_text()))
+    median, high = np.percentile(ages[len(ages) // 5 :], [50, 99]) / 1e6  # of a run that goes
+    return float(median), float(high), 100 * float(np.mean(ages > period_ns))

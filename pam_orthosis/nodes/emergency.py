@@ -96,7 +96,7 @@ def hear_reset(node: GraphNode, reset: Callable[[], None]) -> None:
     """Have a node that keeps no stop of its own call something when one is over."""
     stopped = False
 
-    def hear(told: DiagnosticArray) -> None:
+    def hear(report: DiagnosticArray) -> None:
         nonlocal stopped
         before, stopped = stopped, says_stopped(report)
         if before and not stopped:
@@ -105,6 +105,6 @@ def hear_reset(node: GraphNode, reset: Callable[[], None]) -> None:
     node.listen_to(EMERGENCY_STOP, hear, latched=True)
 
 
-def says_stopped(told: DiagnosticArray) -> bool:
+def says_stopped(report: DiagnosticArray) -> bool:
     """Whether a message says that there is an emergency stop."""
-    return any(one.level == DiagnosticStatus.ERROR for one in told.status)
+    return any(one.level == DiagnosticStatus.ERROR for one in report.status)
