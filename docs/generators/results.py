@@ -55,11 +55,14 @@ SPEED = {
         "latency at 200 Hz, processes: 99th percentile",
         "latency at 200 Hz, one process: median",
         "latency at 200 Hz, one process: 99th percentile",
+        "latency at 200 Hz, one process: answers later than a period",
+        "latency at 200 Hz, one process a leg, two legs: 99th percentile",
+        "latency at 200 Hz, one process a leg, two legs: answers later than a period",
     ),
     "simulation": (
-        "one plant, beside SciPy LSODA with no larger errors",
+        "one plant, beside SciPy with no larger errors",
         "one plant, beside MuJoCo's Euler at the same step",
-        "1,000 random sets of 8 parameters, beside SciPy LSODA with one",
+        "1,000 random sets of 8 parameters, beside SciPy with one",
     ),
     "scaling": (
         "gap workflow, 60 s recorded, by the clock on the wall",
