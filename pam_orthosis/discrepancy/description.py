@@ -167,11 +167,21 @@ class _Fitting:
         return (float(before @ before) - float(after @ after)) / gap if gap > 0 else 0.0
 
     def _judged(self, channel: str, name: str, knots: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the held-out residuals without a curve and with it."""
+        """Return the held-out residuals without a curve and with it; all else moves in both."""
         step, _, columns = self._solve(channel, name, knots)
         slopes, place = self._slopes[1]
-        before = self._residuals[1]
-        return before, before + slopes.T @ step[place] + columns[1] @ step[self._count :]
+        residual = self._residuals[1]
+        before = residual + slopes.T @ self._alone()[place]
+        return before, residual + slopes.T @ step[place] + columns[1] @ step[self._count :]
+
+    def _alone(self) -> np.ndarray:
+        """Return the step of the free parameters without a curve: what they can follow is no unknown."""
+        slopes, place = self._slopes[0]
+        hessian, gradient = np.diag(self._weight**2 + 1e-12), self._weight * self._deviation
+        hessian[np.ix_(place, place)] += slopes @ slopes.T
+        gradient[place] += slopes @ self._residuals[0]
+        step: np.ndarray = -np.linalg.pinv(hessian, hermitian=True) @ gradient
+        return step
 
     def t(self, channel: str, name: str, knots: int) -> float:
         """Return the t value of the fall of the held-out squares, over blocks of time."""
