@@ -6,12 +6,12 @@
     python benchmarks/bench_control.py supply results.jsonl
     python benchmarks/bench_control.py figure results.jsonl figure.png
 
-Six controllers: a cascaded PID tuned by a search, the paper's cascade, the paper's cascade with the same
-gains and with what each specimen's own recordings, made without a person, taught, this one with a slower
-observer (without a person only: with one it is slower already), the one before with a plan
-of the gait by what was taught (with a person only, who brings the muscles to their limits), and, where a run
-with the plan goes beyond 1 deg or there is none, with another plan that knows what that run, or one without
-a plan, showed.
+The paper's cascade; other laws in its place, by name, with gains searched by `tune_peers.py`: these and the
+first one are also pushed and blocked; the paper's cascade with the same gains and with what each specimen's
+own recordings, made without a person, taught; this one with a slower observer (without a person only: with
+one it is slower already); the one before with a plan of the gait by what was taught (with a person only, who
+brings the muscles to their limits); and, where a run with the plan goes beyond 1 deg or there is none, with
+another plan that knows what that run, or one without a plan, showed.
 """
 
 from __future__ import annotations
@@ -24,14 +24,25 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from control_campaign import learn, pid
-from control_campaign.cases import CALM, CASES, CONTROLLERS, RECORDED_SEED, SEED, SPECIMENS, Case, plan
+from control_campaign import learn
+from control_campaign.cases import (
+    BLOCK,
+    CALM,
+    CASES,
+    CONTROLLERS,
+    PEERS,
+    PUSH,
+    RECORDED_SEED,
+    SEED,
+    SPECIMENS,
+    Case,
+    plan,
+)  # fmt: skip
 from control_campaign.hardware import drawn
 
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters, load
-from pam_orthosis.model.plant import Plant
 from pam_orthosis.model.truth import with_nominal
 from pam_orthosis.planning.plan import make_plan
 from pam_orthosis.planning.recorded import recorded
@@ -56,15 +67,15 @@ def solve(specimen: int, tasks: list[tuple[Case, str]], known: dict | None) -> I
         told = {"specimen": specimen, "case": case.name, "controller": controller}
         try:
             parameters = load(drawn(specimen) | case.overrides())
-            yield told | _figures(_run(parameters, case, controller, known or {}), parameters)
+            yield told | _figures(_run(parameters, case, controller, known or {}), parameters, case)
         except Exception as error:  # one failed run must not end all; the table counts it
             yield told | {"failed": f"{type(error).__name__}: {error}"}
 
 
 def _run(parameters: Parameters, case: Case, controller: str, nominal: dict) -> dict[str, np.ndarray]:
     steps = round(case.duration / parameters.scenario.control_period)
-    if controller == "pid":
-        return pid.run(parameters, Plant(parameters, SEED), pid.TUNED[case.wearer], steps)
+    if controller in PEERS:
+        parameters = parameters.changed({"control.position.controller": controller})
     assumed = {key: value for key, value in nominal.items() if key not in case.otherwise}
     parameters = with_nominal(parameters, assumed if controller in LEARNING else {})
     if controller == "calm":
@@ -86,7 +97,7 @@ def _planned_if_any(parameters: Parameters) -> Parameters:
         return parameters
 
 
-def _figures(run: dict[str, np.ndarray], parameters: Parameters) -> dict[str, float]:
+def _figures(run: dict[str, np.ndarray], parameters: Parameters, case: Case) -> dict[str, float]:
     error = np.degrees(run["reference_angle"] - run["angle"])
     duration = len(error) * parameters.scenario.control_period
     pressures = np.array([run[f"{muscle}_pressure"] for muscle in MUSCLES])
@@ -97,7 +108,22 @@ def _figures(run: dict[str, np.ndarray], parameters: Parameters) -> dict[str, fl
         "variation_v_per_s": float(variation),
         "least_pressure": float(pressures.min()),
         "most_pressure": float(pressures.max()),
-        "saturated": float(np.mean(run["saturated"])) if "saturated" in run else 0.0,
+        "saturated": float(np.mean(run["saturated"])),
+        **(_contact(run, case) if case.contact else {}),
+    }
+
+
+def _contact(run: dict[str, np.ndarray], case: Case) -> dict[str, float]:
+    """Return how stiff a push finds the joint, or what a person who blocks feels, and the speed then."""
+    if case.name == "push":
+        moved = (run["true_angle"] - run["reference_angle"])[run["time"] > 3.0]
+        return {"stiffness": float(2 * PUSH / np.ptp(moved))}
+    start, duration = BLOCK.values()
+    blocked = (run["time"] >= start) & (run["time"] < start + duration)
+    after = (run["time"] >= start + duration) & (run["time"] < start + duration + 1.0)
+    return {
+        "felt": float(np.abs(run["true_torque"][blocked]).max()),
+        "speed_after": float(np.abs(run["true_velocity"][after]).max()),
     }
 
 
@@ -137,6 +163,7 @@ def missing(results: Sequence[dict], controllers: Sequence[str]) -> list[tuple[i
         (specimen, case, name) for specimen, case in plan() for name in controllers
         if (name != "planned" or case.wearer == "person")
         and (name != "calm" or case.wearer == "default")
+        and (not case.contact or name in ("paper", *PEERS))
         and (name != "replanned" or (specimen, case.name) in not_enough)
     ]  # fmt: skip
     return [one for one in wanted if (one[0], one[1].name, one[2]) not in done]
@@ -198,7 +225,9 @@ def _row(case: str, controller: str, chosen: list[dict], share: str) -> str:
 def supply(path: Path) -> str:
     """Return which pressure the gait with 75 kg takes of each specimen, and which it has, as Markdown."""
     runs = {(r["specimen"], r["case"]): r for r in _results(path) if r.get("controller") == "learned"}
-    drawn_supply, full_supply = (case.name for case in CASES if case.everywhere and case.scenario == "person")
+    drawn_supply, full_supply = (
+        case.name for case in CASES if case.everywhere and case.scenario == "person" and not case.contact
+    )
     lines = [SUPPLY_HEAD, "|" + "---|" * SUPPLY_HEAD[1:].count("|")]
     for specimen in sorted(number for number, case in runs if case == full_supply):
         parameters = load(drawn(specimen))
@@ -216,10 +245,10 @@ def figure(path: Path, file: Path) -> None:
     from matplotlib.figure import Figure
 
     drawing = Figure(figsize=(13, 3.6), layout="constrained")
-    cases = [case for case in CASES if case.everywhere]
+    cases = [case for case in CASES if case.everywhere and not case.contact]
     runs = [r for r in _results(path) if "max_deg" in r]
     for axes, case in zip(drawing.subplots(1, len(cases), sharey=True), cases, strict=True):
-        for controller, mark in zip(CONTROLLERS, "^osvDx", strict=True):
+        for controller, mark in zip(CONTROLLERS, "o^<>svDx", strict=True):
             own = [r for r in runs if (r["case"], r["controller"]) == (case.name, controller)]
             axes.semilogy([r["specimen"] for r in own], [r["max_deg"] for r in own], mark, label=controller)
         axes.axhline(BOUND, color="0.5", lw=1)

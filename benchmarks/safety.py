@@ -21,26 +21,30 @@ from typing import Any
 
 import numpy as np
 from control_campaign.hardware import drawn
+from fault_campaign.signals import FaultyPlant
 
 from pam_orthosis.control.limits import SafetyMonitor
-from pam_orthosis.control.loop import ClosedLoop, Watched
+from pam_orthosis.control.loop import ClosedLoop, Hardware, Watched
 from pam_orthosis.model.parameters import Parameters, load, scenario_overrides
 from pam_orthosis.model.plant import Plant
 
 SECONDS, NONSENSE_SECONDS = 8.0, 2.5
-EVENTS = ("none", "none", "none", "push", "block", "spasm", "lost samples")
+EVENTS = ("none", "none", "none", "push", "block", "spasm", "lost samples", "clonus", "supply lost")
+ALWAYS = ("push", "clonus")  # from the beginning on
 BODIES = 6  # hardware samples with a person's height each
 AFTER, REACTION = 0.3, 0.2  # s
 LOST = 0.06  # s without a sample
-# what truth may be beyond a limit: the valves need time, and the model of the muscles errs
-MARGINS = {"range of motion": 0.4, "speed": 5.0, "torque": 5.0, "pressure": 2.0e4}
+# what truth may be beyond a limit: the valves need time, and the model of the muscles errs. A vented joint
+# goes on, with its momentum or the person's spasm, to the mechanical stop: that is 0.3 rad beyond the range,
+# and gives way by 0.12 rad
+MARGINS = {"range of motion": 0.42, "speed": 5.0, "torque": 5.0, "pressure": 2.0e4}
 UNITS = {"range of motion": "rad", "speed": "rad/s", "torque": "N m", "pressure": "Pa"}
 
 
 class Deaf(Watched):
     """Hardware whose monitor hears nothing for a while."""
 
-    def __init__(self, plant: Plant, monitor: SafetyMonitor, since: float):
+    def __init__(self, plant: Hardware, monitor: SafetyMonitor, since: float):
         super().__init__(plant, monitor)
         self._since = since
 
@@ -115,10 +119,15 @@ def person(number: int) -> tuple[Parameters, str, float]:
         overrides |= {"plant.external_torque": u(3, 15), "plant.external_frequency": u(0.2, 2.0)}
     if event == "block":
         overrides |= {"plant.person.block.start": at, "plant.person.block.stiffness": u(50, 300)}
+    if event == "clonus":
+        overrides |= {
+            "plant.person.tissue.clonus.enabled": True, "plant.person.tissue.clonus.amplitude": u(8, 25),
+            "plant.person.tissue.clonus.threshold": u(2, 4),
+        }  # fmt: skip
     if event == "spasm":
-        torque = float(rng.choice([-1, 1])) * u(30, 40)
+        torque = float(rng.choice([-1, 1])) * u(25, 40)
         overrides |= {"plant.person.spasm.start": at, "plant.person.spasm.torque": torque}
-    return load(overrides), event, 0.0 if event == "push" else at
+    return load(overrides), event, 0.0 if event in ALWAYS else at
 
 
 def walk(number: int) -> dict[str, Any]:
@@ -126,7 +135,7 @@ def walk(number: int) -> dict[str, Any]:
     parameters, event, at = person(number)
     judge, steps = Beyond(parameters), round(SECONDS / 0.005)
     monitor = SafetyMonitor(parameters)
-    plant = Plant(parameters, number)
+    plant = FaultyPlant(parameters, number, at, starved=event == "supply lost")
     watched = Deaf(plant, monitor, at if event == "lost samples" else np.inf)
     ClosedLoop(parameters, plant=Seen(watched, judge)).run(steps)
     trip = monitor.trips[0] if monitor.trips else None

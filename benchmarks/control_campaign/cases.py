@@ -12,7 +12,8 @@ SPECIMENS = 10
 FEW = 3  # specimens of the further trajectories and people
 SEED = 1  # of the sensor noise
 RECORDED_SEED = 2  # of that in the run that a plan is made after: 20 s, as `pam-orthosis run` makes it
-CONTROLLERS = ("pid", "paper", "learned", "calm", "planned", "replanned")
+PEERS = ("pid", "proxy_sliding_mode", "adrc")  # of `control.position.controller`
+CONTROLLERS = ("paper", *PEERS, "learned", "calm", "planned", "replanned")
 CALM = {"control.observer.pole": 80.0}  # 1/s: a learned model leaves the observer less to find out
 
 
@@ -20,6 +21,7 @@ class Case(NamedTuple):
     """A task: name, scenario, what is set beside it, duration s, whether all specimens are asked.
 
     `otherwise`: the nominal model of the specimen does not hold of these parameters in this task.
+    `contact`: a person pushes or blocks; what is felt counts, and the laws by name are asked.
     """
 
     name: str
@@ -28,6 +30,7 @@ class Case(NamedTuple):
     duration: float = 9.0
     everywhere: bool = False
     otherwise: tuple[str, ...] = ()
+    contact: bool = False
 
     def overrides(self) -> dict[str, Any]:
         """Return the parameters that make the task."""
@@ -46,6 +49,19 @@ def _sine(hertz: float, amplitude: float, duration: float) -> Case:
 
 # the regulator is turned up to what the configuration says
 FULL_SUPPLY = {"plant.deviation.supply_pressure": 1.0}
+PUSH = 10.0  # N m
+PUSHED = {
+    **FULL_SUPPLY, "scenario.trajectory": "hold", "scenario.start_angle": 0.6, "plant.external_torque": PUSH,
+    "plant.external_frequency": 0.5,
+}  # fmt: skip
+# nobody releases the joint: what the law does is to be seen
+BLOCK = {"plant.person.block.start": 4.4, "plant.person.block.duration": 1.5}  # s, before the swing
+BLOCKED = {
+    **FULL_SUPPLY,
+    **BLOCK,
+    "control.guard.tracking_error": 3.0,
+    "control.guard.velocity_error": 1000.0,
+}
 SUPPLY = ("valve.supply_pressure", "control.position.maximum_pressure")
 
 CASES = (
@@ -53,6 +69,8 @@ CASES = (
     Case("gait 2 s, 75 kg", "person", everywhere=True),
     Case("gait 2 s, 75 kg, begun bent", "person-bent", everywhere=True),
     Case("gait 2 s, 75 kg, supply of 7 bar", "person", FULL_SUPPLY, everywhere=True, otherwise=SUPPLY),
+    Case("push", "person", PUSHED, 7.0, everywhere=True, contact=True),
+    Case("block", "person-passive", BLOCKED, everywhere=True, contact=True),
     Case("gait 1.25 s", "gait-fast", duration=7.0),
     Case("gait 4 s", "gait-slow", duration=13.0),
     Case("gait of an adult", "gait-adult"),

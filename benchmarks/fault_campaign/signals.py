@@ -30,7 +30,7 @@ SENSORS = {"angle": 0, "extensor pressure": 1, "flexor pressure": 2}
 
 
 class Starved(Plant):
-    """The plant without supply: air leaves, none comes; to be put into the state of another plant."""
+    """The plant without supply: air leaves, none comes; to take over from another plant."""
 
     def __init__(self, parameters, seed: int):
         ambient = parameters.valve.ambient_pressure
@@ -38,6 +38,11 @@ class Starved(Plant):
 
     def _start(self, hardware, accelerate) -> np.ndarray:
         return np.zeros(len(self.states))
+
+    def take_over(self, plant: Plant) -> None:
+        """Go on from where another plant is."""
+        self.state[:] = plant.state
+        self.lines, self._index = plant.lines, plant._index
 
 
 class FaultyPlant:
@@ -75,7 +80,7 @@ class FaultyPlant:
     def advance(self, *voltages: float) -> None:
         """Let a period pass."""
         if self.broken and self._starved is not None and self._plant is not self._starved:
-            self._starved.state[:] = self._plant.state
+            self._starved.take_over(self._plant)
             self._plant = self._starved
         if self.broken and self._commanded:
             voltages = self._commanded(voltages, self._rng)

@@ -23,6 +23,7 @@ import cooperation  # noqa: E402
 import gap_table  # noqa: E402
 import repetition  # noqa: E402
 import safety  # noqa: E402
+from control_campaign.cases import PEERS  # noqa: E402
 from speed.rows import as_text  # noqa: E402
 
 BOUND = 3.0  # deg
@@ -40,6 +41,11 @@ BAGS = {"walk": "default", "person": "person"}  # reference bag -> its scenario
 TASKS = ("gait 2 s", "gait 2 s, 75 kg", "gait 2 s, 75 kg, supply of 7 bar")
 CONTROLLERS = ("paper", "learned", "calm", "planned")
 LABELS = {"paper": "nominal"}  # controller in the results -> in the table
+PEER_TASKS = (TASKS[0], TASKS[2], "push", "block")
+PEER_HEAD = (
+    "law", "gait: error / deg", "with a person", "above 3 deg", "gait: valve / V/s", "with a person",
+    "stiffness to a push / N m/rad", "felt when blocking / N m", "speed after it / rad/s",
+)  # fmt: skip
 CASCADES = {"paper": "no predictor"}
 DELAY_COLUMNS = [(cascade, wearer) for wearer in ("nobody", "person") for cascade in ("predictor", "paper")]
 DELAY_COLUMNS.append(("one gain set", "person"))
@@ -82,6 +88,7 @@ def blocks() -> dict[str, Callable[[], str]]:
         "gap-ankle": gap_ankle,
         "gap-peer": gap_peer,
         "control": control,
+        "peers": peers,
         "delay": delay,
         "improve-default": lambda: improve("default"),
         "improve-person": lambda: improve("person"),
@@ -279,6 +286,32 @@ def _errors(runs: Iterable[dict[str, Any]]) -> list[str]:
             else "-"
         )
     return cells
+
+
+def peers() -> str:
+    """Return what each law by name does on the drawn specimens: tracking, effort, push, block."""
+    drawn = drawn_runs()
+    rows = []
+    for name in ("paper", *PEERS):
+        own = {
+            task: [r for r in drawn if (r["case"], r["controller"]) == (task, name)] for task in PEER_TASKS
+        }
+        walks = [r for task in (TASKS[0], TASKS[2]) for r in own[task]]
+        rows.append((
+            f"`{'backstepping' if name == 'paper' else name}`",
+            *(_median_and_worst(own[task], "max_deg", 2) for task in (TASKS[0], TASKS[2])),
+            f"{sum(r['max_deg'] > BOUND for r in walks)} of {len(walks)}",
+            *(_median_and_worst(own[task], "variation_v_per_s", 0) for task in (TASKS[0], TASKS[2])),
+            _median_and_worst(own["push"], "stiffness", 0),
+            _median_and_worst(own["block"], "felt", 0),
+            _median_and_worst(own["block"], "speed_after", 1),
+        ))  # fmt: skip
+    return table(PEER_HEAD, rows)
+
+
+def _median_and_worst(runs: Sequence[dict[str, Any]], key: str, digits: int) -> str:
+    values = [r[key] for r in runs]
+    return f"{median(values):.{digits}f} / {max(values):.{digits}f}" if values else "-"
 
 
 def delay() -> str:

@@ -27,20 +27,27 @@ from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.signals import Expression
 
 OWN = ("mode", "stiffness", "damping", "tunnel", "learning", "forgetting")
+RANGE = ("control.limits.low", "control.limits.high")  # of the patient
+ENDLESS = (-1e9, 1e9)  # rad, without a safety monitor
 
 
 def live_keys(machine: Machine) -> tuple[str, ...]:
     """Return the keys of parameters that the controller takes while it runs."""
-    return (*position.live_keys(machine), *(f"control.cooperation.{name}" for name in OWN))
+    return (*position.live_keys(machine), *(f"control.cooperation.{name}" for name in OWN), *RANGE)
 
 
 class Impedance(NamedTuple):
-    """What the joint is to be: stiffness N m/rad, damping N m s/rad, half width of the tunnel rad, level."""
+    """What the joint is to be: stiffness N m/rad, damping N m s/rad, half width of the tunnel rad, level.
+
+    `low`, `high`: ends of the patient's range of motion, rad.
+    """
 
     stiffness: Expression
     damping: Expression
     tunnel: Expression
     level: Expression
+    low: Expression = ENDLESS[0]
+    high: Expression = ENDLESS[1]
 
 
 class Spring(NamedTuple):
@@ -69,8 +76,20 @@ def spring(estimate: Expression, reference: Expression, wanted: Impedance, axis:
     damping = ca.fmin(wanted.damping, 2 * terms.inertia * fastest)
     pull = stiffness * outside + damping * (reference[1] - estimate[1])
     needed = terms.inertia * reference[2] + terms.coriolis + terms.gravity
-    effort = wanted.level * needed + pull
+    effort = wanted.level * needed + pull + edge(estimate, wanted, terms.inertia, axis)
     return Spring(effort, (effort - needed - estimate[2]) / terms.inertia, outside, needed)
+
+
+def edge(estimate: Expression, wanted: Impedance, inertia: Expression, axis: Axis) -> Expression:
+    """Return what keeps a soft joint inside the patient's range, before the safety monitor has to vent it.
+
+    A spring begins within both ends, for the place at which the joint will be when the monitor looks ahead.
+    """
+    settings, time = axis.nominal.control.cooperation, axis.nominal.control.limits.look_ahead
+    ahead = estimate[0] + time * estimate[1]
+    above = ca.fmax(ahead - (wanted.high - settings.edge), 0)
+    below = ca.fmax(wanted.low + settings.edge - ahead, 0)
+    return ca.fmin(settings.edge_stiffness, inertia * settings.fastest**2) * (below - above)
 
 
 def own_stiffness(q: Expression, mean: Expression, axis: Axis) -> Expression:
@@ -96,7 +115,7 @@ def cooperation_function(nominal: Parameters) -> ca.Function:
     """Return (estimate, reference, slack share, impedance) -> as `command_function`, and `Spring`'s rest."""
     axis, ambient = Axis(nominal), nominal.valve.ambient_pressure
     estimate, reference = ca.SX.sym("estimate", 3), ca.SX.sym("reference", 3)
-    slack_share, wanted = ca.SX.sym("slack_share", 2), ca.SX.sym("wanted", 4)
+    slack_share, wanted = ca.SX.sym("slack_share", 2), ca.SX.sym("wanted", len(Impedance._fields))
     law = spring(estimate, reference, Impedance(*ca.vertsplit(wanted)), axis)
     mean = softest_mean(estimate[0], wanted[0], axis)
     asked = Demand(law.effort, estimate[0], estimate[1], mean, (slack_share[0], slack_share[1]))
@@ -119,11 +138,13 @@ class CooperativeController(PositionController):
         self._cooperate = compiled(cooperation_function(nominal))
         self._settings, self._period = nominal.control.cooperation, nominal.scenario.control_period
         self.level = 1.0
+        self._range = _range(nominal)
 
     def retune(self, parameters: Parameters) -> None:
         """Take other settings; mode, estimate and references pass on smoothly from where they are."""
         super().retune(parameters)
         self._settings = parameters.control.cooperation
+        self._range = _range(parameters)
 
     def _ask(self, estimate: Any, reference: Any, mean: Any, slack_share: Any, *others: Any) -> Any:
         if self._settings.mode == "position":
@@ -142,10 +163,10 @@ class CooperativeController(PositionController):
     def _wanted_impedance(self) -> Impedance:
         s = self._settings
         if s.mode == "transparent":
-            return Impedance(0.0, 0.0, 0.0, 1.0)
+            return Impedance(0.0, 0.0, 0.0, 1.0, *self._range)
         if s.mode == "impedance":
-            return Impedance(s.stiffness, s.damping, 0.0, 1.0)
-        return Impedance(s.stiffness, s.damping, s.tunnel, self.level)
+            return Impedance(s.stiffness, s.damping, 0.0, 1.0, *self._range)
+        return Impedance(s.stiffness, s.damping, s.tunnel, self.level, *self._range)
 
     def _adapt(self, outside: float, needed: float) -> None:
         """Raise the level where the needed effort is missing; let it fade inside the tunnel."""
@@ -153,3 +174,8 @@ class CooperativeController(PositionController):
         need = s.learning * outside * (1 if needed > 0 else -1)
         self.level += self._period * (need - s.forgetting * self.level * (outside == 0))
         self.level = min(max(self.level, 0.0), 1.0)
+
+
+def _range(parameters: Parameters) -> tuple[float, float]:
+    limits = parameters.control.limits
+    return (limits.low, limits.high) if limits.enabled else ENDLESS

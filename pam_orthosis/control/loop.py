@@ -17,6 +17,7 @@ from pam_orthosis.control.guard import Guarded
 from pam_orthosis.control.guarded import GuardedPosition, GuardedPressure, GuardedValve
 from pam_orthosis.control.inverse_valve import InverseValveModel
 from pam_orthosis.control.limits import SafetyMonitor, restrained
+from pam_orthosis.control.peers import make_controller
 from pam_orthosis.control.position import PositionController
 from pam_orthosis.control.pressure import PressureController
 from pam_orthosis.control.reference import as_number
@@ -116,7 +117,7 @@ class ClosedLoop:
     ):
         self.plant: Hardware = Plant(parameters, seed) if plant is None else plant
         self._trajectory = made_reference(parameters) if trajectory is None else trajectory
-        position = PositionController(parameters) if position is None else position
+        position = make_controller(parameters) if position is None else position
         self._every = parameters.control.position.every
         self._position = GuardedPosition(parameters, position)
         self._names, self.signals = parameters.declared.names, signals(parameters.declared)

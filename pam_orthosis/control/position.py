@@ -23,6 +23,8 @@ from pam_orthosis.model.signals import Expression
 
 # gauge pressures of both actuators -> effort and forces (2,) that effects add
 Added = Callable[[Pair], tuple[Expression, Expression]]
+# estimate, reference, model -> the effort that is asked of both actuators
+EffortOf = Callable[[Expression, Expression, Axis], Expression]
 Limited = tuple[Pressures, bool, bool, float]  # absolute pressures; saturated; clamped; effort
 
 NONE: Pair = (0.0, 0.0)
@@ -175,7 +177,12 @@ def pressures_with_effects(asked: Demand, effect: Added | None, axis: Axis) -> A
     return allocated
 
 
-def command_function(nominal: Parameters) -> ca.Function:
+def given_effort(estimate: Expression, reference: Expression, axis: Axis) -> Expression:
+    """Return an effort that is given in the place of the disturbance: of a law that is no expression."""
+    return estimate[2]
+
+
+def command_function(nominal: Parameters, effort_of: EffortOf = required_effort) -> ca.Function:
     """Return the position law as a function of numbers.
 
     (estimate, reference, mean pressure, slack share of each muscle, states of the effects, time, tuned
@@ -193,7 +200,7 @@ def command_function(nominal: Parameters) -> ca.Function:
         added, forces = law(reference[0], reference[1], ca.vertcat(*gauge) + ambient, states, time)
         return added, forces
 
-    effort = 0.0 if axis.mechanism.locked else required_effort(estimate, reference, axis)
+    effort = 0.0 if axis.mechanism.locked else effort_of(estimate, reference, axis)
     asked = Demand(effort, estimate[0], estimate[1], mean, (slack_share[0], slack_share[1]))
     gauge, saturated, near = pressures_with_effects(asked, effect if law else None, axis)
     inputs = [estimate, reference, mean, slack_share, states, time, tuned]
@@ -209,11 +216,13 @@ class PositionController:
     of the law. With a lag of the valves in the nominal model the law plans for the instant at which it acts.
     """
 
+    EFFORT: EffortOf = staticmethod(required_effort)
+
     def __init__(self, parameters: Parameters):
         nominal = position_nominal(parameters)
         self._channels = nominal.declared.channels
         self._observer = Observer(nominal)
-        self._command = compiled(command_function(nominal))
+        self._command = compiled(command_function(nominal, self.EFFORT))
         self._tuned = _tuned(nominal)
         self._mean = nominal.control.position.mean_pressure
         self._feedback: bool = nominal.control.position.feedback
@@ -275,8 +284,9 @@ class PositionController:
         coupled = self._coupling.effort(then, self._ahead.horizon)
         point = self._ahead.estimate(estimate, reference, then)
         point = *point[:2], point[2] + coupled
+        asked = self._law(self._fed_back(point, then), then, mean, self._then, periods)
         self._ahead.note(self._correction(point, then))
-        return self._law(self._fed_back(point, then), then, mean, self._then, periods)
+        return asked
 
     def _fed_back(self, estimate: Sequence[float], reference: Reference) -> Sequence[float]:
         """Return the estimate or, without feedback, what the reference would have it be."""
@@ -295,6 +305,7 @@ class PositionController:
     def _law(
         self, estimate: Sequence[float], reference: Reference, mean: float, effect: AddedEffort, periods: int
     ) -> Limited:
+        """Return what the pressures are to be; called once a step, before `_correction`."""
         states, time, change = effect.states, effect.time, periods * self._change
         inputs = estimate, reference[:3], mean, self._slack_share, states, time, self._tuned
         pressures, saturated, clamped, near, effort = self._ask(*inputs)

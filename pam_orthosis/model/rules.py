@@ -31,6 +31,7 @@ ALIKE = (
     ("gap.tolerance.extensor_closed_voltage", "gap.tolerance.flexor_closed_voltage"),
     ("gap.tolerance.extensor_pressure_offset", "gap.tolerance.flexor_pressure_offset"),
 )
+BACKSTEPPING, POSITION = "backstepping", "position"
 SLIP = 8.0
 PHASES = 60
 LEAST_DELAY = 5.0e-4  # s, of a Pade approximation: its states have less than a quarter of it
@@ -56,6 +57,7 @@ def broken_rules(values: Mapping[str, Any], machine: Machine) -> Iterator[str]:
     if machine.start.startswith("scenario."):  # the scenarios are its own
         yield from out_of_reach(values, machine)
     yield from _plan_rule(values)
+    yield from _controller_rule(values)
     yield from _delay_rule(values)
 
 
@@ -102,6 +104,16 @@ def _step_rule(values: Mapping[str, Any]) -> Iterator[str]:
     rise, cycle = values["scenario.step.rise"], values["scenario.cycle_time"]
     if rise > 0.5 * cycle:
         yield f"scenario.step.rise = {rise} s must be at most half of scenario.cycle_time = {cycle} s"
+
+
+def _controller_rule(values: Mapping[str, Any]) -> Iterator[str]:
+    """Check that another law than backstepping follows a reference, which is what it is for."""
+    key, mode = "control.position.controller", "control.cooperation.mode"
+    name = values.get(key, BACKSTEPPING)
+    if name != BACKSTEPPING and values.get(mode, POSITION) != POSITION:
+        yield f"{key} = {name} is for {mode} = {POSITION}, not {values[mode]}"
+    if name != BACKSTEPPING and not values.get("control.position.feedback", True):
+        yield f"{key} = {name} needs control.position.feedback = true"
 
 
 def _alike(values: Mapping[str, Any], keys: tuple[str, ...]) -> Iterator[str]:

@@ -90,7 +90,11 @@ def live_keys(machine: Machine) -> dict[str, tuple[str, ...]]:
     """Return the parameters that a change while the nodes run cannot make inconsistent, by executable."""
     gains = ("control.position.c1", "control.position.c2", "control.observer.pole")
     modes = ("mode", "stiffness", "damping", "tunnel", "learning", "forgetting")
-    cooperation = tuple(f"control.cooperation.{name}" for name in modes)
+    cooperation = (
+        *(f"control.cooperation.{name}" for name in modes),
+        "control.limits.low",
+        "control.limits.high",
+    )
     return {
         "trajectory_publisher": ("scenario.cycle_time",),
         "position_controller": (*gains, *machine.live, *cooperation),

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pam_orthosis.bag.topics import BESIDE, MEAN_PRESSURE, PLANNED, POSITION, REFERENCE, SAMPLE
-from pam_orthosis.control.cooperation import CooperativeController
 from pam_orthosis.control.guarded import GuardedPosition
+from pam_orthosis.control.peers import make_controller
 from pam_orthosis.control.position import PositionCommand
 from pam_orthosis.control.reference import Motion, Reference, as_number, from_number
 from pam_orthosis.model.parameters import Parameters
@@ -28,7 +28,7 @@ class PositionControllerNode(graph.GraphNode):
     def configure(self) -> None:
         """Make the controller, and what it hears and says."""
         super().configure()
-        self._controller = GuardedPosition(self.parameters, CooperativeController(self.parameters))
+        self._controller = GuardedPosition(self.parameters, make_controller(self.parameters, live=True))
         self._saturated = self._clamped = 0
         self._residual = 0.0
         joint, names = self.machine.name, self.machine.names

@@ -12,8 +12,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 import bench_control
-from control_campaign import learn, pid
-from control_campaign.cases import CASES, SEED, SPECIMENS, plan
+from control_campaign import learn
+from control_campaign.cases import CASES, PEERS, SEED, SPECIMENS, plan
 from control_campaign.hardware import drawn
 
 from pam_orthosis.control import effects
@@ -21,7 +21,6 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.improvement.learned import learnable
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
-from pam_orthosis.model.plant import Plant
 
 
 def test_specimens_are_hardware_within_its_bounds_and_no_two_are_alike():
@@ -45,30 +44,24 @@ def test_tasks_are_known_scenarios_and_the_ones_for_all_come_first():
     assert [case.everywhere for _, case in plan()] == sorted((c.everywhere for _, c in plan()), reverse=True)
 
 
-def test_the_integral_stands_still_while_its_output_is_cut():
-    integral = pid.Integral()
-    integral.add(1.0, cut=0.0)
-    integral.add(1.0, cut=2.0)
-    integral.add(-0.25, cut=2.0)
-    assert integral.value == 0.75
-
-
-@pytest.mark.parametrize("wearer", ["default"])
-def test_the_baseline_holds_a_knee_without_offset(wearer):
-    p = load({"scenario.trajectory": "hold", "scenario.start_angle": 0.6, "plant.external_torque": 2.0,
-              "plant.external_frequency": 0.1})  # fmt: skip
-    run = pid.run(p, Plant(p, 1), pid.TUNED[wearer], 800)
-    error = np.degrees(run["reference_angle"] - run["angle"])
-    assert np.abs(error).max() < 3.0
-    assert all(
-        0 <= run[f"{m}_voltage"].min() <= run[f"{m}_voltage"].max() <= 10 for m in ("extensor", "flexor")
-    )
-
-
 def _line(specimen, controller, largest):
     figures = {"rms_deg": 0.1, "variation_v_per_s": 50.0, "least_pressure": 1.2e5, "most_pressure": 5e5}
     told = {"specimen": specimen, "case": CASES[0].name, "controller": controller}
     return {**told, "max_deg": largest, **figures}
+
+
+def test_laws_by_name_are_asked_what_the_shipped_one_is_and_what_a_person_feels_counts():
+    case = next(case for case in CASES if case.name == "push")._replace(duration=4.0)
+    names = {
+        name for _, one, name in bench_control.missing([], bench_control.CONTROLLERS) if one.name == "push"
+    }
+    assert names == {"paper", *PEERS}
+    stiffness = {}
+    for name in ("paper", "pid"):
+        parameters = load(case.overrides())
+        run = bench_control._run(parameters, case, name, {})
+        stiffness[name] = bench_control._figures(run, parameters, case)["stiffness"]
+    assert 20.0 < stiffness["pid"] < stiffness["paper"] < 1e4
 
 
 def test_a_plan_after_a_run_is_asked_for_where_there_is_no_plan_or_one_that_is_not_enough():

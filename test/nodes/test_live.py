@@ -139,6 +139,17 @@ def test_the_mode_of_cooperation_may_change_while_it_runs(make_node):
     node = _position_controller(make_node)
     assert _set(node, "control.cooperation.mode", "transparent").successful
     assert node.parameters.control.cooperation.mode == "transparent"
+    refused = _set(node, "control.position.controller", "pid")
+    assert not refused.successful
+    assert "read-only" in refused.reason
     refused = _set(node, "control.cooperation.mode", "gentle")
     assert not refused.successful
     assert "not one of position, impedance, assist, transparent" in refused.reason
+
+
+def test_a_law_by_name_keeps_to_its_mode(make_node):
+    node = _position_controller(make_node, **{"control.position.controller": "adrc"})
+    refused = _set(node, "control.cooperation.mode", "assist")
+    assert not refused.successful
+    assert "adrc is for control.cooperation.mode = position, not assist" in refused.reason
+    assert node.parameters.control.cooperation.mode == "position"
