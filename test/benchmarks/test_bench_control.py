@@ -57,11 +57,11 @@ def test_laws_by_name_are_asked_what_the_shipped_one_is_and_what_a_person_feels_
     }
     assert names == {"paper", *PEERS}
     stiffness = {}
-    for name in ("paper", "pid"):
+    for name in ("paper", "proxy_sliding_mode"):
         parameters = load(case.overrides())
         run = bench_control._run(parameters, case, name, {})
         stiffness[name] = bench_control._figures(run, parameters, case)["stiffness"]
-    assert 20.0 < stiffness["pid"] < stiffness["paper"] < 1e4
+    assert 20.0 < stiffness["proxy_sliding_mode"] < stiffness["paper"] < 1e4
 
 
 def test_a_plan_after_a_run_is_asked_for_where_there_is_no_plan_or_one_that_is_not_enough():

@@ -30,6 +30,12 @@ class Nonsense:
     def retune(self, parameters):
         pass
 
+    def released(self):
+        return ""
+
+    def reset(self):
+        pass
+
     def _draw(self):
         return tuple(self._drawn.choice([0.0, LOW, HIGH, 1e9]) for _ in range(2))
 
