@@ -196,8 +196,9 @@ class _Fitting:
     def curve(self, channel: str, name: str, knots: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the knots, the curve there, and its covariance."""
         step, covariance, _ = self._solve(channel, name, knots)
-        scale, own = self._size(channel), slice(self._count, None)
-        return np.linspace(*self._ends(name), knots), scale * step[own], scale**2 * covariance[own, own]
+        scale, own, able = self._size(channel), slice(self._count, None), self._able(channel, name, knots)
+        values, spread = able @ step[own], able @ covariance[own, own] @ able.T
+        return np.linspace(*self._ends(name), knots), scale * values, scale**2 * spread
 
     def _solve(self, channel: str, name: str, knots: int) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
         key = channel, name, knots
@@ -217,17 +218,29 @@ class _Fitting:
 
     def _columns(self, group: Problem, channel: str, name: str, knots: int) -> np.ndarray:
         """Return what each knot of a curve, of the unknown's own size, changes in the row of residuals."""
-        size, rows = self._size(channel), []
+        size, able, rows = self._size(channel), self._able(channel, name, knots), []
         for one in group.scored:
             linear = self._linear[one.run.serial, channel]
             assert linear is not None
             signal = whole_signal(group, one, name)
-            parts = size * np.column_stack(hats(signal, *self._ends(name), knots))
+            parts = size * np.column_stack(hats(signal, *self._ends(name), knots)) @ able
             changed = linear.response(parts * self._levers[one.run.serial, channel][:, None])
             for other in self._equation.channels:
                 white = one.white(other, -changed)
                 rows.append(white if other == channel else 0.0 * white)
         return np.vstack(rows)
+
+    def _able(self, channel: str, name: str, knots: int) -> np.ndarray:
+        """Return the matrix that leaves of values at knots what a curve may be: all, but for its own signal.
+
+        A parabola over the recording of what the equation itself predicts, and a parameter that undoes it in
+        the model, are together a gain by which the replay follows the recording, whatever is missing.
+        """
+        system = self._groups[0].system
+        state = system.channel(channel).state
+        own = {channel, *(rate for rate, of in system.derived.items() if of == state)}
+        places = np.linspace(0.0, 1.0, knots)
+        return _without_parabola(places, np.ones(knots)) if name in own else np.eye(knots)
 
     def _ends(self, name: str) -> tuple[float, float]:
         group = self._groups[0]
