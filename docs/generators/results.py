@@ -54,6 +54,10 @@ SPEED = {
         "simulated time at 500 Hz, processes, recorder included, beside that of the relays",
         "simulated time at 500 Hz, one process, recorder included, beside that of the relays",
     ),
+    "device": (
+        "simulated time at 500 Hz, the device, beside that of the relays",
+        "latency of the device at 200 Hz, one process: answers later than a period",
+    ),
     "start": ("time to the first step, processes", "time to the first step, one process"),
     "bags": ("a simulated minute at 200 Hz, beside the bare messages",),
     "latency": (
