@@ -61,6 +61,22 @@ def test_a_light_leg_is_held_no_more_stiffly_than_the_loop_can():
     assert np.abs(run["true_angle"] - 0.6).max() < np.radians(5)
 
 
+@pytest.mark.parametrize(("stiffness", "inside"), [(150.0, True), (0.0, False)])
+def test_a_soft_joint_stays_inside_the_range_of_motion_by_the_spring_at_its_ends(stiffness, inside):
+    loop, *_ = cooperating(
+        "person",
+        **{
+            MODE: "transparent", "scenario.trajectory": "hold", "scenario.start_angle": 0.6,
+            "plant.external_torque": 6.0, "plant.external_frequency": 0.3,
+            "control.limits.enabled": True, "control.limits.low": 0.3, "control.limits.high": 0.9,
+            "control.cooperation.edge_stiffness": stiffness,
+        },
+    )  # fmt: skip
+    angle = loop.run(800)["true_angle"]
+    assert (angle.min() > 0.3 and angle.max() < 0.9) == inside
+    assert np.ptp(angle) > 0.3  # it is soft between them
+
+
 def test_a_transparent_orthosis_is_hardly_felt():
     will = {f"{WILL}.enabled": True, f"{WILL}.stiffness": 150.0, f"{WILL}.damping": 6.0}
     loop, *_ = cooperating("sine", **{MODE: "transparent", **will})
