@@ -231,16 +231,16 @@ class _Fitting:
         return np.vstack(rows)
 
     def _able(self, channel: str, name: str, knots: int) -> np.ndarray:
-        """Return the matrix that leaves of values at knots what a curve may be: all, but for its own signal.
+        """Return the matrix that leaves of values at knots what a curve may be: all, but for its own rate.
 
-        A parabola over the recording of what the equation itself predicts, and a parameter that undoes it in
-        the model, are together a gain by which the replay follows the recording, whatever is missing.
+        A parabola over the recorded rate of what the equation itself predicts, and a damping that undoes it
+        in the model, are together a gain by which the replay follows the recording, whatever is missing.
         """
         system = self._groups[0].system
         state = system.channel(channel).state
-        own = {channel, *(rate for rate, of in system.derived.items() if of == state)}
+        rates = {rate for rate, of in system.derived.items() if of == state}
         places = np.linspace(0.0, 1.0, knots)
-        return _without_parabola(places, np.ones(knots)) if name in own else np.eye(knots)
+        return _without_parabola(places, np.ones(knots)) if name in rates else np.eye(knots)
 
     def _ends(self, name: str) -> tuple[float, float]:
         group = self._groups[0]

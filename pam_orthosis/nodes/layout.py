@@ -45,6 +45,7 @@ OWN = {
     POSITION: (
         *(*_GRAPH, "scenario.start_angle"),
         *("control.observer.", "control.position.", "control.cooperation.", "control.guard."),
+        *("control.pid.", "control.proxy_sliding_mode.", "control.adrc.", "control.limits.look_ahead"),
     ),
     "pressure_controller": (
         *(*_GRAPH, "scenario.start_angle"),

@@ -245,7 +245,10 @@ def _experiments(rng: Generator, parameters: Parameters) -> diagnostic.Experimen
     return motions.experiments(rng, parameters, levels, PARTS)
 
 
-def realistic_misfits(rng: Generator, scale: Scale = Scale()) -> dict[str, np.ndarray]:  # noqa: B008 immutable
+def realistic_misfits(
+    rng: Generator,
+    scale: Scale = Scale(),  # noqa: B008 immutable
+) -> dict[str, np.ndarray]:
     """Return the misfits of the class `realistic`."""
     return {
         "force_waves": force_waves(rng, scale.force * MAP_SD * rng.standard_normal((2, 4))),

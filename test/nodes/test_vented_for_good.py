@@ -4,7 +4,6 @@
 import textwrap
 
 import pytest
-from test_services import caller  # noqa: F401
 
 from pam_orthosis.bag.verdict import judge
 
@@ -38,7 +37,7 @@ def broken(tmp_path, monkeypatch):
     return happens
 
 
-def test_after_a_stop_and_reset_the_knee_walks_again_though_its_sensor_was_lost(caller, live_run, broken):  # noqa: F811
+def test_after_a_stop_and_reset_the_knee_walks_again_though_its_sensor_was_lost(caller, live_run, broken):
     broken(1.0, 1.2, "sample = sample._replace(angle=4.0)")
     run = live_run("--open", "--composed", *QUICK)
     run.wait_until_it_records()
