@@ -38,14 +38,16 @@ _EMULATED = (
     "delay.",
     "voltage_",
 )
+_PULL, _HELP = ("mode", "stiffness", "damping", "fastest", "edge"), ("tunnel", "learning", "forgetting")
+_COOPERATION = (*_PULL, *_HELP, "least_mean")
 # beginnings of the keys that are an executable's own; those of the apparatus are everybody's
 OWN = {
     RECORDER: (*_GRAPH, "scenario.duration"),
     TRAJECTORY: (*_GRAPH, _MEAN, "control.cooperation.wait", *(f"scenario.{name}" for name in _MOTION)),
     POSITION: (
         *(*_GRAPH, "scenario.start_angle"),
-        *("control.observer.", "control.position.", "control.cooperation.", "control.guard."),
-        *("control.pid.", "control.proxy_sliding_mode.", "control.adrc.", "control.limits.look_ahead"),
+        *("control.observer.", "control.position.", "control.guard.", "control.limits.look_ahead"),
+        *(f"control.cooperation.{name}" for name in _COOPERATION),
     ),
     "pressure_controller": (
         *(*_GRAPH, "scenario.start_angle"),
