@@ -21,6 +21,7 @@ import numpy as np
 
 from pam_orthosis.discrepancy.cut import Part
 from pam_orthosis.discrepancy.system import Names
+from pam_orthosis.model import compiled
 from pam_orthosis.model.compiled import best_library, pointer, processor, remember, remembered, taken_out
 
 NAME = "replay"  # of the libraries
@@ -183,9 +184,10 @@ class Kernel:
 
 def _key(part: Part, wrt: Names) -> str:
     """Return what the source of a kernel follows from: cheaper than the source."""
-    own = Path(__file__).read_text(encoding="utf-8")
-    return " ".join(
-        (part.observe.serialize(), part.rates.serialize(), *wrt, version("casadi"), own, processor())
+    code = [Path(file).read_text(encoding="utf-8") for file in (__file__, compiled.__file__)]
+    names = repr((part.parameters, wrt))  # the functions know parameters by their place alone
+    return "\n".join(
+        (part.observe.serialize(), part.rates.serialize(), names, version("casadi"), *code, processor())
     )
 
 

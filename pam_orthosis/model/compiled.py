@@ -8,6 +8,7 @@ import ctypes
 import hashlib
 import os
 import platform
+import re
 import shutil
 import stat
 import subprocess
@@ -132,7 +133,7 @@ def shared_library(name: str, source: str, flags: tuple[str, ...]) -> Path | Non
 
 def _check_owned(path: Path) -> None:
     """Check that nobody else can have put machine code there; Distrusted if somebody can."""
-    state = path.lstat() if path.suffix == ".so" else path.stat()
+    state = path.stat() if path.is_dir() else path.lstat()
     if state.st_uid != os.geteuid():
         raise Distrusted(f"machine code in {path} is of another user (uid {state.st_uid}) and is not loaded")
     if state.st_mode & (stat.S_IWGRP | stat.S_IWOTH) or stat.S_ISLNK(state.st_mode):
@@ -167,7 +168,9 @@ def remembered(name: str, key: str) -> Path | None:
     try:
         _check_owned(folder)
         _check_owned(note)
-        library = folder / Path(note.read_text(encoding="utf-8")).name
+        library = folder / note.read_text(encoding="utf-8")
+        if not re.fullmatch(rf"{name}_[0-9a-f]{{20}}\.so", library.name) or library.parent != folder:
+            return None  # no library of ours: one that does not load would be removed
         _check_owned(library)
         return library if loads(library) else None
     except (OSError, ValueError, Distrusted):
@@ -175,12 +178,12 @@ def remembered(name: str, key: str) -> Path | None:
 
 
 def remember(name: str, key: str, library: Path) -> None:
-    """Note which library was built for a key, all that its source follows from."""
+    """Note which library was built for a key, all that its source follows from; what is there stays."""
     with suppress(OSError), tempfile.TemporaryDirectory(dir=library.parent) as folder:
         written = Path(folder, "note")
         written.write_text(library.name, encoding="utf-8")
         written.chmod(0o600)
-        os.replace(written, _note(library.parent, name, key))
+        os.link(written, _note(library.parent, name, key))  # fails where there is something
 
 
 def _note(folder: Path, name: str, key: str) -> Path:

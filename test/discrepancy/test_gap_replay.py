@@ -2,6 +2,7 @@
 """The replay engine against the one model, and what made false names before."""
 
 import ast
+from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -16,7 +17,7 @@ from pam_orthosis.discrepancy.cut import cut
 from pam_orthosis.discrepancy.data import Recording
 from pam_orthosis.discrepancy.fit import _descended, bounded_step, fit_tempered
 from pam_orthosis.discrepancy.free import Free, free_parameters
-from pam_orthosis.discrepancy.kernel import Kernel
+from pam_orthosis.discrepancy.kernel import Kernel, _key
 from pam_orthosis.discrepancy.problem import Block
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.replay import Replay
@@ -80,6 +81,14 @@ def test_compiled_replay_is_that_of_the_virtual_machine(bench, run):
             fast.build()
             a, b = (one(rows, theta, start, run.period, 4) for one in (fast, slow))
             assert np.abs(a - b).max() <= 1e-9 * max(1.0, np.abs(b).max())
+
+
+def test_machine_code_is_not_that_of_the_same_functions_with_other_parameters(bench):
+    (part, *_) = bench.replay._parts_of(bench.system.equations[0], ())
+    first, second, *rest = part.parameters
+    swapped = replace(part, parameters=(second, first, *rest))
+    keys = {_key(part, (first,)), _key(part, (second,)), _key(swapped, (first,)), _key(swapped, (second,))}
+    assert len(keys) == 4
 
 
 def test_muscles_that_do_not_feel_each_other_are_replayed_apart_as_together(bench, run):

@@ -5,11 +5,14 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 
 import pytest
 
 from pam_orthosis.discrepancy.together import Workers
 from pam_orthosis.errors import OrthosisError
+
+PATIENCE_S = 60.0  # with what goes on for ever, before it fails
 
 
 class Memory:
@@ -64,14 +67,22 @@ def test_one_that_is_killed_is_said():
         Workers(2).together(lambda item: os.kill(os.getpid(), signal.SIGKILL), [1, 2])
 
 
-SLEEPERS = """
-import os, signal, time
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_they_leave_it_to_the_search_to_end(how):
+    def work(item):
+        os.kill(os.getpid(), how)
+        return item
+
+    assert Workers(2).together(work, [1, 2]) == [1, 2]
+
+
+ENDLESS = """
+import os, signal, threading
 from pam_orthosis.discrepancy.together import Workers
 
 def work(item):
     os.write(1, b"%d\\n" % os.getpid())
-    time.sleep(20)
-    print("left", flush=True)
+    threading.Event().wait()
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell in the background ignores it
 Workers(2).together(work, [1, 2])
@@ -81,13 +92,17 @@ Workers(2).together(work, [1, 2])
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_none_outlives_the_search(how):
     with subprocess.Popen(
-        [sys.executable, "-c", SLEEPERS], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        [sys.executable, "-c", ENDLESS], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         start_new_session=True,
     ) as search:  # fmt: skip
-        pids = [int(search.stdout.readline()) for _ in range(2)]
-        os.killpg(search.pid, how) if how == signal.SIGINT else os.kill(search.pid, how)
-        left = search.stdout.read()  # its end: nobody holds it any more, those processes among them
-        said = search.stderr.read()
-    assert left == ""
+        try:
+            pids = [int(search.stdout.readline()) for _ in range(2)]
+            os.killpg(search.pid, how) if how == signal.SIGINT else os.kill(search.pid, how)
+            _, said = search.communicate(timeout=PATIENCE_S)  # until nobody holds its output
+        except subprocess.TimeoutExpired:
+            pytest.fail(f"processes of the search go on, {PATIENCE_S} s after it was ended")
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(search.pid, signal.SIGKILL)
     assert said.count("KeyboardInterrupt") == (how == signal.SIGINT), said
     assert len(set(pids)) == 2

@@ -34,6 +34,53 @@ def test_a_library_that_was_cut_short_is_built_anew(cache, content):
     assert library.stat().st_size > 1000
 
 
+@pytest.fixture
+def built(cache):
+    """Return a library in the cache, and the place of the note on the key `key`."""
+    if not shutil.which("gcc"):
+        pytest.skip("needs a compiler")
+    compiled(square())
+    (library,) = cache.glob("*.so")
+    return library, module._note(cache, "square", "key")
+
+
+def test_a_library_is_found_by_its_key_again(built):
+    library, _ = built
+    assert module.remembered("square", "key") is None
+    module.remember("square", "key", library)
+    assert module.remembered("square", "key") == library
+    assert sorted(library.parent.iterdir()) == sorted(built)
+    assert module.remembered("square", "another key") is None
+
+
+def test_what_is_in_the_place_of_a_note_stays(built):
+    library, note = built
+    note.write_text("somebody's", encoding="utf-8")
+    module.remember("square", "key", library)
+    assert note.read_text(encoding="utf-8") == "somebody's"
+    assert module.remembered("square", "key") is None
+
+
+@pytest.mark.parametrize("name", ["mine.so", "../mine.so", "other_00000000000000000000.so"])
+def test_a_note_that_names_another_file_is_not_followed(built, name):
+    library, note = built
+    other = library.parent / name
+    other.write_text("no machine code", encoding="utf-8")
+    other.chmod(0o700)
+    note.write_text(name, encoding="utf-8")
+    note.chmod(0o600)
+    assert module.remembered("square", "key") is None
+    assert other.read_text(encoding="utf-8") == "no machine code"
+
+
+def test_a_note_that_is_a_link_is_not_followed(built, tmp_path):
+    library, note = built
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.write_text(library.name, encoding="utf-8")
+    note.symlink_to(elsewhere)
+    assert module.remembered("square", "key") is None
+
+
 def test_where_nothing_can_be_written_the_virtual_machine_computes(cache, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
