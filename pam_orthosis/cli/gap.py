@@ -31,8 +31,8 @@ from pam_orthosis.progress import Progress, counted, shown
 
 if TYPE_CHECKING:
     from pam_orthosis.discrepancy.beginning import Beginning
+    from pam_orthosis.discrepancy.identifiability import Identifiability
     from pam_orthosis.discrepancy.judgement import Outcome
-    from pam_orthosis.discrepancy.telling import Telling
 
 MODEL = "model.yaml"
 FILES = "gap.json", MODEL, "gap.html"
@@ -119,15 +119,15 @@ def execute(arguments: argparse.Namespace) -> int:
 class Case(NamedTuple):
     """What was asked: parameters, stages before the search, parameters of --model, what records lack.
 
-    `assumed`: bags without a record; `untold`: rows that the others lack, and the values taken.
+    `assumed`: bags without a record; `unrecorded`: rows that the others lack, and the values taken.
     """
 
     parameters: Any
     start: Beginning
-    data: Telling
+    data: Identifiability
     given: Mapping[str, Any]
     assumed: Sequence[Path]
-    untold: Mapping[str, Any]
+    unrecorded: Mapping[str, Any]
     heading: str
 
 
@@ -135,15 +135,15 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     """Read the recordings and pass the stages before the search."""
     # scipy and CasADi take a second to load
     from pam_orthosis.discrepancy import patch
-    from pam_orthosis.discrepancy.apparatus import apparatus_of, untold, without_record
+    from pam_orthosis.discrepancy.apparatus import apparatus_of, unrecorded, without_record
     from pam_orthosis.discrepancy.beginning import begin
     from pam_orthosis.discrepancy.columns import read_mapping, with_columns
     from pam_orthosis.discrepancy.data import recording, with_prompt_inputs
+    from pam_orthosis.discrepancy.identifiability import identifiability
     from pam_orthosis.discrepancy.replay import Replay
-    from pam_orthosis.discrepancy.telling import telling
     from pam_orthosis.discrepancy.together import Workers
     from pam_orthosis.discrepancy.user_file import load_system
-    from pam_orthosis.discrepancy.verdict import assumed_words, untold_words
+    from pam_orthosis.discrepancy.verdict import assumed_words, unrecorded_words
     from pam_orthosis.model.machines import machine_named
     from pam_orthosis.model.parameters import load
     from pam_orthosis.tables import is_table
@@ -163,9 +163,9 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
         parameters, read = apparatus.nominal(paths, given, namespace, arguments.model), apparatus.read
         system = apparatus.system(parameters, None)
         assumed = [] if arguments.machine else without_record(paths, namespace)
-        rows = untold(paths, parameters, apparatus.keys, given, namespace)
+        rows = unrecorded(paths, parameters, apparatus.keys, given, namespace)
     system = with_columns(system, read_mapping(arguments.columns))
-    heading = assumed_words(assumed, len(paths), arguments.model) + untold_words(rows, parameters)
+    heading = assumed_words(assumed, len(paths), arguments.model) + unrecorded_words(rows, parameters)
     every = [read(path, system, namespace) for path in counted(paths, progress, "reading")]
     if system.input_period:
         changed = float(parameters.at(system.input_period))
@@ -179,7 +179,7 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     replay = Replay(system, Workers(arguments.jobs))
     start = begin(system, training, held_out, parameters.gap, progress, replay)
     progress("computing what these data can show")
-    data = telling(start.problem, start.null, parameters.gap.evidence.threshold, progress)
+    data = identifiability(start.problem, start.null, parameters.gap.evidence.threshold, progress)
     return Case(parameters, start, data, given, assumed, rows, heading)
 
 
@@ -191,12 +191,12 @@ def _searched(case: Case, progress: Progress) -> Outcome:
 
 def _described(case: Case, outcome: Outcome) -> tuple[dict[str, Any], str]:
     """Return the outcome as plain data and in words."""
-    from pam_orthosis.discrepancy.contract import as_dict, told_as_dict
+    from pam_orthosis.discrepancy.contract import as_dict, identifiability_as_dict
     from pam_orthosis.discrepancy.verdict import describe, describe_data
 
     assumed = [str(path) for path in case.assumed]
-    known = {"apparatus_assumed": assumed, "parameters_assumed": dict(case.untold)}
-    data = {**as_dict(outcome), **known, "data": told_as_dict(case.data)}
+    known = {"apparatus_assumed": assumed, "parameters_assumed": dict(case.unrecorded)}
+    data = {**as_dict(outcome), **known, "data": identifiability_as_dict(case.data)}
     return data, f"{case.heading}{describe_data(case.data)}\n{describe(outcome)}"
 
 
@@ -277,5 +277,5 @@ def _write_next(arguments: argparse.Namespace, outcome, case: Case) -> None:
     if name:
         write_text(arguments.next, references(name, case.parameters))
     if not arguments.json:
-        none = f"next: no experiment is known that would tell more; {arguments.next} is not written"
+        none = f"next: no experiment is known that would show more; {arguments.next} is not written"
         print(advice(name, case.parameters) if name else none)

@@ -117,11 +117,11 @@ def recorded_nominal(path: Path, namespace: str = "") -> dict[str, Any]:
 
 
 def without_record(paths: Sequence[Path], namespace: str = "") -> list[Path]:
-    """Return the recordings that do not tell their apparatus: it is assumed."""
+    """Return the recordings without a record of their apparatus: it is assumed."""
     return [path for path in paths if not recorded_nominal(path, namespace)]
 
 
-def untold(
+def unrecorded(
     paths: Sequence[Path],
     parameters: Parameters,
     keys: tuple[str, ...],
@@ -150,7 +150,7 @@ def agreed_nominal(
 ) -> dict[str, Any]:
     """Return the nominal model of the first bag that has one, as overrides; empty if none has.
 
-    What it does not tell of the apparatus is that of the next bag that does.
+    What it does not record of the apparatus is that of the next bag that does.
 
     Args:
         apparatus: how the keys begin that must have one value in all bags.
@@ -164,7 +164,7 @@ def agreed_nominal(
     alone = alone or {}
     known = [(path, nominal) for path in paths if (nominal := recorded_nominal(path, namespace))]
     first, nominal = known[0] if known else (None, {})
-    told_by = dict.fromkeys(nominal, first)
+    source = dict.fromkeys(nominal, first)
     for path, other in known[1:]:
         for key, value in nominal.items():
             settled = key in given and key not in alone
@@ -173,11 +173,11 @@ def agreed_nominal(
             if key in other and other[key] != value:
                 help_ = "give recordings of one, or the value that is right with --model"
                 raise OrthosisError(
-                    f"recordings of different apparatus: {key} is {value} in {told_by[key]}, {other[key]} in"
+                    f"recordings of different apparatus: {key} is {value} in {source[key]}, {other[key]} in"
                     f" {path}; {alone.get(key, help_)}"
                 )
         more = {k: v for k, v in other.items() if k.startswith(apparatus) and k not in nominal}
-        nominal, told_by = nominal | more, told_by | dict.fromkeys(more, path)
+        nominal, source = nominal | more, source | dict.fromkeys(more, path)
     return nominal
 
 

@@ -67,14 +67,14 @@ def begin(
     training: Sequence[Recording],
     held_out: Sequence[Recording],
     settings: Section,
-    tell: Progress = silent,
+    progress: Progress = silent,
     replay: Replay | None = None,
 ) -> Beginning:
     """Check recordings and recalibrate the model's nuisance parameters: the stages before the search.
 
     Arguments and errors are those of `find_gap`.
     """
-    tell("checking the recordings")
+    progress("checking the recordings")
     remarks = check.check(system, [*training, *held_out], settings.replay.warm_up)
     remarks += remarks_on_stamps(system, [*training, *held_out])
     missing = check.missing_inputs(system, [*training, *held_out])
@@ -87,9 +87,9 @@ def begin(
         remarks.append("no recording is held out: the last quarter of each one judges")
     check.check_motion(system, training, "the fit")
     check.check_motion(system, held_out, "the judgement")
-    tell("compiling the model")
+    progress("compiling the model")
     problem, judge, floor = prepared(replay or Replay(system), training, held_out, settings)
-    return Beginning(system, *refit.recalibrated(problem, tell), judge, floor, tuple(remarks))
+    return Beginning(system, *refit.recalibrated(problem, progress), judge, floor, tuple(remarks))
 
 
 def _without(system: System, missing: Sequence[str]) -> System:

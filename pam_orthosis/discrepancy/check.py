@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stage 1: are these recordings fit for a search, and what can they not tell?"""
+"""Stage 1: are these recordings fit for a search, and what can they not show?"""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def _repeated(values: np.ndarray) -> float:
 
 
 def _doubt_on_noise(one: Recording, name: str) -> str:
-    """Return why a channel's noise does not tell how well it is measured; empty if it does."""
+    """Return why a channel's noise does not show how well it is measured; empty if it does."""
     values = one.signals[name]
     noise = noise_levels({name: [values]}, [one.period])[name]
     density = welch(values, nperseg=min(SEGMENT, len(values)))[1]

@@ -83,7 +83,7 @@ def with_columns(system: System, mapping: Mapping[str, str]) -> System:
     for name in mapping:
         if name not in known:
             raise OrthosisError(
-                f"--columns {name}: no such signal{meant(name, known)}; there are: {_told(known)}"
+                f"--columns {name}: no such signal{meant(name, known)}; there are: {_listed(known)}"
             )
     sources = {name: replace(system.sources.get(name, Source()), column=c) for name, c in mapping.items()}
     return replace(system, sources={**system.sources, **sources})
@@ -112,7 +112,7 @@ def signals_of(
             column = _of_name(path, wanted, columns)
         if column is None:
             if source.column:
-                raise OrthosisError(f"{path}: no column {wanted} for {name}; there are: {_told(columns)}")
+                raise OrthosisError(f"{path}: no column {wanted} for {name}; there are: {_listed(columns)}")
             continue
         unit = _unit(path, given or ("" if column == name or _scales(source) else _split(column)[1]))
         values = sign * columns[column]
@@ -190,5 +190,5 @@ def _in_si(
     return unit.factor * values + (ambient if unit.gauge and absolute else 0.0)
 
 
-def _told(names: Iterable[str]) -> str:
+def _listed(names: Iterable[str]) -> str:
     return ", ".join(names)

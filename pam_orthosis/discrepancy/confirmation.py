@@ -17,7 +17,7 @@ LEAST_T = 3.0  # of these differences
 LEAST_TRANSFER = 0.3  # of the training's fall, where one block holds most of it
 LEAST_FALL = 1.0  # in training, a block: below it there is nothing to compare
 WORST_T = -3.0  # an effect known by its broken tolerance alone must not make held-out data worse
-MOST_TOLD = 3  # parameters in one line
+MOST_SHOWN = 3  # parameters in one line
 REFIT_NULL = 10.0  # the smaller model is refitted with the larger one's weights below this ratio
 
 
@@ -59,7 +59,7 @@ def confirmed(training: Problem, held_out: Problem, smaller: Fit, larger: Fit) -
     of squared residuals over blocks, and the fall a sample over that in training.
     """
     unseen, seen = (_falls(problem, smaller, larger) for problem in (held_out, training))
-    # one block tells nothing of its own spread
+    # one block shows nothing of its own spread
     spread = unseen.std(ddof=1) / np.sqrt(len(unseen)) if len(unseen) > 1 else np.inf
     t = float(unseen.mean() / max(spread, 1e-12))
     return t, float(unseen.mean() / seen.mean()) if seen.mean() > LEAST_FALL else 0.0
@@ -112,5 +112,5 @@ def emptied(system: System, name: str, model: Fit) -> tuple[str, ...]:
 
 def at_values(model: Fit, keys: Sequence[str]) -> str:
     """Return parameters with their values in words, the first ones."""
-    told = ", ".join(f"{key} = {model.values[key]:.4g}" for key in keys[:MOST_TOLD])
-    return told + (f" and {len(keys) - MOST_TOLD} more" if len(keys) > MOST_TOLD else "")
+    shown = ", ".join(f"{key} = {model.values[key]:.4g}" for key in keys[:MOST_SHOWN])
+    return shown + (f" and {len(keys) - MOST_SHOWN} more" if len(keys) > MOST_SHOWN else "")

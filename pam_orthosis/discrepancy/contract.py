@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pam_orthosis.discrepancy.findings import Named
+from pam_orthosis.discrepancy.identifiability import Identifiability
 from pam_orthosis.discrepancy.judgement import Outcome
 from pam_orthosis.discrepancy.measure import OVERALL, Gap, over_noise
 from pam_orthosis.discrepancy.structure import Where
-from pam_orthosis.discrepancy.telling import Telling
 from pam_orthosis.discrepancy.unknown_words import unknown_as_dict
 
 
@@ -85,23 +85,23 @@ def _places(outcome: Outcome, places: Sequence[Where], gap: Gap) -> list[dict[st
 
 
 def _place(one: Where, kept: float) -> dict[str, Any]:
-    told = list(one.coordinates.items())[:4]
+    largest = list(one.coordinates.items())[:4]
     return {
         "equation": one.equation,
         "over_noise": _number(kept),
         "density": _number(one.density),
-        "coordinates": {name: _number(share) for name, share in told},
-        "largest_where": {name: [_number(end) for end in one.regions[name]] for name, _ in told},
+        "coordinates": {name: _number(share) for name, share in largest},
+        "largest_where": {name: [_number(end) for end in one.regions[name]] for name, _ in largest},
     }
 
 
-def told_as_dict(told: Telling) -> dict[str, Any]:
-    """Return what the recordings can tell as JSON-ready values."""
+def identifiability_as_dict(data: Identifiability) -> dict[str, Any]:
+    """Return what the recordings can identify as JSON-ready values."""
     return {
-        "expected_evidence": {name: _number(value) for name, value in told.evidence.items()},
-        "invisible": list(told.invisible),
-        "alike": [[a, b, _number(cosine)] for a, b, cosine in told.alike],
-        "experiments": list(told.experiments),
+        "expected_evidence": {name: _number(value) for name, value in data.evidence.items()},
+        "invisible": list(data.invisible),
+        "alike": [[a, b, _number(cosine)] for a, b, cosine in data.alike],
+        "experiments": list(data.experiments),
     }
 
 

@@ -78,8 +78,8 @@ def divided(system: System, assembled: Assembled, equation: Equation) -> list[Eq
 def _groups(system: System, assembled: Assembled, equation: Equation, own: tuple[str, ...]) -> dict[str, int]:
     """Return a number for each state and channel of an equation, the same for those that feel each other."""
     places = [assembled.states.index(name) for name in own]
-    told = ca.vertcat(assembled.rates[places], *(assembled.measured[name] for name in equation.channels))
-    felt = ca.jacobian_sparsity(told, assembled.x[places]).get_triplet()
+    results = ca.vertcat(assembled.rates[places], *(assembled.measured[name] for name in equation.channels))
+    felt = ca.jacobian_sparsity(results, assembled.x[places]).get_triplet()
     pulled, channel = ca.sparsify(_gains(equation, own)).sparsity().get_triplet()
     derived = [(own.index(a), own.index(b)) for a, b in system.derived.items() if a in own and b in own]
     links = [*zip(*felt, strict=True), *((i, len(own) + k) for i, k in zip(pulled, channel, strict=True))]
@@ -93,7 +93,7 @@ def cut(system: System, assembled: Assembled, static: Assembled, equation: Equat
     """Return one equation of an assembly with its neighbours replaced by recorded signals.
 
     `static` is the same assembly without lagging sensors: from it the true neighbours are got from
-    the recorded ones. `late`: inputs change within a period, at the fraction that a row of `z` tells;
+    the recorded ones. `late`: inputs change within a period, at the fraction that a row of `z` holds;
     the rates before and after are weighted by their times.
     """
     seen = _Seen(system, equation, static)

@@ -86,8 +86,8 @@ def from_arrays(name: str, system: System, arrays: Mapping[str, np.ndarray]) -> 
                 f"{name}: {key} is not finite at sample {int(np.argmin(np.isfinite(values)))}"
             )
     found = even(name, time, signals, system.inputs)
-    told = tuple(f"{name}: {remark}" for remark in found.remarks)
-    return Recording(name, found.period, found.signals, told, found.start)
+    remarks = tuple(f"{name}: {remark}" for remark in found.remarks)
+    return Recording(name, found.period, found.signals, remarks, found.start)
 
 
 def from_bag(path: Path, system: System, namespace: str = "") -> Recording:
@@ -169,7 +169,7 @@ def from_csv(path: Path, system: System) -> Recording:
 
 
 def _check_units(one: Recording, system: System) -> None:
-    """Check that values can be in SI: neither a table nor a driver's bag tells its units."""
+    """Check that values can be in SI: neither a table nor a driver's bag names its units."""
     if one.period > LONGEST_PERIOD:
         raise OrthosisError(
             f"{one.name}: its samples are {one.period:g} apart; time must be in s (is it in ms?), samples at"
@@ -177,15 +177,15 @@ def _check_units(one: Recording, system: System) -> None:
         )
     for name, values in one.signals.items():
         unit, low, high = system.unit(name), float(values.min()), float(values.max())
-        told = f"{one.name}: {name} from {low:g} to {high:g}"
+        said = f"{one.name}: {name} from {low:g} to {high:g}"
         absolute = unit == "Pa" and system.limits.get(name, (0.0, 0.0))[0] >= 0.0
         if absolute and low < LEAST_PRESSURE:
             raise OrthosisError(
-                f"{told} is no absolute pressure in Pa (above {LEAST_PRESSURE:g}): in bar, or above ambient?"
+                f"{said} is no absolute pressure in Pa (above {LEAST_PRESSURE:g}): in bar, or above ambient?"
             )
         least, most = system.limits.get(name) or PLAUSIBLE.get(unit, (-np.inf, np.inf))
         if low < least or high > most:
-            raise OrthosisError(f"{told} leaves {least:g} to {most:g} {unit}; check its unit and its zero")
+            raise OrthosisError(f"{said} leaves {least:g} to {most:g} {unit}; check its unit and its zero")
 
 
 def smoothed(values: np.ndarray, period: float, cutoff: float) -> np.ndarray:

@@ -2,7 +2,7 @@
 """The unknown, described: what the catalogue does not explain, as a curve over one measured signal.
 
 A linear spline over a signal is added to an equation, the nuisance parameters move beside it, and training
-recordings fit it; the signal whose curve reduces the held-out gap most is told. A description is no cause.
+recordings fit it; the signal whose curve reduces the held-out gap most is given. A description is no cause.
 """
 
 from __future__ import annotations
@@ -264,7 +264,7 @@ class _Fitting:
 
 
 def unit_of(system: System, channel: str) -> str:
-    """Return the unit in which what is added to a channel's equation is told."""
+    """Return the unit in which what is added to a channel's equation is given."""
     if push := system.push(channel):
         effect, parameter = push
         return next(q.unit for q in system.catalogue[effect].parameters if q.name == parameter)
@@ -278,10 +278,10 @@ def holder(system: System, one: Description) -> tuple[str, str] | None:
     None if nothing can, or if it holds an earlier one.
     """
     name = system.described.get(one.channel, "")
-    told = system.push(one.channel) is not None or one.channel != system.channels[0].name
+    separate = system.push(one.channel) is not None or one.channel != system.channels[0].name
     states = {channel.name: channel.state for channel in system.channels}
     coordinate = states.get(one.coordinate, one.coordinate)
-    if not name or name in system.simpler or not told or coordinate is None:
+    if not name or name in system.simpler or not separate or coordinate is None:
         return None
     return name, coordinate
 

@@ -15,20 +15,20 @@ from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress
 
 
-def eliminate_weak(found: Selection, settings: Section, tell: Progress) -> None:
+def eliminate_weak(found: Selection, settings: Section, progress: Progress) -> None:
     """Drop effects that no longer earn their place beside the others."""
     while len(found.final.effects) > 1:
         effects = found.final.effects
         replay = found.problem.replay
         lost = replay.workers.together(
-            lambda name: _loss(found, name), effects, replay, tell, "refitting without each effect"
+            lambda name: _loss(found, name), effects, replay, progress, "refitting without each effect"
         )
         losses = dict(zip(effects, lost, strict=True))
         found.evidence.update({name: evidence for name, (evidence, _) in losses.items()})
         weakest = _empty(found, losses) or _weakest(found, losses, settings)
         if weakest is None:
             return
-        tell(f"dropped {weakest}: beside the others its evidence is {losses[weakest][0]:.0f}")
+        progress(f"dropped {weakest}: beside the others its evidence is {losses[weakest][0]:.0f}")
         left = losses[weakest][1]
         found.final_problem, found.final = fit_tempered(
             found.final_problem, left.effects, left.values, left.free
@@ -47,7 +47,9 @@ def _empty(found: Selection, losses: Mapping[str, tuple[float, Fit]]) -> str | N
 
 def _weakest(found: Selection, losses: Mapping[str, tuple[float, Fit]], settings: Section) -> str | None:
     """Return the effect to drop first, if any: too little evidence, and none where larger ones are silent."""
-    weak = {name: evidence / selection.bar(found, name, settings) for name, (evidence, _) in losses.items()}
+    weak = {
+        name: evidence / selection.threshold(found, name, settings) for name, (evidence, _) in losses.items()
+    }
     for name in sorted((one for one in weak if weak[one] < 1), key=lambda one: weak[one]):
         if not _seen_in_silence(found, name, *losses[name], settings):
             return name

@@ -64,11 +64,11 @@ def _longest(time: np.ndarray, steps: np.ndarray, period: float) -> tuple[int, i
     if len(parts) == 1:
         return first, last, []
     gaps = ", ".join(f"{time[at - 1]:.3f}" for at in cuts[:3].tolist())
-    told = (
+    remarks = (
         f"rows are missing after {gaps} s{' and later' if len(cuts) > 3 else ''}: of {len(parts)} parts the"
         f" longest, {last - first} of {len(time)} rows, is used; give the others as recordings of their own"
     )
-    return first, last, [told]
+    return first, last, [remarks]
 
 
 def _filled(
@@ -94,12 +94,14 @@ def _filled(
     }
     exact = float((time[-1] - time[0]) / places[-1])
     scattered = int(uneven.sum()) - int((whole > 1).sum())
-    told = []
+    remarks = []
     if missing:
         most = int(whole.max()) - 1
-        told.append(f"{missing} of {len(grid)} rows are missing, at most {most} in a row: interpolated")
+        remarks.append(f"{missing} of {len(grid)} rows are missing, at most {most} in a row: interpolated")
     if scattered > 0 and not on_grid:
-        told.append(f"{scattered} of {len(steps)} steps are uneven: resampled every {1e3 * exact:.4g} ms")
+        remarks.append(f"{scattered} of {len(steps)} steps are uneven: resampled every {1e3 * exact:.4g} ms")
     elif scattered > 0:
-        told.append(f"{scattered} of {len(steps)} steps are uneven, by {ON_GRID:.0%} at most: taken as even")
-    return Even(exact, filled, 0.0), told
+        remarks.append(
+            f"{scattered} of {len(steps)} steps are uneven, by {ON_GRID:.0%} at most: taken as even"
+        )
+    return Even(exact, filled, 0.0), remarks

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Events in what a model lacks: short pushes at instants of their own, which no measured signal tells."""
+"""Events in what a model lacks: short pushes at instants of their own, which no measured signal announces."""
 
 from __future__ import annotations
 

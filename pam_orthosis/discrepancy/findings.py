@@ -57,7 +57,7 @@ def _over_blocks(problem: Problem, equation: Equation, scores: np.ndarray) -> np
 class Named:
     """An effect that was found: parameters (name -> value, unit, lower, upper), evidence.
 
-    `look_alikes` are effects that nothing told from it when it was added, `separated_by` the experiments
+    `look_alikes` are effects that nothing separated from it when it was added, `separated_by` the experiments
     that would. `at_bound` are parameters that a fit would take farther than they may go.
     """
 

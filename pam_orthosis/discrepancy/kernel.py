@@ -44,9 +44,9 @@ static void rk4(double* x, const double* z, const double* theta, const double* p
   const double* seen[] = {{y, z, theta, period, &f, held}};
   for (int i = 0; i < {states}; i++) y[i] = x[i];
   for (int s = 0; s < 4; s++) {{
-    double* told[] = {{k[s]}};
+    double* results[] = {{k[s]}};
     f = at + (s == 0 ? 0 : s == 3 ? part : 0.5 * part);
-    orthosis_rates(seen, told, 0, 0, 0);
+    orthosis_rates(seen, results, 0, 0, 0);
     double w = s == 2 ? h : 0.5 * h;
     if (s < 3) for (int i = 0; i < {states}; i++) y[i] = x[i] + w * k[s][i];
   }}
@@ -62,8 +62,8 @@ void orthosis_replay(long n, long substeps, double period, const double* z, cons
   for (int i = 0; i < {states}; i++) x[i] = start[i];
   for (long k = 0; k < n; k++) {{
     const double* seen[] = {{x, z + k * {data}, theta, &period}};
-    double* told[] = {{next, result + k * {results}}};
-    orthosis_observe(seen, told, 0, 0, 0);
+    double* results[] = {{next, result + k * {results}}};
+    orthosis_observe(seen, results, 0, 0, 0);
     for (int i = 0; i < {states}; i++) x[i] = next[i];
     const double* given[] = {{z + k * {data}, theta, &period, fixed}};
     double* got[] = {{held}};
@@ -163,8 +163,8 @@ class Kernel:
             after = self._virtual_step(after, row, parameters, held, period, j / substeps, period / substeps)
         one = ca.Function("one", [x, row, parameters], [after, result])
         many = one.mapaccum(len(z))
-        told = many(state, z.T, np.tile(theta[:, None], (1, len(z))))[1]
-        residuals: np.ndarray = np.array(told).T
+        results = many(state, z.T, np.tile(theta[:, None], (1, len(z))))[1]
+        residuals: np.ndarray = np.array(results).T
         return residuals
 
     def _virtual_step(
@@ -207,10 +207,10 @@ def _with_sensitivities(part: Part, wrt: Names) -> tuple[ca.Function, ca.Functio
         by_state, by_theta = ca.jacobian(expression, x), ca.jacobian(expression, theta)
         return ca.densify(ca.vertcat(expression, ca.vec(by_state @ s + by_theta[:, chosen])))
 
-    told = [extended(one) for one in part.observe(x, z, theta, period)]
+    results = [extended(one) for one in part.observe(x, z, theta, period)]
     rates = extended(part.rates(x, z, theta, period, fraction))
     return (
-        ca.Function("orthosis_observe", [whole, z, theta, period], told),
+        ca.Function("orthosis_observe", [whole, z, theta, period], results),
         ca.Function("orthosis_rates", [whole, z, theta, period, fraction], [rates]),
     )
 

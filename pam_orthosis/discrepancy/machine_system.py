@@ -23,7 +23,7 @@ from pam_orthosis.model.signals import Expression, Signals
 
 Symbols = Mapping[str, Expression]
 MOST_SUPPLY = 1.5  # of the nominal supply pressure, that a chamber can hold: beyond it the unit is another
-PUSH = "constant_torque.torque"  # in whose unit an unknown torque is told
+PUSH = "constant_torque.torque"  # in whose unit an unknown torque is given
 SMALL = 0.2  # of a typical size, which is a knee's: where a search starts too
 MARGIN = 0.2  # of the range between the stops: farther out the unit or the zero is another
 
@@ -295,10 +295,10 @@ def from_rows(
     nominal: Parameters, keys: Mapping[str, str], meanings: Mapping[str, str] | None = None
 ) -> tuple[Calibration, ...]:
     """Return calibrations (name -> key of the row with its standard deviation); with 0 they are exact."""
-    found, told = [], meanings or {}
+    found, given = [], meanings or {}
     for name, key in keys.items():
         row, sd = nominal.row(key), nominal.flat()[key]
         if sd:
-            meaning = told.get(name, row.meaning)
+            meaning = given.get(name, row.meaning)
             found.append(Calibration(name, sd, row.unit, meaning, row.unit == "-"))
     return tuple(found)

@@ -31,7 +31,7 @@ def final_floor(start: Beginning, found: Selection, settings: Section) -> measur
     """Return the noise floor as the final model shows it, in the recordings that judge.
 
     In a closed loop the inputs answer to the sensors' noise; a model without a delay takes that for
-    its own doing, and its residuals tell a wrong level. It is counted from the noise that the whiteners were
+    its own doing, and its residuals have a wrong level. It is counted from the noise that the whiteners were
     made with, which is the bare model's.
     """
     replay, floor = bare_replay(found.problem.replay), start.floor
@@ -86,8 +86,8 @@ def remark_on_left_out(masks: Samples | None) -> tuple[str, ...]:
         return ()
     share = {channel: np.mean(np.concatenate([m for (_, c), m in masks.items() if c == channel]))
              for _, channel in masks}  # fmt: skip
-    told = ", ".join(f"{1 - kept:.0%} of {name}" for name, kept in share.items() if kept < WHOLE)
-    return (f"not judged, since chance decides where play comes to rest: {told}",) if told else ()
+    shares = ", ".join(f"{1 - kept:.0%} of {name}" for name, kept in share.items() if kept < WHOLE)
+    return (f"not judged, since chance decides where play comes to rest: {shares}",) if shares else ()
 
 
 def expected_squares(

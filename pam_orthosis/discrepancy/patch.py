@@ -107,7 +107,7 @@ def read(path: Path, machine: Machine | None = None) -> dict[str, Any]:
 
 
 def read_nominal(path: Path, machine: Machine | None = None) -> dict[str, Any]:
-    """Return the overrides of a file that tells the controllers' nominal model, a plan included; see `read`.
+    """Return the overrides of a file that holds the controllers' nominal model, a plan included; see `read`.
 
     Raises:
         OrthosisError: as `read`; it has a parameter of the hardware or of the run.

@@ -17,10 +17,10 @@ from pam_orthosis.progress import Progress
 LEFT_OVER = 1.3  # power density over noise that an effect leaves: its details are refined
 
 
-def recalibrated(problem: Problem, tell: Progress) -> tuple[Problem, Fit]:
+def recalibrated(problem: Problem, progress: Progress) -> tuple[Problem, Fit]:
     """Return the weighted problem and the model with its nuisance parameters fitted within tolerances."""
     free = nuisance(problem.system)
-    tell("recalibrating the nuisance parameters within their tolerances")
+    progress("recalibrating the nuisance parameters within their tolerances")
     start = problem.replay.defaults(())
     fits = [fit_tempered(problem, (), one, free) for one in (start, *_from_simpler(problem, start))]
     return at_best_level(*_better(problem, fits))
@@ -51,7 +51,7 @@ def _details(system: System, effects: Sequence[str]) -> list[str]:
     return [name for name in effects if any(not q.fitted for q in system.catalogue[name].parameters)]
 
 
-def with_details(problem: Problem, model: Fit, tell: Progress) -> tuple[Problem, Fit]:
+def with_details(problem: Problem, model: Fit, progress: Progress) -> tuple[Problem, Fit]:
     """Return the model with the details of its effects free, if these earn it.
 
     What an effect's own form leaves over must not be named as another effect.
@@ -60,7 +60,7 @@ def with_details(problem: Problem, model: Fit, tell: Progress) -> tuple[Problem,
     free = free_parameters(problem.system, model.effects, details, scales_of(problem.system, model.free))
     if len(free) == len(model.free):
         return problem, model
-    tell(f"refining {', '.join(details)}")
+    progress(f"refining {', '.join(details)}")
     weighted, refined = fit_tempered(problem, model.effects, model.values, free)
     common = problem.weighted({name: max(w, weighted.weights[name]) for name, w in problem.weights.items()})
     better = score(common, refined) < score(common, model)
@@ -77,14 +77,14 @@ def at_best_level(problem: Problem, model: Fit) -> tuple[Problem, Fit]:
     return fit_tempered(problem, model.effects, model.values, free)
 
 
-def refitted(problem: Problem, base: Fit, one: Candidate, tell: Progress) -> tuple[Problem, Fit]:
+def refitted(problem: Problem, base: Fit, one: Candidate, progress: Progress) -> tuple[Problem, Fit]:
     """Return the model with a candidate, all parameters fitted, its details too if it leaves much."""
-    tell(f"refitting everything with {one.name}")
+    progress(f"refitting everything with {one.name}")
     effects = (*base.effects, one.name)
     free = free_parameters(problem.system, effects, refined_in(problem.system, base), one.scales)
     weighted, model = fit_tempered(problem, effects, one.values, free)
     left = max(1 / weighted.weights[name] ** 2 for name in problem.replay.touched(one.name))
-    return with_details(weighted, model, tell) if left > LEFT_OVER else (weighted, model)
+    return with_details(weighted, model, progress) if left > LEFT_OVER else (weighted, model)
 
 
 def refined_in(system: System, model: Fit) -> list[str]:

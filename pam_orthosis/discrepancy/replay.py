@@ -44,7 +44,7 @@ class Replay:
         self._memory: OrderedDict[tuple[Any, ...], np.ndarray] = OrderedDict()
         self._data: OrderedDict[tuple[Any, ...], np.ndarray] = OrderedDict()
         self._latest: tuple[tuple[str, ...], Assembled, Assembled] | None = None
-        self._told: set[tuple[str, Hashable]] = set()
+        self._shared: set[tuple[str, Hashable]] = set()
         self._tidying = Lock()
         effects = system.bare().catalogue.values()  # those that the model has already among them
         self._scales = {n: s for one in effects for n, s in zip(one.states, one.scales, strict=True)}
@@ -86,13 +86,13 @@ class Replay:
             "_touched": self._touched,
             "_kernels": self._kernels,
         }
-        told = {
-            name: {key: one for key, one in store.items() if (name, key) not in self._told}
+        new = {
+            name: {key: one for key, one in store.items() if (name, key) not in self._shared}
             for name, store in kept.items()
         }
-        self._told |= {(name, key) for name, store in told.items() for key in store}
-        told["_kernels"] = {key: one for key, one in told["_kernels"].items() if one.built}
-        return told
+        self._shared |= {(name, key) for name, store in new.items() for key in store}
+        new["_kernels"] = {key: one for key, one in new["_kernels"].items() if one.built}
+        return new
 
     def learn(self, news: Mapping[str, Mapping[Hashable, Any]]) -> None:
         """Take what another process has built."""
@@ -258,7 +258,7 @@ class Replay:
 
         Looked for with effect states at rest and deflected, and at standstill, where friction is stiffest.
         """
-        places = run.telling(PROBED)
+        places = run.probing(PROBED)
         rest = run.states(part, places)
         deflected = np.array([self._scales.get(name, 0.0) for name in part.own])
         still = rest * [name not in self.system.derived for name in part.own]

@@ -24,7 +24,7 @@ class Shift:
     """How recorded signals are shifted in time for one equation, s.
 
     Attributes:
-        own: by how much its own channel tells the past: everything else is shifted back as far.
+        own: by how much its own channel shows the past: everything else is shifted back as far.
         inputs: by how much the inputs act late, seen from its own channel.
         advance: neighbour -> by how much it is advanced to be the true one.
     """
@@ -34,7 +34,7 @@ class Shift:
     advance: Values = field(default_factory=dict)
 
     def key(self) -> tuple[Any, ...]:
-        """Return what tells shifts apart."""
+        """Return what separates shifts."""
         return self.own, self.inputs, *sorted(self.advance.items())
 
 
@@ -101,7 +101,7 @@ class Run:
             signals[derived] = np.append(slope, slope[-1:])
         return signals
 
-    def telling(self, count: int) -> np.ndarray:
+    def probing(self, count: int) -> np.ndarray:
         """Return samples at which the base states are extreme, and some in between."""
         extreme = [end for row in self.base_states().values() for end in (np.argmin(row), np.argmax(row))]
         between = np.linspace(0, self.recording.samples - 1, count).astype(int)

@@ -13,11 +13,11 @@ from pam_orthosis.discrepancy.system import Values
 from pam_orthosis.progress import Progress
 
 LEAST_SCREEN = 6.0  # gain of a score test below which a fit is not worth its time
-LEAST_OF_BAR = 0.15  # the same, of the evidence that is asked for
+LEAST_OF_THRESHOLD = 0.15  # the same, of the evidence that is asked for
 LEAST_SHARE = 0.02  # the same, of the best candidate's gain
 POLISHED = 3
 POLISHED_SHARE = 0.4  # of the best projected gain: worth a full fit
-NEAR_BAR = 0.3  # of the evidence that is asked for: a projection may be that far off
+NEAR_THRESHOLD = 0.3  # of the evidence that is asked for: a projection may be that far off
 SLACK = 20.0  # the same where little is asked for
 FAR = 10.0  # power density of residuals over noise, and
 FAR_STRAIN = 3.0  # deviation of a free parameter over its tolerance, that let parameters be suspected
@@ -25,16 +25,16 @@ SECOND_START = 0.3  # of the best start's gain: a second start is tried
 
 
 def fitted_candidates(
-    problem: Problem, base: Fit, most: int, bars: Values, tell: Progress
+    problem: Problem, base: Fit, most: int, thresholds: Values, progress: Progress
 ) -> tuple[list[Candidate], dict[str, float]]:
     """Return the candidates that a score test lets through, fitted, best evidence first, and all gains.
 
-    `bars` is the evidence that each effect needs; one whose score is far below is not fitted.
+    `thresholds` is the evidence that each effect needs; one whose score is far below is not fitted.
     """
     projection = Projection(problem, base)
     replay, system = problem.replay, problem.system
     known = {*base.effects, *(() if _is_far(problem, base) else problem.system.wrong)}
-    names = replay.touching((name for name in system.candidates if name not in known), tell)
+    names = replay.touching((name for name in system.candidates if name not in known), progress)
     shapes = [name for name in system.shapes if name not in base.effects and replay.touched(name)]
 
     def screen(name: str) -> tuple[float, str, list[np.ndarray]]:
@@ -46,20 +46,22 @@ def fitted_candidates(
         return gains[order[0]], name, kept
 
     several = replay.workers.together
-    screened = sorted(several(screen, names, replay, tell, "screening effects"), key=lambda item: -item[0])
+    screened = sorted(
+        several(screen, names, replay, progress, "screening effects"), key=lambda item: -item[0]
+    )
     best = screened[0][0] if screened else 0.0  # a small catalogue may be used up
     least = max(LEAST_SCREEN, LEAST_SHARE * best)
     kept = [
         (gain, name, starts)
         for gain, name, starts in screened[:most]
-        if gain > least and gain * _room(problem, name) > LEAST_OF_BAR * bars[name]
+        if gain > least and gain * _room(problem, name) > LEAST_OF_THRESHOLD * thresholds[name]
     ]
 
     def fitted(item: tuple[float, str, list[np.ndarray]]) -> Candidate:
         gain, name, starts = item
         return candidate(projection, Trial(projection, name), starts, gain)
 
-    found = several(fitted, kept, replay, tell, "fitting candidates")
+    found = several(fitted, kept, replay, progress, "fitting candidates")
     found += [widened_shape(projection, name) for name in shapes]
     gains = {name: gain for gain, name, _ in screened} | {one.name: one.gain for one in found}
     return sorted((one for one in found if one.gain > least), key=lambda one: -one.evidence), gains
@@ -76,12 +78,12 @@ def _room(problem: Problem, name: str) -> float:
     return max(1 / problem.weights[equation] ** 2 for equation in problem.replay.touched(name))
 
 
-def worth_polishing(problem: Problem, ranked: list[Candidate], bars: Values) -> list[Candidate]:
+def worth_polishing(problem: Problem, ranked: list[Candidate], thresholds: Values) -> list[Candidate]:
     """Return the candidates that a full fit may lift over what is asked of them."""
     near = [
         one
         for one in ranked
         if one.gain * _room(problem, one.name) - (one.gain - one.evidence)
-        > min(NEAR_BAR * bars[one.name], bars[one.name] - SLACK)
+        > min(NEAR_THRESHOLD * thresholds[one.name], thresholds[one.name] - SLACK)
     ]
     return [one for one in near[:POLISHED] if one.gain > POLISHED_SHARE * near[0].gain]

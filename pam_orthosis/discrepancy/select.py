@@ -36,7 +36,7 @@ TRIED = 3  # effects of a round, the most evident ones, that held-out recordings
 
 
 def extended(
-    problem: Problem, base: Fit, held_out: Problem, settings: Section, tell: Progress = silent
+    problem: Problem, base: Fit, held_out: Problem, settings: Section, progress: Progress = silent
 ) -> Selection:
     """Return what the search adds to a recalibrated model, with the fit of all effects together.
 
@@ -45,33 +45,33 @@ def extended(
         base: the model.
         held_out: recordings that accept or refuse an effect, never fitted.
         settings: `gap.evidence`.
-        tell: told what is worked on.
+        progress: is called with what is worked on.
     """
-    found = Selection(problem, base, problem, base, present=_earned(problem, base, tell))
+    found = Selection(problem, base, problem, base, present=_earned(problem, base, progress))
     while len(found.final.effects) < settings.effects:
-        step = _round(found, held_out, settings, tell)
+        step = _round(found, held_out, settings, progress)
         found.steps.append(step)
         if step.accepted is None and step.blocked:
-            step = _round_in_silence(found, held_out, step, settings, tell)
+            step = _round_in_silence(found, held_out, step, settings, progress)
             found.steps.append(step)
         if step.accepted is None or step.problem is None or step.fit is None:
             break
-        tell(f"added {step.accepted} (evidence {step.evidence:.0f}, held-out t {step.held_out_t:.1f})")
-        found.final_problem, found.final = at_best_level(*with_details(step.problem, step.fit, tell))
+        progress(f"added {step.accepted} (evidence {step.evidence:.0f}, held-out t {step.held_out_t:.1f})")
+        found.final_problem, found.final = at_best_level(*with_details(step.problem, step.fit, progress))
         found.evidence[step.accepted] = found.entered[step.accepted] = step.evidence
         found.alike[step.accepted] = _alike(step)
-    eliminate_weak(found, settings, tell)
+    eliminate_weak(found, settings, progress)
     return found
 
 
-def _earned(problem: Problem, base: Fit, tell: Progress) -> dict[str, tuple[float, frozenset[str]]]:
+def _earned(problem: Problem, base: Fit, progress: Progress) -> dict[str, tuple[float, frozenset[str]]]:
     """Return what each effect that the model has already earns in these recordings, and where.
 
     A model that an earlier search has found keeps what it knew: beside a large effect a small one needs more.
     """
     earned = {}
     for name in problem.system.simpler:
-        tell(f"looking at what {name}, which the model has, explains here")
+        progress(f"looking at what {name}, which the model has, explains here")
         replay = Replay(problem.system.without_effect(name), problem.replay.workers)
         simpler = Problem(replay, problem.scored).weighted(problem.weights)
         # as in `_loss`
@@ -88,28 +88,28 @@ def _alike(step: Step) -> dict[str, float]:
     return {name: gain / own for name, gain in step.gains.items()}
 
 
-def _round(found: Selection, held_out: Problem, settings: Section, tell: Progress) -> Step:
+def _round(found: Selection, held_out: Problem, settings: Section, progress: Progress) -> Step:
     problem, base = found.final_problem, found.final
-    bars = {name: selection.bar(found, name, settings) for name in problem.system.catalogue}
-    ranked, gains = fitted_candidates(problem, base, settings.screened, bars, tell)
-    if not ranked:
-        blocked = selection.blocked(found, bars, gains, (), settings)
+    thresholds = {name: selection.threshold(found, name, settings) for name in problem.system.catalogue}
+    fitted, gains = fitted_candidates(problem, base, settings.screened, thresholds, progress)
+    if not fitted:
+        blocked = selection.blocked(found, thresholds, gains, (), settings)
         return Step(None, None, None, 0.0, 0.0, (), "no effect gains anything", gains, blocked)
-    worth = worth_polishing(problem, ranked, bars)
-    models = _refitted_all(problem, base, worth, tell)
+    worth = worth_polishing(problem, fitted, thresholds)
+    models = _refitted_all(problem, base, worth, progress)
     judged = sorted(weighed(problem, base, models), key=lambda item: -item[0])
-    told = ranking(judged, ranked)
-    blocked = selection.blocked(found, bars, gains, told, settings)
-    able = [one for one in judged if one[0] >= bars[one[2].effects[-1]]]
+    ranked = ranking(judged, fitted)
+    blocked = selection.blocked(found, thresholds, gains, ranked, settings)
+    able = [one for one in judged if one[0] >= thresholds[one[2].effects[-1]]]
     if not able:
-        name, evidence = told[0]
-        reason = f"{name} has evidence {evidence:.0f}, it would need {bars[name]:.0f}"
-        return Step(None, None, None, evidence, 0.0, told, reason, gains, blocked)
-    return _accepted(problem, base, held_out, able[:TRIED], told, gains, blocked)
+        name, evidence = ranked[0]
+        reason = f"{name} has evidence {evidence:.0f}, it would need {thresholds[name]:.0f}"
+        return Step(None, None, None, evidence, 0.0, ranked, reason, gains, blocked)
+    return _accepted(problem, base, held_out, able[:TRIED], ranked, gains, blocked)
 
 
 def _refitted_all(
-    problem: Problem, base: Fit, worth: Sequence[Candidate], tell: Progress
+    problem: Problem, base: Fit, worth: Sequence[Candidate], progress: Progress
 ) -> list[tuple[Problem, Fit]]:
     """Return the model with each of some candidates: see `refitted`."""
 
@@ -119,7 +119,7 @@ def _refitted_all(
 
     names = ", ".join(candidate.name for candidate in worth)
     found = problem.replay.workers.together(
-        one, worth, problem.replay, tell, f"refitting everything with {names}"
+        one, worth, problem.replay, progress, f"refitting everything with {names}"
     )
     return [(problem.weighted(weights), model) for weights, model in found]
 
@@ -129,7 +129,7 @@ def _accepted(
     base: Fit,
     held_out: Problem,
     able: Sequence[tuple[float, Problem, Fit]],
-    told: Ranking,
+    ranked: Ranking,
     gains: Values,
     blocked: tuple[str, ...] = (),
 ) -> Step:
@@ -149,15 +149,15 @@ def _accepted(
         elif empty := emptied(problem.system, name, model):
             reason = f"{name} would not be what its name says: {at_values(model, empty)}"
         elif t > LEAST_T or transfer > LEAST_TRANSFER or (strained and t > WORST_T):
-            return Step(name, model, weighted, evidence, t, told, "accepted", gains)
+            return Step(name, model, weighted, evidence, t, ranked, "accepted", gains)
         else:
             reason = f"held-out recordings do not confirm {name}"
-        refused.append(Step(None, None, None, evidence, t, told, reason, gains, blocked))
+        refused.append(Step(None, None, None, evidence, t, ranked, reason, gains, blocked))
     return refused[0]
 
 
 def _round_in_silence(
-    found: Selection, held_out: Problem, last: Step, settings: Section, tell: Progress
+    found: Selection, held_out: Problem, last: Step, settings: Section, progress: Progress
 ) -> Step:
     """Return the step with the best of the effects that only larger ones kept from being added.
 
@@ -166,19 +166,21 @@ def _round_in_silence(
     problem, base = found.final_problem, found.final
     seen: dict[str, float] = {}
     for large, names in _by_larger(found, last.blocked[:ASKED_IN_SILENCE], settings).items():
-        tell(f"looking for {', '.join(names)} where {', '.join(sorted(large))} is inactive")
+        progress(f"looking for {', '.join(names)} where {', '.join(sorted(large))} is inactive")
         seen |= quiet.evidence(problem, base, names, large)
-    told = tuple(sorted(seen.items(), key=lambda one: -one[1]))
-    if not told or told[0][1] < settings.threshold:
-        return Step(None, None, None, 0.0, 0.0, told, "nothing shows where the larger effects are silent")
-    name = told[0][0]
-    model = refitted(problem, base, quiet.beside(Projection(problem, base), name), tell)
+    ranked = tuple(sorted(seen.items(), key=lambda one: -one[1]))
+    if not ranked or ranked[0][1] < settings.threshold:
+        return Step(None, None, None, 0.0, 0.0, ranked, "nothing shows where the larger effects are silent")
+    name = ranked[0][0]
+    model = refitted(problem, base, quiet.beside(Projection(problem, base), name), progress)
     able = [
         one for one in weighed(problem, base, [model]) if one[0] >= selection.least(found, name, settings)
     ]
     if not able:
-        return Step(None, None, None, told[0][1], 0.0, told, f"{name} has too little evidence in all samples")
-    step = _accepted(problem, base, held_out, able, told, last.gains)
+        return Step(
+            None, None, None, ranked[0][1], 0.0, ranked, f"{name} has too little evidence in all samples"
+        )
+    step = _accepted(problem, base, held_out, able, ranked, last.gains)
     if step.accepted:
         found.apart[name] = selection.larger(found, name, settings)
     return step

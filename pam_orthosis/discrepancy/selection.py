@@ -59,7 +59,7 @@ class Selection:
     present: dict[str, tuple[float, frozenset[str]]] = field(default_factory=dict)
 
 
-def bar(found: Selection, name: str, settings: Section) -> float:
+def threshold(found: Selection, name: str, settings: Section) -> float:
     """Return the evidence that an effect needs: more beside another one in its equation that has much.
 
     What the exact form of a large effect leaves over looks like a small one, most of all like one that
@@ -103,14 +103,16 @@ def larger(found: Selection, name: str, settings: Section) -> frozenset[str]:
 
 
 def blocked(
-    found: Selection, bars: Values, gains: Values, told: Ranking, settings: Section
+    found: Selection, thresholds: Values, gains: Values, ranked: Ranking, settings: Section
 ) -> tuple[str, ...]:
     """Return effects that only larger ones keep from being added, the most evident first."""
     system, base = found.problem.system, found.final
     possible = {
         name: gain - penalty(base, len(system.catalogue[name].fitted)) for name, gain in gains.items()
-    } | dict(told)
+    } | dict(ranked)
     names = sorted((n for n in possible if n not in system.shapes), key=lambda n: -possible[n])
     return tuple(
-        n for n in names if least(found, n, settings) <= possible[n] < bars[n] and larger(found, n, settings)
+        n
+        for n in names
+        if least(found, n, settings) <= possible[n] < thresholds[n] and larger(found, n, settings)
     )

@@ -167,9 +167,9 @@ def _check_expressions(system: System, effects: tuple[str, ...]) -> Assembled:
     needed = [one.state for one in system.channels if one.state is not None] + list(system.derived)
     for state in needed:
         _known(f"{where}: states", state, found.states)
-    told = ca.vertcat(found.rates, *found.measured.values())
+    results = ca.vertcat(found.rates, *found.measured.values())
     given = ca.vertcat(found.x, found.u, found.time, found.theta)
-    free = {str(one) for one in ca.symvar(told)} - {str(one) for one in ca.symvar(given)}
+    free = {str(one) for one in ca.symvar(results)} - {str(one) for one in ca.symvar(given)}
     if free:
         raise OrthosisError(
             f"{where}: expressions have the symbol {min(free)}, which is no state, input or parameter"
@@ -183,8 +183,8 @@ def _check_shows(system: System, name: str, found: Assembled) -> None:
     for equation in system.equations:
         own = closure(system, found, equation)
         rates = [found.rates[found.states.index(state)] for state in own]
-        told = ca.vertcat(*rates, *(found.measured[channel] for channel in equation.channels))
-        if any(i >= first for i in ca.jacobian_sparsity(told, found.theta).get_col()):
+        results = ca.vertcat(*rates, *(found.measured[channel] for channel in equation.channels))
+        if any(i >= first for i in ca.jacobian_sparsity(results, found.theta).get_col()):
             return
     raise OrthosisError(f"effect {name}: nothing that is predicted depends on its parameters")
 

@@ -126,8 +126,8 @@ def _law(assembled: Assembled, rate: str, count: int, values: Sequence[float]) -
     """Return (states, inputs, times) -> acceleration and its slopes over the parameters, of many samples."""
     acceleration = assembled.rates[assembled.states.index(rate)]
     slopes = ca.densify(ca.jacobian(acceleration, assembled.theta))
-    told = ca.substitute([acceleration, slopes], [assembled.theta], [ca.DM(values)])
-    return ca.Function("law", [assembled.x, assembled.u, assembled.time], told).map(count)
+    results = ca.substitute([acceleration, slopes], [assembled.theta], [ca.DM(values)])
+    return ca.Function("law", [assembled.x, assembled.u, assembled.time], results).map(count)
 
 
 def _missing(position: np.ndarray, velocity: np.ndarray, drivers: Sequence[np.ndarray]) -> np.ndarray:

@@ -58,8 +58,8 @@ class Where:
 
     Attributes:
         equation: that has it.
-        density: power density over white noise, where it is largest. It tells structure from noise; how large
-            a gap is, `measure.over_noise` tells.
+        density: power density over white noise, where it is largest. It separates structure from noise; how
+            large a gap is, `measure.over_noise` says.
         coordinates: signal -> share of the residual's slow part that it explains (correlation ratio).
         regions: signal -> range of its values in which the squared residuals are largest.
         noise: density that noise alone does not reach in recordings of this length.

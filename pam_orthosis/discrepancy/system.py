@@ -130,14 +130,14 @@ class System:
         branch: of the parameters that switches effects on in the model.
         simpler: effects that the model has already -> makes the system without that one.
         limits: channel -> values that it cannot leave, in its unit.
-        input_period: parameter in a bag's metadata that tells how often the inputs changed, s.
+        input_period: parameter in a bag's metadata that says how often the inputs changed, s.
         late: s, by which the model's inputs act later than recorded; effects with `late` count from there.
         unusable: experiments that effects name and whose recordings cannot be searched.
         places: effect -> the equation in which it shows, where the effect does not name it itself.
         input_units: input -> its unit (V).
         input_noise: input -> standard deviation of what is recorded (`gap.replay.input_noise`).
         pushes: channel -> `EFFECT.PARAMETER`, a constant in its equation in whose unit an unknown is
-            told.
+            reported.
         wrong: candidate -> key of the parameter that it takes to be wrong.
         described: channel -> what below `branch` can hold a curve that is added to its equation.
         sources: signal (of a table `time` too) -> where recordings have it.
@@ -200,7 +200,7 @@ class System:
         return tuple(name for name, effect in self.catalogue.items() if not effect.shape)
 
     def push(self, channel: str) -> tuple[str, str] | None:
-        """Return effect and parameter in whose unit an unknown is told; None if no effect is there for it.
+        """Return effect and parameter in whose unit an unknown is given; None if no effect is there for it.
 
         One that the nominal model has already is no candidate, and its constant is recalibrated.
         """

@@ -151,7 +151,7 @@ def _packed(answer: Any) -> bytes:
 
 
 def _work_off(
-    team: Sequence[_Worker], count: int, memory: Memory | None, told: Callable[[int], None]
+    team: Sequence[_Worker], count: int, memory: Memory | None, progress: Callable[[int], None]
 ) -> list[Any]:
     """Return the answers to all numbers; whoever is free gets the next one."""
     results: list[Any] = [None] * count
@@ -167,7 +167,7 @@ def _work_off(
         number, results[number], news = answer
         if memory:
             memory.learn(news)
-        told(done)
+        progress(done)
         if (following := next(rest, None)) is not None:
             worker.connection.send(following)
     return results

@@ -125,8 +125,8 @@ class Traced:
             if one.stage == stage:
                 values = {q.name: self._symbols[f"{one.name}.{q.name}"] for q in one.parameters}
                 own = tuple(self._of_state[state] for state in one.states)
-                told: Any = one.expression(signals, Attributes("parameter", values), own)
-                contribution = told if isinstance(told, Contribution) else Contribution({stage: told})
+                given: Any = one.expression(signals, Attributes("parameter", values), own)
+                contribution = given if isinstance(given, Contribution) else Contribution({stage: given})
                 self._effect_rates[one.name] = contribution.rates
                 added.append(contribution.add)
         return added
@@ -156,8 +156,8 @@ class Traced:
     def depends(self, system: System, equation: Equation, symbols: ca.SX) -> list[bool]:
         """Return on which symbols an equation depends: in its rates, or in what it predicts."""
         own = closure(system, self.assembled(), equation)
-        told = ca.vertcat(*(self.rates[n] for n in own), *(self.measured[n] for n in equation.channels))
-        used = set(ca.jacobian_sparsity(ca.SX(told), symbols).get_col())
+        results = ca.vertcat(*(self.rates[n] for n in own), *(self.measured[n] for n in equation.channels))
+        used = set(ca.jacobian_sparsity(ca.SX(results), symbols).get_col())
         return [i in used for i in range(symbols.shape[0])]
 
     def inputs_of(self, system: System, equation: Equation) -> tuple[str, ...]:

@@ -38,11 +38,11 @@ def unknown_words(system: System, unknown: Unknown) -> list[str]:
         ]
     if unknown.events:
         unit = unit_of(system, next(e for e in system.equations if e.name == unknown.equation).channels[0])
-        told = [
+        pushes = [
             f"{event.time:.1f} s ({event.size:+.2g} {unit} for {event.seconds:.1f} s)"
             for event in unknown.events[:MOST_EVENTS]
         ]
-        return [f"unknown {where}: of nothing that was measured; pushes at {', '.join(told)}"]
+        return [f"unknown {where}: of nothing that was measured; pushes at {', '.join(pushes)}"]
     return [f"unknown {where}: it depends on nothing that was measured, alone"]
 
 

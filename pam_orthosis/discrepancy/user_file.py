@@ -58,8 +58,8 @@ def _named(path: Path) -> Iterator[None]:
     except OrthosisError as error:
         raise OrthosisError(f"{path}{_line(path, error)}: {error}") from error
     except (Exception, SystemExit) as error:
-        told = " ".join(str(error).split())[:LONGEST]
-        raise OrthosisError(f"{path}{_line(path, error)}: {type(error).__name__}: {told}") from error
+        said = " ".join(str(error).split())[:LONGEST]
+        raise OrthosisError(f"{path}{_line(path, error)}: {type(error).__name__}: {said}") from error
 
 
 def _line(path: Path, error: BaseException) -> str:

@@ -11,11 +11,11 @@ from pam_orthosis.discrepancy.beginning import Beginning
 from pam_orthosis.discrepancy.confirmation import at_values
 from pam_orthosis.discrepancy.curves import curves, in_words
 from pam_orthosis.discrepancy.findings import Named
+from pam_orthosis.discrepancy.identifiability import Identifiability
 from pam_orthosis.discrepancy.judgement import FAR_STRAIN, Outcome, beyond, moved_far
 from pam_orthosis.discrepancy.measure import OVERALL, over_noise
 from pam_orthosis.discrepancy.structure import Where, clean
 from pam_orthosis.discrepancy.system import Calibration, Channel, System
-from pam_orthosis.discrepancy.telling import Telling
 from pam_orthosis.discrepancy.unknown_words import short, unknown_words
 from pam_orthosis.model.parameters import Parameters, experiments, scenario_names
 
@@ -24,17 +24,17 @@ MOST_NAMED, MOST_SHOWN = 3, 8  # parameters in one line: of many, and else
 
 
 def assumed_words(files: Sequence[Path], count: int, model: Path | None) -> str:
-    """Return the line on files, of `count` recordings, that do not tell their apparatus; empty if all do."""
+    """Return the line on files, of `count`, without a record of their apparatus; empty if all do."""
     if not files:
         return ""
     more = f" and {len(files) - 1} more" if len(files) > 1 else ""
     taken = "the default knee" if len(files) == count else "the apparatus of the other recordings"
     changed = f" with what {model} changes" if model else ""
-    told = f"{files[0]}{more} without a record of parameters, read as {taken}{changed}"
-    return f"the apparatus is assumed: {told}\n"
+    listed = f"{files[0]}{more} without a record of parameters, read as {taken}{changed}"
+    return f"the apparatus is assumed: {listed}\n"
 
 
-def untold_words(rows: Mapping[str, Any], parameters: Parameters) -> str:
+def unrecorded_words(rows: Mapping[str, Any], parameters: Parameters) -> str:
     """Return the line on the apparatus' rows that are missing in a record, with the values taken, or none."""
     if not rows:
         return ""
@@ -44,15 +44,15 @@ def untold_words(rows: Mapping[str, Any], parameters: Parameters) -> str:
     return f"recorded by a version without these parameters; taken: {taken}\n"
 
 
-def describe_data(told: Telling) -> str:
-    """Return in a few lines what the recordings can tell."""
+def describe_data(data: Identifiability) -> str:
+    """Return in a few lines what the recordings can identify."""
     lines = []
-    if told.invisible:
-        lines.append(f"these data would not show, at typical size: {', '.join(told.invisible)}")
-    for a, b, cosine in told.alike:
+    if data.invisible:
+        lines.append(f"these data would not show, at typical size: {', '.join(data.invisible)}")
+    for a, b, cosine in data.alike:
         lines.append(f"confounded in these data: {a} and {b} (cosine of their sensitivities {cosine:.2f})")
-    if told.experiments:
-        lines += _experiment("most useful next experiment", told.experiments[0])
+    if data.experiments:
+        lines += _experiment("most useful next experiment", data.experiments[0])
     return "\n".join(lines) or "these data show and separate all effects of the catalogue"
 
 
@@ -121,7 +121,7 @@ def describe(outcome: Outcome) -> str:
         seen = ", ".join(f"{name} {share:.0%}" for name, share in list(worst.coordinates.items())[:3])
         lines.append(f"gap: {worst.equation} equation; residual explained by {seen}")
     lines += [
-        _told(outcome, one) if one.name not in wrong else _wrong(outcome.system, one)
+        _named(outcome, one) if one.name not in wrong else _wrong(outcome.system, one)
         for one in outcome.effects
     ]
     lines += [f"best surrogate, no explanation: {one.name}" for one in outcome.surrogates]
@@ -187,7 +187,7 @@ def runner_up_words(name: str, behind: float) -> str:
     return f"not accepted, although it fits better: {name}, with {-behind:.0f} more evidence"
 
 
-def _told(outcome: Outcome, one: Named) -> str:
+def _named(outcome: Outcome, one: Named) -> str:
     if drawn := curves(outcome, one):
         held = f"; {len(one.at_bound)} of {len(one.parameters)} coefficients at a bound" * bool(one.at_bound)
         words = f"{'; '.join(in_words(drawn))} (curves in gap.html){held}"
@@ -235,7 +235,7 @@ def _others(outcome: Outcome) -> list[str]:
 
 
 def _alike(one: Named, several: bool) -> list[str]:
-    """Return what an effect cannot be told from, and what would part them; nothing if it can."""
+    """Return what an effect is confounded with, and what would part them; nothing if it can."""
     if not one.look_alikes:
         return []
     lines = [f"these data do not separate {one.name if several else 'it'} from: {', '.join(one.look_alikes)}"]
@@ -245,8 +245,8 @@ def _alike(one: Named, several: bool) -> list[str]:
 
 
 def _strain(strained: Mapping[str, float]) -> str:
-    told = ", ".join(f"{name} {value:+.1f}" for name, value in strained.items())
-    said = f"nuisance parameters outside their tolerance (multiples of it): {told}"
+    listed = ", ".join(f"{name} {value:+.1f}" for name, value in strained.items())
+    said = f"nuisance parameters outside their tolerance (multiples of it): {listed}"
     return (
         f"{said}; check units, zeros (absolute pressure?) and calibration first" if _far(strained) else said
     )
@@ -290,7 +290,7 @@ def _recalibrated(outcome: Outcome, names: str) -> str:
         return f"recalibration alone leaves noise, but what it moves has a better reason: {names}"
     system, final = outcome.system, outcome.selection.final
     moved = moved_far(system, final)
-    told = [
+    listed = [
         _moved(one, final.values[one.name], moved[one.name])
         for one in system.calibrations
         if one.name in moved
@@ -301,13 +301,13 @@ def _recalibrated(outcome: Outcome, names: str) -> str:
         else []
     )
     instead = f"; the best effect instead, with too little evidence: {rivals[0]}" if rivals else ""
-    return f"the model leaves noise only with {', '.join(told)}{instead}"
+    return f"the model leaves noise only with {', '.join(listed)}{instead}"
 
 
 def _moved(one: Calibration, value: float, deviation: float) -> str:
     """Return how far a calibration was moved, and how far it was stated to be off."""
-    told = f"{1 + value:.3g} times as large" if one.relative else f"{value:+.3g} {one.unit} off"
-    return f"{one.name} {told} ({abs(deviation):.1f} times its tolerance)"
+    listed = f"{1 + value:.3g} times as large" if one.relative else f"{value:+.3g} {one.unit} off"
+    return f"{one.name} {listed} ({abs(deviation):.1f} times its tolerance)"
 
 
 def _described(outcome: Outcome, names: str) -> str:
@@ -342,5 +342,5 @@ def _emptied(outcome: Outcome) -> str:
     if not outcome.empty:
         return ""
     names = dict.fromkeys(key.partition(".")[0] for key in outcome.empty)
-    told = at_values(outcome.selection.final, outcome.empty)
-    return f"; {' and '.join(names)} would not be what the name says ({told})"
+    listed = at_values(outcome.selection.final, outcome.empty)
+    return f"; {' and '.join(names)} would not be what the name says ({listed})"

@@ -22,7 +22,7 @@ def find_gap(
     training: Sequence[Recording],
     held_out: Sequence[Recording],
     settings: Section | None = None,
-    tell: Progress = silent,
+    progress: Progress = silent,
     replay: Replay | None = None,
 ) -> Outcome:
     """Find where recordings and the model disagree, and which effects explain it.
@@ -31,7 +31,7 @@ def find_gap(
         training: recordings to fit.
         held_out: recordings to judge by; if empty, the last quarter of each training recording.
         settings: the branch `gap` of the parameters (as shipped).
-        tell: told what is worked on.
+        progress: is called with what is worked on.
         replay: kept kernels of the same system, to save time over many calls.
 
     Raises:
@@ -39,19 +39,19 @@ def find_gap(
     """
     settings = settings or load().gap
     with alone():
-        return search(begin(system, training, held_out, settings, tell, replay), settings, tell)
+        return search(begin(system, training, held_out, settings, progress, replay), settings, progress)
 
 
-def search(start: Beginning, settings: Section, tell: Progress = silent) -> Outcome:
+def search(start: Beginning, settings: Section, progress: Progress = silent) -> Outcome:
     """Return which effects explain what a recalibrated model leaves."""
-    found = select.extended(start.problem, start.null, start.held_out, settings.evidence, tell)
-    tell("measuring the gap on held-out recordings")
+    found = select.extended(start.problem, start.null, start.held_out, settings.evidence, progress)
+    progress("measuring the gap on held-out recordings")
     outcome = outcome_of(start, found, settings)
     if outcome.verdict not in OPEN:
         return outcome
     if outcome.foreign:
         return outcome.described(None)
-    tell("describing what is left")
+    progress("describing what is left")
     named = bool(outcome.effects)  # surrogates explain nothing: what they hide is left too
     model, problem = (found.final, found.final_problem) if named else (start.null, start.problem)
     return outcome.described(unknown(problem, start.held_out, model, outcome.floor))

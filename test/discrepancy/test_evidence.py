@@ -121,7 +121,7 @@ def test_what_is_too_small_is_not_called_unconfirmed(monkeypatch):
     assert step.reason == "leak is smaller than what is worth a name"
 
 
-def test_a_refusal_tells_of_one_effect(monkeypatch):
+def test_a_refusal_names_one_effect(monkeypatch):
     step = judged(monkeypatch, {"leak": (90.0, 1.0, 0.1, 5.0), "creep": (80.0, -7.0, 0.0, 5.0)})
     assert (step.evidence, step.held_out_t) == (90.0, 1.0)
     assert step.reason.endswith("leak")

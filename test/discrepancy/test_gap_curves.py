@@ -72,9 +72,9 @@ def test_a_force_map_is_a_difference_at_three_pressures():
     (plot,) = gap_curves.plots(found)
     assert plot.y == "static force, difference / N"
     assert plot.data[0]["name"].startswith("at 1 bar (±")
-    (told,) = in_words(found)
-    assert told.startswith("extensor: static force +1")
-    assert "% contraction and" in told
+    (reported,) = in_words(found)
+    assert reported.startswith("extensor: static force +1")
+    assert "% contraction and" in reported
 
 
 @pytest.mark.parametrize("name", [name for name, effect in KNEE.catalogue.items() if effect.shape])

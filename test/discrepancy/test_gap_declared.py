@@ -33,7 +33,7 @@ def test_friction_of_a_small_joint_is_looked_for_at_its_size_too():
 
 
 def test_the_mass_of_the_shoe_may_be_wrong():
-    """Else it is told as two forces that are wrong by one factor."""
+    """Else it is reported as two forces that are wrong by one factor."""
     assert "leg.shoe_mass" in system_of("ankle").wrong.values()
 
 

@@ -145,12 +145,12 @@ def test_a_knee_of_a_users_file_is_searched_as_the_knee(tmp_path, capsys):
         for i, (a, b, c, d, e) in enumerate(waves)
     ]
     table.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    told = []
+    reported = []
     for command in (["--machine", str(file)], []):
         file.write_text(shipped, encoding="utf-8")
         assert main(["gap", str(table), *command, "--until", "replay"]) == 0
-        told.append(capsys.readouterr().out.splitlines()[-1])
-    assert told[0] == told[1]
+        reported.append(capsys.readouterr().out.splitlines()[-1])
+    assert reported[0] == reported[1]
     file.write_text(shipped.replace("flexor:", "bender:"), encoding="utf-8")
     assert main(["gap", str(table), "--machine", str(file), "--until", "replay"]) == 2
     assert "mine: gap knows a knee by its extensor and flexor alone" in capsys.readouterr().err

@@ -30,9 +30,9 @@ def judged(bench, effect, training, held_out):
     squares = noise_floor.expected_squares(judge, model, spread, noise, settings.replay.cross_cutoff)
     masks = noise_floor.decided(judge, squares)
     key = judge.scored[0].run.serial, "angle"
-    told = [np.sqrt(np.mean(squares[key])), np.sqrt(np.mean(squares[key][masks[key]]))]
+    reported = [np.sqrt(np.mean(squares[key])), np.sqrt(np.mean(squares[key][masks[key]]))]
     seen = [measure.gap(judge, model, one).white["angle"] for one in (None, masks)]
-    return told, seen, masks[key]
+    return reported, seen, masks[key]
 
 
 @pytest.fixture(scope="module")
@@ -72,10 +72,12 @@ def test_a_lasting_correction_of_the_angle_does_not_wind_the_play(bench):
 
 
 def test_where_chance_does_not_decide_a_model_with_play_leaves_noise(experiments):
-    (told, told_there), (seen, seen_there), decided = judged(experiments[0], "backlash", *experiments[1:])
-    assert told > 1.15
+    (reported, alone_there), (seen, seen_there), decided = judged(
+        experiments[0], "backlash", *experiments[1:]
+    )
+    assert reported > 1.15
     assert seen > 1.3
-    assert told_there < 1.15
+    assert alone_there < 1.15
     assert seen_there < 1.1
     assert 0.2 < decided.mean() < 0.8
 
@@ -84,8 +86,8 @@ def test_where_nothing_is_chance_a_model_expects_noise_alone(bench):
     """Viscosity and damping make up for each other: what both do together is known all the same."""
     friction = {"plant__effects__viscous_friction__enabled": True}
     runs = (bench.recording(seed, **friction) for seed in (1, 2))
-    told, seen, decided = judged(bench, "viscous_friction", *runs)
-    assert told == pytest.approx([1.0, 1.0], abs=0.05)
+    reported, seen, decided = judged(bench, "viscous_friction", *runs)
+    assert reported == pytest.approx([1.0, 1.0], abs=0.05)
     assert seen == pytest.approx([1.0, 1.0], abs=0.05)
     assert decided.all()
 
@@ -101,7 +103,7 @@ def test_too_few_samples_that_chance_does_not_decide_are_none_to_judge_by():
     assert not mask[7900:].any()
 
 
-def test_what_is_not_judged_is_told():
+def test_what_is_not_judged_is_reported():
     masks = {
         (1, "angle"): np.arange(100) < 40,
         (2, "angle"): np.ones(100, bool),

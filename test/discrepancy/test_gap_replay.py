@@ -158,7 +158,7 @@ def _with(recording, **changed):
 def test_a_delay_of_whole_samples_is_exact(bench, name):
     """Shifted data with the delay in the model leave what the data themselves leave without it."""
     recording, samples, settled = bench.recording(1), 2, 4000
-    # voltages are told too early, the angle too late
+    # voltages are stamped too early, the angle too late
     shifted = {"angle": 2} if name == "angle_delay" else {"extensor_voltage": -2, "flexor_voltage": -2}
     moved = {key: np.roll(recording.signals[key], count) for key, count in shifted.items()}
     plain, late = (Run(bench.system, one, CUTOFF) for one in (recording, _with(recording, **moved)))

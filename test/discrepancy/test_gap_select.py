@@ -35,7 +35,7 @@ def found_so_far(evidence, alike, present=None):
 
 
 def asked(found, name):
-    return selection.bar(found, name, SETTINGS)
+    return selection.threshold(found, name, SETTINGS)
 
 
 def test_what_could_pass_for_a_large_effect_needs_more_evidence_beside_it():
@@ -70,7 +70,7 @@ def test_where_the_weakest_effect_is_kept_the_next_one_is_asked(monkeypatch):
     assert elimination._weakest(found, losses, SETTINGS) is None
 
 
-def test_gains_of_a_round_tell_what_is_alike():
+def test_gains_of_a_round_show_what_is_alike():
     gains = {"muscle_hysteresis": 500.0, "joint_friction": 400.0, "extensor_leak": 1.0}
     step = SimpleNamespace(accepted="muscle_hysteresis", gains=gains)
     assert select._alike(step)["joint_friction"] == pytest.approx(0.8)
@@ -83,22 +83,22 @@ def candidates(**evidence):
 def test_a_candidate_that_cannot_reach_its_bar_neither_is_fitted_nor_hides_the_next():
     problem = SimpleNamespace(replay=SimpleNamespace(touched=touched), weights={"torque": 1.0, "gas": 1.0})
     ranked = candidates(joint_friction=300.0, extra_foot_mass=60.0, extensor_leak=-25.0)
-    bars = {"joint_friction": 4000.0, "extra_foot_mass": 15.0, "extensor_leak": 15.0}
-    chosen = screening.worth_polishing(problem, ranked, bars)
+    thresholds = {"joint_friction": 4000.0, "extra_foot_mass": 15.0, "extensor_leak": 15.0}
+    chosen = screening.worth_polishing(problem, ranked, thresholds)
     assert [one.name for one in chosen] == ["extra_foot_mass"]
     # residuals that weigh little now may weigh more with the effect
     problem.weights = {"torque": 0.2, "gas": 1.0}
-    assert "joint_friction" in [one.name for one in screening.worth_polishing(problem, ranked, bars)]
+    assert "joint_friction" in [one.name for one in screening.worth_polishing(problem, ranked, thresholds)]
 
 
 def test_only_what_larger_effects_of_this_search_keep_out_is_looked_for_in_their_silence():
     found = found_so_far({"valve_delay": 60_000.0}, {"valve_delay": {}})
     found.final = SimpleNamespace(samples=20_000)
     gains = {"extensor_leak": 60.0, "polytropic_exponent": 20.0}
-    bars = {name: asked(found, name) for name in gains}
-    assert selection.blocked(found, bars, gains, (), SETTINGS) == ("extensor_leak",)
+    thresholds = {name: asked(found, name) for name in gains}
+    assert selection.blocked(found, thresholds, gains, (), SETTINGS) == ("extensor_leak",)
     found.present["supply_sag"] = (1000.0, frozenset({"gas"}))  # asks 100: it is there to stay
-    assert selection.blocked(found, bars, gains, (), SETTINGS) == ()
+    assert selection.blocked(found, thresholds, gains, (), SETTINGS) == ()
     found.apart["extensor_leak"] = frozenset({"valve_delay"})
     found.present.clear()
     assert asked(found, "extensor_leak") == SETTINGS.threshold

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is left is told from noise, for recordings of any length."""
+"""What is left is separated from noise, for recordings of any length."""
 
 import numpy as np
 import pytest
@@ -12,14 +12,14 @@ from pam_orthosis.discrepancy.structure import CLEAN, Where, _reach, clean, sign
 
 @pytest.mark.parametrize("length", [200, 500, 750])
 def test_noise_alone_is_clean_in_short_recordings(length):
-    """The density of few samples scatters: a fixed bar calls noise a gap."""
+    """The density of few samples scatters: a fixed threshold calls noise a gap."""
     rng = np.random.default_rng(7)
     drawn = np.array([max(peak(rng.standard_normal(length)) for _ in range(2)) for _ in range(300)])
-    bar = _reach((length, length))
+    threshold = _reach((length, length))
     assert np.mean(drawn > CLEAN) > 0.2
-    assert np.mean(drawn > bar) < 0.03
-    assert clean([Where("torque", 0.99 * bar, {}, {}, bar)])
-    assert not clean([Where("torque", 1.01 * bar, {}, {}, bar)])
+    assert np.mean(drawn > threshold) < 0.03
+    assert clean([Where("torque", 0.99 * threshold, {}, {}, threshold)])
+    assert not clean([Where("torque", 1.01 * threshold, {}, {}, threshold)])
 
 
 def test_long_recordings_are_held_to_the_bar_that_was_measured():

@@ -65,8 +65,8 @@ def test_a_wrong_sprocket_is_named_with_its_size(bench):
     (one,) = outcome.effects
     assert outcome.verdict == "explained"
     assert one.parameters["value"][0] == pytest.approx(0.12, rel=0.02)
-    told = as_dict(outcome)["effects"][0]
-    assert told["wrong_parameter"] == DIAMETER
+    reported = as_dict(outcome)["effects"][0]
+    assert reported["wrong_parameter"] == DIAMETER
     lines = describe(outcome).splitlines()
     assert lines[-1] == f"EXPLAINED by a wrong {DIAMETER}"
     assert any(line.startswith(f"wrong parameter: {DIAMETER} is 0.1") for line in lines)

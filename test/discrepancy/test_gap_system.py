@@ -58,13 +58,13 @@ def _gap(tables, out, capsys):
 
 def test_a_hidden_friction_of_a_foreign_carriage_is_named(tables, tmp_path, capsys):
     before = sorted(CARRIAGE.parent.iterdir())
-    status, told, words = _gap(tables, tmp_path / "out", capsys)
-    assert (status, told["verdict"], told["system"]) == (0, "explained", "motor-driven carriage")
-    assert [one["name"] for one in told["effects"]] == ["friction"]
-    level = told["effects"][0]["parameters"]["level"]
+    status, reported, words = _gap(tables, tmp_path / "out", capsys)
+    assert (status, reported["verdict"], reported["system"]) == (0, "explained", "motor-driven carriage")
+    assert [one["name"] for one in reported["effects"]] == ["friction"]
+    level = reported["effects"][0]["parameters"]["level"]
     assert level["value"] == pytest.approx(FRICTION, rel=0.1)
-    assert told["effects"][0]["equation"] == "dynamics"
-    assert told["closure"]["overall"] > 0.9
+    assert reported["effects"][0]["equation"] == "dynamics"
+    assert reported["closure"]["overall"] > 0.9
     assert words.splitlines()[-1] == "EXPLAINED by friction"
     assert "knee" not in words
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["gap.html", "gap.json"]
@@ -73,8 +73,8 @@ def test_a_hidden_friction_of_a_foreign_carriage_is_named(tables, tmp_path, caps
 
 def test_without_friction_nothing_is_named(tmp_path, capsys):
     tables = [motor_bench.write(tmp_path / f"{seed}.csv", seed, 0.0) for seed in (4, 5, 6)]
-    status, told, _ = _gap(tables, tmp_path / "out", capsys)
-    assert (status, told["verdict"], told["effects"]) == (0, "none", [])
+    status, reported, _ = _gap(tables, tmp_path / "out", capsys)
+    assert (status, reported["verdict"], reported["effects"]) == (0, "none", [])
 
 
 MISTAKES = {

@@ -50,7 +50,7 @@ class _Scored:
 
 
 @pytest.fixture(scope="module")
-def told(bench):
+def reported(bench):
     """Return (torque of angle and time) -> what is said of it."""
 
     def described(torque):
@@ -89,7 +89,7 @@ def test_a_response_is_that_of_the_replay_step_by_step():
 
 
 def test_without_a_candidate_of_a_constant_the_missing_rate_is_described(bench):
-    """A model that has a constant torque already has no candidate in whose unit an unknown is told."""
+    """A model that has a constant torque already has no candidate in whose unit an unknown is reported."""
     system = knee(bench.parameters.changed({"effects.constant_torque.enabled": True}))
     equation, run = system.equations[0], Run(system, bench.recording(1), 40.0)
     assert description.unit_of(bench.system, "angle") == "N m"
@@ -100,12 +100,12 @@ def test_without_a_candidate_of_a_constant_the_missing_rate_is_described(bench):
     found = SimpleNamespace(
         channel="angle", coordinate="angle", period=None, amplitude=(2.0,), unit="rad/s^2"
     )
-    told = short(system, SimpleNamespace(description=found, events=()))
-    assert told == "unknown rate of angle of angle (2 rad/s^2)"
+    reported = short(system, SimpleNamespace(description=found, events=()))
+    assert reported == "unknown rate of angle of angle (2 rad/s^2)"
 
 
-def test_a_torque_of_the_angle_is_described_with_its_period_and_size(bench, told):
-    found = told(lambda angle, time: 0.5 * np.sin(14 * angle))
+def test_a_torque_of_the_angle_is_described_with_its_period_and_size(bench, reported):
+    found = reported(lambda angle, time: 0.5 * np.sin(14 * angle))
     one = found.description
     assert (found.equation, one.coordinate, one.unit) == ("torque", "angle", "N m")
     assert one.period == pytest.approx(2 * np.pi / 14, rel=0.05)
@@ -121,11 +121,11 @@ def test_a_torque_of_the_angle_is_described_with_its_period_and_size(bench, told
     assert plot.data[2]["y"] == packed(upper)
 
 
-def test_pushes_at_instants_of_their_own_are_events(bench, told):
+def test_pushes_at_instants_of_their_own_are_events(bench, reported):
     def pushes(angle, time):
         return sum(1.5 * np.exp(-(((time - at) / 0.08) ** 2)) for at in (4.0, 7.3, 10.1))
 
-    found = told(pushes)
+    found = reported(pushes)
     assert found.description is None
     assert [event.time for event in found.events] == pytest.approx([4.0, 7.3, 10.1], abs=0.1)
     assert [event.size for event in found.events] == pytest.approx([1.5] * 3, rel=0.35)
@@ -136,10 +136,10 @@ def test_pushes_at_instants_of_their_own_are_events(bench, told):
     assert unknown_words(bench.system, bare)[0].endswith("depends on nothing that was measured, alone")
 
 
-def test_a_model_file_carries_a_description(bench, told, tmp_path):
+def test_a_model_file_carries_a_description(bench, reported, tmp_path):
     """The next search has it in its model, and finds the gap that was left; so do the controllers."""
     wave = lambda angle, time: 0.5 * np.sin(14 * angle)  # noqa: E731
-    one = told(wave).description
+    one = reported(wave).description
     path = tmp_path / "model.yaml"
     patch.write(path, patch.of_description(bench.system, one))
     model = bench.parameters.changed(patch.read_nominal(path))
@@ -185,8 +185,8 @@ def test_a_description_by_chance_is_none(bench, monkeypatch):
     assert unknown.unknown(start.problem, start.held_out, start.null, start.floor).description is None
 
 
-def test_where_hardly_anything_is_left_nothing_is_said(told):
-    assert told(lambda angle, time: 0.0 * angle) is None
+def test_where_hardly_anything_is_left_nothing_is_said(reported):
+    assert reported(lambda angle, time: 0.0 * angle) is None
 
 
 def test_a_curve_that_is_no_wave_has_no_period():

@@ -57,19 +57,19 @@ def test_another_joint_read_as_the_default_knee_is_not_explained(tmp_path, capsy
     """It names nothing, and says that this is not the machine that was given."""
     files = [foreign_joint.write(tmp_path / f"{seed}.csv", seed) for seed in (1, 2, 3)]
     out = tmp_path / "out"
-    told_next = ["--next", str(tmp_path / "next.csv")]
-    status = main(["gap", *files[:2], "--held-out", files[2], "--out", str(out), *told_next])
-    said, told = capsys.readouterr().out.splitlines(), json.loads((out / "gap.json").read_text())
+    with_next = ["--next", str(tmp_path / "next.csv")]
+    status = main(["gap", *files[:2], "--held-out", files[2], "--out", str(out), *with_next])
+    said, reported = capsys.readouterr().out.splitlines(), json.loads((out / "gap.json").read_text())
     assert status == 1
-    assert (told["verdict"], told["effects"], told["unknown"]) == ("unexplained", [], None)
-    assert max(place["over_noise"] for place in told["left"]) > 20
+    assert (reported["verdict"], reported["effects"], reported["unknown"]) == ("unexplained", [], None)
+    assert max(place["over_noise"] for place in reported["left"]) > 20
     assert said.pop().startswith("next: no experiment is known")
     assert not (tmp_path / "next.csv").exists()
     assert said[-1].startswith("UNEXPLAINED: nothing I know, this is not the machine that was given; in the ")
     assert not any(line.startswith(("wrong parameter", "effect", "unknown")) for line in said)
     assert said[0].startswith(f"the apparatus is assumed: {files[0]} and 2 more")
     assert said[0].endswith("read as the default knee")
-    assert told["apparatus_assumed"] == files
+    assert reported["apparatus_assumed"] == files
 
 
 @pytest.mark.parametrize(
@@ -88,8 +88,10 @@ def test_another_joint_read_as_the_default_knee_is_not_explained(tmp_path, capsy
 def test_explained_needs_little_left_and_effects_that_mean_something(
     closed, kept, gone, empty, verdict, clean
 ):
-    told = judgement.verdict_on(("stretch_reflex", "creep"), closed, judgement.Rest(clean, kept, gone), empty)
-    assert told == (verdict if clean or closed is not None else "partial")
+    reported = judgement.verdict_on(
+        ("stretch_reflex", "creep"), closed, judgement.Rest(clean, kept, gone), empty
+    )
+    assert reported == (verdict if clean or closed is not None else "partial")
 
 
 def test_nothing_is_explained_by_nuisance_parameters_far_off():
@@ -98,8 +100,8 @@ def test_nothing_is_explained_by_nuisance_parameters_far_off():
         judgement.Rest(True, 1.0, True, astray=True),
         judgement.Rest(True, 1.0, True, True, True),
     )
-    told = [judgement.verdict_on(names, 1.0, astray, ()) for names in ((), ("creep",))]
-    assert told == ["unexplained", "partial"]
+    reported = [judgement.verdict_on(names, 1.0, astray, ()) for names in ((), ("creep",))]
+    assert reported == ["unexplained", "partial"]
     assert judgement.verdict_on(("creep",), 1.0, foreign, ()) == "unexplained"
 
 
@@ -117,17 +119,17 @@ def test_a_description_of_one_equation_does_not_describe_the_other(friction):
     curve = SimpleNamespace(equation="torque", reduced=0.99)
     left = SimpleNamespace(equation="torque", description=curve, events=())
 
-    def told(angle, pressure):
+    def reported(angle, pressure):
         white = {**outcome.after.white, "angle": angle, "flexor_pressure": pressure}
         one = replace(
             outcome, verdict="partial", after=Gap({}, white), floor=Gap({}, dict.fromkeys(white, 1.0))
         )
         return one.described(left)
 
-    assert told(20.0, 1.0).verdict == "described"
-    assert told(20.0, 3.0).verdict == "partial"
+    assert reported(20.0, 1.0).verdict == "described"
+    assert reported(20.0, 3.0).verdict == "partial"
     for angle, pressure in ((300.0, 1.0), (20.0, 30.0)):
-        foreign = told(angle, pressure)
+        foreign = reported(angle, pressure)
         assert (foreign.verdict, foreign.effects, foreign.unknown) == ("unexplained", (), None)
         assert "this is not the machine that was given" in describe(foreign).splitlines()[-1]
 
@@ -147,9 +149,9 @@ def test_pushes_are_no_description(friction):
     pushes = Unknown("torque", None, (Event("run", 3.1, 1.5, 0.2), Event("run", 7.4, -1.2, 0.3)))
     white = {**outcome.after.white, "angle": 25.0}
     open_ = replace(outcome, verdict="unexplained", effects=(), after=Gap(outcome.after.units, white))
-    told = open_.described(pushes)
-    assert (told.verdict, told.foreign) == ("unexplained", False)
-    last = describe(told).splitlines()[-1]
+    reported = open_.described(pushes)
+    assert (reported.verdict, reported.foreign) == ("unexplained", False)
+    last = describe(reported).splitlines()[-1]
     assert last.endswith("2 pushes (3.1 s, 7.4 s), of nothing that was measured")
     assert open_.described(replace(pushes, events=())).foreign
 
@@ -168,10 +170,10 @@ def test_a_parameter_that_is_recalibrated_beyond_its_tolerance_is_said(friction)
     assert judgement.verdict_on((), None, clean, ()) == "recalibrated"
     assert judgement.verdict_on((), None, clean._replace(astray=True), ()) == "unexplained"
     assert judgement.verdict_on((), None, clean._replace(moved=False), ()) == "none"
-    told = replace(
+    reported = replace(
         outcome, verdict="recalibrated", effects=(), selection=replace(outcome.selection, final=far)
     )
-    last = describe(told).splitlines()[-1]
+    last = describe(reported).splitlines()[-1]
     assert last.startswith(
         "RECALIBRATED: the model leaves noise only with muscle_damping 1.9 times as large (4.5 "
     )
@@ -204,9 +206,9 @@ def test_what_is_left_has_one_measure(friction):
     loud = Gap(outcome.after.units, {**outcome.after.white, "flexor_pressure": 4.0})
     assert over_noise(outcome.system, loud, outcome.floor)["gas"] > 3.5
     place = replace(outcome.left[0], equation="torque", density=900.0)
-    told = describe(replace(outcome, verdict="unexplained", left=[place]))
-    assert "times the noise is left; " in told.splitlines()[-1]
-    assert "900" not in told
+    reported = describe(replace(outcome, verdict="unexplained", left=[place]))
+    assert "times the noise is left; " in reported.splitlines()[-1]
+    assert "900" not in reported
 
 
 def test_a_model_that_closes_less_than_half_names_nothing(friction, monkeypatch):
@@ -217,24 +219,24 @@ def test_a_model_that_closes_less_than_half_names_nothing(friction, monkeypatch)
     for share, names in ((0.2, []), (0.6, ["joint_friction"])):
         closed = {**outcome.closure, "overall": share}
         monkeypatch.setattr(judgement, "_closures", lambda *_, closed=closed: closed)
-        told = judgement.outcome_of(start, alone, settings)
-        assert [one.name for one in told.effects] == names
-        assert [one.name for one in told.surrogates] == ([] if names else ["joint_friction"])
-    told = describe(replace(outcome, verdict="unexplained", effects=(), surrogates=outcome.effects))
-    assert told.splitlines()[-1].endswith("no model of the catalogue explains half of the gap")
+        reported = judgement.outcome_of(start, alone, settings)
+        assert [one.name for one in reported.effects] == names
+        assert [one.name for one in reported.surrogates] == ([] if names else ["joint_friction"])
+    reported = describe(replace(outcome, verdict="unexplained", effects=(), surrogates=outcome.effects))
+    assert reported.splitlines()[-1].endswith("no model of the catalogue explains half of the gap")
 
 
 def test_an_effect_at_a_bound_that_empties_it_is_no_explanation(friction):
     start, outcome, settings = friction
     final = outcome.selection.final
     wide = replace(final, values={**final.values, "joint_friction.transition_velocity": 0.76})
-    told = judgement.outcome_of(start, replace(outcome.selection, final=wide), settings)
-    assert told.empty == ("joint_friction.transition_velocity",)
-    assert told.verdict == "unexplained"
-    assert told.effects == ()
-    assert as_dict(told)["empty_of_meaning"] == ["joint_friction.transition_velocity"]
+    reported = judgement.outcome_of(start, replace(outcome.selection, final=wide), settings)
+    assert reported.empty == ("joint_friction.transition_velocity",)
+    assert reported.verdict == "unexplained"
+    assert reported.effects == ()
+    assert as_dict(reported)["empty_of_meaning"] == ["joint_friction.transition_velocity"]
     said = "joint_friction would not be what the name says (joint_friction.transition_velocity = 0.76)"
-    assert said in describe(told)
+    assert said in describe(reported)
     assert outcome.empty == ()
     assert outcome.verdict == "explained"
 
@@ -254,16 +256,16 @@ def test_an_effect_that_would_be_another_one_is_not_added(friction):
 def test_values_at_a_bound_and_the_coefficients_of_a_map_are_marked(friction):
     _, outcome, _ = friction
     (one,) = outcome.effects
-    told = describe(replace(outcome, effects=(replace(one, at_bound=("coulomb",)),)))
-    assert "N m (0." in told
-    assert ", at its bound), stribeck" in told
+    reported = describe(replace(outcome, effects=(replace(one, at_bound=("coulomb",)),)))
+    assert "N m (0." in reported
+    assert ", at its bound), stribeck" in reported
     assert as_dict(replace(outcome, effects=(replace(one, at_bound=("coulomb",)),)))["effects"][0][
         "parameters"
     ]["coulomb"]["at_bound"]
     many = {f"c{i}": (1e-3 * i, "-", 0.0, 0.1) for i in range(22)}
-    told = describe(replace(outcome, effects=(replace(one, parameters=many),)))
-    assert "c21" in told
-    assert " and 19 more coefficients (gap.json); evidence" in told
+    reported = describe(replace(outcome, effects=(replace(one, parameters=many),)))
+    assert "c21" in reported
+    assert " and 19 more coefficients (gap.json); evidence" in reported
 
 
 @pytest.mark.parametrize(
@@ -303,7 +305,7 @@ def test_a_noise_floor_that_is_no_measure_of_the_sensor_is_said(bench, changed, 
         ("valve_curve_misfit", "flexor_vent_5", (), (-0.5, 0.5)),
     ],
 )
-def test_bounds_that_empty_an_effect_are_told_from_those_that_do_not(effect, parameter, empty, meant):
+def test_bounds_that_empty_an_effect_are_separated_from_those_that_do_not(effect, parameter, empty, meant):
     q = next(q for q in KNEE.catalogue[effect].parameters if q.name == parameter)
     assert all(q.is_empty(value) for value in empty)
     assert not any(q.is_empty(value) for value in meant)
@@ -318,7 +320,7 @@ def test_every_effect_means_something_at_its_typical_values():
         assert effect.fitted[0].meaningful is None or effect.shape  # a size at a bound is never meant
 
 
-def test_an_apparatus_that_nothing_tells_is_said_to_be_assumed(tmp_path):
+def test_an_apparatus_that_nothing_records_is_said_to_be_assumed(tmp_path):
     stamps, signals = np.array([0, 2_000_000]), {"angle": np.zeros(2)}
     write_arrays(tmp_path / "ours", stamps, signals, run_metadata(load().nominal(), "test"))
     write_arrays(tmp_path / "foreign", stamps, signals, {})

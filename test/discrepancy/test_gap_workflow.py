@@ -25,7 +25,7 @@ from pam_orthosis.discrepancy import (
     structure,
     workflow,
 )
-from pam_orthosis.discrepancy.apparatus import agreed_nominal, apparatus_of, recorded_nominal, untold
+from pam_orthosis.discrepancy.apparatus import agreed_nominal, apparatus_of, recorded_nominal, unrecorded
 from pam_orthosis.discrepancy.beginning import begin
 from pam_orthosis.discrepancy.contract import as_dict
 from pam_orthosis.discrepancy.data import (
@@ -34,11 +34,11 @@ from pam_orthosis.discrepancy.data import (
     from_csv,
     is_table,
 )
+from pam_orthosis.discrepancy.identifiability import Identifiability, identifiability
 from pam_orthosis.discrepancy.measure import Gap
 from pam_orthosis.discrepancy.replay import Replay
-from pam_orthosis.discrepancy.telling import Telling, telling
 from pam_orthosis.discrepancy.together import Workers
-from pam_orthosis.discrepancy.verdict import _answer, describe, untold_words
+from pam_orthosis.discrepancy.verdict import _answer, describe, unrecorded_words
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machines import KNEE
@@ -104,17 +104,17 @@ def test_one_process_gives_the_same_answer_to_the_last_digit(bench, friction):
 
 
 def test_gap_json_keeps_its_contract(friction):
-    told = json.loads(json.dumps(as_dict(friction)))
-    assert told["verdict"] == "explained"
-    assert set(told["effects"][0]) == {
+    reported = json.loads(json.dumps(as_dict(friction)))
+    assert reported["verdict"] == "explained"
+    assert set(reported["effects"][0]) == {
         "name", "wrong_parameter", "equation", "parameters", "evidence", "look_alikes", "separated_by"
     }  # fmt: skip
-    assert told["look_alikes"] == told["effects"][0]["look_alikes"]
-    assert told["separated_by"] == told["effects"][0]["separated_by"]
-    assert set(told["effects"][0]["parameters"]["coulomb"]) == {"value", "unit", "interval", "at_bound"}
+    assert reported["look_alikes"] == reported["effects"][0]["look_alikes"]
+    assert reported["separated_by"] == reported["effects"][0]["separated_by"]
+    assert set(reported["effects"][0]["parameters"]["coulomb"]) == {"value", "unit", "interval", "at_bound"}
     for key in ("gap_before", "gap_after", "noise_floor", "closure"):
-        assert set(told[key]) == {"angle", "extensor_pressure", "flexor_pressure", "overall"}
-    assert told["runner_up"]["behind"] > 0
+        assert set(reported[key]) == {"angle", "extensor_pressure", "flexor_pressure", "overall"}
+    assert reported["runner_up"]["behind"] > 0
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_gap_json_keeps_its_contract(friction):
         ),
     ],
 )
-def test_an_answer_without_a_name_tells_why(ranked, reason, said):
+def test_an_answer_without_a_name_says_why(ranked, reason, said):
     place = structure.Where("torque", 81.0, {}, {})
     step = SimpleNamespace(accepted=None, ranked=ranked, reason=reason)
     torque = SimpleNamespace(name="torque", channels=("angle",))
@@ -142,7 +142,7 @@ def test_an_answer_without_a_name_tells_why(ranked, reason, said):
     assert "in the torque equation 9.0 times the noise is left" in _answer(outcome)
 
 
-def test_a_closure_tells_the_gap_that_it_counts_from(friction):
+def test_a_closure_says_the_gap_that_it_counts_from(friction):
     """What recalibration has closed already is no merit of the effect."""
     gaps = Gap({}, {"torque": 3.0, "gas": 1.01}), Gap({}, {"torque": 1.0, "gas": 1.0})
     closed = {"torque": 0.99, "gas": 0.98}
@@ -182,7 +182,10 @@ def test_the_effect_added_to_the_model_leaves_nothing_to_find(friction, bench):
     assert equations == {"torque"}
     assert earned > 0.2 * friction.selection.evidence["joint_friction"]
     # what its form leaves over is not taken for another small effect
-    assert selection.bar(outcome.selection, "viscous_friction", bench.parameters.gap.evidence) > 0.09 * earned
+    assert (
+        selection.threshold(outcome.selection, "viscous_friction", bench.parameters.gap.evidence)
+        > 0.09 * earned
+    )
 
 
 def test_a_catalogue_that_is_used_up_ends_the_search(bench):
@@ -207,11 +210,11 @@ def test_the_verb_writes_json_model_and_page(bench, tmp_path, capsys, page_fits)
     out, nominal = tmp_path / "out", without_delay(tmp_path)
     written = ["--out", str(out), "--next", str(tmp_path / "next.csv"), "--json"]
     status = cli.main(["gap", files[0], "--held-out", files[1], *nominal, *written])
-    told = json.loads(capsys.readouterr().out)
+    reported = json.loads(capsys.readouterr().out)
     assert status == 0
-    assert told == json.loads((out / "gap.json").read_text())
-    assert told["apparatus_assumed"] == files  # a table does not tell of what it is
-    assert told["effects"][0]["name"] == "joint_friction"
+    assert reported == json.loads((out / "gap.json").read_text())
+    assert reported["apparatus_assumed"] == files  # a table does not say of what it is
+    assert reported["effects"][0]["name"] == "joint_friction"
     assert (
         (tmp_path / "next.csv")
         .read_text()
@@ -220,7 +223,7 @@ def test_the_verb_writes_json_model_and_page(bench, tmp_path, capsys, page_fits)
     page = (out / "gap.html").read_text()
     assert "<pre>the apparatus is assumed: " in page
     assert "Missing is joint friction: it closes" in page
-    assert f"{told['effects'][0]['parameters']['coulomb']['value']:.4g} N m" in page
+    assert f"{reported['effects'][0]['parameters']['coulomb']['value']:.4g} N m" in page
     assert "missing in angle" in page
     model = out / "model.yaml"
     assert load(patch.read(model)).effects.joint_friction.enabled
@@ -292,33 +295,35 @@ def test_stages_can_be_read_one_by_one(bench, tmp_path, capsys):
     files = [str(table(tmp_path / f"{seed}.csv", bench.arrays(seed, **FRICTION))) for seed in (1, 2)]
     nominal = without_delay(tmp_path)
     assert cli.main(["gap", files[0], "--held-out", files[1], *nominal, "--until", "where"]) == 0
-    told = capsys.readouterr().out
-    assert told.startswith(f"the apparatus is assumed: {files[0]} and 1 more without a record of parameters,")
-    torque, gas = told[told.index("torque equation") :], told[told.index("gas equation") :]
+    reported = capsys.readouterr().out
+    assert reported.startswith(
+        f"the apparatus is assumed: {files[0]} and 1 more without a record of parameters,"
+    )
+    torque, gas = reported[reported.index("torque equation") :], reported[reported.index("gas equation") :]
     assert "above the noise" in torque.splitlines()[0]
     assert "above the noise" not in gas.splitlines()[0]
     assert "velocity explains" in torque.splitlines()[1]
-    angle = next(line for line in told.splitlines() if line.startswith("angle [deg]"))
+    angle = next(line for line in reported.splitlines() if line.startswith("angle [deg]"))
     configured, recalibrated, noise = (float(word) for word in angle.split()[2:])
     assert configured > recalibrated > 5 * noise
     assert cli.main(["gap", files[0], "--until", "check", "--json"]) == 2
 
 
-def test_data_tell_what_they_can_show_and_what_looks_alike(bench):
+def test_data_identify_what_they_can_show_and_what_looks_alike(bench):
     """A walk shows what moves the knee; two dead volumes change it in the same way, a small torque hides."""
     settings = bench.parameters.gap
     start = begin(bench.system, [bench.recording(1)], [bench.recording(2)], settings, replay=bench.replay)
-    told = telling(start.problem, start.null, settings.evidence.threshold)
-    assert told.evidence["joint_friction"] > 1000
-    assert told.evidence["valve_dead_band"] > 1000
-    pairs = [{a, b} for a, b, _ in told.alike]
+    reported = identifiability(start.problem, start.null, settings.evidence.threshold)
+    assert reported.evidence["joint_friction"] > 1000
+    assert reported.evidence["valve_dead_band"] > 1000
+    pairs = [{a, b} for a, b, _ in reported.alike]
     assert {"extensor_dead_volume", "flexor_dead_volume"} in pairs
     assert {"joint_friction", "valve_dead_band"} not in pairs
-    assert not any(pair & set(told.invisible) for pair in pairs)
-    assert all(scenario.startswith("diagnostic-") for scenario in told.experiments)
+    assert not any(pair & set(reported.invisible) for pair in pairs)
+    assert all(scenario.startswith("diagnostic-") for scenario in reported.experiments)
     # the effects name it, but a recording of it cannot be searched
     assert "diagnostic-locked" in bench.system.catalogue["valve_lag"].separated_by
-    assert "diagnostic-locked" not in told.experiments
+    assert "diagnostic-locked" not in reported.experiments
     apart = [bench.system.experiments(name) for name in ("valve_lag", "flexor_dead_volume")]
     assert apart == [(), ("diagnostic-decay",)]
 
@@ -414,22 +419,22 @@ def test_each_effect_has_its_own_look_alikes_and_none_that_is_named(friction, be
         first, name="valve_lag", look_alikes=("valve_delay",), separated_by=("diagnostic-cocontraction",)
     )
     assert findings.first_accepted(found, [second, first]) is first
-    told = describe(replace(friction, effects=(first, second), look_alikes=("creep",)))
-    assert "do not separate backlash from: creep\n" in told
-    assert "do not separate valve_lag from: valve_delay\n" in told
-    assert "--scenario diagnostic-cocontraction" in told
+    reported = describe(replace(friction, effects=(first, second), look_alikes=("creep",)))
+    assert "do not separate backlash from: creep\n" in reported
+    assert "do not separate valve_lag from: valve_delay\n" in reported
+    assert "--scenario diagnostic-cocontraction" in reported
 
 
-def test_what_is_left_although_it_is_explained_is_told(friction):
+def test_what_is_left_although_it_is_explained_is_reported(friction):
     left = [structure.Where("torque", 9.04, {}, {}), structure.Where("gas", 1.1, {}, {})]
     white = {**friction.after.white, "angle": 2.0 * friction.floor.white["angle"]}
     after = Gap(friction.after.units, white)
-    told = describe(replace(friction, verdict="explained", left=left, after=after)).splitlines()
-    assert told[-2] == "left in the torque equation: 2.0 times the noise"
-    assert not any(line.startswith("left in the gas") for line in told)
+    reported = describe(replace(friction, verdict="explained", left=left, after=after)).splitlines()
+    assert reported[-2] == "left in the torque equation: 2.0 times the noise"
+    assert not any(line.startswith("left in the gas") for line in reported)
     quiet = {"left": left[1:], "after": Gap(friction.after.units, {**friction.after.white, "overall": 1.5})}
-    told = describe(replace(friction, verdict="explained", **quiet)).splitlines()
-    assert told[-2].startswith("left in the held-out recordings: a gap of 1.5 times")
+    reported = describe(replace(friction, verdict="explained", **quiet)).splitlines()
+    assert reported[-2].startswith("left in the held-out recordings: a gap of 1.5 times")
     assert "left in" not in describe(friction)
 
 
@@ -516,7 +521,7 @@ def test_what_spreadsheets_write_is_read(bench, tmp_path):
         ("", "is empty"),
     ],
 )
-def test_a_table_that_cannot_be_read_tells_the_place(bench, tmp_path, text, said):
+def test_a_table_that_cannot_be_read_names_the_place(bench, tmp_path, text, said):
     file = tmp_path / "x.csv"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(OrthosisError, match=said):
@@ -539,11 +544,11 @@ def test_a_gap_that_is_left_is_not_called_none(effects, closed, after, verdict):
     left = [structure.Where("torque", 1.2, {"angle": 0.1}, {"angle": (0.0, 1.0)})]
     gaps = Gap({}, {"angle": after, "overall": after}), Gap({}, {"angle": 1.0, "overall": 1.0})
     clean = structure.clean(left) and not judgement.beyond(*gaps)
-    told = judgement.verdict_on(effects, closed, judgement.Rest(clean, after, gone=False), ())
-    assert told == verdict
+    reported = judgement.verdict_on(effects, closed, judgement.Rest(clean, after, gone=False), ())
+    assert reported == verdict
     system = SimpleNamespace(equations=[SimpleNamespace(name="torque", channels=("angle",))], wrong={})
     outcome = SimpleNamespace(
-        verdict=told, effects=[SimpleNamespace(name=name) for name in effects], surrogates=(), left=left,
+        verdict=reported, effects=[SimpleNamespace(name=name) for name in effects], surrogates=(), left=left,
         after=gaps[0], floor=gaps[1], empty=(), closure={"overall": closed}, system=system, steps=(),
         unknown=None, strained={}, foreign=False,
     )  # fmt: skip
@@ -569,7 +574,7 @@ def test_recordings_of_different_apparatus_are_refused(tmp_path, capsys):
     heavy = bag_of(tmp_path / "heavy", leg__knee_mass=2.0)
     bare = tmp_path / "x.csv"
     paths = [bare, plain, bag_of(tmp_path / "same"), heavy]
-    # a table has no nominal model; neither scenarios nor effects that are off tell apparatus apart
+    # a table has no nominal model; neither scenarios nor effects that are off separate apparatus
     assert agreed_nominal(paths[:3], knee.APPARATUS)["scenario.cycle_time"] == 1.5
     assert agreed_nominal([bare], knee.APPARATUS) == {}
     assert agreed_nominal(paths, knee.APPARATUS, given=("leg.knee_mass",))
@@ -581,14 +586,14 @@ def test_recordings_of_different_apparatus_are_refused(tmp_path, capsys):
 def older(folder, **recorded_nominal):
     """Write a bag of ours by a version that had no row of the loop's delay."""
     run = run_metadata(load(recorded_nominal).nominal(), "test")
-    told = json.loads(run["parameters"])
-    del told["valve.delay"]
-    run["parameters"] = json.dumps(told)
+    reported = json.loads(run["parameters"])
+    del reported["valve.delay"]
+    run["parameters"] = json.dumps(reported)
     write_arrays(folder, np.array([0, 2_000_000]), {"angle": np.zeros(2)}, run)
     return folder
 
 
-def test_a_delay_that_no_recording_tells_is_not_taken_in_silence(tmp_path):
+def test_a_delay_that_no_recording_holds_is_not_taken_in_silence(tmp_path):
     old, new = older(tmp_path / "old"), bag_of(tmp_path / "new", valve__delay=5e-3)
     today, key = load(), "valve.delay"
     for paths, given, assumed, taken in (
@@ -600,12 +605,12 @@ def test_a_delay_that_no_recording_tells_is_not_taken_in_silence(tmp_path):
     ):
         apparatus = apparatus_of(paths)
         parameters = apparatus.nominal(paths, given)
-        rows = untold(paths, parameters, apparatus.keys, given)
+        rows = unrecorded(paths, parameters, apparatus.keys, given)
         assert (rows, parameters.valve.delay) == (assumed, taken)
-    words = untold_words({key: today.valve.delay}, today)
+    words = unrecorded_words({key: today.valve.delay}, today)
     assert "without these parameters; taken: valve.delay = 0.0099 s; give what is right" in words
     assert words.count("\n") == 1
-    assert untold_words({}, today) == ""
+    assert unrecorded_words({}, today) == ""
 
 
 def test_a_recording_cannot_be_fitted_and_judge(tmp_path, capsys):
@@ -614,7 +619,7 @@ def test_a_recording_cannot_be_fitted_and_judge(tmp_path, capsys):
     assert "is given to fit and to judge by" in capsys.readouterr().err
 
 
-def test_what_data_can_tell_does_not_follow_the_gap_that_is_there(bench):
+def test_what_data_can_identify_does_not_follow_the_gap_that_is_there(bench):
     """A gap in the torque tempers its residuals; the same recordings still show a small effect there."""
     settings = bench.parameters.gap
     start = begin(bench.system, [bench.recording(1)], [bench.recording(2)], settings, replay=bench.replay)
@@ -625,7 +630,7 @@ def test_what_data_can_tell_does_not_follow_the_gap_that_is_there(bench):
     weights = {name: 0.1 * weight for name, weight in start.problem.weights.items()}
     tempered = start.problem.weighted(weights), replace(start.null, blocks=blocks)
     pairs = (start.problem, start.null), tempered
-    plain, same = (telling(*pair, settings.evidence.threshold) for pair in pairs)
+    plain, same = (identifiability(*pair, settings.evidence.threshold) for pair in pairs)
     assert same.invisible == plain.invisible
     assert same.evidence["joint_friction"] == pytest.approx(plain.evidence["joint_friction"])
 
@@ -659,8 +664,8 @@ def test_voltages_that_were_recorded_more_rarely_than_they_changed_are_left_out(
     """A controller of the position that is slower than the loop changes the voltages no less often."""
     arrays = {name: bench.arrays(1)[name][::every] for name in COLUMNS}
     stamps = np.round(arrays.pop("time") * 1e9).astype(np.int64)
-    told = bench.parameters.changed({"control.position.every": 2}).nominal()
-    write_arrays(tmp_path / "bag", stamps, arrays, run_metadata(told, "test"))
+    reported = bench.parameters.changed({"control.position.every": 2}).nominal()
+    write_arrays(tmp_path / "bag", stamps, arrays, run_metadata(reported, "test"))
     one = from_bag(tmp_path / "bag", bench.system)
     assert ("extensor_voltage" in one.signals) is kept
     assert any("changed every 2 ms and were recorded every 10 ms" in said for said in one.remarks) is not kept
@@ -699,7 +704,9 @@ def test_a_page_that_cannot_be_written_does_not_take_the_verdict_with_it(
 
     nothing = SimpleNamespace(problem=None, null=None)
     monkeypatch.setattr(beginning, "begin", lambda *_: nothing)
-    monkeypatch.setattr("pam_orthosis.discrepancy.telling.telling", lambda *_: Telling({}, (), (), ()))
+    monkeypatch.setattr(
+        "pam_orthosis.discrepancy.identifiability.identifiability", lambda *_: Identifiability({}, (), (), ())
+    )
     monkeypatch.setattr(workflow, "search", lambda *_: friction)
     monkeypatch.setattr(gap_page, "page", full)
     file = table(tmp_path / "x.csv", bench.arrays(1))

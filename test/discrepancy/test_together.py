@@ -17,10 +17,10 @@ PATIENCE_S = 60.0  # with what goes on for ever, before it fails
 
 class Memory:
     def __init__(self):
-        self.known, self.told = [], 0
+        self.known, self.reported = [], 0
 
     def news(self):
-        new, self.told = self.known[self.told :], len(self.known)
+        new, self.reported = self.known[self.reported :], len(self.known)
         return new
 
     def learn(self, news):
@@ -29,10 +29,12 @@ class Memory:
 
 @pytest.mark.parametrize("jobs", [1, 2, 5])
 def test_results_come_in_the_order_of_their_items(jobs):
-    told, items = [], [3, -1, 2, 0]
-    found = Workers(jobs).together(lambda x: x * x, items, None, lambda *words: told.append(words), "fitting")
+    reported, items = [], [3, -1, 2, 0]
+    found = Workers(jobs).together(
+        lambda x: x * x, items, None, lambda *words: reported.append(words), "fitting"
+    )
     assert found == [9, 1, 4, 0]
-    assert told == [("fitting", done, 4) for done in range(5)]
+    assert reported == [("fitting", done, 4) for done in range(5)]
     assert Workers(jobs).map(abs, items) == [3, 1, 2, 0]
     assert Workers(jobs).together(abs, []) == []
 

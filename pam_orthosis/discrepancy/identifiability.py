@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What these recordings can tell: which effects would show in them, and which would look alike.
+"""What these recordings can identify: which effects would show in them, and which would look alike.
 
 Each effect's signature is what its typical size changes in the residuals, less what the nuisance
 parameters would follow of it. Its square is the evidence to expect; the angle between two of them
-says whether they can be told apart.
+says whether they can be separated.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ ALIKE = 0.95  # cosine of two signatures above which they are one
 
 
 @dataclass(frozen=True)
-class Telling:
-    """What recordings can and cannot tell.
+class Identifiability:
+    """What recordings can and cannot identify.
 
     Attributes:
         evidence: effect -> evidence to expect if it had its typical size.
@@ -42,8 +42,10 @@ class Telling:
     experiments: tuple[str, ...]
 
 
-def telling(problem: Problem, model: Fit, threshold: float, progress: Progress = silent) -> Telling:
-    """Return what recordings can tell, seen from a recalibrated model; `threshold` of evidence.
+def identifiability(
+    problem: Problem, model: Fit, threshold: float, progress: Progress = silent
+) -> Identifiability:
+    """Return what recordings can identify, seen from a recalibrated model; `threshold` of evidence.
 
     What is wrong with the model at present is no property of the recordings: each residual counts fully.
     """
@@ -66,7 +68,7 @@ def telling(problem: Problem, model: Fit, threshold: float, progress: Progress =
         for j, b in enumerate(names[:i])
         if abs(cosine[i, j]) > ALIKE and not {a, b} & set(invisible)
     )
-    return Telling(evidence, invisible, alike, _experiments(problem.system, invisible, alike))
+    return Identifiability(evidence, invisible, alike, _experiments(problem.system, invisible, alike))
 
 
 def _untempered(problem: Problem, model: Fit) -> tuple[Problem, Fit]:
@@ -90,8 +92,8 @@ def _gram(projection: Projection, trials: list[Trial], progress: Progress) -> np
         return {name: (change, projection.correlated(name, change)) for name, change in changes.items()}
 
     replay = projection.problem.replay
-    told = replay.workers.together(seen, trials, replay, progress, "computing what these data can show")
-    for i, of_trial in enumerate(told):
+    signatures = replay.workers.together(seen, trials, replay, progress, "computing what these data can show")
+    for i, of_trial in enumerate(signatures):
         for name, (change, correlated) in of_trial.items():
             rows[name][i] = change
             shared[:, i] += correlated
