@@ -124,7 +124,7 @@ def outcome_of(start: Beginning, found: Selection, settings: Section) -> Outcome
         gone=gone,
         astray=bool(_astray(system, final)),
         foreign=len(_far_off(final)) >= MANY_STRAINED,
-        moved=bool(moved_far(system, final)),
+        moved=bool(moved_beyond(system, final)),
     )
     verdict = verdict_on(final.effects, closed[measure.OVERALL], rest, empty)
     every = tuple(named_effect(system, found, spread, name, settings.evidence) for name in final.effects)
@@ -163,11 +163,11 @@ def _far_off(final: Fit) -> list[str]:
     return [name for name, value in strained_parameters(final).items() if abs(value) > FAR_STRAIN]
 
 
-def moved_far(system: System, final: Fit) -> dict[str, float]:
-    """Return the calibrations that lie beyond what was stated of them, in multiples of their tolerance."""
+def moved_beyond(system: System, final: Fit, least: float = MOVED) -> dict[str, float]:
+    """Return the calibrations that moved by more than `least` of their tolerances, in multiples of these."""
     own = {one.name for one in system.calibrations}
     moved = {one.name: one.deviation(final.values) for one in final.free if one.name in own}
-    return {name: value for name, value in moved.items() if abs(value) > MOVED}
+    return {name: value for name, value in moved.items() if abs(value) > least}
 
 
 def _astray(system: System, final: Fit) -> list[str]:

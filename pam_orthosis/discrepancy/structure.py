@@ -45,8 +45,9 @@ def missing_rate(
 
 # density of whitened residuals over white noise where it is largest; noise alone reaches 1 to 1.7
 CLEAN = 2.5
-LONG = 3000  # scored samples: from there on noise alone stays below `CLEAN`
+LONG = 3000  # scored samples: from there on noise alone stays below `CLEAN` / `MARGIN`
 DRAWS, QUANTILE = 400, 0.99  # of white noise, for shorter recordings
+MARGIN = 1.6  # over that: what a right model leaves is not quite white
 BINS = 12
 SHORTEST_CYCLE = 0.4  # s
 REPEATS = 0.7  # autocorrelation of a signal that repeats itself
@@ -125,7 +126,7 @@ def _reach(lengths: tuple[int, ...]) -> float:
     rng = np.random.default_rng(0)
     short = [length for length in lengths if length < LONG]
     drawn = [max(peak(rng.standard_normal(length)) for length in short) for _ in range(DRAWS)]
-    return max(CLEAN, float(np.quantile(drawn, QUANTILE)))
+    return max(CLEAN, MARGIN * float(np.quantile(drawn, QUANTILE)))
 
 
 def _coordinates(

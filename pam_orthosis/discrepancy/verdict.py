@@ -12,10 +12,10 @@ from pam_orthosis.discrepancy.confirmation import at_values
 from pam_orthosis.discrepancy.curves import curves, in_words
 from pam_orthosis.discrepancy.findings import Named
 from pam_orthosis.discrepancy.identifiability import Identifiability
-from pam_orthosis.discrepancy.judgement import FAR_STRAIN, Outcome, beyond, moved_far
+from pam_orthosis.discrepancy.judgement import FAR_STRAIN, Outcome, beyond, moved_beyond
 from pam_orthosis.discrepancy.measure import OVERALL, over_noise
 from pam_orthosis.discrepancy.structure import Where, clean
-from pam_orthosis.discrepancy.system import Calibration, Channel, System
+from pam_orthosis.discrepancy.system import Channel, System, Values
 from pam_orthosis.discrepancy.unknown_words import short, unknown_words
 from pam_orthosis.model.parameters import Parameters, experiments, scenario_names
 
@@ -275,7 +275,7 @@ def _answer(outcome: Outcome) -> str:
     left = f"in the {worst} equation {kept[worst]:.1f} times the noise is left{_emptied(outcome)}"
     bent = ", and nuisance parameters are far outside their tolerance" if _far(outcome.strained) else ""
     words = {
-        "none": "recalibrated within its tolerances, the model leaves noise only",
+        "none": _none(outcome) if outcome.verdict == "none" else "",
         "recalibrated": _recalibrated(outcome, names) if outcome.verdict == "recalibrated" else "",
         "explained": f"by {names}",
         "partial": f"{names} explains{much}; {left}{bent}",
@@ -288,26 +288,30 @@ def _answer(outcome: Outcome) -> str:
 def _recalibrated(outcome: Outcome, names: str) -> str:
     if names:
         return f"recalibration alone leaves noise, but what it moves has a better reason: {names}"
-    system, final = outcome.system, outcome.selection.final
-    moved = moved_far(system, final)
-    listed = [
-        _moved(one, final.values[one.name], moved[one.name])
-        for one in system.calibrations
-        if one.name in moved
-    ]
-    rivals = (
-        [f"{name}, evidence {value:.0f}" for name, value in outcome.steps[0].ranked[:1]]
-        if outcome.steps
-        else []
-    )
-    instead = f"; the best effect instead, with too little evidence: {rivals[0]}" if rivals else ""
-    return f"the model leaves noise only with {', '.join(listed)}{instead}"
+    moved = _moved(outcome, moved_beyond(outcome.system, outcome.selection.final))
+    rivals = outcome.steps[0].ranked[:1] if outcome.steps else ()
+    best = "".join(f"{name}, evidence {value:.0f}" for name, value in rivals)
+    instead = f"; the best effect instead, with too little evidence: {best}" if best else ""
+    return f"the model leaves noise only with {moved}{instead}"
 
 
-def _moved(one: Calibration, value: float, deviation: float) -> str:
-    """Return how far a calibration was moved, and how far it was stated to be off."""
-    listed = f"{1 + value:.3g} times as large" if one.relative else f"{value:+.3g} {one.unit} off"
-    return f"{one.name} {listed} ({abs(deviation):.1f} times its tolerance)"
+def _none(outcome: Outcome) -> str:
+    """Return that recalibration leaves noise, and what it moved furthest: an effect may act like that."""
+    moved = moved_beyond(outcome.system, outcome.selection.final, least=1.0)
+    most = max(moved, key=lambda name: abs(moved[name]), default="")
+    furthest = f"; it moved furthest: {_moved(outcome, {most: moved[most]})}" if most else ""
+    return f"recalibrated within its tolerances, the model leaves noise only{furthest}"
+
+
+def _moved(outcome: Outcome, moved: Values) -> str:
+    """Return how far calibrations were moved, in multiples of how far they were stated to be off."""
+    words, values = [], outcome.selection.final.values
+    for one in outcome.system.calibrations:
+        if one.name in moved:
+            off = values[one.name]
+            size = f"{1 + off:.3g} times as large" if one.relative else f"{off:+.3g} {one.unit} off"
+            words.append(f"{one.name} {size} ({abs(moved[one.name]):.1f} times its tolerance)")
+    return ", ".join(words)
 
 
 def _described(outcome: Outcome, names: str) -> str:

@@ -270,6 +270,10 @@ def machine_named(name: Path) -> Machine:
         return KNEE
     if not name.exists() and str(name) in shipped_machines():
         return read_machine(config_folder() / "machines" / f"{name}.yaml")
+    if str(name) == RIG.name and not name.exists():
+        raise OrthosisError(
+            "rig: the test rig has verbs of its own, `rig` and `identify`; give ankle, shoe or a file"
+        )
     if not name.exists() and (config_folder() / "devices" / f"{name}.yaml").exists():
         raise OrthosisError(f"{name} is a device of several machines, for `run`; give one of its machines")
     return read_machine(name)

@@ -7,7 +7,7 @@ import pytest
 from pam_orthosis.discrepancy.fit import peak
 from pam_orthosis.discrepancy.problem import Scored
 from pam_orthosis.discrepancy.run import Run
-from pam_orthosis.discrepancy.structure import CLEAN, Where, _reach, clean, signals_of
+from pam_orthosis.discrepancy.structure import CLEAN, MARGIN, Where, _reach, clean, signals_of
 
 
 @pytest.mark.parametrize("length", [200, 500, 750])
@@ -17,14 +17,16 @@ def test_noise_alone_is_clean_in_short_recordings(length):
     drawn = np.array([max(peak(rng.standard_normal(length)) for _ in range(2)) for _ in range(300)])
     threshold = _reach((length, length))
     assert np.mean(drawn > CLEAN) > 0.2
-    assert np.mean(drawn > threshold) < 0.03
+    # what a right model leaves is not quite white: the same margin as in long recordings
+    assert np.mean(drawn > threshold / MARGIN) < 0.03
+    assert MARGIN * np.quantile(drawn, 0.9) < threshold
     assert clean([Where("torque", 0.99 * threshold, {}, {}, threshold)])
     assert not clean([Where("torque", 1.01 * threshold, {}, {}, threshold)])
 
 
-def test_long_recordings_are_held_to_the_bar_that_was_measured():
+def test_long_recordings_have_the_threshold_that_was_measured():
     assert _reach((6000, 6000, 20000, 20000)) == CLEAN
-    assert _reach((1500, 1500, 6000)) == CLEAN
+    assert CLEAN < _reach((2500, 2500)) < _reach((1500, 1500, 6000)) < 1.6 * CLEAN
 
 
 def test_time_and_phase_go_by_the_clock_of_the_recording(bench):

@@ -160,10 +160,10 @@ def test_a_parameter_that_is_recalibrated_beyond_its_tolerance_is_said(friction)
     _, outcome, _ = friction
     final = outcome.selection.final
     far = replace(final, values={**final.values, "muscle_damping": 0.9, "angle_offset": -5e-3})
-    assert judgement.moved_far(outcome.system, far) == pytest.approx(
+    assert judgement.moved_beyond(outcome.system, far) == pytest.approx(
         {"muscle_damping": 4.5, "angle_offset": -5e-3 / 1.5e-3}
     )
-    assert not judgement.moved_far(
+    assert not judgement.moved_beyond(
         outcome.system, replace(final, values={**final.values, "angle_offset": 4e-3})
     )
     clean = judgement.Rest(True, 1.0, True, moved=True)
@@ -172,6 +172,15 @@ def test_a_parameter_that_is_recalibrated_beyond_its_tolerance_is_said(friction)
     assert judgement.verdict_on((), None, clean._replace(moved=False), ()) == "none"
     reported = replace(
         outcome, verdict="recalibrated", effects=(), selection=replace(outcome.selection, final=far)
+    )
+    within = replace(far, values={**final.values, "muscle_damping": 0.36})
+    little = replace(reported, verdict="none", selection=replace(outcome.selection, final=within))
+    assert (
+        describe(little)
+        .splitlines()[-1]
+        .endswith(
+            "noise only; it moved furthest: muscle_damping 1.36 times as large (1.8 times its tolerance)"
+        )
     )
     last = describe(reported).splitlines()[-1]
     assert last.startswith(

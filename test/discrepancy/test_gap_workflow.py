@@ -546,11 +546,13 @@ def test_a_gap_that_is_left_is_not_called_none(effects, closed, after, verdict):
     clean = structure.clean(left) and not judgement.beyond(*gaps)
     reported = judgement.verdict_on(effects, closed, judgement.Rest(clean, after, gone=False), ())
     assert reported == verdict
-    system = SimpleNamespace(equations=[SimpleNamespace(name="torque", channels=("angle",))], wrong={})
+    system = SimpleNamespace(
+        equations=[SimpleNamespace(name="torque", channels=("angle",))], wrong={}, calibrations=()
+    )
     outcome = SimpleNamespace(
         verdict=reported, effects=[SimpleNamespace(name=name) for name in effects], surrogates=(), left=left,
         after=gaps[0], floor=gaps[1], empty=(), closure={"overall": closed}, system=system, steps=(),
-        unknown=None, strained={}, foreign=False,
+        unknown=None, strained={}, foreign=False, selection=SimpleNamespace(final=SimpleNamespace(free=())),
     )  # fmt: skip
     said = _answer(outcome)
     if verdict == "unexplained":

@@ -113,6 +113,7 @@ sensor: {noise: 1.0e-5}
     ("given", "more", "message"),
     [
         ("leg", [], "a device of several machines"),
+        ("rig", [], "the test rig has verbs of its own"),
         ("ghost.yaml", [], "ghost.yaml"),
         ("ankle", ["--effect", "extensor_leak"], "no effect 'extensor_leak' to hide"),
         (ONE, [], "two actuators"),
