@@ -70,17 +70,17 @@ def solve(case: dict, _tools: dict) -> dict:
     with tempfile.TemporaryDirectory() as folder:
         training, held_out, _ = write_case(recorded, Path(folder))
         start = time.monotonic()
-        told = po.gap(training, held_out).as_dict()
-    named = [one["name"] for one in told["effects"]]
+        answer = po.gap(training, held_out).as_dict()
+    named = [one["name"] for one in answer["effects"]]
     expected = [name_of(case["hidden"])] if case["hidden"] else []
     return {
         **case,
         "true": recorded.answer["wrong"] or recorded.answer["effects"],
-        "verdict": told["verdict"],
-        "effects": told["effects"],
-        "runner_up": told["runner_up"],
-        "explained": told["closure"],
-        "right": named == expected and told["verdict"] in (NAMED if expected else ("none",)),
+        "verdict": answer["verdict"],
+        "effects": answer["effects"],
+        "runner_up": answer["runner_up"],
+        "explained": answer["closure"],
+        "right": named == expected and answer["verdict"] in (NAMED if expected else ("none",)),
         "seconds": round(time.monotonic() - start, 1),
     }
 

@@ -32,7 +32,7 @@ SAMPLE_RATE = 50.0  # Hz, to which the smooth rates are thinned
 THRESHOLDS = np.geomspace(0.02, 1.0, 18)  # STLSQ, with target and columns scaled to unit rms
 RIDGES = (1e-6, 1e-2)  # STLSQ, share of the number of samples
 MOST_TERMS = 6  # FROLS
-BLOCK = 50  # samples, whose sums of squared errors tell the standard error of a score
+BLOCK = 50  # samples, whose sums of squared errors give the standard error of a score
 LEAST_SCORE = 0.05  # share of the held-out variance that a model must predict to name anything
 
 
@@ -83,7 +83,7 @@ def regression(problem, base, noise, columns_of=None) -> Regression:
         problem: the recordings.
         base: the recalibrated model.
         noise: channel -> sd of its residual without a gap, SI.
-        columns_of: the problem whose residuals tell the frequency of the periodic torque (this one).
+        columns_of: the problem whose residuals give the frequency of the periodic torque (this one).
     """
     from pam_orthosis.discrepancy.candidates import Trial
     from pam_orthosis.discrepancy.projection import Projection
@@ -188,19 +188,19 @@ def named(training: Regression, held_out: Regression) -> dict:
         found.append((label, effects, judge.scores(row * size / scale)))
     best = max((blocks for _, _, blocks in found), key=np.mean)
     if np.mean(best) < LEAST_SCORE:
-        return _told([], None, float(np.mean(best)), "none")
+        return _answer([], None, float(np.mean(best)), "none")
     enough = np.mean(best) - np.std(best) / np.sqrt(len(best))
     label, effects, blocks = min(
         (one for one in found if np.mean(one[2]) >= enough), key=lambda one: (len(one[1]), -np.mean(one[2]))
     )
-    return _told(effects, label, float(np.mean(blocks)), "explained" if effects else "none")
+    return _answer(effects, label, float(np.mean(blocks)), "explained" if effects else "none")
 
 
 def _only(one: Regression, names) -> Regression:
     return Regression(one.target, one.library[:, [one.names.index(name) for name in names]], tuple(names))
 
 
-def _told(effects, label, score, verdict) -> dict:
+def _answer(effects, label, score, verdict) -> dict:
     return {
         "verdict": verdict,
         "effects": [{"name": name, "parameters": {}} for name in effects],

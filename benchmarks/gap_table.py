@@ -24,12 +24,12 @@ def read(path: Path) -> list[dict]:
 
 
 def which(case: dict) -> tuple:
-    """Return what tells a case from all others of its seed."""
+    """Return what separates a case from all others of its seed."""
     return case["set"], case["seed"], *case["effects"]
 
 
-def work_off(todo: list[dict], limit: int | None, solve, out: Path, told) -> None:
-    """Solve cases one by one and append each result to a file; `told` puts a result into a line."""
+def work_off(todo: list[dict], limit: int | None, solve, out: Path, line) -> None:
+    """Solve cases one by one and append each result to a file; `line` puts a result into words."""
     tools: dict = {}
     for number, case in enumerate(todo[:limit]):
         try:
@@ -38,7 +38,7 @@ def work_off(todo: list[dict], limit: int | None, solve, out: Path, told) -> Non
             result = {**case, "failed": f"{type(error).__name__}: {error}"}
         with open(out, "a", encoding="utf-8") as stream:
             stream.write(json.dumps(result) + "\n")
-        print(f"{number + 1}/{len(todo)}", told(result), flush=True)
+        print(f"{number + 1}/{len(todo)}", line(result), flush=True)
 
 
 def keep(results: Iterable[dict], path: Path) -> None:
@@ -115,7 +115,7 @@ def _figures(solved) -> dict[str, str]:
     given = [(name, r) for r in solved for name in names(r)]
     right_names = sum(_right_name(name, r) for name, r in given)
     right = [r for r in solved if judged(r) in ("right", "set")]
-    told = [r for r in solved if names(r)]
+    with_name = [r for r in solved if names(r)]
     closures = [r["found"]["closure"]["overall"] for r in right]
     closures = np.array([c for c in closures if c is not None])
     errors, inside = _parameters(right)
@@ -124,7 +124,7 @@ def _figures(solved) -> dict[str, str]:
     return {
         "names given that are right": f"{right_names} of {len(given)}"
         f" ({right_names / max(len(given), 1):.0%})",
-        "cases with a name, all of them right": f"{len(right)} of {len(told)}",
+        "cases with a name, all of them right": f"{len(right)} of {len(with_name)}",
         "closure of rightly named cases, median": f"{np.median(closures):.3f}",
         f"closure at least {CLOSED}": f"{np.sum(closures >= CLOSED)} of {len(closures)}"
         f" ({np.mean(closures >= CLOSED):.0%})",

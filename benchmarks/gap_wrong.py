@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Wrong parameters of the nominal model: is each one named, and how near is its value? Resumable.
 
-    python benchmarks/gap_wrong.py [--out benchmarks/results/gap_wrong.jsonl]
+    python benchmarks/gap_wrong.py [--out benchmarks/results/gap_wrong.jsonl] [--seed N] [--limit N]
 
 The hidden plant has another value, its nuisance parameters are off by 0.7 of their tolerance beside it. The
 search gets the recordings and the nominal model.
@@ -47,8 +47,9 @@ def solve(case: dict, tools: dict) -> dict:
     parameters, replay, key = tools["parameters"], tools["replay"], case["key"]
     nominal, size = parameters.flat()[key], float(case["by"].lstrip("x"))
     true = nominal * size if case["by"].startswith("x") else nominal + size
-    secret = cases.draw(np.random.default_rng([case["number"], 79]), parameters, "clean", "medium", 0)
-    arrays = record(secret, case["number"], {key: true})
+    seed = case["number"] + len(WRONG) * case.get("seed", 0)
+    secret = cases.draw(np.random.default_rng([seed, 79]), parameters, "clean", "medium", 0)
+    arrays = record(secret, seed, {key: true})
     *training, held_out = (from_arrays(name, replay.system, one) for name, one in arrays.items())
     start = time.monotonic()
     outcome = find_gap(replay.system, training, [held_out], parameters.gap, replay=replay)
@@ -59,13 +60,13 @@ def solve(case: dict, tools: dict) -> dict:
         "seconds": round(time.monotonic() - start, 1),
     }
     # a heavier shoe and a mass at the foot are one thing
-    told, off = (name_of(key), 0.0) if key != "leg.shoe_mass" else ("extra_foot_mass", nominal)
-    if told in named:
-        value, _, low, high = named[told]
+    wrong, off = (name_of(key), 0.0) if key != "leg.shoe_mass" else ("extra_foot_mass", nominal)
+    if wrong in named:
+        value, _, low, high = named[wrong]
         scale = {"leg.symmetric_angle": 1.0, "leg.bearing_height": 0.2}.get(key, true)
         found |= {"value": value + off, "interval": [low + off, high + off]}
         found["error"] = abs(value + off - true) / scale
-    right = list(named) == [told] and found["error"] < NEAR
+    right = list(named) == [wrong] and found["error"] < NEAR
     return {**case, "nominal": nominal, "true": true, **found, "right": right}
 
 
@@ -75,10 +76,17 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--out", type=Path, default=RESULTS)
-    out = parser.parse_args().out
+    parser.add_argument("--seed", type=int, default=0, help="of deviations and noise")
+    parser.add_argument("--limit", type=int)
+    arguments = parser.parse_args()
+    out = arguments.out
     known = {case["number"] for case in read(out)} if out.exists() else set()
-    plan = [{"number": n, "key": key, "by": by} for n, (key, by) in enumerate(WRONG)]
-    work_off([case for case in plan if case["number"] not in known], None, solve, out, str)
+    plan = [
+        {"number": n, "seed": arguments.seed, "key": key, "by": by}
+        for n, (key, by) in enumerate(WRONG)
+        if n not in known
+    ]
+    work_off(plan, arguments.limit, solve, out, str)
     results = read(out)
     print(f"{sum(bool(r.get('right')) for r in results)} of {len(results)} named, within {NEAR:.0%}")
 

@@ -90,7 +90,7 @@ def differences() -> list[str]:
 
 
 def _machine() -> str:
-    """Return what tells machines apart whose floating-point results may differ."""
+    """Return what separates machines whose floating-point results may differ."""
     return f"{zlib.crc32(processor().encode()):08x}, numpy {np.__version__}"
 
 
