@@ -23,13 +23,12 @@ from pam_orthosis.nodes.dummy_driver import EmulatedHardware
 
 
 class Terminal:
-    """Keeps a sample of each period in its registers; sets a valve when its register is written."""
+    """Looks at its sensors when their registers are read; sets a valve when its register is written."""
 
     def __init__(self, parameters: Parameters, watchdog: float):
         self._hardware = EmulatedHardware(parameters)
         self._period, self._watchdog_ns = parameters.scenario.control_period, round(watchdog * 1e9)
         self._first_ns, self._written_ns = time.monotonic_ns(), 0
-        self._sampled = registers.of_sample(self._hardware.read(0))
         words = SimData(0, count=registers.SENSORS + registers.VALVES, datatype=DataType.REGISTERS)
         self.device = SimDevice(id=1, simdata=[words], action=self._access)
 
@@ -39,13 +38,13 @@ class Terminal:
             at_ns = self._now_ns()
             if at_ns - self._written_ns > self._watchdog_ns:
                 self._hardware.vent(at_ns)
-            self._sampled = registers.of_sample(self._hardware.read(at_ns))
+            self._hardware.read(at_ns)
             await asyncio.sleep(self._period)
 
     async def _access(
         self, _code: int, _start: int, address: int, _count: int, known: list[int], values: list[int] | None
     ) -> None:
-        known[: registers.SENSORS] = self._sampled
+        known[: registers.SENSORS] = registers.of_sample(self._hardware.read(self._now_ns()))
         for register, value in enumerate(values or (), address):
             self._written_ns = self._now_ns()
             self._hardware.write(register - registers.SENSORS, registers.spool_of(value), self._written_ns)

@@ -52,6 +52,7 @@ class GuardedPosition(Guarded):
         self._distance, self._speed = g.tracking_error, g.velocity_error
         self._pressure_error: float = g.pressure_error
         self._ambient = nominal.valve.ambient_pressure
+        self._lowest = nominal.control.position.minimum_pressure
         self._watch_anew()
         self._begun, self._trusted = False, guard.overdue(g.trust_time, nominal)
         self._most, self._failed, self._returns = g.returns, 0, 0
@@ -176,8 +177,11 @@ class GuardedPosition(Guarded):
             self._failed += 1
 
     def _is_short(self, asked: PressureReference, pressure: float) -> bool:
-        """Whether an actuator has not what is asked for: of a low pressure half is missed already."""
-        if asked is Valve.CLOSED:
+        """Whether an actuator has not what is asked for: of a low pressure half is missed already.
+
+        Less than the lowest reference is asked for only while pressures begin to rise, and lags much.
+        """
+        if asked is Valve.CLOSED or asked < self._lowest:
             return False
         least: float = 0.5 * (asked + self._ambient)
         return abs(asked - pressure) > self._pressure_error or pressure < least

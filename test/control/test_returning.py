@@ -4,7 +4,10 @@
 import numpy as np
 import pytest
 
+from pam_orthosis.control.guarded import GuardedPosition
 from pam_orthosis.control.loop import ClosedLoop
+from pam_orthosis.control.position import PositionCommand
+from pam_orthosis.control.reference import Reference
 from pam_orthosis.control.trajectory import make_trajectory
 from pam_orthosis.model.parameters import load, scenario_overrides
 from pam_orthosis.model.plant import Plant
@@ -146,3 +149,26 @@ def test_a_knee_that_is_blocked_is_given_up_and_follows_after_the_next_stop():
     error = np.rad2deg(np.abs(rest["reference_angle"] - rest["true_angle"]))
     assert error[-400:].max() < BOUND_DEG
     assert loop.health()["position"]["vent"] == ""
+
+
+class Steady:
+    """A position controller that asks for the same pressures in each sample."""
+
+    def restart(self):
+        pass
+
+    def step(self, position, pressures, reference, periods=1):
+        return PositionCommand((3e5, 1.6e5), position, 0.0, 0.0, 0.0, False, False)
+
+
+@pytest.mark.parametrize(("lag", "reason"), [(0.06, ""), (np.inf, "pressure does not follow")])
+def test_pressures_that_begin_to_rise_may_lag_but_not_stay_away(lag, reason):
+    guarded, ambient = GuardedPosition(P, Steady()), P.valve.ambient_pressure
+    rest = Reference(P.at(P.declared.start), 0.0, 0.0)
+    asked, reasons = [(ambient, ambient)], []
+    for k in range(round(1.2 / P.scenario.control_period)):
+        late = k - min(lag, 1e3) / P.scenario.control_period
+        command = guarded.step(rest.position, asked[max(0, round(late))], rest)
+        asked.append(command.pressures)
+        reasons.append(guarded.released())
+    assert next(filter(None, reasons), "") == reason
