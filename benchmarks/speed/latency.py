@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -23,6 +24,7 @@ SECONDS = 60.0  # of each figure, over all repeats
 DEVICE_LATE = Goal("at most 0.5 %", at_most=0.5)
 FIGURES = (("median", "ms"), ("99th percentile", "ms"), ("answers later than a period", "%"))
 LEGS = ("left", "right")
+TIMER_HZ = 200
 
 Latency = tuple[float, float, float]
 
@@ -50,9 +52,11 @@ TIMED = (
 
 
 def rows(repeats: int) -> Iterator[Row]:
-    """Yield the rows: median, 99th percentile and late answers of each."""
+    """Yield the rows: median, 99th percentile and late answers of each; and what the machine is like."""
     for one in TIMED:
         yield from rows_of(one, repeats)
+    what = f"a bare timer at {TIMER_HZ} Hz: wakes later than half a period"
+    yield row("latency", what, "%", [woken_late(SECONDS / repeats) for _ in range(repeats)])
 
 
 def rows_of(timed: Timed, repeats: int, group: str = "latency") -> Iterator[Row]:
@@ -66,6 +70,15 @@ def rows_of(timed: Timed, repeats: int, group: str = "latency") -> Iterator[Row]
         yield row(group, f"{timed.words}: {figure}", unit, mine, judged, goal)
         if goal.words:
             yield row(group, f"{timed.words}: {figure}, relays", unit, theirs)
+
+
+def woken_late(seconds: float) -> float:
+    """Return how many wakes, %, of a process that only sleeps until its next period come too late."""
+    began, late, count = time.monotonic(), 0, round(seconds * TIMER_HZ)
+    for due in (began + k / TIMER_HZ for k in range(1, count + 1)):
+        time.sleep(max(0.0, due - time.monotonic()))
+        late += time.monotonic() - due > 0.5 / TIMER_HZ
+    return 100 * late / count
 
 
 def answered(timed: Timed, seconds: float) -> Latency:

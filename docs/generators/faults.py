@@ -9,7 +9,7 @@ from typing import Any
 from generators.markdown import table
 
 RESULTS = Path(__file__).resolve().parents[2] / "benchmarks" / "results" / "faults.json"
-RETURNS = RESULTS.with_name("returns.json")
+RETURNS, MODBUS = RESULTS.with_name("returns.json"), RESULTS.with_name("modbus.json")
 Found = Mapping[str, Any]
 
 
@@ -19,7 +19,11 @@ def blocks() -> dict[str, Callable[[], str]]:
     made = {
         f"faults-{name}": lambda name=name: MAKERS[name](results[name]) for name in results if name in MAKERS
     }
-    return {**made, "faults-returns": lambda: _returns(json.loads(RETURNS.read_text(encoding="utf-8")))}
+    rows = {"faults-returns": (_returns, RETURNS), "modbus": (_modbus, MODBUS)}
+    return made | {
+        name: lambda make=make, file=file: make(json.loads(file.read_text(encoding="utf-8")))
+        for name, (make, file) in rows.items()
+    }
 
 
 def _head(what: str) -> str:
@@ -110,6 +114,27 @@ def _returns(rows: list[Found]) -> str:
             faults = "; ".join(fault for row in own for fault in row["faults"]) or "-"
             lines.append((mode, who, str(len(own)), f"{longest:g}", f"{away:.1f}", f"{left:.1f}", faults))
     head = ("run", "who", "tried", "away, s at most", "error meanwhile, deg", "error then, deg", "wrong")
+    return table(head, lines)
+
+
+def _modbus(rows: list[Found]) -> str:
+    """Return how fast the example of a driver answers, and how the knee follows before and after a loss."""
+    lines = [
+        (
+            str(number),
+            f"{row['latency_median_ms']:.2f}",
+            f"{row['latency_p99_ms']:.2f}",
+            f"{row['missed_deadlines'] - row['skipped_samples']} of {row['periods'] - row['skipped_samples']}",
+            str(row["skipped_samples"]),
+            f"{row['error_before_deg']:.2f}",
+            "-" if row["error_after_deg"] is None else f"{row['error_after_deg']:.2f}",
+        )
+        for number, row in enumerate(rows, 1)
+    ]
+    head = (
+        "run", "latency, median, ms", "99 %, ms", "late answers", "samples not taken (400 while it was gone)",
+        "largest error before, deg", "3 s after the return, deg",
+    )  # fmt: skip
     return table(head, lines)
 
 
