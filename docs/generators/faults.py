@@ -124,7 +124,7 @@ def _modbus(rows: list[Found]) -> str:
             str(number),
             f"{row['latency_median_ms']:.2f}",
             f"{row['latency_p99_ms']:.2f}",
-            f"{row['missed_deadlines'] - row['skipped_samples']} of {row['periods'] - row['skipped_samples']}",
+            " of ".join(str(row[key] - row["skipped_samples"]) for key in ("missed_deadlines", "periods")),
             str(row["skipped_samples"]),
             f"{row['error_before_deg']:.2f}",
             "-" if row["error_after_deg"] is None else f"{row['error_after_deg']:.2f}",
