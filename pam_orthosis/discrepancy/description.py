@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,7 @@ LEAST_REDUCED = 0.5  # share of the held-out gap that a description removes, at 
 SIMPLER = 0.02  # of that share: what more knots have to add
 CYCLES, FITS = 1.8, 0.7  # a curve is periodic if so many waves are in its range and explain so much of it
 SLOW = 8.0  # Hz, below which the size of the unknown is looked at
+FAR = 10.0  # tolerances that a parameter is moved: no curve needs that
 UNSURE = 3.0  # times the median standard deviation: places that were hardly visited
 ROUNDING = 1e-9  # of a curve's squares: what is smaller is a line
 QUANTILE = 1.96  # two-sided 95 % of a normal distribution
@@ -127,6 +129,15 @@ def _coordinates(groups: list[Problem]) -> list[str]:
     return sorted(set.intersection(*known) - {"phase"})
 
 
+class _Solved(NamedTuple):
+    """Free parameters and a curve, its columns in both groups, and what leaves of values what it may be."""
+
+    step: np.ndarray
+    covariance: np.ndarray
+    columns: list[np.ndarray]
+    able: np.ndarray
+
+
 class _Fitting:
     """Curves over signals, fitted to an equation's residuals beside the model's free parameters."""
 
@@ -139,7 +150,7 @@ class _Fitting:
         weight = np.array([one.scale / one.sd for one in model.free])
         self._weight, self._count = weight, len(weight)
         self._deviation = np.array([one.deviation(model.values) for one in model.free])
-        self._solved: dict[tuple[str, str, int], tuple[np.ndarray, np.ndarray, list[np.ndarray]]] = {}
+        self._solved: dict[tuple[str, str, int], _Solved] = {}
         self._linear = {
             (one.run.serial, channel): injection(group.replay, one.run, equation, channel, model.values)
             for group in self._groups
@@ -168,7 +179,7 @@ class _Fitting:
 
     def _judged(self, channel: str, name: str, knots: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the held-out residuals without a curve and with it; all else moves in both."""
-        step, _, columns = self._solve(channel, name, knots)
+        step, _, columns, _ = self._solve(channel, name, knots)
         slopes, place = self._slopes[1]
         residual = self._residuals[1]
         before = residual + slopes.T @ self._alone()[place]
@@ -187,38 +198,53 @@ class _Fitting:
         """Return the t value of the fall of the held-out squares, over blocks of time."""
         before, after = self._judged(channel, name, knots)
         falls = block_sums(self._groups[1], self._equation, before**2 - after**2)
-        return (
-            float(falls.mean() / max(falls.std(ddof=1) / np.sqrt(len(falls)), 1e-12))
-            if len(falls) > 1
-            else 0.0
-        )
+        spread = falls.std(ddof=1) / np.sqrt(len(falls)) if len(falls) > 1 else np.inf
+        return float(falls.mean() / max(spread, 1e-12))
 
     def curve(self, channel: str, name: str, knots: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the knots, the curve there, and its covariance."""
-        step, covariance, _ = self._solve(channel, name, knots)
-        scale, own, able = self._size(channel), slice(self._count, None), self._able(channel, name, knots)
+        step, covariance, _, able = self._solve(channel, name, knots)
+        scale, own = self._size(channel), slice(self._count, None)
         values, spread = able @ step[own], able @ covariance[own, own] @ able.T
         return np.linspace(*self._ends(name), knots), scale * values, scale**2 * spread
 
-    def _solve(self, channel: str, name: str, knots: int) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    def _solve(self, channel: str, name: str, knots: int) -> _Solved:
+        """Return a curve over a signal beside the free parameters.
+
+        A parabola over the recording of what the equation itself predicts, and parameters that undo it in
+        the model, are together a gain by which the replay follows the recording, whatever is missing. A
+        curve over its rate has none, nor has one over itself that would move parameters far.
+        """
         key = channel, name, knots
         if key not in self._solved:
-            columns = [self._columns(group, channel, name, knots) for group in self._groups]
-            slopes, place = self._slopes[0]
-            matrix = np.vstack([slopes, columns[0].T])
-            where = np.concatenate([place, self._count + np.arange(knots)])
-            weight = np.concatenate([self._weight, np.full(knots, 1 / BOUND)])
-            hessian = np.diag(weight**2 + 1e-12)
-            gradient = np.concatenate([self._weight * self._deviation, np.zeros(knots)])
-            hessian[np.ix_(where, where)] += matrix @ matrix.T
-            gradient[where] += matrix @ self._residuals[0]
-            covariance = np.linalg.pinv(hessian, hermitian=True)
-            self._solved[key] = -covariance @ gradient, covariance, columns
+            system = self._groups[0].system
+            state = system.channel(channel).state
+            rates = {rate for rate, of in system.derived.items() if of == state}
+            bent, flat = np.eye(knots), _without_parabola(np.linspace(0.0, 1.0, knots), np.ones(knots))
+            found = self._solved_with(channel, name, flat if name in rates else bent)
+            moved = np.abs(self._deviation + self._weight * found.step[: self._count])
+            if name == channel and max(moved, default=0.0) > FAR:
+                found = self._solved_with(channel, name, flat)
+            self._solved[key] = found
         return self._solved[key]
 
-    def _columns(self, group: Problem, channel: str, name: str, knots: int) -> np.ndarray:
+    def _solved_with(self, channel: str, name: str, able: np.ndarray) -> _Solved:
+        knots = len(able)
+        columns = [self._columns(group, channel, name, able) for group in self._groups]
+        slopes, place = self._slopes[0]
+        matrix = np.vstack([slopes, columns[0].T])
+        where = np.concatenate([place, self._count + np.arange(knots)])
+        weight = np.concatenate([self._weight, np.full(knots, 1 / BOUND)])
+        hessian = np.diag(weight**2 + 1e-12)
+        gradient = np.concatenate([self._weight * self._deviation, np.zeros(knots)])
+        hessian[np.ix_(where, where)] += matrix @ matrix.T
+        gradient[where] += matrix @ self._residuals[0]
+        covariance = np.linalg.pinv(hessian, hermitian=True)
+        return _Solved(-covariance @ gradient, covariance, columns, able)
+
+    def _columns(self, group: Problem, channel: str, name: str, able: np.ndarray) -> np.ndarray:
         """Return what each knot of a curve, of the unknown's own size, changes in the row of residuals."""
-        size, able, rows = self._size(channel), self._able(channel, name, knots), []
+        size, knots, rows = self._size(channel), len(able), []
         for one in group.scored:
             linear = self._linear[one.run.serial, channel]
             assert linear is not None
@@ -229,18 +255,6 @@ class _Fitting:
                 white = one.white(other, -changed)
                 rows.append(white if other == channel else 0.0 * white)
         return np.vstack(rows)
-
-    def _able(self, channel: str, name: str, knots: int) -> np.ndarray:
-        """Return the matrix that leaves of values at knots what a curve may be: all, but for its own rate.
-
-        A parabola over the recorded rate of what the equation itself predicts, and a damping that undoes it
-        in the model, are together a gain by which the replay follows the recording, whatever is missing.
-        """
-        system = self._groups[0].system
-        state = system.channel(channel).state
-        rates = {rate for rate, of in system.derived.items() if of == state}
-        places = np.linspace(0.0, 1.0, knots)
-        return _without_parabola(places, np.ones(knots)) if name in rates else np.eye(knots)
 
     def _ends(self, name: str) -> tuple[float, float]:
         group = self._groups[0]
@@ -253,11 +267,9 @@ class _Fitting:
         group, index = self._groups[0], self._equation.channels.index(channel)
         squares = []
         for one in group.scored:
-            linear = self._linear[one.run.serial, channel]
+            linear, model = self._linear[one.run.serial, channel], self._model
             assert linear is not None
-            raw = group.replay.residuals(one.run, self._equation, self._model.effects, self._model.values)[
-                :, index
-            ]
+            raw = group.replay.residuals(one.run, self._equation, model.effects, model.values)[:, index]
             unknown = linear.added(raw, SLOW) / self._levers[one.run.serial, channel]
             squares.append(np.mean(unknown[one.warm_up :] ** 2))
         return float(np.sqrt(np.mean(squares)))
