@@ -22,7 +22,7 @@ import yaml
 from pam_orthosis.errors import OrthosisError
 
 MOST_TEXT = 16 << 20  # bytes of a YAML or JSON text
-MOST_TABLE = 64 << 20  # bytes of a CSV table: an hour of a knee at 200 Hz
+MOST_TABLE = 64 << 20  # bytes of a CSV table: an hour of a joint at 200 Hz
 MOST_LINE = 1 << 20  # characters of a line of a table
 MOST_SCALAR = 100_000  # characters of a text or number in YAML
 MOST_NODES = 100_000  # of a YAML text, each alias counted as what it stands for

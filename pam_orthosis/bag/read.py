@@ -26,12 +26,12 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components.spool import voltage_of
 from pam_orthosis.model.device import MACHINE
 from pam_orthosis.model.machine import Machine
-from pam_orthosis.model.machines import KNEE, machine_from
+from pam_orthosis.model.machines import machine_from, machine_named
 from pam_orthosis.model.parameters import Section, load
 from pam_orthosis.reading import from_json, shown
 
 VOLTAGES = tuple(f"valve.{which}_voltage" for which in ("minimum", "closed", "maximum"))
-KNOWN = {**RIG_SIGNALS, **Topics(KNEE).signals}
+KNOWN = {**RIG_SIGNALS, **Topics(machine_named()).signals}
 # what a signal in the right unit cannot leave
 PLAUSIBLE = {
     "rad": (-10.0, 10.0),
@@ -154,25 +154,25 @@ def _run_record(path: Path) -> dict[str, str]:
 
 
 def machine_of(path: Path, run: Mapping[str, str]) -> Machine:
-    """Return the machine that a bag's run metadata name: of the file in it, or the knee.
+    """Return the machine that a bag's run metadata name: of the file in it, or the shipped one.
 
     Raises:
         OrthosisError: the file in it is unusable.
     """
     if not (text := run.get("machine")):
-        return KNEE
+        return machine_named()
     return machine_from(text, run.get("machine_name", "machine"), f"{path}: the machine in its run metadata")
 
 
 def recorded_machine(path: Path, namespace: str = "") -> Machine:
     """Return the machine of a bag, or of one of its namespaces.
 
-    One that cannot be read is taken for the knee's: whoever reads its signals reports what is wrong with it.
+    If it cannot be read, the shipped one: whoever reads its signals reports what is wrong with it.
     """
     try:
         run = run_record(path, namespace)
     except OrthosisError:
-        return KNEE
+        return machine_named()
     return machine_of(path, run)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics and signals of the test rig, beside those of the knee in `bag.topics`.
+"""Topics and signals of the test rig, beside those of other machines in `bag.topics`.
 
 Same conventions: stamped standard types, truth on a topic of its own that identification never reads.
 """

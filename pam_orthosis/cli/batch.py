@@ -94,7 +94,7 @@ def describe(summary: dict) -> str:
 def _units(arguments: argparse.Namespace) -> list:
     from pam_orthosis.bag.verdict import bound_in
     from pam_orthosis.batch.unit import Unit
-    from pam_orthosis.model.machines import KNEE
+    from pam_orthosis.model.machines import machine_named
 
     task, seconds = arguments.task, arguments.timeout
     try:
@@ -102,7 +102,7 @@ def _units(arguments: argparse.Namespace) -> list:
     except ValueError as error:
         raise OrthosisError(f"--with {arguments.more!r}: {error}") from None
     if task == "study":
-        bound = f"{bound_in(bound_of(arguments), KNEE):g}"
+        bound = f"{bound_in(bound_of(arguments), machine_named()):g}"
         return [
             Unit(name, "pam_orthosis.batch.walk", (text, bound), True, True, seconds)
             for name, text in _walks(arguments.inputs, more)

@@ -57,9 +57,9 @@ def chosen(
 
 def machine_of(arguments: argparse.Namespace) -> Machine:
     """Return the machine that is given; OrthosisError for an unusable file, or a scenario of the knee."""
-    from pam_orthosis.model.machines import KNEE, machine_named
+    from pam_orthosis.model.machines import machine_named
 
-    machine = machine_named(arguments.machine) if arguments.machine else KNEE
+    machine = machine_named(arguments.machine)
     if arguments.scenario not in (None, DEFAULT) and not machine.experiments:
         problem = f"--scenario {arguments.scenario} is for the knee"
         raise OrthosisError(f"{problem}; give the machine's motion by values in {arguments.machine}")

@@ -148,10 +148,12 @@ def _chosen(arguments: argparse.Namespace, given: Mapping[str, Any]) -> tuple[Pa
 
 def _mode(arguments: argparse.Namespace, parameters: Parameters) -> launch.Mode:
     from pam_orthosis.control.legs import differences
+    from pam_orthosis.model.machines import machine_named
     from pam_orthosis.nodes.launch import Mode
 
     if arguments.legs > 1 and not parameters.declared.experiments:
-        raise OrthosisError(f"--legs 2 is for the knee, not for the machine of {arguments.machine}")
+        shipped, other = machine_named().name, arguments.machine
+        raise OrthosisError(f"--legs 2 is for the {shipped}, not for the machine of {other}")
     if arguments.legs > 1 and parameters.scenario.plan.enabled:
         raise OrthosisError("--legs 2: a plan is of one leg, the other is half a cycle ahead; leave it out")
     legs = differences(parameters) if arguments.legs > 1 else {}

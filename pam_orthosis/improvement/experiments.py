@@ -24,7 +24,7 @@ class Experiment(NamedTuple):
 
 
 def experiments(parameters: Parameters) -> list[Experiment]:
-    """Return the experiments of a round: three cadences, and of the knee the free decay after fast steps.
+    """Return the experiments of a round: three cadences, and free decays if the machine has experiments.
 
     The decay parts friction from hysteresis and shows damping and masses; one cadence and other levels of
     the decay are held out. Whoever wears the orthosis wears it in all of them.

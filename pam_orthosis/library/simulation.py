@@ -16,7 +16,7 @@ from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.library.run import Array, Run, Runs
 from pam_orthosis.model.machine import Machine
-from pam_orthosis.model.machines import KNEE, machine_named
+from pam_orthosis.model.machines import machine_named
 from pam_orthosis.model.parameters import Parameters, load, scenario_overrides
 from pam_orthosis.model.plant import Plant
 from pam_orthosis.model.study import Study
@@ -32,7 +32,7 @@ def machine(path: str | Path | None = None) -> Machine:
     Raises:
         OrthosisError: the file is unusable.
     """
-    return KNEE if path is None else machine_named(Path(path))
+    return machine_named(None if path is None else Path(path))
 
 
 def parameters(
@@ -112,7 +112,7 @@ def simulate(
     if voltages is None:
         return Runs([_followed(one) for one in every], columns)
     given = _checked(voltages, parameters)
-    if parameters.declared is not KNEE or len(every) == 1:
+    if parameters.declared is not machine_named() or len(every) == 1:
         return Runs([_driven(one, given) for one in every], columns)
     return Runs(_together(parameters, every, columns, given), columns)
 

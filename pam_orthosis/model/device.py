@@ -12,7 +12,7 @@ import yaml
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machine import Machine
-from pam_orthosis.model.machines import KNEE, machine_from, machine_named
+from pam_orthosis.model.machines import machine_from, machine_named
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.reading import config_folder, from_json, from_yaml, mapping, read_text
 
@@ -107,7 +107,7 @@ def _joint(path: Path, name: str, node: Any, values: Mapping[str, Any]) -> Machi
     text = base.text or read_text(config_folder() / "machines" / f"{base.name}.yaml")
     tree = mapping(from_yaml(text, where), where)
     effects = {key: value for key, value in load().flat().items() if key.startswith("plant.effects.")}
-    tree["values"] = (effects if base is KNEE else {}) | tree.get("values", {})
+    tree["values"] = ({} if base.text else effects) | tree.get("values", {})
     for one in tree["actuators"].values():
         one["parallel"] = node.get("parallel", 1)
     if "coupled" in node:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The leg's mechanics as polynomials of the knee angle, for where they are evaluated millions of times.
+"""The leg's mechanics as polynomials of the angle, for where they are evaluated millions of times.
 
 Inertia and gravity of Eq. (26) depend on the angle alone and are linear in the masses; k is
 m'(q) q-dot^2 / 2. Polynomials, fitted at Chebyshev nodes, give them to 1e-8 N m and better at a tenth of the

@@ -116,6 +116,11 @@ class Machine:
         return (own,) if own else ()
 
     @property
+    def shared_rows(self) -> tuple[str, ...]:
+        """How the keys of `config/` begin that it has as a machine of its kind."""
+        return getattr(MECHANISMS[self.kind], "rows", (f"{self.parameters}.",))
+
+    @property
     def joint(self) -> int:
         """Number of its coordinate among those of the coupled mechanism."""
         return COUPLED[self.coupled].joints.index(self.kind)

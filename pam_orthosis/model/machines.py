@@ -260,13 +260,13 @@ def shipped_machines() -> list[str]:
     return [name for name in names if name != RIG.name]
 
 
-def machine_named(name: Path) -> Machine:
-    """Return the machine of a file or, where there is none, the shipped one of this name.
+def machine_named(name: Path | None = None) -> Machine:
+    """Return the machine of a file or, where there is none, the shipped one of this name; none: the knee.
 
     Raises:
         OrthosisError: neither is there, it is that of a device, or the file is unusable.
     """
-    if str(name) == KNEE.name and not name.exists():
+    if name is None or (str(name) == KNEE.name and not name.exists()):
         return KNEE
     if not name.exists() and str(name) in shipped_machines():
         return read_machine(config_folder() / "machines" / f"{name}.yaml")

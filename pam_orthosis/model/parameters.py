@@ -25,15 +25,10 @@ __all__ = [
     "scenario_names", "scenario_overrides",
 ]  # fmt: skip
 SUBJECTS = ("muscle", "valve", "leg", "control", "rig", "plant", "scenario", "gap")
-# the knee's nodes know no rig; the rig's controllers know these and their rig
+# nodes know no rig; the rig's controllers know these and their rig
 NOMINAL = ("muscle", "valve", "leg", "control", "effects", "scenario", "machine")
-# rows of machines of the leg, of the knee alone, and of knee and rig
-OF_LEG = ("leg.", "plant.sensor.angle", "plant.deviation.moving_mass", "plant.deviation.person_mass")
-OF_KNEE = (
-    *OF_LEG, "scenario.start_angle", "plant.mounting.", "plant.deviation.extensor_force",
-    "plant.deviation.flexor_force",
-)  # fmt: skip
-OF_SHIPPED = (*OF_KNEE, "rig.", "plant.rig.", "plant.effects.", "plant.person.tissue.", "effects.")
+# rows that a machine of another file has by its own effects, or not at all; see `mechanisms.all_rows`
+OF_SHIPPED = ("rig.", "plant.rig.", "plant.effects.", "plant.person.tissue.", "effects.")
 
 
 class Parameters(Section):
@@ -138,10 +133,10 @@ def load(overrides: Mapping[str, Any] | None = None, machine: Machine | None = N
     Raises:
         OrthosisError: unknown key, wrong type, not finite, out of bounds or inconsistent values.
     """
-    from pam_orthosis.model.machines import KNEE  # --help needs none of them
+    from pam_orthosis.model.machines import machine_named  # --help needs none of them
 
-    declared = machine or KNEE
-    parameters = Parameters(declared, _shipped_rows() if declared is KNEE else _rows_for(declared))
+    declared = machine or machine_named()
+    parameters = Parameters(declared, _rows_for(declared) if declared.text else _shipped_rows())
     try:
         declared.check(parameters)
     except OrthosisError as error:
@@ -169,33 +164,34 @@ def scenario_overrides(name: str) -> dict[str, Any]:
 
 @lru_cache(maxsize=1)
 def _shipped_rows() -> dict[str, Row]:
-    from pam_orthosis.model.machines import KNEE, RIG  # --help needs none of them
+    from pam_orthosis.model.machines import RIG, machine_named  # --help needs none of them
 
+    shipped = machine_named()
     rows: dict[str, Row] = {}
     for subject in SUBJECTS:
         tree = _subject(subject)
         if subject == "plant":
             of_rig = mapping(tree.get("rig"), "config/: rig in plant.yaml")
             own = {name: effect for name, effect in RIG.catalogue.items() if effect.of == "translation"}
-            rows.update(_effect_rows("plant.effects", tree.pop("effects", {}), KNEE.catalogue))
+            rows.update(_effect_rows("plant.effects", tree.pop("effects", {}), shipped.catalogue))
             rows.update(_effect_rows("plant.rig.effects", of_rig.pop("effects", {}), own))
         rows.update(_rows_of(tree, subject))
-    rows.update(_effect_rows("plant.person.tissue", {}, KNEE.tissue))
-    rows.update(_effect_rows("effects", {}, KNEE.possible))
+    rows.update(_effect_rows("plant.person.tissue", {}, shipped.tissue))
+    rows.update(_effect_rows("effects", {}, shipped.possible))
     rows.update(_effect_rows("rig.effects", {}, RIG.possible))
     return rows
 
 
 def _rows_for(machine: Machine) -> dict[str, Row]:
     """Return the rows that a machine's file gives itself, and those that all machines share."""
+    from pam_orthosis.model.mechanisms import all_rows
+
     effects = machine.catalogue
     rows = {row.key: row for row in machine.rows}
     for subject in machine.subjects:
         for branch, tree in _subject(subject).items():
             rows |= _rows_of(mapping(tree, f"config/: {subject}.yaml"), branch)
-    of_leg = OF_KNEE if machine.kind == "knee" else OF_LEG
-    own = of_leg if machine.parameters == "leg" else (f"{machine.parameters}.",)
-    others = tuple(key for key in OF_SHIPPED if key not in own)
+    others = tuple(key for key in (*all_rows(), *OF_SHIPPED) if key not in machine.shared_rows)
     shared = {key: row for key, row in _shipped_rows().items() if not key.startswith(others)}
     true = _effect_rows("plant.effects", {}, effects)
     true |= _effect_rows("plant.person.tissue", {}, machine.tissue)

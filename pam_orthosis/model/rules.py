@@ -179,7 +179,7 @@ def motion_digest(values: Mapping[str, Any]) -> str:
     trajectory = values["scenario.trajectory"]
     keys = [key for key in sorted(values) if key.startswith(f"scenario.{SHAPES.get(trajectory)}.")]
     others = "scenario.start_phase", "scenario.start_angle", "leg.person.present"
-    keys += [key for key in others if key in values]  # no machine but the knee has a leg
+    keys += [key for key in others if key in values]  # not every machine has a leg
     numbers = [values[key] if isinstance(values[key], list) else [values[key]] for key in keys]
     content = trajectory, keys, [[float(number) for number in each] for each in numbers]
     return hashlib.sha256(repr(content).encode()).hexdigest()[:12]

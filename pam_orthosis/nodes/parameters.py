@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machine import Machine
-from pam_orthosis.model.machines import KNEE, read_machine
+from pam_orthosis.model.machines import machine_named, read_machine
 from pam_orthosis.model.parameters import Parameters, Row, load
 from pam_orthosis.nodes.layout import NodeSpec
 
@@ -30,13 +30,14 @@ class Setting(NamedTuple):
 
 
 LEGS = Setting("", "namespaces of the legs, and in which parameters each differs, as JSON; none: one")
-MACHINE = {"machine_file": Setting("", "YAML file of the machine whose graph this is; none: the knee")}
+OF_FILE = f"YAML file of the machine whose graph this is; none: the {machine_named().name}"
+MACHINE = {"machine_file": Setting("", OF_FILE)}
 
 
 def machine_of(settings: Mapping[str, Any]) -> Machine:
     """Return the machine of a node with the settings `MACHINE`; OrthosisError if its file is unusable."""
     file = settings["machine_file"]
-    return read_machine(Path(file)) if file else KNEE
+    return read_machine(Path(file)) if file else machine_named()
 
 
 def declare_settings(node: Node, settings: Mapping[str, Setting]) -> dict[str, Any]:

@@ -8,3 +8,8 @@ from pam_orthosis.model.mechanisms.one_axis import Rotation, Sole, Translation
 
 __all__ = ["MECHANISMS", "Ankle", "Carriage", "Knee", "Rotation", "Sole", "Translation"]
 MECHANISMS = {one.kind: one for one in (Knee, Ankle, Carriage, Rotation, Sole, Translation)}
+
+
+def all_rows() -> set[str]:
+    """Return how the keys of `config/` begin that only machines of some mechanisms have."""
+    return {row for one in MECHANISMS.values() for row in getattr(one, "rows", ())}

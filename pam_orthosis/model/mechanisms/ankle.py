@@ -62,6 +62,7 @@ class Ankle:
     inputs: ClassVar[tuple[str, ...]] = ("external_torque",)
     stops: ClassVar[tuple[str, ...]] = ("ankle.joint.minimum", "ankle.joint.maximum")
     live: ClassVar[tuple[str, ...]] = ("leg.person.mass",)
+    rows: ClassVar[tuple[str, ...]] = leg.ROWS
     subject: ClassVar[str] = "ankle"
     heading: ClassVar[float] = -math.pi / 2  # of the toes in pictures, whose muscles lie along -x
     parameters: Section

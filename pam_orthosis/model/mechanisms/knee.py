@@ -26,6 +26,10 @@ class Knee:
     inputs: ClassVar[tuple[str, ...]] = ("external_torque",)
     stops: ClassVar[tuple[str, ...]] = ("joint.minimum", "joint.maximum")
     live: ClassVar[tuple[str, ...]] = ("leg.person.mass",)
+    rows: ClassVar[tuple[str, ...]] = (
+        *leg.ROWS, "scenario.start_angle", "plant.mounting.", "plant.deviation.extensor_force",
+        "plant.deviation.flexor_force",
+    )  # fmt: skip
     parameters: Section
     mechanics: Callable[..., Mechanics] = leg.mechanics
 

@@ -20,6 +20,8 @@ from pam_orthosis.model.mechanisms.base import GRAVITY, Mechanics
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Expression
 
+# how the keys of `config/` begin that only machines of the leg have
+ROWS = ("leg.", "plant.sensor.angle", "plant.deviation.moving_mass", "plant.deviation.person_mass")
 # rules between parameters: what rises from key to key, and what is of one size in any leg
 ORDERED = (("leg.joint.minimum", "leg.joint.maximum"),)
 ALIKE = tuple((f"leg.thigh.{name}", f"leg.shank.{name}") for name in ("length", "mass", "width"))
