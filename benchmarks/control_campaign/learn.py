@@ -18,7 +18,7 @@ from pam_orthosis.discrepancy.free import free_parameters
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.improvement import learned
-from pam_orthosis.improvement.experiments import experiments
+from pam_orthosis.improvement.rounds import experiments
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import NOMINAL
 

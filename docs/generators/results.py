@@ -13,7 +13,7 @@ from generators.markdown import table
 from pam_orthosis.bag.verdict import judge
 from pam_orthosis.model.parameters import scenario_names
 from pam_orthosis.report import improvement
-from pam_orthosis.report.paper import tables
+from pam_orthosis.report.paper import table as tables
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "benchmarks" / "results"

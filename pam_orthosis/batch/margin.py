@@ -14,8 +14,7 @@ from concurrent.futures import as_completed
 from itertools import product
 from typing import Any
 
-from pam_orthosis.batch.executors import local
-from pam_orthosis.batch.unit import Unit, work
+from pam_orthosis.batch.unit import Unit, local, work
 from pam_orthosis.control import margin
 from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.model.machines import machine_from

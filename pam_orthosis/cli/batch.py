@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(arguments: argparse.Namespace) -> int:
     """Work off all; return 0 if all say yes, 1 if one says no, 3 if one failed."""
     from pam_orthosis.batch.batch import SUMMARY, Batch
-    from pam_orthosis.batch.executors import cluster, local
+    from pam_orthosis.batch.unit import cluster, local
     from pam_orthosis.report.pages.batch import page
 
     if arguments.out.exists() and not arguments.out.is_dir():

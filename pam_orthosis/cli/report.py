@@ -110,8 +110,8 @@ def _page(bag: Path, arguments: argparse.Namespace) -> Write:
 
 def _pages(bag: Path, arguments: argparse.Namespace) -> Write:
     from pam_orthosis.bag.verdict import judge_all
-    from pam_orthosis.report.device_page import device_page
     from pam_orthosis.report.run_data import read_run
+    from pam_orthosis.report.run_page import device_page
 
     verdicts = judge_all(bag, bound_of(arguments))
     runs = {name: read_run(bag, name) for name in verdicts}
@@ -127,7 +127,7 @@ def _is_session(bag: Path) -> bool:
 
 def _session(bag: Path, arguments: argparse.Namespace) -> Write:
     from pam_orthosis.report.pages.session import page
-    from pam_orthosis.report.session import shown as read
+    from pam_orthosis.report.pages.session import shown as read
 
     earlier = arguments.earlier and read(arguments.earlier.resolve())
     return as_text(page(read(bag), earlier))

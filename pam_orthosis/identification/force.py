@@ -7,18 +7,21 @@ columns scaled to equal norm.
 
 B is taken in blocks of rows, each folded into the triangle R of B = Q R: what is worked on stays in the
 processor's cache however many samples there are, and R has the singular values of B.
+
+Rows of one run, or of one repeat, are off together: hysteresis, creep and a load cell's drift shift all of
+them alike. Intervals are those of whole clusters, each left out in turn (the delete-one-group jackknife).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft, stats
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.identification.clusters import cluster_spread, clusters
+from pam_orthosis.identification.groups import LEAST_REPEATS, numbered
 from pam_orthosis.identification.samples import Samples
 from pam_orthosis.model.components.muscle import polynomial
 from pam_orthosis.progress import Progress, counted, silent
@@ -26,6 +29,7 @@ from pam_orthosis.progress import Progress, counted, silent
 RANK_TOLERANCE = 1.0e-9  # of a singular value, relative to the largest (columns of equal norm)
 CONFIDENCE = 0.95
 BLOCK = 800  # samples; beyond some 900 the linear algebra library spreads a block over all cores, in vain
+REPEATS, RUNS = "repeats", "runs"
 
 
 @dataclass(frozen=True)
@@ -221,3 +225,43 @@ def _deficient(s: Samples, rank: int, count: int, degrees: tuple[int, int]) -> s
         f" {levels} pressures; a degree of {degrees[1]} needs {degrees[1] + 1} contractions, each at two"
         " pressures: measure more, or ask for less with --degrees"
     )
+
+
+def clusters(s: Samples) -> tuple[str, np.ndarray]:
+    """Return the kind and the number of each row's cluster: its repeat, or one way of a level's run."""
+    if len(np.unique(s.repeat)) >= LEAST_REPEATS:
+        return REPEATS, numbered(s.repeat)
+    return RUNS, numbered(s.repeat, s.serial, s.level, s.direction)
+
+
+def cluster_spread(parts: Sequence[np.ndarray], kind: str) -> np.ndarray | None:
+    """Return the standard deviation of each coefficient between clusters; of repeats that of a further one.
+
+    Args:
+        parts: of each cluster the rows of B and what they explain, (k, coefficients + 1), or their triangle.
+        kind: REPEATS or RUNS.
+
+    None: there are too few clusters, or without one the rest cannot determine the coefficients.
+    """
+    count = len(parts)
+    if count < LEAST_REPEATS:
+        return None
+    solved = [_solved(np.vstack([*parts[:i], *parts[i + 1 :]])) for i in range(count)]
+    if any(one is None for one in solved):
+        return None
+    deviation = np.array(solved) - np.mean(solved, axis=0)
+    variance = (count - 1) / count * np.sum(deviation**2, axis=0)
+    # a single repeat scatters `count` times as much as the fit to all, which scatters too
+    return np.sqrt(variance * (count + 1 if kind == REPEATS else 1))
+
+
+def _solved(rows: np.ndarray) -> np.ndarray | None:
+    r = np.linalg.qr(rows, mode="r")
+    count = rows.shape[1] - 1
+    scale = np.linalg.norm(r[:count, :count], axis=0)
+    if not scale.all():
+        return None
+    u, singular, vt = np.linalg.svd(r[:count, :count] / scale)
+    if singular[-1] < RANK_TOLERANCE * singular[0]:
+        return None
+    return vt.T @ (u.T @ r[:count, count] / singular) / scale

@@ -15,8 +15,7 @@ from pam_orthosis.identification.data import Data
 from pam_orthosis.identification.force import ForceFit, fit_force, leave_one_out, rms_and_max
 from pam_orthosis.identification.groups import lengths
 from pam_orthosis.identification.samples import Samples
-from pam_orthosis.identification.slack import taut
-from pam_orthosis.identification.trust import Hysteresis, check_slack_pressure, clipped, hysteresis
+from pam_orthosis.identification.trust import Hysteresis, check_slack_pressure, clipped, hysteresis, taut
 from pam_orthosis.identification.volume import VolumeFit, fit_volume
 from pam_orthosis.progress import Progress, silent
 

@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identified parameters as rows of `config/muscle.yaml`, on their own or put into such a file."""
+"""Identified parameters as rows of `config/muscle.yaml`, on their own or put into such a file.
+
+In a file what is not replaced keeps every character. The places come from PyYAML's parser: a round trip
+through a loaded tree would write untouched numbers anew, and ruamel.yaml changes the last digit of some.
+"""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +16,9 @@ import yaml
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import write_text
-from pam_orthosis.identification.edit import replaced
 from pam_orthosis.identification.identify import Identified
 from pam_orthosis.model.rows import Row
-from pam_orthosis.reading import read_text
+from pam_orthosis.reading import from_yaml, read_text
 
 # the lowest pressure is no finding: the force is linear in the pressure
 MEASURED_ENDS = ("minimum_contraction", "maximum_contraction", "maximum_pressure_gauge")
@@ -109,3 +113,34 @@ def _padded(coefficients, count: int) -> list[float]:
     """Return coefficients with nine digits; a lower degree than Eq. (14)'s leaves zeros."""
     found = [_rounded(c) for c in coefficients]
     return found + [0.0] * (count - len(found))
+
+
+def replaced(text: str, values: Mapping[str, str], name: str) -> str:
+    """Return a YAML text with other values at dotted keys, given as YAML of one line.
+
+    Raises:
+        OrthosisError: it is no YAML, has aliases, or has nothing at a key; the message begins with `name`.
+    """
+    from_yaml(text, name)  # refuses what is no YAML, or beyond the bounds
+    if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)):
+        raise OrthosisError(f"{name} has aliases (*name): a value may belong to several rows; write them out")
+    root = yaml.compose(text)
+    places = [(*_place(root, key, name), value) for key, value in values.items()]
+    for start, end, value in sorted(places, reverse=True):
+        after = text[start + len(text[start:end].rstrip()) :]  # white space behind a block is not its own
+        text = f"{text[:start]}{value}{after}"
+    return text
+
+
+def _place(root: yaml.Node | None, key: str, name: str) -> tuple[int, int]:
+    """Return where the value of a dotted key begins and ends."""
+    node = root
+    for step in key.split("."):
+        pairs = node.value if isinstance(node, yaml.MappingNode) else ()
+        node = next((value for at, value in pairs if at.value == step), None)
+        if node is None or node.start_mark.index == node.end_mark.index:
+            raise OrthosisError(f"{name} has no {key}; give a file laid out as config/muscle.yaml")
+    start, end = node.start_mark.index, node
+    while isinstance(end, yaml.CollectionNode) and not end.flow_style:  # its mark is at what follows
+        end = end.value[-1] if isinstance(end, yaml.SequenceNode) else end.value[-1][1]
+    return start, end.end_mark.index

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.identification.force import ForceModel
+from pam_orthosis.identification.force import ForceModel, fit_force, rms_and_max
 from pam_orthosis.identification.groups import LENGTH_GAP, LEVEL_GAP
 from pam_orthosis.identification.samples import Samples
 from pam_orthosis.model.components.muscle import polynomial
@@ -19,6 +19,9 @@ LEAST_CLIPPED = 3  # rows that hold exactly the largest force
 SLACK_PRESSURE, CONTRACTED_PRESSURE = (-0.35e5, 0.9e5), 0.35e5
 VACUUM = -1.013e5  # Pa gauge
 UNCONTRACTED = 0.05  # of the nominal length: data that begin there show what holds at no contraction
+START_SHARE = 0.08  # of the largest force: what is above it is taut, whatever the model
+LEAST_SHARE = 2.0e-3  # of the largest force, that a taut muscle shows at least
+ROUNDS = 20
 
 
 class Hysteresis(NamedTuple):
@@ -80,3 +83,25 @@ def hysteresis(model: ForceModel, s: Samples) -> Hysteresis | None:
         if min(map(len, ways)):
             found.append(float(ways[0].mean() - ways[1].mean()))
     return Hysteresis(float(np.mean(found)), min(found), max(found)) if found else None
+
+
+def taut(s: Samples, damping: float, degrees: tuple[int, int]) -> np.ndarray:
+    """Return which rows are of a taut muscle.
+
+    A slack muscle shows the same small force whatever the pressure, and where it buckles even pushes. Rows of
+    large force are fitted; a row is slack where their model or the load cell shows no more than the scatter.
+    This is repeated with what is taut by then.
+    """
+    largest = float(s.force.max())
+    large = s.force >= START_SHARE * largest
+    kept, least = large, LEAST_SHARE * largest
+    for _ in range(ROUNDS):
+        try:
+            model = fit_force(s.where(kept), damping, degrees).model
+        except OrthosisError:  # the fit of what is left will say what is missing
+            return s.force >= least
+        scatter = max(least, rms_and_max(model.residual(s.where(large)))[0])
+        before, kept = kept, large | (np.minimum(model.force(s), s.force) >= scatter)
+        if (before == kept).all():
+            break
+    return kept

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pam_orthosis.bag.simulated import record_run
 from pam_orthosis.bag.verdict import Verdict, judge
@@ -16,14 +16,54 @@ from pam_orthosis.discrepancy.data import from_bag
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.files import placed
 from pam_orthosis.improvement import learned
-from pam_orthosis.improvement.experiments import Experiment, experiments
 from pam_orthosis.improvement.resumed import Found, read_found, write_found
-from pam_orthosis.model.parameters import NOMINAL, Parameters
+from pam_orthosis.model.parameters import NOMINAL, Parameters, scenario_overrides
 from pam_orthosis.model.truth import with_nominal
 from pam_orthosis.progress import Progress, counted, silent
 
 # of the evidence of another effect for which it could pass, which a further one needs (`gap.evidence.share`)
 SHARE_KEY, SHARE = "gap.evidence.share", 0.01
+LEVELS = {"scenario.diagnostic.low_angle": 0.45, "scenario.diagnostic.high_angle": 1.0}
+DECAY = "diagnostic-decay"
+ONCE = 11.0  # s, in which the experiment of the decay runs through once
+SETTLING = 3.0  # s, until the gait has its cadence
+
+
+class Experiment(NamedTuple):
+    """A recording to make: what is set beside the run's own parameters, seed, whether it is held out."""
+
+    name: str
+    changes: Mapping[str, Any]
+    seed: int
+    held_out: bool = False
+
+
+Bags = Mapping[str, tuple[Experiment, Path]]
+Find = Callable[[Parameters, Bags, Progress], Found]
+
+
+def experiments(parameters: Parameters) -> list[Experiment]:
+    """Return the experiments of a round: three cadences, and free decays if the machine has experiments.
+
+    The decay parts friction from hysteresis and shows damping and masses; one cadence and other levels of
+    the decay are held out. Whoever wears the orthosis wears it in all of them.
+    """
+    cycle, seed = parameters.scenario.cycle_time, 100 * (parameters.scenario.seed + 1)
+    decay = {k: v for k, v in scenario_overrides(DECAY).items() if k != "scenario.control_period"}
+    decay["scenario.duration"] = ONCE
+
+    def gait(share: float, duration: float) -> dict[str, Any]:
+        return {"scenario.cycle_time": share * cycle, "scenario.duration": duration}
+
+    made = [
+        Experiment("gait", gait(1.0, SETTLING + 3.5 * cycle), seed),
+        Experiment("gait-faster", gait(0.7, SETTLING + 3.5 * cycle), seed + 1),
+        Experiment("decay", decay, seed + 2),
+        Experiment("held-out-gait", gait(0.85, SETTLING + 2.5 * cycle), seed + 3, True),
+        Experiment("held-out-decay", {**decay, **LEVELS}, seed + 4, True),
+    ]
+    diagnostic = parameters.declared.experiments
+    return [one for one in made if diagnostic or not one.name.endswith("decay")]
 
 
 @dataclass(frozen=True)
@@ -79,10 +119,6 @@ class Round:
             "tracking": self.tracking.as_dict() if self.tracking else None,
             "gap": dict(self.found.told) if self.found else None,
         }
-
-
-Bags = Mapping[str, tuple[Experiment, Path]]
-Find = Callable[[Parameters, Bags, Progress], Found]
 
 
 def improve(

@@ -7,8 +7,7 @@ SI units, pressures absolute, error = reference - measured. What a run holds are
 """
 
 from pam_orthosis.library.answers import Check, Gap, Muscle, check, gap, identify
-from pam_orthosis.library.pictures import Picture
-from pam_orthosis.library.run import Run, Runs, example, read
+from pam_orthosis.library.run import Picture, Run, Runs, example, read
 from pam_orthosis.library.simulation import machine, parameters, simulate
 
 __all__ = [

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 from pam_orthosis.bag.verdict import Bound, Verdict, judge
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import as_text, write_files
-from pam_orthosis.library.pictures import Picture
-from pam_orthosis.library.run import Run
+from pam_orthosis.library.run import Picture, Run
 from pam_orthosis.markup import Shown, table
 
 if TYPE_CHECKING:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pam_orthosis.bag.arrays import write_arrays
@@ -20,7 +22,6 @@ from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.bag.sampled import sampled, since_first
 from pam_orthosis.bag.simulated import recorded_signals
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.library.pictures import Picture
 from pam_orthosis.markup import Shown
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import Parameters, load
@@ -28,8 +29,30 @@ from pam_orthosis.model.parameters import Parameters, load
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+
 Array = NDArray[np.float64]
 BOUND = 3.0  # deg or mm, drawn into a picture
+DPI = 90
+
+
+class Picture:
+    """A drawn figure; a notebook shows it where it is the last value of a cell.
+
+    Attributes:
+        figure: of matplotlib, to change titles and limits.
+    """
+
+    def __init__(self, figure: Figure):
+        self.figure = figure
+
+    def save(self, path: str | Path) -> None:
+        """Write the picture; the ending decides on the format (`.png`, `.svg`, `.pdf`)."""
+        self.figure.savefig(path)
+
+    def _repr_png_(self) -> bytes:
+        stream = io.BytesIO()
+        self.figure.savefig(stream, format="png", dpi=DPI)
+        return stream.getvalue()
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -11,7 +11,7 @@ from pam_orthosis.discrepancy.judgement import Outcome
 from pam_orthosis.discrepancy.measure import OVERALL
 from pam_orthosis.discrepancy.verdict import runner_up_words
 from pam_orthosis.model.parameters import experiments, scenario_names
-from pam_orthosis.report import gap_curves, gap_figures
+from pam_orthosis.report import gap_figures
 from pam_orthosis.report.gap_figures import spoken
 from pam_orthosis.report.page import BAD, GOOD, NEUTRAL, Page, Part, listed
 
@@ -117,7 +117,7 @@ def _effect(outcome: Outcome, one: Named, remark: str) -> Part:
         held = f"{len(one.at_bound)} of {len(one.parameters)} values lie at a bound"
         words.append(f"{held}; the true ones may be beyond it.")
     if drawn:
-        return Part(title, [*words, CURVE], plots=gap_curves.plots(drawn))
+        return Part(title, [*words, CURVE], plots=gap_figures.maps(drawn))
     rows, wrong = _values(outcome, one), one.name in outcome.system.wrong
     if len(rows) > MOST_LISTED:
         text = "\n".join("  ".join(row).rstrip() for row in rows)

@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plots of the gap page: measured and predicted where the gap is largest, and what the model misses."""
+"""Plots of the gap page: measured and predicted where the gap is largest, what the model misses, maps."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import takewhile
 
 import numpy as np
 
 from pam_orthosis.discrepancy import structure
+from pam_orthosis.discrepancy.curves import Curve
 from pam_orthosis.discrepancy.description import QUANTILE
 from pam_orthosis.discrepancy.judgement import Outcome
 from pam_orthosis.discrepancy.structure import missing_rate, order
-from pam_orthosis.report.plots import AFTER, BEFORE, REFERENCE, Plot, Trace, bars, dots, line
+from pam_orthosis.report.plots import AFTER, BEFORE, OF_ACTUATORS, REFERENCE, Plot, Trace, bars, dots, line
 from pam_orthosis.report.run_data import thinned
 
 WINDOW = 4.0  # s, shown of a recording: where the gap is largest
@@ -22,6 +24,7 @@ MOST_RANKED = 8
 DECADE = 10.0  # times the noise: larger gaps are drawn on a logarithmic scale
 PER_ORDER = ("", "/s", "/s²")
 LOOKS = {"before": (BEFORE, "dash"), "after": (AFTER, "solid")}
+DASHES = ("solid", "dash", "dot")
 
 
 def residuals_of(outcome: Outcome, run, equation, which) -> np.ndarray:
@@ -242,3 +245,58 @@ def _missing(outcome: Outcome, equation, channel: str, which: str, name: str) ->
         "hoverinfo": "skip",
     }
     return [cloud, line(middle, mean, f"{which}: mean", colour, dash, 3.0)]
+
+
+def maps(found: Sequence[Curve]) -> list[Plot]:
+    """Return for each actuator what was found less the nominal model; first both, where that is not zero."""
+    names = dict.fromkeys(curve.actuator for curve in found)
+    groups = [[curve for curve in found if curve.actuator == name] for name in names]
+    return [
+        plot for own in groups for plot in ([_against(own[0])] if own[0].map.absolute else []) + [_less(own)]
+    ]
+
+
+def _against(curve: Curve) -> Plot:
+    of = curve.map
+    title = f"{_whose(curve)}: nominal model against what was found, with its 95 % interval"
+    alt, name = f"{title}: {_in_words(curve)}", f"{of.what} / {of.unit}"
+    nominal = line(curve.places, curve.nominal, "nominal model", BEFORE, "dash", 2.0)
+    return Plot(title, alt, f"{of.over} / %", name, [nominal, *_banded(curve, AFTER)], (0.0,), height=340)
+
+
+def _less(own: Sequence[Curve]) -> Plot:
+    of, alone = own[0].map, len(own) == 1
+    title = f"{_whose(own[0])}: found less the nominal model, which is the dashed line"
+    data = _banded(own[0], AFTER, True) if alone else [_difference(k, one) for k, one in enumerate(own)]
+    alt, name = f"{title}: {'; '.join(map(_in_words, own))}", f"{of.what}, difference / {of.unit}"
+    return Plot(title, alt, f"{of.over} / %", name, data, (0.0,), height=340)
+
+
+def _whose(curve: Curve) -> str:
+    return f"{curve.actuator.capitalize()}, {curve.map.what}"
+
+
+def _banded(curve: Curve, colour: str, less: bool = False) -> list[Trace]:
+    """Return what was found between the ends of its interval; `less` the nominal value."""
+    found = curve.found - curve.nominal if less else curve.found
+    low, high = found - curve.half, found + curve.half
+    return [
+        line(curve.places, found, "found", colour, width=2.4),
+        line(curve.places, low, "95 %, lower", REFERENCE, "dot"),
+        line(curve.places, high, "95 %, upper", REFERENCE, "dot"),
+    ]
+
+
+def _difference(k: int, curve: Curve) -> Trace:
+    sure = f"±{np.median(curve.half):.2g} {curve.map.unit}"
+    name = f"at {curve.pressure:g} bar ({sure})"
+    return line(curve.places, curve.found, name, OF_ACTUATORS[k], DASHES[k % len(DASHES)], 2.4)
+
+
+def _in_words(curve: Curve) -> str:
+    k, unit = curve.largest, curve.map.unit
+    at = "" if curve.pressure is None else f"at {curve.pressure:g} bar "
+    return (
+        f"{at}{curve.found[k]:.3g} {unit} found, {curve.nominal[k]:.3g} {unit} nominal,"
+        f" at {curve.places[k]:.3g} % {curve.map.over}"
+    )

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a recorded run: verdict, moving machine, curves, cycles, parameters."""
+"""The page of a recorded run, of one machine or of several: verdict, moving machine, curves, parameters."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,8 @@ SHOWS = {
     "valve": "what the valves are given; 5 V keeps one closed",
     "estimated": "effort that the observer ascribes to what the model does not know",
 }
+DRAWN = 3  # panels of each machine: coordinate, error, pressures
+HEAD = ("machine", "answer", "largest error", "RMS error", "bound", "load on the sole")
 
 
 def run_page(run: RunData, verdict: Verdict, words: str) -> str:
@@ -179,3 +182,37 @@ def _changed(run: RunData) -> list[tuple[str, ...]]:
         for key, value in run.bag.parameters.items()
         if key in shipped and value != shipped[key].value
     ]
+
+
+def device_page(name: str, runs: Mapping[str, RunData], verdicts: Mapping[str, Verdict], words: str) -> str:
+    """Return the page.
+
+    Args:
+        name: of the bag.
+        runs: what is drawn, by namespace.
+        verdicts: on the same, by namespace.
+        words: the verdicts as text.
+    """
+    failed = [one for one, verdict in verdicts.items() if not verdict.passed]
+    tone, answer = (BAD, "FAILED") if failed else (GOOD, "PASSED")
+    within = f"beyond their bounds are {', '.join(failed)}" if failed else "all are within their bounds"
+    headline = f"The bag holds {len(verdicts)} machines; {within}."
+    incomplete = [f"{one} is incomplete: {v.incomplete}." for one, v in verdicts.items() if v.incomplete]
+    table = listed(HEAD, [_row(one, verdict) for one, verdict in verdicts.items()])
+    parts = [
+        Part("Verdicts", table=table, pre=words, more="as check prints it"),
+        *(part for one, run in runs.items() for part in _parts(one, run, verdicts[one])),
+    ]
+    return Page(name, answer, tone, headline, incomplete, parts, "recorded run of several machines").html()
+
+
+def _row(name: str, verdict: Verdict) -> tuple[str, ...]:
+    unit, answer = verdict.unit, "PASSED" if verdict.passed else "FAILED"
+    sizes = (verdict.max_abs_error, verdict.rms_error, verdict.bound)
+    loads = (f"{which} {one.peak_N:.0f} N of {one.set_peak_N:.0f}" for which, one in verdict.loads.items())
+    return name, answer, *(f"{size:.3f} {unit}" for size in sizes), ", ".join(loads) or "-"
+
+
+def _parts(name: str, run: RunData, verdict: Verdict) -> tuple[Part, Part]:
+    plots = [plot(panel, run, verdict.bound) for panel in run.panels[:DRAWN]]
+    return Part(f"{name}: the machine", (HINT,), machine=moving(run)), Part(f"{name}: curves", plots=plots)

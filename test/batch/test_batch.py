@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from pam_orthosis.bag.verdict import judge
-from pam_orthosis.batch import executors
 from pam_orthosis.batch import unit as unit_module
 from pam_orthosis.batch.batch import RESULT, SUMMARY, Batch
 from pam_orthosis.batch.study import read_study
@@ -37,7 +36,7 @@ def python(name, statement, **more):
 
 def run(units, folder, retries=1, told=None):
     batch = Batch(units, folder)
-    with executors.local(2) as (executor, lives):
+    with unit_module.local(2) as (executor, lives):
         batch.run(executor, lives, retries, (lambda _: None) if told is None else told.append)
     return batch.summary()
 
@@ -235,7 +234,7 @@ def test_units_end_with_the_program():
     futures = []
 
     def interrupted():
-        with executors.local(1) as (executor, _):
+        with unit_module.local(1) as (executor, _):
             futures.extend(executor.submit(work, waiting) for _ in range(3))
             while not unit_module._RUNNING:
                 time.sleep(0.01)

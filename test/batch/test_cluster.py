@@ -6,7 +6,7 @@ import sys
 import pytest
 from test_batch import WALK, printing
 
-from pam_orthosis.batch import executors
+from pam_orthosis.batch import unit as unit_module
 from pam_orthosis.batch.batch import Batch
 from pam_orthosis.batch.unit import Unit
 from pam_orthosis.cli.main import main
@@ -23,7 +23,7 @@ def scheduler():
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch):
-    monkeypatch.setattr(executors, "PATIENCE", "1s")
+    monkeypatch.setattr(unit_module, "PATIENCE", "1s")
 
 
 def test_the_same_command_on_a_cluster(scheduler, tmp_path, capsys):
@@ -46,8 +46,8 @@ def test_a_scheduler_that_goes_away_ends_the_batch_with_one_line(scheduler, tmp_
         end.touch()  # closing waits for what the workers do
         scheduler.close()
 
-    lost = pytest.raises(executors.OrthosisError, match="connection to the cluster is lost")
-    with lost, executors.cluster(scheduler.scheduler_address) as (executor, lives):
+    lost = pytest.raises(unit_module.OrthosisError, match="connection to the cluster is lost")
+    with lost, unit_module.cluster(scheduler.scheduler_address) as (executor, lives):
         batch.run(executor, lives, 1, leave)
     assert batch.summary()["yes"] == ["one"]
     assert Batch(units, tmp_path / "out").skipped == ("one",)
@@ -73,7 +73,7 @@ def test_a_cluster_without_workers_is_told(tmp_path, capsys):
 
 def test_without_dask_it_says_how_to_get_it(monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    monkeypatch.setattr(executors, "find_spec", lambda _: None)
+    monkeypatch.setattr(unit_module, "find_spec", lambda _: None)
     out = str(tmp_path / "out")
     assert main(["batch", "check", str(WALK), "--out", out, "--cluster", "tcp://127.0.0.1:1"]) == 2
     assert "pip install 'distributed>=2024.1'" in capsys.readouterr().err

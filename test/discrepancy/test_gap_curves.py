@@ -12,7 +12,7 @@ from pam_orthosis.discrepancy.findings import Named
 from pam_orthosis.discrepancy.verdict import runner_up_words
 from pam_orthosis.model.effects.valves import SIDE, knot_name, relative_error
 from pam_orthosis.model.machines import KNEE
-from pam_orthosis.report import gap, gap_curves
+from pam_orthosis.report import gap, gap_figures
 from pam_orthosis.report.plots import packed
 
 VALVE = KNEE.catalogue["valve_curve_misfit"]
@@ -36,7 +36,7 @@ def test_a_valve_curve_is_the_opening_that_the_model_has():
     assert curve.found == pytest.approx(expected)
     assert (curve.nominal == curve.places).all()
     assert (curve.places[0], curve.places[-1], curve.map.unit) == (-100, 100, "%")
-    plot, less = gap_curves.plots([curve])
+    plot, less = gap_figures.maps([curve])
     assert (plot.x, plot.y) == ("opening by the nominal model / %", "valve opening / %")
     assert (less.x, less.y) == ("opening by the nominal model / %", "valve opening, difference / %")
     assert less.data[0]["y"] == packed(curve.found - curve.nominal)
@@ -69,7 +69,7 @@ def test_a_force_map_is_a_difference_at_three_pressures():
     assert [curve.pressure for curve in found] == [1, 3, 5]
     for curve in found:  # T1 runs from -1 to 1 over the stroke
         assert (curve.found[0], curve.found[-1]) == pytest.approx((4.0 - 9.0, 4.0 + 9.0))
-    (plot,) = gap_curves.plots(found)
+    (plot,) = gap_figures.maps(found)
     assert plot.y == "static force, difference / N"
     assert plot.data[0]["name"].startswith("at 1 bar (±")
     (reported,) = in_words(found)

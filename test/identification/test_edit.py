@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.identification.edit import replaced
+from pam_orthosis.identification.rows import replaced
 from pam_orthosis.model import parameters
 
 BLOCK = """\

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pam_orthosis.improvement import learned, rounds
-from pam_orthosis.improvement.experiments import experiments
+from pam_orthosis.improvement.rounds import experiments
 from pam_orthosis.model.machines import read_machine
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report import improvement

@@ -9,7 +9,7 @@ from test_learned import FRICTION, RIGHT
 from pam_orthosis.bag.verdict import judge
 from pam_orthosis.cli.main import main
 from pam_orthosis.discrepancy import patch
-from pam_orthosis.improvement import experiments, rounds
+from pam_orthosis.improvement import rounds
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.progress import silent
@@ -30,8 +30,8 @@ def found(*effects, coulomb=0.8):
 def short(monkeypatch):
     """Two short experiments in place of all; so little is computed that compiling takes longer."""
     monkeypatch.setenv("PAM_ORTHOSIS_NO_COMPILER", "1")
-    made = [experiments.Experiment("gait", {"scenario.duration": 0.5}, 7),
-            experiments.Experiment("unseen", {"scenario.duration": 0.5}, 8, True)]  # fmt: skip
+    made = [rounds.Experiment("gait", {"scenario.duration": 0.5}, 7),
+            rounds.Experiment("unseen", {"scenario.duration": 0.5}, 8, True)]  # fmt: skip
     monkeypatch.setattr(rounds, "experiments", lambda _: made)
     return load(SHORT)
 
@@ -81,7 +81,7 @@ def test_the_search_finds_friction_in_bags_of_its_own(tmp_path, monkeypatch):
         "learnable",
         lambda machine: {n: machine.catalogue[n] for n in ("joint_friction", "extensor_leak")},
     )
-    made = [experiments.Experiment("gait", {}, 7), experiments.Experiment("unseen", {}, 8, True)]
+    made = [rounds.Experiment("gait", {}, 7), rounds.Experiment("unseen", {}, 8, True)]
     monkeypatch.setattr(rounds, "experiments", lambda _: made)
     parameters = load(exact)
     answer = rounds.find_effects(parameters, rounds.recorded(parameters, "default", tmp_path), silent)

@@ -17,7 +17,7 @@ from pam_orthosis.model.components.muscle import towing_force
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.truth import as_modelled
 from pam_orthosis.report.pages import paper as pages
-from pam_orthosis.report.paper import by_hand, force_rate, inertia, observer, schemes, table, tables, tracking
+from pam_orthosis.report.paper import by_hand, force_rate, inertia, observer, schemes, table, tracking
 
 ROOT = Path(__file__).resolve().parents[2]
 BEGINNING = "steady-state error at the beginning of the step"
@@ -130,7 +130,7 @@ def test_the_page_shows_what_was_measured(identified, simulated, on_hardware, wa
     assert f"Tracking: {walked.largest:.2f} deg at most" in text
     for row in table.rows(found):
         assert f"<td>{row.result}</td><td>{row.paper}</td><td>{row.here}</td>" in text
-    for one in tables.tables(found.as_dict()):
+    for one in table.tables(found.as_dict()):
         assert one.words in text
         for row in one.rows:
             assert "".join(f"<td>{cell}</td>" for cell in row) in text

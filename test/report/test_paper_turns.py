@@ -4,7 +4,7 @@
 import numpy as np
 
 from pam_orthosis.identification.samples import Samples
-from pam_orthosis.report.paper.turns import WAY, after_turns
+from pam_orthosis.report.paper.table import WAY, after_turns
 
 
 def test_samples_after_a_change_in_direction_are_found_in_each_run():

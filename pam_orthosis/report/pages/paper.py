@@ -12,8 +12,7 @@ from pam_orthosis.report.page import NEUTRAL, Page, Part, Picture, listed
 from pam_orthosis.report.pages import identify
 from pam_orthosis.report.paper.observer import PATTERNS, ObserverRun, TradeOff
 from pam_orthosis.report.paper.schemes import SCHEMES
-from pam_orthosis.report.paper.table import Results, rows
-from pam_orthosis.report.paper.tables import tables
+from pam_orthosis.report.paper.table import Results, rows, tables
 from pam_orthosis.report.paper.tracking import Tracking
 from pam_orthosis.report.plots import AFTER, BEFORE, ESTIMATE, MEASURED, REFERENCE, Plot, line
 from pam_orthosis.report.run_data import thinned

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
@@ -11,14 +11,13 @@ import numpy as np
 
 from pam_orthosis.bag.tracking import REST_SECONDS
 from pam_orthosis.identification.identify import Identified
+from pam_orthosis.identification.samples import Samples
 from pam_orthosis.report.paper.by_hand import Moved
 from pam_orthosis.report.paper.force_rate import ForceRate
 from pam_orthosis.report.paper.inertia import Compared
 from pam_orthosis.report.paper.observer import DAMPING, POLE, ObserverRun, TradeOff
 from pam_orthosis.report.paper.schemes import SCHEMES
-from pam_orthosis.report.paper.tables import tables
 from pam_orthosis.report.paper.tracking import BRISK, Tracking
-from pam_orthosis.report.paper.turns import WAY, errors_by_turn
 
 PICTURES = {
     "force": "Fig. 4: force, measured and calculated",
@@ -32,6 +31,17 @@ _HEAD = """# The paper's results, side by side
 `pam-orthosis paper` writes this page, tables and pictures, from runs that it makes itself.
 
 """
+WAY = 5.0e-3  # m after a change in direction
+Data = Sequence[Mapping[str, Any]]
+
+
+class Listed(NamedTuple):
+    """A table: its title, words below that, its head and its rows."""
+
+    title: str
+    words: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
 
 
 class Row(NamedTuple):
@@ -214,4 +224,106 @@ def _trade_off(points: Sequence[TradeOff]) -> str:
         f" | {np.degrees(one.velocity_noise):.2f} deg/s | {one.max_error_deg:.2f} deg"
         f" | {one.rms_error_deg:.3f} deg | {one.voltage_variation:.0f} V/s |\n"
         for one in points
+    )
+
+
+def errors_by_turn(found: Identified) -> tuple[float, float]:
+    """Return the RMS error of the force model within `WAY` after a change in direction, and elsewhere, N.
+
+    At the held-out pressures; NaN where there is no such sample.
+    """
+    s = found.held_out
+    residual, after = found.force.model.residual(s), after_turns(s)
+    near, far = (float(np.sqrt(np.mean(part**2))) if len(part) else np.nan
+                 for part in (residual[after], residual[~after]))  # fmt: skip
+    return near, far
+
+
+def after_turns(s: Samples) -> np.ndarray:
+    """Return which samples are within `WAY` after a change in direction of their run."""
+    after = np.zeros(len(s), dtype=bool)
+    for serial in np.unique(s.serial[s.serial >= 0]):
+        rows = np.flatnonzero(s.serial == serial)
+        ways = np.maximum.accumulate(np.where(s.direction[rows] != 0, np.arange(len(rows)), 0))
+        way = s.direction[rows][ways]  # of the last motion, where it rests
+        turns = np.flatnonzero(np.diff(way) * way[1:] * way[:-1] != 0) + 1
+        last = np.zeros(len(rows), dtype=int)
+        last[turns] = turns
+        last = np.maximum.accumulate(last)
+        moved = np.abs(s.contraction[rows] - s.contraction[rows][last])
+        after[rows] = (last > 0) & (moved <= WAY)
+    return after
+
+
+def tables(data: Mapping[str, Any]) -> list[Listed]:
+    """Return the tables of the page."""
+    return [by_hand(data["by_hand"]), force_rate(data["force_rate"]), inertia(data["inertia"])]
+
+
+def by_hand(moved: Data) -> Listed:
+    """Return what it takes to move the joints by hand."""
+    head = (
+        "joint", "motion", "torque of the hand", "weight alone", "inertia alone", "friction and muscles",
+        "the same, muscles filled",
+    )  # fmt: skip
+    rows = [
+        (
+            f"{one['joint']}, {'with a person' if one['person'] else 'no person'}",
+            f"{one['speed']}, {one['from_deg']:.0f} to {one['to_deg']:.0f} deg,"
+            f" up to {one['speed_deg_s']:.0f} deg/s",
+            *(f"{one[kind]:.2f} N m" for kind in ("torque", "weight", "inertia", "resistance")),
+            f"{one['filled']:.1f} N m",
+        )
+        for one in moved
+    ]  # fmt: skip
+    return Listed(
+        "Moved by hand when depressurised",
+        "A hand leads the joint of the emulated hardware while all valves vent; the largest of each torque."
+        " Weight holds the passive moment of a relaxed person's joint. Filled: valves closed,"
+        " muscles at their mean pressure.",
+        head,
+        rows,
+    )
+
+
+def force_rate(compared: Data) -> Listed:
+    """Return what the choice for the derivative of the specimen's force makes of the rig."""
+    head = (
+        "derivative of the force", "noise at rest, less the true one", "lag", "RMS error of the derivative",
+        "RMS force that the carriage misses", "largest position error",
+    )  # fmt: skip
+    rows = [
+        (
+            one["choice"], f"{one['noise']:.0f} N/s",
+            "-" if one["lag"] is None else f"{1e3 * one['lag']:.0f} ms",
+            f"{one['rate_error']:.0f} N/s", f"{one['force_error']:.2f} N",
+            f"{1e3 * one['position_error']:.3f} mm",
+        )
+        for one in compared
+    ]  # fmt: skip
+    return Listed(
+        "Derivative of the specimen's force at the rig",
+        "Eq. (10) neglects it, and the paper names a disturbance observer as an alternative:"
+        " `rig.position.force_rate`. The procedure of section 2.5 at 4 bar.",
+        head,
+        rows,
+    )
+
+
+def inertia(compared: Data) -> Listed:
+    """Return the person's inertia by radii of gyration and by solids."""
+    head = ("quantity", "De Leva", "frustum, cylinder", "difference")
+    rows = [
+        (
+            one["quantity"], f"{one['gyration']:.4g} {one['unit']}", f"{one['solids']:.4g} {one['unit']}",
+            f"{100 * (one['solids'] / one['gyration'] - 1):+.1f} %",
+        )
+        for one in compared
+    ]  # fmt: skip
+    return Listed(
+        "The person's inertia",
+        "The paper models the thigh as a frustum and the shank as a cylinder; `leg.person.inertia` chooses."
+        " Person of 75 kg and 1.75 m.",
+        head,
+        rows,
     )
