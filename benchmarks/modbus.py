@@ -28,7 +28,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from pam_orthosis.bag.read import aligned, read_bag
-from pam_orthosis.bag.timing import timing
+from pam_orthosis.bag.tracking import timing
 from pam_orthosis.bag.verdict import judge
 from pam_orthosis.model.parameters import config_folder
 from pam_orthosis.nodes.launch import free_domain

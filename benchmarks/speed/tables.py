@@ -8,8 +8,7 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
-from pam_orthosis.bag.asked import asked_beside
-from pam_orthosis.bag.topics import PLANT, RECORDER, Topic, Topics, in_leg
+from pam_orthosis.bag.topics import PLANT, RECORDER, Topic, Topics, asked_beside, in_leg
 from pam_orthosis.control.legs import device_parameters
 from pam_orthosis.model.device import device_named
 from pam_orthosis.model.machines import KNEE

@@ -13,8 +13,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
+from pam_orthosis.control.diagnostic import EXPERIMENTS
+from pam_orthosis.model.parameters import Parameters
+
 if TYPE_CHECKING:
     from pam_orthosis.model.machine import Machine
+
 
 PLANT = "plant_simulator"
 TRAJECTORY = "trajectory_publisher"
@@ -314,3 +318,12 @@ def resolve(name: str, namespace: str = "") -> str:
 def is_health_instant(stamp_ns: int, period_ns: int) -> bool:
     """Whether the step at `stamp_ns` is the first of its second, when nodes report their health."""
     return stamp_ns // SECOND_NS != (stamp_ns - period_ns) // SECOND_NS
+
+
+def asked_beside(parameters: Parameters) -> tuple[str, ...]:
+    """Return the optional topics of a run: experiments ask for a mean pressure, plans for a motion too."""
+    scenario = parameters.scenario
+    watched = (ALLOWED,) if parameters.control.limits.enabled else ()
+    if scenario.trajectory in EXPERIMENTS:
+        return (MEAN_PRESSURE, *watched)
+    return (MEAN_PRESSURE, PLANNED, *watched) if scenario.plan.enabled else watched

@@ -1,18 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well a motion follows its reference, by series of samples."""
+"""What a run is judged by: how well a motion follows its reference, how fast samples were answered, loads."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from pam_orthosis.bag.read import Series, aligned
-from pam_orthosis.bag.topics import SECOND_NS
+from pam_orthosis.bag.bounded import open_bag
+from pam_orthosis.bag.cdr import store
+from pam_orthosis.bag.read import Bag, Series, aligned, read_bag
+from pam_orthosis.bag.topics import ANSWERED, JOINT, SAMPLE, SECOND_NS, TIME_REFERENCE, resolve
 
 REST_FRACTION = 0.02
 REST_SECONDS = 0.1
 CATCH_UP_SECONDS = 2.0  # for a machine whose valves were closed, to be back at its reference
+Array = npt.NDArray[np.float64]
+MOST_OFF = 0.10  # of the set peak
+MOST_LATE = 0.030  # s
+LEAST = 1.0  # N that a cushion is asked for in a cycle
 
 
 @dataclass(frozen=True)
@@ -110,3 +119,124 @@ def cycle_table(since_start: np.ndarray, error: np.ndarray, hold_s: float, cycle
 def rms(values: np.ndarray) -> float:
     """Return the root of the mean of the squares."""
     return float(np.sqrt(np.mean(values**2)))
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Latency: from the instant of a sample until the voltages that answer it leave.
+
+    `missed_deadlines` counts, of all `periods`, those whose sample was answered later than one period
+    after it, was never answered, or was skipped because the machine was too busy to take it.
+    """
+
+    periods: int
+    skipped_samples: int
+    deadline_ms: float
+    missed_deadlines: int
+    latency_median_ms: float
+    latency_p99_ms: float
+    latency_max_ms: float
+
+
+def timing(path: Path, namespace: str = "", period_s: float | None = None) -> Timing | None:
+    """Return the timing of a bag that can be read; None if it is of no run in real time.
+
+    The period is that of most samples, if it is not given.
+    """
+    samples, _ = _instants(path, resolve(SAMPLE, namespace))
+    answers, left = _instants(path, resolve(ANSWERED, namespace))
+    if len(samples) < 2 or not np.isin(answers, samples).any():
+        return None
+    period_ns = int(np.median(np.diff(samples))) if period_s is None else round(period_s * SECOND_NS)
+    return judge_timing(samples, dict(zip(answers.tolist(), left.tolist(), strict=True)), period_ns)
+
+
+def judge_timing(samples: np.ndarray, answered: dict[int, int], period_ns: int) -> Timing:
+    """Return the timing of samples (n,) ns, n > 1, with stamp -> instant of the answer, ns."""
+    latency = np.array([answered[stamp] - stamp for stamp in samples.tolist() if stamp in answered])
+    periods = max(len(samples), round((samples[-1] - samples[0]) / period_ns) + 1)
+    median, p99 = np.percentile(latency, [50, 99]) if len(latency) else (np.nan, np.nan)
+    return Timing(
+        periods=periods,
+        skipped_samples=periods - len(samples),
+        deadline_ms=period_ns / 1e6,
+        missed_deadlines=periods - int(np.count_nonzero(latency <= period_ns)),
+        latency_median_ms=float(median) / 1e6,
+        latency_p99_ms=float(p99) / 1e6,
+        latency_max_ms=float(latency.max()) / 1e6 if len(latency) else np.nan,
+    )
+
+
+def _instants(path: Path, topic: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return stamps, ns, and the instants that the messages name, or else their stamps again."""
+    rows = []
+    types = JOINT, TIME_REFERENCE
+    with open_bag(path) as reader:
+        connections = [one for one in reader.connections if one.topic == topic and one.msgtype in types]
+        # without a connection the reader would give every message there is
+        for connection, _, data in reader.messages(connections) if connections else ():
+            message: Any = store().deserialize_cdr(data, connection.msgtype)
+            stamp = message.header.stamp
+            rows.append([_ns(stamp), _ns(getattr(message, "time_ref", stamp))])
+    table = np.array(sorted(rows), dtype=np.int64).reshape(-1, 2)
+    return table[:, 0], table[:, 1]
+
+
+def _ns(stamp: Any) -> int:
+    return int(stamp.sec * SECOND_NS + stamp.nanosec)
+
+
+@dataclass(frozen=True)
+class Load:
+    """Peaks of set and measured force, N, and how far apart in time both pass half of the set peak, ms.
+
+    `late_ms` is the largest of these; None where the measured force passes it more or less often.
+    """
+
+    set_peak_N: float
+    peak_N: float
+    late_ms: float | None
+    passed: bool
+
+
+def compared(time: Array, asked: Array, force: Array) -> Load:
+    """Compare forces over a cycle; time (n,) s, set and measured force (n,) N."""
+    most, reached = float(asked.max()), float(force.max())
+    wanted, there = (_crossings(time, one, 0.5 * most) for one in (asked, force))
+    same = len(wanted) == len(there) > 0
+    late = float(np.abs(there - wanted).max()) if same else None
+    near = most >= LEAST and abs(reached - most) <= MOST_OFF * most
+    return Load(
+        most, reached, None if late is None else 1e3 * late, near and late is not None and late <= MOST_LATE
+    )
+
+
+def loads_of(bag: Bag, namespace: str) -> dict[str, Load]:
+    """Return the load of each actuator of a bag's leg; none where the machine follows a position."""
+    known = bag.parameters
+    if known.get("control.position.feedback", True):
+        return {}
+    cycle, ahead = (
+        known["scenario.cycle_time"],
+        known["valve.delay"] + 0.5 * known["scenario.control_period"],
+    )
+    names = [f"{name}_{kind}" for name in bag.machine.names for kind in ("pressure", "pressure_reference")]
+    signals, found = read_bag(bag.path, names, (), namespace), {}
+    for one in bag.machine.actuators:
+        stamps, values = aligned(
+            *(signals[f"{one.name}_{kind}"] for kind in ("pressure", "pressure_reference"))
+        )
+        time = (stamps - stamps[0]) / SECOND_NS
+        pressure, asked = (
+            known[f"{one.parameters}.area"] * (p - known["valve.ambient_pressure"]) for p in values
+        )
+        last = time > time[-1] - cycle
+        found[one.name] = compared(time[last], np.interp(time - ahead, time, asked)[last], pressure[last])
+    return found
+
+
+def _crossings(time: Array, force: Array, level: float) -> Array:
+    """Return the instants at which a force passes a level, s."""
+    before = np.flatnonzero(np.diff(force > level))
+    share = (level - force[before]) / (force[before + 1] - force[before])
+    return np.asarray(time[before] + share * (time[before + 1] - time[before]))

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pam_orthosis.bag.legs import namespaces
-from pam_orthosis.bag.loads import Load, loads_of
 from pam_orthosis.bag.read import (
     Bag,
     Series,
@@ -26,14 +25,17 @@ from pam_orthosis.bag.read import (
     run_record,
 )
 from pam_orthosis.bag.releases import Release, releases
-from pam_orthosis.bag.timing import Timing, timing
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.bag.tracking import (
     Cycle,
+    Load,
+    Timing,
     cycle_table,
+    loads_of,
     not_led,
     rms,
     steady_state_error,
+    timing,
     total_variation_rate,
     velocity_lag,
 )

@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING
 DEFAULT_BOUND = 3.0
 
 if TYPE_CHECKING:
-    from pam_orthosis.bag.loads import Load
-    from pam_orthosis.bag.timing import Timing
+    from pam_orthosis.bag.tracking import Load, Timing
     from pam_orthosis.bag.verdict import Bound, Verdict
 
 

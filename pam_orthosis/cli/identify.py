@@ -102,11 +102,10 @@ def _identified(arguments: argparse.Namespace, progress: Progress) -> Identified
     written = {arguments.out: as_text(rows.as_yaml(found, source))} if arguments.out else {}
     if arguments.figures:
         progress("drawing the figures")
-        from pam_orthosis.report.identification import drawn  # matplotlib takes its time to load
-        from pam_orthosis.report.pages import identify as pages
+        from pam_orthosis.report.identification import drawn, page  # matplotlib takes its time to load
 
         written |= drawn(found, arguments.figures)
-        written[arguments.figures / PAGE] = as_text(pages.page(found, describe(found)))
+        written[arguments.figures / PAGE] = as_text(page(found, describe(found)))
     write_files(written)
     return found
 

@@ -55,14 +55,13 @@ def execute(arguments: argparse.Namespace) -> int:
 
 def _show(found: dict, folder: Path | None, as_json: bool) -> None:
     from pam_orthosis.report import margin
-    from pam_orthosis.report.pages import margin as pages
 
     table, text = margin.table(found), json.dumps(found, indent=2)
     if folder:
         write_files({
             folder / "margin.json": as_text(text + "\n"),
             folder / "margin.md": as_text(table + "\n"),
-            folder / "margin.html": as_text(pages.page(found)),
+            folder / "margin.html": as_text(margin.page(found)),
             folder / "margin.png": lambda stream: margin.draw(found, stream),
         })  # fmt: skip
     print(text if as_json else table)

@@ -53,11 +53,11 @@ def _made(page: Path, pictures: Path, overwrite: bool, progress: Progress) -> Re
     from pam_orthosis.report.pages import paper as pages
     from pam_orthosis.report.paper import (  # matplotlib takes a second
         by_hand,
+        drawings,
         figures,
         force_rate,
         inertia,
         observer,
-        schemes,
         table,
         tracking,
     )
@@ -73,7 +73,7 @@ def _made(page: Path, pictures: Path, overwrite: bool, progress: Progress) -> Re
         identified, observed, on_hardware, points, tracked, moved, compared, inertia.compared()
     )
     progress("drawing the figures")
-    schematic = schemes.schemes()
+    schematic = drawings.schemes()
     files = {
         pictures / "observer.png": lambda stream: figures.draw_observer(observed, stream),
         pictures / "trade_off.png": lambda stream: figures.draw_trade_off(points, observed, stream),

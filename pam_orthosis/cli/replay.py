@@ -78,9 +78,9 @@ def execute(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace, namespace: str, progress: Shown) -> list[TopicComparison]:
-    from pam_orthosis.bag.asked import asked_beside
     from pam_orthosis.bag.compare import compare
     from pam_orthosis.bag.script import Script, held_ns
+    from pam_orthosis.bag.topics import asked_beside
     from pam_orthosis.nodes import launch
     from pam_orthosis.nodes.supervisor import supervise
 

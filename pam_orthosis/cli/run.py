@@ -6,10 +6,12 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
+import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+import webbrowser
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
@@ -34,7 +36,10 @@ from pam_orthosis.progress import Progress, shown
 if TYPE_CHECKING:
     from pam_orthosis.nodes import launch
 
+
 ROS_WHEELS = "pip install 'ros-jazzy-rclpy[fastrtps]==7.1.6' ros-jazzy-common-interfaces (Linux, x86-64)"
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
+LEAVE_SECONDS = 5.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -180,8 +185,6 @@ def _run(
             environment = launch.environment(work, domain)
         commands = launch.commands(work, parameters, bag, scenario, mode)
         if watch:
-            from pam_orthosis.cli.watch import watched
-
             command = launch.view_command(work, parameters, mode.legs)
             stack.enter_context(watched(command, environment, work))
             commands = launch.paced(commands)
@@ -241,3 +244,38 @@ def simulated(progress: Progress, duration_s: float, domain: int | str) -> Calla
         progress(f"ROS domain {domain}", reached, duration_s, " s")
 
     return advance
+
+
+@contextmanager
+def watched(command: Sequence[str], environment: Mapping[str, str], work: Path) -> Iterator[None]:
+    """Show a run for as long as it lasts: print the page's address, open it where there is a display.
+
+    Args:
+        command: of the live view.
+        environment: of its process.
+        work: folder for its log.
+
+    Raises:
+        RunFailed: the view does not start.
+    """
+    log = work / "live_view.log"
+    streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE}
+    with (
+        open(log, "wb") as errors,
+        subprocess.Popen(command, env=dict(environment), stderr=errors, text=True, **streams) as viewer,
+    ):
+        try:
+            url = viewer.stdout.readline().strip() if viewer.stdout else ""
+            if not url:
+                words = log.read_text(errors="replace").strip().splitlines() or ["it printed nothing"]
+                raise RunFailed(f"the live view did not start: {words[-1]}")
+            print(f"live view: {url}", file=sys.stderr)
+            if any(os.environ.get(name) for name in DISPLAYS):
+                webbrowser.open(url)
+            yield
+        finally:
+            viewer.terminate()
+            try:
+                viewer.wait(LEAVE_SECONDS)
+            except subprocess.TimeoutExpired:
+                viewer.kill()

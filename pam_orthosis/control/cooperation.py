@@ -18,8 +18,7 @@ import casadi as ca
 
 from pam_orthosis.control import position
 from pam_orthosis.control.axis import Axis
-from pam_orthosis.control.position import Demand, PositionController, pressures_with_effects
-from pam_orthosis.control.rates import position_nominal
+from pam_orthosis.control.position import Demand, PositionController, position_nominal, pressures_with_effects
 from pam_orthosis.control.reference import Reference
 from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.machine import Machine

@@ -15,9 +15,8 @@ from typing import Any
 from pam_orthosis.control import guard
 from pam_orthosis.control.guard import Guarded
 from pam_orthosis.control.inverse_valve import InverseValveModel
-from pam_orthosis.control.position import PositionCommand, PositionController
+from pam_orthosis.control.position import PositionCommand, PositionController, position_nominal
 from pam_orthosis.control.pressure import PressureController
-from pam_orthosis.control.rates import position_nominal
 from pam_orthosis.control.reference import PressureReference, Pressures, Reference, Valve
 from pam_orthosis.control.returning import Release, Return, empty_below, vented
 from pam_orthosis.model.components.spool import as_commanded

@@ -18,9 +18,14 @@ from pam_orthosis.control.axis import Axis
 from pam_orthosis.control.cooperation import CooperativeController
 from pam_orthosis.control.effects import AddedEffort
 from pam_orthosis.control.pid import Pid
-from pam_orthosis.control.position import Limited, PositionCommand, PositionController, given_effort
+from pam_orthosis.control.position import (
+    Limited,
+    PositionCommand,
+    PositionController,
+    given_effort,
+    position_nominal,
+)
 from pam_orthosis.control.proxy_sliding_mode import ProxySlidingMode
-from pam_orthosis.control.rates import position_nominal
 from pam_orthosis.control.reference import Pressures, Reference, Valve
 from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.parameters import Parameters

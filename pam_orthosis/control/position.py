@@ -14,7 +14,6 @@ from pam_orthosis.control.axis import Axis, Pair
 from pam_orthosis.control.coupling import Coupling
 from pam_orthosis.control.effects import AddedEffort, Sensors
 from pam_orthosis.control.observer import Estimate, Observer
-from pam_orthosis.control.rates import position_nominal
 from pam_orthosis.control.reference import PressureReference, Pressures, Reference, Valve
 from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.machine import Machine
@@ -327,3 +326,11 @@ def _both(function: Callable[..., Expression], *pairs: Pair) -> Pair:
 
 def _within(value: Expression, low: Expression, high: Expression) -> Expression:
     return ca.fmin(ca.fmax(value, low), high)
+
+
+def position_nominal(parameters: Parameters) -> Parameters:
+    """Return the position controller's nominal model: its control period, s, is that of its own instants."""
+    nominal, every = parameters.nominal(), parameters.control.position.every
+    if every == 1:
+        return nominal
+    return nominal.substituted({"scenario.control_period": every * nominal.scenario.control_period})

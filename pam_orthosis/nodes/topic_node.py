@@ -15,9 +15,17 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
-from pam_orthosis.bag.asked import asked_beside
 from pam_orthosis.bag.cdr import Reader, Template, Unreadable
-from pam_orthosis.bag.topics import PLANT, PUBLISHED_DEPTH, RECORDER, SLOW, Topic, Topics, in_leg
+from pam_orthosis.bag.topics import (
+    PLANT,
+    PUBLISHED_DEPTH,
+    RECORDER,
+    SLOW,
+    Topic,
+    Topics,
+    asked_beside,
+    in_leg,
+)
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes.agreement import ALIKE

@@ -7,13 +7,15 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from pam_orthosis.control.axis import Axis
+from pam_orthosis.control.effects import AddedEffort
 from pam_orthosis.control.position import Demand, pressures_for_effort
+from pam_orthosis.control.reference import Reference
 from pam_orthosis.control.trajectory import Trajectory, make_trajectory
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
@@ -21,7 +23,6 @@ from pam_orthosis.model.rules import FARTHEST_PLAN, motion_digest
 from pam_orthosis.planning import RESERVE
 from pam_orthosis.planning.problem import HELPS, Cycle, NotFound, nearest_cycle
 from pam_orthosis.planning.recorded import Recorded
-from pam_orthosis.planning.settling import EARLY, along
 from pam_orthosis.progress import Progress, silent
 
 NODES = 200  # of a cycle
@@ -34,6 +35,9 @@ SETTLED = 1.0e-3  # rad or m by which another round does not change the result a
 DIGITS = 6
 SHARES = 0.9, 1.0  # of what an open valve passes: who is late cannot catch up with all of it, the last resort
 LEAD = 0.02  # s by which the machine is late where valves are at their limits, and more is asked for earlier
+SAME_EFFORT = 1.0e-2  # N m or N by which it may differ from one cycle to the next
+LONGEST = 60  # cycles after which it is taken for settled
+EARLY = 0.75  # of a cycle behind the start, where most gaits ask for most: there the first one is planned
 
 
 @dataclass(frozen=True)
@@ -232,3 +236,46 @@ def _fell_short(recorded: Recorded, cycle_time: float) -> np.ndarray:
 
 def _rounded(values: np.ndarray) -> list[float]:
     return [float(f"{value:.{DIGITS}g}") for value in values]
+
+
+class Effort(NamedTuple):
+    """Torque or force of the nominal model's effects between the N instants of a cycle, (N,) each.
+
+    Attributes:
+        settled: when creep has found its cycle.
+        early: in the first cycle, begun from long rest; the same if nothing creeps.
+        settling: cycles in which the difference falls by a factor e; None: there is none.
+    """
+
+    settled: np.ndarray
+    early: np.ndarray
+    settling: float | None
+
+
+def along(nominal, position: np.ndarray, velocity: np.ndarray, cycle: Cycle) -> Effort:
+    """Return the effort of the effects along a motion, (N,) and its rate, at the pressures of a cycle."""
+    step, count = nominal.scenario.control_period, len(position)
+    samples = round(nominal.scenario.cycle_time / step)
+    at, middles = np.arange(samples) * count / samples, (np.arange(count) + 0.5) / count
+
+    def between(values: np.ndarray) -> np.ndarray:
+        return np.interp(at, np.arange(count + 1), np.append(values, values[0]))
+
+    columns = position, velocity, *cycle.pressures
+    rows, law = list(zip(*map(between, columns), strict=True)), AddedEffort(nominal)
+
+    def of_a_cycle() -> np.ndarray:
+        effort = [law.step(Reference(q, rate, 0.0), pressures) for q, rate, *pressures in rows]
+        return np.interp(middles * samples, np.arange(samples + 1), [*effort, effort[0]])
+
+    of_a_cycle()  # dry friction and play find their cycle in it
+    cycles = [of_a_cycle(), of_a_cycle()]
+    while np.abs(cycles[-1] - cycles[-2]).max() > SAME_EFFORT and len(cycles) < LONGEST:
+        cycles.append(of_a_cycle())
+    settled = cycles[-1]
+    second, third = (each - settled for each in cycles[:2])
+    left = float(second @ third) / float(second @ second) if len(cycles) > 2 else 0.0  # a cycle later
+    if not 0.0 < left < 1.0:
+        return Effort(settled, settled, None)
+    settling = -1.0 / np.log(left)
+    return Effort(settled, settled + second * np.exp((1.0 + middles - EARLY) / settling), settling)

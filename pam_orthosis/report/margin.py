@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Margins of the closed loop: one table, one figure, from what `batch.margin.measure` returns."""
+"""Margins of the closed loop: table, figure and page, from what `batch.margin.measure` returns."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from itertools import groupby
 from typing import Any, BinaryIO
 
 from matplotlib.figure import Figure
+
+from pam_orthosis.report.page import NEUTRAL, Page, Part, listed
+from pam_orthosis.report.plots import AFTER, BEFORE, Plot, dots, line
 
 DPI = 110
 COLUMNS = 3
@@ -73,15 +76,59 @@ def draw(found: Mapping[str, Any], stream: BinaryIO) -> None:
     figure.savefig(stream, dpi=DPI, format="png")
 
 
+def _runs(rows: Sequence[Mapping[str, Any]], unit: str) -> tuple[tuple[Sequence, Sequence], list[float]]:
+    """Return rising values and their maximum errors, and the values at which the machine is lost."""
+    runs = {run["value"]: run[f"max_abs_error_{unit}"] for row in rows for run in row["runs"]}
+    values, sizes = zip(*sorted(one for one in runs.items() if one[1] is not None), strict=True)
+    return (values, sizes), [value for value, error in runs.items() if error is None]
+
+
 def _panel(axes, found: Mapping[str, Any], name: str, rows: Sequence[Mapping[str, Any]]) -> None:
     unit = found["error_unit"]
     doubled_error, lost_error = found[f"doubled_{unit}"], found[f"lost_{unit}"]
-    runs = {run["value"]: run[f"max_abs_error_{unit}"] for row in rows for run in row["runs"]}
-    followed = sorted((value, error) for value, error in runs.items() if error is not None)
-    lost = [value for value, error in runs.items() if error is None]
-    axes.plot(*zip(*followed, strict=True), color=TRIED, marker=".", label="maximum error")
+    followed, lost = _runs(rows, unit)
+    axes.plot(*followed, color=TRIED, marker=".", label="maximum error")
     axes.plot(lost, [lost_error] * len(lost), color=LOST, marker="x", ls="", label=f"{found['machine']} lost")
     axes.axvline(rows[0]["nominal"], color=NOMINAL, lw=0.8, label="nominal")
     axes.axhline(doubled_error, color=NOMINAL, ls="--", lw=0.8, label="error doubled")
     axes.axhline(lost_error, color=LOST, ls="--", lw=0.8)
     axes.set(yscale="log", xlabel=f"{name} / {rows[0]['unit']}", ylabel=f"error / {unit}")
+
+
+def page(found: Mapping[str, Any]) -> str:
+    """Return the page of what `batch.margin.measure` found."""
+    lost = [row for row in found["margins"] if row["lost"]["reached"] is not None]
+    names = sorted({f"{row['direction']} {row['perturbation']}" for row in lost})
+    tried = f"of {len(found['margins'])} changes"
+    headline = (
+        f"The {found['machine']} is lost by {len(names)} {tried}: {', '.join(names)}."
+        if names
+        else f"None {tried} loses the {found['machine']}."
+    )
+    head = [name.format(found["machine"]) for name in HEAD]
+    rows = [cells(row) for row in found["margins"]]
+    panels = [
+        _plot(found, name, list(of))
+        for name, of in groupby(found["margins"], lambda row: row["perturbation"])
+    ]
+    parts = [
+        Part("Limits", table=listed(head, rows)),
+        Part("Error against each change", ("The controllers stay as they are.",), plots=panels),
+    ]
+    return Page(
+        "margin", "measured", NEUTRAL, headline, notes(found), parts, "margins of the closed loop"
+    ).html()
+
+
+def _plot(found: Mapping[str, Any], name: str, rows: Sequence[Mapping[str, Any]]) -> Plot:
+    unit = found["error_unit"]
+    doubled, beyond = found[f"doubled_{unit}"], found[f"lost_{unit}"]
+    (values, sizes), gone = _runs(rows, unit)
+    data = [line(values, sizes, "maximum error", AFTER) | {"mode": "lines+markers"}]
+    if gone:
+        data.append(dots(gone, [beyond] * len(gone), f"{found['machine']} lost", BEFORE, 9.0, "x"))
+    alt = f"maximum error from {min(sizes):.2f} to {max(sizes):.2f} {unit}; lost at {len(gone)} values"
+    title = f"{name}: nominal {rows[0]['nominal']:.3g} {rows[0]['unit']}; dashed: error doubled, and lost"
+    return Plot(
+        title, alt, f"{name} / {rows[0]['unit']}", f"error / {unit}", data, (doubled, beyond), log=True
+    )

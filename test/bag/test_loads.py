@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from pam_orthosis.bag.loads import compared
+from pam_orthosis.bag.tracking import compared
 
 TIME = np.arange(0.0, 2.0, 0.005)
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pam_orthosis.bag.timing import judge_timing, timing
 from pam_orthosis.bag.topics import PLANT, TRAJECTORY, Topics
+from pam_orthosis.bag.tracking import judge_timing, timing
 from pam_orthosis.model.machines import KNEE
 
 TABLE = Topics(KNEE)

@@ -8,9 +8,8 @@ from pam_orthosis.control.guard import position_guard
 from pam_orthosis.control.guarded import GuardedPosition
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.observer import Observer
-from pam_orthosis.control.position import PositionController
+from pam_orthosis.control.position import PositionController, position_nominal
 from pam_orthosis.control.pressure import PressureController
-from pam_orthosis.control.rates import position_nominal
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
 

@@ -14,9 +14,8 @@ from pam_orthosis.model.parameters import load, scenario_overrides
 from pam_orthosis.model.shapes import fourier_shape
 from pam_orthosis.model.truth import with_nominal
 from pam_orthosis.planning import plan as plan_module
-from pam_orthosis.planning.plan import NODES, make_plan
+from pam_orthosis.planning.plan import EARLY, NODES, along, make_plan
 from pam_orthosis.planning.problem import Cycle, NotFound, nearest_cycle
-from pam_orthosis.planning.settling import EARLY, along
 
 CREEP = {"effects.creep.enabled": True, "effects.creep.stiffness": 1200.0, "effects.creep.time_constant": 6.0}
 LOW_SUPPLY = 5.4e5  # Pa

@@ -17,7 +17,7 @@ from pam_orthosis.model.components.muscle import towing_force
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.truth import as_modelled
 from pam_orthosis.report.pages import paper as pages
-from pam_orthosis.report.paper import by_hand, force_rate, inertia, observer, schemes, table, tracking
+from pam_orthosis.report.paper import by_hand, drawings, force_rate, inertia, observer, table, tracking
 
 ROOT = Path(__file__).resolve().parents[2]
 BEGINNING = "steady-state error at the beginning of the step"
@@ -124,7 +124,7 @@ def test_the_page_shows_what_was_measured(identified, simulated, on_hardware, wa
         identified, simulated, on_hardware, points, walked, [(moved, moved)], [held], inertia.compared()
     )
     page = tmp_path / "paper.html"
-    page.write_text(pages.page(found, schemes.schemes()), encoding="utf-8")
+    page.write_text(pages.page(found, drawings.schemes()), encoding="utf-8")
     page_fits(page)
     text = unescape(page.read_text(encoding="utf-8"))
     assert f"Tracking: {walked.largest:.2f} deg at most" in text
@@ -134,7 +134,7 @@ def test_the_page_shows_what_was_measured(identified, simulated, on_hardware, wa
         assert one.words in text
         for row in one.rows:
             assert "".join(f"<td>{cell}</td>" for cell in row) in text
-    assert text.count("data:image/png;base64,") == len(schemes.SCHEMES)
+    assert text.count("data:image/png;base64,") == len(drawings.SCHEMES)
     curves = [one for plot in re.findall(r'data-plot="([^"]*)"', page.read_text(encoding="utf-8"))
               for one in json.loads(unescape(plot))["data"]]  # fmt: skip
     drawn = {one["name"]: np.frombuffer(b64decode(one["y"]["bdata"])) for one in curves}

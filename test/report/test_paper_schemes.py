@@ -14,7 +14,7 @@ from pam_orthosis.model.mechanisms import leg
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.shapes import scenario_shape
 from pam_orthosis.report.paper import blocks, drawings
-from pam_orthosis.report.paper.schemes import SCHEMES, schemes
+from pam_orthosis.report.paper.drawings import SCHEMES, schemes
 
 
 def of_machine(draw):

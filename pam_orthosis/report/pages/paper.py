@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from pam_orthosis.report.identification import force_plot
 from pam_orthosis.report.page import NEUTRAL, Page, Part, Picture, listed
-from pam_orthosis.report.pages import identify
+from pam_orthosis.report.paper.drawings import SCHEMES
 from pam_orthosis.report.paper.observer import PATTERNS, ObserverRun, TradeOff
-from pam_orthosis.report.paper.schemes import SCHEMES
 from pam_orthosis.report.paper.table import Results, rows, tables
 from pam_orthosis.report.paper.tracking import Tracking
 from pam_orthosis.report.plots import AFTER, BEFORE, ESTIMATE, MEASURED, REFERENCE, Plot, line
@@ -39,7 +39,7 @@ def page(found: Results, schematic: Mapping[str, bytes]) -> str:
     head = ("result", "paper", "here", "how measured")
     parts = [
         Part("Side by side", table=listed(head, [tuple(row) for row in rows(found)])),
-        Part("Fig. 4: force", plots=[identify.force(found.identified)]),
+        Part("Fig. 4: force", plots=[force_plot(found.identified)]),
         Part("Fig. 8: observer under a sinusoidal disturbance", plots=_observer(found.observer)),
         Part("What less lag costs", plots=_trade_off(found.trade_off)),
         Part("Fig. 9: tracking and error over the gait", plots=_tracking(found.tracking)),

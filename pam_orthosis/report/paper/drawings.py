@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figs. 1, 2 and 6: the device, the test rig and the model of the leg, drawn from the machines' geometry."""
+"""The paper's figures that show no run: 1, 2 and 6 by the machines' geometry, 3 and 7 of `blocks`."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from io import BytesIO
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.shapes import scenario_shape
 from pam_orthosis.reading import config_folder
+from pam_orthosis.report.paper import blocks
 from pam_orthosis.report.paper.blocks import ARROW, BAR, muscle_name
 from pam_orthosis.scene.shapes import shape_of
 
@@ -33,6 +35,15 @@ SHOWN_PRESSURE = 4.0e5  # Pa absolute in the investigated muscle of fig. 2
 SHOWN_SHARE = 0.3  # of the range of the carriage at which fig. 2 shows it
 # of the bodies of `leg.bodies`, in order: apparatus (a), person (p)
 BODIES = ("th,a", "k,a", "sh,a", "f,a", "th,p", "sh,p", "f,p")
+DPI = 110
+SCHEMES = {
+    "device": "Fig. 1: the device, both legs half a cycle apart",
+    "rig": "Fig. 2: test rig",
+    "rig_control": "Fig. 3: control of the test rig",
+    "mechanics": "Fig. 6: bodies and angles of the mechanical model",
+    "knee_control": "Fig. 7: observer-based control of the knee",
+}
+PERSON = {"leg.person.present": True}  # fig. 6 shows the person's bodies too
 
 
 class Pose(NamedTuple):
@@ -236,3 +247,23 @@ def _arrow(axes, start: Sequence[float], end: Sequence[float], words: str) -> No
 def _towards(angle: float) -> np.ndarray:
     """Return the unit vector (x, z) at an angle above x."""
     return np.array([math.cos(angle), math.sin(angle)])
+
+
+def schemes(overrides: Mapping[str, Any] | None = None) -> dict[str, bytes]:
+    """Return each figure as PNG, drawn from the declared machines with some parameters changed."""
+    given = overrides or {}
+    p = load(given)
+    figures = {
+        "device": device(given),
+        "rig": rig(p),
+        "rig_control": blocks.rig_control(p),
+        "mechanics": mechanics(load({**PERSON, **given})),
+        "knee_control": blocks.knee_control(p),
+    }
+    return {name: _png(figure) for name, figure in figures.items()}
+
+
+def _png(figure) -> bytes:
+    stream = BytesIO()
+    figure.savefig(stream, dpi=DPI, format="png")
+    return stream.getvalue()

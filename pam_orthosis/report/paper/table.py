@@ -13,10 +13,10 @@ from pam_orthosis.bag.tracking import REST_SECONDS
 from pam_orthosis.identification.identify import Identified
 from pam_orthosis.identification.samples import Samples
 from pam_orthosis.report.paper.by_hand import Moved
+from pam_orthosis.report.paper.drawings import SCHEMES
 from pam_orthosis.report.paper.force_rate import ForceRate
 from pam_orthosis.report.paper.inertia import Compared
 from pam_orthosis.report.paper.observer import DAMPING, POLE, ObserverRun, TradeOff
-from pam_orthosis.report.paper.schemes import SCHEMES
 from pam_orthosis.report.paper.tracking import BRISK, Tracking
 
 PICTURES = {
