@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The errors that a user can cause or meet; the entry script turns each into one line."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path

@@ -6,8 +6,6 @@ name, which must be free. A folder for many files must be new or empty, and belo
 (`flock`) ends with that process, however it ends. What fails leaves all as it was.
 """
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the system says of a process: whether somebody has stopped it, how long it has done nothing."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import signal

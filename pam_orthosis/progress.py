@@ -6,8 +6,6 @@ which prints on stderr: on a terminal one line that is rewritten, otherwise a li
 prints, so that a long import, a compilation or a call into C is not silent either.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time

@@ -4,8 +4,6 @@
 Bounds stand here and not in config/, which is read through them.
 """
 
-from __future__ import annotations
-
 import csv
 import difflib
 import io

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of numbers: CSV files below one row of names, as spreadsheets and scripts write them."""
 
-from __future__ import annotations
-
 import math
 from array import array
 from collections import Counter

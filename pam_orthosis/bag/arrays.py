@@ -5,8 +5,6 @@ The layout of a message of ours does not depend on its numbers: each topic's mes
 once, and only stamp and values are put into a copy of it.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping
 from pathlib import Path

@@ -5,8 +5,6 @@ rosbags reads records and unpacks chunks whole, and follows YAML wherever it lea
 streams that refuse long reads, decompressors that stop, and the YAML of `reading`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial

@@ -6,8 +6,6 @@ makes room; if that is too little the file gets no summary (readers go through i
 too little, too, its last chunk makes room: never more than what is added needs.
 """
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os

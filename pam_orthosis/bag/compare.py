@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compare the messages of two bags by topic and stamp: equal to the bit, or how far apart."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

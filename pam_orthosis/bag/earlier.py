@@ -12,8 +12,6 @@ pressure in `effort` and the motion of a plan as a second point, the truth the g
 | `truth/NAME/pressure`, `truth/NAME/mass_flow` | `truth` |
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

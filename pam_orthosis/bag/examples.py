@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings that come with the package: bags to copy, and a case of the gap workflow to unpack."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Mapping

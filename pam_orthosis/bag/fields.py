@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Do messages of a standard type have the field that a signal is read from?"""
 
-from __future__ import annotations
-
 from typing import Any
 
 from rosbags.interfaces import Nodetype

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The messages of a leg in an open bag, as they are today."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from pathlib import Path

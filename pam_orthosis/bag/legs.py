@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which legs, or joints of a device, a bag holds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from rosbags.rosbag2 import Reader

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS messages by the definitions of rosbags: they need no ROS, and know `tf2_msgs`, which PyPI has not."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 

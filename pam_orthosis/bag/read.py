@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read bags, ours and those of `ros2 bag record`, into arrays keyed by header stamp."""
 
-from __future__ import annotations
-
 import json
 import struct
 from collections import defaultdict

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Save what is whole of a bag that is damaged, or whose recorder was killed."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass

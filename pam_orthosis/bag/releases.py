@@ -5,8 +5,6 @@ A machine is released while all its valves vent, whoever asks for that: a guard,
 emergency stop. Valves that get no commands vent by themselves. Why it was is what the nodes' reports say.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple

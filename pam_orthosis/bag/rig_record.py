@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Record runs of the test rig as bags; no ROS needed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any

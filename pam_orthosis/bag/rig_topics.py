@@ -4,8 +4,6 @@
 Same conventions: stamped standard types, truth on a topic of its own that identification never reads.
 """
 
-from __future__ import annotations
-
 from pam_orthosis.bag.topics import JOINT, MOTION, PRESSURE, VECTOR, WRENCH, Signal, Topic, typed
 
 NAMESPACE = "rig"

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole records of a damaged MCAP file, and what had to be skipped."""
 
-from __future__ import annotations
-
 import mmap
 import os
 import struct

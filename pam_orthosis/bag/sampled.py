@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """All signals of a bag on one grid: the stamps of the measured coordinate."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

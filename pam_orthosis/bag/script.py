@@ -5,8 +5,6 @@ A node is given the inputs of an instant if the bag holds its answer to them: in
 samples, and a node that took others than it did then would answer otherwise.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A training session as a bag of both legs: what the graph would record, and what the programme did."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

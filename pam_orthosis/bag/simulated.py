@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run the closed loop without ROS, with the same cores as the nodes, and write a bag of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which files hold the data that a path stands for, and whether some are given twice."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gather the messages of each instant, and hand them out in one order whatever the arrival was."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping
 from heapq import heappop, heappush
 from typing import NamedTuple

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a run is judged by: how well a motion follows its reference, how fast samples were answered, loads."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

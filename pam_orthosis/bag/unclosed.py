@@ -4,8 +4,6 @@
 Each whole chunk is followed by an index of its messages, which counts those of each channel.
 """
 
-from __future__ import annotations
-
 import struct
 from collections import Counter
 from collections.abc import Iterator

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records and chunks of bags within bounds: what a file says of its sizes is not trusted."""
 
-from __future__ import annotations
-
 import io
 import os
 import struct

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag that another process writes: who records does not pack, compress and wait for the disk."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import pickle

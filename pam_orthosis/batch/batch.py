@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Works off units: failures are tried again and listed, what is done is kept and not done again."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait

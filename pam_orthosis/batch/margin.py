@@ -4,8 +4,6 @@
 python -m pam_orthosis.batch.margin '{"control.position.c1": 30.0}' friction more NOMINAL_ERROR_RAD
 """
 
-from __future__ import annotations
-
 import json
 import math
 import sys

@@ -6,8 +6,6 @@ A file in YAML: `scenario`, `set` (parameters of all), and whose combinations ar
 [low, high]).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from itertools import product
 from math import prod

@@ -6,8 +6,6 @@ behind one interface, that of `concurrent.futures.Executor`: on this machine som
 Dask scheduler.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import os

@@ -4,8 +4,6 @@
 python -m pam_orthosis.batch.walk '{"scenario.seed": 2, "leg.person.mass": 80.0}' BOUND_DEG --out DIR
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Sequence

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Do the same to many bags, or walk with many parameter sets: on all cores, or on a cluster."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Completion of verbs, options and files for a shell: `eval "$(pam-orthosis --print-completion bash)"`."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path

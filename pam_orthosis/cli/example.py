@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write recordings that come with the package into a new folder: bags to look at, a case for `gap`."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Record a blind test case of the gap workflow: bags of a machine with hidden effects, and the answer."""
 
-from __future__ import annotations
-
 import argparse
 from importlib.util import find_spec
 from pathlib import Path

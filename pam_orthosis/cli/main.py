@@ -4,8 +4,6 @@
 Exit status: 0 good, 1 the answer is no, 2 unusable input or usage, 3 a node or the run failed.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import signal

@@ -10,8 +10,6 @@ the limit is bisected to a tenth of the change (or an eighth of the first one). 
 the end of the range, the end is printed, such as "> 50". Exit status 0: measured.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

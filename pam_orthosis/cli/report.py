@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Show a recorded run or session: an offline page, pictures, an animation, or a table."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Mapping
 from functools import partial

@@ -6,8 +6,6 @@ The programme is a YAML file: `stages`, each of `strides` (with `cycle_time_s`, 
 A safety monitor watches each leg. `pam-orthosis report` makes a page of the bag.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a person brings of the effort that the motion takes, stride by stride, from recorded signals."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

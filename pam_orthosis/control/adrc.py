@@ -6,8 +6,6 @@ Han, "From PID to active disturbance rejection control", IEEE Transactions on In
 2003), the observer's three poles in discrete time (Miklosovic, Radke and Gao, the same conference, 2006).
 """
 
-from __future__ import annotations
-
 import math
 
 from pam_orthosis.control.reference import Reference

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Planning for the instant at which a command acts, where the lag of the valves is known."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Iterator

@@ -5,8 +5,6 @@ Forces of the first actuator count by the lever arm of the second: with equal ar
 they are the forces themselves.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import TypeAlias
 

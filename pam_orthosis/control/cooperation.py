@@ -9,8 +9,6 @@ are settings of the law above: `impedance` has the level 1 and no tunnel, `assis
 `transparent` has neither stiffness nor damping and only carries the joint's weight.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

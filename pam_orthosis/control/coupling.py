@@ -5,8 +5,6 @@ The cascade's own model is that of a joint alone. The difference of both models'
 input of observer and law, in no loop of its own; what motions and references differ by is a disturbance.
 """
 
-from __future__ import annotations
-
 import casadi as ca
 
 from pam_orthosis.control.reference import Reference

@@ -5,8 +5,6 @@ An experiment is a sequence of phases, each with a path of the position, a path 
 of the actuators (co-contraction) and a switch that keeps the valves closed.
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence

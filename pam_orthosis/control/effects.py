@@ -5,8 +5,6 @@ Each function is cut out of the same assembly of equations that makes the emulat
 models of the gap workflow: an effect's equation stands in its own file and nowhere else.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeAlias
 

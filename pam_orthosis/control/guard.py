@@ -4,8 +4,6 @@
 A guard passes what is usable on unchanged, to the last bit. What it counts is reported in `/diagnostics`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import Any

@@ -8,8 +8,6 @@ reference pressure of the ambient, which every later controller understands, and
 reference afterwards. Without faults each returns what its controller returns, to the last bit.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from pam_orthosis.control import guard

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inverse valve model: from the wanted mass flow to the valve voltage, with dead-band compensation."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 

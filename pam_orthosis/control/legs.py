@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Legs that walk: the same orthosis twice, half a cycle apart, and the joints of a device."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -6,8 +6,6 @@ controller commands; below it the command passes. While all is well the highest 
 trip none, after a spasm that at which the joint is soft. It goes on by command only, and slowly.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple

@@ -12,8 +12,6 @@ integral, so that e = x_d - x obeys
     e'''' + alpha_3 e''' + alpha_2 e'' + alpha_1 e' + alpha_0 e = 0.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple

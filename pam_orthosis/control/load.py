@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether a sole's cushions can press with the share of the body's weight that is asked for."""
 
-from __future__ import annotations
-
 import math
 
 import casadi as ca

@@ -4,8 +4,6 @@
 It knows the emulated machine, as `rig_loop` knows the rig, and passes on measurements only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 

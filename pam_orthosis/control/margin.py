@@ -5,8 +5,6 @@ The emulated hardware is changed one thing at a time, away from what it is; the 
 and their nominal model. Each value is a run of the closed loop without ROS.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nonlinear observer of position, velocity and disturbance of the coordinate, Eqs. (29)-(32)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ controllers; what differs is the law alone. A peer asks for an acceleration, whi
 an effort: one set of gains suits every leg. It knows nothing else of the model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 

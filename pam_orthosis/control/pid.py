@@ -4,8 +4,6 @@
 Astrom and Hagglund, "PID Controllers: Theory, Design, and Tuning" (1995): conditional integration.
 """
 
-from __future__ import annotations
-
 from pam_orthosis.control.reference import Reference
 from pam_orthosis.model.parameters import Parameters
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Backstepping position controller with built-in observer, Eqs. (33)-(37)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 

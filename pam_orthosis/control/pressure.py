@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Backstepping pressure controller of one actuator, from the gas dynamics of Eq. (6)."""
 
-from __future__ import annotations
-
 import math
 
 import casadi as ca

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The programme of a training session: stages of strides and pauses, read from YAML and checked."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -8,8 +8,6 @@ Vanderborght et al., International Journal of Robotics Research 28(2), 2009. Bot
 end of each period (implicit Euler), which needs no switching.
 """
 
-from __future__ import annotations
-
 from pam_orthosis.control.reference import Reference
 from pam_orthosis.model.parameters import Parameters
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is asked of a machine and of its actuators."""
 
-from __future__ import annotations
-
 from enum import Enum
 from typing import NamedTuple
 

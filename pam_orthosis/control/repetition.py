@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Repetitive learning of a periodic motion: what went wrong in one stride is corrected in the next."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ A released joint is somewhere. It is tried again when it rests and both actuator
 which they do not while something else keeps them vented (an emergency stop, a lost supply).
 """
 
-from __future__ import annotations
-
 from pam_orthosis.control import guard
 from pam_orthosis.control.reference import PressureReference, Pressures, Reference, Valve
 from pam_orthosis.model.parameters import Parameters

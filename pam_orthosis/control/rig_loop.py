@@ -4,8 +4,6 @@
 The controllers and the procedures get measurements only; truth is passed on for the recorder.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple

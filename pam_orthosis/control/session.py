@@ -5,8 +5,6 @@ The stages of a programme follow each other by the strides that were made. After
 goes on when the monitor allows it, as if a therapist had looked.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reference trajectories: twice differentiable, starting smoothly from rest."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

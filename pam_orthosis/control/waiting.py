@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A reference that waits: it goes on by its phase, and no further than a slow person lets it."""
 
-from __future__ import annotations
-
 from pam_orthosis.control.diagnostic import Experiment
 from pam_orthosis.control.reference import Reference
 from pam_orthosis.control.trajectory import Trajectory

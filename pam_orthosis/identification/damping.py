@@ -9,8 +9,6 @@ decay the force is fitted by a smooth function of contraction and pressure, D v,
 sliding elements (Maxwell-slip, rate-independent) with slip distances from 0.25 to 8 mm.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -4,8 +4,6 @@
 Only measured channels are read; the truth topic of an emulated rig is never opened.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

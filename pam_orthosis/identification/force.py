@@ -12,8 +12,6 @@ Rows of one run, or of one repeat, are off together: hysteresis, creep and a loa
 them alike. Intervals are those of whole clusters, each left out in turn (the delete-one-group jackknife).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 

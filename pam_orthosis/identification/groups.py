@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What belongs together in a table: pressure levels, lengths, runs, repeats."""
 
-from __future__ import annotations
-
 import numpy as np
 
 LEVEL_GAP, WIDEST_LEVEL, MOST_LEVELS = 3.0e3, 3.0e4, 30  # Pa, Pa

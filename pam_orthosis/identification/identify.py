@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the data of one muscle to its parameters, and how far they can be trusted."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple

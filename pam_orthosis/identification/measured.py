@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a measured table holds: force of a muscle, its volume, or a free decay."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

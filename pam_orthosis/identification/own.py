@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A muscle that is none of `config/`: its geometry from a user's file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pam_orthosis.errors import OrthosisError, naming

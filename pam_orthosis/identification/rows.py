@@ -5,8 +5,6 @@ In a file what is not replaced keeps every character. The places come from PyYAM
 through a loaded tree would write untouched numbers anew, and ruamel.yaml changes the last digit of some.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

@@ -5,8 +5,6 @@
 name; other columns are refused, so that no unit is ever guessed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path

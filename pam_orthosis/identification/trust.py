@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What in measured data spoils a fit without a sign of it, and what the fit says of the data."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

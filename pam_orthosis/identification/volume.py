@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coefficients of the volume polynomials, Eqs. (16)-(17), from measured cylinders, Eq. (15)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """From what the gap workflow found to the controllers' nominal model."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -5,8 +5,6 @@ A state file says which command the folder belongs to. Bags and the findings of 
 at all: what is there is finished. All else follows from them.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterable, Mapping

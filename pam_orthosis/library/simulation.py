@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Machines, their parameters, and runs of them: in the closed loop, or driven by given voltages."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, overload

@@ -5,8 +5,6 @@ The same assembly serves the emulated hardware, the controllers' model and the g
 differ in parameters, in the actuators' laws and in the effects that are on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fast calls of CasADi functions: fixed buffers, and C where a compiler is there."""
 
-from __future__ import annotations
-
 import _ctypes
 import ctypes
 import hashlib

@@ -5,8 +5,6 @@ A pure delay of the voltages, to the nanosecond: a change acts within a period o
 integration has a step that begins at this instant.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable
 

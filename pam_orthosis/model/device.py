@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A device: machines that run together, some of them joints of one mechanism, as one file declares them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fixed-step integration of CasADi right-hand sides."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import casadi as ca

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The interlock of a device's valves: a sole is released while a joint of its leg is vented."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

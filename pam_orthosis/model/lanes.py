@@ -5,8 +5,6 @@ CasADi writes its functions for a type of number that is given. Here this is a `
 set, which the compiler maps onto the processor's vector registers, however wide these are.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from pathlib import Path

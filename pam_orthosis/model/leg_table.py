@@ -6,8 +6,6 @@ m'(q) q-dot^2 / 2. Polynomials, fitted at Chebyshev nodes, give them to 1e-8 N m
 operations.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import casadi as ca

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Machines read from YAML files and checked: the shipped ones, and files of users."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace

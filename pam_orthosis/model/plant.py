@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The emulated hardware: true parameters, integration, sensors. Only the plant node and tests use it."""
 
-from __future__ import annotations
-
 import math
 from collections import namedtuple
 from collections.abc import Callable, Collection, Iterator, Sequence

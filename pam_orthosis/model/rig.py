@@ -5,8 +5,6 @@ The investigated muscle is the machine's `specimen`, the MAS-40 its `positioner`
 of muscles and valves are those of all machines.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from operator import itemgetter
 from typing import NamedTuple

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rules between parameters that no single bound can express."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Iterator, Mapping

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of the emulated hardware: the nominal ones times its deviations. Controllers never read them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plan a cycle within the reach of the actuators: where it gives way, and co-contraction ahead of need."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ The unknowns are states and mass flows at the nodes of a grid, bound by the equa
 model (implicit midpoint rule). Pressures in bar and flows in g/s there keep the numbers of like size.
 """
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a recorded run shows by the phase of the cycle: the effort that the model missed, the cycle made."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

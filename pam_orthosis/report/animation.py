@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Animated picture of a run: the machine over the last cycle, beside it coordinate and error."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import BinaryIO
 

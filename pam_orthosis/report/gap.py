@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of the gap workflow: what is missing, how sure that is, what it explains, what to measure next."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from pam_orthosis.discrepancy.curves import curves

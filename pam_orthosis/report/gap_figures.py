@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plots of the gap page: measured and predicted where the gap is largest, what the model misses, maps."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import takewhile
 

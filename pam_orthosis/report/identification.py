@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """An identification: figures like the paper's fig. 4 (force) and fig. 5 (volume), residuals, and the page."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What learning did to the tracking: table, figure, page."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, BinaryIO
 

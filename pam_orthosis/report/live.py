@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The live view's page, and what it shows of a leg: its newest whole sample, some 25 times a second."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Margins of the closed loop: table, figure and page, from what `batch.margin.measure` returns."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 from typing import Any, BinaryIO

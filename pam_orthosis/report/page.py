@@ -4,8 +4,6 @@
 A page is one HTML file that needs nothing but itself.
 """
 
-from __future__ import annotations
-
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from functools import cache

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plots of pages as plain data, which the page's script draws: curves by what they mean, axes in words."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Sequence
 from typing import Any, NamedTuple

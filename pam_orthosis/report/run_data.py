@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What pictures of a run show: its signals in degrees or mm, bar and V, thinned honestly; the machine."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path

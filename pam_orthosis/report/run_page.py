@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of a recorded run, of one machine or of several: verdict, moving machine, curves, parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

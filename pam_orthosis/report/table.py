@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recorded run as a table, for programs that read no bags: CSV, or MATLAB's `.mat`; SI units."""
 
-from __future__ import annotations
-
 import csv
 import math
 from io import TextIOWrapper

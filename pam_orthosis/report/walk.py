@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Picture of a run: the moving machine, coordinate against reference, error against the bound, pressures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import BinaryIO
 

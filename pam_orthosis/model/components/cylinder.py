@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One chamber of a pneumatic cylinder; two of them make a double-acting one."""
 
-from __future__ import annotations
-
 from pam_orthosis.model.components.actuator import Actuator
 from pam_orthosis.model.rows import Field, Section
 

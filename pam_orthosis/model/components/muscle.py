@@ -6,8 +6,6 @@ The parameters `m` are a section of `config/muscle.yaml` (e.g. `muscle.dmsp_20`)
 those of a specimen of length `m.map_length`; other nominal lengths scale by relative contraction.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping

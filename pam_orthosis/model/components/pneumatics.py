@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gas in a chamber and its proportional valve. Pressures absolute, Pa; mass flows inwards, kg/s."""
 
-from __future__ import annotations
-
 import casadi as ca
 
 from pam_orthosis.model.rows import Section

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A valve's command as the position of its spool, from -1 (vent open) to 1 (fill open), and back."""
 
-from __future__ import annotations
-
 import math
 
 from pam_orthosis.model.rows import Section

@@ -4,8 +4,6 @@
 The nominal model alone can have it. It is no effect of the catalogue: it says what is missing, not why.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial

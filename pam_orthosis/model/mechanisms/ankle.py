@@ -6,8 +6,6 @@ and positive in dorsiflexion. The bodies are the Stimulative Shoe and the person
 in the pose that the held knee gives the shank, and the passive moment of the person's ankle.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

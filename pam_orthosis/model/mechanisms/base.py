@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a machine asks of its mechanism."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

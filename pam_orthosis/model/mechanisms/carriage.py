@@ -6,8 +6,6 @@ contracts, so that dL_M,d = x_S and dL_M,r = X_S - x_S. For the free decay of se
 pulley hangs in place of the positioner, and a hand (a stiff spring) pulls the carriage.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar

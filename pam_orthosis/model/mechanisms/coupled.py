@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mechanisms of several coordinates, each of which is the joint of a machine of its own."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar

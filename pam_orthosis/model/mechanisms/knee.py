@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The orthosis' knee between two muscles whose chain turns a sprocket, the ankle on its linear bearing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar

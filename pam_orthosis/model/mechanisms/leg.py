@@ -7,8 +7,6 @@ Torques act in the direction of +q (flexion). The paper's Eq. (27) counts torque
 extension; `knee_torque` carries the change of sign.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

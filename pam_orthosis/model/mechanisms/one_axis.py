@@ -4,8 +4,6 @@
 All forces follow from the contractions by virtual work: an actuator of tension F adds F dL/dq.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

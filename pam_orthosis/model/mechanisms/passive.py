@@ -4,8 +4,6 @@
 Riener and Edrich 1999, J. Biomech. 32:539-544. Angles in degrees: knee and hip flexion, ankle plantarflexion.
 """
 
-from __future__ import annotations
-
 import casadi as ca
 
 from pam_orthosis.model.signals import Expression

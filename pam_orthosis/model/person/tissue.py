@@ -4,8 +4,6 @@
 They are the truth of a person, not of the apparatus: neither the nominal model nor the gap workflow has them.
 """
 
-from __future__ import annotations
-
 import math
 
 import casadi as ca

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of a batch: how many say yes, which do not, and why."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of the paper's results: the table, and the figures computed again."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

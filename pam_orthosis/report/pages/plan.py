@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of a planned cycle: what is wanted, what can be made, and with what pressures."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pam_orthosis.model.machine import Machine

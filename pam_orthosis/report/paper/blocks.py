@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figs. 3 and 7: block diagrams of both loops, with the machine's names and the parameters' values."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import NamedTuple

@@ -5,8 +5,6 @@ A hand, a stiff spring with a damper, leads the joint while the valves vent. Wha
 inertia is what friction and muscles resist.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

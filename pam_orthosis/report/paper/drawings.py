@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The paper's figures that show no run: 1, 2 and 6 by the machines' geometry, 3 and 7 of `blocks`."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from io import BytesIO

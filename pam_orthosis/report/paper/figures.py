@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pictures of figs. 8 and 9 and of the observer's trade-off."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import BinaryIO
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The derivative of the investigated muscle's force in Eq. (10): neglected, differentiated, or observed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The person's thigh and shank as frustum and cylinder, section 3, beside De Leva's radii of gyration."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import casadi as ca

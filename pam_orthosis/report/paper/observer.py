@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fig. 8: the observer under a sinusoidal disturbance, its lag, its noise, and what one costs the other."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product

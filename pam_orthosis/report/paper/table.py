@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table paper / here / how measured, and the page around it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple

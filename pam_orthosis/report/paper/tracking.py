@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fig. 9: the knee follows the gait; error over time and over the gait cycle, and where each step begins."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
