@@ -46,11 +46,7 @@ BLOCKS = 2 * 4096  # bytes: what a file and its folder take beside what is in th
 
 
 def close_bag(folder: Path, paths: Sequence[Path]) -> int:
-    """Close the unfinished bag of a folder; return its number of messages.
-
-    Args:
-        folder: of the bag.
-        paths: of its files, in the order in which they were written.
+    """Close the unfinished bag of a folder, of files in the order of their writing; return its messages.
 
     Raises:
         Damaged: more is missing than the end of files; nothing was changed.

@@ -18,14 +18,7 @@ from pam_orthosis.model.parameters import Section
 
 
 class LegMessages:
-    """The messages of a leg in an open bag, as they are today.
-
-    Args:
-        reader: of the bag.
-        path: of the bag.
-        namespace: of the leg.
-        valve: rows of its valves.
-    """
+    """The messages of the leg of a namespace; `valve` are the rows of its valves."""
 
     def __init__(self, reader: Reader, path: Path, namespace: str, valve: Section):
         self._reader, self.path, self._namespace, self.valve = reader, path, namespace, valve

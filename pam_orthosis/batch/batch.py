@@ -10,7 +10,7 @@ from typing import Any
 from pam_orthosis.batch.unit import Answer, Unit, work
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import (
-    Write,
+    as_bytes,
     as_text,
     locked,
     refuse_existing,
@@ -121,7 +121,7 @@ class Batch:
     def _keep(self, unit: Unit, answer: Answer, tries: int) -> None:
         """Store an answer; the result's file, which says that the unit is done, comes last."""
         home = self.folder / unit.name
-        files = {name: _bytes(data) for name, data in answer.files.items()}
+        files = {name: as_bytes(data) for name, data in answer.files.items()}
         earlier = self._earlier(unit)
         result = {
             "name": unit.name, **unit.identity(), "read": self._states[unit.name], "status": answer.status,
@@ -172,7 +172,3 @@ def _object(file: Path) -> dict[str, Any]:
     except OrthosisError:
         return {}
     return result if isinstance(result, dict) else {}
-
-
-def _bytes(data: bytes) -> Write:
-    return lambda stream: stream.write(data)

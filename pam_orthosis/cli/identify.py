@@ -96,7 +96,8 @@ def _identified(arguments: argparse.Namespace, progress: Progress) -> Identified
     with naming(arguments.data[0]):
         found = identify(data, held_out, tuple(arguments.degrees), arguments.damping, progress)
     rows.check(found)
-    source = f"identified on {_origin(found)} by `pam-orthosis identify`"
+    origin = "a measured table" if found.data.static else "the emulated test rig"
+    source = f"identified on {origin} by `pam-orthosis identify`"
     if arguments.update:
         rows.update(arguments.update, found, source)
     written = {arguments.out: as_text(rows.as_yaml(found, source))} if arguments.out else {}
@@ -219,10 +220,6 @@ def _held_out(arguments: argparse.Namespace, data: Data) -> list[float]:
         absolute = [bar * 1e5 for bar in arguments.held_out_bar]
         check_levels(data, absolute, parameters.valve.ambient_pressure)
     return [p - parameters.valve.ambient_pressure for p in absolute]
-
-
-def _origin(found: Identified) -> str:
-    return "a measured table" if found.data.static else "the emulated test rig"
 
 
 def _numbers(values) -> str:

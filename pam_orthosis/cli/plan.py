@@ -89,6 +89,8 @@ def _planned(arguments: argparse.Namespace, progress: Progress) -> tuple[Machine
 def _summary(machine: Machine, plan: Plan, recorded: Recorded | None) -> str:
     import numpy as np
 
+    from pam_orthosis.bag.tracking import rms
+
     cycle, lines, shown = plan.cycle, [], machine.coordinate.shown
     if recorded:
         missing = recorded.missing(np.arange(len(plan.wanted)) / len(plan.wanted))
@@ -97,8 +99,8 @@ def _summary(machine: Machine, plan: Plan, recorded: Recorded | None) -> str:
             f"unexplained {effort.effort:8s} {missing.min():.2f} .. {missing.max():.2f} {effort.effort_unit}"
         )
     change = np.abs(cycle.position - plan.wanted)
-    rms = f"{_rms(change) * machine.coordinate.shown_factor:.2f}"
-    lines.append(f"planned motion       within {shown(change.max())} of the wanted one (RMS {rms})")
+    usual = f"{rms(change) * machine.coordinate.shown_factor:.2f}"
+    lines.append(f"planned motion       within {shown(change.max())} of the wanted one (RMS {usual})")
     if plan.early:
         lines.append(
             f"at the start         within {shown(plan.early.largest)}: what creeps has not settled there"
@@ -113,7 +115,3 @@ def _summary(machine: Machine, plan: Plan, recorded: Recorded | None) -> str:
     mean = cycle.mean_pressure / BAR
     lines.append(f"mean pressure        {mean.min():.2f} .. {mean.max():.2f} bar")
     return "\n".join(lines)
-
-
-def _rms(values) -> float:
-    return float((values**2).mean() ** 0.5)

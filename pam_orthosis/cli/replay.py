@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pam_orthosis.bag.topics import SECOND_NS, Signal, Topics
 from pam_orthosis.cli.check import titled
@@ -65,7 +65,10 @@ def execute(arguments: argparse.Namespace) -> int:
     compared = [one for topics in replayed.values() for one in topics]
     identical = all(one.identical and one.whole for one in compared)
     if arguments.json:
-        by_leg = {leg: [_as_dict(one) for one in topics] for leg, topics in replayed.items()}
+        by_leg = {
+            leg: [asdict(one) | {"identical": one.identical} for one in topics]
+            for leg, topics in replayed.items()
+        }
         print(json.dumps({"identical": identical, "legs": by_leg}, indent=2))
     else:
         tables = [
@@ -146,10 +149,6 @@ def _answer(compared: Sequence[TopicComparison]) -> str:
         return "IDENTICAL"
     one, recorded = scarce[0], scarce[0].compared + scarce[0].alone
     return f"INCOMPLETE: of {one.topic} {one.compared} of {recorded} answers could be compared"
-
-
-def _as_dict(one: TopicComparison) -> dict[str, Any]:
-    return asdict(one) | {"identical": one.identical}
 
 
 def _table(topics: Sequence[TopicComparison], signals: Mapping[str, Signal]) -> str:

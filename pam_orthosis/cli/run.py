@@ -248,12 +248,7 @@ def simulated(progress: Progress, duration_s: float, domain: int | str) -> Calla
 
 @contextmanager
 def watched(command: Sequence[str], environment: Mapping[str, str], work: Path) -> Iterator[None]:
-    """Show a run for as long as it lasts: print the page's address, open it where there is a display.
-
-    Args:
-        command: of the live view.
-        environment: of its process.
-        work: folder for its log.
+    """Show a run by the command of the live view: print the address, open it where there is a display.
 
     Raises:
         RunFailed: the view does not start.

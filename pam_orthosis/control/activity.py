@@ -24,12 +24,7 @@ class Stride(NamedTuple):
 
 
 def strides(run: Mapping[str, Array], parameters: Parameters) -> list[Stride]:
-    """Return the person's share in each whole cycle of the scenario, the first one left out.
-
-    Args:
-        run: signals of `ClosedLoop.run`.
-        parameters: the nominal model, whose observer made the estimates.
-    """
+    """Return the share in each whole cycle of the scenario, as `shares` does, the first one left out."""
     begin = parameters.scenario.start_hold + parameters.scenario.start_ramp
     period, cycle = parameters.scenario.control_period, parameters.scenario.cycle_time
     length, count = round(cycle / period), len(run["disturbance"])

@@ -136,6 +136,29 @@ def control_function(nominal: Parameters) -> ca.Function:
     return ca.Function("carriage_control", [reference, estimate, integral, pressure, force_rate], [flow])
 
 
+class _Observer:
+    """A sampled observer of a position whose acceleration is known but for an error, which is held constant.
+
+    The error's derivative is, where it has as many poles as that.
+    """
+
+    def __init__(self, nominal: Parameters, pole: float, spread: Sequence[float]):
+        self._transition, self._input, self._gain = _observer_matrices(
+            nominal.rig.control_period, pole, spread
+        )
+        self._state: NDArray[np.float64] | None = None
+
+    def step(self, position: float, known: float) -> NDArray[np.float64]:
+        """Return position, velocity and error, m and derivatives, at a measurement; the first is at rest."""
+        if self._state is None:  # whatever the forces say is their model's error
+            self._state, self._before = np.zeros(len(self._gain)), known
+            self._state[[0, 2]] = position, -known
+        predicted = self._transition @ self._state + self._input * (0.5 * (self._before + known))
+        self._state = predicted + self._gain * (position - predicted[0])
+        self._before = known
+        return self._state
+
+
 class CarriageObserver:
     """Observer of the carriage's velocity and acceleration from position, load cell and pressure.
 
@@ -150,19 +173,12 @@ class CarriageObserver:
             force, positioner_force(position, pressure, nominal), nominal.rig.carriage_mass
         )
         self._known = compiled(ca.Function("carriage_known", [position, pressure, force], [known]))
-        t, pole = nominal.rig.control_period, nominal.rig.position.observer_pole
-        self._transition, self._input, self._gain = _observer_matrices(t, pole, POLE_SPREAD)
-        self._state: NDArray[np.float64] | None = None
+        self._observer = _Observer(nominal, nominal.rig.position.observer_pole, POLE_SPREAD)
 
     def step(self, position: float, pressure: float, force: float) -> CarriageEstimate:
         """Return the estimate at the instant of this measurement (m, absolute Pa, N)."""
         known = float(self._known(position, pressure, force)[0][0])
-        if self._state is None:  # at rest: whatever the forces say is their model's error
-            self._state, self._before = np.array([position, 0.0, -known]), known
-        predicted = self._transition @ self._state + self._input * (0.5 * (self._before + known))
-        self._state = predicted + self._gain * (position - predicted[0])
-        self._before = known
-        x, velocity, error = self._state.tolist()
+        x, velocity, error = self._observer.step(position, known).tolist()
         return CarriageEstimate(x, velocity, known + error)
 
 
@@ -202,19 +218,12 @@ class DisturbanceObserver:
         self._mass = nominal.rig.carriage_mass
         known = carriage_acceleration(0, positioner_force(position, pressure, nominal), self._mass)
         self._known = compiled(ca.Function("carriage_pulled", [position, pressure], [known]))
-        t, pole = nominal.rig.control_period, nominal.rig.position.force_rate_pole
-        self._transition, self._input, self._gain = _observer_matrices(t, pole, WIDER_SPREAD)
-        self._state: NDArray[np.float64] | None = None
+        self._observer = _Observer(nominal, nominal.rig.position.force_rate_pole, WIDER_SPREAD)
 
     def step(self, position: float, pressure: float, force: float) -> float:
         """Return the derivative, N/s, after a sample (m, Pa, N)."""
         known = float(self._known(position, pressure)[0][0])
-        if self._state is None:  # at rest, in balance
-            self._state, self._before = np.array([position, 0.0, -known, 0.0]), known
-        predicted = self._transition @ self._state + self._input * (0.5 * (self._before + known))
-        self._state = predicted + self._gain * (position - predicted[0])
-        self._before = known
-        return float(self._mass * self._state[3])
+        return float(self._mass * self._observer.step(position, known)[3])
 
 
 FORCE_RATES: dict[str, Callable[[Parameters], Neglected | Differentiated | DisturbanceObserver]] = {

@@ -4,7 +4,7 @@
 It knows the emulated machine, as `rig_loop` knows the rig, and passes on measurements only.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,7 +22,6 @@ from pam_orthosis.control.reference import as_number
 from pam_orthosis.control.repetition import Repetition
 from pam_orthosis.control.trajectory import Trajectory, make_trajectory
 from pam_orthosis.control.waiting import Waiting
-from pam_orthosis.model.coupled import Plants
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
@@ -59,12 +58,7 @@ class Hardware(Protocol):
 
 
 class Watched:
-    """Hardware whose valves get no more than a safety monitor lets through.
-
-    Args:
-        plant: the hardware.
-        monitor: of its measurements.
-    """
+    """Hardware whose valves get no more than a safety monitor lets through."""
 
     def __init__(self, plant: Hardware, monitor: SafetyMonitor):
         self._plant, self.monitor = plant, monitor
@@ -167,37 +161,3 @@ class ClosedLoop:
             command.velocity, command.disturbance, *map(as_number, command.pressures), *flows, *voltages,
             *truth[:3], command.saturated, command.clamped,
         )  # fmt: skip
-
-
-class _Answered:
-    """One machine of several that move together: its voltages wait for those of the others."""
-
-    def __init__(self, plant: Plant):
-        self.period_ns, self.measure, self.truth = plant.period_ns, plant.measure, plant.truth
-        self.voltages: tuple[float, ...] = ()
-
-    def advance(self, *voltages: float) -> None:
-        """Take the voltages."""
-        self.voltages = voltages
-
-
-class CoupledLoop:
-    """The machines of a device in one process, each with its own cascade.
-
-    Args:
-        parameters: of each by its namespace, joints of one mechanism in the order of its coordinates.
-    """
-
-    def __init__(self, parameters: Mapping[str, Parameters]):
-        self.plants = Plants(parameters)
-        self._own = {name: _Answered(self.plants.of[name]) for name in parameters}
-        self.loops = {name: ClosedLoop(one, plant=self._own[name]) for name, one in parameters.items()}
-
-    def run(self, steps: int, first: int = 0) -> dict[str, dict[str, NDArray[np.float64]]]:
-        """Advance from a step on; return for each machine what `ClosedLoop.run` does."""
-        tables = {name: np.empty((steps, len(loop.signals))) for name, loop in self.loops.items()}
-        for index in range(steps):
-            for name, loop in self.loops.items():
-                tables[name][index] = loop.step(first + index)
-            self.plants.advance(*(volts for own in self._own.values() for volts in own.voltages))
-        return {name: dict(zip(self.loops[name].signals, t.T, strict=True)) for name, t in tables.items()}

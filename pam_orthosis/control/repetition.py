@@ -20,10 +20,6 @@ class Repetition:
     it (type P, after Arimoto 1984), advanced by the loop's lag. What lies above `bandwidth` is left out; the
     shift is bounded, and it begins anew when a stride is much worse than the best one: then somebody else
     walks, or nothing repeats.
-
-    Args:
-        trajectory: what is to be followed; the error counts from it.
-        parameters: with `control.repetition`.
     """
 
     def __init__(self, trajectory: Trajectory, parameters: Parameters):

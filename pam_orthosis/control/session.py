@@ -52,11 +52,7 @@ class Trained(NamedTuple):
 
 
 class Leg:
-    """One leg: closed loop, its monitor, and what the programme changes.
-
-    Args:
-        parameters: of this leg.
-    """
+    """One leg: closed loop, its monitor, and what the programme changes."""
 
     def __init__(self, parameters: Parameters):
         plant = Plant(parameters, parameters.scenario.seed)

@@ -12,10 +12,6 @@ class Waiting:
 
     At the edge of the tunnel it begins to slow down, at `patience` times its width it stands. A joint that
     runs ahead is not followed. The pace changes smoothly, within `pace_time`.
-
-    Args:
-        trajectory: what is followed at full pace.
-        parameters: with `control.cooperation`.
     """
 
     def __init__(self, trajectory: Trajectory | Experiment, parameters: Parameters):

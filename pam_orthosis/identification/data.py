@@ -133,7 +133,8 @@ class _Parts:
 
 def _nominal_length(runs, specimen: str, parameters: Parameters, given: float | None, tables: bool) -> float:
     """Return the one nominal length of bags and tables, m."""
-    lengths = {_bag_length(path, run, specimen, parameters) for path, run in runs.items()}
+    key = f"muscle.{specimen}.length"
+    lengths = {_recorded(path, run, key, parameters) for path, run in runs.items()}
     lengths |= {given or getattr(parameters.muscle, specimen).geometry.map_length} if tables else set()
     if len(lengths) > 1:
         raise OrthosisError(f"muscles of different nominal lengths ({_texts(lengths)} m): one at a time")
@@ -218,10 +219,6 @@ def _check_specimen(runs, specimen: str) -> None:
                 f"{path} is of a {run['specimen']}, not of a {specimen}: leave it out, or give the data of"
                 f" the {run['specimen']} alone"
             )
-
-
-def _bag_length(path: Path, run, specimen: str, parameters: Parameters) -> float:
-    return _recorded(path, run, f"muscle.{specimen}.length", parameters)
 
 
 def _recorded(path: Path, run, key: str, parameters: Parameters) -> float:

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft, stats
 
+from pam_orthosis.bag.tracking import rms
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.groups import LEAST_REPEATS, numbered
 from pam_orthosis.identification.samples import Samples
@@ -163,14 +164,11 @@ def fit_force(s: Samples, damping: float = 0.0, degrees: tuple[int, int] = (3, 4
 
 def _folded(s: Samples, weights: np.ndarray, damping: float, degrees: tuple[int, int]) -> np.ndarray:
     """Return the triangle of the weighted rows of B and of what they are to explain."""
+    parts = ((weights[block, None], s.where(block)) for block in blocks(len(s)))
     return triangle(
-        weights[block, None] * _with_target(s.where(block), damping, degrees) for block in blocks(len(s))
+        weight * np.column_stack([design(part, degrees), part.force + damping * part.rate])
+        for weight, part in parts
     )
-
-
-def _with_target(s: Samples, damping: float, degrees: tuple[int, int]) -> np.ndarray:
-    """Return B with what it is to explain as one more column."""
-    return np.column_stack([design(s, degrees), s.force + damping * s.rate])
 
 
 def autocorrelation_time(residual: np.ndarray, serial: np.ndarray) -> float:
@@ -213,7 +211,7 @@ def leave_one_out(
 
 def rms_and_max(residual: np.ndarray) -> tuple[float, float]:
     """Return RMS and largest absolute value."""
-    return float(np.sqrt(np.mean(residual**2))), float(np.abs(residual).max())
+    return rms(residual), float(np.abs(residual).max())
 
 
 def _deficient(s: Samples, rank: int, count: int, degrees: tuple[int, int]) -> str:

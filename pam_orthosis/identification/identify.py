@@ -62,11 +62,6 @@ class Identified:
     hysteresis: Hysteresis | None = None
     remarks: tuple[str, ...] = ()
 
-    @property
-    def by_length(self) -> dict[float, tuple[float, float] | None]:
-        """Error at each length of a table, of a fit without it."""
-        return self.left_out.get("length", {})
-
     def errors(self, held_out: bool) -> dict[str, Any]:
         """Return RMS and maximum error, N: overall, by level (bar gauge) and by direction."""
         s = self.held_out if held_out else self.training

@@ -54,9 +54,6 @@ class Joint(Plant):
 class Coupled:
     """The joints of one mechanism, in the order of its coordinates.
 
-    Args:
-        parameters: of each joint, truth included.
-
     Attributes:
         joints: measured, commanded and told about one by one, as a `Plant`.
 

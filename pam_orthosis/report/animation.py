@@ -38,8 +38,9 @@ def write_animation(bag_path: Path, namespace: str, stream: BinaryIO) -> None:
     machine_axes = left.subplots()
     machine = Moving(machine_axes, scene)
     cursors = _draw_curves(right, run, instants)
+    colours = mpl.cm.ScalarMappable(mpl.colors.Normalize(LEAST, MOST), COLOURS)
     left.colorbar(
-        _colours(), ax=machine_axes, label="absolute pressure / bar", location="bottom", shrink=0.5, aspect=30
+        colours, ax=machine_axes, label="absolute pressure / bar", location="bottom", shrink=0.5, aspect=30
     )
 
     canvas, frames = FigureCanvasAgg(figure), []
@@ -116,7 +117,3 @@ def _draw_curves(figure, run: RunData, instants: np.ndarray):
     below.set(xlabel="time / s", ylabel=run.panels[1].label)
     above.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0, ncols=2, frameon=False)
     return [axes.axvline(instants[0], color="tab:blue", linewidth=1) for axes in (above, below)]
-
-
-def _colours():
-    return mpl.cm.ScalarMappable(mpl.colors.Normalize(LEAST, MOST), COLOURS)

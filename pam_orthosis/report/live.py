@@ -38,11 +38,7 @@ def inputs(machine: Machine) -> tuple[Input, ...]:
 
 
 class LiveLeg:
-    """Joins what is measured of a leg and its reference by their stamps, and draws the first of each period.
-
-    Args:
-        parameters: tree with the branches of the machine's shape.
-    """
+    """Joins what is measured of a leg and its reference by their stamps; draws the first of each period."""
 
     def __init__(self, parameters: Parameters):
         self.machine, self.parameters = parameters.declared, parameters

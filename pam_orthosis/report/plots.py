@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 # names of colours of `assets/plots.js`
 REFERENCE, MEASURED, ESTIMATE = "@ink", "@blue", "@orange"
-BEFORE, AFTER, NOISE = "@orange", "@blue", "@faint"
+BEFORE, AFTER = "@orange", "@blue"
 BELOW = "@pale"  # of a wide curve below another one
 OF_ACTUATORS = ("@blue", "@orange", "@green", "@purple", "@sky", "@amber", "@faint")
 

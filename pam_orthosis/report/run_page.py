@@ -34,13 +34,7 @@ HEAD = ("machine", "answer", "largest error", "RMS error", "bound", "load on the
 
 
 def run_page(run: RunData, verdict: Verdict, words: str) -> str:
-    """Return the page.
-
-    Args:
-        run: what is drawn.
-        verdict: on the same bag.
-        words: the verdict as text.
-    """
+    """Return the page of a run; `words` is the verdict as text."""
     unit, answer = verdict.unit, "PASSED" if verdict.passed else "FAILED"
     within = "within" if verdict.max_abs_error <= verdict.bound else "beyond"
     headline = (
@@ -183,14 +177,7 @@ def _changed(run: RunData) -> list[tuple[str, ...]]:
 
 
 def device_page(name: str, runs: Mapping[str, RunData], verdicts: Mapping[str, Verdict], words: str) -> str:
-    """Return the page.
-
-    Args:
-        name: of the bag.
-        runs: what is drawn, by namespace.
-        verdicts: on the same, by namespace.
-        words: the verdicts as text.
-    """
+    """Return the page of a bag of this name: runs and verdicts by namespace, the latter as text too."""
     failed = [one for one, verdict in verdicts.items() if not verdict.passed]
     tone, answer = (BAD, "FAILED") if failed else (GOOD, "PASSED")
     within = f"beyond their bounds are {', '.join(failed)}" if failed else "all are within their bounds"

@@ -6,10 +6,10 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from coupled_loop import CoupledLoop
 
 from pam_orthosis.control.coupling import Coupling
 from pam_orthosis.control.legs import device_parameters
-from pam_orthosis.control.loop import CoupledLoop
 from pam_orthosis.control.reference import Motion, Reference
 from pam_orthosis.control.trajectory import make_trajectory
 from pam_orthosis.errors import OrthosisError

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from coupled_loop import CoupledLoop
 
 from pam_orthosis.control.legs import device_parameters
-from pam_orthosis.control.loop import CoupledLoop
 from pam_orthosis.model.components.spool import VENT, voltage_of
 from pam_orthosis.model.device import device_named
 from pam_orthosis.model.interlock import Interlock

@@ -110,7 +110,7 @@ def test_the_measured_map_of_a_dmsp_20_gives_the_published_fit():
 
 def test_nine_coefficients_on_six_lengths_interpolate_and_that_is_said():
     found = identify(measured("dmsp20_300"))
-    rms = {round(x * 1e3): e[0] for x, e in found.by_length.items()}
+    rms = {round(x * 1e3): e[0] for x, e in found.left_out["length"].items()}
     inside = [rms[x] for x in (18, 33, 50, 63)]
     assert 10 < min(inside) <= max(inside) < 30
     assert min(rms[4], rms[78]) > 60, "the ends are not predicted by the rest"

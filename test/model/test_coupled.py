@@ -7,9 +7,10 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from coupled_loop import CoupledLoop
 
 from pam_orthosis.control.legs import device_parameters
-from pam_orthosis.control.loop import ClosedLoop, CoupledLoop
+from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import coupled
 from pam_orthosis.model.coupled import Coupled, Plants

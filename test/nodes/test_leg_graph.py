@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import QUICK
+from coupled_loop import CoupledLoop
 
 from pam_orthosis.bag.legs import namespaces
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.bag.topics import BESIDE, Topics, resolve
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.legs import device_parameters
-from pam_orthosis.control.loop import CoupledLoop
 from pam_orthosis.discrepancy.apparatus import recorded_nominal
 from pam_orthosis.model.device import device_named
 

@@ -175,12 +175,7 @@ class Effect:
         return self.name.replace("_", " ")
 
     def instances(self, actuators: Sequence[ActuatorOf], kinds: Sequence[str]) -> list[Effect]:
-        """Return the instances that a machine has of it.
-
-        Args:
-            actuators: of the machine.
-            kinds: of its coordinate and its mechanism.
-        """
+        """Return the instances that a machine has of it, by its actuators and the kinds of its parts."""
         if self.of in ("air", *kinds):
             return [self._named((), actuators)]
         fitting = [one for one in actuators if self.of.removesuffix("s") in ("actuator", one.kind)]
@@ -268,12 +263,7 @@ def enabled(settings: Section) -> list[str]:
 
 
 class ActiveEffects:
-    """The effects that are on in one set of equations, with their states.
-
-    Args:
-        catalogue: effects by name.
-        settings: section with the settings of each effect.
-    """
+    """The effects that are on in one set of equations, with their states."""
 
     def __init__(self, catalogue: Mapping[str, Effect], settings: Section):
         self._effects = [catalogue[name] for name in enabled(settings)]

@@ -48,12 +48,7 @@ class Described(Effect):
 
 
 def described(coordinate: str, effort: str, unit: str, actuators: Sequence[str]) -> dict[str, Effect]:
-    """Return what can be described in a machine: its effort, and the pressure rate of each actuator.
-
-    Args:
-        coordinate, effort, unit: names of the machine's coordinate and effort, unit of the latter.
-        actuators: names.
-    """
+    """Return what can be described in a machine: its effort, and the pressure rate of each actuator."""
     over = (
         coordinate, "velocity", "time",
         *(f"{name}_{signal}" for signal in ("pressure", "voltage") for name in actuators),

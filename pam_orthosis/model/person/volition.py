@@ -26,10 +26,6 @@ class Volition:
     off their intended motion like a spring and a damper. The share falls as they tire. They may hold the
     joint for a while (`block`), and a spasm may come over them. All of it passes through straps that yield.
 
-    Args:
-        parameters: the whole tree.
-        mechanism: the true one, of numbers.
-
     Attributes:
         aim: time, s -> the motion that they intend.
     """

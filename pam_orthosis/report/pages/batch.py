@@ -13,12 +13,7 @@ MOST_BARS = 60
 
 
 def page(summary: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return the page.
-
-    Args:
-        summary: `batch.json`.
-        results: name -> `result.json` of each unit that is done.
-    """
+    """Return the page of `batch.json`, and name -> `result.json` of each unit that is done."""
     yes, no, failed = (len(summary[kind]) for kind in ("yes", "no", "failed"))
     headline = f"{yes} say yes, {no} say no, {failed} failed, {len(summary['missing'])} are missing."
     rows = [

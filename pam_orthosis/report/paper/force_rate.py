@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pam_orthosis.bag.tracking import rms
 from pam_orthosis.control.linearisation import FORCE_RATES
 from pam_orthosis.control.rig_loop import Rig, RigSample, force_procedure
 from pam_orthosis.model.parameters import load
@@ -66,8 +67,8 @@ def judged(choice: str, samples: list[RigSample], period: float, mass: float) ->
         choice,
         noise=float((taken - true)[since == 0].std()),
         lag=lag(true, taken, period) if taken.any() else None,
-        rate_error=_rms((taken - true)[moving]),
-        force_error=_rms(missed),
+        rate_error=rms((taken - true)[moving]),
+        force_error=rms(missed),
         position_error=float(np.abs(wanted[:, 0] - positions).max()),
     )
 
@@ -76,9 +77,5 @@ def lag(true: np.ndarray, late: np.ndarray, period: float) -> float:
     """Return how late a signal repeats another one, s: the shift that leaves the least difference."""
     time = period * np.arange(len(true))
     shifts = np.arange(0.0, LONGEST_LAG, period / 2)
-    left = [_rms(late - np.interp(time - shift, time, true)) for shift in shifts]
+    left = [rms(late - np.interp(time - shift, time, true)) for shift in shifts]
     return float(shifts[int(np.argmin(left))])
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -9,6 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from pam_orthosis.bag.tracking import rms
 from pam_orthosis.control.axis import Axis
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model import parameters as tree
@@ -155,5 +156,5 @@ def _one(pole: float, damping: float) -> TradeOff:
     variation = np.abs(np.diff(run["extensor_voltage"])).sum() / GAIT_SECONDS
     return TradeOff(
         pole, damping, held.lag, held.velocity_noise,
-        float(np.abs(error).max()), float(np.sqrt(np.mean(error**2))), float(variation),
+        float(np.abs(error).max()), rms(error), float(variation),
     )  # fmt: skip

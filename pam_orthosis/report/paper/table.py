@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pam_orthosis.bag.tracking import REST_SECONDS
+from pam_orthosis.bag.tracking import REST_SECONDS, rms
 from pam_orthosis.identification.identify import Identified
 from pam_orthosis.identification.samples import Samples
 from pam_orthosis.report.paper.by_hand import Moved
@@ -232,7 +232,7 @@ def errors_by_turn(found: Identified) -> tuple[float, float]:
     """
     s = found.held_out
     residual, after = found.force.model.residual(s), after_turns(s)
-    near, far = (float(np.sqrt(np.mean(part**2))) if len(part) else np.nan
+    near, far = (rms(part) if len(part) else np.nan
                  for part in (residual[after], residual[~after]))  # fmt: skip
     return near, far
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pam_orthosis.bag.topics import SECOND_NS
-from pam_orthosis.bag.tracking import REST_SECONDS, rests
+from pam_orthosis.bag.tracking import REST_SECONDS, rests, rms
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model import parameters as tree
 
@@ -47,7 +47,7 @@ class Tracking:
     @property
     def rms(self) -> float:
         """The root of the mean squared error."""
-        return float(np.sqrt(np.mean(self.error**2)))
+        return rms(self.error)
 
     @property
     def worst_phase(self) -> float:
