@@ -5,8 +5,6 @@ The builder finds out what else the engine has to know: symbols, the order of st
 of which, in which equation an effect shows, and what needs which input.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any

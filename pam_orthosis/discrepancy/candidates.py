@@ -6,8 +6,6 @@ its own few parameters only. Large effects leave the range in which that is true
 the best ones.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

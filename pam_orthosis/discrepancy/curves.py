@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Corrections of static maps that were found, as curves beside the nominal model."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

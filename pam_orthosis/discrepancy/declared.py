@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A machine of a file as a system of the gap workflow, with the tolerances of knee and rig."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

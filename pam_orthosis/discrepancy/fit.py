@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits of a model's parameters to recordings: tolerances as priors, bounds, tempered weights."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

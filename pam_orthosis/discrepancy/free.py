@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which parameters a fit may move: steps, bounds, and the priors that hold them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

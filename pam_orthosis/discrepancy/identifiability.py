@@ -6,8 +6,6 @@ parameters would follow of it. Its square is the evidence to expect; the angle b
 says whether they can be separated.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ An unknown torque moves the replayed angle against the damping and the stiffness
 against the observer. Linear in what is added: a regression can look for it without another simulation.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The orthosis' knee as a system of the gap workflow: how recordings show it, and how far it may be off."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace

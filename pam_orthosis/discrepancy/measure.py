@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """How large a gap is: in the channels' units and in multiples of the noise, and what of it was closed."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

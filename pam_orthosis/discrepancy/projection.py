@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The present fit with its nuisance parameters free to follow, linearly (variable projection)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ What the exact form of a large effect leaves over looks like a small effect, and
 large one shows. A delay says nothing while pressures rest: what is seen there is not left over from it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np

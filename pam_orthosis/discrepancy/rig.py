@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The test rig as a system of the gap workflow: a carriage between the investigated muscle and a MAS-40."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

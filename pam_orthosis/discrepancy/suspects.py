@@ -5,8 +5,6 @@ A nuisance parameter is off by its tolerance. A sprocket of another size, or a s
 is a mistake in the nominal model; the search names it, with the value that the recordings ask for.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 from pam_orthosis.model.effects.base import Contribution, Effect, Quantity

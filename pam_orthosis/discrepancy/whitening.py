@@ -7,8 +7,6 @@ of that spectrum turns noise-only residuals into unit white noise. The filter mu
 closed loop later inputs depend on earlier noise, and a two-sided filter would correlate the two.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

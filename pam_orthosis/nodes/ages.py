@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """How old samples are when a node is done with them."""
 
-from __future__ import annotations
-
 
 class Ages:
     """How old samples are when a node is done with them, since the last report, and how many were too old."""

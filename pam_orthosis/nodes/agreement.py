@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the nodes of a run must have in common: how it is made, and every parameter that two of them know."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Collection, Mapping

@@ -6,8 +6,6 @@ to topics under `replayed/`. The next instant is fed when all that is due for th
 that the answers depend on the bag and on the nodes alone.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable

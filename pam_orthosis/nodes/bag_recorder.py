@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node: records all topics of the table into a bag, in one order whatever the arrival was."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections import deque

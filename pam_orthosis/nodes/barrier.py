@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The start of a run: a node waits until all its peers are there and were started alike."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 

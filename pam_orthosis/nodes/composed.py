@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nodes of a machine, or several, in one process under one executor: the same nodes, topics and results."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 

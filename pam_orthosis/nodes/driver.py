@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What drivers for `run --realtime --no-plant` have in common (docs/howto/driver.md)."""
 
-from __future__ import annotations
-
 import sys
 import time
 from abc import abstractmethod

@@ -5,8 +5,6 @@ It is no node of the graph, as a driver outside this package is none. Its parame
 the run must have the same `scenario.control_period`.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 

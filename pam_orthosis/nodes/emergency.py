@@ -4,8 +4,6 @@
 Its end is a reset for all: what vents for good is tried again.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

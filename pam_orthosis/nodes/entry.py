@@ -4,8 +4,6 @@
 python -m pam_orthosis.nodes.entry NODE ...
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The run of a node of the graph: its start, its steps, live parameters, health reports, its end."""
 
-from __future__ import annotations
-
 import gc
 import time
 from collections.abc import Callable, Mapping, Sequence

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node: inverse valve model of all actuators, from mass flow and pressure to a position of the spool."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Join inputs by stamp: a step is computed when all inputs of its instant are there, once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -6,8 +6,6 @@ every ROS installation has and PyPI has not; without it, `leg_joints` gives TF b
 leg is that of the parameters: give those of the run, e.g. `-p leg.person.present:=true`.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from typing import Any

@@ -5,8 +5,6 @@ It listens on this host only. Who wants anything must know the token in the addr
 origin or under another name of this host is answered: nothing else in the browser can press a button.
 """
 
-from __future__ import annotations
-
 import json
 import secrets
 import sys

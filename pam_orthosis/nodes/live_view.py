@@ -6,8 +6,6 @@ ready. Nothing waits for it. A button calls the service of each leg at both ends
 machine is that of the parameters, as with `leg_state_publisher`.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time

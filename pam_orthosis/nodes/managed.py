@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node with the states of ROS (unconfigured, inactive, active), which needs no manager to come up."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any

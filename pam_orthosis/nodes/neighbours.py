@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Print who publishes on topics in the ROS domain of the environment: python -m ... TOPIC ..."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Sequence

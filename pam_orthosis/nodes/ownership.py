@@ -7,8 +7,6 @@ acted upon. A node that was killed stays known until its lease ends: one of its 
 silent takes its place.
 """
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Sequence

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """When the emulated hardware takes its next step: in lockstep with the answers, or by the wall clock."""
 
-from __future__ import annotations
-
 import time
 from abc import abstractmethod
 from collections.abc import Callable

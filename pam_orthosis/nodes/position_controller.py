@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node: observer and position controller, from sample, pressures and reference to pressures."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping, Sequence
 from typing import Any

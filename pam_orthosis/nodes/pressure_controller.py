@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node: pressure controller of one actuator, from pressures and estimate to a mass flow."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The process that nodes run in: its beginning, signals, beats for the supervisor, last words, its end."""
 
-from __future__ import annotations
-
 import faulthandler
 import os
 import re

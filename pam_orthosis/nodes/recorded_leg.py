@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One leg as the recorder sees it: how far its run is, when it is over, what its plant has to know."""
 
-from __future__ import annotations
-
 import time
 
 from rclpy.duration import Duration

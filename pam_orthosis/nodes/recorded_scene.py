@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What viewers need of a leg, in the bag: description, TF, joints, markers beside the measurements."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 
 from pam_orthosis.scene.messages import LATCHED, TYPES

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node: limits apart from the controllers; it allows the valves a pressure, and can stop them by itself."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from functools import partial

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Watch the processes of a run: all of them end well, or the run stops and names the culprit."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node: the reference, published one of its periods before the instant that it is valid for."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a topic is to the middleware: quality of service and class of its messages."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from importlib import import_module
 

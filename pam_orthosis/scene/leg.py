@@ -8,8 +8,6 @@ of 0.5 m the upper ends lie beyond the hip. The model is plane: its moments of i
 transverse axes.
 """
 
-from __future__ import annotations
-
 import math
 
 import casadi as ca

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Markers of the actuators: each as long and as thick as it is, its colour by its pressure, and its chain."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import Any

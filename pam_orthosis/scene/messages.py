@@ -4,8 +4,6 @@
 The same bytes go into the bag and, where their type is installed, out of a node.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 

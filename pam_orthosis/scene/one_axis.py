@@ -6,8 +6,6 @@ slides, each is on the side to which it pulls, or from which it pushes, and ends
 turns, each lies before the axis, as far above or below it as its moment arm at the start is long.
 """
 
-from __future__ import annotations
-
 import math
 
 import casadi as ca

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A machine's messages for viewers, made of its measurements as they come."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

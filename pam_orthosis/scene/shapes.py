@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which shape a machine has, by its mechanism."""
 
-from __future__ import annotations
-
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.scene.leg import leg

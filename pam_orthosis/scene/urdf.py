@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A machine as URDF, by its shape."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 

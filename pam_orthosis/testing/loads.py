@@ -6,8 +6,6 @@ person's passive moment), then the same of 1 kg that an effect adds. Rows of the
 first actuator and its slope, the moment arm, then those of the second.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The hidden plant's load and how its actuators move it, compiled by numba: part of `physics`."""
 
-from __future__ import annotations
-
 from numba import njit
 
 # inlining matters: the sets of parameters are passed by value

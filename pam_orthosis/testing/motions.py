@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a machine other than the knee does in a blind case, and by how much it may be off."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -8,8 +8,6 @@ differ, a hose with a turbulent share. Integration: Heun, one step `STEP`; opera
 updated exactly between steps. SI units; pressures absolute unless named gauge.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from pam_orthosis.testing.mechanics import (

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The hidden plant: what `model.plant.Plant` is to the controllers, built from `physics` alone."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Mapping
 from typing import NamedTuple
