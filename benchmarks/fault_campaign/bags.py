@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +12,6 @@ from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_typestore
 
 from pam_orthosis.bag.record import BagWriter
-from pam_orthosis.bag.rig_topics import RIG_TOPICS
 from pam_orthosis.bag.topics import SECOND_NS
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -109,12 +107,3 @@ def rig_bags(folder: Path) -> list[Path]:
     samples = DecayRig(parameters, "dmsp_20", 9).run(4e5)
     record_rig(folder / "decay", parameters, "dmsp_20", "decay", samples, 4)
     return sorted(folder.iterdir())
-
-
-def with_parameters(held: Content, changes: Iterable[tuple[str, Any]]) -> Content:
-    """Return the content with other parameters in the run metadata."""
-    parameters = json.loads(held.run["parameters"]) | dict(changes)
-    return held._replace(run=held.run | {"parameters": json.dumps(parameters)})
-
-
-RIG_NAMES = tuple(f"/{topic.name}" for topic in RIG_TOPICS)

@@ -127,10 +127,6 @@ class Graph:
         self._processes[name].send_signal(number)
         self._processes[name].wait(LIMIT_S)
 
-    def wait_for_end_of(self, name: str) -> None:
-        """Wait until a node ends by itself."""
-        self._processes[name].wait(LIMIT_S)
-
     def gone(self, without: str = "") -> list[str]:
         """Return the nodes, but for one, that have ended, with the last line of each."""
         ended = [name for name, process in self._processes.items() if process.poll() is not None]

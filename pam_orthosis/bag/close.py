@@ -32,8 +32,8 @@ from pam_orthosis.bag.information import (
     serialised,
     topic_row,
 )
-from pam_orthosis.bag.salvage import MAGIC
 from pam_orthosis.bag.unclosed import BagFile, Damaged, look, without_last_chunk
+from pam_orthosis.bag.unpack import MAGIC
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import write_text, writing
 from pam_orthosis.reading import open_file

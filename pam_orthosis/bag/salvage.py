@@ -15,12 +15,10 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import breakup_chunk
 
-from pam_orthosis.bag.unpack import MOST_BYTES, unpacked
+from pam_orthosis.bag.unpack import HEAD, MAGIC, MOST_BYTES, unpacked
 from pam_orthosis.progress import Progress, silent
 from pam_orthosis.reading import open_file
 
-MAGIC = b"\x89MCAP0\r\n"
-HEAD = struct.Struct("<BQ")  # of a record: opcode, length of what follows
 TIMES = struct.Struct("<QQ")  # at the beginning of a chunk: first and last log time, ns
 NAME_AT, LEAST_CHUNK = 28, 40  # bytes of a chunk before the name of its compression, and at least
 COMPRESSIONS = (b"", b"lz4", b"zstd")

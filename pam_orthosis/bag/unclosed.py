@@ -27,8 +27,8 @@ from mcap.records import (
 from mcap.stream_reader import get_chunk_data_stream
 
 from pam_orthosis.bag.information import BAG_RECORD, RUN_RECORD, FileContent
-from pam_orthosis.bag.salvage import HEAD, MAGIC, OPCODES, Data, mapped, next_chunk
-from pam_orthosis.bag.unpack import MOST_BYTES, unpacked
+from pam_orthosis.bag.salvage import OPCODES, Data, mapped, next_chunk
+from pam_orthosis.bag.unpack import HEAD, MAGIC, MOST_BYTES, unpacked
 from pam_orthosis.errors import OrthosisError
 
 CHUNK_HEAD = struct.Struct("<QQQII")  # first and last log time, unpacked size, checksum, length of a name

@@ -41,7 +41,7 @@ SCHEMES = {
     "mechanics": "Fig. 6: bodies and angles of the mechanical model",
     "knee_control": "Fig. 7: observer-based control of the knee",
 }
-PERSON = {"leg.person.present": True}  # fig. 6 shows the person's bodies too
+WITH_PERSON = {"leg.person.present": True}  # fig. 6 shows the person's bodies too
 
 
 class Pose(NamedTuple):
@@ -255,7 +255,7 @@ def schemes(overrides: Mapping[str, Any] | None = None) -> dict[str, bytes]:
         "device": device(given),
         "rig": rig(p),
         "rig_control": blocks.rig_control(p),
-        "mechanics": mechanics(load({**PERSON, **given})),
+        "mechanics": mechanics(load({**WITH_PERSON, **given})),
         "knee_control": blocks.knee_control(p),
     }
     return {name: _png(figure) for name, figure in figures.items()}
