@@ -40,13 +40,7 @@ class TopicComparison:
 
 
 def compare(first: Path, second: Path, topics: Iterable[str], namespace: str = "") -> list[TopicComparison]:
-    """Compare topics of the table in two bags.
-
-    Args:
-        first: bag with the leg in `namespace`.
-        second: bag with the leg in no namespace.
-        topics: names.
-        namespace: of the leg in the first bag.
+    """Compare topics of the table in two bags; the namespace is that of the leg in the first one.
 
     Raises:
         OrthosisError: a bag is unusable.

@@ -33,13 +33,7 @@ class Cycle:
 
 
 def steady_state_error(stamp_ns: np.ndarray, error: np.ndarray, velocity: np.ndarray) -> float | None:
-    """Return the mean |error| (its unit) while the reference rests, None if it never does.
-
-    Args:
-        stamp_ns: (n,) stamps.
-        error: (n,) tracking error.
-        velocity: (n,) velocity of the reference.
-    """
+    """Return the mean |error| (its unit) while the reference rests, None if it never does; all (n,)."""
     still = rests(stamp_ns, velocity)
     return float(np.abs(np.concatenate([error[rest] for rest in still])).mean()) if still else None
 
@@ -56,13 +50,7 @@ def rests(stamp_ns: np.ndarray, velocity: np.ndarray) -> list[slice]:
 
 
 def not_led(stamp_ns: np.ndarray, closed: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """Return whether nobody leads the machine: valves closed on purpose, or since then not yet caught up.
-
-    Args:
-        stamp_ns: (n,) stamps.
-        closed: (n,) whether the valves are to stay closed.
-        near: (n,) whether it is near its reference.
-    """
+    """Return whether nobody leads the machine: valves closed on purpose, or since then not `near`; (n,)."""
     free: np.ndarray = closed.copy()
     since_ns: int | None = None
     for index, stamp in enumerate(stamp_ns.tolist()):
@@ -98,14 +86,7 @@ def total_variation_rate(series: Series) -> float:
 
 
 def cycle_table(since_start: np.ndarray, error: np.ndarray, hold_s: float, cycle_s: float) -> list[Cycle]:
-    """Return the tracking of the rest at the start, as a whole, and of each cycle, where there are samples.
-
-    Args:
-        since_start: (n,) s.
-        error: (n,), in the unit that is shown.
-        hold_s: duration of the rest.
-        cycle_s: duration of a cycle.
-    """
+    """Return the tracking of the rest at the start, as a whole, and of each cycle that has samples (n,)."""
     number = np.maximum(np.floor((since_start - hold_s) / cycle_s), -1)
     return [
         Cycle(0.0 if k < 0 else hold_s + k * cycle_s, float(np.abs(part).max()), rms(part), int(k) + 1)

@@ -26,10 +26,6 @@ LIMITS = ("doubled", "lost")
 def measure(parameters: Parameters, workers: int, progress: Progress = silent) -> dict[str, Any]:
     """Return the margins as plain data: `margin.json` holds it.
 
-    Args:
-        workers: units at a time.
-        progress: of the units.
-
     Raises:
         OrthosisError: the machine is lost on the hardware as it is, or the runs end before it moves.
         RunFailed: a unit gave no answer.
@@ -94,11 +90,7 @@ def _worked(units: Sequence[Unit], workers: int, progress: Progress) -> dict[str
 
 
 def one(parameters: Parameters, name: str, direction: str, nominal: float) -> dict[str, Any]:
-    """Return the margins against one perturbation in one direction, as plain data.
-
-    Args:
-        nominal: maximum error of the hardware as it is, rad or m.
-    """
+    """Return the margins against one perturbation in one direction; `nominal`: maximum error without it."""
     coordinate = parameters.declared.coordinate
     changed = margin.perturbations(parameters)[name]
     ladder = changed.ladder(direction)

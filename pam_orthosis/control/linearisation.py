@@ -67,12 +67,9 @@ def demanded_jerk(
     """Return v of Eq. (12) with the derivative orders of relative degree 3, m/s^3.
 
     Eq. (12) prints lower orders at alpha_3 and alpha_2 and in the feed-forward, with which the error grows.
+    Reference and alpha have 4 entries, the estimate 3; the integral is that of the position error, m s.
 
-    Args:
-        reference: (4,) position and three derivatives.
-        estimate: (3,) position, velocity, acceleration.
-        integral: of the position error, m s.
-        alpha: (4,) alpha_0 .. alpha_3.
+    Eq. (12) prints lower orders at alpha_3 and alpha_2 and in the feed-forward, with which the error grows.
     """
     errors = [reference[i] - estimate[i] for i in range(3)]
     v = reference[3] + alpha[0] * integral

@@ -38,13 +38,7 @@ class Parts(NamedTuple):
 
 
 def table_parts(path: Path, nominal: float, ambient: float, serial: int) -> Parts:
-    """Return what a table holds.
-
-    Args:
-        path: of the table.
-        nominal: length of the muscle, m.
-        ambient: pressure, Pa.
-        serial: number of its first run.
+    """Return what a table holds whose first run has this number; nominal length in m, ambient pressure in Pa.
 
     Raises:
         OrthosisError: as `read_table`, lengths that do not fit the nominal one, a decay with gaps.

@@ -144,10 +144,7 @@ class Run(Shown):
         savemat(path, {"time": self.time, **self.signals}, oned_as="column")
 
     def plot(self, bound: float = BOUND) -> Picture:
-        """Return the picture of `report`: moving machine, coordinate, error with its bound, pressures.
-
-        Args:
-            bound: on the error, deg or mm.
+        """Return the picture of `report`: machine, coordinate, error with its bound (deg or mm), pressures.
 
         Raises:
             OrthosisError: the run follows no reference.

@@ -112,11 +112,7 @@ class Coupled:
 
 
 class Plants:
-    """The hardware of a run: a plant in each namespace, those of one leg's joints coupled, and an interlock.
-
-    Args:
-        parameters: of each, truth included, by its namespace.
-    """
+    """The hardware of a run: a plant in each namespace, joints of one leg coupled, and an interlock."""
 
     def __init__(self, parameters: Mapping[str, Parameters]):
         groups: dict[str, list[str]] = defaultdict(list)

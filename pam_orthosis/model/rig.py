@@ -116,12 +116,7 @@ class RigPlant(Plant):
         return RigMeasurement(position, specimen, positioner, force)
 
     def advance(self, *voltages: float, hand: float | None = None) -> None:
-        """Let a control period pass under the voltages of specimen and positioner.
-
-        Args:
-            voltages: V.
-            hand: position to which a hand pulls the carriage, m; None: no hand.
-        """
+        """Let a control period pass under voltages of specimen and positioner; a hand pulls to a place, m."""
         self._hand = (0.0, 0.0) if hand is None else (HAND_STIFFNESS, hand)
         super().advance(*voltages)
 

@@ -108,13 +108,7 @@ class Scene:
         return [_said(DESCRIPTION, description), _said(TF_STATIC, _transforms(stamp_ns, fixed))]
 
     def sample(self, stamp_ns: int, coordinate: float, pressures: Iterable[float]) -> list[Said]:
-        """Return what is said at an instant.
-
-        Args:
-            stamp_ns: the instant.
-            coordinate: rad or m.
-            pressures: of the actuators, absolute, Pa.
-        """
+        """Return what is said at an instant: coordinate in rad or m, absolute pressures in Pa."""
         pose = self.shape.pose(coordinate)
         places = ((*one.translation, *one.rotation) for one in self.shape.moving(pose.positions))
         return [

@@ -39,10 +39,7 @@ class Leg:
     def terms(self, q: Expression, velocity: Expression, extra_mass: Expression = 0.0) -> Mechanics:
         """Return inertia (2, 2), k (2,) and G (2,) of Eq. (26); G holds the person's moment at the ankle.
 
-        Args:
-            q: knee and ankle angle, symbols (2,), rad.
-            velocity: of both, symbols (2,), rad/s.
-            extra_mass: what effects add on the ankle's axis, kg.
+        Angles and velocities of knee and ankle are symbols (2,); `extra_mass` is on the ankle's axis, kg.
         """
         p, terms = self.parameters, leg.lagrange(q, velocity, self.bodies(q, extra_mass))
         if not p.person.present:

@@ -91,13 +91,7 @@ def stepped(overrides: Mapping[str, Any] | None = None, seed: int = 1) -> np.nda
 
 
 def resting_errors(stamp_ns: np.ndarray, error: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """Return the mean |error| over the end of each rest of the reference that a motion follows.
-
-    Args:
-        stamp_ns: (n,) stamps.
-        error: (n,) tracking error.
-        velocity: (n,) of the reference.
-    """
+    """Return the mean |error| over the end of each rest that a motion follows; stamps in ns, all (n,)."""
     found = []
     for rest in rests(stamp_ns, velocity):
         if rest.stop < len(stamp_ns):
@@ -111,11 +105,7 @@ def turning_errors(
 ) -> np.ndarray:
     """Return the mean |error| about the instant nearest to each heel strike at which the reference turns.
 
-    Args:
-        time: (n,) s.
-        error: (n,) tracking error.
-        velocity: (n,) of the reference.
-        phase: (n,) of the gait cycle, counted on; NaN where it is not judged.
+    Time in s, all (n,); the phase is that of the gait cycle, counted on, NaN where it is not judged.
     """
     turns = np.flatnonzero(np.diff(np.sign(velocity)) != 0)
     found = []
