@@ -46,7 +46,8 @@ def compare(first: Path, second: Path, topics: Iterable[str], namespace: str = "
         OrthosisError: a bag is unusable.
     """
     topics, table = list(topics), Topics(recorded_machine(first, namespace))
-    recorded, other = raw_messages(first, topics, namespace), raw_messages(second, topics, "", table)
+    recorded = raw_messages(first, topics, namespace)
+    other = raw_messages(second, topics, "", table)
     return [
         _comparison(table, topic, (recorded.get(topic, {}), other.get(topic, {})), (first, second, namespace))
         for topic in topics

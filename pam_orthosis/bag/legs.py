@@ -19,7 +19,8 @@ def namespaces(path: Path) -> list[str]:
     """
     try:
         with open_bag(path) as reader:
-            there, led = _namespaces(reader, SAMPLE, JOINT), _namespaces(reader, REFERENCE, MOTION)
+            there = _namespaces(reader, SAMPLE, JOINT)
+            led = _namespaces(reader, REFERENCE, MOTION)
     except OrthosisError:
         return [""]
     return sorted(there & led or there) or [""]

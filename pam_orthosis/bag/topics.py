@@ -244,7 +244,8 @@ class Topics:
         nodes, text, instant = self.nodes, "std_msgs/msg/String", "builtin_interfaces/msg/Time"
         what = "health of each node, once a second of its time"
         yield Topic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", nodes, (), what, "-", "1 Hz")
-        ends, what = (VALVE, PLANT), "whether there is an emergency stop: kept at both ends of the commands"
+        ends = (VALVE, PLANT)
+        what = "whether there is an emergency stop: kept at both ends of the commands"
         told = (*ends, POSITION, *self.controllers)
         yield Topic(EMERGENCY_STOP, "diagnostic_msgs/msg/DiagnosticArray", ends, told, what, "-", "event")
         what = "what the node was started with, as JSON"

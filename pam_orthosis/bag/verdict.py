@@ -314,7 +314,8 @@ def _reference(bag: Bag) -> tuple[Series, Series]:
 
 def _merged(series: Series, stamp_ns: np.ndarray, value: np.ndarray) -> Series:
     """Return a series with more samples in it."""
-    stamps, values = np.concatenate([series.stamp_ns, stamp_ns]), np.concatenate([series.value, value])
+    stamps = np.concatenate([series.stamp_ns, stamp_ns])
+    values = np.concatenate([series.value, value])
     order = np.argsort(stamps, kind="stable")
     return Series(stamps[order], values[order])
 

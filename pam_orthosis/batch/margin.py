@@ -39,7 +39,8 @@ def measure(parameters: Parameters, workers: int, progress: Progress = silent) -
             " check gains and model"
         )
     present = margin.perturbations(parameters)
-    unit, shown = parameters.declared.coordinate.shown_unit, parameters.declared.coordinate.shown_factor
+    unit = parameters.declared.coordinate.shown_unit
+    shown = parameters.declared.coordinate.shown_factor
     units = [_unit(parameters, name, direction, nominal) for name, direction in product(present, DIRECTIONS)]
     rows = _worked(units, workers, progress)
     doubled, lost = margin.thresholds(parameters, nominal)

@@ -160,7 +160,8 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
         machine = machine_named(arguments.machine) if arguments.machine else None
         apparatus = apparatus_of(paths, machine, namespace)
         given = patch.read(arguments.model, apparatus.machine) if arguments.model else {}
-        parameters, read = apparatus.nominal(paths, given, namespace, arguments.model), apparatus.read
+        parameters = apparatus.nominal(paths, given, namespace, arguments.model)
+        read = apparatus.read
         system = apparatus.system(parameters, None)
         assumed = [] if arguments.machine else without_record(paths, namespace)
         rows = unrecorded(paths, parameters, apparatus.keys, given, namespace)

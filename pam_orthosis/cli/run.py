@@ -178,7 +178,8 @@ def _run(
     with tempfile.TemporaryDirectory(prefix="pam-orthosis-") as folder, ExitStack() as stack:
         work = Path(folder)
         if visible or not mode.with_plant:
-            domain, environment = os.environ.get("ROS_DOMAIN_ID", "0"), launch.open_environment(work)
+            domain = os.environ.get("ROS_DOMAIN_ID", "0")
+            environment = launch.open_environment(work)
             launch.refuse_used_domain(domain, environment, mode, parameters.declared)
         else:
             domain = stack.enter_context(launch.free_domain())

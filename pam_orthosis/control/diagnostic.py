@@ -115,7 +115,8 @@ class Script:
 
     def go(self, duration: float, position: float | None = None, mean: float | None = None) -> None:
         """Move position and mean pressure, at constant speed but for the ends."""
-        position, mean = self.position if position is None else position, self.mean if mean is None else mean
+        position = self.position if position is None else position
+        mean = self.mean if mean is None else mean
         blend = min(0.25, 0.4 * duration)
         path = move(self.position, position, duration, blend)
         self.phases.append(Phase(duration, path, move(self.mean, mean, duration, blend)))

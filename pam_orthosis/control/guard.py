@@ -174,7 +174,9 @@ def driven(voltage: float, valve: Section) -> float:
 
 def position_guard(parameters: Parameters) -> SignalGuard:
     """Return the guard of the measured position of the coordinate."""
-    g, period, machine = parameters.control.guard, parameters.scenario.control_period, parameters.declared
+    g = parameters.control.guard
+    period = parameters.scenario.control_period
+    machine = parameters.declared
     mechanism = machine.mechanism(parameters)
     low, high = mechanism.limits
     frozen = math.inf if mechanism.locked else _samples(g.frozen_time, period)

@@ -227,7 +227,8 @@ class GuardedPressure(Guarded):
         super().__init__(nominal, {"pressure": guard.pressure_guard(nominal)})
         g = nominal.control.guard
         self._controller = controller
-        self._low, self._high = nominal.valve.ambient_pressure, nominal.control.position.maximum_pressure
+        self._low = nominal.valve.ambient_pressure
+        self._high = nominal.control.position.maximum_pressure
         self._distance, self._far = g.pressure_error, guard.overdue(g.pressure_time, nominal)
         self._empty = empty_below(nominal)
         self._wanted: PressureReference = Valve.CLOSED

@@ -188,7 +188,9 @@ def command_function(nominal: Parameters, effort_of: EffortOf = required_effort)
     """
     nominal, tuned = nominal.symbolic((*GAINS, *nominal.declared.live))
     axis, ambient = Axis(nominal), nominal.valve.ambient_pressure
-    estimate, reference, mean = ca.SX.sym("estimate", 3), ca.SX.sym("reference", 3), ca.SX.sym("mean")
+    estimate = ca.SX.sym("estimate", 3)
+    reference = ca.SX.sym("reference", 3)
+    mean = ca.SX.sym("mean")
     law: Any = effects.added_by_effects(nominal)
     slack_share = ca.SX.sym("slack_share", 2)
     states, time = ca.SX.sym("states", law.size1_in(3) if law else 0), ca.SX.sym("time")

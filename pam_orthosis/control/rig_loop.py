@@ -150,7 +150,9 @@ class Rig:
 
     def step(self, pressure_reference: float, speed: float, calliper: bool = False) -> RigSample:
         """Advance one period with a pressure for the specimen (absolute Pa) and a ramp speed (m/s)."""
-        measured, truth, reference = self.plant.measure(), self.plant.truth(), self._ramp.reference
+        measured = self.plant.measure()
+        truth = self.plant.truth()
+        reference = self._ramp.reference
         cylinder = self.plant.calliper() if calliper else None
         specimen_flow = self._holder.step(measured.specimen_pressure, pressure_reference)
         flow, estimate = self._carriage.step(
@@ -281,7 +283,8 @@ class DecayRig:
 
     def __init__(self, parameters: Parameters, specimen: str, seed: int = 0):
         parameters = RIG.taken(parameters)
-        self._period, self._duration = parameters.rig.control_period, parameters.rig.decay.duration
+        self._period = parameters.rig.control_period
+        self._duration = parameters.rig.decay.duration
         self._settings = getattr(parameters.rig.decay, specimen)
         self.plant = RigPlant(parameters, specimen, seed, weight=self._settings.weight)
         self._holder = PressureHolder(parameters, specimen)

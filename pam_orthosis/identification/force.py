@@ -215,7 +215,8 @@ def rms_and_max(residual: np.ndarray) -> tuple[float, float]:
 
 
 def _deficient(s: Samples, rank: int, count: int, degrees: tuple[int, int]) -> str:
-    lengths, levels = len(np.unique(np.round(s.contraction, 4))), len(np.unique(np.round(s.level, -3)))
+    lengths = len(np.unique(np.round(s.contraction, 4)))
+    levels = len(np.unique(np.round(s.level, -3)))
     return (
         f"the data determine only {rank} of {count} coefficients of Eq. (14): {lengths} contractions at"
         f" {levels} pressures; a degree of {degrees[1]} needs {degrees[1] + 1} contractions, each at two"

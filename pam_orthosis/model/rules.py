@@ -73,7 +73,8 @@ def _period_rule(values: Mapping[str, Any]) -> Iterator[str]:
 
 def _delay_rule(values: Mapping[str, Any]) -> Iterator[str]:
     """Check that a dead time of the hardware, whose differential equations have it as a divisor, is one."""
-    effect, delay = "plant.effects.valve_delay", values.get("plant.effects.valve_delay.delay", 0.0)
+    effect = "plant.effects.valve_delay"
+    delay = values.get("plant.effects.valve_delay.delay", 0.0)
     if values.get(f"{effect}.enabled") and delay != 0.0 and delay < LEAST_DELAY:
         yield f"{effect}.delay = {delay} s must be 0 or at least {LEAST_DELAY} s: hardware is never early"
 

@@ -81,7 +81,9 @@ def nearest_cycle(
     low = nominal.control.position.minimum_pressure / BAR
     high = nominal.control.position.maximum_pressure / BAR
     opti = ca.Opti()
-    x, flow, largest = opti.variable(rate.size1_in(0), count), opti.variable(2, count), opti.variable()
+    x = opti.variable(rate.size1_in(0), count)
+    flow = opti.variable(2, count)
+    largest = opti.variable()
     after = ca.horzcat(x[:, 1:], x[:, 0])
     rates, margins = rate.map(count)((x + after) / 2, flow, effort.reshape(1, -1))
     opti.subject_to(ca.vec(after - x - period * rates) == 0)

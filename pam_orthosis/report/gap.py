@@ -110,7 +110,8 @@ def _missing(outcome: Outcome) -> list[Part]:
 
 def _effect(outcome: Outcome, one: Named, remark: str) -> Part:
     effect, drawn = outcome.system.catalogue[one.name], curves(outcome, one)
-    title, words = f"{titled(outcome, one.name)}{remark}", [effect.physics, f"Source: {effect.source}"]
+    title = f"{titled(outcome, one.name)}{remark}"
+    words = [effect.physics, f"Source: {effect.source}"]
     if one.at_bound:
         held = f"{len(one.at_bound)} of {len(one.parameters)} values lie at a bound"
         words.append(f"{held}; the true ones may be beyond it.")

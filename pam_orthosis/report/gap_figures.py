@@ -60,7 +60,8 @@ def ranking(outcome: Outcome) -> Plot | None:
     names, values = [spoken(name) for name, _ in best], [float(value) for _, value in best]
     trace = bars(names, values, "evidence", AFTER) | {"orientation": "h", "x": values, "y": names}
     alt = ", ".join(f"{name} {value:.0f}" for name, value in zip(names[::-1], values[::-1], strict=True))
-    title, height = "Evidence of each effect alone; the longer, the better it fits", 90 + 26 * len(best)
+    title = "Evidence of each effect alone; the longer, the better it fits"
+    height = 90 + 26 * len(best)
     return Plot(title, f"evidence: {alt}", "evidence", "", [trace], height=height)
 
 

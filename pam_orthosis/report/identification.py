@@ -182,7 +182,8 @@ def _volume_plot(found: Identified) -> Plot:
     levels = np.unique(np.round(points.pressure, -5))
     for colour, level in zip(OF_ACTUATORS, levels, strict=False):
         near = np.abs(points.pressure - level) < 0.5e5
-        x, name = np.linspace(0, points.contraction[near].max(), 60), f"{level / 1e5:.0f} bar gauge"
+        x = np.linspace(0, points.contraction[near].max(), 60)
+        name = f"{level / 1e5:.0f} bar gauge"
         data.append(
             dots(points.contraction[near] * 1e3, points.volume[near] * 1e6, name, colour)
             | {"showlegend": False}

@@ -28,7 +28,8 @@ def table(rounds: Sequence[Mapping[str, Any]]) -> str:
 def _row(one: Mapping[str, Any]) -> str:
     dropped = "" if one["kept"] else " (not kept)"
     largest, rms, variation = one["tracking"].values()
-    name, unit = _model(one["round"], one["effects"]), next(iter(one["tracking"])).rpartition("_")[2]
+    name = _model(one["round"], one["effects"])
+    unit = next(iter(one["tracking"])).rpartition("_")[2]
     return f"| {name}{dropped} | {largest:.3f} {unit} | {rms:.3f} {unit} | {variation:.0f} V/s |\n"
 
 

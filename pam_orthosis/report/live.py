@@ -70,7 +70,8 @@ class LiveLeg:
         coordinate, *pressures, reference = numbers
         if not all(map(math.isfinite, numbers)) or abs(coordinate) > FARTHEST[self.machine.coordinate.unit]:
             return None
-        factor, sketch = self.machine.coordinate.shown_factor, self.shape.sketch(np.array([coordinate]))
+        factor = self.machine.coordinate.shown_factor
+        sketch = self.shape.sketch(np.array([coordinate]))
         shown = {"measured": factor * coordinate, "reference": factor * reference}
         actuators = {
             name: {"upper": _rounded(one.upper[0]), "lower": _rounded(one.lower[0]),

@@ -134,7 +134,9 @@ def mechanics(p: Parameters) -> Figure:
     _draw_frame(axes, pose, section)
     rows = []
     for name, body in zip(BODIES, leg.bodies(angle, section), strict=False):
-        place, mass, inertia = np.array(body.position).ravel(), float(body.mass), float(body.inertia)
+        place = np.array(body.position).ravel()
+        mass = float(body.mass)
+        inertia = float(body.inertia)
         colour = PERSON if name.endswith("p") else "k"
         axes.plot(*place, "x" if inertia else "o", color=colour, ms=9, mew=2)
         aside, side = (-0.012, "right") if name.endswith("p") else (0.012, "left")
