@@ -125,11 +125,7 @@ def _place(part: Path, path: Path, overwrite: bool) -> None:
 
 
 def make_folder(path: Path) -> list[Path]:
-    """Make a folder with those above it; return what was made, the innermost first, for `remove_empty`.
-
-    Raises:
-        OrthosisError: it cannot be made.
-    """
+    """Make a folder with those above; return what was made, innermost first; OrthosisError if it fails."""
     made: list[Path] = []
     with writing(path):
         try:
@@ -277,11 +273,7 @@ def _move(source: Path, folder: Path) -> None:
 
 
 def write_folder(path: Path, files: Mapping[str, Write]) -> None:
-    """Write a folder, a new or an empty one, that is there with all its files or not at all.
-
-    Raises:
-        OrthosisError: it is used or cannot be written.
-    """
+    """Write a new or empty folder, with all files or not at all; OrthosisError if used or not writable."""
     refuse_used(path)
     part = path.parent / f"{UNFINISHED}{secrets.token_hex(8)}"
     write_files({part / name: write for name, write in files.items()})

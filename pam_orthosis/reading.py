@@ -56,11 +56,7 @@ _Loader.add_implicit_resolver(
 
 
 def check_file(path: Path) -> None:
-    """Check that a path is a regular file: who opens a pipe or a device waits, or reads without end.
-
-    Raises:
-        OrthosisError: it is not, or it cannot be looked at.
-    """
+    """Refuse, by OrthosisError, what is no regular file: a pipe or a device may be read without end."""
     try:
         mode = os.stat(path).st_mode
     except (OSError, ValueError) as error:
@@ -71,11 +67,7 @@ def check_file(path: Path) -> None:
 
 
 def open_file(path: Path) -> BinaryIO:
-    """Open a regular file to read its bytes.
-
-    Raises:
-        OrthosisError: it is none, or it cannot be opened.
-    """
+    """Open a regular file to read its bytes; OrthosisError if it is none, or cannot be opened."""
     check_file(path)
     try:
         # what takes its place in between is opened without waiting for it, and refused

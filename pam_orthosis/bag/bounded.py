@@ -26,22 +26,14 @@ from pam_orthosis.reading import check_file, from_yaml, open_file, read_text
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Reader]:
-    """Open a bag's folder or file.
-
-    Raises:
-        OrthosisError: missing, unclosed, damaged or too large, whether seen here or while it is read.
-    """
+    """Open a bag's folder or file; OrthosisError, then or later, if it is unclosed, damaged, too large."""
     check_bag(path)
     with damage_told(path), unpack.allowed(_on_disk(path)), _Reader(path) as opened:
         yield opened
 
 
 def check_bag(path: Path) -> None:
-    """Check that a path is a bag's folder or a regular file.
-
-    Raises:
-        OrthosisError: it is none, or a folder whose bag was never closed.
-    """
+    """Refuse, by OrthosisError, what is no bag's folder or regular file, and a bag never closed."""
     with suppress(OSError):
         if path.is_dir():
             if (path / METADATA_FILE).exists():

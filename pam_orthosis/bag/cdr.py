@@ -166,11 +166,7 @@ class Reader:
         return values[0] * SECOND_NS + values[1], values[2:]
 
     def stamp_ns(self, data: bytes) -> int:
-        """Return the stamp alone, ns, whatever stands behind it.
-
-        Raises:
-            Unreadable: there is none.
-        """
+        """Return the stamp alone, ns, whatever stands behind it; Unreadable if there is none."""
         if data[:2] != LITTLE_ENDIAN:
             return self(data)[0]
         if len(data) < HEAD + STAMP.size:

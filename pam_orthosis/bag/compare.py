@@ -40,11 +40,7 @@ class TopicComparison:
 
 
 def compare(first: Path, second: Path, topics: Iterable[str], namespace: str = "") -> list[TopicComparison]:
-    """Compare topics of the table in two bags; the namespace is that of the leg in the first one.
-
-    Raises:
-        OrthosisError: a bag is unusable.
-    """
+    """Compare topics of two bags, the first's leg in a namespace; OrthosisError if one is unusable."""
     topics, table = list(topics), Topics(recorded_machine(first, namespace))
     recorded = raw_messages(first, topics, namespace)
     other = raw_messages(second, topics, "", table)

@@ -205,11 +205,7 @@ def recorded_valve(path: Path, run: Mapping[str, str], namespace: str = "") -> S
 
 
 def legs_of(path: Path, run: Mapping[str, str]) -> dict[str, Any]:
-    """Return the legs of the run metadata, and in which parameters each differs; empty for one leg.
-
-    Raises:
-        OrthosisError: that is no JSON mapping.
-    """
+    """Return legs and in which parameters each differs; empty for one; OrthosisError if no JSON mapping."""
     return _mapping(path, run.get("legs", "{}"))
 
 

@@ -33,11 +33,7 @@ def since_first(stamps_ns: np.ndarray) -> np.ndarray:
 
 
 def sampled(path: Path, namespace: str = "") -> Sampled:
-    """Read all signals of a machine's bag; names and units are those of `bag.topics.Topics`.
-
-    Raises:
-        OrthosisError: the bag is unusable.
-    """
+    """Read all signals of a bag, named as in `bag.topics.Topics`; OrthosisError if it is unusable."""
     first, *others = known = list(Topics(recorded_machine(path, namespace)).signals)
     bag = read_bag(path, [first], others, namespace)
     stamps = bag[first].stamp_ns

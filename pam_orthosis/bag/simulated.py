@@ -21,11 +21,7 @@ def recorded_signals(machine: Machine) -> tuple[str, ...]:
 
 
 def record_run(parameters: Parameters, scenario: str, folder: Path) -> None:
-    """Run the closed loop for `scenario.duration` and write a bag.
-
-    Raises:
-        OrthosisError: the folder holds a bag or cannot be written.
-    """
+    """Record the closed loop for `scenario.duration`; OrthosisError if the bag cannot be written."""
     settings = parameters.scenario
     period_ns = round(settings.control_period * SECOND_NS)
     steps = round(settings.duration * SECOND_NS / period_ns)

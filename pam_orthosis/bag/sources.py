@@ -16,11 +16,7 @@ def data_files(path: Path) -> frozenset[Path]:
 
 
 def check_once(paths: Iterable[Path]) -> None:
-    """Check that no data are given twice, as a bag's folder and its own file for example.
-
-    Raises:
-        OrthosisError: two paths stand for the same data.
-    """
+    """Refuse, by OrthosisError, data that are given twice, as a bag's folder and a file of it."""
     known: dict[Path, Path] = {}
     for path in paths:
         for file in data_files(path):

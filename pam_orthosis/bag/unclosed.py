@@ -70,11 +70,7 @@ class BagFile:
 
 
 def look(path: Path) -> BagFile:
-    """Return what a file holds, closed or not.
-
-    Raises:
-        Damaged: more is missing than its end.
-    """
+    """Return what a file holds, closed or not; Damaged if more is missing than its end."""
     try:
         with mapped(path) as data:
             if data[-len(MAGIC) :] == MAGIC and len(data) > len(MAGIC):

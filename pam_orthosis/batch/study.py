@@ -24,11 +24,7 @@ MOST_WALKS = 100_000  # of a study: each is a process, and a folder of results
 
 
 def read_study(path: Path) -> list[dict[str, Any]]:
-    """Return the overrides of each walk, `scenario.seed` among them.
-
-    Raises:
-        OrthosisError: unreadable, an unknown or unusable entry, parameters that no walk can have.
-    """
+    """Return the overrides of each walk, seed among them; OrthosisError for an entry no walk can have."""
     study = read_yaml(path)
     if not isinstance(study, dict) or not study or set(study) - set(KINDS):
         raise OrthosisError(f"{path}: a study has entries of {', '.join(KINDS)}, and no others")

@@ -249,11 +249,7 @@ def simulated(progress: Progress, duration_s: float, domain: int | str) -> Calla
 
 @contextmanager
 def watched(command: Sequence[str], environment: Mapping[str, str], work: Path) -> Iterator[None]:
-    """Show a run by the command of the live view: print the address, open it where there is a display.
-
-    Raises:
-        RunFailed: the view does not start.
-    """
+    """Show a run in the live view: its address, and the page where there is a display; else RunFailed."""
     log = work / "live_view.log"
     streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE}
     with (

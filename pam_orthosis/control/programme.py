@@ -44,11 +44,7 @@ class Programme(NamedTuple):
 
 
 def read_programme(path: Path) -> Programme:
-    """Return the programme of a YAML file.
-
-    Raises:
-        OrthosisError: the file cannot be read, or the programme is unusable.
-    """
+    """Return the programme of a YAML file; OrthosisError if it is unusable or cannot be read."""
     top = _known(mapping(read_yaml(path), str(path)), KEYS, str(path))
     scenario = top.get("scenario", "session")
     try:

@@ -179,11 +179,7 @@ class Rig:
             yield self.step(pressure, 0.0)
 
     def set_pressure(self, pressure: float) -> Iterator[RigSample]:
-        """Bring the specimen to a pressure, absolute Pa, at the present position, gently, then rest.
-
-        Raises:
-            RunFailed: it does not get there.
-        """
+        """Bring the specimen to a pressure, absolute Pa, gently, then rest; RunFailed if that fails."""
         slew = PRESSURE_SLEW * self.rig.control_period
         for _ in range(self._patience):
             self._pressure += min(max(pressure - self._pressure, -slew), slew)
@@ -205,11 +201,7 @@ class Rig:
         yield from self.rest(pressure, self.rig.procedure.rest if rest is None else rest)
 
     def release(self, pressure: float) -> Iterator[RigSample]:
-        """Let the specimen contract, slowly at last, until the load cell measures no force; then rest.
-
-        Raises:
-            RunFailed: the force does not vanish.
-        """
+        """Let the specimen contract until no force is measured, then rest; RunFailed if one remains."""
         settings = self.rig.procedure
         for _ in range(self._patience):
             share = (self._force - settings.free_force) / CAUTIOUS_FORCE

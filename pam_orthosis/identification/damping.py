@@ -39,11 +39,7 @@ class Damping:
 
 
 def fit_damping(decays: list[Decay]) -> Damping:
-    """Return the damping of one muscle from its free decays.
-
-    Raises:
-        OrthosisError: a record without an oscillation, or too short for one.
-    """
+    """Return the damping from free decays; OrthosisError if one has no oscillation or is too short."""
     decrements, periods = zip(*(decrement(d) for d in decays), strict=True)
     values, errors = zip(*(viscous_part(d) for d in decays), strict=True)
     spread = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
@@ -77,11 +73,7 @@ def decrement(decay: Decay) -> tuple[float, float]:
 
 
 def turning_points(decay: Decay) -> np.ndarray:
-    """Return the indices of the release and of all turning points after it.
-
-    Raises:
-        OrthosisError: too few samples.
-    """
+    """Return the release and all turning points after it; OrthosisError for too few samples."""
     if len(decay.position) < LEAST_SAMPLES:
         raise OrthosisError(
             f"a decay record holds {len(decay.position)} samples; at least {LEAST_SAMPLES} are needed"
@@ -114,11 +106,7 @@ def _released(decay: Decay) -> Decay:
 
 
 def viscous_part(decay: Decay) -> tuple[float, float]:
-    """Return D, N s/m, freed from rate-independent friction, and the RMS residual of the force, N.
-
-    Raises:
-        OrthosisError: too few samples.
-    """
+    """Return D, N s/m, freed of dry friction, and the RMS residual, N; OrthosisError if too short."""
     decay = _released(decay)
     stamps = np.round(decay.time * 1e9)
     position = signal.savgol_filter(decay.position, FILTER_SAMPLES, 3)

@@ -187,11 +187,7 @@ def _groups(data: Data, s: Samples) -> dict[str, np.ndarray]:
 
 
 def check_levels(data: Data, pressures: Sequence[float], ambient: float) -> None:
-    """Refuse absolute pressures, Pa, at which there are no data.
-
-    Raises:
-        OrthosisError: none at one of them.
-    """
+    """Refuse, by OrthosisError, absolute pressures, Pa, at which there are no data."""
     for pressure in pressures:
         if not _at_level(data.samples, pressure - ambient).any():
             levels = np.unique(data.samples.level)[:MOST_TOLD]

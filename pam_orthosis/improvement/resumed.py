@@ -62,11 +62,7 @@ def write_found(folder: Path, found: Found) -> None:
 
 
 def read_found(folder: Path) -> Found | None:
-    """Return what the search of a round has found; None if it has not ended.
-
-    Raises:
-        OrthosisError: its file is none of these.
-    """
+    """Return what a round's search found, None if it goes on; OrthosisError if its file is neither."""
     file = folder / FOUND
     if not file.exists():
         return None

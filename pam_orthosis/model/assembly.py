@@ -65,11 +65,7 @@ def nominal(machine: Machine, parameters: Parameters, effects: Section) -> Hardw
 
 
 def check_strokes(hardware: Hardware) -> None:
-    """Check that cylinders are as long as the mechanism moves them between its stops.
-
-    Raises:
-        OrthosisError: one is not.
-    """
+    """Refuse, by OrthosisError, cylinders shorter than the mechanism moves them between its stops."""
     machine, limits = hardware.machine, hardware.mechanism.parameters
     cylinders = [i for i, one in enumerate(machine.actuators) if one.kind == "cylinder"]
     if not cylinders:

@@ -73,11 +73,7 @@ def parameters_of(entry: Mapping[str, Any], shared: Parameters) -> Parameters:
 
 
 def legs_from(text: str, who: str) -> dict[str, dict[str, Any]]:
-    """Return the entry of each namespace of a node's setting `legs`; one without a name for none.
-
-    Raises:
-        OrthosisError: a text of another form; it names the node.
-    """
+    """Return the entry of each namespace of a node's `legs`; OrthosisError if that has another form."""
     legs = from_json(text or '{"": {}}', f"{who}: legs")
     if not isinstance(legs, dict) or not all(isinstance(own, dict) for own in legs.values()) or not legs:
         raise OrthosisError(f'{who}: legs must be like {{"left": {{}}, "right": {{"leg.shank.mass": 4.0}}}}')

@@ -82,11 +82,7 @@ class _File:
 
 
 def read_machine(path: Path) -> Machine:
-    """Return the machine that a file declares.
-
-    Raises:
-        OrthosisError: unreadable, an entry that is missing, unknown or unusable.
-    """
+    """Return the machine that a file declares; OrthosisError for a missing, unknown or unusable entry."""
     return machine_from(read_text(path), path.stem, str(path))
 
 

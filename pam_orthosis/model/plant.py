@@ -134,11 +134,7 @@ class Plant:
         self.live_on()
 
     def take(self, line: int, voltage: float, at_ns: int) -> None:
-        """Take a voltage of the valve of an actuator (its number) that comes at an instant of the plant.
-
-        Raises:
-            OrthosisError: a voltage is not finite.
-        """
+        """Take the voltage of a valve (its number) that comes at an instant; OrthosisError: not finite."""
         if not math.isfinite(voltage):
             raise OrthosisError(f"the {self.machine.name} was given a valve voltage that is not finite")
         self.lines[line].put(quantised(voltage, self._p.plant.voltage_resolution), at_ns)

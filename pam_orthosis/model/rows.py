@@ -29,11 +29,7 @@ class Row:
     options: tuple[str, ...] = ()
 
     def with_value(self, value: Any) -> Row:
-        """Return the row with another value, checked.
-
-        Raises:
-            OrthosisError: wrong type, not finite, out of bounds or not one of the options.
-        """
+        """Return the row with another value; OrthosisError for a wrong type, or what its limits forbid."""
         return replace(self, value=self._checked(value))
 
     def _checked(self, value: Any) -> Value:

@@ -52,11 +52,7 @@ class EmergencyStop:
         return f"{' and '.join(self._node.machine.names)} are vented until reset"
 
     def reset(self) -> str:
-        """End the stop; return what that does.
-
-        Raises:
-            OrthosisError: there is none.
-        """
+        """End the stop; return what that does; OrthosisError if there is none."""
         if not self.active:
             raise OrthosisError(
                 "there is no emergency stop to reset; what vents for good is tried again after one"

@@ -248,11 +248,7 @@ def leave(nodes: Sequence[Node]) -> None:
 
 
 def start_ros() -> None:
-    """Start ROS with the arguments of the command line and without its handlers of signals.
-
-    Raises:
-        OrthosisError: ROS cannot use them.
-    """
+    """Start ROS with the command line's arguments, its signal handlers off; OrthosisError if it refuses."""
     try:
         rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # rclpy's errors have no narrower ancestor

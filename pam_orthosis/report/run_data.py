@@ -79,11 +79,7 @@ class View(NamedTuple):
 
 
 def read_run(path: Path, namespace: str = "") -> RunData:
-    """Read what a bag holds of the panels' signals.
-
-    Raises:
-        OrthosisError: the bag is unusable.
-    """
+    """Read what a bag holds of the panels' signals; OrthosisError if it is unusable."""
     machine = recorded_machine(path, namespace)
     name = machine.coordinate.name
     by_actuator = [f"{one}_{kind}" for one in machine.names for kind in KINDS]
@@ -92,11 +88,7 @@ def read_run(path: Path, namespace: str = "") -> RunData:
 
 
 def run_data(bag: Bag) -> RunData:
-    """Return the panels of a bag that is read, or made of arrays.
-
-    Raises:
-        OrthosisError: it has no reference.
-    """
+    """Return the panels of a bag that is read or made of arrays; OrthosisError without a reference."""
     machine = bag.machine
     name, pressures = machine.coordinate.name, [f"{one}_pressure" for one in machine.names]
     voltages = [f"{one}_voltage" for one in machine.names]

@@ -34,11 +34,7 @@ def _cell(value: float) -> str:
 
 
 def write_mat(bag_path: Path, namespace: str, stream: BinaryIO) -> None:
-    """Write the same for MATLAB: a column vector each, NaN where a topic has no message of that stamp.
-
-    Raises:
-        OrthosisError: the bag is unusable.
-    """
+    """Write the same for MATLAB, NaN where nothing has that stamp; OrthosisError for an unusable bag."""
     from scipy.io import savemat  # takes its time to load
 
     run = sampled(bag_path, namespace)
