@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
-from pam_orthosis.control.diagnostic import EXPERIMENTS
 from pam_orthosis.model.parameters import Parameters
 
 if TYPE_CHECKING:
@@ -323,6 +322,8 @@ def is_health_instant(stamp_ns: int, period_ns: int) -> bool:
 
 def asked_beside(parameters: Parameters) -> tuple[str, ...]:
     """Return the optional topics of a run: experiments ask for a mean pressure, plans for a motion too."""
+    from pam_orthosis.control.diagnostic import EXPERIMENTS  # names of topics alone need no controllers
+
     scenario = parameters.scenario
     watched = (ALLOWED,) if parameters.control.limits.enabled else ()
     if scenario.trajectory in EXPERIMENTS:
