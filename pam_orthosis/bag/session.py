@@ -47,10 +47,7 @@ def write_session(folder: Path, programme: Programme, trained: Trained) -> None:
     names = *recorded_signals(first.declared), "disturbance"
     own = {leg: _differing(first, one) for leg, one in programme.legs.items()}
     run = run_metadata(first, programme.scenario, json.dumps(own)) | {RECORD: _record(programme, trained)}
-    legs = {
-        leg: {name: signals[name.replace("estimate_", "estimated_", 1)] for name in names}
-        for leg, signals in trained.signals.items()
-    }
+    legs = {leg: {name: signals[name] for name in names} for leg, signals in trained.signals.items()}
     period_ns = round(first.scenario.control_period * 1e9)
     count = len(next(iter(trained.signals.values()))["time"])
     write_legs(folder, np.arange(count) * period_ns, legs, run)
@@ -71,8 +68,7 @@ def read_session(path: Path) -> Recorded:
         found = sampled(path, leg)
         values = recorded_parameters(path, found.bag.run, leg)
         parameters[leg] = load(values, found.bag.machine)
-        named = {name.replace("estimate_", "estimated_", 1): one for name, one in found.signals.items()}
-        signals[leg] = {"time": found.time, **named}
+        signals[leg] = {"time": found.time, **found.signals}
     try:
         kept = from_json(record[RECORD], str(path))
         strides = [Done(*one) for one in kept["strides"]]

@@ -27,6 +27,6 @@ def record_run(parameters: Parameters, scenario: str, folder: Path) -> None:
     steps = round(settings.duration * SECOND_NS / period_ns)
     run = ClosedLoop(parameters, settings.seed).run(steps)
     names = recorded_signals(parameters.declared)
-    signals = {name: run[name.replace("estimate_", "estimated_", 1)] for name in names}
+    signals = {name: run[name] for name in names}
     every = parameters.control.position.every
     write_arrays(folder, np.arange(steps) * period_ns, signals, run_metadata(parameters, scenario), every)

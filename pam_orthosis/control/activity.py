@@ -64,5 +64,5 @@ def _muscle_effort(run: Mapping[str, Array], parameters: Parameters) -> Array:
     q, velocity, p = ca.SX.sym("q"), ca.SX.sym("velocity"), ca.SX.sym("p", 2)
     effort = ca.Function("effort", [q, velocity, p], [axis.effort(q, velocity, (p[0], p[1]))])
     pressures = np.vstack([run[f"{name}_pressure"] for name in parameters.declared.names])
-    found = effort(run[f"estimated_{coordinate}"][None], run["estimated_velocity"][None], pressures)
+    found = effort(run[f"estimate_{coordinate}"][None], run["estimate_velocity"][None], pressures)
     return np.array(found).ravel()

@@ -36,7 +36,7 @@ def signals(machine: Machine) -> tuple[str, ...]:
     kinds = "pressure_reference", "mass_flow", "voltage"
     return (
         "time", f"reference_{q}", "reference_velocity", "reference_acceleration", f"followed_{q}",
-        *machine.channels, f"estimated_{q}", "estimated_velocity", "disturbance",
+        *machine.channels, f"estimate_{q}", "estimate_velocity", "disturbance",
         *(f"{name}_{kind}" for kind in kinds for name in machine.names),
         f"true_{q}", "true_velocity", f"true_{machine.coordinate.effort}", "saturated", "clamped",
     )  # fmt: skip

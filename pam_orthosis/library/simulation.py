@@ -136,9 +136,8 @@ def _followed(parameters: Parameters) -> Run:
     settings = parameters.scenario
     steps = round(settings.duration / settings.control_period)
     result = ClosedLoop(parameters, settings.seed).run(steps)
-    signals = {name.replace("estimated_", "estimate_", 1): value for name, value in result.items()}
-    del signals["time"]
-    return Run(parameters, "simulated", _stamps(parameters, steps), signals)
+    del result["time"]
+    return Run(parameters, "simulated", _stamps(parameters, steps), result)
 
 
 def _driven(parameters: Parameters, voltages: Array) -> Run:

@@ -14,7 +14,7 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
 
 FAST = {"scenario.control_period": 0.002}
-HELD = ("estimated_angle", "disturbance", "extensor_pressure_reference", "flexor_pressure_reference")
+HELD = ("estimate_angle", "disturbance", "extensor_pressure_reference", "flexor_pressure_reference")
 
 
 def _run(seconds=6.0, **overrides):

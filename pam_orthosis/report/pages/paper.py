@@ -56,8 +56,8 @@ def _curve(x: Any, y: Any, *look: Any) -> dict[str, Any]:
 def _observer(run: ObserverRun) -> list[Plot]:
     s, time = run.signals, run.signals["time"]
     panels = {
-        "angle / deg": (time, np.degrees(s["true_angle"]), np.degrees(s["estimated_angle"])),
-        "velocity / deg/s": (time, np.degrees(s["true_velocity"]), np.degrees(s["estimated_velocity"])),
+        "angle / deg": (time, np.degrees(s["true_angle"]), np.degrees(s["estimate_angle"])),
+        "velocity / deg/s": (time, np.degrees(s["true_velocity"]), np.degrees(s["estimate_velocity"])),
         "disturbance / N m": (run.disturbance_time, run.disturbance, s["disturbance"]),
     }
     return [

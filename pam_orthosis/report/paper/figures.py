@@ -23,8 +23,8 @@ def draw_observer(run: ObserverRun, file: BinaryIO) -> None:
     figure = Figure(figsize=(9, 7), layout="constrained")
     axes = figure.subplots(3, 1, sharex=True)
     rows = (
-        ("angle / deg", time, np.degrees(s["true_angle"]), np.degrees(s["estimated_angle"])),
-        ("velocity / deg/s", time, np.degrees(s["true_velocity"]), np.degrees(s["estimated_velocity"])),
+        ("angle / deg", time, np.degrees(s["true_angle"]), np.degrees(s["estimate_angle"])),
+        ("velocity / deg/s", time, np.degrees(s["true_velocity"]), np.degrees(s["estimate_velocity"])),
         ("disturbance / N m", run.disturbance_time, run.disturbance, s["disturbance"]),
     )
     for ax, (label, instants, true, estimated) in zip(axes, rows, strict=True):

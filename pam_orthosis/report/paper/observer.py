@@ -124,7 +124,7 @@ def _judged(p, signals, instants, true) -> ObserverRun:
     settled, later = instants >= SETTLING, time >= SETTLING
     estimated = signals["disturbance"][later]
     lag, gain = lag_and_gain(instants[settled], true[settled], time[later], estimated, frequencies)
-    error = (signals["estimated_velocity"] - signals["true_velocity"])[later]
+    error = (signals["estimate_velocity"] - signals["true_velocity"])[later]
     noise = float(fundamental(time[later], error, frequencies)[2].std())
     return ObserverRun(p, signals, instants, true, lag, gain, noise)
 
