@@ -47,6 +47,18 @@ def test_a_hidden_effect_of_another_form_is_named_and_closed(benchmark, tools):
     assert list(result["answer"]["effects"]) == ["muscle_hysteresis"]
 
 
+def test_every_part_of_a_campaign_is_a_fair_sample(benchmark):
+    """Whatever time is reached, each set has its share of the cases that are asked for."""
+    sets = [name for name in benchmark[1].SETS if name != "alone"]
+    planned = [case for case in benchmark[0].plan(sets, 5) if case["size"] == "medium"]
+    cases = benchmark[0].in_turns(planned)
+    assert sorted(map(benchmark[1].which, cases)) == sorted(map(benchmark[1].which, planned))
+    asked = benchmark[0].ASKED
+    for part in (19, 57, 114):
+        share = [sum(case["set"] == name for case in cases[:part]) / asked[name] for name in sets]
+        assert np.ptp(share) <= 1 / min(asked.values()) + 1e-9
+
+
 def test_tables_count_what_was_hidden_against_what_was_named(benchmark):
     def case(hidden, named, alike=(), closure=1.0, **more):
         found = {

@@ -185,6 +185,24 @@ def test_a_description_by_chance_is_none(bench, monkeypatch):
     assert unknown.unknown(start.problem, start.held_out, start.null, start.floor).description is None
 
 
+def test_a_curve_over_the_angle_is_no_gain_by_which_the_replay_follows(bench, monkeypatch):
+    """A line over the recorded angle, and a stiffness far off that undoes it in the model, fit anything."""
+    rng, n = np.random.default_rng(2), 3000
+    residual = 5 * rng.standard_normal(n)
+    angle = 0.6 + 0.5 * np.sin(np.arange(n) / 90)
+    one = object.__new__(description._Fitting)
+    one._groups = (SimpleNamespace(system=bench.system),) * 2
+    one._weight, one._deviation, one._count, one._solved = np.ones(1), np.zeros(1), 1, {}
+    stiffness = 0.02 * residual - angle  # the model's angle is not quite the recorded one
+    one._slopes, one._residuals = [(stiffness[None], np.zeros(1, int))] * 2, [residual] * 2
+    knots = np.column_stack(description.hats(angle, 0.1, 1.1, 8))
+    monkeypatch.setattr(one, "_columns", lambda group, channel, name, able: knots @ able)
+    assert abs(one.reduced("angle", "angle", 8)) < 0.05
+    monkeypatch.setattr(description, "FAR", 1e3)
+    one._solved.clear()
+    assert one.reduced("angle", "angle", 8) > 0.9
+
+
 def test_where_hardly_anything_is_left_nothing_is_said(reported):
     assert reported(lambda angle, time: 0.0 * angle) is None
 
