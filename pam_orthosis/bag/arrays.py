@@ -1,28 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write signals that are arrays as a bag, without ROS: the topics of the graph, one message a sample.
 
-The layout of a message of ours does not depend on its numbers: each topic's message is serialised
-once, and only stamp and values are put into a copy of it.
+The layout of a message of ours does not depend on its numbers: each topic's message is serialised once.
 """
 
-import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pam_orthosis.bag import messages
+from pam_orthosis.bag.cdr import Template
 from pam_orthosis.bag.read import machine_of, recorded_valve
 from pam_orthosis.bag.record import BagWriter
-from pam_orthosis.bag.topics import MOTION, PRESSURE, SECOND_NS, VECTOR, WRENCH, Signal, Topics, resolve
+from pam_orthosis.bag.topics import (
+    JOINT,
+    MOTION,
+    PRESSURE,
+    VECTOR,
+    WRENCH,
+    Signal,
+    Topics,
+    resolve,
+)
 from pam_orthosis.model.components.spool import spool_position
 from pam_orthosis.model.rows import Section
 
-_STAMP = struct.Struct("<iI")
-_STAMP_AT = 4  # after the encapsulation header: the header's stamp comes first in the messages
-_NUMBER = struct.Struct("<d")
-_MARK = 1.2345678901234567e-300  # a number that no message holds otherwise
+LISTS = {JOINT: "{}[0]", MOTION: "points[0].{}[0]"}  # type -> where a field's number is
 
 
 def write_arrays(
@@ -63,33 +68,24 @@ def write_legs(
         for index, stamp_ns in enumerate(stamps_ns.tolist()):
             for leg, signals in legs.items():
                 for topic, members in (quick if index % every else topics).items():
-                    data = _filled(templates[topic], members, stamp_ns, signals, index, valve)
+                    data = templates[topic](stamp_ns, *_numbers(members, signals, index, valve))
                     bag.write(resolve(topic, leg), stamp_ns, data)
 
 
-def _filled(
-    template: tuple[bytearray, list[int]],
-    members: list[Signal],
-    stamp_ns: int,
-    signals: Mapping[str, np.ndarray],
-    index: int,
-    valve: Section,
-) -> bytes:
-    """Return a topic's message of one stamp."""
-    data, places = template
-    _STAMP.pack_into(data, _STAMP_AT, *divmod(stamp_ns, SECOND_NS))
-    for signal, place in zip(members, places, strict=True):
+def _numbers(
+    members: list[Signal], signals: Mapping[str, np.ndarray], index: int, valve: Section
+) -> Iterator[float]:
+    for signal in members:
         number = signals[signal.name][index]
-        _NUMBER.pack_into(data, place, spool_position(number, valve) if signal.spool else number)
-    return bytes(data)
+        yield spool_position(number, valve) if signal.spool else number
 
 
-def _template(members: list[Signal]) -> tuple[bytearray, list[int]]:
-    """Return a serialised message and the places of its members' numbers."""
-    marks = {signal.name: _MARK * (2 + number) for number, signal in enumerate(members)}
-    message = _message(members[0].type, {signal: marks[signal.name] for signal in members})
-    data = bytearray(messages.serialised(message.__msgtype__, message))
-    return data, [data.index(_NUMBER.pack(mark)) for mark in marks.values()]
+def _template(members: list[Signal]) -> Template:
+    """Return what makes a topic's message of a stamp and its members' numbers."""
+    message = _message(members[0].type, dict.fromkeys(members, 0.0))
+    kind = message.__msgtype__
+    fields = [LISTS.get(kind, "{}").format(signal.field) for signal in members]
+    return Template(messages.serialised(kind, message), kind, fields)
 
 
 def _message(type_name: str, values: Mapping[Signal, float]) -> Any:
