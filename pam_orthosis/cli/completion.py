@@ -15,9 +15,7 @@ SHELLS = tuple(shtab.SUPPORTED_SHELLS)
 class Print(argparse.Action):
     """Print the script of a shell, and end."""
 
-    def __init__(
-        self, *given: Any, parsers: Callable[[], Mapping[str, argparse.ArgumentParser]], **more: Any
-    ):
+    def __init__(self, *given: Any, parsers: Parsers, **more: Any):
         super().__init__(*given, **more)
         self._parsers = parsers
 

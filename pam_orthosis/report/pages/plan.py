@@ -7,8 +7,8 @@ from pam_orthosis.model.machine import Machine
 from pam_orthosis.planning.plan import Plan
 from pam_orthosis.report.page import GOOD, NEUTRAL, Page, Part
 from pam_orthosis.report.plots import ESTIMATE, MEASURED, OF_ACTUATORS, REFERENCE, Plot, line
+from pam_orthosis.report.run_data import BAR
 
-BAR = 1.0e5  # Pa
 LITTLE = 1e-3  # rad or m, which nobody sees
 
 

@@ -10,9 +10,9 @@ from matplotlib.patches import FancyBboxPatch
 
 from pam_orthosis.model.machines import RIG
 from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.report.run_data import BAR
 
 Point = tuple[float, float]
-BAR = 1.0e5  # Pa
 ARROW = {"arrowstyle": "-|>", "fc": "k", "shrinkA": 0, "shrinkB": 0}
 
 

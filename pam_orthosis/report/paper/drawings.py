@@ -22,7 +22,8 @@ from pam_orthosis.model.rows import Section
 from pam_orthosis.model.shapes import scenario_shape
 from pam_orthosis.reading import config_folder
 from pam_orthosis.report.paper import blocks
-from pam_orthosis.report.paper.blocks import ARROW, BAR, muscle_name
+from pam_orthosis.report.paper.blocks import ARROW, muscle_name
+from pam_orthosis.report.run_data import BAR
 from pam_orthosis.scene.shapes import shape_of
 
 FRAME, MUSCLE, ROPE, PERSON = "0.35", "tab:red", "tab:brown", "tab:blue"
