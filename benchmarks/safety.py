@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The safety monitor beside random persons and beside commands without sense; resumable, a JSON line a run.
 
-    python benchmarks/safety.py run --out benchmarks/results/safety.jsonl [--persons 200] [--nonsense 60]
+    python benchmarks/safety.py run --out benchmarks/results/safety.jsonl [--persons 200] [--spasms 80]
     python benchmarks/safety.py table benchmarks/results/safety.jsonl
 
 Truth judges. A trip is *missed* if a limit is exceeded by more than its margin before one, if a spasm of at
-least 30 N m against the motion does not trip within 0.2 s, or if lost samples do not. A first trip is *false*
+least `SURE` against the motion does not trip within 0.2 s, or if lost samples do not. A first trip is *false*
 if nothing befalls the person and the same run without the monitor keeps all limits for the next 0.3 s.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -31,13 +32,19 @@ from pam_orthosis.model.plant import Plant
 SECONDS, NONSENSE_SECONDS = 8.0, 2.5
 EVENTS = ("none", "none", "none", "push", "block", "spasm", "lost samples", "clonus", "supply lost")
 ALWAYS = ("push", "clonus")  # from the beginning on
+# as in a session: a guard that vents lets the muscle go that holds the joint against a spasm
+STANDS_IN = {"control.guard.tracking_error": 3.0}
 BODIES = 6  # hardware samples with a person's height each
 AFTER, REACTION = 0.3, 0.2  # s
 LOST = 0.06  # s without a sample
+FIRST = 5000  # number of the first person: none on whom a limit was chosen
+SURE = 30.0  # N m, from which on a spasm has to be seen
+SIZES = (20.0, 25.0, 30.0, 35.0, 45.0)  # N m, of spasms
 # what truth may be beyond a limit: the valves need time, and the model of the muscles errs. A vented joint
-# goes on, with its momentum or the person's spasm, to the mechanical stop: that is 0.3 rad beyond the range,
-# and gives way by 0.12 rad
-MARGINS = {"range of motion": 0.42, "speed": 5.0, "torque": 5.0, "pressure": 2.0e4}
+# goes on, with its momentum or the person's spasm, to the mechanical stop: that is 0.3 rad beyond the range.
+# It gives way by 0.1 rad to 45 N m behind a leg of 0.45 to 0.88 kg m^2 (35 to 110 kg) that comes with 5.7 to
+# 3.6 rad/s; by 0.13 to 0.18 rad if it came with the limit of the speed
+MARGINS = {"range of motion": 0.40, "speed": 5.0, "torque": 5.0, "pressure": 2.0e4}
 UNITS = {"range of motion": "rad", "speed": "rad/s", "torque": "N m", "pressure": "Pa"}
 
 
@@ -98,18 +105,22 @@ class Seen:
         return truth
 
 
-def person(number: int) -> tuple[Parameters, str, float]:
+def person(number: int, spasm: bool = False) -> tuple[Parameters, str, float]:
     """Return parameters of a random person on one of the hardware samples, what befalls them, and when."""
     body, rng = number % BODIES, np.random.default_rng(number)
     of_body = np.random.default_rng(100 + body)
-    event, at, mass = str(rng.choice(EVENTS)), float(rng.uniform(3.5, 7.0)), float(rng.uniform(35.0, 110.0))
+    event, at, mass = (
+        "spasm" if spasm else str(rng.choice(EVENTS)),
+        float(rng.uniform(3.5, 7.0)),
+        float(rng.uniform(35.0, 110.0)),
+    )
     u = rng.uniform
     will = {
         "share": u(-0.3, 1.0), "stiffness": u(0, 30), "damping": u(0, 1.5), "cycle_time": u(1.9, 2.1),
         "enabled": True,
     }  # fmt: skip
     overrides = {
-        **drawn(body), **scenario_overrides("person-passive"),
+        **drawn(body), **scenario_overrides("person-passive"), **STANDS_IN,
         "plant.deviation.supply_pressure": 1.0, "leg.person.mass": mass,
         "leg.person.height": float(of_body.uniform(1.5, 1.9)),
         "plant.person.tissue.passive_moment.scale": float(of_body.uniform(0.5, 1.5)),
@@ -125,14 +136,14 @@ def person(number: int) -> tuple[Parameters, str, float]:
             "plant.person.tissue.clonus.threshold": u(2, 4),
         }  # fmt: skip
     if event == "spasm":
-        torque = float(rng.choice([-1, 1])) * u(25, 40)
+        torque = float(rng.choice([-1, 1])) * (u(SIZES[0], SIZES[-1]) if spasm else u(25, 40))
         overrides |= {"plant.person.spasm.start": at, "plant.person.spasm.torque": torque}
     return load(overrides), event, 0.0 if event in ALWAYS else at
 
 
-def walk(number: int) -> dict[str, Any]:
-    """Return what a random person's walk shows."""
-    parameters, event, at = person(number)
+def walk(number: int, spasm: bool = False) -> dict[str, Any]:
+    """Return what the walk of a random person shows, on request of one whom a spasm seizes."""
+    parameters, event, at = person(number, spasm)
     judge, steps = Beyond(parameters), round(SECONDS / 0.005)
     monitor = SafetyMonitor(parameters)
     plant = FaultyPlant(parameters, number, at, starved=event == "supply lost")
@@ -142,11 +153,14 @@ def walk(number: int) -> dict[str, Any]:
     when = trip.time_ns * 1e-9 if trip else None
     out = judge.first(list(MARGINS.values()))
     missed = out is not None and (when is None or when > out)
-    if event == "spasm" and _against(judge, parameters, at):
-        missed |= when is None or when > at + REACTION
+    torque = abs(parameters.plant.person.spasm.torque) if event == "spasm" else 0.0
+    against = event == "spasm" and _against(judge, parameters, at)
+    seen = when is not None and when <= at + REACTION
+    missed |= against and torque >= SURE and not seen
     missed |= event == "lost samples" and when is None
     return {
-        "kind": "walk", "number": number, "event": event, "at": at, "trip": trip and trip.limit, "time": when,
+        "kind": "spasm" if spasm else "walk", "number": number, "event": event, "at": at,
+        "trip": trip and trip.limit, "time": when, "torque": torque, "against": against, "seen": seen,
         "beyond": judge.most(), "missed": bool(missed),
         "false": _is_false(parameters, number, event, at, when),
     }  # fmt: skip
@@ -195,9 +209,21 @@ def nonsense(number: int) -> dict[str, Any]:
     }
 
 
+def sizes(results: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """Yield a Markdown table: of spasms against the motion, how many are seen, by size."""
+    yield "| spasm against the motion | persons | seen within 0.2 s | furthest beyond the range |"
+    yield "|---|---|---|---|"
+    for low, high in itertools.pairwise(SIZES):
+        some = [one for one in results if one.get("against") and low <= one["torque"] < high]
+        most = max((one["beyond"]["range of motion"] for one in some), default=0.0)
+        furthest = f"{most:.2g} rad" if most > 0 else "kept"
+        yield f"| {low:g} to {high:g} N m | {len(some)} | {sum(one['seen'] for one in some)} | {furthest} |"
+
+
 def summary(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Return the counts that the table shows."""
-    walks, blind = ([one for one in results if one["kind"] == kind] for kind in ("walk", "nonsense"))
+    kinds = ("walk", "spasm"), ("nonsense",)
+    walks, blind = ([one for one in results if one["kind"] in some] for some in kinds)
     return {
         "walks": len(walks), "minutes": sum(one["time"] or SECONDS for one in walks) / 60,
         "events": dict(Counter(one["event"] for one in walks)),
@@ -237,7 +263,7 @@ def table(found: dict[str, Any]) -> Iterator[str]:
 def do(task: tuple[str, int]) -> dict[str, Any]:
     """Return the result of a run, given its kind and number."""
     kind, number = task
-    return walk(number) if kind == "walk" else nonsense(number)
+    return nonsense(number) if kind == "nonsense" else walk(number, kind == "spasm")
 
 
 def read(path: Path) -> list[dict[str, Any]]:
@@ -256,16 +282,20 @@ def main() -> None:
     running = verbs.add_parser("run", help="make all runs")
     running.add_argument("--out", type=Path, required=True)
     running.add_argument("--persons", type=int, default=200)
+    running.add_argument("--spasms", type=int, default=80)
     running.add_argument("--nonsense", type=int, default=60)
     running.add_argument("--jobs", type=int, default=2)
     verbs.add_parser("table", help="print the table of a results file").add_argument("results", type=Path)
     arguments = parser.parse_args()
     if arguments.verb == "table":
-        print("\n".join(table(summary(read(arguments.results)))))
+        results = read(arguments.results)
+        print("\n".join([*table(summary(results)), "", *sizes(results)]))
         return
     done = {(one["kind"], one["number"]) for one in read(arguments.out)}
     wanted = [("nonsense", n) for n in range(arguments.nonsense)]
-    wanted += [("walk", n) for n in range(arguments.persons)]
+    first = FIRST + arguments.persons
+    wanted += [("walk", n) for n in range(FIRST, first)]
+    wanted += [("spasm", n) for n in range(first, first + arguments.spasms)]
     with ProcessPoolExecutor(arguments.jobs) as pool:
         for result in pool.map(do, [task for task in wanted if task not in done]):
             with open(arguments.out, "a", encoding="utf-8") as stream:

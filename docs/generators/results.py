@@ -104,6 +104,7 @@ def blocks() -> dict[str, Callable[[], str]]:
         "paper-force-rate": lambda: _listed(tables.force_rate(paper_results()["force_rate"])),
         "paper-inertia": lambda: _listed(tables.inertia(paper_results()["inertia"])),
         "safety": lambda: _text(safety.table(safety.summary(safety.read(RESULTS / "safety.jsonl")))),
+        "spasms": lambda: _text(safety.sizes(safety.read(RESULTS / "safety.jsonl"))),
         "stiffness-asked": lambda: _text(cooperation.stiffness_table(_cooperation())),
         "assistance": lambda: _text(cooperation.share_table(_cooperation())),
         "felt": lambda: _text(cooperation.felt_table(_cooperation())),

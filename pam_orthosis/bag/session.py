@@ -3,6 +3,7 @@
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,12 +15,14 @@ from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.bag.sampled import sampled
 from pam_orthosis.bag.simulated import recorded_signals
 from pam_orthosis.control.programme import LEGS, Programme
-from pam_orthosis.control.session import Done, Event, Trained
+from pam_orthosis.control.session import Done, Event, Trained, trained_in
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import write_text
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.reading import from_json
 
 RECORD = "session"  # of the run metadata
+BESIDE = "session.json"  # in the bag of a graph, whose metadata are written before
 
 
 class Recorded(NamedTuple):
@@ -43,9 +46,8 @@ class Recorded(NamedTuple):
 
 def write_session(folder: Path, programme: Programme, trained: Trained) -> None:
     """Write a bag; OrthosisError if the folder holds one or cannot be written."""
-    first, *_ = programme.legs.values()
+    first, own = differing(programme.legs)
     names = *recorded_signals(first.declared), "disturbance"
-    own = {leg: _differing(first, one) for leg, one in programme.legs.items()}
     run = run_metadata(first, programme.scenario, json.dumps(own)) | {RECORD: _record(programme, trained)}
     legs = {leg: {name: signals[name] for name in names} for leg, signals in trained.signals.items()}
     period_ns = round(first.scenario.control_period * 1e9)
@@ -53,15 +55,27 @@ def write_session(folder: Path, programme: Programme, trained: Trained) -> None:
     write_legs(folder, np.arange(count) * period_ns, legs, run)
 
 
+def write_beside(bag: Path, programme: Programme, trained: Trained) -> None:
+    """Write what a programme did into the folder of a graph's bag."""
+    write_text(bag / BESIDE, _record(programme, trained))
+
+
 def is_session(path: Path) -> bool:
     """Whether a bag is of a session; OrthosisError if it is damaged."""
-    return RECORD in run_record(path)
+    return bool(_kept(path))
+
+
+def _kept(path: Path) -> str:
+    """Return the record of a session, empty for another bag."""
+    with suppress(OSError, UnicodeDecodeError):
+        return (path / BESIDE).read_text(encoding="utf-8")
+    return run_record(path).get(RECORD, "")
 
 
 def read_session(path: Path) -> Recorded:
     """Read the bag of a session; OrthosisError if it is none."""
-    record = run_record(path)
-    if RECORD not in record:
+    record = _kept(path)
+    if not record:
         raise OrthosisError(f"{path} is no session; `pam-orthosis session` records one")
     parameters, signals = {}, {}
     for leg in LEGS:
@@ -70,10 +84,9 @@ def read_session(path: Path) -> Recorded:
         parameters[leg] = load(values, found.bag.machine)
         signals[leg] = {"time": found.time, **found.signals}
     try:
-        kept = from_json(record[RECORD], str(path))
-        strides = [Done(*one) for one in kept["strides"]]
-        trips = [Event(*one) for one in kept["trips"]]
-        return Recorded(path.name, kept["stages"], strides, trips, kept["ended"], parameters, signals)
+        kept = from_json(record, str(path))
+        done = trained_in(kept)
+        return Recorded(path.name, kept["stages"], *done[1:], parameters, signals)
     except (KeyError, TypeError) as error:
         raise OrthosisError(f"{path}: the record of the session is damaged") from error
 
@@ -92,6 +105,12 @@ def _record(programme: Programme, trained: Trained) -> str:
     })  # fmt: skip
 
 
-def _differing(first: Parameters, other: Parameters) -> dict[str, Any]:
+def differing(legs: Mapping[str, Parameters]) -> tuple[Parameters, dict[str, dict[str, Any]]]:
+    """Return the parameters of the first leg, and in what each leg differs from them."""
+    first, *_ = legs.values()
     shared = first.flat()
-    return {key: value for key, value in other.flat().items() if shared[key] != value}
+    own = {
+        leg: {key: value for key, value in one.flat().items() if shared[key] != value}
+        for leg, one in legs.items()
+    }
+    return first, own

@@ -2,8 +2,10 @@
 """Active disturbance rejection: what differs from a double integrator is estimated as one and cancelled.
 
 Han, "From PID to active disturbance rejection control", IEEE Transactions on Industrial Electronics 56(3),
-2009; linear, with one bandwidth each for law and extended state observer (Gao, American Control Conference
-2003), the observer's three poles in discrete time (Miklosovic, Radke and Gao, the same conference, 2006).
+2009, 900-906; linear, with one bandwidth each for law and extended state observer (Gao, "Scaling and
+bandwidth-parameterization based controller tuning", American Control Conference 2003); the observer corrects
+by the present sample, its three poles in discrete time (Miklosovic, Radke and Gao, "Discrete implementation
+and generalization of the extended state observer", the same conference, 2006).
 """
 
 import math

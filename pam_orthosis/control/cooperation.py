@@ -6,7 +6,7 @@
 Impedance control (Hogan 1985) without a force sensor: the muscles make the effort by their nominal model, and
 what acts from outside meets the joint's own inertia. The mode `position` is the backstepping law. The others
 are settings of the law above: `impedance` has the level 1 and no tunnel, `assist` adapts the level,
-`transparent` has neither stiffness nor damping and only carries the joint's weight.
+`transparent` has, but for the first `ease` s, neither stiffness nor damping and only carries the weight.
 """
 
 from collections.abc import Sequence
@@ -135,11 +135,14 @@ class CooperativeController(PositionController):
         self._cooperate = compiled(cooperation_function(nominal))
         self._settings, self._period = nominal.control.cooperation, nominal.scenario.control_period
         self.level = 1.0
+        self._begun = 0.0  # s since the mode began
         self._range = _range(nominal)
 
     def retune(self, parameters: Parameters) -> None:
         """Take other settings; mode, estimate and references pass on smoothly from where they are."""
         super().retune(parameters)
+        if parameters.control.cooperation.mode != self._settings.mode:
+            self._begun = 0.0
         self._settings = parameters.control.cooperation
         self._range = _range(parameters)
 
@@ -147,6 +150,7 @@ class CooperativeController(PositionController):
         if self._settings.mode == "position":
             return super()._ask(estimate, reference, mean, slack_share, *others)
         *command, law = self._cooperate(estimate, reference, slack_share, self._wanted_impedance())
+        self._begun += self._period
         _, outside, needed = law.tolist()
         self._adapt(outside, needed)
         return command
@@ -160,7 +164,8 @@ class CooperativeController(PositionController):
     def _wanted_impedance(self) -> Impedance:
         s = self._settings
         if s.mode == "transparent":
-            return Impedance(0.0, 0.0, 0.0, 1.0, *self._range)
+            left = max(0.0, 1.0 - self._begun / s.ease)  # who holds against it is not flung
+            return Impedance(left * s.stiffness, left * s.damping, 0.0, 1.0, *self._range)
         if s.mode == "impedance":
             return Impedance(s.stiffness, s.damping, 0.0, 1.0, *self._range)
         return Impedance(s.stiffness, s.damping, s.tunnel, self.level, *self._range)

@@ -6,6 +6,7 @@ controller commands; below it the command passes. While all is well the highest 
 trip none, after a spasm that at which the joint is soft. It goes on by command only, and slowly.
 """
 
+import re
 from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -32,6 +33,15 @@ class Trip(NamedTuple):
     def __str__(self) -> str:
         """Return it in words."""
         return f"{self.limit} {self.value:.4g} beyond {self.allowed:.4g} at {self.time_ns * 1e-9:.3f} s"
+
+
+def trips_in(words: str) -> list[Trip]:
+    """Return the trips that a text is about, as they are in words."""
+    found = re.findall(r"([a-z ]+) (\S+) beyond (\S+) at (\S+) s", words)
+    return [
+        Trip(limit.strip(), float(value), float(allowed), round(float(time) * 1e9))
+        for limit, value, allowed, time in found
+    ]
 
 
 class Observed(NamedTuple):
@@ -158,6 +168,8 @@ class SafetyMonitor:
         low, high = self._limits.low, self._limits.high
         time = self._limits.look_ahead
         ahead = now.position + time * (now.velocity + 0.5 * time * now.acceleration)
+        if abs(now.velocity) < self._limits.still:  # who trembles goes nowhere yet
+            ahead = now.position
         if not low <= ahead <= high:
             yield "range of motion", ahead, low if ahead < low else high
         for name, value, allowed in (

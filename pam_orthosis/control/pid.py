@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """PID, the classical law, whose integral stands still while its output is cut.
 
-Astrom and Hagglund, "PID Controllers: Theory, Design, and Tuning" (1995): conditional integration.
+Astrom and Hagglund, "PID Controllers: Theory, Design, and Tuning", 2nd edition, Instrument Society of America
+1995, chapter 3: integrator windup, conditional integration.
 """
 
 from pam_orthosis.control.reference import Reference

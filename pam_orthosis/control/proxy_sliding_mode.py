@@ -3,9 +3,10 @@
 
 A massless proxy is led to the reference by a sliding mode of bounded force, and draws the joint by a PID.
 While the bound is not reached the proxy slides on `error + time * rate = 0`; else it falls behind with the
-joint, so that nothing winds up. Kikuuwe and Fujimoto, ICRA 2006; on pneumatic muscles: Van Damme,
-Vanderborght et al., International Journal of Robotics Research 28(2), 2009. Both conditions are met at the
-end of each period (implicit Euler), which needs no switching.
+joint, so that nothing winds up. Kikuuwe and Fujimoto, "Proxy-based sliding mode control for accurate and safe
+position control", ICRA 2006; IEEE Transactions on Robotics 26(4), 2010, page 670: "a safer extension of
+PID position control". Both conditions are met at the end of each period (implicit Euler), which needs no
+switching.
 """
 
 from pam_orthosis.control.reference import Reference

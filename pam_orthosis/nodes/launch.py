@@ -128,6 +128,11 @@ def view_command(work: Path, parameters: Parameters, legs: Iterable[str]) -> lis
     return _Group(work, parameters, [spec], "", settings).commands(False)[VIEWER]
 
 
+def conductor_command(programme: Path) -> list[str]:
+    """Return the command line of what leads a session by a programme."""
+    return [*_command("session_conductor", [str(programme.resolve())], []), "--log-level", "error"]
+
+
 def paced(commands: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
     """Return command lines of a run in which the plant is never ahead of the wall clock."""
     return {name: [*command, "-p", f"{PLANT}:paced:=true"] for name, command in commands.items()}

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 SHOWN = ("leg", "machine", "muscle", "valve")  # what the look of a machine depends on
 VIEWER = "live_view"
+PACE, RESTING = (f"plant.person.volition.{name}" for name in ("cycle_time", "resting"))
 EVERYTHING = (*NOMINAL, "plant")
 # which steps there are, and which topics
 _GRAPH = (
@@ -39,7 +40,7 @@ _EMULATED = (
     "voltage_",
 )
 _PULL, _HELP = ("mode", "stiffness", "damping", "fastest", "edge"), ("tunnel", "learning", "forgetting")
-_COOPERATION = (*_PULL, *_HELP, "least_mean")
+_COOPERATION = (*_PULL, *_HELP, "least_mean", "ease")
 # beginnings of the keys that are an executable's own; those of the apparatus are everybody's
 OWN = {
     RECORDER: (*_GRAPH, "scenario.duration"),
@@ -101,7 +102,7 @@ def live_keys(machine: Machine) -> dict[str, tuple[str, ...]]:
     return {
         "trajectory_publisher": ("scenario.cycle_time",),
         "position_controller": (*gains, *machine.live, *cooperation),
-        "plant_simulator": machine.live,
+        "plant_simulator": (*machine.live, PACE, RESTING),
         SAFETY: tuple(f"control.limits.{name}" for name in OF_THE_PATIENT),
         "pressure_controller": ("control.pressure.gain", "control.pressure.reference_filter"),
     }

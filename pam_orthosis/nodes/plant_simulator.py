@@ -14,6 +14,7 @@ from std_msgs.msg import String
 
 from pam_orthosis.bag.topics import CLOCK, PLANT, SAMPLE, TRUTH
 from pam_orthosis.control.guard import driven
+from pam_orthosis.control.session import Follower
 from pam_orthosis.model.components.spool import VENT, voltage_of
 from pam_orthosis.model.coupled import Plants
 from pam_orthosis.model.device import legs_from, parameters_of
@@ -21,6 +22,7 @@ from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
 from pam_orthosis.nodes import messages, process
 from pam_orthosis.nodes.emergency import EmergencyStop
+from pam_orthosis.nodes.layout import PACE, RESTING, live_keys
 from pam_orthosis.nodes.pace import Lockstep, PacedNode, RealTime
 from pam_orthosis.nodes.parameters import LEGS, Setting
 from pam_orthosis.nodes.topic_node import Numbers
@@ -46,6 +48,7 @@ class PlantSimulator(PacedNode):
         super().configure()
         own = {leg: self.parameters_of(leg) for leg in self.legs}
         self._plants = Plants(own)
+        self._led: dict[str, Follower] = {}
         self._absent = {leg: set(self.entry("ready", leg).producers) for leg in self.legs}
         self._hears_who_is_ready = False
         self._newest_ns: int | None = None
@@ -118,10 +121,16 @@ class PlantSimulator(PacedNode):
         return False
 
     def retune(self, parameters: Parameters) -> None:
-        """Take another load, such as a person of another mass, from the next step on."""
+        """Take another load, such as a person of another mass, or will of theirs, from the next step on."""
         for leg, plant in self._plants.of.items():
-            own = self.parameters_of(leg)
-            plant.retune(own.changed({key: parameters.at(key) for key in own.declared.live}))
+            begun = self.parameters_of(leg)
+            live = live_keys(begun.declared)[PLANT]
+            own = begun.changed({key: parameters.at(key) for key in live})
+            plant.retune(own)
+            if leg in self._led or any(own.at(key) != begun.at(key) for key in (PACE, RESTING)):
+                led = self._led.setdefault(leg, Follower(begun))
+                led.hear(own.plant.person.volition, plant.time_ns)
+                plant.intend(led.aim)
 
     def publish_sample(self, stamp_ns: int) -> None:
         """Publish the sensors' values and the truth of the present step."""

@@ -6,7 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pam_orthosis.control.limits import SPASM, STALE, UNHEEDED, SafetyMonitor, restrained
+from pam_orthosis.control.limits import (
+    SPASM,
+    STALE,
+    UNHEEDED,
+    Observed,
+    SafetyMonitor,
+    Trip,
+    restrained,
+    trips_in,
+)
 from pam_orthosis.control.loop import ClosedLoop, Watched
 from pam_orthosis.model.machines import machine_named
 from pam_orthosis.model.parameters import load, scenario_overrides
@@ -64,6 +73,28 @@ def test_a_knee_that_will_leave_its_range_trips(fed):
     assert 0.9 < moved(fed, 15.0, 100) < 1.25
     assert fed.tripped == "range of motion"
     assert fed(*REST) == VENT
+
+
+@pytest.mark.parametrize(
+    ("position", "velocity", "acceleration", "beyond"),
+    [
+        (0.063, -0.08, -70.9, []),  # a light leg as the muscles take it over: it turns back at 0.02 rad
+        (0.063, -0.4, -70.9, ["range of motion"]),
+        (-0.18, 0.0, 0.0, ["range of motion"]),
+    ],
+)
+def test_who_hardly_moves_goes_nowhere_yet(parameters, position, velocity, acceleration, beyond):
+    now = Observed(position, velocity, acceleration, 4e5, 0.0, 0.0, 0.0)
+    assert [name for name, *_ in SafetyMonitor(parameters)._exceeded(now)] == beyond
+
+
+def test_trips_are_read_as_they_are_written():
+    trips = [
+        Trip("range of motion", -0.25, -0.17, 1_250_000_000),
+        Trip("torque", -51.0, 50.0, 10_000_000_000),
+    ]
+    assert trips_in(", ".join(map(str, trips))) == trips
+    assert trips_in("ok") == []
 
 
 def test_a_fast_knee_trips(parameters):

@@ -53,6 +53,8 @@ class Volition:
     def intended(self, time: float) -> Motion:
         """Return the motion that the person intends at a time, s, by a cadence of their own."""
         covered, cadence, growth = smooth_step(time - self._s.start_hold, self._s.start_ramp)
+        if self._will.resting:
+            covered = cadence = growth = 0.0
         phase, rate, curvature = (one / self._will.cycle_time for one in (covered, cadence, growth))
         position, slope, bend = self._shape(self._s.start_phase + phase)
         return position, slope * rate, bend * rate**2 + slope * curvature

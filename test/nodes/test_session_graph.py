@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A session in the graph: led by parameters and services, recorded, read by the same report."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from conftest import LIMIT_S
+from rosbags.rosbag2 import Reader
+
+from pam_orthosis.bag.session import read_session
+from pam_orthosis.control.programme import read_programme
+from pam_orthosis.report.session import shown
+
+pytest.importorskip("rclpy")
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from pam_orthosis.nodes.session_conductor import UNDER_WAY, LedLeg
+
+PROGRAMME = """
+right: {plant.person.volition.share: 0.1}
+stages:
+  - {name: calm, strides: 1, cycle_time_s: 2.0, mode: position}
+  - {pause_s: 0.4}
+  - {name: eager, strides: 1, cycle_time_s: 1.7, mode: assist}
+"""
+PERIOD_S = 0.005
+
+
+@pytest.fixture(scope="module")
+def programme(tmp_path_factory):
+    file = tmp_path_factory.mktemp("session") / "programme.yaml"
+    file.write_text(PROGRAMME, encoding="utf-8")
+    return file
+
+
+@pytest.fixture(scope="module")
+def led(programme):
+    bag = programme.parent / "monday"
+    command = [sys.executable, "-m", "pam_orthosis.cli.main", "session", str(programme), "--graph"]
+    command += ["--composed", "--json", "--out", str(bag)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout), bag
+
+
+def test_the_graph_carries_the_programme_out_and_the_report_reads_it(led):
+    said, bag = led
+    assert said["completed"]
+    assert said["strides"] == 2
+    session = read_session(bag)
+    assert [one.stage for one in session.strides] == [0, 2]
+    assert [stage["mode"] for stage in session.stages] == ["position", "position", "assist"]
+    with Reader(bag) as reader:
+        assert {f"/{leg}/allowed_pressure" for leg in ("left", "right")} <= set(reader.topics)
+    calm, eager = session.strides
+    for leg, signals in session.signals.items():
+        speed = np.abs(signals["reference_velocity"])
+        still = speed[eager.first - 60 : eager.first]
+        assert still.max() < 1e-6, leg  # it has been brought to rest
+        assert speed[calm.first : calm.end].max() > 1.0
+    assert (eager.end - eager.first) * PERIOD_S > 1.7  # from rest
+    left, right = (shown(bag).legs[leg].share for leg in ("left", "right"))
+    assert np.all(left > right)
+
+
+class Answer:
+    """What a service answers, when it is there."""
+
+    def __init__(self):
+        self.success, self.message, self.there = True, "", False
+
+    def done(self):
+        return self.there
+
+    def result(self):
+        return self
+
+
+def test_a_led_leg_asks_for_what_changes_and_is_resumed_once(programme):
+    given, asked, answer = read_programme(programme), [], Answer()
+
+    def call(service, values):
+        asked.append((service, values))
+        return answer
+
+    leg = LedLeg(given.legs["left"].changed(given.stages[0].changes), call)
+    for stage in given.stages:
+        leg.enter(stage, 0)
+    assert asked == [
+        ("trajectory_publisher/stop", None),
+        ("plant_simulator", {"plant.person.volition.resting": True}),
+        ("trajectory_publisher/start", None),
+        ("plant_simulator", {"plant.person.volition.resting": False}),
+        ("trajectory_publisher", {"scenario.cycle_time": 1.7}),
+        ("plant_simulator", {"plant.person.volition.cycle_time": 1.7}),
+        ("position_controller", {"control.cooperation.mode": "assist"}),
+    ]
+    report = DiagnosticStatus(level=DiagnosticStatus.ERROR, message="speed 10.5 beyond 10 at 3.000 s")
+    leg.hear(report)
+    assert [trip.limit for trip in leg.trips()] == ["speed"]
+    asked.clear()
+    assert leg.resume() == leg.resume() == UNDER_WAY
+    answer.there = True
+    assert leg.resume() == ""
+    assert asked == [("safety_monitor/resume", None)]
+    leg.hear(report)  # it was on the way meanwhile
+    assert not leg.trips()
