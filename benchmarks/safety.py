@@ -27,7 +27,9 @@ from fault_campaign.signals import FaultyPlant
 from pam_orthosis.control.limits import SafetyMonitor
 from pam_orthosis.control.loop import ClosedLoop, Hardware, Watched
 from pam_orthosis.model.parameters import Parameters, load, scenario_overrides
+from pam_orthosis.model.person.volition import needed_effort
 from pam_orthosis.model.plant import Plant
+from pam_orthosis.model.truth import true_parameters
 
 SECONDS, NONSENSE_SECONDS = 8.0, 2.5
 EVENTS = ("none", "none", "none", "push", "block", "spasm", "lost samples", "clonus", "supply lost")
@@ -41,11 +43,26 @@ FIRST = 5000  # number of the first person: none on whom a limit was chosen
 SURE = 30.0  # N m, from which on a spasm has to be seen
 SIZES = (20.0, 25.0, 30.0, 35.0, 45.0)  # N m, of spasms
 # what truth may be beyond a limit: the valves need time, and the model of the muscles errs. A vented joint
-# goes on, with its momentum or the person's spasm, to the mechanical stop: that is 0.3 rad beyond the range.
-# It gives way by 0.1 rad to 45 N m behind a leg of 0.45 to 0.88 kg m^2 (35 to 110 kg) that comes with 5.7 to
-# 3.6 rad/s; by 0.13 to 0.18 rad if it came with the limit of the speed
-MARGINS = {"range of motion": 0.40, "speed": 5.0, "torque": 5.0, "pressure": 2.0e4}
+# goes on, with its momentum or the person's spasm, to the mechanical stop, which gives way: see `deepest`
+MARGINS = {"range of motion": 0.48, "speed": 5.0, "torque": 5.0, "pressure": 2.0e4}
 UNITS = {"range of motion": "rad", "speed": "rad/s", "torque": "N m", "pressure": "Pa"}
+
+
+def deepest(parameters: Parameters, torque: float) -> float:
+    """Return how far beyond the range a leg comes to rest that reaches its stop at the limit of speed, rad.
+
+    A torque, N m, is behind it; its weight holds against it.
+    """
+    joint, limits = parameters.leg.joint, parameters.control.limits
+    needed = needed_effort(parameters.declared.mechanism(true_parameters(parameters)))
+    weight = float(needed(joint.maximum, 0.0, 0.0))
+    inertia = float(needed(joint.maximum, 0.0, 1.0)) - weight
+    depth, speed, step = 0.0, limits.speed, 1e-4
+    while speed > 0:
+        stop = depth * (joint.stop_stiffness + joint.stop_damping * speed)
+        speed += step * (torque - weight - stop) / inertia
+        depth += step * speed
+    return float(joint.maximum - limits.high + depth)
 
 
 class Deaf(Watched):

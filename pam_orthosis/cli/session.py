@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from pam_orthosis.control.session import Trained
 
 LEAVE_SECONDS = 10.0
-AFTER_S = 1.0  # for the last stride
+AFTER_S = 2.0  # for a conductor who is late
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

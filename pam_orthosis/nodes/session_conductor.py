@@ -21,7 +21,6 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
-from rclpy.client import Client
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -42,6 +41,10 @@ from pam_orthosis.nodes.transport import message_class, qos
 
 NAME, SPIN_SECONDS = "session_conductor", 0.2
 CADENCE = "scenario.cycle_time"
+SERVICES: dict[Any, tuple[str, ...]] = {
+    Trigger: (f"{TRAJECTORY}/start", f"{TRAJECTORY}/stop", f"{SAFETY}/resume"),
+    SetParameters: tuple(f"{node}/set_parameters" for node in (TRAJECTORY, POSITION, PLANT)),
+}
 UNDER_WAY = "it has not answered yet"
 
 
@@ -110,7 +113,12 @@ class SessionConductor(Node):
 
     def __init__(self, programme: Programme):
         super().__init__(NAME)
-        self._clients: dict[str, Client] = {}
+        self._called = {  # made early: who is not known yet hears nothing
+            name: self.create_client(kind, name)
+            for leg in programme.legs
+            for kind, services in SERVICES.items()
+            for name in (f"/{leg}/{service}" for service in services)
+        }
         legs = {
             name: LedLeg(as_led(one, programme, 1.0), partial(self._call, name))
             for name, one in programme.legs.items()
@@ -150,10 +158,8 @@ class SessionConductor(Node):
         self.over = True
 
     def _call(self, leg: str, service: str, values: Mapping[str, Any] | None) -> Any:
-        kind = Trigger if values is None else SetParameters
-        name = f"/{leg}/{service}{'' if values is None else '/set_parameters'}"
-        client = self._clients.setdefault(name, self.create_client(kind, name))
-        request = kind.Request()
+        client = self._called[f"/{leg}/{service}{'' if values is None else '/set_parameters'}"]
+        request = client.srv_type.Request()
         if values is not None:
             request.parameters = [Parameter(key, value=one).to_parameter_msg() for key, one in values.items()]
         return client.call_async(request)
