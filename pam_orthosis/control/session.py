@@ -160,7 +160,8 @@ class Course:
         self._programme, self._legs = programme, legs
         first = next(iter(legs.values()))
         s = first.parameters.scenario
-        self.period_ns, self._phase = round(s.control_period * 1e9), first.trajectory.phase
+        self.period_ns: int = round(s.control_period * 1e9)
+        self._phase = first.trajectory.phase
         self._stage, self._begun, self._made = -1, 0, 0  # number of the stage, its first sample, its strides
         self._from, self._last = 0.0, 0  # phase at its beginning, sample at which the last stride ended
         self._tripped: int | None = None
