@@ -8,8 +8,6 @@ steps after its instant.
 python -m pam_orthosis.nodes.entry session_conductor PROGRAMME
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys
