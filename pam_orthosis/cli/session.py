@@ -8,6 +8,8 @@ of both legs do it, led by their parameters and services; the run is as long as 
 trips, and --spare seconds.
 """
 
+from __future__ import annotations
+
 import argparse
 import json
 import subprocess
