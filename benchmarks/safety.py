@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The safety monitor beside random persons and beside commands without sense; resumable, a JSON line a run.
 
-    python benchmarks/safety.py run --out benchmarks/results/safety.jsonl [--persons 200] [--spasms 80]
+    python benchmarks/safety.py run --out benchmarks/results/safety.jsonl [--persons 200] [--spasms 261]
     python benchmarks/safety.py table benchmarks/results/safety.jsonl
 
 Truth judges. A trip is *missed* if a limit is exceeded by more than its margin before one, if a spasm of at
@@ -299,8 +299,8 @@ def main() -> None:
     running = verbs.add_parser("run", help="make all runs")
     running.add_argument("--out", type=Path, required=True)
     running.add_argument("--persons", type=int, default=200)
-    running.add_argument("--spasms", type=int, default=80)
-    running.add_argument("--nonsense", type=int, default=60)
+    running.add_argument("--spasms", type=int, default=261)
+    running.add_argument("--nonsense", type=int, default=200)
     running.add_argument("--jobs", type=int, default=2)
     verbs.add_parser("table", help="print the table of a results file").add_argument("results", type=Path)
     arguments = parser.parse_args()

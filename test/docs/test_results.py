@@ -82,7 +82,7 @@ def test_the_table_of_controllers_shows_the_worst_runs():
 
 def test_the_safety_monitor_misses_no_trip_and_trips_falsely_once_in_ten_minutes_at_most():
     found = results.safety.summary(results.safety.read(results.RESULTS / "safety.jsonl"))
-    assert (found["walks"], found["nonsense"]) == (200, 200)
+    assert (found["walks"], found["nonsense"]) == (461, 200)  # 200 of random persons, the others with spasms
     assert found["missed"] == found["nonsense_beyond_margin"] == 0
     assert 10 * found["false"] / found["minutes"] <= 1
 

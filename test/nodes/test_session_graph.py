@@ -8,10 +8,10 @@ import sys
 import numpy as np
 import pytest
 from conftest import LIMIT_S
-from pam_orthosis.report.session import shown
 from rosbags.rosbag2 import Reader
 
 from pam_orthosis.control.programme import read_programme
+from pam_orthosis.report.pages.session import shown
 
 pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticStatus
