@@ -19,14 +19,12 @@ def coupling_effort(nominal: Parameters) -> ca.Function:
     machine = nominal.declared
     given, live = nominal.symbolic(machine.live)
     own, other = ca.SX.sym("own", MOTION), ca.SX.sym("other", MOTION)
-    q, velocity, acceleration = (
-        ca.vertcat(*((own[i], other[i]) if machine.joint == 0 else (other[i], own[i]))) for i in range(MOTION)
+    models = machine.beside(given, other), machine.mechanism(given)
+    together, alone = (
+        terms.inertia * own[2] + terms.coriolis + terms.gravity
+        for terms in (model.terms(own[0], own[1]) for model in models)
     )
-    whole = machine.coupled_mechanism(given).terms(q, velocity)
-    alone = machine.mechanism(given).terms(own[0], own[1])
-    together = (whole.inertia @ acceleration + whole.coriolis + whole.gravity)[machine.joint]
-    by_itself = alone.inertia * own[2] + alone.coriolis + alone.gravity
-    return ca.Function("coupling_effort", [own, other, live], [together - by_itself])
+    return ca.Function("coupling_effort", [own, other, live], [together - alone])
 
 
 class Coupling:

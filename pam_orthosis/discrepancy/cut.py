@@ -51,10 +51,10 @@ class Part:
 def data_width(system: System) -> int:
     """Return the number of columns of the data `z`.
 
-    These are: neighbours now and next, inputs before and now, time, measured channels, the fraction of the
-    period in which the inputs before still act.
+    These are: neighbours now and next, inputs before and now, time, measured channels, second difference
+    quotients, the fraction of the period in which the inputs before still act.
     """
-    return 3 * len(system.channels) + 2 * len(system.inputs) + 2
+    return 3 * len(system.channels) + 2 * len(system.inputs) + 2 + len(system.derived_twice)
 
 
 def divided(system: System, assembled: Assembled, equation: Equation) -> list[Equation]:
@@ -155,7 +155,9 @@ class _Seen:
             for derived, parent in self._system.derived.items():
                 if parent == channel.state:
                     values[derived] = (last - first) / period
-        return values
+        last = data_width(self._system) - 1
+        bends = ca.vertsplit(z[last - len(self._system.derived_twice) : last])
+        return values | dict(zip(self._system.derived_twice, bends, strict=True))
 
     def inputs_before(self, z: ca.SX) -> ca.SX:
         return z[2 * self._channels : 2 * self._channels + self._inputs]
@@ -211,7 +213,8 @@ def _full_state(
 
 def closure(system: System, assembled: Assembled, equation: Equation) -> tuple[str, ...]:
     """Return the equation's base states and all effect states that these or its channels depend on."""
-    base = {channel.state for channel in system.channels} | set(system.derived)  # seen, if not integrated
+    # seen, if not integrated
+    base = {channel.state for channel in system.channels} | {*system.derived, *system.derived_twice}
     outputs = ca.vertcat(*(assembled.measured[name] for name in equation.channels))
     own = list(equation.states)
     while True:

@@ -77,10 +77,18 @@ class Run:
         inputs, before = (_held_back(recorded, int(count) + more) for more in (0, 1))
         time = self.recording.start + np.arange(len(recorded)) * self.period - shift.own
         measured = np.column_stack([self._raw[c.name] for c in self._system.channels])
+        bends = self._bends(neighbours)
         fractions = np.full(len(recorded), fraction)
         return np.ascontiguousarray(
-            np.column_stack([neighbours, later, before, inputs, time, measured, fractions])
+            np.column_stack([neighbours, later, before, inputs, time, measured, *bends, fractions])
         )
+
+    def _bends(self, neighbours: np.ndarray) -> list[np.ndarray]:
+        """Return the second difference quotients, each between a sample and the next."""
+        of_state = {c.state: i for i, c in enumerate(self._system.channels)}
+        places = [of_state[parent] for parent in self._system.derived_twice.values()]
+        slopes = [np.gradient(neighbours[:, i], self.period) for i in places]
+        return [np.append(np.diff(one), 0.0) / self.period for one in slopes]
 
     def start(self, part: Part) -> np.ndarray:
         """Return the first state: as measured, effect states at rest."""
@@ -99,6 +107,8 @@ class Run:
         for derived, parent in self._system.derived.items():
             slope = np.diff(signals[parent]) / self.period
             signals[derived] = np.append(slope, slope[-1:])
+        for bent, parent in self._system.derived_twice.items():
+            signals[bent] = np.gradient(np.gradient(signals[parent], self.period), self.period)
         return signals
 
     def probing(self, count: int) -> np.ndarray:

@@ -120,6 +120,7 @@ class System:
         inputs: recorded inputs, in the order of `Assembled.u`.
         derived: base state -> base state whose difference quotient it is when it is a neighbour
             (velocity of angle).
+        derived_twice: the same, of states whose second difference quotient it is.
         equations: how the model is cut.
         calibrations: nuisance parameters with tolerances.
         catalogue: effects that may be missing.
@@ -166,6 +167,7 @@ class System:
     pushes: Mapping[str, str] = field(default_factory=dict)
     wrong: Mapping[str, str] = field(default_factory=dict)
     described: Mapping[str, str] = field(default_factory=dict)
+    derived_twice: Mapping[str, str] = field(default_factory=dict)
 
     def without(self, missing: Collection[str]) -> System:
         """Return the system without equations and effects that need inputs that are missing."""

@@ -11,7 +11,7 @@ import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.markup import table
@@ -21,10 +21,11 @@ from pam_orthosis.model.effects import KINDS
 from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.effects.described import described
 from pam_orthosis.model.mechanisms import MECHANISMS
-from pam_orthosis.model.mechanisms.base import Coordinate, Mechanism
+from pam_orthosis.model.mechanisms.base import Coordinate, Mechanics, Mechanism
 from pam_orthosis.model.mechanisms.coupled import COUPLED, Leg
 from pam_orthosis.model.person.tissue import TISSUE
 from pam_orthosis.model.rows import Row, Section
+from pam_orthosis.model.signals import Expression
 
 if TYPE_CHECKING:
     from pam_orthosis.model.parameters import Parameters
@@ -214,6 +215,16 @@ class Machine:
     def coupled_mechanism(self, parameters: Parameters) -> Leg:
         """Return the mechanism of several coordinates of which its own is one."""
         return COUPLED[self.coupled](parameters.at(self.parameters))
+
+    def beside(self, parameters: Parameters, motion: Expression) -> Mechanism:
+        """Return its mechanism while the coupled joint moves so: angle, velocity and acceleration, symbols."""
+        whole, built = self.coupled_mechanism(parameters), cast(Any, MECHANISMS[self.kind])
+
+        def mechanics(q: Expression, v: Expression, _: Section, extra_mass: Expression = 0.0) -> Mechanics:
+            return whole.terms_of(self.joint, q, v, motion, extra_mass)
+
+        made: Mechanism = built(parameters.at(self.parameters), mechanics)
+        return made
 
     def _repr_html_(self) -> str:
         rows = [(one.name, one.kind, one.parameters) for one in self.actuators]

@@ -7,7 +7,7 @@ in the pose that the held knee gives the shank, and the passive moment of the pe
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -51,9 +51,26 @@ def foot_bodies(q: Expression, shank: Expression, ankle: Expression, p: Section)
     return parts
 
 
+def mechanics(q: Expression, velocity: Expression, p: Section, _extra_mass: Expression = 0.0) -> Mechanics:
+    """Return the terms of Eq. (26), the knee being held; G holds the person's passive moment.
+
+    A mass that an effect adds, kg, is on the ankle's axis and does not move.
+    """
+    knee = p.ankle.knee_angle
+    shank = leg.hip_angle(knee, p) - p.configuration * knee
+    terms = leg.lagrange(q, velocity, foot_bodies(q, shank, ca.vertcat(0.0, 0.0), p))
+    if not p.person.present:
+        return terms
+    passive = p.ankle.passive_share * passive_moment(q, knee)
+    return Mechanics(terms.inertia, terms.coriolis, terms.gravity + passive)
+
+
 @dataclass(frozen=True)
 class Ankle:
-    """The ankle of the paper's section 1, moved by a dorsiflexor and a plantarflexor; the knee is held."""
+    """The ankle of the paper's section 1, moved by a dorsiflexor and a plantarflexor.
+
+    `mechanics` is (angle, velocity, leg, extra mass on its axis) -> terms of Eq. (26).
+    """
 
     kind: ClassVar[str] = "ankle"
     coordinate: ClassVar[Coordinate] = ROTATION
@@ -64,6 +81,7 @@ class Ankle:
     subject: ClassVar[str] = "ankle"
     heading: ClassVar[float] = -math.pi / 2  # of the toes in pictures, whose muscles lie along -x
     parameters: Section
+    mechanics: Callable[..., Mechanics] = mechanics
 
     @property
     def locked(self) -> bool:
@@ -81,18 +99,8 @@ class Ankle:
         return self.parameters.ankle.joint.minimum, self.parameters.ankle.joint.maximum
 
     def terms(self, q: Expression, velocity: Expression, extra_mass: Expression = 0.0) -> Mechanics:
-        """Return the terms of Eq. (26); G holds the person's passive moment.
-
-        A mass that an effect adds, kg, is on the ankle's axis and does not move.
-        """
-        p = self.parameters
-        knee = p.ankle.knee_angle
-        shank = leg.hip_angle(knee, p) - p.configuration * knee
-        terms = leg.lagrange(q, velocity, foot_bodies(q, shank, ca.vertcat(0.0, 0.0), p))
-        if not p.person.present:
-            return terms
-        passive = p.ankle.passive_share * passive_moment(q, knee)
-        return Mechanics(terms.inertia, terms.coriolis, terms.gravity + passive)
+        """Return the terms of Eq. (26) with a mass on the ankle's axis, kg."""
+        return self.mechanics(q, velocity, self.parameters, extra_mass)
 
     def contractions(self, q: Expression) -> tuple[Expression, ...]:
         """Return the contractions of dorsiflexor and plantarflexor, m."""

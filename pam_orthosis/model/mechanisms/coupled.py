@@ -47,6 +47,29 @@ class Leg:
         passive = p.ankle.passive_share * passive_moment(q[1], q[0])
         return Mechanics(terms.inertia, terms.coriolis, terms.gravity + ca.vertcat(0, passive))
 
+    def terms_of(
+        self,
+        joint: int,
+        q: Expression,
+        velocity: Expression,
+        beside: Expression,
+        extra_mass: Expression = 0.0,
+    ) -> Mechanics:
+        """Return a joint's terms of Eq. (26), the other one moving as is known: what that asks is in k and G.
+
+        Args:
+            joint: its number.
+            q: its angle, a symbol, rad.
+            velocity: a symbol, rad/s.
+            beside: angle, velocity and acceleration of the other joint, symbols (3,).
+            extra_mass: as for `terms`.
+        """
+        order = slice(None, None, -1 if joint else 1)
+        x, v = ([own, beside[i]][order] for i, own in enumerate((q, velocity)))
+        terms = self.terms(ca.vertcat(*x), ca.vertcat(*v), extra_mass)
+        carried = terms.coriolis[joint] + terms.inertia[joint, 1 - joint] * beside[2]
+        return Mechanics(terms.inertia[joint, joint], carried, terms.gravity[joint])
+
 
 COUPLED = {"leg": Leg}
 
