@@ -6,8 +6,10 @@ from pathlib import Path
 from rosbags.rosbag2 import Reader
 
 from pam_orthosis.bag.bounded import open_bag
-from pam_orthosis.bag.topics import JOINT, MOTION, REFERENCE, SAMPLE
+from pam_orthosis.bag.read import recorded_machine
+from pam_orthosis.bag.topics import JOINT, MOTION, REFERENCE, SAMPLE, resolve
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.machine import Machine
 
 
 def namespaces(path: Path) -> list[str]:
@@ -32,6 +34,17 @@ def check_named(path: Path, namespace: str) -> None:
     if (len(names) > 1 or namespace) and names != [""] and namespace.strip("/") not in names:
         what = f"no {namespace.strip('/')}" if namespace else "several machines"
         raise OrthosisError(f"{path} holds {what}; give one by --namespace: {', '.join(names)}")
+
+
+def joint_beside(path: Path, namespace: str, machine: Machine) -> tuple[str, str]:
+    """Return topic and name of the joint that moves a coupled one, in the same leg of a bag."""
+    leg = namespace.strip("/").rpartition("/")[0]
+    beside = [name.strip("/") for name in namespaces(path) if name.strip("/").rpartition("/")[0] == leg]
+    for name in beside:
+        other = recorded_machine(path, name)
+        if (other.coupled, other.kind) == (machine.coupled, machine.neighbour):
+            return resolve(SAMPLE, name), other.name
+    raise OrthosisError(f"{path} holds no {machine.neighbour}, which moves the {machine.name}")
 
 
 def _namespaces(reader: Reader, name: str, kind: str) -> set[str]:

@@ -8,12 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pam_orthosis.bag.legs import check_named
+from pam_orthosis.bag.legs import check_named, joint_beside
 from pam_orthosis.bag.read import machine_of, recorded_parameters, run_record
+from pam_orthosis.bag.topics import JOINT
 from pam_orthosis.discrepancy import declared, knee, rig
 from pam_orthosis.discrepancy.data import Recording, recording
 from pam_orthosis.discrepancy.patch import PLANNED
-from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.system import Source, System
 from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.machine import Machine
@@ -64,8 +65,8 @@ def apparatus_of(paths: Sequence[Path], machine: Machine | None = None, namespac
     """Return what recordings are of; tables are of `machine`, or of the knee.
 
     Raises:
-        OrthosisError: of several apparatus, or of joints that move each other; or a bag was recorded with
-            another file than the given one, or holds several machines and no namespace is given.
+        OrthosisError: of several apparatus; or a bag was recorded with another file than the given one, or
+            holds several machines and no namespace is given.
     """
     kinds = [_apparatus(path, machine, namespace) for path in paths]
     others = {(one.name, one.machine.text) for one in kinds}
@@ -80,12 +81,19 @@ def _apparatus(path: Path, given: Machine | None, namespace: str) -> Apparatus:
         check_named(path, namespace)
     run = {} if is_table(path) else run_record(path, namespace)
     recorded = machine_of(path, run)
-    if recorded.coupled:
-        alone = f"record the {recorded.name} alone, by run --machine {recorded.name}"
-        raise OrthosisError(f"{path}: {recorded.neighbour} and {recorded.name} move each other; {alone}")
     if given and run and recorded.text != given.text:
         raise OrthosisError(f"{path} was recorded with another file, of {recorded.name}: leave --machine out")
     machine = given or recorded
+    if machine.coupled:
+        topic, joint = joint_beside(path, namespace, machine)
+        beside = Source(topic=topic, type=JOINT, field="position", joint=joint)
+        name = f"the {machine.name} of a {machine.coupled}"
+        return Apparatus(
+            name,
+            lambda *given: declared.coupled_joint(machine, beside, *given),
+            declared.APPARATUS,
+            machine=machine,
+        )
     if machine.kind == "knee" and machine is not KNEE:
         if machine.names != KNEE.names:
             raise OrthosisError(f"{machine.name}: gap knows a knee by its {' and '.join(KNEE.names)} alone")

@@ -5,12 +5,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from pam_orthosis.bag.topics import Topics
+from pam_orthosis.discrepancy.knee import SUSPECTS
 from pam_orthosis.discrepancy.machine_system import View, from_rows, graph_view, machine_system
 from pam_orthosis.discrepancy.suspects import VALVE
-from pam_orthosis.discrepancy.system import Source, System
+from pam_orthosis.discrepancy.system import Channel, Source, System
 from pam_orthosis.model.deviations import DEVIATIONS, GAS
 from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.machine import Machine
+from pam_orthosis.model.mechanisms.base import ROTATION
 from pam_orthosis.model.parameters import Parameters
 
 APPARATUS = (
@@ -22,7 +24,8 @@ APPARATUS = (
 )  # keys of the nominal model that recordings share
 MASSES = ("leg.shoe_mass",)  # of the ankle: where it is wrong, all forces are by one factor
 # what may be off in machines of the leg, and in those that carry a person's
-OF_LEG, OF_PERSON = ("moving_mass", "small_muscle_damping"), ("person_mass", "passive_moment")
+OF_LEG = {"knee": ("moving_mass", "muscle_damping"), "ankle": ("moving_mass", "small_muscle_damping")}
+OF_PERSON = {"knee": ("person_mass",), "ankle": ("person_mass", "passive_moment")}
 
 
 def declared_machine(
@@ -30,6 +33,29 @@ def declared_machine(
 ) -> System:
     """Return a machine as its file and the parameters describe it; see `machine_system`."""
     return machine_system(machine, parameters, _view, catalogue)
+
+
+def coupled_joint(
+    machine: Machine, beside: Source, parameters: Parameters, catalogue: Mapping[str, Effect] | None = None
+) -> System:
+    """Return a joint of a coupled mechanism: how the other one moves is recorded (`beside`), and known."""
+
+    def view(machine: Machine, nominal: Parameters) -> View:
+        alone, name = _view(machine, nominal), f"{machine.neighbour}_angle"
+        angle = Channel(name, name, ROTATION.unit, ROTATION.shown_unit, ROTATION.shown_factor)
+        of_knee = machine.kind == "knee"
+        return replace(
+            alone,
+            title=f"{machine.meaning}, the {machine.neighbour} moving as recorded",
+            channels=(*alone.channels, angle),
+            neighbour=machine.neighbour,
+            stiff=not of_knee,
+            usual=of_knee,
+            suspects=SUSPECTS if of_knee else alone.suspects,
+            sources={**alone.sources, name: beside},
+        )
+
+    return machine_system(machine, parameters, view, catalogue)
 
 
 def _view(machine: Machine, nominal: Parameters) -> View:
@@ -57,7 +83,8 @@ def _tolerances(machine: Machine, nominal: Parameters) -> tuple[dict[str, str], 
             add(f"{one}_{kind}", f"tolerance.extensor_{kind}", meaning.format(one))
 
     if machine.parameters == "leg":
-        for name in (*OF_LEG, *(OF_PERSON if nominal.leg.person.present else ())):
+        kind, present = machine.kind, nominal.leg.person.present
+        for name in (*OF_LEG[kind], *(OF_PERSON[kind] if present else ())):
             add(name, f"tolerance.{name}", f"the {name.replace('_', ' ')}, relative")
     else:
         add("inertia", "tolerance.moving_mass", "the inertia, relative")

@@ -23,6 +23,7 @@ from pam_orthosis.model.signals import Expression, Signals
 
 Symbols = Mapping[str, Expression]
 MOST_SUPPLY = 1.5  # of the nominal supply pressure, that a chamber can hold: beyond it the unit is another
+MOTION = "angle", "velocity", "acceleration"
 PUSH = "constant_torque.torque"  # in whose unit an unknown torque is given
 SMALL = 0.2  # of a typical size, which is a knee's: where a search starts too
 MARGIN = 0.2  # of the range between the stops: farther out the unit or the zero is another
@@ -47,6 +48,7 @@ class View:
         learns: effects that the model has already are recalibrated with it; delays among them, and that of
             the valves, let inputs act later.
         beside: (signals, calibrations) -> what is measured beside coordinate and pressures, by channel.
+        neighbour: the coupled joint, whose angle is the last channel and drives the mechanism.
         mechanism: (parameters, calibrations) -> the mechanism, where it is not the machine's own.
         suspects: keys of parameters that may be wrong.
         limits, unusable, sources: as for `System`.
@@ -64,6 +66,7 @@ class View:
     usual: bool = True
     learns: bool = True
     beside: Callable[[Signals, Symbols], Mapping[str, Expression]] = lambda signals, symbols: {}
+    neighbour: str = ""
     mechanism: Callable[[Parameters, Symbols], Mechanism] | None = None
     suspects: tuple[str, ...] = ()
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -133,6 +136,8 @@ class _Described:
         self._learned = [one for one in present if one.parameters and not one.shape and one.late is None]
         self._lateness = {e.name: e.late(self._settings[e.name]) for e in present if e.late is not None}
         self._calibrations = (*view.calibrations, *self._of_learned())
+        names = MOTION if view.neighbour else ()
+        self._motion = tuple(f"{view.neighbour}_{name}" for name in names)  # states that are only recorded
 
     def system(self, catalogue: Mapping[str, Effect], without: Callable[[str], System]) -> System:
         """Return the system; `without` makes it without an effect that the model has already."""
@@ -143,7 +148,9 @@ class _Described:
             name=view.title,
             channels=view.channels,
             inputs=view.inputs,
-            derived={"velocity": machine.coordinate.name},
+            derived={"velocity": machine.coordinate.name}
+            | dict.fromkeys(self._motion[1:2], *self._motion[:1]),
+            derived_twice=dict.fromkeys(self._motion[2:], *self._motion[:1]),
             equations=self._equations({**machine.catalogue, **known}),
             calibrations=self._calibrations,
             catalogue={n: effect for n, effect in known.items() if n not in self.present} | wrong,
@@ -214,7 +221,7 @@ class _Described:
         first = view.channels[0].name
         motion = {first: {coordinate: view.gains[0], "velocity": view.gains[1], **held(first)}}
         gas = {name: {state: pressure_gain, **held(name)} for name, state in pressures.items()}
-        others = tuple(one.name for one in view.channels if one.name not in pressures)
+        others = tuple(one.name for one in view.channels if one.name not in {*pressures, *self._motion})
         return (
             Equation(view.equation, (coordinate, "velocity"), others, motion, view.stiff),
             Equation("gas", states, tuple(pressures), gas, view.stiff),
@@ -226,15 +233,19 @@ class _Described:
         own = [f"{name}.{q.name}" for name in effects for q in catalogue[name].parameters]
         theta = ca.SX.sym("theta", len(names) + len(own))
         symbols = dict(zip([*names, *own], ca.vertsplit(theta), strict=True))
-        assembly = assemble(self._hardware(effects, symbols))
+        beside = ca.SX.sym("beside", len(self._motion))
+        assembly = assemble(self._hardware(effects, symbols, beside))
         u, time = ca.SX.sym("u", len(self._view.inputs)), ca.SX.sym("time")
         volts = [u[i] + symbols[f"{name}_closed_voltage"] for i, name in enumerate(self._machine.names)]
         outside = [time if name == "time" else 0 for name in self._machine.inputs[len(volts) :]]
         inputs = ca.vertcat(*volts, *outside)
         measured = self._measured(assembly.signals, symbols)
+        measured |= {name: beside[i] for i, name in enumerate(self._motion[:1])}
         rates, *shown = ca.substitute([assembly.rates, *measured.values()], [assembly.u], [inputs])
         by_channel = dict(zip(measured, shown, strict=True))
-        return Assembled(assembly.states, assembly.x, u, time, theta, (*names, *own), rates, by_channel)
+        states, x = (*assembly.states, *self._motion), ca.vertcat(assembly.x, beside)
+        whole = ca.vertcat(rates, beside[1:], ca.SX.zeros(min(1, len(self._motion))))
+        return Assembled(states, x, u, time, theta, (*names, *own), whole, by_channel)
 
     def _measured(self, s: Signals, symbols: Symbols) -> dict[str, Expression]:
         """Return what the sensors show: channel -> expression."""
@@ -249,9 +260,9 @@ class _Described:
             known = offset in symbols and offset not in self._view.added
             return shown[channel.state] + symbols[offset] if known else shown[channel.state]
 
-        return {one.name: of(one) for one in self._view.channels}
+        return {one.name: of(one) for one in self._view.channels if one.name not in self._motion}
 
-    def _hardware(self, effects: tuple[str, ...], symbols: Symbols) -> Hardware:
+    def _hardware(self, effects: tuple[str, ...], symbols: Symbols, beside: Expression) -> Hardware:
         machine, values = self._machine, self._nominal.flat()
         wrong = {key: value for key in self._view.suspects if (value := symbol(symbols, key)) is not None}
         values |= wrong
@@ -264,9 +275,11 @@ class _Described:
         deviating |= {key: values[key] + symbols[name] for name, key in self._view.added.items()}
         true = self._nominal.substituted(deviating)
         own = self._view.mechanism
+        alone = own(true, symbols) if own else machine.mechanism(true)
+        mechanism = machine.beside(true, beside) if self._motion else alone
         return Hardware(
             machine,
-            own(true, symbols) if own else machine.mechanism(true),
+            mechanism,
             true.valve,
             {one.name: one.built(true).scaled(1 + symbols[f"{one.name}_force"]) for one in machine.actuators},
             Section(machine.branch, self._effect_settings(effects, symbols)),

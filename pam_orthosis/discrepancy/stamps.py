@@ -103,12 +103,24 @@ def _left(
         values[channel] = smooth[channel][places]
         base = {c.state: values.get(c.name, one.signals[c.name][places]) for c in system.channels}
         base[rate] = velocity[places]
+        base |= _beside(system, one, places)
         x = np.array([base.get(name, np.zeros(len(places))) for name in assembled.states])
         u = np.array([values.get(name, np.zeros(len(places))) for name in system.inputs])
         model, slopes = law(x, u.reshape(len(system.inputs), -1), time[None, places])
         columns = np.asarray(slopes).reshape(assembled.theta.shape[0], -1, order="F")
         result.append(_remainder(measured - np.asarray(model)[0], np.column_stack([columns.T, missing])))
     return np.array(result)
+
+
+def _beside(system: System, one: Recording, places: np.ndarray) -> dict[str, np.ndarray]:
+    """Return velocity and acceleration of coordinates whose acceleration is no part of the model."""
+    found = {}
+    for bent, state in system.derived_twice.items():
+        (channel,) = (c.name for c in system.channels if c.state == state)
+        (rate,) = (rate for rate, of in system.derived.items() if of == state)
+        slope = np.gradient(smoothed(one.signals[channel], one.period, CUTOFF), one.period)
+        found |= {rate: slope[places], bent: np.gradient(slope, one.period)[places]}
+    return found
 
 
 def _right(system: System, assembled: Assembled) -> list[float]:

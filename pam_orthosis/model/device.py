@@ -105,6 +105,7 @@ def _joint(path: Path, name: str, node: Any, values: Mapping[str, Any]) -> Machi
     for one in tree["actuators"].values():
         one["parallel"] = node.get("parallel", 1)
     if "coupled" in node:
+        tree.pop("experiments", None)  # they are of the knee alone
         tree["coupled"] = node["coupled"]
         tree["values"] |= of_joint(name, values)
     return machine_from(yaml.safe_dump(tree, sort_keys=False), base.name, where)

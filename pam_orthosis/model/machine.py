@@ -217,7 +217,7 @@ class Machine:
         return COUPLED[self.coupled](parameters.at(self.parameters))
 
     def beside(self, parameters: Parameters, motion: Expression) -> Mechanism:
-        """Return its mechanism while the coupled joint moves so: angle, velocity and acceleration, symbols."""
+        """Return its mechanism, the coupled joint moving so: angle, velocity, acceleration (symbols)."""
         whole, built = self.coupled_mechanism(parameters), cast(Any, MECHANISMS[self.kind])
 
         def mechanics(q: Expression, v: Expression, _: Section, extra_mass: Expression = 0.0) -> Mechanics:
