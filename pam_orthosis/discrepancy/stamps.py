@@ -68,9 +68,13 @@ def skews(system: System, one: Recording) -> list[Skew]:
 
 
 def _drivers(system: System, assembled: Assembled, rate: str, channel: str) -> tuple[str, ...]:
-    """Return the other channels and the inputs that a coordinate's acceleration depends on."""
+    """Return the other channels and the inputs that a coordinate's acceleration depends on.
+
+    Another coordinate is recorded as this one is: it is not looked for late.
+    """
     acceleration = assembled.rates[assembled.states.index(rate)]
-    by_state = {c.state: c.name for c in system.channels if c.state is not None and c.name != channel}
+    moved = {*system.derived_twice.values(), None}
+    by_state = {c.state: c.name for c in system.channels if c.state not in moved and c.name != channel}
     felt = [
         name for state, name in by_state.items()
         if _depends(acceleration, assembled.x[assembled.states.index(state)])
