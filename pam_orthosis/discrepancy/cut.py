@@ -155,8 +155,8 @@ class _Seen:
             for derived, parent in self._system.derived.items():
                 if parent == channel.state:
                     values[derived] = (last - first) / period
-        last = data_width(self._system) - 1
-        bends = ca.vertsplit(z[last - len(self._system.derived_twice) : last])
+        end = data_width(self._system) - 1
+        bends = ca.vertsplit(z[end - len(self._system.derived_twice) : end])
         return values | dict(zip(self._system.derived_twice, bends, strict=True))
 
     def inputs_before(self, z: ca.SX) -> ca.SX:

@@ -99,15 +99,17 @@ def _left(
     measured = np.gradient(velocity, one.period)[places]
     missing = _missing(smooth[channel], velocity, [smooth[name] for name in drivers])[places]
     law = _law(assembled, rate, len(places), _right(system, assembled))
-    result = []
+    beside, result = _beside(system, one, places), []
     for shift in _shifts():
         at = np.clip(time[places] + shift, 0.0, time[-1])
         late = {name: system.late if name in system.inputs else 0.0 for name in drivers}
         values = {name: np.interp(at - late[name], time, smooth[name]) for name in drivers}
         values[channel] = smooth[channel][places]
-        base = {c.state: values.get(c.name, one.signals[c.name][places]) for c in system.channels}
+        base: dict[str | None, np.ndarray] = {
+            c.state: values.get(c.name, one.signals[c.name][places]) for c in system.channels
+        }
         base[rate] = velocity[places]
-        base |= _beside(system, one, places)
+        base.update(beside)
         x = np.array([base.get(name, np.zeros(len(places))) for name in assembled.states])
         u = np.array([values.get(name, np.zeros(len(places))) for name in system.inputs])
         model, slopes = law(x, u.reshape(len(system.inputs), -1), time[None, places])
@@ -118,7 +120,7 @@ def _left(
 
 def _beside(system: System, one: Recording, places: np.ndarray) -> dict[str, np.ndarray]:
     """Return velocity and acceleration of coordinates whose acceleration is no part of the model."""
-    found = {}
+    found: dict[str, np.ndarray] = {}
     for bent, state in system.derived_twice.items():
         (channel,) = (c.name for c in system.channels if c.state == state)
         (rate,) = (rate for rate, of in system.derived.items() if of == state)

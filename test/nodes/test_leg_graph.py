@@ -92,7 +92,7 @@ def test_the_page_has_a_verdict_and_a_drawing_for_each_joint(leg, tmp_path, caps
     [
         ((), "holds several machines; give one by --namespace: ankle, knee"),
         (("--namespace", "hip"), "holds no hip; give one by --namespace: ankle, knee"),
-        (("--namespace", "/ankle"), "record the ankle alone, by run --machine ankle"),
+        (("--namespace", "/ankle"), "lasts 1.0 s: the search needs 5 s or more"),
     ],
 )
 def test_gap_says_in_a_line_why_it_cannot_search_a_joint(leg, capsys, given, words):
