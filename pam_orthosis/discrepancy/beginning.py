@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stages before the search: recordings are checked and weighted, the model is recalibrated."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

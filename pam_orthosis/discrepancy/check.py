@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stage 1: are these recordings fit for a search, and what can they not show?"""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

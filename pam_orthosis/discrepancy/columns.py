@@ -5,8 +5,6 @@
 signal is; `SIGNAL=-COLUMN` turns its sign round, `SIGNAL=COLUMN:UNIT` gives a unit that the name does not.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Mapping

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Evidence of fitted models at common weights, and whether held-out recordings confirm them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the workflow found, as the contract of `gap.json`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects that lose their evidence when all are refitted together are dropped."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from pam_orthosis.discrepancy import quiet, selection

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Samples at uniform instants: a few missing rows are bridged, jitter is resampled, a longer gap cuts."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Collection, Mapping
 from typing import NamedTuple

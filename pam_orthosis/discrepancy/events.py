@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Events in what a model lacks: short pushes at instants of their own, which no measured signal announces."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

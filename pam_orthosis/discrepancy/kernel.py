@@ -7,8 +7,6 @@ is integrated with the recorded inputs held, by the classical Runge-Kutta method
 lag inside the step is as exact as the integration, so that no false delay appears.
 """
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Mapping
 from functools import cached_property

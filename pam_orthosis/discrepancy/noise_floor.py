@@ -5,8 +5,6 @@ Most models follow what they are driven by: they leave noise. Where a joint come
 decided by less torque than its parameters are known to, so that even the true equations leave a gap there.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 

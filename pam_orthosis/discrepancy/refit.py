@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits of a whole model: recalibration, an effect's details, the level of the shape corrections."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from pam_orthosis.discrepancy.candidates import Candidate

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Replay of recordings by a system's model with chosen effects on; residuals and their derivatives."""
 
-from __future__ import annotations
-
 import math
 from collections import OrderedDict
 from collections.abc import Hashable, Iterable, Mapping

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which effects of the catalogue are worth a full fit: score tests, projected fits, what they promise."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pam_orthosis.discrepancy.candidates import Candidate, Trial, candidate, secant_gain, widened_shape

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Selection: effects are added one by one while recordings say so, refitted together, and dropped again."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from pam_orthosis.discrepancy import quiet, selection

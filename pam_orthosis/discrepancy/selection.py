@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a search has found so far, and what evidence it asks of a further effect."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from pam_orthosis.discrepancy.candidates import penalty

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Does a system fit together? The engine relies on it; a user's mistake is to be named before a search."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterable

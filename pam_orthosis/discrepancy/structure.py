@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Is anything left? Structure in the final residuals, and where it is."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache

@@ -4,8 +4,6 @@
 What comes back does not depend on how many there are: each starts from the same state and has one thread.
 """
 
-from __future__ import annotations
-
 import os
 import pickle
 from collections.abc import Callable, Iterable, Sequence

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is left, in words and as the contract of `gap.json`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from pam_orthosis.discrepancy.description import Description, holder, unit_of

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A user's own system from a Python file with `system() -> System`; the file is run when a user gives it."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The gap workflow: check, replay, find where, name, add, show."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from pam_orthosis.discrepancy import select

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node: the emulated hardware, in lockstep with its controllers or in real time."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
