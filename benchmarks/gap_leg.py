@@ -33,7 +33,7 @@ EFFECTS = (
     ("ankle", "joint_friction", "coulomb", 0.5),
     ("knee", "extensor_leak", "coefficient", 1.0e-10),
 )
-CASES = [{"joint": joint, "hidden": hidden} for hidden in (True, False) for joint in ("knee", "ankle")]
+CASES = [{"joint": joint, "both": both} for both in (True, False) for joint in ("knee", "ankle")]
 
 
 def changes(hidden: bool) -> dict:
@@ -63,19 +63,20 @@ def record(hidden: bool, folder: Path) -> list[Path]:
 def solve(case: dict, known: dict) -> dict:
     """Search a joint, and return what was named beside what was hidden."""
     folder = known.setdefault("folder", tempfile.TemporaryDirectory())
-    if case["hidden"] not in known:
-        known[case["hidden"]] = record(case["hidden"], Path(folder.name))
-    training, held_out = known[case["hidden"]]
+    if case["both"] not in known:
+        known[case["both"]] = record(case["both"], Path(folder.name))
+    training, held_out = known[case["both"]]
     start = time.monotonic()
     given = [str(training), "--held-out", str(held_out), "--namespace", case["joint"], "--json"]
     told = json.loads(
         subprocess.run(["pam-orthosis", "gap", *given], capture_output=True, check=False).stdout
     )
-    true = {e: {p: size} for joint, e, p, size in EFFECTS if case["hidden"] and joint == case["joint"]}
+    true = {e: {p: size} for joint, e, p, size in EFFECTS if case["both"] and joint == case["joint"]}
     return {
         "machine": f"{case['joint']} of a leg",
         "person": False,
         **case,
+        "hidden": next(iter(true), ""),
         "true": true,
         **{key: told[key] for key in ("verdict", "effects", "runner_up", "closure")},
         "right": [one["name"] for one in told["effects"]] == list(true),
@@ -90,8 +91,8 @@ def main() -> None:
     )
     parser.add_argument("--out", type=Path, default=RESULTS)
     out = parser.parse_args().out
-    known = [(one["joint"], one["hidden"]) for one in read(out)] if out.exists() else []
-    todo = [case for case in CASES if (case["joint"], case["hidden"]) not in known]
+    known = [(one["joint"], one["both"]) for one in read(out)] if out.exists() else []
+    todo = [case for case in CASES if (case["joint"], case["both"]) not in known]
     work_off(
         todo, None, solve, out, lambda one: f"{one.get('machine')}: {one.get('verdict')} {one.get('right')}"
     )

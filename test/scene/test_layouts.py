@@ -17,8 +17,12 @@ from pam_orthosis.model.device import device_named
 
 ROOT = Path(__file__).resolve().parents[2]
 LICHTBLICK = json.loads((ROOT / "config" / "lichtblick.json").read_text())
+OF_DEVICE = json.loads((ROOT / "config" / "lichtblick-device.json").read_text())
 PANELS = LICHTBLICK["configById"]
-PLOTTED = [path["value"] for panel in PANELS.values() for path in panel.get("paths", ())]
+PLOTTED, DEVICE_PLOTTED = (
+    [path["value"] for panel in layout["configById"].values() for path in panel.get("paths", ())]
+    for layout in (LICHTBLICK, OF_DEVICE)
+)
 RERUN = runpy.run_path(str(ROOT / "config" / "rerun_layout.py"))
 CURVES = [curve.get("name") for curve in ElementTree.parse(ROOT / "config" / "plotjuggler.xml").iter("curve")]
 DEVICE_CURVES = [
@@ -84,14 +88,18 @@ def test_a_curve_is_a_series_of_plotjuggler(recorded, curve):
 
 
 def test_each_curve_of_a_device_is_a_signal_of_one_of_its_machines():
-    device, there = device_named(Path("device")), set()
+    device, there, plotted = device_named(Path("device")), set(), set()
     for side, (name, machine) in product(device.sides, device.joints.items()):
         for one in Topics(machine).signals.values():
             field = f"points[0]/{one.field}[0]" if one.type == MOTION else one.field.replace(".", "/")
             words = f"/{side}/{name}", one.topic, one.joint if one.type == JOINT else "", field
             there.add("/".join(filter(None, words)))
+            place = field.replace("/", ".") + "[0]" * (one.type == JOINT)
+            plotted.add(f"/{side}/{name}/{one.topic}.{place}")
     assert len(DEVICE_CURVES) == 20
     assert set(DEVICE_CURVES) <= there
+    assert len(DEVICE_PLOTTED) == 20
+    assert {path.removesuffix(".@rad2deg") for path in DEVICE_PLOTTED} <= plotted
 
 
 @pytest.mark.parametrize("entity", ENTITIES)
@@ -119,8 +127,9 @@ def test_the_leg_is_shown_by_topics_and_a_frame_that_are_there(recorded):
     assert types[PANELS["DiagnosticSummary!health"]["topicToRender"]] == "diagnostic_msgs/msg/DiagnosticArray"
 
 
-def test_every_panel_has_its_place():
+@pytest.mark.parametrize("layout", [LICHTBLICK, OF_DEVICE], ids=["leg", "device"])
+def test_every_panel_has_its_place(layout):
     def placed(node):
         return {node} if isinstance(node, str) else placed(node["first"]) | placed(node["second"])
 
-    assert placed(LICHTBLICK["layout"]) == set(PANELS)
+    assert placed(layout["layout"]) == set(layout["configById"])
