@@ -238,7 +238,8 @@ def gap_ankle() -> str:
             ", ".join(_named(one) for one in r.get("effects", ())) or "nothing",
             f"`{r['verdict']}`" if "verdict" in r else "failed",
         )
-        for r in gap_table.read(RESULTS / "gap_ankle.jsonl")
+        for name in ("gap_ankle", "gap_leg")
+        for r in gap_table.read(RESULTS / f"{name}.jsonl")
     ]
     return table(("machine", "hidden", "named", "verdict"), rows)
 
