@@ -105,7 +105,8 @@ class BagRecorder(graph.GraphNode):
         if self.ended or self.stranger:
             return
         self.stranger = True
-        print(f"{ERROR_PREFIX}{failure()}", file=sys.stderr, flush=True)
+        if self.supervised:  # else its process says it in the end
+            print(f"{ERROR_PREFIX}{failure()}", file=sys.stderr, flush=True)
         self.wall_timer(PATIENCE_SECONDS, lambda: super(BagRecorder, self).refuse(failure))
 
     def fail(self, error: OrthosisError) -> None:

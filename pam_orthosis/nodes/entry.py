@@ -14,12 +14,20 @@ from importlib import import_module
 from types import FrameType
 from typing import NoReturn
 
+USAGE = """\
+usage: {node} [--ros-args [-p NAME:=VALUE] ...]
+
+{what}
+
+Parameters are rows of config/ and the node's own. While it runs these tell which they are:
+  ros2 param list /{node}
+  ros2 param describe /{node} NAME"""
 OF_A_MUSCLE = "pressure_controller"  # each has one of its name
 INTERRUPTED, STATUS = b"pam-orthosis: error: interrupted while it was started\n", 3
 
 
 def start(node: str) -> int:
-    """Load a node's module and run its `main`; return the exit status."""
+    """Load a node's module and run its `main`, or tell its usage; return the exit status."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _end)
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))  # as later: it did what it was asked to
@@ -27,6 +35,9 @@ def start(node: str) -> int:
     gc.disable()  # what is loaded stays: to look through it meanwhile takes a sixteenth of the start
     module = import_module(f"pam_orthosis.nodes.{OF_A_MUSCLE if of_a_muscle else node}")
     gc.enable()
+    if {"-h", "--help"}.intersection(sys.argv[1:]):
+        print(USAGE.format(node=node, what=(module.__doc__ or "").partition("\n")[0]))
+        return 0
     return module.main(node) if of_a_muscle else module.main()
 
 

@@ -4,7 +4,7 @@
 DDS takes anybody at his word, and a message does not say who sent it. But a publisher is matched before
 its first message is delivered, so that one publisher too many is noticed before anything that it says is
 acted upon. A node that was killed stays known until its lease ends: one of its name that comes while it is
-silent takes its place.
+silent takes its place. Where several speak, names alone tell who belongs there.
 """
 
 import time
@@ -128,7 +128,7 @@ class Ownership:
             time.sleep(0.01)
         what = f"a stranger publishes on {topic}"
         others = [each for each in names if each.rpartition("/")[2] not in owners]
-        if others and len(names) - len(others) == len(owners):
+        if len(others) == 1 < len(names) or (others and len(names) - len(others) == len(owners)):
             return f"{what}: {', '.join(others)}"
         return f"{what}: of {', '.join(names)} one does not belong here" if names else what
 
@@ -169,7 +169,7 @@ def _joined(name: str, namespace: str) -> str:
 
 
 class _Place:
-    """Whether those who publish on a topic are its owners, one of them perhaps twice: killed, and back."""
+    """Whether those who publish on a topic are its owners, some perhaps twice: killed, and back."""
 
     def __init__(
         self, most: int, replaceable: Callable[[set[str]], bool], names: Callable[[], Sequence[str]]
@@ -184,18 +184,17 @@ class _Place:
         if count <= self._most:
             self._granted, self._since = self._most, None
             return True
-        if count > self._granted:
-            again = self._is_taken_again(count)
-            if not again:
-                return again
+        if count <= self._granted and time.monotonic() < self._until:
+            return True
+        if again := self._is_taken_again(count):
             self._granted, self._until, self._since = count, time.monotonic() + LEASE_SECONDS, None
-        return time.monotonic() < self._until
+        return again
 
     def _is_taken_again(self, count: int) -> bool | None:
-        """Whether nobody spoke, and no more different nodes are there than belong there."""
+        """Whether its one owner is silent, and no more different nodes are there than belong there."""
         now = time.monotonic()
         if self._since is None:
-            if now - self.heard < SILENT_SECONDS or not self._replaceable(set()):
+            if self._most == 1 and now - self.heard < SILENT_SECONDS:
                 return False
             self._since = now
         names = self._names()

@@ -94,11 +94,11 @@ class Lockstep:
             plant.wall_timer(plant.period_ns / SECOND_NS, self._go_on)
 
     def begin(self) -> None:
-        """Take the first step: behind the last that was answered if the run is on without this plant."""
+        """Take the first step: behind all that anybody has taken if the run is on without this plant."""
         self._begun = True
-        stamp_ns, *_ = self._early or (0,)
-        if stamp_ns > self._stamp_ns:
-            self._stamp_ns = stamp_ns + self._plant.period_ns
+        if (reached_ns := self._reached_ns()) > 0:
+            slow_ns = self._plant.every * self._plant.period_ns  # a slow node may be new too
+            self._stamp_ns = min((reached_ns // slow_ns + 1) * slow_ns, self._last_ns)
             self._early = ()
         self._begun_ns = time.monotonic_ns() - self._stamp_ns
         self._publish()
@@ -109,6 +109,15 @@ class Lockstep:
         """Go on: the plant is active again."""
         self._progress = time.monotonic()
         self._go_on()
+
+    def _reached_ns(self) -> int:
+        """Return the last instant of the run before this plant came: answered, or else the last possible.
+
+        Who answers may be new too; the recorder knows how far the run is, and no plant is farther ahead.
+        """
+        stamp_ns, *_ = self._early or (0,)
+        known = self._recorded_ns < 0 or stamp_ns >= self._recorded_ns or not self._plant.is_lockstep()
+        return stamp_ns if known else self._recorded_ns + self._longest_lead_ns
 
     def health(self) -> dict[str, int]:
         """Count lost inputs."""

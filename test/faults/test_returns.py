@@ -60,3 +60,23 @@ def test_who_speaks_beside_another_is_refused_at_once(clock):
     place = ownership._Place(1, {"position_controller"}.issuperset, lambda: ["/position_controller"] * 2)
     place.heard = clock[0] - 0.1
     assert place.is_right(2) is False
+
+
+NAMES = [f"/{name}" for name in ("one", "two", "three")]
+
+
+@pytest.mark.parametrize(
+    ("there", "right"),
+    [
+        ([*NAMES, "/one", "/two", "/two"], True),
+        ([*NAMES, "/one", "/stranger"], False),
+        (["/one", "/one", "/two", "/stranger"], False),
+    ],
+    ids=["three of two names", "a stranger too", "a stranger for one who left"],
+)
+def test_where_several_speak_their_names_tell_who_belongs_there(clock, there, right):
+    place = ownership._Place(len(NAMES), {"one", "two", "three"}.issuperset, lambda: there)
+    place.heard = clock[0]  # what is latched is heard again whenever one comes
+    assert place.is_right(len(there)) is right
+    clock[0] += 1.1 * ownership.LEASE_SECONDS  # some have been forgotten, others came again
+    assert place.is_right(len(there)) is right

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Single nodes that are started with what they cannot use: one line, status 2, no traceback."""
+"""Single nodes that are started with what they cannot use: one line, status 2, no traceback; their help."""
 
 import os
 import subprocess
@@ -46,3 +46,12 @@ def test_one_line_says_what_is_wrong(tmp_path, node, arguments, said):
     assert "Traceback" not in done.stderr
     (line,) = [line for line in done.stderr.splitlines() if line.startswith(ERROR)]
     assert said in line
+
+
+def test_help_is_one_screen_and_starts_nothing():
+    command = [sys.executable, "-m", "pam_orthosis.nodes.entry", "extensor_pressure_controller", "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.startswith("usage: extensor_pressure_controller [--ros-args")
+    assert "Node: pressure controller of one actuator" in done.stdout
+    assert len(done.stdout.splitlines()) < 24
+    assert done.stderr == ""
