@@ -52,8 +52,8 @@ def test_every_set_of_blind_cases_has_its_row_and_the_rows_add_up_to_all():
     named = [tuple(map(int, row[1].split(" of "))) for row in rows]
     assert tuple(map(sum, zip(*named, strict=True))) == results.right(single)
     outside = [c["found"]["verdict"] for c in results.blind_cases() if c["set"] == "outside" and "found" in c]
-    told = [map(int, row[5].split(" of ")[0].split(", ")) for row in rows if row[5] != "-"]
-    assert list(map(sum, zip(*told, strict=True))) == [outside.count(one) for one in results.gap_table.OPEN]
+    shown = [map(int, row[5].split(" of ")[0].split(", ")) for row in rows if row[5] != "-"]
+    assert list(map(sum, zip(*shown, strict=True))) == [outside.count(one) for one in results.gap_table.OPEN]
 
 
 def test_conclusions_say_what_the_results_say(monkeypatch):
