@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Close a bag whose recorder was killed, where it is: cut behind the last whole chunk, add what is missing.
 
-No message is copied, so it costs about a second for an hour, and next to no room. On a full disk the torn end
+No message is copied, so it is quick, and needs next to no room. On a full disk the torn end
 makes room; if that is too little the file gets no summary (readers go through it then), and if that is
 too little, too, its last chunk makes room: never more than what is added needs.
 """

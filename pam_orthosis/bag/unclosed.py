@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is in a file of a bag whose recorder was killed, found without unpacking more than two of its chunks.
+"""What is in a file of a bag whose recorder was killed.
 
-Each whole chunk is followed by an index of its messages, which counts those of each channel.
+Each whole chunk is followed by an index of its messages, which counts those of each channel: chunks are
+unpacked for their checksums alone.
 """
 
 import struct
@@ -73,6 +74,7 @@ def look(path: Path) -> BagFile:
     """Return what a file holds, closed or not; Damaged if more is missing than its end."""
     try:
         with mapped(path) as data:
+            _check_chunks(data)
             if data[-len(MAGIC) :] == MAGIC and len(data) > len(MAGIC):
                 return _closed(path)
             return _settled(_scanned(path, data), data)
@@ -152,6 +154,14 @@ def _records(data: Data) -> Iterator[tuple[int, int, int]]:
             return
         yield opcode, at, end
         at = end
+
+
+def _check_chunks(data: Data) -> None:
+    """Raise if the checksum of a whole chunk is wrong."""
+    for opcode, at, end in _records(data):
+        if opcode == Opcode.CHUNK:
+            chunk = unpacked(Chunk.read(_stream(data[at + HEAD.size : end])))
+            get_chunk_data_stream(chunk, validate_crc=True)
 
 
 def _chunk_index(data: Data, at: int, end: int) -> ChunkIndex:
