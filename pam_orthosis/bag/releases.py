@@ -77,10 +77,11 @@ def releases(
     stamps, voltages = _of_all(bag, "voltage")
     if len(stamps) < 2:
         return ()
-    vents = [*_vents(stamps, np.all(np.isclose(voltages, lowest), axis=0)), *_silences(stamps)]
+    sampled = bag[bag.machine.coordinate.name].stamp_ns
+    vents = [*_vents(stamps, np.all(np.isclose(voltages, lowest), axis=0)), *_silences(stamps, sampled)]
     vents = _joined([_until_led(bag, vent, int(stamps[-1])) for vent in vents])
     reports = sorted(_reports(bag, namespace)) if vents else []
-    start, last = int(bag[bag.machine.coordinate.name].stamp_ns[0]), int(stamps[-1])
+    start, last = int(sampled[0]), int(stamps[-1])
     planned_ns = round(bag.parameters.get("scenario.duration", 0.0) * SECOND_NS)
     at_the_end = CUT_SHORT if last - start + APART_NS < planned_ns else UNTOLD
 
@@ -125,12 +126,14 @@ def _vents(stamps: np.ndarray, vents: np.ndarray) -> Iterator[Vent]:
             yield Vent(since, until, silent=False)
 
 
-def _silences(stamps: np.ndarray) -> Iterator[Vent]:
-    """Yield when valves vent because their commands stay away."""
+def _silences(stamps: np.ndarray, sampled: np.ndarray) -> Iterator[Vent]:
+    """Yield when valves vent because their commands stay away; where samples do too, the bag has a hole."""
     passed = np.diff(stamps)
     silence_ns = SILENT_PERIODS * int(np.median(passed))
     for index in np.flatnonzero(passed > silence_ns + SHORTEST_NS).tolist():
-        yield Vent(int(stamps[index]) + silence_ns, int(stamps[index + 1]), silent=True)
+        since, until = int(stamps[index]), int(stamps[index + 1])
+        if np.any((sampled > since) & (sampled < until)):
+            yield Vent(since + silence_ns, until, silent=True)
 
 
 def _joined(vents: list[Vent]) -> list[Vent]:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pam_orthosis.bag.completeness import PERIOD, check_enough, incomplete
 from pam_orthosis.bag.legs import namespaces
 from pam_orthosis.bag.read import (
     Bag,
@@ -43,11 +44,7 @@ from pam_orthosis.control.reference import Valve
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machine import Machine
 
-LONGEST_GAP_NS = SECOND_NS  # without a sample that can be judged, or missing at the end
-LEAST_SECONDS = 1.0  # of a run that was cut short, for a verdict on what is there
-LEAST_SHARE = 0.5  # of the samples that are there, which can be judged: in real time some get no answer
 ALWAYS_LED = ("gait", "sine", "steps", "hold")  # trajectories that never let the machine go
-PERIOD = "scenario.control_period"
 IN_UNIT = ("max_abs_error", "rms_error", "steady_state_error", "max_abs_error_after_first_cycle", "bound")
 
 
@@ -136,10 +133,11 @@ def judge(
     coordinate = bag.machine.coordinate
     most = bound_in(bound, bag.machine)
     stamps, (place, reference, velocity) = _kept(bag, skip_s)
-    incomplete = _incomplete(bag, stamps, skip_s)
+    timed = timing(bag.path, namespace, bag.parameters.get(PERIOD))
+    missing = incomplete(bag, stamps, skip_s, lockstep=timed is None)
     if partial:
-        _check_enough(bag, stamps, incomplete)
-        incomplete = ""
+        check_enough(bag, stamps, missing)
+        missing = ""
     error = (reference - place) * coordinate.shown_factor
     near = np.abs(error) <= most
     lowest: float = recorded_valve(bag.path, bag.run, namespace).minimum_voltage
@@ -157,7 +155,7 @@ def judge(
         steady_state_error=steady_state_error(stamps, error, velocity),
         max_abs_error_after_first_cycle=_largest_after(since_start, error, hold_s, cycle_s),
         bound=most,
-        passed=largest <= most and not incomplete and all(load.passed for load in loads.values()),
+        passed=largest <= most and not missing and all(load.passed for load in loads.values()),
         samples=len(stamps),
         duration_s=float(stamps[-1] - stamps[0]) / SECOND_NS,
         observer_velocity_lag_ms=_observer_lag(bag),
@@ -165,9 +163,9 @@ def judge(
         cycles=[] if hold_s is None or not cycle_s else cycle_table(since_start, error, hold_s, cycle_s),
         scenario=bag.run.get("scenario"),
         not_led=int(np.count_nonzero(~led)),
-        incomplete=incomplete,
+        incomplete=missing,
         remarks=remarks,
-        timing=timing(bag.path, namespace, bag.parameters.get(PERIOD)),
+        timing=timed,
         unit=coordinate.shown_unit,
         loads=loads,
         releases=released,
@@ -227,43 +225,6 @@ def _read(path: Path, namespace: str) -> tuple[Bag, tuple[str, ...]]:
 
 def _pressure_references(machine: Machine) -> tuple[str, ...]:
     return tuple(f"{name}_pressure_reference" for name in machine.names)
-
-
-def _incomplete(bag: Bag, judged: np.ndarray, skip_s: float) -> str:
-    """Return what of the run cannot be judged though it should be, nothing if all can that matters.
-
-    Args:
-        judged: (n,) stamps.
-        skip_s: seconds at the start that shall not be judged.
-    """
-    name = bag.machine.coordinate.name
-    there = [bag[one].stamp_ns for one in (name, f"reference_{name}")]
-    start = bag[name].stamp_ns[0]
-    begin, end = start + round(skip_s * SECOND_NS), max(stamps[-1] for stamps in there)
-    planned_s = bag.parameters.get("scenario.duration") if bag.run.get("scenario") else None
-    missing_ns = 0 if planned_s is None else start + round(planned_s * SECOND_NS) - end
-    if missing_ns > LONGEST_GAP_NS:
-        return f"the bag ends after {(end - start) / SECOND_NS:.3f} of {planned_s:g} s"
-    edges = np.concatenate([[begin], judged, [end]])
-    gap = int(np.argmax(np.diff(edges)))
-    if edges[gap + 1] - edges[gap] > LONGEST_GAP_NS:
-        since, until = ((edge - start) / SECOND_NS for edge in edges[gap : gap + 2])
-        return f"from {since:.3f} to {until:.3f} s {name} and reference share no stamp"
-    most = max(np.count_nonzero(stamps >= begin) for stamps in there)
-    if len(judged) < LEAST_SHARE * most:
-        return f"{name} and reference share {len(judged)} of {most} stamps"
-    return ""
-
-
-def _check_enough(bag: Bag, judged: np.ndarray, incomplete: str) -> None:
-    """Raise OrthosisError if too little of a run is there for any verdict."""
-    span_s = float(judged[-1] - judged[0]) / SECOND_NS
-    told_s = len(judged) * bag.parameters.get(PERIOD, span_s)
-    if incomplete and min(span_s, told_s) < LEAST_SECONDS:
-        raise OrthosisError(
-            f"{bag.path}: {len(judged)} samples in {span_s:.3f} s are too few to judge a run by;"
-            f" samples of {LEAST_SECONDS:g} s are needed"
-        )
 
 
 def _closed(bag: Bag, stamps: np.ndarray) -> np.ndarray:

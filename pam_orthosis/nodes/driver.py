@@ -173,12 +173,21 @@ class Driver(Node):
         if not self._follows():
             self.vent()
         began = time.monotonic()
-        place, *pressures = self.read()
+        place, *pressures = self._numbers(self.read())
         if time.monotonic() - began > self.settings["deadline"]:
             raise TimeoutError(f"a sample took longer than {self.settings['deadline']:g} s")
         self._joint.publish(messages.joint_state(stamp_ns, [self.machine.name], position=[place]))
         for publisher, name, pressure in zip(self._pressures, self.machine.names, pressures, strict=True):
             publisher.publish(messages.fluid_pressure(stamp_ns, name, pressure))
+
+    def _numbers(self, sample: Sequence[float]) -> list[float]:
+        """Return a sample as numbers; vent and take the device for lost if it is none."""
+        with suppress(TypeError, ValueError):
+            numbers = [float(number) for number in sample]
+            if len(numbers) == 1 + len(self._pressures):
+                return numbers
+        self.vent()
+        raise ConnectionError(f"read() returned {sample!r}, not a place and {len(self._pressures)} pressures")
 
     def _follows(self) -> bool:
         """Return whether the valves follow their commands, all of which have come of late."""

@@ -77,18 +77,20 @@ def test_a_closed_bag_is_the_same_to_the_byte_as_if_its_writer_had_closed_it(tmp
     assert _contents(bag) == _contents(whole)
 
 
-def test_it_costs_two_chunks_however_long_the_bag_is(tmp_path, monkeypatch):
+def test_each_chunk_is_unpacked_for_its_checksum_and_two_once_more(tmp_path, monkeypatch):
     """Counted: what is unpacked. The rest is known from the index behind each chunk."""
     unpacked = []
     unpack = unclosed.get_chunk_data_stream
     monkeypatch.setattr(
         unclosed, "get_chunk_data_stream", lambda *given, **more: unpacked.append(1) or unpack(*given, **more)
     )
-    for seconds in (5, 600):
-        bag = _write(tmp_path / str(seconds), Killed, monkeypatch, seconds)
-        unpacked.clear()
-        assert recover_in_place(bag) == 2 * len(STAMPS)
-        assert len(unpacked) == 2
+    bag = _write(tmp_path / "bag", Killed, monkeypatch, 600)
+    assert recover_in_place(bag) == 2 * len(STAMPS)
+    chunks = 0
+    for file in bag.glob("*.mcap"):
+        with open(file, "rb") as stream:
+            chunks += len(make_reader(stream).get_summary().chunk_indexes)
+    assert len(unpacked) == chunks + 2
 
 
 def test_any_cut_is_closed_up_to_its_last_whole_chunk_and_never_twice(killed):
@@ -112,6 +114,21 @@ def test_any_cut_is_closed_up_to_its_last_whole_chunk_and_never_twice(killed):
     assert counts == sorted(counts)
     assert counts[-1] == len(messages)
     assert read_bag(killed, ["angle"]).parameters == {"a": 1.0}
+
+
+def test_a_closed_bag_with_a_damaged_chunk_is_refused_in_place(killed, capsys):
+    bag = killed
+    recover_in_place(bag)
+    file = sorted(bag.glob("*.mcap"))[0]
+    with open(file, "rb") as stream:
+        chunk = make_reader(stream).get_summary().chunk_indexes[1]
+    data = bytearray(file.read_bytes())
+    data[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0xFF
+    file.write_bytes(data)
+    before = _contents(bag)
+    assert main(["recover", str(bag), "--in-place"]) == 2
+    assert "is damaged" in capsys.readouterr().err
+    assert _contents(bag) == before
 
 
 @pytest.mark.parametrize(

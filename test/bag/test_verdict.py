@@ -9,7 +9,7 @@ import pytest
 from bags import PERIOD_NS, STORE, joint_state, reference, write, write_tracking_bag
 from pam_orthosis.bag.read import Bag, Series
 from pam_orthosis.bag.record import BagWriter
-from pam_orthosis.bag.topics import Topics, resolve
+from pam_orthosis.bag.topics import SECOND_NS, Topics, resolve
 from pam_orthosis.bag.tracking import (
     CATCH_UP_SECONDS,
     cycle_table,
@@ -176,9 +176,9 @@ def test_nothing_is_made_up_where_the_reference_was_lost(tmp_path):
     assert verdict.max_abs_error < 1e-6
 
 
-def _tracking(folder, drop=(), **parameters):
+def _tracking(folder, drop=(), begun_ns=0, **parameters):
     run = {"scenario.control_period": PERIOD_NS * 1e-9, **parameters}
-    return write_tracking_bag(folder, TIME_NS, 0.3 * np.sin(TIME), 0.3 * np.sin(TIME), run, drop)
+    return write_tracking_bag(folder, TIME_NS + begun_ns, 0.3 * np.sin(TIME), 0.3 * np.sin(TIME), run, drop)
 
 
 @pytest.mark.parametrize(
@@ -213,12 +213,29 @@ def test_too_few_samples_pass_nothing(tmp_path, drop, capsys):
     assert "too few to judge a run by" in capsys.readouterr().err
 
 
-def test_samples_that_are_lost_here_and_there_are_no_matter(tmp_path):
+def test_samples_that_are_lost_here_and_there_are_no_matter_by_the_wall_clock(tmp_path):
     lost = [k for k in range(1, 1000) if k % 3 == 0 or 400 < k < 590]
-    assert judge(_tracking(tmp_path / "walk", lost, **{"scenario.duration": 5.5})).passed
-    skipped = _tracking(tmp_path / "late", range(1, 300))
+    today_ns = 1_700_000_000 * SECOND_NS
+    assert judge(_tracking(tmp_path / "walk", lost, today_ns, **{"scenario.duration": 5.5})).passed
+    skipped = _tracking(tmp_path / "late", range(1, 300), today_ns)
     assert judge(skipped, skip_s=1.5).passed
     assert not judge(skipped, skip_s=0.4).passed
+
+
+@pytest.mark.parametrize(
+    ("drop", "said"),
+    [
+        ((700,), "1 of 1000 samples are missing, the first at 3.500 s"),
+        (range(20), "20 of 1000 samples are missing, the first at 0.000 s"),
+        ([*range(100, 130), *range(500, 530)], "60 of 1000 samples are missing, the first at 0.500 s"),
+    ],
+)
+def test_a_run_in_lockstep_that_lost_samples_does_not_pass(tmp_path, drop, said):
+    bag = _tracking(tmp_path / "walk", drop)
+    verdict = judge(bag)
+    assert (verdict.incomplete, verdict.passed) == (said, False)
+    assert judge(bag, partial=True).passed
+    assert judge(bag, skip_s=4.0).passed
 
 
 def test_a_leg_that_the_run_had_and_the_bag_has_not_is_named(tmp_path, capsys):

@@ -23,6 +23,7 @@ class Scripted(driver.Driver):
     def __init__(self):
         self.now_ns, self.answers, self.homes, self.slow = 0, True, 0, 0.0
         self.valves, self.published, self.calls = [0.0, 0.0], [], []
+        self.sample = 0.5, 2e5, 3e5
         super().__init__("scripted")
         self._joint.publish = self.published.append
 
@@ -38,7 +39,7 @@ class Scripted(driver.Driver):
     def read(self):
         self._called("read")
         driver.time.now += self.slow
-        return 0.5, 2e5, 3e5
+        return self.sample
 
     def write(self, line, spool):
         self._called("write")
@@ -130,6 +131,16 @@ def test_each_period_has_a_sample_on_the_grid_and_what_is_overdue_is_skipped(rea
     assert stamps == [3 * PERIOD_NS, 6 * PERIOD_NS]
     assert ready.published[0].position[0] == 0.5
     assert ready._counts["skipped_samples"] == 2
+
+
+@pytest.mark.parametrize("sample", [(0.3,), None, (0.5, 2e5, "full")], ids=str)
+def test_a_device_whose_sample_is_none_is_vented_and_taken_for_lost(ready, sample):
+    ready.told(*OPEN)
+    ready.published.clear()
+    ready.sample = sample
+    ready.period()
+    assert (ready.state, tuple(ready.valves), ready.published) == (State.DISCONNECTED, VENT, [])
+    assert "read() returned" in ready.reason
 
 
 @pytest.mark.parametrize("position", [(), (math.nan,), (math.inf,)], ids=str)
