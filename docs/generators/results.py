@@ -20,6 +20,7 @@ RESULTS = ROOT / "benchmarks" / "results"
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
 import cooperation  # noqa: E402
+import device  # noqa: E402
 import gap_table  # noqa: E402
 import repetition  # noqa: E402
 import safety  # noqa: E402
@@ -105,6 +106,7 @@ def blocks() -> dict[str, Callable[[], str]]:
         "paper-hand": lambda: _listed(tables.by_hand(paper_results()["by_hand"])),
         "paper-force-rate": lambda: _listed(tables.force_rate(paper_results()["force_rate"])),
         "paper-inertia": lambda: _listed(tables.inertia(paper_results()["inertia"])),
+        "device": device_table,
         "safety": lambda: _text(safety.table(safety.summary(safety.read(RESULTS / "safety.jsonl")))),
         "spasms": lambda: _text(safety.sizes(safety.read(RESULTS / "safety.jsonl"))),
         "stiffness-asked": lambda: _text(cooperation.stiffness_table(_cooperation())),
@@ -249,6 +251,12 @@ def gap_ankle() -> str:
         for r in gap_table.read(RESULTS / f"{name}.jsonl")
     ]
     return table(("machine", "hidden", "named", "verdict"), rows)
+
+
+def device_table() -> str:
+    """Return how knees, ankles and soles of the device follow, with nobody and with persons."""
+    columns = "in it", "knees", "ankles", "peak of a sole's force", "its time", "soles released"
+    return table(columns, device.table(gap_table.read(RESULTS / "device.jsonl")))
 
 
 def _hidden(result: dict[str, Any]) -> str:
