@@ -164,6 +164,7 @@ def spin(nodes: Sequence[GraphNode], signals: Sequence[int]) -> bool:
         failed = False
     finally:
         _close(nodes, executor, watch.heartbeat, patient=not failed)
+        executor.shutdown()  # before its nodes are destroyed: the other way round its threads stay
     if _ended(nodes):
         watch.heartbeat.write("closed")
     for node in nodes:

@@ -51,5 +51,6 @@ class Caller:
         return self.call(f"{node}/set_parameters", SetParameters, request).results[0]
 
     def close(self):
+        self._executor.shutdown()  # before what it watches: the other way round it may never come back
         self.node.destroy_node()
         rclpy.shutdown(context=self._context)

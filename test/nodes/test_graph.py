@@ -242,6 +242,7 @@ def test_use_sim_time_moves_the_nodes_clock_and_not_what_it_waits_with(tmp_path,
             return node.now_ns() == 7 * SECOND_NS
 
         wait_for(told)
+        executor.shutdown()
     finally:
         rclpy.shutdown()
 
