@@ -6,7 +6,7 @@ What comes back does not depend on how many there are: each starts from the same
 
 import os
 import pickle
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from multiprocessing import get_all_start_methods, get_context
@@ -17,8 +17,11 @@ from typing import Any, Protocol, TypeVar
 from threadpoolctl import threadpool_limits
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.processes import deaf_children, end_with_parent, how_it_ended
+from pam_orthosis.processes import Idleness, deaf_children, end_with_parent, how_it_ended, turns_of_tree
 from pam_orthosis.progress import Progress, silent
+
+LOOK_SECONDS = 0.2
+HUNG_SECONDS = 120.0  # a process forked beside other threads may inherit a lock that nobody opens
 
 One = TypeVar("One")
 Result = TypeVar("Result")
@@ -64,21 +67,28 @@ class Workers:
         what: str = "fitting",
     ) -> list[Result]:
         """Return what a long function gives for each item, in their order; raises what it raises."""
-        count = min(self.jobs, len(items))
+        found: dict[int, Result] = {}
         progress(what, 0, len(items))
-        if count < 2 or "fork" not in get_all_start_methods():
-            results = []
-            with alone():
-                for item in items:
-                    results.append(function(item))
-                    progress(what, len(results), len(items))
-            return results
+        if min(self.jobs, len(items)) > 1 and "fork" in get_all_start_methods():
+            for number, result in self._forked(function, items, memory):
+                found[number] = result
+                progress(what, len(found), len(items))
+        with alone():
+            for number in sorted({*range(len(items))} - found.keys()):
+                found[number] = function(items[number])
+                progress(what, len(found), len(items))
+        return [found[number] for number in range(len(items))]
+
+    def _forked(
+        self, function: Callable[[One], Result], items: Sequence[One], memory: Memory | None
+    ) -> Iterator[tuple[int, Result]]:
+        """Yield number and result of items as they come; no more of them if a process hangs."""
         team: list[_Worker] = []
         try:
             with deaf_children():
-                for _ in range(count):
+                for _ in range(min(self.jobs, len(items))):
                     team.append(_Worker(lambda number: function(items[number]), memory, self))
-            return _work_off(team, len(items), memory, lambda done: progress(what, done, len(items)))
+            yield from _work_off(team, len(items), memory)
         finally:
             for worker in team:
                 worker.end()
@@ -103,10 +113,19 @@ class _Worker:
             target=_answer, args=(other, function, memory, workers), daemon=True
         )
         self._process.start()
+        self._idleness = Idleness(self._process.pid or 0, of=turns_of_tree)
+        self._asked = False
         other.close()
+
+    def ask(self, number: int) -> None:
+        """Have a number answered."""
+        self.connection.send(number)
+        self._idleness.begin()
+        self._asked = True
 
     def answer(self) -> Any:
         """Return what was answered, an exception among it."""
+        self._asked = False
         try:
             return pickle.loads(self.connection.recv_bytes())
         except EOFError:
@@ -115,6 +134,11 @@ class _Worker:
             raise OrthosisError(
                 f"a process of the search {ended}; if memory is short, --jobs 1 needs the least"
             ) from None
+
+    def hangs(self) -> bool:
+        """Whether the process was asked, and has done nothing for long."""
+        self._idleness.look()
+        return self._asked and self._idleness.resting > HUNG_SECONDS
 
     def end(self) -> None:
         """End the process, whatever it does."""
@@ -148,24 +172,26 @@ def _packed(answer: Any) -> bytes:
         return pickle.dumps(RuntimeError(f"{type(answer).__name__}: {answer} ({error})"))
 
 
-def _work_off(
-    team: Sequence[_Worker], count: int, memory: Memory | None, progress: Callable[[int], None]
-) -> list[Any]:
-    """Return the answers to all numbers; whoever is free gets the next one."""
-    results: list[Any] = [None] * count
+def _work_off(team: Sequence[_Worker], count: int, memory: Memory | None) -> Iterator[tuple[int, Any]]:
+    """Yield numbers and their answers until all are there or a process hangs; who is free gets the next."""
     by_connection: dict[Any, _Worker] = {worker.connection: worker for worker in team}
     rest = iter(range(count))
     for worker in team:
-        worker.connection.send(next(rest))
-    for done in range(1, count + 1):
-        worker = by_connection[wait(list(by_connection))[0]]
-        answer = worker.answer()
-        if isinstance(answer, Exception):
-            raise answer
-        number, results[number], news = answer
-        if memory:
-            memory.learn(news)
-        progress(done)
-        if (following := next(rest, None)) is not None:
-            worker.connection.send(following)
-    return results
+        worker.ask(next(rest))
+    answered = 0
+    while answered < count:
+        ready = wait(list(by_connection), LOOK_SECONDS)
+        hung = [worker for worker in team if worker.hangs()]
+        if hung and not ready:
+            return
+        for worker in map(by_connection.__getitem__, ready):
+            answer = worker.answer()
+            if isinstance(answer, Exception):
+                raise answer
+            number, result, news = answer
+            if memory:
+                memory.learn(news)
+            answered += 1
+            yield number, result
+            if (following := next(rest, None)) is not None:
+                worker.ask(following)

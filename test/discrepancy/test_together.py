@@ -9,6 +9,7 @@ from contextlib import suppress
 
 import pytest
 
+from pam_orthosis.discrepancy import together
 from pam_orthosis.discrepancy.together import Workers
 from pam_orthosis.errors import OrthosisError
 
@@ -69,6 +70,18 @@ def test_one_that_is_killed_is_said():
         Workers(2).together(lambda item: os.kill(os.getpid(), signal.SIGKILL), [1, 2])
 
 
+def test_what_a_process_that_hangs_leaves_is_done_here(monkeypatch):
+    monkeypatch.setattr(together, "HUNG_SECONDS", 0.4)
+    mine = os.getpid()
+
+    def work(item):
+        while item == 2 and os.getpid() != mine:
+            signal.pause()
+        return item
+
+    assert Workers(2).together(work, [1, 2, 3]) == [1, 2, 3]
+
+
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_they_leave_it_to_the_search_to_end(how):
     def work(item):
@@ -80,6 +93,7 @@ def test_they_leave_it_to_the_search_to_end(how):
 
 ENDLESS = """
 import os, signal, threading
+from pam_orthosis.discrepancy import together
 from pam_orthosis.discrepancy.together import Workers
 
 def work(item):
