@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from pam_orthosis.discrepancy.machine_system import Symbols, View, from_rows, graph_view, machine_system
+from pam_orthosis.discrepancy.suspects import MASSES as ALL_MASSES
 from pam_orthosis.discrepancy.suspects import VALVE, symbol
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.model.components.muscle import polynomial
@@ -30,7 +31,7 @@ LEG = {
 }  # fmt: skip
 SUSPECTS = (
     "leg.cogwheel_diameter", "leg.symmetric_angle", "leg.symmetric_contraction", "muscle.dmsp_20.length",
-    *LEG, *VALVE,
+    ALL_MASSES, *LEG, *VALVE,
 )  # fmt: skip
 LOCKED = "diagnostic-locked"  # the angle does not move, which leaves the torque equation nothing to fit
 TABLE_ORDER, TABLE_NODES = 16, 200
@@ -53,7 +54,9 @@ def _view(machine: Machine, nominal: Parameters) -> View:
         del rows["person_mass"]
 
     def mechanism(true: Parameters, symbols: Symbols) -> Knee:
-        masses = symbols["moving_mass"], symbols.get("person_mass", 0.0)
+        factor = symbol(symbols, ALL_MASSES)
+        own = (1 + symbols["moving_mass"]) * (1.0 if factor is None else factor) - 1
+        masses = own, symbols.get("person_mass", 0.0)
         wrong = next((key for key in LEG if symbol(symbols, key) is not None), "")
         return Knee(true.leg, leg(*masses, wrong, symbol(symbols, wrong)))
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi as ca
 
-from pam_orthosis.discrepancy.suspects import name_of, suspects, symbol
+from pam_orthosis.discrepancy.suspects import common, corrected, meant, name_of, suspects
 from pam_orthosis.discrepancy.system import Assembled, Calibration, Channel, Equation, Source, System
 from pam_orthosis.model.assembly import Hardware, assemble
 from pam_orthosis.model.deviations import DEVIATIONS
@@ -155,7 +155,8 @@ class _Described:
             calibrations=self._calibrations,
             catalogue={n: effect for n, effect in known.items() if n not in self.present} | wrong,
             pushes={view.channels[0].name: PUSH} if PUSH.partition(".")[0] in known else {},
-            wrong={name_of(key): key for key in view.suspects if name_of(key) in wrong},
+            wrong={name_of(key): meant(key) for key in view.suspects if name_of(key) in wrong},
+            common=common(self._nominal, view.suspects) if wrong else {},
             assemble=self._assemble,
             needs=dict.fromkeys(("gas", "valve", "supply"), view.inputs),
             equation_names={"torque": view.equation},
@@ -264,7 +265,7 @@ class _Described:
 
     def _hardware(self, effects: tuple[str, ...], symbols: Symbols, beside: Expression) -> Hardware:
         machine, values = self._machine, self._nominal.flat()
-        wrong = {key: value for key in self._view.suspects if (value := symbol(symbols, key)) is not None}
+        wrong = corrected(values, symbols, self._view.suspects)
         values |= wrong
         deviating = wrong | {
             key: values[key] * (1 + symbols[name])

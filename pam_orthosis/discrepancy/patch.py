@@ -36,7 +36,9 @@ def overrides(system: System, effects: Sequence[str], values: Mapping[str, float
     changed: dict[str, Any] = {}
     for name in effects:
         if name in system.wrong:
-            changed[system.wrong[name]] = float(f"{values[f'{name}.{VALUE}']:.6g}")
+            value = values[f"{name}.{VALUE}"]
+            factors = system.common.get(name, {system.wrong[name]: 1.0})
+            changed |= {key: float(f"{value * nominal:.6g}") for key, nominal in factors.items()}
             continue
         changed[f"{system.branch}.{name}.enabled"] = True
         for q in system.catalogue[name].parameters:

@@ -2,6 +2,7 @@
 """Selection: effects are added one by one while recordings say so, refitted together, and dropped again."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from pam_orthosis.discrepancy import quiet, selection
 from pam_orthosis.discrepancy.candidates import Candidate
@@ -49,9 +50,10 @@ def extended(
     while len(found.final.effects) < settings.effects:
         step = _round(found, held_out, settings, progress)
         found.steps.append(step)
-        if step.accepted is None and step.blocked:
-            step = _round_in_silence(found, held_out, step, settings, progress)
-            found.steps.append(step)
+        if step.blocked:
+            quiet_step = _round_in_silence(found, held_out, step, settings, progress)
+            found.steps.append(quiet_step)
+            step = quiet_step if step.accepted is None or quiet_step.accepted else step
         if step.accepted is None or step.problem is None or step.fit is None:
             break
         progress(f"added {step.accepted} (evidence {step.evidence:.0f}, held-out t {step.held_out_t:.1f})")
@@ -92,7 +94,7 @@ def _round(found: Selection, held_out: Problem, settings: Section, progress: Pro
     fitted, gains = fitted_candidates(problem, base, settings.screened, thresholds, progress)
     if not fitted:
         blocked = selection.blocked(found, thresholds, gains, (), settings)
-        return Step(None, None, None, 0.0, 0.0, (), "no effect gains anything", gains, blocked)
+        return Step(None, None, None, 0.0, 0.0, (), "no effect gains anything", gains, tuple(blocked))
     worth = worth_polishing(problem, fitted, thresholds)
     models = _refitted_all(problem, base, worth, progress)
     judged = sorted(weighed(problem, base, models), key=lambda item: -item[0])
@@ -102,8 +104,10 @@ def _round(found: Selection, held_out: Problem, settings: Section, progress: Pro
     if not able:
         name, evidence = ranked[0]
         reason = f"{name} has evidence {evidence:.0f}, it would need {thresholds[name]:.0f}"
-        return Step(None, None, None, evidence, 0.0, ranked, reason, gains, blocked)
-    return _accepted(problem, base, held_out, able[:TRIED], ranked, gains, blocked)
+        return Step(None, None, None, evidence, 0.0, ranked, reason, gains, tuple(blocked))
+    step = _accepted(problem, base, held_out, able[:TRIED], ranked, gains, tuple(blocked))
+    rivals = tuple(name for name, promised in blocked.items() if promised > step.evidence)
+    return replace(step, blocked=rivals) if step.accepted else step
 
 
 def _refitted_all(
@@ -159,13 +163,15 @@ def _round_in_silence(
 ) -> Step:
     """Return the step with the best of the effects that only larger ones kept from being added.
 
-    It needs its evidence where these are silent.
+    It needs its evidence where these are silent, and more there than what was accepted beside them.
     """
     problem, base = found.final_problem, found.final
     seen: dict[str, float] = {}
     for large, names in _by_larger(found, last.blocked[:ASKED_IN_SILENCE], settings).items():
         progress(f"looking for {', '.join(names)} where {', '.join(sorted(large))} is inactive")
-        seen |= quiet.evidence(problem, base, names, large)
+        others = [last.accepted] if last.accepted else []
+        shown = quiet.evidence(problem, base, [*names, *others], large)
+        seen |= {name: shown[name] for name in names if shown.get(name, 0.0) > _most(shown, others)}
     ranked = tuple(sorted(seen.items(), key=lambda one: -one[1]))
     if not ranked or ranked[0][1] < settings.threshold:
         return Step(None, None, None, 0.0, 0.0, ranked, "nothing shows where the larger effects are silent")
@@ -182,6 +188,10 @@ def _round_in_silence(
     if step.accepted:
         found.apart[name] = selection.larger(found, name, settings)
     return step
+
+
+def _most(evidence: Values, names: Sequence[str]) -> float:
+    return max((evidence.get(name, 0.0) for name in names), default=0.0)
 
 
 def _by_larger(found: Selection, names: Sequence[str], settings: Section) -> dict[frozenset[str], list[str]]:

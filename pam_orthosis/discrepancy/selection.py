@@ -16,7 +16,8 @@ Ranking = tuple[tuple[str, float], ...]  # effects with their evidence, best fir
 class Step:
     """One round: what was accepted, what came next, all candidates that were fitted, gains of all.
 
-    `blocked` are effects that would have enough evidence were there no larger ones.
+    `blocked` are effects that would have enough evidence, and more than what was accepted, were there no
+    larger ones.
     """
 
     accepted: str | None
@@ -102,15 +103,15 @@ def larger(found: Selection, name: str, settings: Section) -> frozenset[str]:
 
 def blocked(
     found: Selection, thresholds: Values, gains: Values, ranked: Ranking, settings: Section
-) -> tuple[str, ...]:
-    """Return effects that only larger ones keep from being added, the most evident first."""
+) -> Values:
+    """Return effects that only larger ones keep from being added, most evident first, and their evidence."""
     system, base = found.problem.system, found.final
     possible = {
         name: gain - penalty(base, len(system.catalogue[name].fitted)) for name, gain in gains.items()
     } | dict(ranked)
     names = sorted((n for n in possible if n not in system.shapes), key=lambda n: -possible[n])
-    return tuple(
-        n
+    return {
+        n: possible[n]
         for n in names
         if least(found, n, settings) <= possible[n] < thresholds[n] and larger(found, n, settings)
-    )
+    }

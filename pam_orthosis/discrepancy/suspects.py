@@ -6,9 +6,12 @@ is a mistake in the nominal model; the search names it, with the value that the 
 """
 
 from collections.abc import Iterable, Mapping
+from typing import cast
 
+from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
 from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.rows import Row
 from pam_orthosis.model.signals import Expression
 
 VALVE = ("valve.supply_pressure", "valve.conductance", "valve.hose.volume")
@@ -16,6 +19,8 @@ TYPICAL = 0.2  # of the nominal value, or of `SPANS`: a mistake to look for
 REACH = 3.0  # times as small or as large as the nominal value, within the row's bounds
 LEAST = 0.03  # of the nominal value, or of the span: a smaller mistake is not worth a name
 SPANS = {"rad": 1.0, "m": 0.2}  # of the values that may be zero or of any sign
+MASSES = "leg.masses"
+COMMON = {MASSES: DEVIATIONS["moving_mass"]}  # parameters that may be wrong by one factor
 ABSOLUTE = ("leg.symmetric_angle", "leg.bearing_height")
 VALUE = "value"
 
@@ -30,13 +35,48 @@ def suspects(nominal: Parameters, keys: Iterable[str]) -> dict[str, Effect]:
     return {name_of(key): _suspect(nominal, key) for key in keys}
 
 
+def meant(key: str) -> str:
+    """Return what a candidate takes to be wrong, in words."""
+    if key not in COMMON:
+        return key
+    *most, last = COMMON[key]
+    return f"common factor of {', '.join(most)} and {last}"
+
+
+def common(nominal: Parameters, keys: Iterable[str]) -> dict[str, dict[str, float]]:
+    """Return the nominal values of the parameters of each candidate that multiplies several."""
+    values = nominal.flat()
+    return {name_of(key): {one: float(values[one]) for one in COMMON[key]} for key in keys if key in COMMON}
+
+
+def corrected(
+    values: Mapping[str, float], symbols: Mapping[str, Expression], keys: Iterable[str]
+) -> dict[str, Expression]:
+    """Return key -> expression of the parameters that are taken to be wrong."""
+    found: dict[str, Expression] = {}
+    for key in keys:
+        wrong = symbol(symbols, key)
+        if wrong is not None:
+            found |= {one: wrong * values[one] for one in COMMON[key]} if key in COMMON else {key: wrong}
+    return found
+
+
 def symbol(symbols: Mapping[str, Expression], key: str) -> Expression | None:
     """Return the symbol of a parameter that is taken to be wrong, None if it is not."""
     return symbols.get(f"{name_of(key)}.{VALUE}")
 
 
+def _row(nominal: Parameters, key: str) -> Row:
+    """Return the row of a parameter, or of the factor of several."""
+    if key not in COMMON:
+        return nominal.row(key)
+    source = nominal.row(COMMON[key][0]).source
+    return Row(key, 1.0, "-", None, None, "by which all of them are larger", source)
+
+
 def _suspect(nominal: Parameters, key: str) -> Effect:
-    row, value = nominal.row(key), float(nominal.flat()[key])
+    row = _row(nominal, key)
+    value = cast(float, row.value)
     size = SPANS[row.unit] if key in ABSOLUTE else abs(value)
     low, high = (value - size, value + size) if key in ABSOLUTE else (value / REACH, value * REACH)
     quantity = Quantity(

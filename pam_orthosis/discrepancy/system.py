@@ -140,6 +140,7 @@ class System:
         pushes: channel -> `EFFECT.PARAMETER`, a constant in its equation in whose unit an unknown is
             reported.
         wrong: candidate -> key of the parameter that it takes to be wrong.
+        common: candidate -> key -> nominal value of all parameters that it multiplies.
         described: channel -> what below `branch` can hold a curve that is added to its equation.
         sources: signal (of a table `time` too) -> where recordings have it.
     """
@@ -166,6 +167,7 @@ class System:
     sources: Mapping[str, Source] = field(default_factory=dict)
     pushes: Mapping[str, str] = field(default_factory=dict)
     wrong: Mapping[str, str] = field(default_factory=dict)
+    common: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     described: Mapping[str, str] = field(default_factory=dict)
     derived_twice: Mapping[str, str] = field(default_factory=dict)
 

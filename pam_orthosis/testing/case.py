@@ -117,7 +117,7 @@ def make_case(
         size: one of `SIZES`.
         effects: how many effects are drawn, or their names.
         outside: draw from the effects outside the catalogue.
-        alone: of the effects that are drawn the only one to hide; everything else stays as it is.
+        alone: of the effects that are drawn the only one to hide ("": none); all else stays as it is.
         progress: called with the seconds of the recordings that are done.
         parameters: the nominal model, of any machine of two actuators (the knee's).
         wrong: values of the plant's parameters of which the nominal model has others.
@@ -161,7 +161,7 @@ def draw(
     scale = scale_of(parameters)
     table = of_machine(OUTSIDE if outside else EFFECTS, parameters.declared, scale)
     chosen = _chosen(rng, table, effects)
-    if alone is not None:
+    if alone:
         _check(alone, tuple(effect.name for effect in chosen), "effect")
     fields: dict[str, float] = {}
     misfits = realistic_misfits(rng, scale) if class_ == "realistic" else {}

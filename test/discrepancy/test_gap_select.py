@@ -96,9 +96,9 @@ def test_only_what_larger_effects_of_this_search_keep_out_is_looked_for_in_their
     found.final = SimpleNamespace(samples=20_000)
     gains = {"extensor_leak": 60.0, "polytropic_exponent": 20.0}
     thresholds = {name: asked(found, name) for name in gains}
-    assert selection.blocked(found, thresholds, gains, (), SETTINGS) == ("extensor_leak",)
+    assert list(selection.blocked(found, thresholds, gains, (), SETTINGS)) == ["extensor_leak"]
     found.present["supply_sag"] = (1000.0, frozenset({"gas"}))  # asks 100: it is there to stay
-    assert selection.blocked(found, thresholds, gains, (), SETTINGS) == ()
+    assert selection.blocked(found, thresholds, gains, (), SETTINGS) == {}
     found.apart["extensor_leak"] = frozenset({"valve_delay"})
     found.present.clear()
     assert asked(found, "extensor_leak") == SETTINGS.threshold
