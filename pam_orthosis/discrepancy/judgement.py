@@ -39,7 +39,7 @@ class Rest(NamedTuple):
     `clean`: noise only. `kept`: the gap over the noise, in the equation where it is largest. `gone`: nothing
     was to be explained, recalibration alone leaves noise: what is named explains what it moved. `astray`:
     nuisance parameters are far off in an equation in which no effect is named. `foreign`: many are.
-    `moved`: calibrations lie beyond what was stated of them.
+    `moved`: calibrations or shape corrections lie beyond what was stated of them.
     """
 
     clean: bool
@@ -164,10 +164,10 @@ def _far_off(final: Fit) -> list[str]:
 
 
 def moved_beyond(system: System, final: Fit, least: float = MOVED) -> dict[str, float]:
-    """Return the calibrations that moved by more than `least` of their tolerances, in multiples of these."""
+    """Return what moved by more than `least` of its tolerance, shape corrections by more than is notable."""
     own = {one.name for one in system.calibrations}
     moved = {one.name: one.deviation(final.values) for one in final.free if one.name in own}
-    return {name: value for name, value in moved.items() if abs(value) > least}
+    return {name: value for name, value in moved.items() if abs(value) > least} | strained_parameters(final)
 
 
 def _astray(system: System, final: Fit) -> list[str]:

@@ -49,11 +49,9 @@ def extended(
     found = Selection(problem, base, problem, base, present=_earned(problem, base, progress))
     while len(found.final.effects) < settings.effects:
         step = _round(found, held_out, settings, progress)
-        found.steps.append(step)
         if step.blocked:
-            quiet_step = _round_in_silence(found, held_out, step, settings, progress)
-            found.steps.append(quiet_step)
-            step = quiet_step if step.accepted is None or quiet_step.accepted else step
+            step = _or_in_silence(found, held_out, step, settings, progress)
+        found.steps.append(step)
         if step.accepted is None or step.problem is None or step.fit is None:
             break
         progress(f"added {step.accepted} (evidence {step.evidence:.0f}, held-out t {step.held_out_t:.1f})")
@@ -156,6 +154,18 @@ def _accepted(
             reason = f"held-out recordings do not confirm {name}"
         refused.append(Step(None, None, None, evidence, t, ranked, reason, gains, blocked))
     return refused[0]
+
+
+def _or_in_silence(
+    found: Selection, held_out: Problem, step: Step, settings: Section, progress: Progress
+) -> Step:
+    """Return the step with what larger effects kept from being added, where it is better; note the other."""
+    other = _round_in_silence(found, held_out, step, settings, progress)
+    if step.accepted and not other.accepted:
+        return step
+    reason = f"{other.accepted} has more evidence where larger effects are silent"
+    found.steps.append(replace(step, accepted=None, reason=reason) if step.accepted else step)
+    return other
 
 
 def _round_in_silence(

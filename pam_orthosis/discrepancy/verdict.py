@@ -302,13 +302,14 @@ def _none(outcome: Outcome) -> str:
 
 
 def _moved(outcome: Outcome, moved: Values) -> str:
-    """Return how far calibrations were moved, in multiples of how far they were stated to be off."""
+    """Return how far parameters were moved, in multiples of how far they were stated to be off."""
     words, values = [], outcome.selection.final.values
-    for one in outcome.system.calibrations:
-        if one.name in moved:
-            off = values[one.name]
-            size = f"{1 + off:.3g} times as large" if one.relative else f"{off:+.3g} {one.unit} off"
-            words.append(f"{one.name} {size} ({abs(moved[one.name]):.1f} times its tolerance)")
+    known = {one.name: one for one in outcome.system.calibrations}
+    for name, times in moved.items():
+        off, one = values[name], known.get(name)
+        size = f" {off:+.3g} {one.unit} off" if one else ""
+        size = f" {1 + off:.3g} times as large" if one and one.relative else size
+        words.append(f"{name}{size} ({abs(times):.1f} times its tolerance)")
     return ", ".join(words)
 
 

@@ -104,6 +104,21 @@ def test_only_what_larger_effects_of_this_search_keep_out_is_looked_for_in_their
     assert asked(found, "extensor_leak") == SETTINGS.threshold
 
 
+@pytest.mark.parametrize(("rival", "chosen"), [(300.0, "angle_gain"), (100.0, "extra_foot_mass")])
+def test_what_only_a_larger_effect_keeps_out_competes_where_that_one_is_silent(monkeypatch, rival, chosen):
+    """A sensor's gain beside a lag of the valves shows in both equations; a mass would explain it in one."""
+    found = found_so_far({"valve_lag": 60_000.0}, {"valve_lag": {}})
+    step = selection.Step("extra_foot_mass", None, None, 270.0, 4.0, (), "accepted", blocked=("angle_gain",))
+    shown = {"angle_gain": rival, "extra_foot_mass": 200.0}
+    monkeypatch.setattr(select.quiet, "evidence", lambda problem, base, names, large: shown)
+    monkeypatch.setattr(select.quiet, "beside", lambda *_: None)
+    for name, result in (("Projection", None), ("refitted", None), ("weighed", [(400.0, None, None)])):
+        monkeypatch.setattr(select, name, lambda *_, result=result: result)
+    monkeypatch.setattr(select, "_accepted", lambda *_: replace(step, accepted="angle_gain", evidence=400.0))
+    assert select._or_in_silence(found, None, step, SETTINGS, silent).accepted == chosen
+    assert [one.accepted for one in found.steps] == ([None] if chosen == "angle_gain" else [])
+
+
 @pytest.mark.parametrize(
     ("loss_of_second", "empty"), [(4.0, ()), (5000.0, ("muscle_hysteresis.sliding_distance",))]
 )

@@ -159,10 +159,14 @@ def test_pushes_are_no_description(friction):
 def test_a_parameter_that_is_recalibrated_beyond_its_tolerance_is_said(friction):
     _, outcome, _ = friction
     final = outcome.selection.final
-    far = replace(final, values={**final.values, "muscle_damping": 0.9, "angle_offset": -5e-3})
+    shape = next(one for one in final.free if one.name == "volume_misfit.flexor_cx")
+    moved = {"muscle_damping": 0.9, "angle_offset": -5e-3, shape.name: 4.4 * shape.sd}
+    far = replace(final, values={**final.values, **moved})
     assert judgement.moved_beyond(outcome.system, far) == pytest.approx(
-        {"muscle_damping": 4.5, "angle_offset": -5e-3 / 1.5e-3}
+        {"muscle_damping": 4.5, "angle_offset": -5e-3 / 1.5e-3, shape.name: 4.4}
     )
+    within = replace(final, values={**final.values, shape.name: 3.9 * shape.sd})
+    assert not judgement.moved_beyond(outcome.system, within)
     assert not judgement.moved_beyond(
         outcome.system, replace(final, values={**final.values, "angle_offset": 4e-3})
     )
@@ -187,6 +191,7 @@ def test_a_parameter_that_is_recalibrated_beyond_its_tolerance_is_said(friction)
         "RECALIBRATED: the model leaves noise only with muscle_damping 1.9 times as large (4.5 "
     )
     assert "angle_offset -0.005 rad off (3.3 times its tolerance)" in last
+    assert "volume_misfit.flexor_cx (4.4 times its tolerance)" in last
     assert "; the best effect instead, with too little evidence: joint_friction, evidence " in last
 
 
