@@ -70,6 +70,13 @@ def judged(result: dict) -> str:
     return "extra" if truth & set(named) else "wrong"
 
 
+def falsely_explained(result: dict) -> bool:
+    """Whether a gap is called explained by an effect that is not hidden."""
+    if "found" not in result or result["found"]["verdict"] != "explained" or judged(result) == "set":
+        return False
+    return not set(names(result)) <= set(result["effects"]) or result["outside"]
+
+
 def names(result: dict) -> list[str]:
     """Return the names that were given."""
     return [effect["name"] for effect in result["found"]["effects"]]

@@ -3,6 +3,7 @@
 
 import json
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from pathlib import Path
@@ -28,7 +29,7 @@ from control_campaign.cases import PEERS  # noqa: E402
 from speed.rows import as_text  # noqa: E402
 
 BOUND = 3.0  # deg
-LATEST = ("804558", "693684")  # sets of cases of the gap workflow, drawn after the present rules
+LATEST = ("226205", "566587")  # sets of cases of the gap workflow, drawn after the present rules
 BLIND = (
     "515151",
     "626262",
@@ -38,6 +39,8 @@ BLIND = (
     "272727",
     "383838",
     "848484",
+    "804558",
+    "693684",
     *LATEST,
 )  # sets of cases, newest last
 BAGS = {"walk": "default", "person": "person"}  # reference bag -> its scenario
@@ -93,6 +96,7 @@ def blocks() -> dict[str, Callable[[], str]]:
         "gap": lambda: gap(blind_cases()),
         "gap-sets": gap_sets,
         "gap-wrong": gap_wrong,
+        "gap-fuzz": gap_fuzz,
         "gap-ankle": gap_ankle,
         "gap-peer": gap_peer,
         "control": control,
@@ -183,10 +187,14 @@ def gap_sets() -> str:
         outside = chosen_of(cases, "outside")
         counts = ", ".join(str(n) for n in open_verdicts(outside).values()) + f" of {len(outside)}"
         cells = [f"{part} of {whole}" if whole else "-" for part, whole in counted]
-        rows.append((seed, *cells, counts if outside else "-"))
+        false = str(sum(map(gap_table.falsely_explained, cases)))
+        rows.append((seed, *cells, counts if outside else "-", false))
     head = ("set", "one effect: named", "a wrong name", "two effects: both named", "nothing hidden: `none`")
     verdicts = ", ".join(f"`{name}`" for name in gap_table.OPEN)
-    return table((*head, f"outside the catalogue: {verdicts}"), rows)
+    return table(
+        (*head, f"outside the catalogue: {verdicts}", "`explained` by a wrong name"),
+        rows,
+    )
 
 
 def chosen_of(cases: Iterable[dict[str, Any]], name: str, size: str = "") -> list[dict[str, Any]]:
@@ -236,6 +244,19 @@ def gap_wrong() -> str:
         for r in sorted(wrong_parameters(), key=lambda r: r["number"])
     ]  # fmt: skip
     return table(("parameter", "off by", "model", "true", "found", "verdict"), rows)
+
+
+def gap_fuzz() -> str:
+    """Return what became of recordings of other apparatus."""
+    cases = [case for file in sorted(RESULTS.glob("gap_fuzz*.jsonl")) for case in gap_table.read(file)]
+    rows = []
+    for kind in dict.fromkeys(case["kind"] for case in cases):
+        chosen = [case for case in cases if case["kind"] == kind]
+        counts = Counter(case.get("verdict", "failed") for case in chosen)
+        named = sum(bool(case.get("effects")) for case in chosen)
+        words = ", ".join(f"`{name}` {n}" for name, n in counts.most_common())
+        rows.append((kind, str(len(chosen)), words, str(named)))
+    return table(("the apparatus", "cases", "verdict", "with a name"), rows)
 
 
 def gap_ankle() -> str:
