@@ -39,6 +39,11 @@ class Release:
     back_s: float | None
     reason: str
 
+    @property
+    def lasts(self) -> bool:
+        """Whether the whole run ended so; one that was cut short vents as it leaves."""
+        return self.until_s is None and self.reason != CUT_SHORT
+
     def __str__(self) -> str:
         """Return it in words."""
         if self.until_s is None:

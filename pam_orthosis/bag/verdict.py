@@ -78,7 +78,8 @@ class Verdict:
     voltage per second: chatter. `timing` is that of a run in real time. `not_led` samples are not judged:
     the scenario kept the valves closed, or the machine was on its way back from there. `incomplete` says what
     cannot be judged though it should be; then it is not passed. Errors and bound are in `unit`. `loads` are
-    those of cushions, which have to be good too. `releases` count by the error that they leave.
+    those of cushions, which have to be good too. `releases` count by the error that they leave; a run that
+    ends released is not passed.
     """
 
     max_abs_error: float
@@ -149,13 +150,14 @@ def judge(
     since_start = (stamps - bag[coordinate.name].stamp_ns[0]) / SECOND_NS
     hold_s, cycle_s = (bag.parameters.get(f"scenario.{name}") for name in ("start_hold", "cycle_time"))
     largest, loads = float(np.abs(error).max()), loads_of(bag, namespace)
+    good = largest <= most and not any(release.lasts for release in released)
     return Verdict(
         max_abs_error=largest,
         rms_error=rms(error),
         steady_state_error=steady_state_error(stamps, error, velocity),
         max_abs_error_after_first_cycle=_largest_after(since_start, error, hold_s, cycle_s),
         bound=most,
-        passed=largest <= most and not missing and all(load.passed for load in loads.values()),
+        passed=good and not missing and all(load.passed for load in loads.values()),
         samples=len(stamps),
         duration_s=float(stamps[-1] - stamps[0]) / SECOND_NS,
         observer_velocity_lag_ms=_observer_lag(bag),

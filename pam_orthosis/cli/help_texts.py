@@ -7,7 +7,7 @@ ANSWERS = {
     "run": ("the bound holds", "the bound does not hold"),
     "session": ("the programme is carried out", "the session ended early"),
     "replay": ("all answers are equal to the bit", "answers differ, or most could not be compared"),
-    "check": ("the bound holds", "the bound does not hold, or the bag is incomplete"),
+    "check": ("the bound holds", "the bound does not hold, the run ended released, or the bag is incomplete"),
     "rig": ("the bags are recorded", ""),
     "identify": ("the muscle is identified", ""),
     "gap": ("the gap is explained, or there is none", "the gap is not explained, or in part only"),

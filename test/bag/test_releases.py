@@ -116,6 +116,17 @@ def test_a_joint_that_does_not_come_back(tmp_path, capsys, duration, reason):
     assert [(one["until_s"], one["back_s"]) for one in found["releases"]] == [(2.0, None), (None, None)]
 
 
+def test_a_run_that_ends_released_is_not_passed_however_small_its_error(tmp_path, capsys):
+    reports = [(5.0, report("inverse_valve_model", ERROR, "emergency stop"))]
+    told, found = check(tmp_path / "walk", capsys, between(5.0, 7.0), 0.0 * TIME, reports)
+    assert told == ["at 5.000 s, until the end: emergency stop"]
+    assert (found["passed"], found["max_abs_error_deg"]) == (False, 0.0)
+    assert main(["check", str(tmp_path / "walk")]) == 1
+    assert capsys.readouterr().out.splitlines()[-1].startswith("FAILED: ended released, maximum 0.000 deg")
+    _, back = check(tmp_path / "back", capsys, between(4.0, 5.0), 0.0 * TIME, reports)
+    assert back["passed"]
+
+
 def test_valves_that_get_no_commands_vent(tmp_path, capsys):
     nothing, lost = np.zeros_like(TIME, dtype=bool), between(2.0, 4.0)
     told, _ = check(tmp_path / "walk", capsys, nothing, np.where(between(2.2, 4.5), 30.0, 0.0), lost=lost)
