@@ -16,6 +16,7 @@ OUTCOMES = ("right", "set", "extra", "wrong", "none", "failed")
 OPEN = ("unexplained", "partial", "described")  # verdicts on a gap that is not explained
 KEPT = ("verdict", "effects", "look_alikes", "closure", "gap_before", "rounds")
 CLOSED = 0.95
+DETECTABLE = 15.0  # evidence, at most, of what is hidden (`gap.evidence.threshold`)
 
 
 def read(path: Path) -> list[dict]:
@@ -68,6 +69,11 @@ def judged(result: dict) -> str:
     if len(named) == 1 and len(alike) <= 2 and truth & alike:
         return "set"
     return "extra" if truth & set(named) else "wrong"
+
+
+def too_small(result: dict) -> bool:
+    """Whether a case got no name, and its recordings hold less evidence than a search asks for."""
+    return judged(result) == "none" and result.get("at_most", DETECTABLE) < DETECTABLE
 
 
 def falsely_explained(result: dict) -> bool:

@@ -187,14 +187,14 @@ def gap_sets() -> str:
         outside = chosen_of(cases, "outside")
         counts = ", ".join(str(n) for n in open_verdicts(outside).values()) + f" of {len(outside)}"
         cells = [f"{part} of {whole}" if whole else "-" for part, whole in counted]
+        bounded = any("at_most" in r for r in single)
+        small = str(sum(map(gap_table.too_small, single))) if bounded else "-"
         false = str(sum(map(gap_table.falsely_explained, cases)))
-        rows.append((seed, *cells, counts if outside else "-", false))
+        rows.append((seed, *cells, counts if outside else "-", false, small))
     head = ("set", "one effect: named", "a wrong name", "two effects: both named", "nothing hidden: `none`")
     verdicts = ", ".join(f"`{name}`" for name in gap_table.OPEN)
-    return table(
-        (*head, f"outside the catalogue: {verdicts}", "`explained` by a wrong name"),
-        rows,
-    )
+    last = "`explained` by a wrong name", "one effect: too small to be found (`gap_bound.py`)"
+    return table((*head, f"outside the catalogue: {verdicts}", *last), rows)
 
 
 def chosen_of(cases: Iterable[dict[str, Any]], name: str, size: str = "") -> list[dict[str, Any]]:
