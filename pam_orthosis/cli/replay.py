@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pam_orthosis.bag.topics import SECOND_NS, Signal, Topics
 from pam_orthosis.cli.check import titled
@@ -23,6 +23,7 @@ from pam_orthosis.progress import Shown, shown
 
 if TYPE_CHECKING:
     from pam_orthosis.bag.compare import TopicComparison
+    from pam_orthosis.model.machine import Machine
 
 
 SAMPLING = ("control.position.every", "scenario.control_period")  # which instants have inputs depends on them
@@ -82,14 +83,18 @@ def execute(arguments: argparse.Namespace) -> int:
 
 def _replay(arguments: argparse.Namespace, namespace: str, progress: Shown) -> list[TopicComparison]:
     from pam_orthosis.bag.compare import compare
+    from pam_orthosis.bag.read import recorded_machine, recorded_parameters, run_record
     from pam_orthosis.bag.script import Script, held_ns
     from pam_orthosis.bag.topics import asked_beside
     from pam_orthosis.nodes import launch
     from pam_orthosis.nodes.supervisor import supervise
 
     bag = arguments.bag.resolve()
-    parameters = _parameters(bag, namespace, arguments.param, progress)
+    recorded = recorded_parameters(bag, run_record(bag, namespace), namespace)
+    parameters = _parameters(recorded, recorded_machine(bag, namespace), arguments.param, progress)
     script = Script(bag, namespace, arguments.node, held_ns(parameters), asked_beside(parameters))
+    if not recorded:
+        progress.note("the bag holds no parameters: the nodes take the shipped ones")
     for node, topic in script.missing.items():
         if topic:
             progress.note(f"{node} is not fed: {topic} is missing in the bag")
@@ -121,17 +126,13 @@ def _leg(bag: Path, namespace: str) -> str:
     return name if name in legs_of(bag, run_record(bag)) else ""
 
 
-def _parameters(bag: Path, namespace: str, changes: Sequence[str], progress: Shown) -> Parameters:
+def _parameters(
+    recorded: Mapping[str, Any], machine: Machine, changes: Sequence[str], progress: Shown
+) -> Parameters:
     """Return the parameters of the recorded run, as far as this version knows them, with changes."""
-    from pam_orthosis.bag.read import recorded_machine, recorded_parameters, run_record
-
-    machine = recorded_machine(bag, namespace)
-    recorded = recorded_parameters(bag, run_record(bag, namespace), namespace)
     known = load({}, machine).flat()
     if unknown := sorted(recorded.keys() - known.keys()):
         progress.note(f"recorded by another version: it has no {', '.join(unknown)}")
-    if not recorded:
-        progress.note("the bag holds no parameters: the nodes take the shipped ones")
     kept = {key: value for key, value in recorded.items() if key in known}
     made = load(kept | assignments(changes), machine)
     wanted = made.flat()

@@ -17,7 +17,7 @@ from std_msgs.msg import String
 from pam_orthosis.bag.cdr import Reader, Unreadable, canonical, serialised_stamp_ns
 from pam_orthosis.bag.record import BagWriter, run_metadata
 from pam_orthosis.bag.steps import Message, StepCollector
-from pam_orthosis.bag.topics import DIAGNOSTICS, RECORDER, SAMPLE, VALVE_COMMAND, Topic, in_leg
+from pam_orthosis.bag.topics import DIAGNOSTICS, PLANT, RECORDER, SAMPLE, VALVE_COMMAND, Topic, in_leg
 from pam_orthosis.bag.writer_process import BagWriterProcess
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components.spool import VENT
@@ -296,7 +296,9 @@ class BagRecorder(graph.GraphNode):
         """Say which message broke the chain: the first that the last step lacks, causes first."""
         missing = {name: topic for steps in self._collectors() for name, topic in steps.missing().items()}
         for name, topic in list(missing.items())[:1]:
-            print(f"{NOTE_PREFIX}the last step lacks {name} of {topic.producers[0]}", file=sys.stderr)
+            driven = not self.settings["with_plant"] and PLANT in topic.producers
+            owner = "the hardware driver" if driven else topic.producers[0]
+            print(f"{NOTE_PREFIX}the last step lacks {name} of {owner}", file=sys.stderr)
 
 
 def _noter(there: set[str]) -> Callable[[String], None]:

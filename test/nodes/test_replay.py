@@ -111,6 +111,12 @@ def test_what_a_bag_has_not_is_said(in_processes, tmp_path, capsys):
     assert "plant_simulator" in capsys.readouterr().err
 
 
+def test_of_a_folder_without_a_bag_nothing_else_is_said(tmp_path, capsys):
+    assert main(["replay", str(tmp_path)]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert "holds no bag" in said
+
+
 def test_a_topic_that_is_missing_stops_those_that_need_it_and_no_others(in_processes, tmp_path, capsys):
     bag = _changed(in_processes[1], tmp_path / "less", lambda topic, _: topic != "/extensor/pressure")
     _, _, topics = _replayed(capsys, bag)
