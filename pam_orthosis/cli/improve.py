@@ -72,6 +72,7 @@ def _write(folder: Path, rounds: Sequence[Round]) -> str:
     """Write model, rounds, table and figure; return the table."""
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.report import improvement
+    from pam_orthosis.report.picture import draw
 
     data = [one.as_dict() for one in rounds]
     table = improvement.table(data)
@@ -79,7 +80,7 @@ def _write(folder: Path, rounds: Sequence[Round]) -> str:
         as_text(patch.text(rounds[-1].model)),
         as_text(json.dumps(data, indent=2) + "\n"),
         as_text(table),
-        lambda stream: improvement.draw(rounds, stream),
+        lambda stream: draw(improvement.plots(rounds), stream),
         as_text(improvement.page(rounds, table)),
     )
     write_files({folder / name: write for name, write in zip(RESULTS, contents, strict=True)})

@@ -53,6 +53,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
 def _show(found: dict, folder: Path | None, as_json: bool) -> None:
     from pam_orthosis.report import margin
+    from pam_orthosis.report.picture import draw
 
     table, text = margin.table(found), json.dumps(found, indent=2)
     if folder:
@@ -60,6 +61,6 @@ def _show(found: dict, folder: Path | None, as_json: bool) -> None:
             folder / "margin.json": as_text(text + "\n"),
             folder / "margin.md": as_text(table + "\n"),
             folder / "margin.html": as_text(margin.page(found)),
-            folder / "margin.png": lambda stream: margin.draw(found, stream),
+            folder / "margin.png": lambda stream: draw(margin.plots(found), stream, 3),
         })  # fmt: skip
     print(text if as_json else table)

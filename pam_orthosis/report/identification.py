@@ -2,6 +2,7 @@
 """An identification: figures like the paper's fig. 4 (force) and fig. 5 (volume), residuals, and the page."""
 
 from functools import partial
+from itertools import cycle
 from pathlib import Path
 
 import matplotlib as mpl
@@ -12,10 +13,10 @@ from pam_orthosis.files import Write
 from pam_orthosis.identification.data import Samples
 from pam_orthosis.identification.identify import DIRECTIONS, Identified
 from pam_orthosis.report.page import GOOD, NEUTRAL, Page, Part, listed
+from pam_orthosis.report.picture import draw
 from pam_orthosis.report.plots import OF_ACTUATORS, Plot, dots, line
 
 FORCE, RESIDUAL, VOLUME = "force.png", "residual.png", "volume.png"
-COLOURS = {1.0: "tab:red", -1.0: "tab:blue", 0.0: "0.6"}
 DPI = 130
 MOST_CURVES = 12
 MOST_SHOWN = 6
@@ -25,10 +26,12 @@ LOOKS = {1.0: ("@blue", "circle"), -1.0: ("@orange", "diamond"), 0.0: ("@faint",
 
 def drawn(found: Identified, folder: Path) -> dict[Path, Write]:
     """Draw what the data allow; return what writes each figure of a folder."""
-    figures = {FORCE: force_figure(found), RESIDUAL: _residual(found)}
+    plots = {RESIDUAL: [_residual_plot(found, s) for s in (found.training, found.held_out) if len(s)]}
     if found.volume:
-        figures[VOLUME] = _volume(found)
-    return {folder / name: partial(figure.savefig, dpi=DPI) for name, figure in figures.items()}
+        plots[VOLUME] = [_volume_plot(found)]
+    files = {name: partial(draw, each, columns=len(each)) for name, each in plots.items()}
+    force = partial(force_figure(found).savefig, dpi=DPI)
+    return {folder / name: write for name, write in {FORCE: force, **files}.items()}
 
 
 def force_figure(found: Identified) -> Figure:
@@ -70,49 +73,6 @@ def _force_surface(axes, found: Identified) -> None:
     axes.view_init(elev=22, azim=35)
 
 
-def _residual(found: Identified) -> Figure:
-    """Residuals by direction: the two branches of the hysteresis, and what holds on held-out data."""
-    parts = [("data of the fit", found.training)]
-    if len(found.held_out):
-        parts.append(("held-out pressures", found.held_out))
-    figure = Figure(figsize=(6 * len(parts), 4.5), layout="constrained")
-    axes = figure.subplots(1, len(parts), sharey=True, squeeze=False)
-    for ax, (title, s) in zip(axes[0], parts, strict=True):
-        _branches(ax, s, found.force.model.residual(s))
-        ax.set(title=f"{found.data.specimen}, {title}", xlabel="contraction / mm")
-        ax.axhline(0, color="k", lw=0.5)
-    axes[0, 0].set_ylabel("measured - calculated force / N")
-    axes[0, 0].legend()
-    return figure
-
-
-def _branches(ax, s: Samples, residual: np.ndarray) -> None:
-    for sign, name in DIRECTIONS.items():
-        side = s.direction == sign
-        if side.any():
-            size = 2 if len(s) > 500 else 6
-            ax.plot(s.contraction[side] * 1e3, residual[side], ".", ms=size, color=COLOURS[sign], label=name)
-
-
-def _volume(found: Identified) -> Figure:
-    figure = Figure(figsize=(7, 5), layout="constrained")
-    ax = figure.subplots()
-    data, fit = found.data.volumes, found.volume
-    levels = np.unique(np.round(data.pressure, -5))
-    x = np.linspace(0, data.contraction.max(), 100)
-    for colour, level in zip(mpl.colormaps["viridis"](np.linspace(0, 0.9, len(levels))), levels, strict=True):
-        near = np.abs(data.pressure - level) < 0.5e5
-        ax.plot(data.contraction[near] * 1e3, data.volume[near] * 1e6, "o", ms=4, color=colour)
-        reach = x <= data.contraction[near].max()
-        ax.plot(
-            x[reach] * 1e3, fit.volume(x[reach], level) * 1e6, color=colour, label=f"{level / 1e5:.0f} bar"
-        )
-    ax.set(xlabel="contraction / mm", ylabel="volume / cm$^3$")
-    ax.set_title(f"{found.data.specimen}: volume, measuring points and model")
-    ax.legend(title="gauge pressure", fontsize=8)
-    return figure
-
-
 def page(found: Identified, words: str) -> str:
     """Return the page; `words` are what the verb prints."""
     judged = found.errors(held_out=True) or found.errors(held_out=False)
@@ -130,7 +90,10 @@ def page(found: Identified, words: str) -> str:
         meaning.append("Caution: the force does not fall everywhere with the contraction.")
     parts = [
         Part("Force", plots=[force_plot(found)]),
-        Part("What is left", plots=[_residual_plot(found)]),
+        Part(
+            "What is left",
+            plots=[_residual_plot(found, found.held_out if len(found.held_out) else found.training)],
+        ),
         *([Part("Volume", plots=[_volume_plot(found)])] if found.volume else []),
         Part("Errors", table=_errors(found)),
         Part("Coefficients of Eq. (14)", table=_coefficients(found), pre=words, more="as identify prints it"),
@@ -163,8 +126,8 @@ def force_plot(found: Identified) -> Plot:
     return Plot(title, alt, "contraction / mm", "force / N", data, height=400)
 
 
-def _residual_plot(found: Identified) -> Plot:
-    s, data = found.held_out if len(found.held_out) else found.training, []
+def _residual_plot(found: Identified, s: Samples) -> Plot:
+    data = []
     for sign, name in DIRECTIONS.items():
         side = _thin(s.where(s.direction == sign))
         if len(side):
@@ -180,7 +143,7 @@ def _residual_plot(found: Identified) -> Plot:
 def _volume_plot(found: Identified) -> Plot:
     points, fit, data = found.data.volumes, found.volume, []
     levels = np.unique(np.round(points.pressure, -5))
-    for colour, level in zip(OF_ACTUATORS, levels, strict=False):
+    for colour, level in zip(cycle(OF_ACTUATORS), levels, strict=False):
         near = np.abs(points.pressure - level) < 0.5e5
         x = np.linspace(0, points.contraction[near].max(), 60)
         name = f"{level / 1e5:.0f} bar gauge"

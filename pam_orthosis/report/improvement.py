@@ -1,19 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What learning did to the tracking: table, figure, page."""
+"""What learning did to the tracking: table, plots, page."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from pam_orthosis.improvement.rounds import Round, Tracking
 from pam_orthosis.report.page import BAD, GOOD, Page, Part, listed
 from pam_orthosis.report.plots import AFTER, BEFORE, REFERENCE, Plot, bars, line
 from pam_orthosis.report.run_data import read_run
 
-DPI = 110
-GREY, RED = "0.6", "tab:red"
 HEAD = "| model of the controllers | maximum error | RMS error | voltage variation |\n|---|---|---|---|\n"
 
 
@@ -43,37 +40,9 @@ def _end(last: Mapping[str, Any]) -> str:
     return "" if last["tracking"] else f"\nRound {last['round']}: {last['reason']}.\n"
 
 
-def draw(rounds: Sequence[Round], stream: BinaryIO) -> None:
-    """Draw reference and error over time, before and after, and the figures of each round."""
-    judged = [one for one in rounds if one.tracking is not None]
-    kept = [one for one in judged if one.kept]
-    figure = Figure(figsize=(12, 6), layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=(3, 1))
-    axes = left.subplots(2, 1, sharex=True)
-    for one, colour in ((kept[0], GREY), (kept[-1], RED)):
-        time, reference, error = errors(one.tracking)
-        axes[1].plot(time, error, color=colour, lw=0.8, label=label(one))
-    axes[0].plot(time, reference, color="k", lw=1)
-    unit = kept[0].tracking.verdicts[0].unit
-    axes[0].set_ylabel(f"reference / {unit}")
-    axes[1].set(ylabel=f"error / {unit}", xlabel="time / s")
-    axes[1].legend(loc="lower left", fontsize=8)
-    _bars(right.subplots(), judged)
-    figure.savefig(stream, dpi=DPI, format="png")
-
-
 def label(one: Round) -> str:
     """Return what the controllers know in a round."""
     return _model(one.number, one.found.effects if one.found else ())
-
-
-def _bars(axes, judged: Sequence[Round]) -> None:
-    places = np.arange(len(judged))
-    axes.bar(places - 0.2, [one.tracking.largest for one in judged], 0.4, label="maximum", color="tab:blue")
-    axes.bar(places + 0.2, [one.tracking.rms for one in judged], 0.4, label="RMS", color="tab:orange")
-    axes.set_xticks(places, [f"round {one.number}" for one in judged])
-    axes.set(ylabel=f"error of the worst run / {judged[0].tracking.verdicts[0].unit}")
-    axes.legend()
 
 
 def errors(tracking: Tracking) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -105,13 +74,22 @@ def page(rounds: Sequence[Round], words: str) -> str:
         for one in judged
     ]  # fmt: skip
     head = ("model of the controllers", "kept", f"maximum / {unit}", f"RMS / {unit}", "valves / V/s", "why")
+    by_round, *curves = plots(rounds)
     parts = [
-        Part("Round by round", table=listed(head, rows), plots=[_rounds(judged, unit)]),
-        Part("The worst run, before and after", plots=_curves(kept[0], kept[-1], unit)),
+        Part("Round by round", table=listed(head, rows), plots=[by_round]),
+        Part("The worst run, before and after", plots=curves),
         Part("All numbers", pre=words, more="as improve prints it"),
     ]
     tone, answer = (GOOD, "better") if better else (BAD, "no better")
     return Page("improve", answer, tone, headline, meaning, parts, "learning missing effects").html()
+
+
+def plots(rounds: Sequence[Round]) -> list[Plot]:
+    """Return the errors of the rounds, then reference and error over time, before and after."""
+    judged = [one for one in rounds if one.tracking is not None]
+    kept = [one for one in judged if one.kept]
+    unit = kept[0].tracking.verdicts[0].unit
+    return [_rounds(judged, unit), *_curves(kept[0], kept[-1], unit)]
 
 
 def _rounds(judged: Sequence[Round], unit: str) -> Plot:

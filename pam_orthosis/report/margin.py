@@ -1,18 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Margins of the closed loop: table, figure and page, from what `batch.margin.measure` returns."""
+"""Margins of the closed loop: table, plots and page, from what `batch.margin.measure` returns."""
 
 from collections.abc import Mapping, Sequence
 from itertools import groupby
-from typing import Any, BinaryIO
-
-from matplotlib.figure import Figure
+from typing import Any
 
 from pam_orthosis.report.page import NEUTRAL, Page, Part, listed
 from pam_orthosis.report.plots import AFTER, BEFORE, Plot, dots, line
 
-DPI = 110
-COLUMNS = 3
-TRIED, LOST, NOMINAL = "tab:blue", "tab:red", "0.5"
 HEAD = ("perturbation", "unit", "nominal", "error doubles", "{} is lost")
 
 
@@ -60,37 +55,11 @@ def notes(found: Mapping[str, Any]) -> list[str]:
     return notes + [f"Not in this hardware: {name}." for name in found["not_there"]]
 
 
-def draw(found: Mapping[str, Any], stream: BinaryIO) -> None:
-    """Draw the maximum error against each perturbation, a panel each."""
-    panels = [(name, list(rows)) for name, rows in groupby(found["margins"], lambda row: row["perturbation"])]
-    count = -(-len(panels) // COLUMNS)
-    figure = Figure(figsize=(4 * COLUMNS, 3.2 * count), layout="constrained")
-    axes = list(figure.subplots(count, COLUMNS, squeeze=False, sharey=True).flat)
-    for panel, (name, rows) in zip(axes, panels, strict=False):
-        _panel(panel, found, name, rows)
-    for panel in axes[len(panels) :]:
-        panel.remove()
-    axes[0].legend(fontsize=8)
-    figure.savefig(stream, dpi=DPI, format="png")
-
-
 def _runs(rows: Sequence[Mapping[str, Any]], unit: str) -> tuple[tuple[Sequence, Sequence], list[float]]:
     """Return rising values and their maximum errors, and the values at which the machine is lost."""
     runs = {run["value"]: run[f"max_abs_error_{unit}"] for row in rows for run in row["runs"]}
     values, sizes = zip(*sorted(one for one in runs.items() if one[1] is not None), strict=True)
     return (values, sizes), [value for value, error in runs.items() if error is None]
-
-
-def _panel(axes, found: Mapping[str, Any], name: str, rows: Sequence[Mapping[str, Any]]) -> None:
-    unit = found["error_unit"]
-    doubled_error, lost_error = found[f"doubled_{unit}"], found[f"lost_{unit}"]
-    followed, lost = _runs(rows, unit)
-    axes.plot(*followed, color=TRIED, marker=".", label="maximum error")
-    axes.plot(lost, [lost_error] * len(lost), color=LOST, marker="x", ls="", label=f"{found['machine']} lost")
-    axes.axvline(rows[0]["nominal"], color=NOMINAL, lw=0.8, label="nominal")
-    axes.axhline(doubled_error, color=NOMINAL, ls="--", lw=0.8, label="error doubled")
-    axes.axhline(lost_error, color=LOST, ls="--", lw=0.8)
-    axes.set(yscale="log", xlabel=f"{name} / {rows[0]['unit']}", ylabel=f"error / {unit}")
 
 
 def page(found: Mapping[str, Any]) -> str:
@@ -105,17 +74,19 @@ def page(found: Mapping[str, Any]) -> str:
     )
     head = [name.format(found["machine"]) for name in HEAD]
     rows = [cells(row) for row in found["margins"]]
-    panels = [
-        _plot(found, name, list(of))
-        for name, of in groupby(found["margins"], lambda row: row["perturbation"])
-    ]
     parts = [
         Part("Limits", table=listed(head, rows)),
-        Part("Error against each change", ("The controllers stay as they are.",), plots=panels),
+        Part("Error against each change", ("The controllers stay as they are.",), plots=plots(found)),
     ]
     return Page(
         "margin", "measured", NEUTRAL, headline, notes(found), parts, "margins of the closed loop"
     ).html()
+
+
+def plots(found: Mapping[str, Any]) -> list[Plot]:
+    """Return the maximum error against each perturbation."""
+    groups = groupby(found["margins"], lambda row: row["perturbation"])
+    return [_plot(found, name, list(rows)) for name, rows in groups]
 
 
 def _plot(found: Mapping[str, Any], name: str, rows: Sequence[Mapping[str, Any]]) -> Plot:

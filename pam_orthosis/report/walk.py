@@ -8,12 +8,12 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from pam_orthosis.report.run_data import Panel, RunData, read_run, view
+from pam_orthosis.report.picture import draw_plot
+from pam_orthosis.report.run_data import RunData, read_run, view
+from pam_orthosis.report.run_page import plot
 
 PHASES = 9
 PANELS = 3  # coordinate, error, pressures
-COLOURS = {"reference": "0.5", "measured": "tab:red", "error": "tab:red"}
-OF_ACTUATORS = ("tab:blue", "tab:orange", "tab:purple", "tab:brown", "tab:pink", "tab:gray", "tab:olive")
 
 
 def draw_run(bag_path: Path, bound: float, namespace: str, stream: BinaryIO) -> None:
@@ -27,15 +27,9 @@ def drawn(run: RunData, bound: float) -> Figure:
     figure = Figure(figsize=(11, 8), layout="constrained")
     above, *axes = figure.subplots(1 + len(panels), 1, height_ratios=[1.5, 1, 0.8, 1][: 1 + len(panels)])
     _draw_machine(above, run)
-    colours = COLOURS | dict(zip(run.machine.names, OF_ACTUATORS, strict=False))
     for one, panel in zip(axes, panels, strict=True):
-        _draw_panel(one, panel, colours)
+        draw_plot(one, plot(panel, run, bound))
         one.sharex(axes[0])
-    for sign in (-1, 1):
-        axes[1].axhline(sign * bound, color="k", linestyle="--", linewidth=1)
-    unit = panels[1].label.split(" / ")[1]
-    axes[1].annotate(f"bound {bound:g} {unit}", (run.time[-1], bound), ha="right", va="top")
-    axes[-1].set_xlabel("time / s")
     return figure
 
 
@@ -49,16 +43,3 @@ def _draw_machine(axes, run: RunData) -> None:
     axes.set(aspect="equal", xlabel="x / m", ylabel="z / m")
     name = f"{run.machine.name} {run.machine.coordinate.name}"
     axes.set_title(f"last cycle, measured {name} (dark: start, light: end)")
-
-
-def _draw_panel(axes, panel: Panel, colours: dict[str, str]) -> None:
-    for curve in panel.curves:
-        if curve.name.startswith("estimate"):
-            continue
-        style = ":" if curve.name.endswith(" reference") else "-"
-        width, colour = 2.5 if curve.name == "reference" else 1, colours[curve.name.split()[0]]
-        axes.plot(curve.time, curve.value, style, color=colour, linewidth=width, label=curve.name)
-    axes.set_ylabel(panel.label)
-    if len(axes.lines) > 1:  # above the axes, where it covers no curve
-        place = {"loc": "lower right", "bbox_to_anchor": (1, 1), "borderaxespad": 0}
-        axes.legend(**place, ncols=4, frameon=False, fontsize="small")
