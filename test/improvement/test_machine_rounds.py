@@ -11,6 +11,7 @@ from pam_orthosis.improvement.rounds import experiments
 from pam_orthosis.model.machines import read_machine
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report import improvement
+from pam_orthosis.report.picture import draw
 
 CYLINDER = Path(__file__).resolve().parents[2] / "examples" / "cylinder" / "cylinder.yaml"
 HIDDEN = {
@@ -62,5 +63,5 @@ def test_it_follows_better_with_the_friction_that_was_found(parameters, tmp_path
     table = improvement.table(told)
     assert f"| {after.tracking.largest:.3f} mm |" in table
     picture = io.BytesIO()
-    improvement.draw([before, after], picture)
+    draw(improvement.plots([before, after]), picture)
     assert picture.getvalue().startswith(b"\x89PNG")
