@@ -31,15 +31,18 @@ def between(since, until):
     return (since <= TIME) & (until > TIME)
 
 
-def check(folder, capsys, vents, away, reports=(), lowest=None, lost=None, **known):
-    """Write a bag: where valves vent, the error (deg), reports (s, status); return what `check` says."""
+def check(folder, capsys, vents, away, reports=(), lowest=None, lost=None, hole=None, **known):
+    """Write a bag: where valves vent, the error (deg), reports (s, status); return what `check` says.
+
+    Commands are missing where they are `lost`, everything where there is a `hole`.
+    """
     kinds = ("joint_states", "reference", "extensor/valve_command", "flexor/valve_command")
     asked = ("extensor/pressure_reference", "flexor/pressure_reference")
     with BagWriter(folder, {"parameters": json.dumps({**KNOWN, **known})}) as writer:
         for topic in (*kinds, *asked, DIAGNOSTICS):
             writer.add_topic(resolve(topic), TABLE.by_name[topic].type)
-        for k in range(len(TIME)):
-            stamp_ns = k * PERIOD_NS
+        for k in np.flatnonzero(~hole) if hole is not None else range(len(TIME)):
+            stamp_ns = int(k) * PERIOD_NS
             write(writer, "joint_states", stamp_ns, joint_state(stamp_ns, "knee", [-np.radians(away[k])]))
             write(writer, "reference", stamp_ns, reference(stamp_ns, (0.0, 0.0)))
             for topic in kinds[2:] if lost is None or not lost[k] else ():
@@ -131,3 +134,16 @@ def test_valves_that_get_no_commands_vent(tmp_path, capsys):
     nothing, lost = np.zeros_like(TIME, dtype=bool), between(2.0, 4.0)
     told, _ = check(tmp_path / "walk", capsys, nothing, np.where(between(2.2, 4.5), 30.0, 0.0), lost=lost)
     assert told == ["at 2.095 s, for 1.905 s: no commands; back at 4.500 s"]
+
+
+def test_a_hole_in_the_bag_is_no_release(tmp_path, capsys):
+    nothing = np.zeros_like(TIME, dtype=bool)
+    told, _ = check(tmp_path / "walk", capsys, nothing, 0.0 * TIME, hole=between(2.0, 4.0))
+    assert told == []
+
+
+def test_what_there_is_of_a_run_that_was_cut_short_may_end_released(tmp_path, capsys):
+    known = {"scenario.duration": 60.0}
+    told, _ = check(tmp_path / "walk", capsys, between(5.0, 7.0), 0.0 * TIME, **known)
+    assert told == ["at 5.000 s, until the end: the run was cut short"]
+    assert main(["check", str(tmp_path / "walk"), "--partial"]) == 0
