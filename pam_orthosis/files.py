@@ -13,14 +13,14 @@ import secrets
 import shutil
 import stat
 from argparse import ArgumentTypeError
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any, BinaryIO
 
 from pam_orthosis.errors import OrthosisError
 
-REMAKE = ", or --overwrite to make it again"  # for what is made from other files
 UNFINISHED = ".pam-orthosis-"  # begins the name of what is not whole yet, or never will be
 NEW_FILE = os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_WRONLY | os.O_CLOEXEC
 
@@ -46,7 +46,7 @@ def output(text: str) -> Path:
 
 def write_text(path: Path, text: str, overwrite: bool = False) -> None:
     """Write a text as `write_files` writes."""
-    write_files({path: as_text(text)}, overwrite)
+    write_files({path: as_text(text)}, {path} if overwrite else ())
 
 
 def as_text(text: str) -> Write:
@@ -59,17 +59,17 @@ def as_bytes(content: bytes) -> Write:
     return lambda stream: stream.write(content)
 
 
-def write_files(files: Mapping[Path, Write], overwrite: bool = False) -> None:
+def write_files(files: Mapping[Path, Write], replaced: Container[Path] = ()) -> None:
     """Write files, and the folders that they need, all of them or none.
 
     Args:
         files: what fills each.
-        overwrite: whether a regular file of that name is replaced.
+        replaced: which of them take the place of a regular file of that name.
 
     Raises:
-        OrthosisError: one exists (and is no regular file, if they are to be replaced) or cannot be written.
+        OrthosisError: one exists (and is no regular file, if it is to be replaced) or cannot be written.
     """
-    refuse_existing(files, overwrite)
+    refuse_existing(files, replaced)
     made: list[Path] = []
     parts: dict[Path, Path] = {}
     placed: list[Path] = []
@@ -83,33 +83,52 @@ def write_files(files: Mapping[Path, Write], overwrite: bool = False) -> None:
                     write(stream)
         for path, part in parts.items():
             with writing(path):
-                _place(part, path, overwrite)
+                _place(part, path, path in replaced)
             placed.append(path)
     except BaseException:
-        for path in [] if overwrite else placed:
-            path.unlink()
+        for path in placed:
+            if path not in replaced:
+                path.unlink()
         for part in parts.values():
             part.unlink(missing_ok=True)
         remove_empty(made)
         raise
 
 
-def refuse_existing(paths: Iterable[Path], overwrite: bool = False, instead: str = "") -> None:
-    """Raise OrthosisError if there is something where a file is to be; `overwrite`: but a regular file.
+def refuse_existing(paths: Iterable[Path], replaced: Container[Path] = ()) -> None:
+    """Raise OrthosisError if there is something where a file is to be, or none can be made there.
 
-    So it does where a folder is to be made in a place that is none: before anything is computed.
-    `instead`: what to do, beside choosing another --out.
+    So it is known before anything is computed. Of `replaced` a regular file may be there.
     """
+    folders = set()
     for path in paths:
         with writing(path):
-            there = os.path.lexists(path)
-            replaceable = overwrite and there and stat.S_ISREG(path.lstat().st_mode)
-            above = next((one for one in path.parents if os.path.lexists(one)), Path())
-        if not os.path.isdir(above):
+            if (there := status(path)) and not (path in replaced and stat.S_ISREG(there.st_mode)):
+                why = "is no regular file" if path in replaced else "exists"
+                raise OrthosisError(f"{path} {why}; choose another --out")
+        folders.add(path.parent)
+    for folder in folders:
+        try_place(folder)
+
+
+def status(path: Path) -> os.stat_result | None:
+    """Return what is known of what is at a path, be it a link; None if nothing is."""
+    try:
+        return path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+
+
+def try_place(folder: Path) -> None:
+    """Raise OrthosisError if no file can be made in a folder, or in the one that it is to be made in."""
+    with writing(folder):
+        above = next(one for one in (folder, *folder.parents, Path()) if status(one))
+        if not above.is_dir():
             raise OrthosisError(f"{above} is no folder; choose another --out")
-        if there and not replaceable:
-            why = "is no regular file" if overwrite else "exists"
-            raise OrthosisError(f"{path} {why}; choose another --out{instead}")
+        for name in folder.relative_to(above).parts:
+            status(above / name)  # too long a name
+        with TemporaryFile(dir=above):
+            pass
 
 
 def _new_part(folder: Path) -> BinaryIO:
@@ -203,11 +222,15 @@ def _lock(lock: int, path: Path) -> None:
 
 
 def refuse_used(folder: Path, instead: str = "") -> None:
-    """Raise OrthosisError if there is something where a folder is to be made or filled."""
+    """Raise OrthosisError if there is something where a folder is to be filled, or none can be made there.
+
+    `instead`: what to do, beside choosing another --out.
+    """
     with writing(folder):
-        used = os.path.lexists(folder) and (not folder.is_dir() or any(_held(folder)))
+        used = status(folder) and (not folder.is_dir() or any(_held(folder)))
     if used:
         raise Used(f"{folder} exists and is not an empty folder; choose another --out{instead}")
+    try_place(folder)
 
 
 def _held(folder: Path) -> Iterator[Path]:

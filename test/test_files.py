@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pam_orthosis import files
+from pam_orthosis import files, results
 from pam_orthosis.cli.main import main
 from pam_orthosis.errors import OrthosisError
 
@@ -65,7 +65,7 @@ def test_a_file_in_place_of_a_folder_is_refused_before_anything_is_computed(tmp_
     (tmp_path / "file").touch()
     for place in (tmp_path / "file" / "page.html", tmp_path / "file" / "pictures" / "a.png"):
         with pytest.raises(OrthosisError, match="file is no folder; choose another --out"):
-            files.refuse_existing([place], overwrite=True)
+            files.refuse_existing([place], {place})
 
 
 def test_a_path_that_is_too_long_leaves_no_folders(tmp_path, monkeypatch):
@@ -104,7 +104,7 @@ def test_an_asked_for_overwriting_replaces_a_regular_file_and_fails_without_a_tr
     with pytest.raises(OrthosisError, match="exists; choose another --out"):
         files.write_text(file, "after")
     with pytest.raises(OrthosisError, match="No space left"):
-        files.write_files({file: _full}, overwrite=True)
+        files.write_files({file: _full}, {file})
     assert _state(tmp_path) == {"page.html": b"before"}
     files.write_text(file, "after", overwrite=True)
     assert _state(tmp_path) == {"page.html": b"after"}
@@ -181,6 +181,28 @@ def test_a_link_to_an_empty_folder_is_a_folder(tmp_path):
     assert (tmp_path / "there" / "bag").exists()
 
 
+def test_results_are_added_to_and_replaced_but_nobody_elses(tmp_path):
+    out = tmp_path / "out"
+    results.write_results(out, {"a": files.as_text("1"), "deep/b": files.as_text("2")})
+    results.refuse_foreign(out, ["c"])
+    results.write_results(out, {"c": files.as_text("3")})
+    results.write_results(out, {"deep/b": files.as_text("4")}, overwrite=True)
+    assert (out / "deep" / "b").read_text() == "4"
+    with pytest.raises(OrthosisError, match="a exists; choose another --out, or --overwrite"):
+        results.write_results(out, {"a": files.as_text("5")})
+    (out / "notes.txt").write_text("mine")
+    (out / "c").write_text("mine")
+    before = _state(tmp_path)
+    for name in ("notes.txt", "c"):
+        with pytest.raises(OrthosisError, match="not written by this, or changed since"):
+            results.write_results(out, {"a": files.as_text("6"), name: files.as_text("ours")}, overwrite=True)
+    with pytest.raises(OrthosisError, match=r"out holds notes\.txt"):
+        results.refuse_foreign(out, ["new"], overwrite=True)
+    with pytest.raises(OrthosisError, match="No space left"):
+        results.write_results(out, {"a": _full}, overwrite=True)
+    assert _state(tmp_path) == before
+
+
 # every verb that writes files or folders by names that are known before, and what it must leave alone
 THERE = {
     "report": (["report", str(WALK), "--only", "table", "--out", "out"], "walk.csv"),
@@ -193,6 +215,13 @@ THERE = {
     "recover": (["recover", str(WALK), "--out", "out"], "notes.txt"),
     "a result": (["batch", "check", str(WALK), "--out", "out"], "walk/result.json"),
     "a unit": (["batch", "check", str(WALK), "--out", "out"], "walk/notes.txt"),
+    "gap beside something": (["gap", str(WALK), "--out", "out"], "notes.txt"),
+    "report beside something": (["report", str(WALK), "--out", "out"], "notes.txt"),
+    "report again": (["report", str(WALK), "--out", "out", "--overwrite"], "walk.html"),
+    "paper again": (["paper", "--out", "out", "--overwrite"], "paper.html"),
+    "figures": (["identify", "table.csv", "--figures", "out"], "force.png"),
+    "a page": (["batch", "check", str(WALK), "--out", "out"], "batch.html"),
+    "batch beside something": (["batch", "check", str(WALK), "--out", "out"], "notes.txt"),
     "a summary": (["batch", "check", str(WALK), "--out", "out"], "batch.json"),
 }
 
@@ -224,11 +253,45 @@ def test_a_report_is_made_again_only_if_that_is_asked_for(tmp_path, monkeypatch,
     assert capsys.readouterr().out == "walk-report/walk.csv\n"
     table = tmp_path / "walk-report" / "walk.csv"
     made = table.read_bytes()
-    table.write_text("edited")
     assert main(command) == 2
     said = capsys.readouterr().err
     assert "walk-report exists" in said
     assert "or --overwrite to make it again" in said
-    assert table.read_text() == "edited"
+    os.utime(table, (0, 0))
     assert main([*command, "--overwrite"]) == 0
     assert table.read_bytes() == made
+    assert table.stat().st_mtime > 0
+    table.write_text("edited")
+    assert main([*command, "--overwrite"]) == 2
+    assert "changed since; choose another --out" in capsys.readouterr().err
+    assert table.read_text() == "edited"
+
+
+IMPOSSIBLE = {
+    "gap-hide": ["gap-hide", "--effect", "none"],
+    "plan": ["plan"],
+    "paper": ["paper"],
+    "gap": ["gap", str(WALK)],
+    "report": ["report", str(WALK)],
+    "batch": ["batch", "check", str(WALK)],
+    "improve": ["improve"],
+    "margin": ["margin"],
+    "rig": ["rig"],
+    "recover": ["recover", str(WALK)],
+    "example": ["example", "walk"],
+}
+
+
+@pytest.mark.parametrize(
+    "place", ["/proc/new/out", f"{300 * 'x'}/out"], ids=["no writing", "too long a name"]
+)
+@pytest.mark.parametrize("verb", IMPOSSIBLE)
+def test_a_place_that_cannot_be_written_is_told_before_the_work(verb, place, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for maker in ("testing.case.make_case", "planning.plan.make_plan"):
+        monkeypatch.setattr(f"pam_orthosis.{maker}", lambda *_, **__: pytest.fail("the work has begun"))
+    assert main([*IMPOSSIBLE[verb], "--out", place]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "cannot write" in said or "name too long" in said
+    assert not list(tmp_path.iterdir())

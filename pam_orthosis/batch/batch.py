@@ -10,18 +10,19 @@ from typing import Any
 from pam_orthosis.batch.unit import Answer, Unit, work
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import (
+    Write,
     as_bytes,
     as_text,
     locked,
-    refuse_existing,
     refuse_used,
+    status,
     write_files,
     write_folder,
-    write_text,
 )
 from pam_orthosis.reading import from_json, read_text
+from pam_orthosis.results import as_written, digest, refuse_foreign, write_results
 
-RESULT, SUMMARY = "result.json", "batch.json"
+RESULT, SUMMARY, PAGE = "result.json", "batch.json", "batch.html"
 LOOK_SECONDS = 1.0  # how often it is looked whether the executor still lives
 
 
@@ -30,22 +31,20 @@ class Batch:
 
     Args:
         units: of different names.
-        folder: may hold the results of an earlier, unfinished batch of the same units. What a result lists as
-            its files is replaced if the unit is done again; nothing else is.
+        folder: may hold the results of an earlier batch. What a result lists as its files is replaced if the
+            unit is done again; nothing else is.
 
     Raises:
-        OrthosisError: the folder holds something else by the names of the summary or of a unit.
+        OrthosisError: the folder holds something else.
     """
 
     def __init__(self, units: Sequence[Unit], folder: Path):
         self.units, self.folder = tuple(units), folder
+        refuse_foreign(folder, (SUMMARY, PAGE), True, {*(unit.name for unit in units), *_results(folder)})
         self._states = {unit.name: unit.state() for unit in units}
         self.results = {unit.name: one for unit in units if (one := self._finished(unit)) is not None}
         self.failed: dict[str, dict[str, Any]] = {}
         self.skipped = tuple(self.results)
-        summary = folder / SUMMARY
-        if summary.exists() and set(_object(summary)) != set(self.summary()):
-            raise OrthosisError(f"{summary} is no summary of a batch; give another --out")
 
     def run(
         self,
@@ -86,7 +85,11 @@ class Batch:
         finally:
             for future in waiting:
                 future.cancel()
-            write_text(self.folder / SUMMARY, json.dumps(self.summary(), indent=2) + "\n", overwrite=True)
+            self.write(SUMMARY, as_text(json.dumps(self.summary(), indent=2) + "\n"))
+
+    def write(self, name: str, write: Write) -> None:
+        """Write the summary or its page, again if they are there."""
+        write_results(self.folder, {name: write}, overwrite=True)
 
     @property
     def done(self) -> int:
@@ -111,7 +114,8 @@ class Batch:
         """Return the result that is there already, be what the unit reads as it was then or not."""
         home = self.folder / unit.name
         if not (home / RESULT).exists():
-            refuse_used(home)
+            if status(home):
+                refuse_used(home)
             return {}
         result = _object(home / RESULT)
         if {key: result.get(key) for key in unit.identity()} != unit.identity():
@@ -125,14 +129,16 @@ class Batch:
         earlier = self._earlier(unit)
         result = {
             "name": unit.name, **unit.identity(), "read": self._states[unit.name], "status": answer.status,
-            "tries": tries, "seconds": round(answer.seconds, 2), "files": sorted(files),
-            "answer": answer.result,
+            "tries": tries, "seconds": round(answer.seconds, 2), "answer": answer.result,
+            "files": {name: digest(data) for name, data in sorted(answer.files.items())},
         }  # fmt: skip
         files[RESULT] = as_text(json.dumps(result, indent=2) + "\n")
         if earlier:
-            ours = {RESULT, *earlier.get("files", [])}
-            refuse_existing(home / name for name in files if name not in ours)
-            write_files({home / name: write for name, write in files.items()}, overwrite=True)
+            ours = {
+                home / RESULT,
+                *(home / name for name, one in earlier["files"].items() if as_written(home / name, one)),
+            }
+            write_files({home / name: write for name, write in files.items()}, ours)
         else:
             write_folder(home, files)
         self.results[unit.name] = result
@@ -144,6 +150,11 @@ class Batch:
         again = ", is tried again" if answer.complaint and unit.name not in self.failed else ""
         line = f"{unit.name}: {outcome} ({answer.seconds:.1f} s, try {tries}{again})"
         return f"{self.done}/{len(self.units)} {line}"
+
+
+def _results(folder: Path) -> set[str]:
+    """Return the names of the folders that hold results."""
+    return {one.parent.name for one in folder.glob(f"*/{RESULT}")}
 
 
 def _as_done(waiting: dict[Future, Unit], lives: Callable[[], bool]) -> Iterator[Future]:

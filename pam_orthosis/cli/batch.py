@@ -12,10 +12,9 @@ from pathlib import Path
 
 from pam_orthosis.cli.check import add_bound_arguments, bound_of, not_negative
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.files import output, refuse_existing, write_text
+from pam_orthosis.files import as_text, output
 from pam_orthosis.progress import shown
 
-PAGE = "batch.html"
 PROGRAM = "pam_orthosis.cli.main"
 TASKS = {
     "check": "judge the tracking of each bag",
@@ -53,14 +52,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Work off all; return 0 if all say yes, 1 if one says no, 3 if one failed."""
-    from pam_orthosis.batch.batch import SUMMARY, Batch
+    from pam_orthosis.batch.batch import PAGE, Batch
     from pam_orthosis.batch.unit import cluster, local
     from pam_orthosis.report.pages.batch import page
 
-    if arguments.out.exists() and not arguments.out.is_dir():
-        raise OrthosisError(f"--out {arguments.out} is a file; give a folder")
-    if not (arguments.out / SUMMARY).exists():
-        refuse_existing([arguments.out / PAGE])
     batch = Batch(_units(arguments), arguments.out)
     if batch.skipped:
         print(f"{len(batch.skipped)} done before", file=sys.stderr)
@@ -76,7 +71,7 @@ def execute(arguments: argparse.Namespace) -> int:
         progress("working", batch.done, len(batch.units))
         batch.run(executor, lives, arguments.retries, show)
     summary = batch.summary()
-    write_text(arguments.out / PAGE, page(summary, batch.results), overwrite=True)
+    batch.write(PAGE, as_text(page(summary, batch.results)))
     print(json.dumps(summary, indent=2) if arguments.json else describe(summary))
     return 3 if summary["failed"] else 1 if summary["no"] else 0
 

@@ -12,20 +12,17 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pam_orthosis.cli.batch import at_least_1
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import (
     as_text,
-    make_folder,
     output,
     refuse_existing,
-    remove_empty,
+    refuse_used,
     write_files,
     write_text,
-    writing,
 )
 from pam_orthosis.progress import Progress, counted, shown
 
@@ -175,8 +172,6 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
             for path, one in zip(paths, every, strict=True)
         ]
     training, held_out = every[: len(arguments.measured)], every[len(arguments.measured) :]
-    if arguments.out:
-        _try(arguments.out)
     replay = Replay(system, Workers(arguments.jobs))
     start = begin(system, training, held_out, parameters.gap, progress, replay)
     progress("computing what these data can show")
@@ -235,25 +230,13 @@ def _check_out(arguments: argparse.Namespace) -> None:
         raise OrthosisError("--next knows experiments of machines, none of a --system")
     if arguments.next:
         refuse_existing([arguments.next])
-    if folder is not None and folder.exists() and not folder.is_dir():
-        raise OrthosisError(f"--out {folder} is a file; give a folder")
     if folder:
-        refuse_existing(folder / name for name in _files(arguments))
+        refuse_used(folder)
 
 
 def _files(arguments: argparse.Namespace) -> tuple[str, ...]:
     """Return the files to write: a model file is for `--model`, which a system of one's own does not have."""
     return tuple(name for name in FILES if not (arguments.system and name == MODEL))
-
-
-def _try(folder: Path) -> None:
-    """Try to write into a folder, before the search takes its time."""
-    made = make_folder(folder)
-    try:
-        with writing(folder), TemporaryFile(dir=folder):
-            pass
-    finally:
-        remove_empty(made)
 
 
 def _write(arguments: argparse.Namespace, outcome, data, case: Case, words: str) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from pam_orthosis.cli.check import not_negative
 from pam_orthosis.errors import OrthosisError, naming
-from pam_orthosis.files import as_text, output, refuse_existing, write_files
+from pam_orthosis.files import as_text, output, refuse_existing, refuse_used, write_files
 from pam_orthosis.model.specimens import SPECIMENS
 from pam_orthosis.progress import Progress, shown
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from pam_orthosis.identification.force import ForceFit
     from pam_orthosis.identification.identify import Identified
 
-FIGURES = ("force.png", "residual.png", "volume.png")  # of `report.identification`
 PAGE = "identify.html"
 MOST_LEVELS = 12  # a table with more pressures is summed up
 REPEATS = "repeats"  # of `identification.clusters`
@@ -73,8 +72,10 @@ def execute(arguments: argparse.Namespace) -> int:
     """Identify, write what was asked for, print the result."""
     if min(arguments.degrees) < 0 or arguments.degrees[0] > 3 or arguments.degrees[1] > 4:
         raise OrthosisError("--degrees: Eq. (14) has at most degrees 3 and 4")
-    figures = [arguments.figures / name for name in (PAGE, *FIGURES)] if arguments.figures else []
-    refuse_existing([*([arguments.out] if arguments.out else []), *figures])
+    if arguments.out:
+        refuse_existing([arguments.out])
+    if arguments.figures:
+        refuse_used(arguments.figures)
     if arguments.nominal_length_m == 0:
         raise OrthosisError("--nominal-length-m: a muscle is longer than 0 m")
     with shown("loading the identification") as progress:
@@ -105,8 +106,8 @@ def _identified(arguments: argparse.Namespace, progress: Progress) -> Identified
         progress("drawing the figures")
         from pam_orthosis.report.identification import drawn, page  # matplotlib takes its time to load
 
-        written |= drawn(found, arguments.figures)
-        written[arguments.figures / PAGE] = as_text(page(found, describe(found)))
+        made = {**drawn(found), PAGE: as_text(page(found, describe(found)))}
+        written |= {arguments.figures / name: write for name, write in made.items()}
     write_files(written)
     return found
 

@@ -9,18 +9,21 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pam_orthosis.cli.identify import FIGURES
-from pam_orthosis.files import REMAKE, as_bytes, as_text, output, refuse_existing, write_files
+from pam_orthosis.files import Write, as_bytes, as_text, output
 from pam_orthosis.model.parameters import load
 from pam_orthosis.progress import Progress, shown
+from pam_orthosis.results import refuse_foreign, write_results
 
 if TYPE_CHECKING:
     from pam_orthosis.identification.identify import Identified
     from pam_orthosis.report.paper.table import Results
 
 MUSCLE = "dmsp_20"
+FIGURES = ("force.png", "residual.png", "volume.png")  # of `report.identification`
 SCHEMES = ("device.png", "rig.png", "rig_control.png", "mechanics.png", "knee_control.png")
 PICTURES = ("observer.png", "trade_off.png", "tracking.png", *SCHEMES, *FIGURES)
+PAGES = "paper.md", "paper.html"
+FOLDER = "pictures"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,20 +38,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Make the runs, draw, write the page."""
-    page, pictures = arguments.out / "paper.md", arguments.out / "pictures"
-    refuse_existing(
-        [page, page.with_suffix(".html"), *(pictures / name for name in PICTURES)],
-        arguments.overwrite,
-        REMAKE,
-    )
+    refuse_foreign(arguments.out, (*PAGES, *(f"{FOLDER}/{name}" for name in PICTURES)), arguments.overwrite)
     with shown("compiling the model") as progress:
-        found = _made(page, pictures, arguments.overwrite, progress)
-    print(json.dumps(found.as_dict(), indent=2) if arguments.json else page)
+        found, files = _made(progress)
+        write_results(arguments.out, files, arguments.overwrite)
+    print(json.dumps(found.as_dict(), indent=2) if arguments.json else arguments.out / PAGES[0])
     return 0
 
 
-def _made(page: Path, pictures: Path, overwrite: bool, progress: Progress) -> Results:
-    """Make all results, the page and its pictures."""
+def _made(progress: Progress) -> tuple[Results, dict[str, Write]]:
+    """Make all results; return them, and what writes the page and its pictures."""
     from pam_orthosis.report.identification import drawn
     from pam_orthosis.report.pages import paper as pages
     from pam_orthosis.report.paper import (  # matplotlib takes a second
@@ -74,17 +73,16 @@ def _made(page: Path, pictures: Path, overwrite: bool, progress: Progress) -> Re
     )
     progress("drawing the figures")
     schematic = drawings.schemes()
-    files = {
-        pictures / "observer.png": lambda stream: figures.draw_observer(observed, stream),
-        pictures / "trade_off.png": lambda stream: figures.draw_trade_off(points, observed, stream),
-        pictures / "tracking.png": lambda stream: figures.draw_tracking(found.tracking, stream),
-        **{pictures / f"{name}.png": as_bytes(png) for name, png in schematic.items()},
-        **drawn(identified, pictures),
-        page: as_text(table.page(found)),
-        page.with_suffix(".html"): as_text(pages.page(found, schematic)),
+    pictures = {
+        "observer.png": lambda stream: figures.draw_observer(observed, stream),
+        "trade_off.png": lambda stream: figures.draw_trade_off(points, observed, stream),
+        "tracking.png": lambda stream: figures.draw_tracking(found.tracking, stream),
+        **{f"{name}.png": as_bytes(png) for name, png in schematic.items()},
+        **drawn(identified),
     }
-    write_files(files, overwrite)
-    return found
+    texts = as_text(table.page(found)), as_text(pages.page(found, schematic))
+    placed = {f"{FOLDER}/{name}": write for name, write in pictures.items()}
+    return found, placed | dict(zip(PAGES, texts, strict=True))
 
 
 def _identified(progress: Progress) -> Identified:

@@ -8,17 +8,9 @@ from pathlib import Path
 
 from pam_orthosis.cli.check import add_bound_arguments, bound_of, describe
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.files import (
-    REMAKE,
-    Write,
-    as_text,
-    bag_name,
-    output,
-    refuse_existing,
-    refuse_used,
-    write_files,
-)
+from pam_orthosis.files import Write, as_text, bag_name, output, refuse_existing, refuse_used, write_files
 from pam_orthosis.progress import counted, shown
+from pam_orthosis.results import REMAKE, refuse_foreign, write_results
 
 Maker = Callable[[Path, argparse.Namespace], Write]
 
@@ -64,7 +56,7 @@ def execute(arguments: argparse.Namespace) -> int:
     if arguments.earlier and not whole:
         raise OrthosisError("--earlier is for the page of both legs; leave --only and --namespace out")
     if arguments.animation:
-        return _write(arguments, {arguments.animation: _animation})
+        return _animate(arguments)
     folder = arguments.out or Path(f"{bag_name(bag)}-report")
     if not (arguments.out or arguments.overwrite):
         refuse_used(folder, REMAKE)
@@ -74,18 +66,32 @@ def execute(arguments: argparse.Namespace) -> int:
     makers = {"page": ("html", page), "picture": ("png", _picture), "table": ("csv", _table),
               "mat": ("mat", _mat)}  # fmt: skip
     kinds = [arguments.only] if arguments.only else ["page"] if whole else ["page", "picture"]
-    return _write(arguments, {folder / f"{name}.{ending}": make for ending, make in map(makers.get, kinds)})
+    return _write(arguments, folder, {f"{name}.{ending}": make for ending, make in map(makers.get, kinds)})
 
 
-def _write(arguments: argparse.Namespace, makers: Mapping[Path, Maker]) -> int:
+def _write(arguments: argparse.Namespace, folder: Path, makers: Mapping[str, Maker]) -> int:
     """Write files that these make of the bag, all of them or none."""
-    refuse_existing(makers, arguments.overwrite, REMAKE)
+    refuse_foreign(folder, makers, arguments.overwrite)
     bag = arguments.bag.resolve()
     with shown(f"reading {arguments.bag}") as progress:
-        made = {path: makers[path](bag, arguments) for path in counted(list(makers), progress, "drawing")}
+        made = {name: makers[name](bag, arguments) for name in counted(list(makers), progress, "drawing")}
         progress("writing")
-        write_files(made, arguments.overwrite)
-    print(*made, sep="\n")
+        write_results(folder, made, arguments.overwrite)
+    print(*(folder / name for name in made), sep="\n")
+    return 0
+
+
+def _animate(arguments: argparse.Namespace) -> int:
+    """Write the animation, into a new file."""
+    from pam_orthosis.report.animation import write_animation
+
+    if arguments.overwrite:
+        raise OrthosisError("--overwrite is for the files of a folder; an --animation is a new file")
+    refuse_existing([arguments.animation])
+    with shown(f"drawing {arguments.bag}"):
+        made = partial(write_animation, arguments.bag.resolve(), arguments.namespace)
+        write_files({arguments.animation: made})
+    print(arguments.animation)
     return 0
 
 
@@ -150,9 +156,3 @@ def _mat(bag: Path, arguments: argparse.Namespace) -> Write:
     from pam_orthosis.report.table import write_mat
 
     return partial(write_mat, bag, arguments.namespace)
-
-
-def _animation(bag: Path, arguments: argparse.Namespace) -> Write:
-    from pam_orthosis.report.animation import write_animation
-
-    return partial(write_animation, bag, arguments.namespace)

@@ -3,7 +3,6 @@
 
 from functools import partial
 from itertools import cycle
-from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
@@ -24,14 +23,14 @@ MOST_DOTS = 400  # of a pressure
 LOOKS = {1.0: ("@blue", "circle"), -1.0: ("@orange", "diamond"), 0.0: ("@faint", "square")}
 
 
-def drawn(found: Identified, folder: Path) -> dict[Path, Write]:
-    """Draw what the data allow; return what writes each figure of a folder."""
+def drawn(found: Identified) -> dict[str, Write]:
+    """Draw what the data allow; return what writes each figure."""
     plots = {RESIDUAL: [_residual_plot(found, s) for s in (found.training, found.held_out) if len(s)]}
     if found.volume:
         plots[VOLUME] = [_volume_plot(found)]
     files = {name: partial(draw, each, columns=len(each)) for name, each in plots.items()}
     force = partial(force_figure(found).savefig, dpi=DPI)
-    return {folder / name: write for name, write in {FORCE: force, **files}.items()}
+    return {FORCE: force, **files}
 
 
 def force_figure(found: Identified) -> Figure:

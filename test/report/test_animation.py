@@ -54,7 +54,8 @@ def test_that_of_the_front_page_is_of_the_reference_bag(animation):
         ([str(ROOT), "--animation", "new.gif"], "no bag"),
         ([str(WALK), "--animation", "new.mp4"], "ends in .gif"),
         ([str(WALK), "--animation", "new.gif", "--only", "page"], "not allowed with"),
-        ([str(WALK), "--animation", "there.gif"], "there.gif exists; choose another --out, or --overwrite"),
+        ([str(WALK), "--animation", "there.gif"], "there.gif exists; choose another --out"),
+        ([str(WALK), "--animation", "there.gif", "--overwrite"], "an --animation is a new file"),
     ],
 )
 def test_what_cannot_be_made_is_refused_in_one_line(arguments, said, tmp_path, monkeypatch, capsys):
