@@ -25,8 +25,6 @@ NOTHING = float("nan")  # in place of a number that is missing in a message
 LITTLE_ENDIAN = b"\0\1"
 STAMP = struct.Struct("<iI")
 HEAD = 4
-PADDING, SERIALISER_TRAILS = 3, 32  # most bytes behind a message that DDS delivers, that rclpy serialises
-MOST_SHAPES = 8  # of one size
 _FORMATS = {
     "bool": "?", "byte": "B", "uint8": "B", "int32": "i", "uint32": "I", "float32": "f", "float64": "d",
 }  # fmt: skip
@@ -103,7 +101,7 @@ class Shape:
             mask leaves the latter of it.
     """
 
-    def __init__(self, data: bytes, msgtype: str, most_trailing: int = PADDING):
+    def __init__(self, data: bytes, msgtype: str, most_trailing: int = 3):
         walk = _Walk(data, msgtype)
         if not 0 <= len(data) - HEAD - walk.position <= most_trailing:
             raise Unreadable(f"{msgtype} has another size")
@@ -133,7 +131,7 @@ class Shapes:
             if number & shape.lengths == shape.found:  # no method: it would be called for each message
                 return shape
         known.append(Shape(data, self._msgtype))
-        del known[:-MOST_SHAPES]
+        del known[:-8]
         return known[-1]
 
 
@@ -187,7 +185,7 @@ class Template:
     """
 
     def __init__(self, example: bytes, msgtype: str, fields: Sequence[str] = ()):
-        shape = Shape(example, msgtype, SERIALISER_TRAILS)
+        shape = Shape(example, msgtype, most_trailing=32)  # behind what rclpy serialises
         data = shape.canonical(int.from_bytes(example, "little"))
         places = list(shape.places.values())
         numbers = [shape.places[field] for field in fields] or [one for one in places if one[1] == "d"]

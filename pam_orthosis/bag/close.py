@@ -39,10 +39,8 @@ from pam_orthosis.files import write_text, writing
 from pam_orthosis.reading import open_file
 
 FOOTER_HEAD = struct.Struct("<BQQQ")  # opcode, length, where summary and its offsets begin
-FOOTER_BYTES = 20
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
-WRITER_SECONDS, LOOK_SECONDS = 5.0, 0.05  # for a bag writer whose recorder was killed
-BLOCKS = 2 * 4096  # bytes: what a file and its folder take beside what is in them
+WRITER_SECONDS = 5.0  # for a bag writer whose recorder was killed
 
 
 def close_bag(folder: Path, paths: Sequence[Path]) -> int:
@@ -75,7 +73,7 @@ def _check_at_rest(path: Path) -> None:
         while _being_written(stream):
             if time.monotonic() > until:
                 raise OrthosisError(f"{path} is being written; wait until its recorder has ended")
-            time.sleep(LOOK_SECONDS)
+            time.sleep(0.05)
 
 
 def _being_written(stream: BinaryIO) -> bool:
@@ -97,7 +95,7 @@ def _written_at_all(folder: Path, files: Sequence[BagFile]) -> bool:
 def _make_room(folder: Path, files: Sequence[BagFile]) -> None:
     """Cut off as many chunks as the end needs room; OrthosisError if it has none even then."""
     last = next((file for file in reversed(files) if file.end is not None), None)
-    missing = len(metadata_text(_information(files))) + BLOCKS
+    missing = len(metadata_text(_information(files))) + 2 * 4096  # blocks of a file and its folder
     while last and missing > 0 and len(last.chunks) > 1:
         missing -= (last.end or 0) - last.chunks[-1][0].chunk_start_offset
         without_last_chunk(last)
@@ -192,7 +190,7 @@ def _summary(file: BagFile, metadata: Sequence[MetadataIndex], begin: int) -> by
     for offset in offsets:
         offset.write(builder)
     summary = bytes(builder.end())
-    head = FOOTER_HEAD.pack(Opcode.FOOTER, FOOTER_BYTES, begin, offsets_begin)
+    head = FOOTER_HEAD.pack(Opcode.FOOTER, 20, begin, offsets_begin)
     Footer(begin, offsets_begin, zlib.crc32(head, zlib.crc32(summary))).write(builder)
     return summary + bytes(builder.end()) + MAGIC
 

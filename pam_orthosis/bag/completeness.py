@@ -9,7 +9,6 @@ from pam_orthosis.errors import OrthosisError
 
 LONGEST_GAP_NS = SECOND_NS  # without a sample that can be judged, or missing at the end
 LEAST_SECONDS = 1.0  # of a run that was cut short, for a verdict on what is there
-LEAST_SHARE = 0.5  # of the samples that are there, which can be judged: in real time some get no answer
 PERIOD = "scenario.control_period"
 
 
@@ -35,7 +34,7 @@ def incomplete(bag: Bag, judged: np.ndarray, skip_s: float, lockstep: bool) -> s
         since, until = ((edge - start) / SECOND_NS for edge in edges[gap : gap + 2])
         return f"from {since:.3f} to {until:.3f} s {name} and reference share no stamp"
     most = max(np.count_nonzero(stamps >= begin) for stamps in there)
-    if len(judged) < LEAST_SHARE * most:
+    if len(judged) < most / 2:  # in real time some samples get no answer
         return f"{name} and reference share {len(judged)} of {most} stamps"
     return _lost(bag, judged, skip_s) if lockstep else ""
 

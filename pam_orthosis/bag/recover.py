@@ -22,7 +22,6 @@ from pam_orthosis.reading import check_file, from_yaml
 
 MESSAGES, DEFINITIONS = "cdr", ("ros2msg", "ros2idl", "omgidl", "")  # encodings that rosbag2's readers take
 QOS = "offered_qos_profiles"
-MEGABYTE = 1.0e6  # bytes
 
 
 class LeftOut(NamedTuple):
@@ -90,7 +89,7 @@ def _copied(sources: Sequence[Salvage], folder: Path, progress: Progress) -> Rec
 
 def _passes(sources: Sequence[Salvage], progress: Progress) -> tuple[list[Progress], list[Progress]]:
     """Return the progress of each file's reading: first what is in it is looked for, then it is copied."""
-    sizes = [source.source.stat().st_size / MEGABYTE for source in sources]
+    sizes = [source.source.stat().st_size / 1e6 for source in sources]
     whole, begins = sum(sizes), [sum(sizes[:number]) for number in range(len(sizes))]
     places = list(zip(begins, sizes, strict=True))
 

@@ -18,10 +18,8 @@ from pam_orthosis.bag.read import Bag, aligned
 from pam_orthosis.bag.topics import DIAGNOSTICS, POSITION, SAFETY, SECOND_NS, VALVE
 
 SHORTEST_NS = 100_000_000  # what is shorter is control, or the last word of a node that leaves
-SILENT_PERIODS = 20  # without a command, after which valves vent
 APART_NS = 500_000_000  # two releases; and for so long a machine that is back is within the bound
 REPORTED_NS = SECOND_NS  # reports come once a second
-ROUNDING = 1e-9  # of a pressure that is asked for
 ERROR = 2  # level of a report: the node vents until somebody acts
 CAUSES = (SAFETY, VALVE, POSITION)  # of reports of one instant, those of a cause before those of its effect
 SILENT, CUT_SHORT, UNTOLD = "no commands", "the run was cut short", "no report tells why"
@@ -118,7 +116,7 @@ def _until_led(bag: Bag, vent: Vent, last: int) -> Vent:
     stamps, asked = _of_all(bag, "pressure_reference")
     if not len(stamps):
         return vent
-    led = stamps[(stamps >= vent.until) & np.any(np.array(asked) > lowest * (1 + ROUNDING), axis=0)]
+    led = stamps[(stamps >= vent.until) & np.any(np.array(asked) > lowest * (1 + 1e-9), axis=0)]
     return vent._replace(until=min(int(led[0]), last) if len(led) else last)
 
 
@@ -134,7 +132,7 @@ def _vents(stamps: np.ndarray, vents: np.ndarray) -> Iterator[Vent]:
 def _silences(stamps: np.ndarray, sampled: np.ndarray) -> Iterator[Vent]:
     """Yield when valves vent because their commands stay away; where samples do too, the bag has a hole."""
     passed = np.diff(stamps)
-    silence_ns = SILENT_PERIODS * int(np.median(passed))
+    silence_ns = 20 * int(np.median(passed))  # without a command, after which valves vent
     for index in np.flatnonzero(passed > silence_ns + SHORTEST_NS).tolist():
         since, until = int(stamps[index]), int(stamps[index + 1])
         if np.any((sampled > since) & (sampled < until)):

@@ -7,8 +7,6 @@ from typing import NamedTuple
 
 from pam_orthosis.bag.topics import SLOW, Topic, is_health_instant
 
-REMEMBERED = 1000  # instants, in real time
-
 
 class Message(NamedTuple):
     """A message as it is recorded: topic as the collector's table calls it, stamp, serialised bytes."""
@@ -127,7 +125,7 @@ class StepCollector:
         self.done_ns = max(self.done_ns, stamp_ns)
         if self._late_ns is not None:
             self._left.setdefault(stamp_ns, []).extend(instant)
-            if len(self._left) > REMEMBERED:
+            if len(self._left) > 1000:
                 del self._left[next(iter(self._left))]
         return [instant[key] for key in sorted(instant)]
 

@@ -13,13 +13,9 @@ from pam_orthosis.bag.cdr import store
 from pam_orthosis.bag.read import Bag, Series, aligned, read_bag
 from pam_orthosis.bag.topics import ANSWERED, JOINT, SAMPLE, SECOND_NS, TIME_REFERENCE, resolve
 
-REST_FRACTION = 0.02
 REST_SECONDS = 0.1
 CATCH_UP_SECONDS = 2.0  # for a machine whose valves were closed, to be back at its reference
 Array = npt.NDArray[np.float64]
-MOST_OFF = 0.10  # of the set peak
-MOST_LATE = 0.030  # s
-LEAST = 1.0  # N that a cushion is asked for in a cycle
 
 
 @dataclass(frozen=True)
@@ -40,7 +36,7 @@ def steady_state_error(stamp_ns: np.ndarray, error: np.ndarray, velocity: np.nda
 
 def rests(stamp_ns: np.ndarray, velocity: np.ndarray) -> list[slice]:
     """Return where a reference rests for `REST_SECONDS` and longer, by its velocity at stamps (n,)."""
-    still = np.abs(velocity) <= REST_FRACTION * np.abs(velocity).max()
+    still = np.abs(velocity) <= 0.02 * np.abs(velocity).max()
     edges = np.flatnonzero(np.diff(np.concatenate(([False], still, [False]))))
     return [
         slice(start, end)
@@ -184,10 +180,9 @@ def compared(time: Array, asked: Array, force: Array) -> Load:
     wanted, there = (_crossings(time, one, 0.5 * most) for one in (asked, force))
     same = len(wanted) == len(there) > 0
     late = float(np.abs(there - wanted).max()) if same else None
-    near = most >= LEAST and abs(reached - most) <= MOST_OFF * most
-    return Load(
-        most, reached, None if late is None else 1e3 * late, near and late is not None and late <= MOST_LATE
-    )
+    near = most >= 1.0 and abs(reached - most) <= 0.1 * most
+    late_ms = None if late is None else 1e3 * late
+    return Load(most, reached, late_ms, near and late is not None and late <= 0.03)
 
 
 def loads_of(bag: Bag, namespace: str) -> dict[str, Load]:

@@ -31,10 +31,7 @@ from pam_orthosis.processes import (
 
 NAME = "bag_writer"
 READY, DONE, HERE, ON_DISK, ERROR = "ready", "done", "here", "on disk", "error"
-PIPE_BYTES = 1 << 20  # two seconds of a graph at 200 Hz, for which the disk may stand still
-SENT_BYTES = 1 << 13  # at once
 WAITING_BYTES = 1 << 22  # beside the pipe, before who records has to wait
-LOOK_SECONDS = 0.05
 CUT_SHORT = EOFError, pickle.UnpicklingError  # who sends was killed, perhaps in the midst of something
 
 
@@ -66,7 +63,8 @@ class BagWriterProcess:
         assert self._process.stdin is not None  # it is a pipe
         self._pipe = self._process.stdin
         with suppress(OSError):  # more than the system allows
-            fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
+            two_seconds = 1 << 20  # bytes of a graph at 200 Hz, for which the disk may stand still
+            fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, two_seconds)
         os.set_blocking(self._pipe.fileno(), False)
         self._idleness, self._asked = Idleness(self._process.pid), False
         self._topics: list[tuple[str, str, bool]] = []
@@ -142,7 +140,7 @@ class BagWriterProcess:
         if count:
             self._count += count
             self._unconfirmed.append((self._count, data))
-        if len(self._unsent) >= SENT_BYTES:
+        if len(self._unsent) >= 1 << 13:
             self._send()
             while len(self._unsent) > WAITING_BYTES:
                 self._wait()
@@ -156,7 +154,7 @@ class BagWriterProcess:
         """Wait a moment for the other process."""
         self.look()
         writable = [self._pipe] if self._unsent else []
-        select.select([self._answered], writable, [], LOOK_SECONDS)
+        select.select([self._answered], writable, [], 0.05)
         self._waiting()
 
     def _hear(self) -> None:

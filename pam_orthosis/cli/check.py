@@ -17,8 +17,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-DEFAULT_BOUND = 3.0
-
 if TYPE_CHECKING:
     from pam_orthosis.bag.tracking import Load, Timing
     from pam_orthosis.bag.verdict import Bound, Verdict
@@ -61,7 +59,7 @@ def _bound(unit: str, text: str) -> tuple[float, str, dict[str, float]]:
     whole = [not_negative(value) for _, equals, value in pairs if not equals]
     if len(whole) > 1:
         raise argparse.ArgumentTypeError(f"{text!r} is more than one bound: give 1,ankle=0.8")
-    return (whole or [DEFAULT_BOUND])[0], unit, own
+    return (whole or [3.0])[0], unit, own
 
 
 def bound_of(arguments: argparse.Namespace) -> Bound:

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from pam_orthosis.identification.identify import Identified
 
 PAGE = "identify.html"
-MOST_LEVELS = 12  # a table with more pressures is summed up
 REPEATS = "repeats"  # of `identification.clusters`
 SHOWN = {"level": (1e-5, "bar gauge"), "length": (1e3, "mm"), "repeat": (1.0, "")}
 
@@ -177,7 +176,7 @@ def _errors(name: str, errors: dict) -> list[str]:
         return []
     lines = [f"{name}: {errors['rms']:.2f} N RMS, {errors['max']:.2f} N maximum, {errors['samples']} samples"]
     for kind, unit in (("by_pressure_bar_gauge", " bar gauge"), ("by_direction", "")):
-        if len(errors[kind]) > MOST_LEVELS:
+        if len(errors[kind]) > 12:  # the sum says enough
             continue
         lines += [
             f"  {key + unit:18s} {e['rms']:6.2f} RMS {e['max']:6.2f} max {e['mean']:+6.2f} mean"
@@ -199,7 +198,7 @@ def _left_out(found: Identified) -> list[str]:
     for kind, errors in found.left_out.items():
         lines.append(f"left out, one {kind} at a time:")
         known = [e for e in errors.values() if e]
-        if len(errors) > MOST_LEVELS and known:
+        if len(errors) > 12 and known:
             worst = max(e[0] for e in known)
             middle = sorted(e[0] for e in known)[len(known) // 2]
             lines.append(f"  {len(errors)} of them: {middle:.1f} N RMS in the median, {worst:.1f} N at worst")

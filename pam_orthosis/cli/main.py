@@ -39,8 +39,6 @@ VERBS = {
     "recover": "make a readable bag of one whose recorder was killed",
     "example": "write recordings that come with the package: bags to look at, a case for gap",
 }
-LONGEST_ERROR = 900
-AGAIN_SECONDS = 0.5  # C code may swallow what a signal raises
 TRACEBACK = "PAM_ORTHOSIS_TRACEBACK"
 _interrupted: list[int] = []
 
@@ -115,7 +113,7 @@ def _interrupt(number: int, _frame: FrameType | None) -> None:
             return
         error = error.__context__
     _interrupted.append(number)
-    signal.setitimer(signal.ITIMER_REAL, AGAIN_SECONDS, AGAIN_SECONDS)
+    signal.setitimer(signal.ITIMER_REAL, 0.5, 0.5)  # C code may swallow what is raised here
     raise KeyboardInterrupt
 
 
@@ -128,9 +126,8 @@ def _interrupt_again(_number: int, _frame: FrameType | None) -> None:
 def _failed(message: str, status: int) -> int:
     """Print an error as one readable line, whatever the input smuggled into it; return the exit status."""
     line = "".join(c if c.isprintable() else " " for c in message)
-    if len(line) > LONGEST_ERROR:
-        line = f"{line[:LONGEST_ERROR]} ..."
-    print(f"pam-orthosis: error: {line}", file=sys.stderr)
+    most = 900
+    print(f"pam-orthosis: error: {line[:most]}{' ...' * (len(line) > most)}", file=sys.stderr)
     return status
 
 

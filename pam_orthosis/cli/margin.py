@@ -20,15 +20,13 @@ from pam_orthosis.cli.parameters import add_model_argument, add_parameter_argume
 from pam_orthosis.files import as_text, claimed, output, write_files
 from pam_orthosis.progress import shown
 
-SECONDS = 6.0  # of the gait: the start, and one and a half cycles
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     add_parameter_arguments(parser, "what the machine does (default)")
     add_model_argument(parser)
     parser.add_argument(
-        "--duration", type=float, default=SECONDS, metavar="S", help=f"simulated seconds a run ({SECONDS:g})"
+        "--duration", type=float, default=6.0, metavar="S", help="simulated seconds a run (6)"
     )
     parser.add_argument(
         "--out",

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -53,13 +54,13 @@ def _made(progress: Progress) -> tuple[Results, dict[str, Write]]:
     from pam_orthosis.report.paper import (  # matplotlib takes a second
         by_hand,
         drawings,
-        figures,
         force_rate,
         inertia,
         observer,
         table,
         tracking,
     )
+    from pam_orthosis.report.picture import draw
 
     identified = _identified(progress)
     progress("fig. 8: observer")
@@ -74,9 +75,9 @@ def _made(progress: Progress) -> tuple[Results, dict[str, Write]]:
     progress("drawing the figures")
     schematic = drawings.schemes()
     pictures = {
-        "observer.png": lambda stream: figures.draw_observer(observed, stream),
-        "trade_off.png": lambda stream: figures.draw_trade_off(points, observed, stream),
-        "tracking.png": lambda stream: figures.draw_tracking(found.tracking, stream),
+        "observer.png": partial(draw, pages.observer_plots(observed)),
+        "trade_off.png": partial(draw, pages.trade_off_plots(points, observed), columns=3),
+        "tracking.png": partial(draw, pages.tracking_plots(tracked), columns=2),
         **{f"{name}.png": as_bytes(png) for name, png in schematic.items()},
         **drawn(identified),
     }

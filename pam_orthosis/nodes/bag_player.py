@@ -6,7 +6,6 @@ to topics under `replayed/`. The next instant is fed when all that is due for th
 that the answers depend on the bag and on the nodes alone.
 """
 
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -162,7 +161,3 @@ class BagPlayer(graph.GraphNode):
 def main() -> int:
     """Run the node."""
     return process.run(lambda: [BagPlayer()])
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -8,11 +8,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
-from std_msgs.msg import String
 
 from pam_orthosis.bag.cdr import Reader, Unreadable, canonical, serialised_stamp_ns
 from pam_orthosis.bag.record import BagWriter, run_metadata
@@ -21,8 +19,6 @@ from pam_orthosis.bag.topics import DIAGNOSTICS, PLANT, RECORDER, SAMPLE, VALVE_
 from pam_orthosis.bag.writer_process import BagWriterProcess
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components.spool import VENT
-from pam_orthosis.model.device import legs_from, parameters_of
-from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages, process
 from pam_orthosis.nodes.parameters import LEGS, Setting
 from pam_orthosis.nodes.recorded_leg import RecordedLeg
@@ -33,7 +29,6 @@ from pam_orthosis.scene.sampled import SampledScene
 
 QUEUE_DEPTH = 5000
 LATE_NS = 150_000_000
-WRITTEN_A_SAMPLE = 3  # instants, in real time: what waited for a late one must not hold up the graph
 OVERTAKEN_SECONDS = 1.0
 LOOK_SECONDS, ACKNOWLEDGED_STEPS = 0.05, 10
 PATIENCE_SECONDS = 3.0  # with the others, when a stranger is here and no supervisor ends them
@@ -77,17 +72,6 @@ class BagRecorder(graph.GraphNode):
         if self.settings["aside"]:
             self.barrier.await_peer("the process that writes the bag", self._begun)
         self.wall_timer(LOOK_SECONDS, self._look)
-
-    def served_legs(self) -> tuple[str, ...]:
-        """Return the namespaces of the legs that are recorded."""
-        return tuple(self._differences())
-
-    def parameters_of(self, leg: str) -> Parameters:
-        """Return the parameters of a leg's nodes: those of the run but for what differs."""
-        return parameters_of(self._differences()[leg], self.parameters)
-
-    def _differences(self) -> dict[str, dict[str, Any]]:
-        return legs_from(self.settings["legs"], RECORDER)
 
     def started(self) -> None:
         """Expect samples from now on."""
@@ -149,7 +133,7 @@ class BagRecorder(graph.GraphNode):
         for leg in self.legs:
             others = set(self.entry("ready", leg).producers) - {RECORDER}
             there: set[str] = set()
-            self.listen_to("ready", _noter(there), leg=leg, latched=True)
+            self.listen_to("ready", lambda said, there=there: there.add(said.data), leg=leg, latched=True)
             self.barrier.await_peer(f"the nodes of {leg}", partial(others.issubset, there))
 
     def _make_legs(self) -> list[RecordedLeg]:
@@ -195,8 +179,10 @@ class BagRecorder(graph.GraphNode):
         tick = topic.name == SAMPLE
         answer, shared = topic.rate == "answer", topic.shared
         first = leg.name == self.legs[0]
+        # in real time what waited for a late instant must not hold up the graph
+        most = 3 if self.realtime else None
 
-        def receive(data: bytes) -> None:
+        def receive(data: bytes) -> None:  # all in one: each call would be one for each message
             if not self.acts:
                 if not self.realtime:
                     self._waiting.append(partial(receive, data))
@@ -214,11 +200,11 @@ class BagRecorder(graph.GraphNode):
             data = bytes(data) if clean else canonical(data, topic.type)
             whole = leg.steps.add(Message(name, stamp_ns, data))
             if leg.unhurried(tick, answer) if self.realtime else whole:
-                self._write(leg.steps.complete(WRITTEN_A_SAMPLE if self.realtime else None))
+                self._write(leg.steps.complete(most))
             if tick:
                 leg.acknowledge(ACKNOWLEDGED_STEPS)
-            if tick and first:
-                self.step_done(stamp_ns)
+                if first:
+                    self.step_done(stamp_ns)
 
         return receive
 
@@ -301,10 +287,6 @@ class BagRecorder(graph.GraphNode):
             print(f"{NOTE_PREFIX}the last step lacks {name} of {owner}", file=sys.stderr)
 
 
-def _noter(there: set[str]) -> Callable[[String], None]:
-    return lambda message: there.add(message.data)
-
-
 def let_others_first() -> None:
     """Have this process woken without interrupting those that it listens to: nobody waits for it.
 
@@ -319,7 +301,3 @@ def main() -> int:
     """Run the node."""
     let_others_first()  # before the middleware has threads, which take it over
     return process.run(lambda: [BagRecorder()])
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -60,7 +60,3 @@ def main() -> int:
         print(f"{ERROR_PREFIX}no node {unknown[0]}: give some of {', '.join(NODES)}", file=sys.stderr)
         return OrthosisError.exit_status
     return process.run(lambda: make(names))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

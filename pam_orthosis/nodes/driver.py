@@ -11,7 +11,6 @@ from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import FluidPressure, JointState
@@ -28,7 +27,6 @@ from pam_orthosis.nodes.supervisor import ERROR_PREFIX
 from pam_orthosis.nodes.transport import qos
 
 SILENCE_PERIODS = 20
-SPIN_SECONDS = 0.2  # the events executor dispatches nothing without a time-out
 REPORT_SECONDS = 1.0
 SETTINGS = {
     **MACHINE,
@@ -281,11 +279,8 @@ def run(make: Callable[[], Driver]) -> int:
     except OrthosisError as error:
         print(f"{ERROR_PREFIX}{error}", file=sys.stderr)
         return error.exit_status
-    executor: Any = EventsExecutor()
-    executor.add_node(driver)
     try:
-        while not caught:
-            executor.spin_once(timeout_sec=SPIN_SECONDS)
+        process.spin_while(driver, lambda: not caught)
     finally:  # whatever has happened
         driver.leave()
         process.leave([driver])

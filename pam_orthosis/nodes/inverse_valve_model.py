@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node: inverse valve model of all actuators, from mass flow and pressure to a position of the spool."""
 
-import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -109,7 +108,3 @@ class InverseValveModelNode(graph.GraphNode):
 def main() -> int:
     """Run the node."""
     return process.run(lambda: [InverseValveModelNode()])
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -62,28 +62,30 @@ def commands(
     """
     common = {**_of_machine(work, parameters.declared), "realtime": mode.realtime}
     common |= {"with_plant": mode.with_plant, "replay": False, "leg": ""}
-    recorder = {**common, "directory": as_parameter(bag), "scenario_name": scenario}
     together = mode.composed and (mode.one_plant or not mode.legs)
-    recorder["aside"] = together
+    recorder = {"directory": as_parameter(bag), "scenario_name": scenario, "aside": together}
     if not mode.legs:
         specs = _specs(parameters, set() if mode.with_plant else {PLANT})
-        return _Group(work, parameters, specs, "", recorder).commands(mode.composed)
-    recorder["legs"] = common["legs"] = json.dumps(mode.legs)
+        return _Group(work, parameters, specs, "", common | recorder).commands(mode.composed)
+    common["legs"] = json.dumps(mode.legs)
     alone = {RECORDER} | ({PLANT} if mode.one_plant or not mode.with_plant else set())
-    groups: list[_Group] = []
-    for spec in _specs(parameters, set() if mode.one_plant else {PLANT}):
-        if spec.name in alone:
-            settings = recorder if spec.name == RECORDER else common
-            groups.append(_Group(work, parameters, [spec], "", settings))
-    for number, (leg, differences) in enumerate(mode.legs.items()):
-        own = parameters_of(differences, parameters)
-        own_clock = ["-r", f"/clock:=/{leg}/clock"] if number else []
-        settings = common | _of_machine(work, own.declared) | {"leg": leg, "legs": ""}
-        groups.append(_Group(work, own, _specs(own, alone), leg, settings, own_clock))
+    serving = [one for one in _specs(parameters, set() if mode.one_plant else {PLANT}) if one.name in alone]
+    groups = [_Group(work, parameters, [one], "", common | recorder) for one in serving]
+    groups += _groups_of_legs(work, parameters, mode.legs, alone, common)
     if together:
         return {COMPOSED: _in_one_process(groups)}
     made = [group.commands(mode.composed and bool(group.leg)) for group in groups]
     return {name: command for commands in made for name, command in commands.items()}
+
+
+def _groups_of_legs(
+    work: Path, parameters: Parameters, legs: Mapping, alone: Collection[str], common: Mapping[str, Any]
+) -> Iterator[_Group]:
+    for number, (leg, differences) in enumerate(legs.items()):
+        own = parameters_of(differences, parameters)
+        own_clock = ["-r", f"/clock:=/{leg}/clock"] if number else []
+        settings = common | _of_machine(work, own.declared) | {"leg": leg, "legs": ""}
+        yield _Group(work, own, _specs(own, alone), leg, settings, own_clock)
 
 
 def _specs(parameters: Parameters, without: Collection[str]) -> list[NodeSpec]:

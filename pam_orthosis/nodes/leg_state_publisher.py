@@ -6,12 +6,8 @@ every ROS installation has and PyPI has not; without it, `leg_joints` gives TF b
 leg is that of the parameters: give those of the run, e.g. `-p leg.person.present:=true`.
 """
 
-import sys
 from collections.abc import Callable
-from typing import Any
 
-import rclpy
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import qos_profile_sensor_data
@@ -21,13 +17,11 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.nodes import process, transport
 from pam_orthosis.nodes.layout import SHOWN, NodeSpec
 from pam_orthosis.nodes.parameters import MACHINE, Setting, declare_rows, declare_settings, machine_of
-from pam_orthosis.nodes.supervisor import ERROR_PREFIX
 from pam_orthosis.scene.messages import DESCRIPTION, LATCHED, TYPES, Scene
 from pam_orthosis.scene.sampled import SampledScene
 
 NAME = "leg_state_publisher"
 SPEC = NodeSpec(NAME, NAME, SHOWN)
-SPIN_SECONDS = 0.2  # the events executor dispatches nothing without a time-out
 
 
 class LegStatePublisher(Node):
@@ -72,19 +66,4 @@ class LegStatePublisher(Node):
 def main() -> int:
     """Run the node until SIGINT or SIGTERM."""
     signals = process.caught_signals()
-    try:
-        process.start_ros()
-        executor: Any = EventsExecutor()
-        executor.add_node(LegStatePublisher())
-        while not signals:
-            executor.spin_once(timeout_sec=SPIN_SECONDS)
-    except OrthosisError as error:
-        print(f"{ERROR_PREFIX}{error}", file=sys.stderr)
-        return error.exit_status
-    finally:
-        rclpy.try_shutdown()
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    return process.follow(lambda: process.spin_while(LegStatePublisher(), lambda: not signals))

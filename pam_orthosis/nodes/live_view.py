@@ -7,7 +7,6 @@ machine is that of the parameters, as with `leg_state_publisher`.
 """
 
 import os
-import sys
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
@@ -15,27 +14,22 @@ from functools import partial
 from queue import SimpleQueue
 from typing import Any, NamedTuple
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from pam_orthosis.bag.cdr import Reader, Unreadable
 from pam_orthosis.bag.topics import EMERGENCY_STOP, PLANT, VALVE, Topics, in_leg
-from pam_orthosis.errors import OrthosisError
 from pam_orthosis.nodes import process
 from pam_orthosis.nodes.layout import SHOWN, VIEWER, NodeSpec
 from pam_orthosis.nodes.live_server import LiveServer
 from pam_orthosis.nodes.parameters import MACHINE, Setting, declare_rows, declare_settings, machine_of
-from pam_orthosis.nodes.supervisor import ERROR_PREFIX
 from pam_orthosis.nodes.transport import message_class, qos
 from pam_orthosis.report.live import Input, LiveLeg, inputs, live_page
 
 SERVICES = {"stop": "emergency_stop", "reset": "reset"}
-TURN_SECONDS, SPIN_SECONDS = 0.05, 0.2
 ANSWER_SECONDS = 2.0
 ANOTHER_RUN_SECONDS = 1.0  # between samples
 WAITING, RUNNING, STOPPED, OVER = "waiting", "running", "stopped", "over"
@@ -75,7 +69,7 @@ class LiveView(Node):
             self._latched("ready", leg, lambda message, leg=leg: self._ready[leg].add(message.data))
             self._latched(EMERGENCY_STOP, leg, partial(self._on_stop, leg))
         self._heard: dict[str, list[Any]] = {}
-        self.create_timer(TURN_SECONDS, self._turn, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(0.05, self._turn, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def close(self) -> None:
         """Let the page know that the run is over."""
@@ -197,22 +191,11 @@ def _words(calls: list[Any]) -> str:
 def main() -> int:
     """Run the node until SIGINT, SIGTERM or the end of whoever started it."""
     signals, parent = process.caught_signals(), os.getppid()
-    try:
-        process.start_ros()
-        executor: Any = EventsExecutor()
+
+    def watch() -> None:
         node = LiveView()
-        executor.add_node(node)
         print(node.server.url, flush=True)
-        while not signals and os.getppid() == parent:
-            executor.spin_once(timeout_sec=SPIN_SECONDS)
+        process.spin_while(node, lambda: not signals and os.getppid() == parent)
         node.close()
-    except OrthosisError as error:
-        print(f"{ERROR_PREFIX}{error}", file=sys.stderr)
-        return error.exit_status
-    finally:
-        rclpy.try_shutdown()
-    return 0
 
-
-if __name__ == "__main__":
-    sys.exit(main())
+    return process.follow(watch)

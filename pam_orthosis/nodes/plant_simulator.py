@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node: the emulated hardware, in lockstep with its controllers or in real time."""
 
-import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from operator import itemgetter
-from typing import Any
 
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
@@ -15,7 +13,6 @@ from pam_orthosis.control.guard import driven
 from pam_orthosis.control.session import Follower
 from pam_orthosis.model.components.spool import VENT, voltage_of
 from pam_orthosis.model.coupled import Plants
-from pam_orthosis.model.device import legs_from, parameters_of
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
 from pam_orthosis.nodes import messages, process
@@ -56,17 +53,6 @@ class PlantSimulator(PacedNode):
         self._shown = [Shown(self, leg, self._plants.of[leg]) for leg in self.legs]
         self._valves = [one.valve for one in own.values() for _ in one.declared.names]
         self._pace = RealTime(self) if self.realtime else Lockstep(self)
-
-    def served_legs(self) -> tuple[str, ...]:
-        """Return the namespaces of what it emulates."""
-        return tuple(self._differences())
-
-    def parameters_of(self, leg: str) -> Parameters:
-        """Return the parameters in one of the namespaces."""
-        return parameters_of(self._differences()[leg], self.parameters)
-
-    def _differences(self) -> dict[str, dict[str, Any]]:
-        return legs_from(self.settings["legs"], PLANT)
 
     def started(self) -> None:
         """Hear who is ready; not before, so that it is said by those alone who are there now."""
@@ -198,7 +184,3 @@ def order_of_truth(count: int) -> Callable[[Sequence[float]], tuple[Numbers, lis
 def main() -> int:
     """Run the node."""
     return process.run(lambda: [PlantSimulator()])
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node: observer and position controller, from sample, pressures and reference to pressures."""
 
-import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -109,7 +108,3 @@ def _state(wanted: Reference, command: PositionCommand) -> tuple[float, ...]:
 def main() -> int:
     """Run the node."""
     return process.run(lambda: [PositionControllerNode()])
-
-
-if __name__ == "__main__":
-    sys.exit(main())

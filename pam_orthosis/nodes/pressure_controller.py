@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node: pressure controller of one actuator, from pressures and estimate to a mass flow."""
 
-import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -63,7 +62,3 @@ class PressureControllerNode(graph.GraphNode):
 def main(name: str = NAME) -> int:
     """Run the node; its name, or else the parameter `muscle`, says for which actuator."""
     return process.run(lambda: [PressureControllerNode(name)])
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -9,6 +9,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import rclpy
 from rclpy.experimental import EventsExecutor
@@ -236,6 +237,26 @@ def run(make_nodes: Callable[[], Sequence[GraphNode]]) -> int:
         os._exit(status)
     rclpy.try_shutdown()
     return status
+
+
+def spin_while(node: Node, goes_on: Callable[[], bool]) -> None:
+    """Spin a node that no run waits for."""
+    executor: Any = EventsExecutor()
+    executor.add_node(node)
+    while goes_on():
+        executor.spin_once(timeout_sec=0.2)  # the executor dispatches nothing without a time-out
+
+
+def follow(watch: Callable[[], None]) -> int:
+    """Let a node watch runs that do not wait for it; return the exit status."""
+    try:
+        start_ros()
+        watch()
+    except OrthosisError as error:
+        return _reported(error)
+    finally:
+        rclpy.try_shutdown()
+    return 0
 
 
 def leave(nodes: Sequence[Node]) -> None:

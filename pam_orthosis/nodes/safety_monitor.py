@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node: limits apart from the controllers; it allows the valves a pressure, and can stop them by itself."""
 
-import sys
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -100,7 +99,3 @@ class SafetyMonitorNode(graph.GraphNode):
 def main() -> int:
     """Run the node."""
     return process.run(lambda: [SafetyMonitorNode()])
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -19,7 +19,6 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
@@ -30,14 +29,11 @@ from pam_orthosis.bag.topics import CLOCK, DIAGNOSTICS, PLANT, POSITION, SAFETY,
 from pam_orthosis.control.limits import Trip, trips_in
 from pam_orthosis.control.programme import Programme, Stage, read_programme
 from pam_orthosis.control.session import Course, Leg, as_led
-from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import process
 from pam_orthosis.nodes.layout import PACE, RESTING
-from pam_orthosis.nodes.supervisor import ERROR_PREFIX
 from pam_orthosis.nodes.transport import message_class, qos
 
-NAME, SPIN_SECONDS = "session_conductor", 0.2
 CADENCE = "scenario.cycle_time"
 SERVICES: dict[Any, tuple[str, ...]] = {
     Trigger: (f"{TRAJECTORY}/start", f"{TRAJECTORY}/stop", f"{SAFETY}/resume"),
@@ -110,7 +106,7 @@ class SessionConductor(Node):
     """Follows the clock of a graph, and leads its legs."""
 
     def __init__(self, programme: Programme):
-        super().__init__(NAME)
+        super().__init__("session_conductor")
         self._called = {  # made early: who is not known yet hears nothing
             name: self.create_client(kind, name)
             for leg in programme.legs
@@ -166,27 +162,13 @@ class SessionConductor(Node):
 def main() -> int:
     """Lead until the run ends, SIGINT, SIGTERM or the end of whoever started it; print what was done."""
     signals, parent = process.caught_signals(), os.getppid()
-    try:
-        node = _led(read_programme(Path(sys.argv[1])), lambda: not signals and os.getppid() == parent)
+
+    def lead() -> None:
+        node = SessionConductor(read_programme(Path(sys.argv[1])))
+        process.spin_while(node, lambda: not (signals or node.over) and os.getppid() == parent)
         course = node.course
         ended = course.ended or ("" if course.over else "the run was over before the programme")
         found = {"strides": course.strides, "trips": course.trips, "ended": ended}
         print(json.dumps(found), flush=True)
-    except OrthosisError as error:
-        print(f"{ERROR_PREFIX}{error}", file=sys.stderr)
-        return error.exit_status
-    return 0
 
-
-def _led(programme: Programme, alive: Callable[[], bool]) -> SessionConductor:
-    process.start_ros()
-    executor: Any = EventsExecutor()
-    node = SessionConductor(programme)
-    executor.add_node(node)
-    while alive() and not node.over:
-        executor.spin_once(timeout_sec=SPIN_SECONDS)
-    return node
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    return process.follow(lead)

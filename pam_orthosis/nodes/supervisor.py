@@ -216,27 +216,34 @@ def _judge(child: Child) -> None:
     code = child.process.poll()
     if child.let_go:
         return
-    if code is not None:
+    if code is None:
+        _judge_running(child)
+    else:
         child.listen()  # its last words may have come since
-    if code is not None and (code != 0 or child.status not in OVER):
-        how = how_it_ended(code) if code else "ended before the run"
-        if code < 0 and child.has_nothing_to_lose():  # while it was taken apart
-            child.let_go = True
-            print(f"{NOTE_PREFIX}node {child.name} {how} when its run was over", file=sys.stderr)
-            return
+        if code != 0 or child.status not in OVER:
+            _judge_end(child, code)
+
+
+def _judge_end(child: Child, code: int) -> None:
+    """Let go who was killed while it was taken apart; raise RunFailed for anybody else."""
+    how = how_it_ended(code) if code else "ended before the run"
+    if code > 0 or not child.has_nothing_to_lose():
         raise RunFailed(f"node {child.name} {how}{_quoted(child.last_words())}")
+    child.let_go = True
+    print(f"{NOTE_PREFIX}node {child.name} {how} when its run was over", file=sys.stderr)
+
+
+def _judge_running(child: Child) -> None:
     if child.status == "refused":
         raise RunFailed(f"node {child.name} refused to go on{_quoted(child.last_words())}")
     if child.stopped():
         raise RunFailed(f"node {child.name} was stopped (SIGSTOP)")
-    if code is None and child.silent() and child.has_nothing_to_lose():
-        # now and then the middleware never comes back from its own end
-        child.let_go = True
+    if child.silent():
+        if not child.has_nothing_to_lose():
+            raise RunFailed(f"node {child.name} did not answer for {SILENCE_SECONDS:g} s")
+        child.let_go = True  # now and then the middleware never comes back from its own end
         child.process.kill()
-        return
-    if code is None and child.silent():
-        raise RunFailed(f"node {child.name} did not answer for {SILENCE_SECONDS:g} s")
-    if code is None and child.idle():
+    elif child.idle():
         raise RunFailed(f"node {child.name} hung while it was started, for {IDLE_START_SECONDS:g} s")
 
 

@@ -25,6 +25,7 @@ from pam_orthosis.bag.topics import (
     in_leg,
 )
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.device import legs_from, parameters_of
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes.agreement import ALIKE
 from pam_orthosis.nodes.barrier import Barrier
@@ -95,7 +96,7 @@ class TopicNode(ManagedNode):
             raise OrthosisError(f"{self.get_name()}: parameter muscle must be one of {names}")
         self.spec = specs[self.role]
         self.parameters = declare_rows(self, self.machine, self.spec)
-        self.legs = self.served_legs()
+        self.legs = tuple(self._differences())
         self.beside = {topic for leg in self.legs for topic in asked_beside(self.parameters_of(leg))}
         self._tables = {leg: self.topics_of(leg) for leg in self.legs}
         self.topics = {name: one for table in self._tables.values() for name, one in table.items()}
@@ -114,13 +115,14 @@ class TopicNode(ManagedNode):
         self._held: list[Callable[[], None]] = []  # hand on what came while the node was not active
         self.unreadable = 0  # messages that came
 
-    def served_legs(self) -> tuple[str, ...]:
-        """Return the namespaces, inside the node's own, of the legs that it serves."""
-        return ("",)
+    def _differences(self) -> dict[str, dict[str, Any]]:
+        """Return what differs in each leg that the node serves, by namespaces inside its own."""
+        return legs_from(self.settings.get("legs", ""), self.role)
 
     def parameters_of(self, leg: str) -> Parameters:
         """Return the parameters that the node has for one of its legs."""
-        return self.parameters
+        own = self._differences()[leg]
+        return parameters_of(own, self.parameters) if own else self.parameters
 
     def topics_of(self, leg: str) -> dict[str, Topic]:
         """Return the topics of one of the node's legs by name: each may be of another machine."""

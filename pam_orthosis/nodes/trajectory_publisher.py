@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node: the reference, published one of its periods before the instant that it is valid for."""
 
-import sys
 from collections.abc import Sequence
 
 from pam_orthosis.bag.topics import BESIDE, CLOCK, MEAN_PRESSURE, PLANNED, REFERENCE, SAMPLE, TRAJECTORY
@@ -105,7 +104,3 @@ class TrajectoryPublisher(graph.GraphNode):
 def main() -> int:
     """Run the node."""
     return process.run(lambda: [TrajectoryPublisher()])
-
-
-if __name__ == "__main__":
-    sys.exit(main())

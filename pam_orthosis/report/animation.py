@@ -17,28 +17,25 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.report.run_data import RunData, View, read_run, view
 
 FRAMES_PER_SECOND = 20
-MOST_SECONDS = 10.0
-COLOURS_IN_FILE = 64
-SIZE, DPI = (8.4, 3.4), 100  # inches
 COLOURS = mpl.colormaps["plasma"]
-LEAST, MOST = 1.0, 7.0  # bar, ends of the colours
+SCALE = mpl.colors.Normalize(1.0, 7.0)  # bar
 GREY = "#606060"
 
 
 def write_animation(bag_path: Path, namespace: str, stream: BinaryIO) -> None:
     """Write the last cycle of a bag as GIF; OrthosisError if the bag is unusable."""
     run = read_run(bag_path, namespace)
-    seconds = min(run.last_cycle, MOST_SECONDS)
+    seconds = min(run.last_cycle, 10.0)
     instants = run.time[-1] - seconds + np.arange(round(seconds * FRAMES_PER_SECOND)) / FRAMES_PER_SECOND
     scene = view(run, np.searchsorted(run.time, instants))
     if unknown := [name for name, pressure in scene.pressures.items() if pressure is None]:
         raise OrthosisError(f"{bag_path}: no pressure of {', '.join(unknown)}")
-    figure = Figure(figsize=SIZE, dpi=DPI, layout="constrained")
+    figure = Figure(figsize=(8.4, 3.4), dpi=100, layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(1.8, 1))
     machine_axes = left.subplots()
     machine = Moving(machine_axes, scene)
     cursors = _draw_curves(right, run, instants)
-    colours = mpl.cm.ScalarMappable(mpl.colors.Normalize(LEAST, MOST), COLOURS)
+    colours = mpl.cm.ScalarMappable(SCALE, COLOURS)
     left.colorbar(
         colours, ax=machine_axes, label="absolute pressure / bar", location="bottom", shrink=0.5, aspect=30
     )
@@ -50,7 +47,7 @@ def write_animation(bag_path: Path, namespace: str, stream: BinaryIO) -> None:
             cursor.set_xdata([instant, instant])
         canvas.draw()
         picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-        frames.append(picture.quantize(COLOURS_IN_FILE))
+        frames.append(picture.quantize(64))
     frames[0].save(
         stream, "GIF", save_all=True, append_images=frames[1:], duration=1000 // FRAMES_PER_SECOND, loop=0
     )
@@ -85,7 +82,7 @@ class Moving:
             upper, lower, bar = one.upper[i], one.lower[i], self._scene.pressures[name][i]
             self._chains[name].set_data(*np.array([lower, one.chain[i]]).T)
             self._bars[name].set_xy(_outline(upper, lower, one.diameter[i]))
-            self._bars[name].set_facecolor(COLOURS((bar - LEAST) / (MOST - LEAST)))
+            self._bars[name].set_facecolor(COLOURS(SCALE(bar)))
             along, middle = lower - upper, (lower + upper) / 2
             outward = middle - body[:2].mean(axis=0)
             outward -= along * (outward @ along) / (along @ along)

@@ -27,7 +27,6 @@ GAP = (
     "The gap is what remains between recordings and model, above the noise, when parameters are recalibrated"
     " within their tolerances."
 )
-AT_BOUND = ", at its bound"
 CURVE = (
     "The curves below show it where these recordings say something of it; dotted lines, or numbers in"
     " brackets, are the 95 % interval."
@@ -36,7 +35,6 @@ EVIDENCE = (
     "Evidence says how much better the recordings are explained with an effect than without it; parameters"
     " cost. Each 10 more multiply the odds by about 150."
 )
-MOST_LISTED = 8  # parameters of an effect in a table that is not folded away
 
 
 def page(outcome: Outcome, words: str, next_experiments: Sequence[str] = ()) -> str:
@@ -118,7 +116,7 @@ def _effect(outcome: Outcome, one: Named, remark: str) -> Part:
     if drawn:
         return Part(title, [*words, CURVE], plots=gap_figures.maps(drawn))
     rows, wrong = _values(outcome, one), one.name in outcome.system.wrong
-    if len(rows) > MOST_LISTED:
+    if len(rows) > 8:  # folded away
         text = "\n".join("  ".join(row).rstrip() for row in rows)
         return Part(title, words, pre=text, more=f"{len(rows)} coefficients")
     head = ("parameter", "value", "95 % interval", *(["the model has"] if wrong else []))
@@ -131,7 +129,7 @@ def _values(outcome: Outcome, one: Named) -> list[tuple[str, ...]]:
     rows = []
     for name, (value, unit, low, high) in one.parameters.items():
         quantity, of = known[name], "" if unit == "-" else f" {unit}"
-        row = quantity.meaning, f"{value:.4g}{of}" + AT_BOUND * (name in one.at_bound)
+        row = quantity.meaning, f"{value:.4g}{of}" + ", at its bound" * (name in one.at_bound)
         had = [f"{quantity.neutral:.4g}{of}"] if one.name in outcome.system.wrong else []
         rows.append((*row, f"{low:.4g} to {high:.4g}{of}", *had))
     return rows

@@ -15,11 +15,7 @@ from pam_orthosis.report.plots import AFTER, BEFORE, OF_ACTUATORS, REFERENCE, Pl
 from pam_orthosis.report.run_data import thinned
 
 WINDOW = 4.0  # s, shown of a recording: where the gap is largest
-SLOW = 12.0  # Hz, of what the model misses
-BINS = 24
-MOST, MOST_DOTS = 800, 800  # points of a curve, dots of a cloud
-MOST_RANKED = 8
-DECADE = 10.0  # times the noise: larger gaps are drawn on a logarithmic scale
+MOST = 800  # points of a curve, dots of a cloud
 PER_ORDER = ("", "/s", "/s²")
 LOOKS = {"before": (BEFORE, "dash"), "after": (AFTER, "solid")}
 DASHES = ("solid", "dash", "dot")
@@ -48,7 +44,7 @@ def sizes(outcome: Outcome) -> Plot:
         bars(names, after, "after: with what was found", AFTER),
     ]
     title = "The gap on held-out recordings; the dashed line is noise alone"
-    wide = max(before + after) > DECADE
+    wide = max(before + after) > 10.0
     return Plot(title, f"gap over noise: {alt}", "", "gap / noise", data, (1.0,), log=wide)
 
 
@@ -56,7 +52,7 @@ def ranking(outcome: Outcome) -> Plot | None:
     """Return the evidence of the effects that were fitted in the first round."""
     if not outcome.steps or not outcome.steps[0].ranked:
         return None
-    best = list(outcome.steps[0].ranked)[:MOST_RANKED][::-1]
+    best = list(outcome.steps[0].ranked)[:8][::-1]
     names, values = [spoken(name) for name, _ in best], [float(value) for _, value in best]
     trace = bars(names, values, "evidence", AFTER) | {"orientation": "h", "x": values, "y": names}
     alt = ", ".join(f"{name} {value:.0f}" for name, value in zip(names[::-1], values[::-1], strict=True))
@@ -91,11 +87,7 @@ def unknown(outcome: Outcome) -> list[Plot]:
     if one is None:
         return []
     x, half = one.places, QUANTILE * one.spread
-    data = [
-        line(x, one.shape, "curve, without its parabola", AFTER, width=2.4),
-        line(x, one.shape - half, "95 %, lower", REFERENCE, "dot"),
-        line(x, one.shape + half, "95 %, upper", REFERENCE, "dot"),
-    ]
+    data = _banded(x, one.shape, half, "curve, without its parabola")
     over = spoken(one.coordinate)
     size = f"half of its range is {one.amplitude[0]:.3g} {one.unit}"
     title = f"Unknown in {spoken(one.channel)}, over {over}"
@@ -228,12 +220,12 @@ def _missing(outcome: Outcome, equation, channel: str, which: str, name: str) ->
         if name not in signals:  # nothing repeats itself in this one
             continue
         residual = residuals_of(outcome, one.run, equation, which)[:, i]
-        rate = missing_rate(outcome.system, equation, channel, residual, one.run.period, SLOW)
+        rate = missing_rate(outcome.system, equation, channel, residual, one.run.period, 12.0)
         over.append(signals[name])
         rates.append(rate[one.warm_up :])
     x, y = np.concatenate(over), np.concatenate(rates)
-    thin = slice(None, None, max(1, len(x) // MOST_DOTS))
-    edges = np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)))
+    thin = slice(None, None, max(1, len(x) // MOST))
+    edges = np.unique(np.quantile(x, np.linspace(0, 1, 25)))
     place = np.clip(np.searchsorted(edges, x) - 1, 0, len(edges) - 2)
     filled = np.unique(place)
     middle, mean = ([float(np.mean(values[place == k])) for k in filled] for values in (x, y))
@@ -260,13 +252,15 @@ def _against(curve: Curve) -> Plot:
     title = f"{_whose(curve)}: nominal model against what was found, with its 95 % interval"
     alt, name = f"{title}: {_in_words(curve)}", f"{of.what} / {of.unit}"
     nominal = line(curve.places, curve.nominal, "nominal model", BEFORE, "dash", 2.0)
-    return Plot(title, alt, f"{of.over} / %", name, [nominal, *_banded(curve, AFTER)], (0.0,), height=340)
+    data = [nominal, *_banded(curve.places, curve.found, curve.half)]
+    return Plot(title, alt, f"{of.over} / %", name, data, (0.0,), height=340)
 
 
 def _less(own: Sequence[Curve]) -> Plot:
-    of, alone = own[0].map, len(own) == 1
+    (one, *more), of = own, own[0].map
     title = f"{_whose(own[0])}: found less the nominal model, which is the dashed line"
-    data = _banded(own[0], AFTER, True) if alone else [_difference(k, one) for k, one in enumerate(own)]
+    alone = [] if more else _banded(one.places, one.found - one.nominal, one.half)
+    data = alone or [_difference(k, one) for k, one in enumerate(own)]
     alt, name = f"{title}: {'; '.join(map(_in_words, own))}", f"{of.what}, difference / {of.unit}"
     return Plot(title, alt, f"{of.over} / %", name, data, (0.0,), height=340)
 
@@ -275,14 +269,12 @@ def _whose(curve: Curve) -> str:
     return f"{curve.actuator.capitalize()}, {curve.map.what}"
 
 
-def _banded(curve: Curve, colour: str, less: bool = False) -> list[Trace]:
-    """Return what was found between the ends of its interval; `less` the nominal value."""
-    found = curve.found - curve.nominal if less else curve.found
-    low, high = found - curve.half, found + curve.half
+def _banded(x: np.ndarray, y: np.ndarray, half: np.ndarray, name: str = "found") -> list[Trace]:
+    """Return a curve between the ends of its interval, half of which is given."""
     return [
-        line(curve.places, found, "found", colour, width=2.4),
-        line(curve.places, low, "95 %, lower", REFERENCE, "dot"),
-        line(curve.places, high, "95 %, upper", REFERENCE, "dot"),
+        line(x, y, name, AFTER, width=2.4),
+        line(x, y - half, "95 %, lower", REFERENCE, "dot"),
+        line(x, y + half, "95 %, upper", REFERENCE, "dot"),
     ]
 
 

@@ -4,7 +4,6 @@
 from functools import partial
 from itertools import cycle
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -12,14 +11,10 @@ from pam_orthosis.files import Write
 from pam_orthosis.identification.data import Samples
 from pam_orthosis.identification.identify import DIRECTIONS, Identified
 from pam_orthosis.report.page import GOOD, NEUTRAL, Page, Part, listed
-from pam_orthosis.report.picture import draw
+from pam_orthosis.report.picture import draw, draw_plot
 from pam_orthosis.report.plots import OF_ACTUATORS, Plot, dots, line
 
 FORCE, RESIDUAL, VOLUME = "force.png", "residual.png", "volume.png"
-DPI = 130
-MOST_CURVES = 12
-MOST_SHOWN = 6
-MOST_DOTS = 400  # of a pressure
 LOOKS = {1.0: ("@blue", "circle"), -1.0: ("@orange", "diamond"), 0.0: ("@faint", "square")}
 
 
@@ -29,7 +24,7 @@ def drawn(found: Identified) -> dict[str, Write]:
     if found.volume:
         plots[VOLUME] = [_volume_plot(found)]
     files = {name: partial(draw, each, columns=len(each)) for name, each in plots.items()}
-    force = partial(force_figure(found).savefig, dpi=DPI)
+    force = partial(force_figure(found).savefig, dpi=130)
     return {FORCE: force, **files}
 
 
@@ -37,24 +32,7 @@ def force_figure(found: Identified) -> Figure:
     """Force against contraction: measured and calculated at each pressure; and the surface."""
     figure = Figure(figsize=(12, 5), layout="constrained")
     curves, surface = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2, projection="3d")
-    s, model = found.data.samples, found.force.model
-    levels = np.unique(s.level)[:: -(-len(np.unique(s.level)) // MOST_CURVES)]
-    held = set(np.unique(found.held_out.level).tolist()) if len(found.held_out) else set()
-    for colour, level in zip(mpl.colormaps["viridis"](np.linspace(0, 0.9, len(levels))), levels, strict=True):
-        part = s.where(s.level == level)
-        curves.plot(
-            part.contraction * 1e3, part.force, ".", ms=2 if not found.data.static else 6, color=colour
-        )
-        x = np.linspace(found.box.minimum_contraction, found.box.maximum_contraction, 200)
-        force = model.towing(x, level)
-        label = f"{level / 1e5:.1f} bar" + (" (held out)" if level in held else "")
-        taut = force > 0
-        curves.plot(
-            x[taut] * 1e3, force[taut], "--" if level in held else "-", color=colour, lw=1, label=label
-        )
-    curves.set(xlabel="contraction / mm", ylabel="force / N", ylim=(0, None))
-    curves.set_title(f"{found.data.specimen}: measured (dots) and calculated (lines)")
-    curves.legend(title="gauge pressure", fontsize=7)
+    draw_plot(curves, force_plot(found))
     _force_surface(surface, found)
     return figure
 
@@ -103,11 +81,11 @@ def page(found: Identified, words: str) -> str:
 
 def _levels(s: Samples) -> np.ndarray:
     levels = np.unique(s.level)
-    return levels[:: -(-len(levels) // MOST_SHOWN)]
+    return levels[:: -(-len(levels) // 6)]
 
 
 def _thin(s: Samples) -> Samples:
-    return s.where(slice(None, None, max(1, len(s) // MOST_DOTS)))
+    return s.where(slice(None, None, max(1, len(s) // 400)))
 
 
 def force_plot(found: Identified) -> Plot:

@@ -12,13 +12,10 @@ from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.report.page import rendered
 from pam_orthosis.report.plots import MEASURED, OF_ACTUATORS, Plot, line
-from pam_orthosis.report.run_data import BAR
+from pam_orthosis.report.run_data import BAR, rounded
 from pam_orthosis.scene.messages import PERIOD_NS
 from pam_orthosis.scene.sampled import FARTHEST
 from pam_orthosis.scene.shapes import shape_of
-
-DIGITS = 4  # of places in m, angles in degrees or mm, and pressures in bar
-MOST_WAITING = 50  # instants of which something has not come yet
 
 
 class Input(NamedTuple):
@@ -58,7 +55,7 @@ class LiveLeg:
         there = self._waiting.setdefault(stamp_ns, {})
         there[topic] = value
         if len(there) < len(self._topics):
-            if len(self._waiting) > MOST_WAITING:
+            if len(self._waiting) > 50:
                 del self._waiting[min(self._waiting)]
             return None
         self._waiting = {stamp: one for stamp, one in self._waiting.items() if stamp > stamp_ns}
@@ -74,16 +71,16 @@ class LiveLeg:
         sketch = self.shape.sketch(np.array([coordinate]))
         shown = {"measured": factor * coordinate, "reference": factor * reference}
         actuators = {
-            name: {"upper": _rounded(one.upper[0]), "lower": _rounded(one.lower[0]),
-                   "chain": _rounded(one.chain[0]), "diameter": _rounded(one.diameter[0]),
-                   "bar": _rounded(pressure / BAR)}
+            name: {"upper": rounded(one.upper[0]), "lower": rounded(one.lower[0]),
+                   "chain": rounded(one.chain[0]), "diameter": rounded(one.diameter[0]),
+                   "bar": rounded(pressure / BAR)}
             for (name, one), pressure in zip(sketch.actuators.items(), pressures, strict=True)
         }  # fmt: skip
         return {
-            "time": _rounded(stamp_ns / SECOND_NS),
-            **{name: _rounded(value) for name, value in shown.items()},
-            "error": _rounded(shown["reference"] - shown["measured"]),
-            "body": _rounded(sketch.body[0]),
+            "time": rounded(stamp_ns / SECOND_NS),
+            **{name: rounded(value) for name, value in shown.items()},
+            "error": rounded(shown["reference"] - shown["measured"]),
+            "body": rounded(sketch.body[0]),
             "actuators": actuators,
         }
 
@@ -93,7 +90,7 @@ def live_page(leg: LiveLeg, names: Sequence[str]) -> str:
     machine, unit = leg.machine, leg.machine.coordinate.shown_unit
     low, high = np.array(machine.mechanism(leg.parameters).limits)  # the drawing stays in its place
     extent = leg.shape.sketch(np.linspace(low, high, 20)).extent
-    drawing = {"extent": _rounded(extent), "corners": leg.shape.corners, "names": machine.names}
+    drawing = {"extent": rounded(extent), "corners": leg.shape.corners, "names": machine.names}
     plots = [
         Plot(f"error: reference less measured, {unit}", f"error in {unit} over the last seconds",
              "time / s", f"error / {unit}", [line([], [], "error", MEASURED)], height=220),
@@ -106,7 +103,3 @@ def live_page(leg: LiveLeg, names: Sequence[str]) -> str:
         "live.html", title=machine.name, script="live.js", machine=machine, unit=unit, legs=names,
         drawing=drawing, plots=plots, machines=True,
     )  # fmt: skip
-
-
-def _rounded(values: Any) -> Any:
-    return np.round(values, DIGITS).tolist()

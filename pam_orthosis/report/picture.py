@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from pam_orthosis.report.plots import Plot, Trace
 
-DPI = 110
 SIZE = (6.0, 3.6)  # inches, of a plot
 # light scheme of `assets/plots.js`
 COLOURS = {
@@ -31,7 +30,7 @@ def draw(plots: Sequence[Plot], stream: BinaryIO, columns: int = 1) -> None:
         draw_plot(one, plot)
     for unused in axes[len(plots) :]:
         unused.remove()
-    figure.savefig(stream, dpi=DPI, format="png")
+    figure.savefig(stream, dpi=110, format="png")
 
 
 def draw_plot(axes: Axes, plot: Plot) -> None:
@@ -44,7 +43,10 @@ def draw_plot(axes: Axes, plot: Plot) -> None:
         axes.set_xticks(places, trace["x"])
     for trace in plot.data:
         if trace["type"] == "scatter":
-            axes.plot(_numbers(trace["x"]), _numbers(trace["y"]), label=_label(trace), **_look(trace))
+            places = _numbers(trace["x"]), _numbers(trace["y"])
+            axes.plot(*places, label=_label(trace), **_look(trace))
+            for x, y, word in zip(*places, trace.get("text", ()), strict=False):
+                axes.annotate(word, (x, y), xytext=(4, 4), textcoords="offset points", fontsize=7)
     for level in plot.levels:
         axes.axhline(level, color=COLOURS["faint"], ls="--", lw=0.8)
     axes.set_title(plot.title, fontsize="small", wrap=True)

@@ -4,9 +4,10 @@
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from pam_orthosis.bag.read import Bag, Series, aligned, read_bag, recorded_machine
 from pam_orthosis.bag.topics import SECOND_NS
@@ -18,6 +19,7 @@ from pam_orthosis.scene.shapes import shape_of
 
 BAR = 1e5  # Pa
 MOST_POINTS = 2000  # of a curve
+DRAWN = 3  # panels, where not all are: coordinate, error, pressures
 KINDS = "pressure", "pressure_reference", "voltage"  # of an actuator
 
 Convert = Callable[[np.ndarray], np.ndarray]
@@ -139,6 +141,11 @@ def view(run: RunData, picked: np.ndarray) -> View:
 
     pressures = {name: held(f"{name}_pressure") for name in run.machine.names}
     return View(run.time[picked], shape, shape.sketch(series.value[picked]), pressures)
+
+
+def rounded(values: npt.ArrayLike) -> Any:
+    """Return places in m, angles in degrees and pressures in bar for a script that draws them."""
+    return np.round(values, 4).tolist()
 
 
 def thinned(time: np.ndarray, value: np.ndarray, most: int = MOST_POINTS) -> tuple[np.ndarray, np.ndarray]:

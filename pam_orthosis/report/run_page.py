@@ -2,7 +2,6 @@
 """The page of a recorded run, of one machine or of several: verdict, moving machine, curves, parameters."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -10,10 +9,8 @@ from pam_orthosis.bag.verdict import Verdict
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report.page import BAD, GOOD, Moving, Page, Part, listed
 from pam_orthosis.report.plots import BELOW, ESTIMATE, MEASURED, OF_ACTUATORS, Plot, Trace, line
-from pam_orthosis.report.run_data import MOST_POINTS, Curve, Panel, RunData, view
+from pam_orthosis.report.run_data import DRAWN, MOST_POINTS, Curve, Panel, RunData, rounded, view
 
-PICTURES_PER_SECOND, MOST_PICTURES = 20, 240
-DIGITS = 4  # of places in m and pressures in bar of the moving machine
 # name of a curve -> colour, dash, width
 STYLES = {
     "reference": (BELOW, "solid", 6.0),  # wide, below what follows it
@@ -29,7 +26,6 @@ SHOWS = {
     "valve": "what the valves are given; 5 V keeps one closed",
     "estimated": "effort that the observer ascribes to what the model does not know",
 }
-DRAWN = 3  # panels of each machine: coordinate, error, pressures
 HEAD = ("machine", "answer", "largest error", "RMS error", "bound", "load on the sole")
 
 
@@ -120,24 +116,21 @@ def _trace(curve: Curve, actuators: tuple[str, ...]) -> Trace:
 
 def moving(run: RunData) -> Moving:
     """Return the machine as it moved."""
-    count = min(MOST_PICTURES, len(run.time), max(2, round(run.time[-1] * PICTURES_PER_SECOND)))
+    per_second, most = 20, 240
+    count = min(most, len(run.time), max(2, round(run.time[-1] * per_second)))
     scene = view(run, np.unique(np.linspace(0, len(run.time) - 1, count).round().astype(int)))
     actuators = {
         name: {
-            **{end: _rounded(getattr(one, end)) for end in ("upper", "lower", "chain", "diameter")},
-            "bar": None if (bars := scene.pressures[name]) is None else _rounded(bars),
+            **{end: rounded(getattr(one, end)) for end in ("upper", "lower", "chain", "diameter")},
+            "bar": None if (bars := scene.pressures[name]) is None else rounded(bars),
         }
         for name, one in scene.sketch.actuators.items()
     }
     data = {
-        "time": _rounded(scene.time), "extent": _rounded(scene.sketch.extent),
-        "body": _rounded(scene.sketch.body), "corners": scene.shape.corners, "actuators": actuators,
+        "time": rounded(scene.time), "extent": rounded(scene.sketch.extent),
+        "body": rounded(scene.sketch.body), "corners": scene.shape.corners, "actuators": actuators,
     }  # fmt: skip
     return Moving(f"the {run.machine.name} in side view, moving as it was recorded", data)
-
-
-def _rounded(values: np.ndarray) -> Any:
-    return np.round(values, DIGITS).tolist()
 
 
 def _cycles(verdict: Verdict) -> list[Part]:

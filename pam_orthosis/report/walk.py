@@ -9,11 +9,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pam_orthosis.report.picture import draw_plot
-from pam_orthosis.report.run_data import RunData, read_run, view
+from pam_orthosis.report.run_data import DRAWN, RunData, read_run, view
 from pam_orthosis.report.run_page import plot
 
 PHASES = 9
-PANELS = 3  # coordinate, error, pressures
 
 
 def draw_run(bag_path: Path, bound: float, namespace: str, stream: BinaryIO) -> None:
@@ -23,7 +22,7 @@ def draw_run(bag_path: Path, bound: float, namespace: str, stream: BinaryIO) -> 
 
 def drawn(run: RunData, bound: float) -> Figure:
     """Return the figure of a run."""
-    panels = run.panels[:PANELS]
+    panels = run.panels[:DRAWN]
     figure = Figure(figsize=(11, 8), layout="constrained")
     above, *axes = figure.subplots(1 + len(panels), 1, height_ratios=[1.5, 1, 0.8, 1][: 1 + len(panels)])
     _draw_machine(above, run)

@@ -10,10 +10,9 @@ import numpy as np
 from pam_orthosis.bag import messages as ros
 from pam_orthosis.scene.shape import ZERO, Bar, Vector
 
-CYLINDER, LINE_STRIP = 3, 4
 _ALONG_X = (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5))  # a cylinder stands on z
+KINDS = {"cylinder": 3, "line": 4}
 _COLD, _HOT = (0.15, 0.35, 0.85), (0.9, 0.15, 0.1)
-_CHAIN_WIDTH, _CHAIN_COLOUR = 0.004, (0.3, 0.3, 0.3)
 
 
 # what differs from one instant to the next in the marker of an actuator and in that of its chain
@@ -30,11 +29,11 @@ def moving_fields(bar: Bar) -> tuple[tuple[str, ...], ...]:
 
 def bar_markers(header: Any, name: str, bar: Bar) -> list[Any]:
     """Return the markers of an actuator, with zeros for what moves; `header` is of its fixed end's frame."""
-    tube = _marker(header, name, 0, CYLINDER, ZERO, ZERO, turned=_ALONG_X)
+    tube = _marker(header, name, 0, "cylinder", ZERO, ZERO, turned=_ALONG_X)
     if bar.reach is None:
         return [tube]
-    width, ends = (_CHAIN_WIDTH, 0.0, 0.0), [ZERO, (bar.reach, 0.0, 0.0)]
-    return [tube, _marker(header, name, 1, LINE_STRIP, width, _CHAIN_COLOUR, points=ends)]
+    ends = [ZERO, (bar.reach, 0.0, 0.0)]
+    return [tube, _marker(header, name, 1, "line", (0.004, 0.0, 0.0), (0.3, 0.3, 0.3), points=ends)]
 
 
 def bar_numbers(bar: Bar, contraction: float, diameter: float, share: float) -> tuple[tuple[float, ...], ...]:
@@ -55,7 +54,7 @@ def _marker(
     header: Any,
     name: str,
     number: int,
-    kind: int,
+    kind: str,
     size: Vector,
     colour: Vector,
     turned: Iterable[float] = (0.0, 0.0, 0.0, 1.0),
@@ -68,7 +67,7 @@ def _marker(
         header=header,
         ns=name,
         id=number,
-        type=kind,
+        type=KINDS[kind],
         action=0,
         pose=ros.new("geometry_msgs/msg/Pose", position=ros.point(ZERO), orientation=ros.quaternion(turned)),
         scale=ros.vector(size),

@@ -19,8 +19,6 @@ from pam_orthosis.scene.shape import ZERO, Bar, Joint, Mass, Shape, Solid, Vecto
 BASE, LOAD = "base", "load"
 EDGE = 0.06  # m, of the sliding box, and how thick the turning one is
 LONG = 0.25  # m, of the box that turns
-CLEARANCE = 0.05  # m between the axis and the actuators' ends at the start
-SPACING = 0.5  # m
 
 
 def one_axis(parameters: Parameters) -> Shape:
@@ -41,7 +39,7 @@ def one_axis(parameters: Parameters) -> Shape:
         arm, length = float(arms[i]), rest + grows * float(at_start[1 + i])
         way = 1.0 if turns else math.copysign(1.0, grows * arm)
         if turns:
-            place = (-CLEARANCE - length, 0.0, grows * arm)
+            place = (-0.05 - length, 0.0, grows * arm)  # its end lies clear of the axis
         else:
             place = (start - way * length, 0.0, EDGE * (i - (len(machine.names) - 1) / 2))
         bars[one.name] = Bar(rest, grows, way, -place[0] if turns else None)
@@ -54,7 +52,7 @@ def one_axis(parameters: Parameters) -> Shape:
         outline=_outline(turns, heading),
         solids=(_box(turns, heading),),
         masses=(_mass(turns, inertia),),
-        spacing=SPACING,
+        spacing=0.5,
         function=function,
     )
 

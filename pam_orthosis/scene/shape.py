@@ -18,8 +18,6 @@ import numpy as np
 
 from pam_orthosis.model.compiled import Compiled
 
-LIMIT_SAMPLES = 101
-
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
@@ -237,7 +235,7 @@ class _Frame(NamedTuple):
 
 def ranges(function: ca.Function, low: float, high: float) -> list[tuple[float, float]]:
     """Return the least and the largest value of each result of a function between two coordinates."""
-    values = function(np.linspace(low, high, LIMIT_SAMPLES)[None, :])
+    values = function(np.linspace(low, high, 101)[None, :])
     return [(float(part.full().min()), float(part.full().max())) for part in values]
 
 

@@ -7,8 +7,6 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 from pam_orthosis.scene.shape import Joint, Mass, Shape, Solid
 
 ROBOT = "pam_orthosis"
-# URDF wants them and the model has none: nothing limits the joints but their range
-EFFORT, VELOCITY = 1e4, 1e3
 COLOURS = {
     "profile": (0.72, 0.74, 0.78, 1.0),
     "wheel": (0.35, 0.35, 0.38, 1.0),
@@ -41,7 +39,8 @@ def _joint(robot: Element, joint: Joint) -> None:
     if joint.kind != "fixed":
         SubElement(element, "axis", xyz=_numbers(joint.axis))
         lower, upper = (_numbers([limit]) for limit in joint.limits)
-        limits = {"lower": lower, "upper": upper, "effort": f"{EFFORT:g}", "velocity": f"{VELOCITY:g}"}
+        # nothing limits the joints but their range; URDF wants more
+        limits = {"lower": lower, "upper": upper, "effort": "10000", "velocity": "1000"}
         SubElement(element, "limit", limits)
 
 

@@ -14,7 +14,7 @@ ERROR = "pam-orthosis: error: "
 
 def _started(tmp_path, node, *arguments):
     return subprocess.run(
-        [sys.executable, "-m", f"pam_orthosis.nodes.{node}", "--ros-args", *arguments],
+        [sys.executable, "-m", "pam_orthosis.nodes.entry", node, "--ros-args", *arguments],
         env={**os.environ, "ROS_LOG_DIR": str(tmp_path), "ROS_DOMAIN_ID": str(own_domain())},
         capture_output=True,
         text=True,

@@ -260,7 +260,7 @@ def test_it_leaves_the_device_vented_whatever_ended_it(tmp_path, monkeypatch):
 
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
     monkeypatch.setenv("ROS_DOMAIN_ID", str(own_domain()))
-    monkeypatch.setattr(driver, "EventsExecutor", Failing)
+    monkeypatch.setattr(driver.process, "EventsExecutor", Failing)
     monkeypatch.setattr(sys, "argv", ["scripted"])
     monkeypatch.setattr(driver.process, "caught_signals", list)
     with pytest.raises(ValueError, match="a callback failed"):

@@ -9,7 +9,6 @@ from pam_orthosis.report.plots import AFTER, Plot, bars
 
 ERROR = "max_abs_error_"
 ANSWERS = {0: "yes", 1: "no"}
-MOST_BARS = 60
 
 
 def page(summary: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]) -> str:
@@ -45,7 +44,7 @@ def _kind(answer: Mapping[str, Any]) -> str | None:
 def _errors(results: Mapping[str, Mapping[str, Any]]) -> list[Plot]:
     answers = {name: one["answer"] or {} for name, one in results.items()}
     kinds = {_kind(answer) for answer in answers.values()}
-    if len(kinds) != 1 or None in kinds or len(answers) > MOST_BARS:
+    if len(kinds) != 1 or None in kinds or len(answers) > 60:
         return []
     (kind,) = kinds
     unit, values = str(kind).removeprefix(ERROR), [answer[kind] for answer in answers.values()]

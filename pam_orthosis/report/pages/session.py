@@ -18,7 +18,6 @@ from pam_orthosis.report.page import BAD, GOOD, NEUTRAL, Page, Part, listed
 from pam_orthosis.report.plots import AFTER, BEFORE, Plot, Trace, line, packed
 
 COLOURS = {"left": AFTER, "right": BEFORE}
-SURE = 2.0  # standard errors, from which on a difference is called one
 MODES = {
     "position": "led",
     "impedance": "spring",
@@ -117,7 +116,7 @@ def difference(now: Shown) -> str:
     left, right = now.legs["left"], now.legs["right"]
     points = 100 * float(np.mean(left.share - right.share))
     unsure = 100 * float(np.mean(np.hypot(left.error, right.error)))
-    if abs(points) < SURE * unsure:
+    if abs(points) < 2 * unsure:  # standard errors
         return f"Both legs did about the same: they differ by {abs(points):.0f} ± {unsure:.0f} points."
     more, less = ("left", "right") if points > 0 else ("right", "left")
     return f"The {more} leg did more than the {less} one, by {abs(points):.0f} ± {unsure:.0f} points."

@@ -30,7 +30,6 @@ SWING = 100.0  # 1/s, of the joint on the hand's spring, critically damped
 SLOW_SECONDS = 20.0  # through the range and back
 CLEARANCE = 0.02  # rad, to the stops
 SETTLING = 1.0  # s at rest at first, in which the muscles vent; not judged
-CYCLES = 2  # of the gait
 # a relaxed leg in the knee's machine: its mass, and the elastic moment of its tissue
 RELAXED = {"leg.person.present": True, "plant.person.tissue.passive_moment.enabled": True}
 JOINTS, WEARERS, SPEEDS = ("knee", "ankle"), (False, True), ("slow", "gait")
@@ -165,7 +164,7 @@ def _gait(p: Parameters) -> tuple[Motion, float, float]:
         reference = trajectory.sample(round(time * 1e9))
         return reference.position, reference.velocity
 
-    return motion, motion(0.0)[0], SETTLING + s.start_ramp + CYCLES * s.cycle_time
+    return motion, motion(0.0)[0], SETTLING + s.start_ramp + 2 * s.cycle_time
 
 
 def _terms(p: Parameters) -> ca.Function:

@@ -27,14 +27,10 @@ from pam_orthosis.report.run_data import BAR
 from pam_orthosis.scene.shapes import shape_of
 
 FRAME, MUSCLE, ROPE, PERSON = "0.35", "tab:red", "tab:brown", "tab:blue"
-FAINT = 0.3  # opacity of the leg behind
 PHASE = 0.72  # of the gait in the pictures: the knee swings
 CARRIAGE = 0.12  # m, edge of the carriage in the picture
-SHOWN_PRESSURE = 4.0e5  # Pa absolute in the investigated muscle of fig. 2
-SHOWN_SHARE = 0.3  # of the range of the carriage at which fig. 2 shows it
 # of the bodies of `leg.bodies`, in order: apparatus (a), person (p)
 BODIES = ("th,a", "k,a", "sh,a", "f,a", "th,p", "sh,p", "f,p")
-DPI = 110
 SCHEMES = {
     "device": "Fig. 1: the device, both legs half a cycle apart",
     "rig": "Fig. 2: test rig",
@@ -71,7 +67,7 @@ def device(overrides: Mapping[str, Any] | None = None) -> Figure:
     joints = _joints(overrides or {})
     figure = Figure(figsize=(11, 4.2), layout="constrained")
     axes = figure.subplots()
-    for phase, opacity in ((PHASE + 0.5, FAINT), (PHASE, 1.0)):
+    for phase, opacity in ((PHASE + 0.5, 0.3), (PHASE, 1.0)):
         _draw_leg(axes, joints, phase, opacity)
     p = joints["knee"]
     names = {name: muscle_name(one.declared.actuators[0].parameters) for name, one in joints.items()}
@@ -88,9 +84,9 @@ def device(overrides: Mapping[str, Any] | None = None) -> Figure:
 def rig(p: Parameters) -> Figure:
     """Draw fig. 2: the carriage between the investigated muscle and the one that positions it, in balance."""
     settings, (specimen, positioner) = p.rig, (p.at(one.parameters) for one in RIG.actuators)
-    x = SHOWN_SHARE * settings.position_offset
+    x = 0.3 * settings.position_offset
     contracted = float(positioner_contraction(x, settings))
-    gauge = SHOWN_PRESSURE - p.valve.ambient_pressure
+    gauge = 4.0e5 - p.valve.ambient_pressure
     force = float(muscle.towing_force(x, gauge, specimen))
     beside = force + float(muscle.counterforce(contracted, positioner))
     held = beside / float(muscle.area(contracted, positioner))
@@ -266,5 +262,5 @@ def schemes(overrides: Mapping[str, Any] | None = None) -> dict[str, bytes]:
 
 def _png(figure) -> bytes:
     stream = BytesIO()
-    figure.savefig(stream, dpi=DPI, format="png")
+    figure.savefig(stream, dpi=110, format="png")
     return stream.getvalue()

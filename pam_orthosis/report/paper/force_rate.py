@@ -12,10 +12,7 @@ from pam_orthosis.model.parameters import load
 from pam_orthosis.progress import Progress, counted, silent
 
 CHOICE = "rig.position.force_rate"
-SPECIMEN, PRESSURE = "dmsp_20", 4.0e5  # Pa absolute
-LONGEST_LAG = 0.1  # s
 STILL = 1.0e-4  # m/s of the reference: the carriage rests
-REST = 0.3  # s after which it does
 
 
 @dataclass(frozen=True)
@@ -47,7 +44,7 @@ def compared(progress: Progress = silent) -> list[ForceRate]:
 def measured(choice: str) -> ForceRate:
     """Run the procedure of section 2.5 at one pressure with a choice for the derivative."""
     p = load({CHOICE: choice})
-    samples = list(force_procedure(Rig(p, SPECIMEN, seed=1), PRESSURE))
+    samples = list(force_procedure(Rig(p, "dmsp_20", seed=1), 4.0e5))
     return judged(choice, samples, p.rig.control_period, p.rig.carriage_mass)
 
 
@@ -59,7 +56,7 @@ def judged(choice: str, samples: list[RigSample], period: float, mass: float) ->
     true = np.gradient(np.array([s.truth.specimen_force for s in samples]), period)
     wanted = np.array([s.reference for s in samples])
     moving = np.abs(wanted[:, 1]) > STILL
-    since = np.convolve(moving, np.ones(round(REST / period)))[: len(moving)]
+    since = np.convolve(moving, np.ones(round(0.3 / period)))[: len(moving)]
     acceleration = np.gradient(np.array([s.truth.velocity for s in samples]), period)
     positions = np.array([s.truth.position for s in samples])
     missed = mass * (wanted[:, 2] - acceleration)[moving]
@@ -76,6 +73,6 @@ def judged(choice: str, samples: list[RigSample], period: float, mass: float) ->
 def lag(true: np.ndarray, late: np.ndarray, period: float) -> float:
     """Return how late a signal repeats another one, s: the shift that leaves the least difference."""
     time = period * np.arange(len(true))
-    shifts = np.arange(0.0, LONGEST_LAG, period / 2)
+    shifts = np.arange(0.0, 0.1, period / 2)
     left = [rms(late - np.interp(time - shift, time, true)) for shift in shifts]
     return float(shifts[int(np.argmin(left))])

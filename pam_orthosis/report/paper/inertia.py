@@ -11,7 +11,6 @@ from pam_orthosis.model.parameters import Parameters, load
 CHOICE = "leg.person.inertia"
 PRESENT = {"leg.person.present": True}
 SHAPES = {"thigh": "frustum", "shank": "cylinder"}
-POSES = (0.3, 1.1)  # rad, of the knee
 
 
 class Compared(NamedTuple):
@@ -54,7 +53,7 @@ def _of_knee(p: Parameters) -> dict[tuple[str, str], float]:
     terms = leg.mechanics(q, velocity, p.leg)
     function = ca.Function("terms", [q], [terms.inertia, terms.gravity])
     found: dict[tuple[str, str], float] = {}
-    for pose in POSES:
+    for pose in (0.3, 1.1):
         inertia, gravity = map(float, function(pose))
         found[f"m(q) of the knee at q = {pose:g} rad", "kg m^2"] = inertia
         found[f"G(q) of the knee at q = {pose:g} rad", "N m"] = gravity

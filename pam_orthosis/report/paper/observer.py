@@ -22,7 +22,6 @@ SETTLING = 4.0  # s, not judged: the sine rises, and the observer does not know 
 GAIT_SECONDS = 9.0
 POLES = (50.0, 65.0, 80.0, 110.0, 150.0)
 PATTERNS = {1.0: "three equal poles", 0.5: "Butterworth pattern"}
-HARMONICS = 4  # of torque and trajectory; what is left of a signal without them is its noise
 POLE, DAMPING = "control.observer.pole", "control.observer.damping"
 
 
@@ -104,7 +103,7 @@ def fundamental(
     time: np.ndarray, signal: np.ndarray, frequencies: Sequence[float]
 ) -> tuple[float, float, np.ndarray]:
     """Return amplitude and phase (rad) at the first frequency (Hz), and what is not periodic in a signal."""
-    orders = [2 * np.pi * f * n for n in range(1, HARMONICS + 1) for f in frequencies]
+    orders = [2 * np.pi * f * n for n in (1, 2, 3, 4) for f in frequencies]
     waves = [wave(order * time) for order in orders for wave in (np.cos, np.sin)]
     regressors = np.column_stack([*waves, np.ones_like(time), time])
     found = np.linalg.lstsq(regressors, signal, rcond=None)[0]
