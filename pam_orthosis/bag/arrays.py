@@ -39,10 +39,8 @@ def write_arrays(
 ) -> None:
     """Write signals of the machine that the run metadata name, all sampled at the same stamps.
 
-    Of slow topics, as the graph would, those of each `every`-th stamp from the first.
-
-    Raises:
-        OrthosisError: the folder holds a bag or cannot be written.
+    Of slow topics, as the graph would, those of each `every`-th stamp from the first. OrthosisError as of
+    `BagWriter`.
     """
     write_legs(folder, stamps_ns, {"": signals}, run, every)
 

@@ -138,9 +138,7 @@ class Shapes:
 class Reader:
     """Takes the stamp with which a message begins, and some of its numbers, out of serialised messages.
 
-    Args:
-        msgtype: a type that begins with a header or a time.
-        fields: paths of the numbers; `?` behind one that may be missing.
+    `fields`: paths of the numbers; `?` behind one that may be missing.
     """
 
     def __init__(self, msgtype: str, fields: Sequence[str]):
@@ -151,8 +149,7 @@ class Reader:
     def __call__(self, data: bytes) -> tuple[int, tuple[float, ...]]:
         """Return the stamp in ns and the numbers: NaN for one that is not there, None if it may be missing.
 
-        Raises:
-            Unreadable: no message of the type.
+        Unreadable if it is no message of the type.
         """
         if data[:2] != LITTLE_ENDIAN:
             data = _rewritten(data, self._msgtype)
@@ -175,13 +172,8 @@ class Reader:
 class Template:
     """Makes serialised messages of the shape of an example, with another stamp and other numbers.
 
-    Args:
-        example: a serialised message whose first numbers are a stamp.
-        msgtype: its type.
-        fields: paths of the numbers that differ, in the order of the message; none: all of type float64.
-
-    Attributes:
-        count: of these numbers.
+    The example's first numbers are a stamp. `fields`: paths of the `count` numbers that differ, in the order
+    of the message; none: all of type float64.
     """
 
     def __init__(self, example: bytes, msgtype: str, fields: Sequence[str] = ()):

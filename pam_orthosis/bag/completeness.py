@@ -15,10 +15,7 @@ PERIOD = "scenario.control_period"
 def incomplete(bag: Bag, judged: np.ndarray, skip_s: float, lockstep: bool) -> str:
     """Return what of the run cannot be judged though it should be, nothing if all can that matters.
 
-    Args:
-        judged: (n,) stamps.
-        skip_s: seconds at the start that shall not be judged.
-        lockstep: the run leaves no sample out.
+    Judged are stamps (n,), not the seconds that are skipped at the start. In lockstep no sample is left out.
     """
     name = bag.machine.coordinate.name
     there = [bag[one].stamp_ns for one in (name, f"reference_{name}")]

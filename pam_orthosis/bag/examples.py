@@ -36,11 +36,7 @@ def example_folder() -> Path:
 
 
 def write_example(name: str, folder: Path) -> list[Path]:
-    """Write an example into a new folder; return its bags. What was begun is removed if that fails.
-
-    Raises:
-        OrthosisError: there is no such example, or it cannot be written.
-    """
+    """Write an example into a new folder, all or nothing; return its bags; OrthosisError if that fails."""
     if name not in {*BAGS, *CASES}:
         raise OrthosisError(f"no example {name!r}; there are: {', '.join([*BAGS, *CASES])}")
     with filled(folder) as part:

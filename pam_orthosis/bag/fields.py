@@ -13,11 +13,7 @@ HEADER = "std_msgs/msg/Header"
 
 
 def check_field(signal: Signal) -> None:
-    """Check that a signal can be read from messages of its type.
-
-    Raises:
-        OrthosisError: the type is not known or has no stamp; the field is none, or no number.
-    """
+    """Raise OrthosisError if no such signal, which is a number with a stamp, can be read from its type."""
     known = store().fielddefs
     if signal.type not in known:
         raise OrthosisError(f"{signal.name}: ROS 2 has no standard type {signal.type!r}")

@@ -105,10 +105,7 @@ def raw_messages(
 ) -> dict[str, dict[int, bytes]]:
     """Return the serialised messages of topics by topic and stamp; absent ones are left out.
 
-    They are those of a table, or of that of the machine that the bag names.
-
-    Raises:
-        OrthosisError: missing, unclosed or damaged bag; a topic of another type.
+    They are those of a table, or of that of the machine that the bag names. OrthosisError as of `read_bag`.
     """
     path = Path(path)
     found: dict[str, dict[int, bytes]] = {}
@@ -152,11 +149,7 @@ def _run_record(path: Path) -> dict[str, str]:
 
 
 def machine_of(path: Path, run: Mapping[str, str]) -> Machine:
-    """Return the machine that a bag's run metadata name: of the file in it, or the shipped one.
-
-    Raises:
-        OrthosisError: the file in it is unusable.
-    """
+    """Return the machine that a bag's run metadata name: of the file in it, or the shipped one."""
     if not (text := run.get("machine")):
         return machine_named()
     return machine_from(text, run.get("machine_name", "machine"), f"{path}: the machine in its run metadata")
@@ -177,8 +170,7 @@ def recorded_machine(path: Path, namespace: str = "") -> Machine:
 def recorded_parameters(path: Path, run: Mapping[str, str], namespace: str = "") -> dict[str, Any]:
     """Return the parameters of the run metadata, as they were for a leg; empty if there are none.
 
-    Raises:
-        OrthosisError: they are no JSON, or a value is one that no run can have had.
+    OrthosisError if they are no JSON, or a value is one that no run can have had.
     """
     recorded = _mapping(path, run.get("parameters", "{}"))
     if namespace and recorded:
@@ -193,11 +185,7 @@ def recorded_parameters(path: Path, run: Mapping[str, str], namespace: str = "")
 
 
 def recorded_valve(path: Path, run: Mapping[str, str], namespace: str = "") -> Section:
-    """Return the rows of the valves, as they were for a leg: those of the machine where a bag has none.
-
-    Raises:
-        OrthosisError: the run metadata are unusable.
-    """
+    """Return the rows of the valves, as they were for a leg: those of the machine where a bag has none."""
     recorded = recorded_parameters(path, run, namespace)
     rows = {key: value for key, value in recorded.items() if key in VOLTAGES}
     valve: Section = load(rows, machine_of(path, run)).valve

@@ -277,9 +277,8 @@ def run_metadata(
 ) -> dict[str, str]:
     """Return what a bag says of its run: version, commit, scenario, seed, effects, parameters.
 
-    Of a user's machine it holds the file. With several legs it says in which parameters each differs: JSON,
-    by namespace. Effects are those that
-    are switched on in these branches of the parameters.
+    Of a user's machine it holds the file; of several `legs`, in which parameters each differs: JSON, by
+    namespace. Effects are those that are switched on in these branches of the parameters.
     """
     flat = parameters.flat()
     machine = parameters.declared

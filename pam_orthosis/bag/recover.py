@@ -53,12 +53,8 @@ def recover(bag: Path, out: Path, progress: Progress = silent) -> Recovered:
     """Copy all whole messages of a damaged MCAP bag, as bytes, into a new, closed bag.
 
     A chunk of messages is whole if its checksum is right; those behind a damaged one are copied too. A topic
-    is left out only if one of it would keep readers from the whole bag.
-
-    Args:
-        bag: folder with `.mcap` files, or a file.
-        out: folder of the new bag, new or empty; there with all of it in the end, or as it was.
-        progress: called with how much of the bag is read.
+    is left out only if one of it would keep readers from the whole bag. The folder of the new bag is there
+    with all of it in the end, or as it was.
 
     Raises:
         OrthosisError: no MCAP file there, nothing readable in it, or `out` is used.
@@ -100,12 +96,7 @@ def _passes(sources: Sequence[Salvage], progress: Progress) -> tuple[list[Progre
 
 
 def recover_in_place(bag: Path) -> int:
-    """Close a bag whose recorder was killed, where it is; return the number of messages.
-
-    Raises:
-        Damaged: more is missing than its end; nothing was changed.
-        OrthosisError: it holds nothing or cannot be written.
-    """
+    """Close a bag whose recorder was killed, where it is, as `close_bag`; return the number of messages."""
     if not bag.is_dir():
         raise OrthosisError(f"{bag} is no folder of a bag: it cannot be closed in place")
     return close_bag(bag, _sources(bag))

@@ -42,10 +42,8 @@ def record_rig(
         parameters: the whole tree, kept in the bag's metadata.
         specimen: the investigated muscle.
         test: `force`, `volume` or `decay`; with the specimen it names the scenario of the bag.
+        samples: of the run.
         every: keep one sample in so many, and each that has a calliper reading.
-
-    Raises:
-        OrthosisError: the folder holds a bag or cannot be written.
     """
     run = run_metadata(parameters, f"rig-{specimen}-{test}", branches=RIG_EFFECTS)
     run |= {"specimen": specimen, "test": test}

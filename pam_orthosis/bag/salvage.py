@@ -50,8 +50,7 @@ def mapped(source: Path) -> Iterator[Data]:
 class Salvage:
     """Reads past damage: a chunk is whole if its checksum is right; behind a bad one the next is looked for.
 
-    Attributes:
-        lost: what was skipped; complete when the records have been read to their end.
+    `lost` is what was skipped, once the records have been read to their end.
     """
 
     def __init__(self, source: Path):

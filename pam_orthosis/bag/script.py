@@ -48,9 +48,6 @@ class Script:
         nodes: names of nodes to feed; all that the bag has what it takes for, if none.
         held_ns: for so long what slow nodes say is held, if they are slower than the others.
         beside: optional topics of the nodes' run.
-
-    Raises:
-        OrthosisError: unusable bag; a named node is unknown or the bag does not serve it.
     """
 
     def __init__(

@@ -8,7 +8,7 @@ message depends only on topics above it, so the first one missing names the node
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -169,15 +169,8 @@ class Topics:
         some = list(map(self._watched, some)) if ALLOWED in beside else some
         if not realtime:
             return {topic.name: topic for topic in some if topic.rate != "answer"}
-        topics = {topic.name: topic for topic in some if topic.name != CLOCK}
-        joint = topics[SAMPLE]
-        topics[SAMPLE] = replace(joint, consumers=(*joint.consumers, TRAJECTORY))
-        topics["recorded"] = replace(topics["recorded"], consumers=())
-        if with_plant:
-            return topics
-        there = {name: topic for name, topic in topics.items() if name.split("/")[0] != TRUTH}
-        by_driver = {name for name, one in there.items() if one.rate == "step" or name == EMERGENCY_STOP}
-        return {name: one if name in by_driver else _without_plant(one) for name, one in there.items()}
+        topics = _by_wall_clock({topic.name: topic for topic in some if topic.name != CLOCK})
+        return topics if with_plant else _driven(topics)
 
     @cached_property
     def signals(self) -> dict[str, Signal]:
@@ -286,6 +279,19 @@ def _replayed(topic: Topic) -> Topic:
     if topic.name in ("ready", "configuration"):
         return replace(topic, producers=(RECORDER,), consumers=(RECORDER,))
     return replace(topic, consumers=()) if topic.recorded else topic
+
+
+def _by_wall_clock(topics: Mapping[str, Topic]) -> dict[str, Topic]:
+    joint = topics[SAMPLE]
+    heard = replace(joint, consumers=(*joint.consumers, TRAJECTORY))
+    return {**topics, SAMPLE: heard, "recorded": replace(topics["recorded"], consumers=())}
+
+
+def _driven(topics: Mapping[str, Topic]) -> dict[str, Topic]:
+    """Return topics with a hardware driver in place of the plant."""
+    there = {name: topic for name, topic in topics.items() if name.split("/")[0] != TRUTH}
+    by_driver = {name for name, one in there.items() if one.rate == "step" or name == EMERGENCY_STOP}
+    return {name: one if name in by_driver else _without_plant(one) for name, one in there.items()}
 
 
 def _without_plant(topic: Topic) -> Topic:

@@ -193,8 +193,7 @@ def judge_all(
 ) -> dict[str, Verdict]:
     """Judge each leg of a bag, or one; the verdicts by the leg's namespace, none if there is one leg only.
 
-    Raises:
-        OrthosisError: as `judge`, or a leg of the run is not in the bag.
+    OrthosisError as of `judge`, or if a leg of the run is not in the bag.
     """
     if namespace is not None:
         return {namespace.strip("/"): judge(path, bound.at(namespace), skip_s, namespace, partial)}

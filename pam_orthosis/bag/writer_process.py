@@ -42,15 +42,7 @@ class BagWriterProcess:
     is stopped or does not answer, RunFailed comes with the next call, and the bag goes on in another file
     that this process writes: behind what is known to be on the disk, so that nothing is lost. If this
     process is killed the other one writes down what it has got. Both leave the bag unclosed, as a killed
-    recorder does.
-
-    Args:
-        folder: created if need be; must not hold a bag.
-        run: run metadata.
-        waiting: called now and then while this process has to wait for the other one.
-
-    Raises:
-        OrthosisError: the system starts no process.
+    recorder does. `waiting` is called now and then while this process has to wait for the other one.
     """
 
     def __init__(self, folder: Path, run: Mapping[str, str], waiting: Callable[[], None] = lambda: None):
@@ -96,11 +88,9 @@ class BagWriterProcess:
             self._say("write_all", batch, count=len(batch))
 
     def look(self) -> None:
-        """Send what waits and hear what was answered.
+        """Send what waits and hear what was answered: an OrthosisError from now on always.
 
-        Raises:
-            RunFailed: the other process died, was stopped or does not answer; raised once.
-            OrthosisError: what it answered; from now on always.
+        RunFailed, once, if the other process died, was stopped or does not answer.
         """
         if self._here:
             return

@@ -146,13 +146,10 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     from pam_orthosis.tables import is_table
 
     paths, namespace = [*arguments.measured, *arguments.held_out], arguments.namespace
-    given, assumed, rows, read = {}, [], {}, recording
+    assumed, rows, read = [], {}, recording
     if arguments.system:
-        given = patch.read(arguments.model) if arguments.model else {}
-        if foreign := [key for key in given if not key.startswith("gap.")]:
-            raise OrthosisError(f"{foreign[0]} is of a machine; beside --system, --model takes gap.* alone")
-        parameters = load(given)
-        system = load_system(arguments.system)
+        given = _search_rows(arguments.model)
+        parameters, system = load(given), load_system(arguments.system)
     else:
         machine = machine_named(arguments.machine) if arguments.machine else None
         apparatus = apparatus_of(paths, machine, namespace)
@@ -177,6 +174,16 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     progress("computing what these data can show")
     data = identifiability(start.problem, start.null, parameters.gap.evidence.threshold, progress)
     return Case(parameters, start, data, given, assumed, rows, heading)
+
+
+def _search_rows(model: Path | None) -> dict[str, Any]:
+    """Return what --model changes of the search for a system of the user's."""
+    from pam_orthosis.discrepancy import patch
+
+    given = patch.read(model) if model else {}
+    if foreign := [key for key in given if not key.startswith("gap.")]:
+        raise OrthosisError(f"{foreign[0]} is of a machine; beside --system, --model takes gap.* alone")
+    return given
 
 
 def _searched(case: Case, progress: Progress) -> Outcome:

@@ -29,8 +29,7 @@ def next_experiment(outcome: Outcome, useful: Sequence[str]) -> str:
 def references(name: str, parameters: Parameters) -> str:
     """Return a CSV table: time s, position rad or m, mean pressure absolute Pa, whether valves are closed.
 
-    Raises:
-        OrthosisError: the experiment is not for this machine, or its stops are in the way.
+    OrthosisError if the experiment is not for this machine, or its stops are in the way.
     """
     parameters = parameters.changed(scenario_overrides(name))
     experiment = make_trajectory(parameters)

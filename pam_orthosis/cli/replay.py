@@ -66,19 +66,20 @@ def execute(arguments: argparse.Namespace) -> int:
     compared = [one for topics in replayed.values() for one in topics]
     identical = all(one.identical and one.whole for one in compared)
     if arguments.json:
-        by_leg = {
-            leg: [asdict(one) | {"identical": one.identical} for one in topics]
-            for leg, topics in replayed.items()
-        }
-        print(json.dumps({"identical": identical, "legs": by_leg}, indent=2))
+        print(json.dumps({"identical": identical, "legs": _by_leg(replayed)}, indent=2))
     else:
-        tables = [
-            titled(leg, _table(topics, Topics(recorded_machine(arguments.bag, leg)).signals))
-            for leg, topics in replayed.items()
-        ]
+        signals = {leg: Topics(recorded_machine(arguments.bag, leg)).signals for leg in replayed}
+        tables = (titled(leg, _table(topics, signals[leg])) for leg, topics in replayed.items())
         print("\n\n".join(tables))
         print(_answer(compared))
     return 0 if identical else 1
+
+
+def _by_leg(replayed: Mapping[str, Sequence[TopicComparison]]) -> dict[str, list[dict[str, Any]]]:
+    return {
+        leg: [asdict(one) | {"identical": one.identical} for one in topics]
+        for leg, topics in replayed.items()
+    }
 
 
 def _replay(arguments: argparse.Namespace, namespace: str, progress: Shown) -> list[TopicComparison]:

@@ -2,7 +2,7 @@
 """Show a recorded run or session: an offline page, pictures, an animation, or a table."""
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -44,37 +44,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(arguments: argparse.Namespace) -> int:
     """Write what is asked for and say where."""
     from pam_orthosis.bag.legs import check_named, namespaces
+    from pam_orthosis.bag.session import is_session
 
     bag = arguments.bag.resolve()
     several = namespaces(bag) != [""] and not (arguments.namespace or arguments.animation)
     whole = several and arguments.only in (None, "page")
     if not whole:
         check_named(bag, arguments.namespace)
-    session = not arguments.animation and _is_session(bag)
+    session = not arguments.animation and is_session(bag)
+    _check_earlier(arguments, session, whole)
+    if arguments.animation:
+        return _animate(arguments)
+    if whole:
+        return _written(arguments, ["page"], _session if session else _pages)
+    return _written(arguments, [arguments.only] if arguments.only else ["page", "picture"], _page)
+
+
+def _check_earlier(arguments: argparse.Namespace, session: bool, whole: bool) -> None:
     if arguments.earlier and not session:
         raise OrthosisError(f"--earlier is for sessions, {arguments.bag} is none")
     if arguments.earlier and not whole:
         raise OrthosisError("--earlier is for the page of both legs; leave --only and --namespace out")
-    if arguments.animation:
-        return _animate(arguments)
-    folder = arguments.out or Path(f"{bag_name(bag)}-report")
+
+
+def _written(arguments: argparse.Namespace, kinds: Sequence[str], page: Maker) -> int:
+    """Write files of these kinds, all of them or none."""
+    bag = bag_name(arguments.bag.resolve())
+    folder = arguments.out or Path(f"{bag}-report")
     if not (arguments.out or arguments.overwrite):
         refuse_used(folder, REMAKE)
     leg = arguments.namespace.strip("/").replace("/", "-")
-    name = f"{bag_name(bag)}{leg and '-'}{leg}"
-    page = _page if not whole else _session if session else _pages
     makers = {"page": ("html", page), "picture": ("png", _picture), "table": ("csv", _table),
               "mat": ("mat", _mat)}  # fmt: skip
-    kinds = [arguments.only] if arguments.only else ["page"] if whole else ["page", "picture"]
-    return _write(arguments, folder, {f"{name}.{ending}": make for ending, make in map(makers.get, kinds)})
-
-
-def _write(arguments: argparse.Namespace, folder: Path, makers: Mapping[str, Maker]) -> int:
-    """Write files that these make of the bag, all of them or none."""
-    refuse_foreign(folder, makers, arguments.overwrite)
-    bag = arguments.bag.resolve()
+    named = {f"{bag}{leg and '-'}{leg}.{makers[kind][0]}": makers[kind][1] for kind in kinds}
+    refuse_foreign(folder, named, arguments.overwrite)
     with shown(f"reading {arguments.bag}") as progress:
-        made = {name: makers[name](bag, arguments) for name in counted(list(makers), progress, "drawing")}
+        made = {
+            name: named[name](arguments.bag.resolve(), arguments)
+            for name in counted(list(named), progress, "drawing")
+        }
         progress("writing")
         write_results(folder, made, arguments.overwrite)
     print(*(folder / name for name in made), sep="\n")
@@ -121,12 +129,6 @@ def _pages(bag: Path, arguments: argparse.Namespace) -> Write:
     runs = {name: read_run(bag, name) for name in verdicts}
     words = "\n\n".join(f"{name}\n{describe(verdict)}" for name, verdict in verdicts.items())
     return as_text(device_page(bag.name, runs, verdicts, words))
-
-
-def _is_session(bag: Path) -> bool:
-    from pam_orthosis.bag.session import is_session
-
-    return is_session(bag)
 
 
 def _session(bag: Path, arguments: argparse.Namespace) -> Write:

@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
 ROS_WHEELS = "pip install 'ros-jazzy-rclpy[fastrtps]==7.1.6' ros-jazzy-common-interfaces (Linux, x86-64)"
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
-LEAVE_SECONDS = 5.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -104,10 +103,8 @@ def execute(arguments: argparse.Namespace) -> int:
 def claim(stack: ExitStack, out: Path | None, scenario: str) -> Path:
     """Take a folder, a new or an empty one, for this run alone until the stack is closed; return it.
 
-    Two runs may find the same folder empty: without `out` the second takes the next number.
-
-    Raises:
-        OrthosisError: the folder is used or another run's, or cannot be made.
+    Two runs may find the same folder empty: without `out` the second takes the next number. OrthosisError if
+    the folder is used or cannot be made.
     """
     if out:
         stack.enter_context(claimed(out))
@@ -251,23 +248,34 @@ def simulated(progress: Progress, duration_s: float, domain: int | str) -> Calla
 def watched(command: Sequence[str], environment: Mapping[str, str], work: Path) -> Iterator[None]:
     """Show a run in the live view: its address, and the page where there is a display; else RunFailed."""
     log = work / "live_view.log"
-    streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE}
-    with (
-        open(log, "wb") as errors,
-        subprocess.Popen(command, env=dict(environment), stderr=errors, text=True, **streams) as viewer,
-    ):
+    with beside(command, environment, log) as viewer:
         try:
-            url = viewer.stdout.readline().strip() if viewer.stdout else ""
-            if not url:
-                words = log.read_text(errors="replace").strip().splitlines() or ["it printed nothing"]
-                raise RunFailed(f"the live view did not start: {words[-1]}")
+            if not (url := viewer.stdout.readline().strip()):
+                raise RunFailed(f"the live view did not start: {last_words(log)}")
             print(f"live view: {url}", file=sys.stderr)
             if any(os.environ.get(name) for name in DISPLAYS):
                 webbrowser.open(url)
             yield
         finally:
             viewer.terminate()
-            try:
-                viewer.wait(LEAVE_SECONDS)
-            except subprocess.TimeoutExpired:
-                viewer.kill()
+            with suppress(subprocess.TimeoutExpired):
+                viewer.wait(5.0)
+
+
+@contextmanager
+def beside(command: Sequence[str], environment: Mapping[str, str], log: Path) -> Iterator[subprocess.Popen]:
+    """Yield a node that no run waits for, whose output is read; it is killed in the end."""
+    streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE}
+    with (
+        open(log, "wb") as errors,
+        subprocess.Popen(command, env=dict(environment), stderr=errors, text=True, **streams) as node,
+    ):
+        try:
+            yield node
+        finally:
+            node.kill()
+
+
+def last_words(log: Path) -> str:
+    """Return the last line of a log."""
+    return (log.read_text(errors="replace").strip().splitlines() or ["it printed nothing"])[-1]

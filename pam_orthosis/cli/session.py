@@ -16,11 +16,11 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from pam_orthosis.cli.run import claim, need_ros, simulated, supervise_recorded
+from pam_orthosis.cli.run import beside, claim, last_words, need_ros, simulated, supervise_recorded
 from pam_orthosis.errors import OrthosisError, RunFailed
 from pam_orthosis.files import output
 from pam_orthosis.progress import shown
@@ -29,9 +29,6 @@ from pam_orthosis.reading import from_json
 if TYPE_CHECKING:
     from pam_orthosis.control.programme import Programme
     from pam_orthosis.control.session import Trained
-
-LEAVE_SECONDS = 10.0
-AFTER_S = 2.0  # for a conductor who is late
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -91,7 +88,8 @@ def _by_graph(programme: Programme, bag: Path, arguments: argparse.Namespace) ->
     from pam_orthosis.control.session import as_led, planned_seconds, trained_in
     from pam_orthosis.nodes import launch
 
-    seconds = planned_seconds(programme) + AFTER_S + arguments.spare
+    late = 2.0  # s that the conductor may be
+    seconds = planned_seconds(programme) + late + arguments.spare
     first, own = differing({name: as_led(one, programme, seconds) for name, one in programme.legs.items()})
     mode = launch.Mode(arguments.composed, legs=own)
     with (
@@ -114,25 +112,12 @@ def _by_graph(programme: Programme, bag: Path, arguments: argparse.Namespace) ->
 
 @contextmanager
 def _led(command: list[str], environment: Mapping[str, str], work: Path) -> Iterator[list[str]]:
-    """Lead a run for as long as it lasts; what was done is in the list then.
-
-    Raises:
-        RunFailed: the conductor says nothing.
-    """
+    """Lead a run for as long as it lasts; what was done is in the list then, or RunFailed is raised."""
     log, said = work / "session_conductor.log", list[str]()
-    streams: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE}
-    with (
-        open(log, "wb") as errors,
-        subprocess.Popen(command, env=dict(environment), stderr=errors, text=True, **streams) as conductor,
-    ):
-        try:
-            yield said
-            conductor.terminate()
-            said.append(conductor.communicate(timeout=LEAVE_SECONDS)[0])
-        except subprocess.TimeoutExpired:
-            pass
-        finally:
-            conductor.kill()
+    with beside(command, environment, log) as conductor:
+        yield said
+        conductor.terminate()
+        with suppress(subprocess.TimeoutExpired):
+            said.append(conductor.communicate(timeout=10.0)[0])
     if not said or not said[0].strip():
-        words = log.read_text(errors="replace").strip().splitlines() or ["it said nothing"]
-        raise RunFailed(f"the session's conductor failed: {words[-1]}")
+        raise RunFailed(f"the session's conductor failed: {last_words(log)}")

@@ -99,20 +99,20 @@ def simulate(
     if not isinstance(parameters, Parameters):
         raise OrthosisError(f"simulate: give parameters, such as po.parameters(), not {parameters!r}")
     parameters = with_nominal(parameters, model) if model else parameters
+    given = None if voltages is None else _checked(voltages, parameters)
     if cases is None:
-        return (
-            _followed(parameters) if voltages is None else _driven(parameters, _checked(voltages, parameters))
-        )
+        return _simulated(parameters, given)
     columns = {key: np.atleast_1d(np.asarray(values)) for key, values in cases.items()}
     if len({len(column) for column in columns.values()}) != 1:
         raise OrthosisError("cases: give each key as many values as the others, one or more")
     every = [parameters.changed(one) for one in _rows(columns)]
-    if voltages is None:
-        return Runs([_followed(one) for one in every], columns)
-    given = _checked(voltages, parameters)
-    if parameters.declared is not machine_named() or len(every) == 1:
-        return Runs([_driven(one, given) for one in every], columns)
+    if given is None or parameters.declared is not machine_named() or len(every) == 1:
+        return Runs([_simulated(one, given) for one in every], columns)
     return Runs(_together(parameters, every, columns, given), columns)
+
+
+def _simulated(parameters: Parameters, voltages: Array | None) -> Run:
+    return _followed(parameters) if voltages is None else _driven(parameters, voltages)
 
 
 def _rows(columns: Mapping[str, Any]) -> Iterator[dict[str, Any]]:

@@ -8,7 +8,6 @@ from typing import Any
 
 from std_msgs.msg import String
 
-OTHERS_SECONDS = 1.0  # in which the other node hears of the contradiction too, before this one ends
 ALIKE = ("realtime", "with_plant", "replay")  # of a node's settings
 
 
@@ -55,4 +54,4 @@ class Agreement:
 
     def known_to_all(self) -> bool:
         """Whether the other node has had the time to hear of the contradiction too."""
-        return time.monotonic() - self._found > OTHERS_SECONDS
+        return time.monotonic() - self._found > 1.0

@@ -25,10 +25,6 @@ from pam_orthosis.nodes.launch import PLAYER, REPLAYED
 from pam_orthosis.nodes.pace import MAX_UNRECORDED_NS
 from pam_orthosis.nodes.parameters import Setting
 
-WATCH_SECONDS = 0.25
-END_SECONDS = 1.0
-ACKNOWLEDGED_INSTANTS = 20  # at most; half of what the plant may be ahead
-
 
 class BagPlayer(graph.GraphNode):
     """Feeds, listens, compares nothing: that is left to who reads both bags."""
@@ -52,7 +48,8 @@ class BagPlayer(graph.GraphNode):
         self._instants = self._script.instants()
         self._now: Instant | None = None
         self._count = 0
-        self._acknowledged = max(1, min(ACKNOWLEDGED_INSTANTS, MAX_UNRECORDED_NS // self.period_ns // 2))
+        # instants at once: half of what the plant may be ahead
+        self._acknowledged = max(1, min(20, MAX_UNRECORDED_NS // self.period_ns // 2))
         self._answers: dict[tuple[str, int], bytes] = {}
         self._writer = BagWriter(Path(self.settings["directory"]))
         self._feeds = {topic: self._feed_to(topic, n) for topic, n in self._script.fed_topics().items()}
@@ -67,7 +64,7 @@ class BagPlayer(graph.GraphNode):
         # the nodes wait for a listener; the player waits for none of them, since it may feed a few only
         self.create_subscription(DiagnosticArray, DIAGNOSTICS, lambda _report: None, transport.qos())
         self._progress = time.monotonic()
-        self.wall_timer(WATCH_SECONDS, self._watch)
+        self.wall_timer(0.25, self._watch)
 
     def started(self) -> None:
         """Speak for all the nodes that are not there: the plant waits for them."""
@@ -144,7 +141,7 @@ class BagPlayer(graph.GraphNode):
             if stamp_ns in self._script.messages[topic]:
                 self._writer.write(f"/{topic.lstrip('/')}", stamp_ns, data)
         self._end.publish(messages.time(self._now.stamp_ns))
-        self._end.wait_for_all_acked(Duration(seconds=END_SECONDS))
+        self._end.wait_for_all_acked(Duration(seconds=1.0))
         self.ended = True
         return Instant(self._now.stamp_ns, [], [])
 

@@ -28,10 +28,6 @@ from pam_orthosis.scene.messages import TYPES, Scene, in_scene
 from pam_orthosis.scene.sampled import SampledScene
 
 QUEUE_DEPTH = 5000
-LATE_NS = 150_000_000
-OVERTAKEN_SECONDS = 1.0
-LOOK_SECONDS, ACKNOWLEDGED_STEPS = 0.05, 10
-PATIENCE_SECONDS = 3.0  # with the others, when a stranger is here and no supervisor ends them
 
 
 class BagRecorder(graph.GraphNode):
@@ -71,7 +67,7 @@ class BagRecorder(graph.GraphNode):
             self._await_all_legs()
         if self.settings["aside"]:
             self.barrier.await_peer("the process that writes the bag", self._begun)
-        self.wall_timer(LOOK_SECONDS, self._look)
+        self.wall_timer(0.05, self._look)
 
     def started(self) -> None:
         """Expect samples from now on."""
@@ -91,7 +87,7 @@ class BagRecorder(graph.GraphNode):
         self.stranger = True
         if self.supervised:  # else its process says it in the end
             print(f"{ERROR_PREFIX}{failure()}", file=sys.stderr, flush=True)
-        self.wall_timer(PATIENCE_SECONDS, lambda: super(BagRecorder, self).refuse(failure))
+        self.wall_timer(3.0, lambda: super(BagRecorder, self).refuse(failure))
 
     def fail(self, error: OrthosisError) -> None:
         """End the run: nothing can be written any more, or nothing comes."""
@@ -147,7 +143,7 @@ class BagRecorder(graph.GraphNode):
         topics = {
             in_leg(name, leg, self.legs): topic for leg in legs for name, topic in self.topics_of(leg).items()
         }
-        late_ns = LATE_NS if self.realtime else None
+        late_ns = 150_000_000 if self.realtime else None
         return StepCollector(self.period_ns, topics, late_ns, self.every)
 
     def _collectors(self) -> list[StepCollector]:
@@ -202,7 +198,7 @@ class BagRecorder(graph.GraphNode):
             if leg.unhurried(tick, answer) if self.realtime else whole:
                 self._write(leg.steps.complete(most))
             if tick:
-                leg.acknowledge(ACKNOWLEDGED_STEPS)
+                leg.acknowledge(steps=10)
                 if first:
                     self.step_done(stamp_ns)
 
@@ -266,7 +262,7 @@ class BagRecorder(graph.GraphNode):
     def _has_gaps(self, leg: RecordedLeg) -> bool:
         """Whether in lockstep all wait for this node, and it for what somebody who left did not say."""
         lost = leg.joined_late or self.barrier.anew()
-        return lost and not self.realtime and leg.silence > OVERTAKEN_SECONDS
+        return lost and not self.realtime and leg.silence > 1.0
 
     def _finish(self) -> None:
         for steps in self._collectors():

@@ -29,10 +29,7 @@ class Notice:
 class Barrier:
     """Looks whether all peers are there, says for whom it waits, and lets the node start once.
 
-    Args:
-        node: that waits.
-        begin: is called when all are there.
-        fail: takes the error if two nodes were started differently.
+    It calls `begin` when all are there, `fail` with the error if two nodes were started differently.
     """
 
     def __init__(

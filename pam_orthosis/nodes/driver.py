@@ -27,7 +27,6 @@ from pam_orthosis.nodes.supervisor import ERROR_PREFIX
 from pam_orthosis.nodes.transport import qos
 
 SILENCE_PERIODS = 20
-REPORT_SECONDS = 1.0
 SETTINGS = {
     **MACHINE,
     "reconnect_time": Setting(0.2, "wall time between two attempts to reach the device [s]"),
@@ -105,7 +104,7 @@ class Driver(Node):
         self._first_ns, self._passed = self.get_clock().now().nanoseconds, 0
         self._connect_due = 0.0
         self.create_timer(self.period_ns * 1e-9, self._tick)
-        self.create_timer(REPORT_SECONDS, self._report)
+        self.create_timer(1.0, self._report)
 
     @abstractmethod
     def connect(self) -> None:

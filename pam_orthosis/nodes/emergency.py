@@ -19,15 +19,8 @@ class EmergencyStop:
     """Offers `~/emergency_stop` and `~/reset`, and follows what its peers report.
 
     The state is published on a latched topic, by each who knows it: one that is started again hears it of the
-    other. The newest state counts.
-
-    Args:
-        node: that acts upon it.
-        shortest_ns: time of the run that a stop lasts at least.
-        over: is called when a stop is over.
-
-    Attributes:
-        active: all valves are to vent.
+    other. The newest state counts. While it is `active` all valves are to vent. It lasts so long at least, in
+    the time of the run; `over` is called then.
     """
 
     def __init__(self, node: GraphNode, shortest_ns: int = 0, over: Callable[[], None] = lambda: None):

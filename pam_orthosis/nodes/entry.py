@@ -23,7 +23,7 @@ Parameters are rows of config/ and the node's own. While it runs these tell whic
   ros2 param list /{node}
   ros2 param describe /{node} NAME"""
 OF_A_MUSCLE = "pressure_controller"  # each has one of its name
-INTERRUPTED, STATUS = b"pam-orthosis: error: interrupted while it was started\n", 3
+INTERRUPTED = b"pam-orthosis: error: interrupted while it was started\n"
 
 
 def start(node: str) -> int:
@@ -43,7 +43,7 @@ def start(node: str) -> int:
 
 def _end(_number: int, _frame: FrameType | None) -> NoReturn:
     os.write(sys.__stderr__.fileno(), INTERRUPTED)
-    os._exit(STATUS)
+    os._exit(3)
 
 
 def __getattr__(node: str) -> Callable[[], int]:

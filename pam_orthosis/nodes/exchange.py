@@ -54,13 +54,8 @@ class Outlet:
 class Exchange:
     """Hands messages to their listeners in the order of sending, each behind the present callback.
 
-    Args:
-        executor: that runs the nodes.
-        fail: takes what a listener raised. It must not leave a task: the events executor of Jazzy dies of
-            that (ros2/rclpy, issue 1641).
-
-    Attributes:
-        turn: number of the turn in which messages are handed on.
+    `fail` takes what a listener raised: it must not leave a task, of which the events executor of Jazzy dies
+    (ros2/rclpy, issue 1641). `turn` is the number of the turn in which messages are handed on.
     """
 
     def __init__(self, executor: Executor, fail: Callable[[Exception], None]):

@@ -20,7 +20,6 @@ from pam_orthosis.nodes.agreement import ALIKE, Agreement
 from pam_orthosis.nodes.parameters import Setting, take_changes
 from pam_orthosis.nodes.topic_node import TopicNode
 
-REPORT_SECONDS, STALE_SECONDS = 1.0, 2.0
 MOST_PERIODS = 20  # of missed samples that controllers make up for
 
 
@@ -31,12 +30,6 @@ class GraphNode(TopicNode):
     with each step, `publish_numbers`, `listen_to_numbers` and `join_inputs`, calls `step_done` at the end
     of each step, and overrides what it has to of `started`, `retune`, `health`, `figures`, `on_end` and
     `close`.
-
-    Args:
-        name, settings, role, place: as of a `TopicNode`.
-
-    Raises:
-        OrthosisError: unusable parameters.
     """
 
     def __init__(
@@ -69,7 +62,7 @@ class GraphNode(TopicNode):
         self._stepped_at = time.monotonic()
         self._diagnostics = {leg: self.publish_to(DIAGNOSTICS, leg=leg) for leg in self.legs}
         if self.realtime:
-            self.wall_timer(REPORT_SECONDS, self._report_standstill)
+            self.wall_timer(1.0, self._report_standstill)
         self._ready = [self.publish_to("ready", latched=True, leg=leg) for leg in self.legs]
         for leg in self.legs:
             self.barrier.await_agreement(self._agree(leg))
@@ -200,7 +193,7 @@ class GraphNode(TopicNode):
     def _report_standstill(self) -> None:
         """Report, in real time, that no step was done for long."""
         since = time.monotonic() - self._stepped_at
-        if self.active and not self.ended and since > STALE_SECONDS:
+        if self.active and not self.ended and since > 2.0:
             self._report(self.now_ns(), DiagnosticStatus.STALE, f"no step for {since:.0f} s", self._reported)
 
     def _report(self, stamp_ns: int, level: bytes, message: str, values: Mapping[str, Any]) -> None:

@@ -239,11 +239,7 @@ def open_environment(work: Path) -> dict[str, str]:
 
 
 def refuse_used_domain(domain: str, environment: Mapping[str, str], mode: Mode, machine: Machine) -> None:
-    """Refuse a ROS domain in which somebody speaks on the topics of a run, before this one disturbs him.
-
-    Raises:
-        OrthosisError: with the name of who uses it.
-    """
+    """Refuse, by OrthosisError, a ROS domain in which somebody speaks on the topics of a run."""
     if not domain.isdecimal() or not _in_use(int(domain)):
         return
     names = [
@@ -260,11 +256,7 @@ def refuse_used_domain(domain: str, environment: Mapping[str, str], mode: Mode, 
 
 @contextmanager
 def free_domain() -> Iterator[int]:
-    """Claim a ROS domain id that no other run and no other ROS program on this host uses.
-
-    Raises:
-        OrthosisError: all are taken.
-    """
+    """Claim a ROS domain id that nobody on this host uses; OrthosisError if all are taken."""
     first = os.getpid() % len(DOMAINS)
     for domain in [*DOMAINS[first:], *DOMAINS[:first]]:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as claim:

@@ -16,8 +16,6 @@ from threading import Condition, Thread
 from typing import Any
 
 HOST = "127.0.0.1"
-ALIVE_SECONDS = 5.0  # between words to a page that has nothing to show
-CLOSE_SECONDS = 1.0  # for pages to hear the last word
 HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline';"
@@ -30,12 +28,7 @@ Act = Callable[[], str]
 
 
 class LiveServer:
-    """Serves a page, and the newest of what is said to it, until closed.
-
-    Args:
-        page: HTML.
-        acts: name -> what a POST to that name does and answers.
-    """
+    """Serves a page, and the newest of what is said to it, until closed; a POST to a name does an act."""
 
     def __init__(self, page: str, acts: dict[str, Act]):
         self.page, self.acts, self.token = page, acts, secrets.token_urlsafe(16)
@@ -63,7 +56,7 @@ class LiveServer:
         try:
             while True:
                 with self._news:
-                    fresh = self._news.wait_for(partial(self._newer, seen), ALIVE_SECONDS)
+                    fresh = self._news.wait_for(partial(self._newer, seen), 5.0)
                     seen, said, over = self._count, self._said, self._over
                 send(f"data: {said}\n\n" if fresh else ":\n\n")
                 if over:
@@ -79,7 +72,7 @@ class LiveServer:
     def close(self) -> None:
         """End, when all pages have heard what was said last, or soon."""
         with self._news:
-            self._news.wait_for(lambda: not (self._over and self._readers), CLOSE_SECONDS)
+            self._news.wait_for(lambda: not (self._over and self._readers), 1.0)
         self._server.shutdown()
         self._server.server_close()
 

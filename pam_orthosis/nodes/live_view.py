@@ -31,7 +31,6 @@ from pam_orthosis.report.live import Input, LiveLeg, inputs, live_page
 
 SERVICES = {"stop": "emergency_stop", "reset": "reset"}
 ANSWER_SECONDS = 2.0
-ANOTHER_RUN_SECONDS = 1.0  # between samples
 WAITING, RUNNING, STOPPED, OVER = "waiting", "running", "stopped", "over"
 
 
@@ -155,7 +154,7 @@ class LiveView(Node):
 
     def _show(self, leg: str, picture: dict[str, Any]) -> None:
         last = self._times.get(leg, picture["time"])
-        if abs(picture["time"] - last) > ANOTHER_RUN_SECONDS:
+        if abs(picture["time"] - last) > 1.0:  # another run
             self._over = False
         self._times[leg] = picture["time"]
         self._fresh.setdefault(leg, []).append(picture)

@@ -18,12 +18,9 @@ DONE, REFUSED = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILU
 class ManagedNode(LifecycleNode):
     """A node that is made by `configure`, works between `activate` and `deactivate`, and ends with `close`.
 
-    With the parameter `autostart` it configures itself when it is made; otherwise `ros2 lifecycle set` or
-    another manager does. Errors of a transition refuse it, and are reported in one line.
-
-    Args:
-        name: in the graph.
-        place: arguments of ROS that are its own, such as its namespace, where nodes share a process.
+    With the parameter `autostart` it configures itself when it is made, or raises what that raises; otherwise
+    `ros2 lifecycle set` or another manager does. Errors of a transition refuse it, and are reported in one
+    line. `place` are arguments of ROS that are its own, such as its namespace, where nodes share a process.
 
     Attributes:
         configured, active: its state.
@@ -32,9 +29,6 @@ class ManagedNode(LifecycleNode):
         worn: its process is to begin anew, which leaves nothing behind. The executor of events would die of
             events for publishers and subscriptions that are destroyed while it spins.
         alarm: is called when something has happened that its process has to look at.
-
-    Raises:
-        OrthosisError: with `autostart`, what `configure` raises.
     """
 
     def __init__(self, name: str, place: Sequence[str] = ()):

@@ -8,9 +8,6 @@ from collections.abc import Sequence
 import rclpy
 from rclpy.node import Node
 
-LOOK_SECONDS = 3.0  # in which everybody who is there has been discovered
-POLL_SECONDS = 0.1
-
 
 def publishing(node: Node, topics: Sequence[str]) -> list[str]:
     """Return `node publishes on topic` for those that are known by now."""
@@ -26,9 +23,9 @@ def main() -> int:
     """Look until somebody is found, or long enough."""
     rclpy.init(args=[])
     node = rclpy.create_node("pam_orthosis_neighbours")
-    until = time.monotonic() + LOOK_SECONDS
+    until = time.monotonic() + 3.0  # everybody who is there has been discovered then
     while not (found := publishing(node, sys.argv[1:])) and time.monotonic() < until:
-        time.sleep(POLL_SECONDS)
+        time.sleep(0.1)
     print("\n".join(found[:1]))
     rclpy.try_shutdown()
     return 0

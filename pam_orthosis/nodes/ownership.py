@@ -20,11 +20,8 @@ from pam_orthosis.errors import OrthosisError, RunFailed
 
 NAME_SECONDS = 1.0  # at most, until the graph knows which node a stranger's publisher belongs to
 PATIENCE_SECONDS = 5.0  # the same for one who may have come again: a starved machine answers late
-LOOK_SECONDS = 0.5
 SILENT_SECONDS = 0.25  # five control periods of the longest kind, after which an owner that speaks is gone
 LEASE_SECONDS = 25.0  # at most, until the middleware forgets who was killed: 20 s if nothing else is set
-
-MOST_WAITING = 1000  # messages of a topic
 
 Refuse = Callable[[Callable[[], OrthosisError]], None]
 
@@ -32,9 +29,7 @@ Refuse = Callable[[Callable[[], OrthosisError]], None]
 class Ownership:
     """Notices strangers beside the node's inputs, at once, and beside what it publishes and offers, soon.
 
-    Args:
-        node: whose topics and services these are.
-        refuse: takes what makes the error that names the stranger.
+    `refuse` takes what makes the error that names the stranger.
     """
 
     def __init__(self, node: Node, refuse: Refuse):
@@ -43,7 +38,7 @@ class Ownership:
         self._services: list[str] = []
         self._inputs: list[Callable[[], None]] = []
         self._namesakes = 1
-        node.wall_timer(LOOK_SECONDS, self._look)
+        node.wall_timer(0.5, self._look)
 
     def publishes(self, topic: str) -> None:
         """Note that this node alone publishes on a topic."""
@@ -94,7 +89,7 @@ class Ownership:
             waiting.append(message)
             settle()
 
-        waiting: deque[Any] = deque(maxlen=MOST_WAITING)
+        waiting: deque[Any] = deque(maxlen=1000)
         place = _Place(len(owners), replaceable, lambda: self._names(subscription.topic_name))
         self._inputs.append(settle)
         events = SubscriptionEventCallbacks(matched=lambda _status: settle())

@@ -19,17 +19,12 @@ from pam_orthosis.nodes.join import Join
 from pam_orthosis.nodes.topic_node import Numbers
 
 MAX_UNRECORDED_STEPS, MAX_UNRECORDED_NS = 50, 250_000_000  # and the recorder keeps a chunk in memory
-WATCH_SECONDS = 0.25
 SILENCE_SAMPLES = 20  # without an answer, after which valves vent
 MAX_PERIODS_AT_ONCE = 100  # of the hardware's life in one callback: others must have their turn
 
 
 class PacedNode(GraphNode):
-    """A node of hardware that takes a step when its pace lets it.
-
-    Attributes:
-        abandoned: the run was cut short; no step is taken any more.
-    """
+    """A node of hardware that takes a step when its pace lets it, and none once it is `abandoned`."""
 
     abandoned = False
 
@@ -88,7 +83,7 @@ class Lockstep:
             plant.listen_to_numbers(topic, messages.SPOOL, partial(self._join.add, name), leg=leg)
         for leg in plant.legs:
             plant.listen_to("recorded", self._on_recorded, leg=leg)
-        plant.wall_timer(WATCH_SECONDS, self._watch)
+        plant.wall_timer(0.25, self._watch)
         self._paced = plant.settings["paced"]
         if self._paced:
             plant.wall_timer(plant.period_ns / SECOND_NS, self._go_on)

@@ -39,11 +39,7 @@ def machine_of(settings: Mapping[str, Any]) -> Machine:
 
 
 def declare_settings(node: Node, settings: Mapping[str, Setting]) -> dict[str, Any]:
-    """Declare a node's own parameters, and return what they are set to.
-
-    Raises:
-        OrthosisError: wrong type, not one of the options, or a number that is not positive.
-    """
+    """Declare a node's own parameters, and return what they are set to; OrthosisError for unusable ones."""
     values = {}
     for name, (default, meaning, options) in settings.items():
         choice = f"one of {', '.join(options)}" if options else ""
@@ -61,10 +57,7 @@ def declare_rows(node: Node, machine: Machine, spec: NodeSpec) -> Parameters:
 
     A row of the apparatus that nobody gives has the value of `config/`, and no node declares it: there are
     hundreds. Rows but the live ones cannot be set later. To be called last: a parameter that is then set but
-    not declared is an error.
-
-    Raises:
-        OrthosisError: unknown parameter, wrong type, out of range or inconsistent values.
+    not declared is an OrthosisError, as is an unusable value.
     """
     known = load({}, machine).only(*spec.branches)
     given = node._parameter_overrides  # rclpy keeps those of no declared parameter silently, and only here

@@ -23,7 +23,6 @@ from pam_orthosis.nodes.parameters import LEGS, Setting
 from pam_orthosis.nodes.topic_node import Numbers
 
 VENT_SAMPLES, VENT_SAMPLE_NS = 10, 50_000_000  # after the end of a run that was cut short
-DELIVERY_SECONDS = 0.3  # less than the supervisor grants for the end
 
 
 class PlantSimulator(PacedNode):
@@ -101,7 +100,7 @@ class PlantSimulator(PacedNode):
             for _ in range(periods):
                 self.advance(*vents)
             self.publish_sample(self._newest_ns + periods * self.period_ns)
-        self.wait_until_delivered(DELIVERY_SECONDS)
+        self.wait_until_delivered(0.3)  # less than the supervisor grants for the end
         return False
 
     def retune(self, parameters: Parameters) -> None:

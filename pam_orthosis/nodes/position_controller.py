@@ -13,8 +13,6 @@ from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages, process
 from pam_orthosis.nodes.emergency import hear_reset
 
-UNKNOWN_VARIANCE = 0.0
-
 
 class PositionControllerNode(graph.GraphNode):
     """Publishes the pressure references, the estimate and the disturbance of each step."""
@@ -78,7 +76,7 @@ class PositionControllerNode(graph.GraphNode):
         command = self._controller.step(*sample, pressures, wanted, periods)
         self._estimate(stamp_ns, command.position, command.velocity)
         for send, pressure in zip(self._pressures, command.pressures, strict=True):
-            send(stamp_ns, as_number(pressure), UNKNOWN_VARIANCE)
+            send(stamp_ns, as_number(pressure), 0.0)  # of unknown variance
         self._disturbance(stamp_ns, *self._before, command.disturbance, *self._behind)
         self._state(stamp_ns, *_state(wanted, command))
         self._saturated += command.saturated

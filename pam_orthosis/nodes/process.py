@@ -23,15 +23,7 @@ from pam_orthosis.nodes.exchange import Exchange
 from pam_orthosis.nodes.graph import GraphNode
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX, HEARTBEAT_SECONDS, HEARTBEAT_VARIABLE
 
-LAST_WORDS_SECONDS = 0.1
-LONGEST_LAST_WORDS_SECONDS = 2.0  # of a process of its own that still hears something
-SILENT_TURNS = 2  # after which there are no more: in one the machine may have stood still
-STUCK_SECONDS = 60.0  # without a beat, after which a process of a run ends itself
-ARM_SECONDS = 5.0
-LEAVING_SECONDS = 10.0  # the same for one whose supervisor is gone
-LEAVE_SECONDS = 1.0
 BY_HAND = ("--ros-args", "-p", "autostart:=false")  # of a node that was cleaned up
-ORPHAN_SECONDS = 0.45  # nobody sees to it that the recorder ends last
 
 
 class Heartbeat:
@@ -63,9 +55,9 @@ class Heartbeat:
         if self._pipe is None or (now - self._last < HEARTBEAT_SECONDS and not ended):
             return True
         self._last = now
-        if now - self._armed > ARM_SECONDS:  # each time costs a thread
+        if now - self._armed > 5.0:  # each time costs a thread
             self._armed = now
-            self.ends_within(STUCK_SECONDS)
+            self.ends_within(60.0)  # of a beat, whatever it is stuck in
         return self.write(_status(nodes, ended))
 
     def ends_within(self, seconds: float | None) -> None:
@@ -183,10 +175,10 @@ def _ended(nodes: Sequence[GraphNode]) -> bool:
 
 def _close(nodes: Sequence[GraphNode], executor: EventsExecutor, heartbeat: Heartbeat, patient: bool) -> None:
     """Close nodes; those of a run that is cut short say and hear last words before."""
-    heartbeat.ends_within(LEAVING_SECONDS if heartbeat.orphaned else None)
+    heartbeat.ends_within(10.0 if heartbeat.orphaned else None)
     if not _ended(nodes):
         heartbeat.write("leaving")
-        seconds = ORPHAN_SECONDS if heartbeat.orphaned else LAST_WORDS_SECONDS
+        seconds = 0.45 if heartbeat.orphaned else 0.1  # an orphan's recorder need not end last
         _abandon(nodes, executor, seconds, patient)
     for node in nodes:
         if node.configured:
@@ -207,9 +199,10 @@ def _abandon(
     Who has failed leaves first: the others go on until the supervisor sees that.
     """
     stay = [node.abandon() for node in nodes if node.configured]
-    until = time.monotonic() + LONGEST_LAST_WORDS_SECONDS
-    silent = 0 if any(stay) else SILENT_TURNS
-    while silent < SILENT_TURNS:
+    until = time.monotonic() + 2.0  # of a process of its own that still hears something
+    turns = 2  # of silence, after which there is no more: in one the machine may have stood still
+    silent = 0 if any(stay) else turns
+    while silent < turns:
         executor.spin_until_future_complete(Future(), timeout_sec=seconds)
         heard = patient and len(nodes) == 1 and nodes[0].configured and nodes[0].hears()
         silent = 0 if heard and time.monotonic() < until else silent + 1
@@ -262,7 +255,7 @@ def follow(watch: Callable[[], None]) -> int:
 def leave(nodes: Sequence[Node]) -> None:
     """Tell all peers that these nodes are gone; end the process if the middleware does not come back."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    signal.setitimer(signal.ITIMER_REAL, LEAVE_SECONDS)
+    signal.setitimer(signal.ITIMER_REAL, 1.0)
     for node in nodes:
         node.destroy_node()
     rclpy.try_shutdown()

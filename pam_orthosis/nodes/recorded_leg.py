@@ -13,18 +13,10 @@ from pam_orthosis.nodes.barrier import Notice
 from pam_orthosis.nodes.graph import GraphNode
 
 GRACE_NS = SECOND_NS // 2
-ACK_SECONDS, ACK_WAITS = 0.2, 5
 
 
 class RecordedLeg:
-    """The state of one leg's recording.
-
-    Args:
-        node: the recorder.
-        name: namespace of the leg, none if there is one only.
-        run_ns: length of the run.
-        steps: where its messages are gathered; in lockstep all legs share one.
-    """
+    """The state of one leg's recording; in lockstep all legs share the `steps` that gather messages."""
 
     def __init__(self, node: GraphNode, name: str, run_ns: int, steps: StepCollector):
         self.name = name
@@ -78,11 +70,7 @@ class RecordedLeg:
             self._recorded.publish(messages.time(self._acknowledged_ns))
 
     def over(self) -> bool:
-        """Whether all of the run is recorded, or in real time all that will ever come.
-
-        Raises:
-            RunFailed: no samples come, or no more.
-        """
+        """Whether all is recorded, or in real time all that will ever come; RunFailed if no samples come."""
         if self.end_ns is None:
             # the plant waits for all others, and its process is watched; a driver waits for nobody
             if self._node.active and not self._node.settings["with_plant"] and self.silence > self._limit:
@@ -93,8 +81,8 @@ class RecordedLeg:
     def report_end(self) -> None:
         """Tell the leg's nodes that the run is over, and wait until they know."""
         self._end.publish(messages.time(self.steps.done_ns))
-        for _ in range(ACK_WAITS):
-            if self._end.wait_for_all_acked(Duration(seconds=ACK_SECONDS)):
+        for _ in range(5):
+            if self._end.wait_for_all_acked(Duration(seconds=0.2)):
                 return
             self._node.pulse()
 

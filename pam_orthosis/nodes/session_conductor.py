@@ -45,9 +45,7 @@ UNDER_WAY = "it has not answered yet"
 class LedLeg(Leg):
     """A leg of a graph: what a programme changes of it is asked of its nodes.
 
-    Args:
-        parameters: that its nodes were started with.
-        call: (service of the leg, parameters to set or nothing) -> what holds the answer.
+    `call`: (service of the leg, parameters to set or nothing) -> what holds the answer.
     """
 
     def __init__(self, parameters: Parameters, call: Callable[[str, Mapping[str, Any] | None], Any]):

@@ -33,9 +33,7 @@ HEARTBEAT_SECONDS = 0.1
 # of processor time, or in beats, without being one peer nearer to the start
 START_SECONDS = 60.0
 IDLE_START_SECONDS = 5.0
-STOP_SECONDS, RECORDER_STOP_SECONDS = 0.6, 5.0  # a recorder that answers is not robbed of its data
 STOP_GRACE_SECONDS = 10.0
-HELPER_SECONDS = 1.0  # for what a node has started to write down what it got
 
 
 class Child:
@@ -158,16 +156,13 @@ def supervise(
     logs: Path,
     progress: Callable[[int], None],
 ) -> None:
-    """Run processes until all have ended well.
+    """Run processes until all have ended well; RunFailed, when all are stopped, if one did not.
 
     Args:
         commands: name -> command line.
         environment: of all processes.
         logs: folder for what they print.
         progress: called now and then with the simulated time in ns.
-
-    Raises:
-        RunFailed: a process died, does not answer or never came up; all are stopped by then.
     """
     children: list[Child] = []
     try:
@@ -269,11 +264,11 @@ def _end(children: Sequence[Child]) -> None:
         time.sleep(POLL_SECONDS)
         for child, idleness in list(left.items()):
             idleness.look()
-            seconds = RECORDER_STOP_SECONDS if child.records else STOP_SECONDS
+            seconds = 5.0 if child.records else 0.6  # a recorder that answers is not robbed of its data
             if child.process.poll() is None and idleness.silent(seconds, longest=3 * seconds):
                 child.process.kill()
                 child.process.wait()
             if child.process.poll() is not None:
                 del left[child]
     for child in children:
-        child.end_helpers(HELPER_SECONDS)
+        child.end_helpers(1.0)  # in which they write down what they got

@@ -54,10 +54,9 @@ class TopicNode(ManagedNode):
     """A node of the table: declares its parameters, makes its publishers, subscriptions and services.
 
     Args:
-        name: in the graph.
+        name, place: as of a `ManagedNode`.
         settings: parameters beside those of `config/`.
         role: name in the table of topics if not `name`, with settings in braces.
-        place: as of a `ManagedNode`.
 
     Attributes:
         failure: ends the run; it makes the error when all is safe.
@@ -65,9 +64,6 @@ class TopicNode(ManagedNode):
         topics, beside: those of this run, and the names of the optional ones among them.
         acts: it is active, and no failure has ended its run.
         stranger: somebody who does not belong there was met by a node that has to end last.
-
-    Raises:
-        OrthosisError: unusable parameters.
     """
 
     def __init__(

@@ -14,11 +14,10 @@ from pam_orthosis.nodes import graph, messages, process
 class TrajectoryPublisher(graph.GraphNode):
     """On the clock of its step k, publishes the reference of step k + 1 (at first that of k too).
 
-    Its steps are those of the position controller, which has them from the references' stamps.
-
-    The clock is `/clock` in lockstep and the sample in real time, so that reference
-    and sample carry the same stamps without two timers that drift apart. The services `~/start` and
-    `~/stop` begin the motion anew and bring it to rest.
+    Its steps are those of the position controller, which has them from the references' stamps. The clock is
+    `/clock` in lockstep and the sample in real time, so that reference and sample carry the same stamps
+    without two timers that drift apart. The services `~/start` and `~/stop` begin the motion anew and bring
+    it to rest.
     """
 
     def __init__(self, place: Sequence[str] = ()) -> None:

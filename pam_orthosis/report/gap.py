@@ -40,10 +40,7 @@ EVIDENCE = (
 def page(outcome: Outcome, words: str, next_experiments: Sequence[str] = ()) -> str:
     """Return the page.
 
-    Args:
-        outcome: of the search.
-        words: what the verb prints; its last line is the verdict.
-        next_experiments: names of experiments that the data call for, the most useful first.
+    `words` are what the verb prints, the verdict last; `next_experiments` are names, the most useful first.
     """
     answer = words.splitlines()[-1]
     parts = [

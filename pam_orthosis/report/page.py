@@ -60,8 +60,7 @@ class Page(NamedTuple):
         title: what it is on.
         answer: the verdict in a word or two.
         tone: `GOOD`, `BAD` or `NEUTRAL`.
-        headline: the verdict in a sentence.
-        meaning: what it means, in paragraphs.
+        headline, meaning: the verdict in a sentence, what it means in paragraphs.
         parts: the rest.
         about: what kind of page it is.
     """

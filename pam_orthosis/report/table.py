@@ -15,9 +15,6 @@ def write_table(bag_path: Path, namespace: str, stream: BinaryIO) -> None:
 
     A cell is empty where a topic has no message of that stamp. Names and units are those of
     `bag.topics.Topics`; `gap` reads such a table.
-
-    Raises:
-        OrthosisError: the bag is unusable.
     """
     run = sampled(bag_path, namespace)
     columns = [map(_cell, values.tolist()) for values in (run.time, *run.signals.values())]

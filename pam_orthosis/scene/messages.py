@@ -50,10 +50,7 @@ class Said(NamedTuple):
 class _Parts:
     """Says a message whose parts have a stamp each; it is made once, and numbers are filled in.
 
-    Args:
-        topic: one of `TYPES`.
-        message: an example.
-        moving: path of a part -> paths in it, behind the stamp, of the numbers that differ.
+    `moving`: path of a part -> paths in it, behind the stamp, of the numbers that differ.
     """
 
     def __init__(self, topic: str, message: Any, moving: dict[str, Sequence[str]]):
@@ -69,12 +66,9 @@ class _Parts:
 
 
 class Scene:
-    """Makes the messages of one machine.
+    """Makes the messages of one machine, of those of all legs from left to right.
 
-    Args:
-        parameters: tree with the machine's branches, `muscle` and `valve`.
-        leg: its namespace, which its frames have as prefix; none if it is the only one.
-        legs: the namespaces of all, from left to right.
+    Its frames have the leg's namespace as prefix; none if it is the only one.
     """
 
     def __init__(self, parameters: Parameters, leg: str = "", legs: Sequence[str] = ("",)):

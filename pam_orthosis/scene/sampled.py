@@ -16,11 +16,8 @@ class SampledScene:
     """Says where a machine is at the first whole sample of each `PERIOD_NS`.
 
     Samples that it cannot have (nothing measured, not finite, beyond half a turn or 10 m) are passed over.
-
-    Args:
-        scene: of the machine.
-        again: begin anew when a sample is more than a second older than what was said last: another run
-            has begun, or a bag is played in a loop.
+    With `again` it begins anew when a sample is more than a second older than what was said last: another run
+    has begun, or a bag is played in a loop.
     """
 
     def __init__(self, scene: Scene, again: bool = False):

@@ -26,9 +26,7 @@ from pam_orthosis.model.truth import true_parameters
 from pam_orthosis.progress import Progress, counted, silent
 
 PERIOD = 1.0e-3  # s, of the hand
-SWING = 100.0  # 1/s, of the joint on the hand's spring, critically damped
 SLOW_SECONDS = 20.0  # through the range and back
-CLEARANCE = 0.02  # rad, to the stops
 SETTLING = 1.0  # s at rest at first, in which the muscles vent; not judged
 # a relaxed leg in the knee's machine: its mass, and the elastic moment of its tissue
 RELAXED = {"leg.person.present": True, "plant.person.tissue.passive_moment.enabled": True}
@@ -83,7 +81,8 @@ class Held(Plant):
 
     def __init__(self, parameters: Parameters, motion: Motion, inertia: float):
         self._motion = motion
-        self._stiffness, self._damping = inertia * SWING**2, 2 * inertia * SWING
+        swing = 100.0  # 1/s, of the joint on the hand's spring, critically damped
+        self._stiffness, self._damping = inertia * swing**2, 2 * inertia * swing
         super().__init__(parameters)
 
     def _external(self, time: float) -> Sequence[float]:
@@ -110,12 +109,8 @@ def by_hand(
 ) -> Moved:
     """Lead a joint through its range and back, or along its gait.
 
-    Args:
-        joint: the shipped machine.
-        person: whether a relaxed leg is in the orthosis: its mass, and the passive moment of the joint.
-        speed: `slow` or `gait`.
-        filled: the muscles hold their mean pressure behind closed valves; otherwise all valves vent first.
-        overrides: of the parameters.
+    A person is relaxed: the mass of a leg, and the passive moment of the joint. The muscles are `filled`
+    if they hold their mean pressure behind closed valves; otherwise all valves vent first.
     """
     p = load({"scenario.control_period": PERIOD}, machine_named(Path(joint)))
     relaxed = RELAXED if joint == "knee" else {"leg.person.present": True}
@@ -145,7 +140,8 @@ def by_hand(
 def _slow(p: Parameters) -> tuple[Motion, float, float]:
     """Return a slow motion from stop to stop and back, its start, rad, and its duration, s."""
     low, high = (float(end) for end in p.declared.mechanism(p).limits)
-    low, half = low + CLEARANCE, 0.5 * (high - low) - CLEARANCE
+    clear = 0.02  # rad, of the stops
+    low, half = low + clear, 0.5 * (high - low) - clear
     rate = 2 * math.pi / SLOW_SECONDS
 
     def motion(time: float) -> tuple[float, float]:
