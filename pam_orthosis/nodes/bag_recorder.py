@@ -22,9 +22,8 @@ from pam_orthosis.model.components.spool import VENT
 from pam_orthosis.nodes import graph, messages, process
 from pam_orthosis.nodes.parameters import LEGS, Setting
 from pam_orthosis.nodes.recorded_leg import RecordedLeg
-from pam_orthosis.nodes.recorded_scene import RecordedScene
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX, NOTE_PREFIX
-from pam_orthosis.scene.messages import TYPES, Scene, in_scene
+from pam_orthosis.scene.messages import LATCHED, TYPES, Scene, in_scene
 from pam_orthosis.scene.sampled import SampledScene
 
 QUEUE_DEPTH = 5000
@@ -57,7 +56,7 @@ class BagRecorder(graph.GraphNode):
         self._waiting: deque[Callable[[], None]] = deque(maxlen=QUEUE_DEPTH)  # what came before it was active
         self._doubted: set[str] = set()
         self._names: dict[str, str] = {}
-        self._viewed: dict[str, tuple[RecordedScene, str]] = {}
+        self._viewed: dict[str, tuple[SampledScene, str, dict[str, str]]] = {}
         self._legs = self._make_legs()
         for leg in self._legs:
             for topic in filter(lambda topic: topic.recorded, self.topics_of(leg.name).values()):
@@ -158,15 +157,15 @@ class BagRecorder(graph.GraphNode):
     def _view(self, leg: RecordedLeg) -> None:
         """Have what viewers need of a leg written beside its measurements."""
         names = {topic: self.resolve_topic_name(in_scene(topic, leg.name)) for topic in TYPES}
-        alone = len(self.legs) == 1
-        scene = (
-            Scene(self.parameters, self.leg, [self.leg])
-            if alone
-            else Scene(self.parameters_of(leg.name), leg.name, self.legs)
-        )
-        sampled = SampledScene(scene)
-        viewed = RecordedScene(sampled, self._writer.add_topic, names)
-        self._viewed |= {in_leg(topic, leg.name, self.legs): (viewed, topic) for topic in sampled.inputs}
+        own, all_legs = (self.leg, [self.leg]) if len(self.legs) == 1 else (leg.name, self.legs)
+        scene = Scene(self.parameters_of(leg.name), own, all_legs)
+        viewed = SampledScene(scene)
+        viewed.prepare()
+        for topic, name in names.items():
+            self._writer.add_topic(name, TYPES[topic], topic in LATCHED)
+        self._viewed |= {
+            in_leg(topic, leg.name, self.legs): (viewed, topic, names) for topic in viewed.inputs
+        }
 
     def _receiver(self, topic: Topic, leg: RecordedLeg, clean: bool = False) -> Callable[[bytes], None]:
         """Return what takes the messages of a topic; they are `clean` if their padding is zero."""
@@ -238,8 +237,9 @@ class BagRecorder(graph.GraphNode):
         for topic, stamp_ns, data in recorded:
             yield self._names[topic], stamp_ns, data
             if topic in self._viewed:
-                scene, viewed = self._viewed[topic]
-                yield from scene.of(viewed, stamp_ns, data)
+                scene, measured, names = self._viewed[topic]
+                for said in scene.add(measured, stamp_ns, data):
+                    yield names[said.topic], stamp_ns, said.data
 
     def _look(self) -> None:
         """Look after the writer; acknowledge what is recorded; end the run when all of it is."""

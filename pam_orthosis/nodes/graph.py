@@ -15,7 +15,6 @@ from pam_orthosis.bag.topics import DIAGNOSTICS, RECORDER, SECOND_NS
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import messages
-from pam_orthosis.nodes.ages import Ages
 from pam_orthosis.nodes.agreement import ALIKE, Agreement
 from pam_orthosis.nodes.parameters import Setting, take_changes
 from pam_orthosis.nodes.topic_node import TopicNode
@@ -216,6 +215,27 @@ class GraphNode(TopicNode):
         self.listen_to("configuration", agreement.add, leg=leg, latched=True)
         self.publish_to("configuration", latched=True, leg=leg).publish(agreement.message)
         return agreement
+
+
+class Ages:
+    """How old samples are when a node is done with them, since the last report, and how many were too old."""
+
+    def __init__(self, deadline_ns: int):
+        self._deadline_ns = deadline_ns
+        self._ages: list[int] = []
+        self.missed = 0
+
+    def add(self, age_ns: int) -> None:
+        """Count a sample."""
+        self._ages.append(age_ns)
+        self.missed += age_ns > self._deadline_ns
+
+    def figures(self) -> dict[str, float]:
+        """Return mean and largest age, ms, and begin anew."""
+        ages, self._ages = self._ages, []
+        if not ages:
+            return {}
+        return {"latency_mean_ms": sum(ages) / len(ages) / 1e6, "latency_max_ms": max(ages) / 1e6}
 
 
 def _warns(value: Any, before: Any) -> bool:

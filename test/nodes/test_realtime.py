@@ -195,7 +195,7 @@ def test_hardware_that_is_slower_than_time_gives_no_sample_but_holds_up_nothing(
 
 
 def test_a_node_counts_samples_that_it_finished_too_late():
-    from pam_orthosis.nodes.ages import Ages
+    from pam_orthosis.nodes.graph import Ages
 
     ages = Ages(5_000_000)
     for age in (1_000_000, 2_000_000, 6_000_000):

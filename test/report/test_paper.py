@@ -139,7 +139,9 @@ def test_the_page_shows_what_was_measured(identified, simulated, on_hardware, wa
               for one in json.loads(unescape(plot))["data"]]  # fmt: skip
     drawn = {one["name"]: np.frombuffer(b64decode(one["y"]["bdata"])) for one in curves}
     error = walked.reference - walked.angle
-    assert drawn["error"].max() == pytest.approx(error.max(), abs=1e-9)
-    assert drawn["error"].min() == pytest.approx(error.min(), abs=1e-9)
+    assert np.nanmax(drawn["error"]) == pytest.approx(error[~np.isnan(walked.phase)].max(), abs=1e-9)
+    over_time = next(np.frombuffer(b64decode(one["y"]["bdata"])) for one in curves if one["name"] == "error")
+    assert over_time.max() == pytest.approx(error.max(), abs=1e-9)
+    assert over_time.min() == pytest.approx(error.min(), abs=1e-9)
     for name in observer.PATTERNS.values():
         assert drawn[name].tolist() == [0.5, 1.0]  # of the last panel
