@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 NOTHING = float("nan")  # in place of a number that is missing in a message
 LITTLE_ENDIAN = b"\0\1"
-STAMP = struct.Struct("<iI")
+STAMP, BIG_ENDIAN_STAMP = struct.Struct("<iI"), struct.Struct(">iI")
 HEAD = 4
 _FORMATS = {
     "bool": "?", "byte": "B", "uint8": "B", "int32": "i", "uint32": "I", "float32": "f", "float64": "d",
@@ -198,7 +198,7 @@ def serialised_stamp_ns(data: bytes) -> int:
     """Return the stamp with which a serialised message begins, behind the encapsulation's four bytes."""
     seconds: int
     nanosec: int
-    seconds, nanosec = STAMP.unpack_from(data, HEAD)
+    seconds, nanosec = (STAMP if data[1] & 1 else BIG_ENDIAN_STAMP).unpack_from(data, HEAD)
     return seconds * SECOND_NS + nanosec
 
 

@@ -2,7 +2,6 @@
 """Read bags, ours and those of `ros2 bag record`, into arrays keyed by header stamp."""
 
 import json
-import struct
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ import numpy as np
 
 from pam_orthosis.bag import messages
 from pam_orthosis.bag.bounded import damage_told, open_bag
+from pam_orthosis.bag.cdr import serialised_stamp_ns
 from pam_orthosis.bag.information import RUN_RECORD
 from pam_orthosis.bag.leg_messages import LegMessages
 from pam_orthosis.bag.rig_topics import RIG_SIGNALS
@@ -117,7 +117,7 @@ def raw_messages(
         for topic in there:
             source.check(topic, table.by_name[topic].type)
         for topic, data in source.raw(there):
-            found.setdefault(topic, {}).setdefault(_stamp_ns(data), data)
+            found.setdefault(topic, {}).setdefault(serialised_stamp_ns(data), data)
     return found
 
 
@@ -241,14 +241,6 @@ def _found_in(source: LegMessages, signal: Signal) -> Signal | None:
     if source.has(signal.topic):
         return signal
     return signal._replace(topic=signal.instead) if signal.instead and source.has(signal.instead) else None
-
-
-def _stamp_ns(data: bytes) -> int:
-    """Return the stamp with which each type of the table begins, behind the encapsulation's four bytes."""
-    seconds: int
-    nanoseconds: int
-    seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
-    return seconds * SECOND_NS + nanoseconds
 
 
 def _value(message: Any, signal: Signal, valve: Section) -> float:

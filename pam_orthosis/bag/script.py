@@ -65,7 +65,8 @@ class Script:
         # joints of one mechanism move together: none of them is there for a plant of its own
         others = (RECORDER, PLANT) if table.machine.coupled else (RECORDER,)
         self.missing = {node: self._missing(node) for node in table.nodes if node not in others}
-        self.nodes = tuple(node for node in self.missing if _chosen(node, nodes) and not self.missing[node])
+        served = (node for node, topic in self.missing.items() if not topic)
+        self.nodes = tuple(node for node in served if not nodes or node in nodes)
         self._check(path, nodes)
         self._held_ns = held_ns
         self._held = {name for name, topic in self._topics.items() if held_ns and self._is_held(topic)}
@@ -75,18 +76,10 @@ class Script:
         """Return the topics that a node hears at each step."""
         return [name for name, topic in self._topics.items() if node in topic.consumers]
 
-    def outputs(self, node: str) -> list[str]:
-        """Return the topics on which a node answers, as far as the bag holds them."""
-        return [
-            name
-            for name, topic in self._topics.items()
-            if node in topic.producers and self.messages.get(name)
-        ]
-
-    def unrecorded(self, node: str) -> list[str]:
-        """Return the topics on which a node answers, and of which the bag holds nothing."""
+    def outputs(self, node: str, recorded: bool = True) -> list[str]:
+        """Return the topics on which a node answers, those that the bag holds or the others."""
         made = [name for name, topic in self._topics.items() if node in topic.producers]
-        return [name for name in made if not self.messages.get(name)]
+        return [name for name in made if bool(self.messages.get(name)) == recorded]
 
     def fed_topics(self) -> dict[str, int]:
         """Return the topics that are fed, and to how many nodes each."""
@@ -95,20 +88,15 @@ class Script:
 
     def instants(self) -> Iterator[Instant]:
         """Hand out the instants in order; the message of the clock is for the player to make (b"")."""
-        for stamp_ns in sorted(set(self.messages[TIMES]).union(*self._answered.values(), *self._commands())):
+        # what is held may be older than the first sample that was recorded
+        commands = [self.messages[topic] for topic in self._held]
+        for stamp_ns in sorted(set(self.messages[TIMES]).union(*self._answered.values(), *commands)):
             answering = [node for node in self.nodes if stamp_ns in self._answered[node]]
             hearing = [t for name, t in self._topics.items() if _count(t, answering) or name in self._held]
             there = [t.name for t in hearing if t.name == CLOCK or stamp_ns in self.messages[t.name]]
-            fed = [(name, self._message(name, stamp_ns)) for name in there]
+            fed = [(name, b"" if name == CLOCK else self.messages[name][stamp_ns]) for name in there]
             due = [name for node in answering for name in self.outputs(node)]
             yield Instant(stamp_ns, fed, [name for name in due if stamp_ns in self.messages[name]])
-
-    def _commands(self) -> list[Mapping[int, bytes]]:
-        """Return what is held: one may be older than the first sample that was recorded."""
-        return [self.messages[topic] for topic in self._held]
-
-    def _message(self, topic: str, stamp_ns: int) -> bytes:
-        return b"" if topic == CLOCK else self.messages[topic][stamp_ns]
 
     def _missing(self, node: str) -> str:
         """Return the topic that is missing in the bag for a node, none if it has all."""
@@ -152,10 +140,6 @@ class Script:
         if not self.nodes:
             lacking = "; ".join(f"{topic} for {node}" for node, topic in self.missing.items())
             raise OrthosisError(f"{path} cannot be fed to any node: {lacking} is missing in it")
-
-
-def _chosen(node: str, nodes: Collection[str]) -> bool:
-    return not nodes or node in nodes
 
 
 def _count(topic: Topic, nodes: Collection[str]) -> int:

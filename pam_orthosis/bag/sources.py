@@ -21,10 +21,7 @@ def check_once(paths: Iterable[Path]) -> None:
     for path in paths:
         for file in data_files(path):
             if file in known:
-                problem = f"{path} is given twice" if path == known[file] else _same(path, known[file])
+                same = f"{path} and {known[file]} are the same recording"
+                problem = f"{path} is given twice" if path == known[file] else same
                 raise OrthosisError(f"{problem}, and would count twice; give it once")
         known |= dict.fromkeys(data_files(path), path)
-
-
-def _same(path: Path, other: Path) -> str:
-    return f"{path} and {other} are the same recording"

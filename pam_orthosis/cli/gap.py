@@ -94,9 +94,13 @@ def execute(arguments: argparse.Namespace) -> int:
     _check_out(arguments)
     with shown("loading the search") as progress:
         _check_apart(arguments.measured, arguments.held_out)
+        from pam_orthosis.discrepancy.judgement import GOOD
+        from pam_orthosis.discrepancy.workflow import search
+
         case = _begun(arguments, progress)
-        outcome = None if arguments.until else _searched(case, progress)
-    if outcome is None:
+        if not arguments.until:
+            outcome = search(case.start, case.parameters.gap, progress)
+    if arguments.until:
         print(case.heading + _stages(case.start, case.data, arguments.until))
         return 0
     data, words = _described(case, outcome)
@@ -108,8 +112,6 @@ def execute(arguments: argparse.Namespace) -> int:
         print(json.dumps(data, indent=2) if arguments.json else words)
     if arguments.next:
         _write_next(arguments, outcome, case)
-    from pam_orthosis.discrepancy.judgement import GOOD
-
     return 0 if outcome.verdict in GOOD else 1
 
 
@@ -184,12 +186,6 @@ def _search_rows(model: Path | None) -> dict[str, Any]:
     if foreign := [key for key in given if not key.startswith("gap.")]:
         raise OrthosisError(f"{foreign[0]} is of a machine; beside --system, --model takes gap.* alone")
     return given
-
-
-def _searched(case: Case, progress: Progress) -> Outcome:
-    from pam_orthosis.discrepancy.workflow import search
-
-    return search(case.start, case.parameters.gap, progress)
 
 
 def _described(case: Case, outcome: Outcome) -> tuple[dict[str, Any], str]:

@@ -56,7 +56,7 @@ class BagPlayer(graph.GraphNode):
         for node in self._script.nodes:
             for topic in self._script.outputs(node):
                 self._hear(topic)
-            for topic in self._script.unrecorded(node):  # the node waits for a listener
+            for topic in self._script.outputs(node, recorded=False):  # the node waits for a listener
                 self._listen_aside(topic, lambda _answer: None)
         self._recorded, self._end = self._publisher_of("recorded"), self._publisher_of("end")
         self._absent = set(self._script.nodes)

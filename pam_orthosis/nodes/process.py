@@ -147,7 +147,8 @@ def spin(nodes: Sequence[GraphNode], signals: Sequence[int]) -> bool:
     executor = EventsExecutor()  # the fast one; it needs a finite time-out to dispatch at all
     for node in nodes:
         executor.add_node(node)
-    _connect(nodes, Exchange(executor, watch.fail))
+    outlets = [outlet for node in nodes for outlet in node.outlets]
+    Exchange(executor, watch.fail).connect(outlets, [inlet for node in nodes for inlet in node.inlets])
     failed = True
     try:
         while not watch.over.done():
@@ -183,12 +184,6 @@ def _close(nodes: Sequence[GraphNode], executor: EventsExecutor, heartbeat: Hear
     for node in nodes:
         if node.configured:
             node.close()
-
-
-def _connect(nodes: Sequence[GraphNode], exchange: Exchange) -> None:
-    """Let the nodes of a process hand messages to each other."""
-    outlets = [outlet for node in nodes for outlet in node.outlets]
-    exchange.connect(outlets, [inlet for node in nodes for inlet in node.inlets])
 
 
 def _abandon(

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,7 +128,7 @@ def _share(strides: Strides) -> str:
     return f"{100 * np.mean(strides.share):.0f}\u00a0±\u00a0{100 * np.mean(strides.error):.0f}\u00a0%"
 
 
-def _mean(values: Any) -> str:
+def _mean(values: Array) -> str:
     return f"{np.mean(values):.1f}" if len(values) else "-"
 
 
@@ -151,11 +151,10 @@ def _stages(now: Shown) -> tuple[list[str], list[list[str]]]:
 
 def _compared(now: Shown, earlier: Shown) -> tuple[list[str], list[list[str]]]:
     rows = [
-        (name, before, after, f"{after - before:+.{digits}f}", digits)
+        [name, f"{before:.{digits}f}", f"{after:.{digits}f}", f"{after - before:+.{digits}f}"]
         for (name, before, digits), (_, after, _) in zip(_figures(earlier), _figures(now), strict=True)
     ]
-    texts = [[name, f"{b:.{digits}f}", f"{a:.{digits}f}", change] for name, b, a, change, digits in rows]
-    return ["", "earlier", "now", "change"], texts
+    return ["", "earlier", "now", "change"], rows
 
 
 def _figures(of: Shown) -> Iterator[tuple[str, float, int]]:

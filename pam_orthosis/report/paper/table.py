@@ -101,7 +101,8 @@ def rows(found: Results) -> list[Row]:
 
 def page(found: Results) -> str:
     """Return the page in Markdown; pictures lie beside it in `pictures/`."""
-    parts = [_HEAD, _table(rows(found)), "\n", _words(found.observer), _trade_off(found.trade_off)]
+    results = markdown(("result", "paper", "here", "how measured"), rows(found))
+    parts = [_HEAD, results, "\n", _words(found.observer), _trade_off(found.trade_off)]
     for one in tables(found.as_dict()):
         parts.append(f"\n## {one.title}\n\n{one.words}\n\n{markdown(one.head, one.rows)}")
     parts += [f"\n## {title}\n\n![{title}](pictures/{name}.png)\n" for name, title in PICTURES.items()]
@@ -182,10 +183,6 @@ def _force_rows(found: Identified) -> list[Row]:
     return rows
 
 
-def _table(lines: Sequence[Row]) -> str:
-    return markdown(("result", "paper", "here", "how measured"), lines)
-
-
 def markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
     """Return a table in Markdown."""
     return "".join(f"| {' | '.join(row)} |\n" for row in (head, ["---"] * len(head), *lines))
@@ -213,16 +210,15 @@ The gait runs with the same observer, emulated hardware, default gains.
 
 
 def _trade_off(points: Sequence[TradeOff]) -> str:
-    head = (
-        "| damping | poles | lag | velocity noise | gait: maximum | gait: RMS | voltage variation |\n"
-        "|---|---|---|---|---|---|---|\n"
-    )
-    return head + "".join(
-        f"| {one.damping:g} | {one.pole:g} /s | {one.lag * 1e3:.1f} ms"
-        f" | {np.degrees(one.velocity_noise):.2f} deg/s | {one.max_error_deg:.2f} deg"
-        f" | {one.rms_error_deg:.3f} deg | {one.voltage_variation:.0f} V/s |\n"
+    head = "damping", "poles", "lag", "velocity noise", "gait: maximum", "gait: RMS", "voltage variation"
+    return markdown(head, [
+        (
+            f"{one.damping:g}", f"{one.pole:g} /s", f"{one.lag * 1e3:.1f} ms",
+            f"{np.degrees(one.velocity_noise):.2f} deg/s", f"{one.max_error_deg:.2f} deg",
+            f"{one.rms_error_deg:.3f} deg", f"{one.voltage_variation:.0f} V/s",
+        )
         for one in points
-    )
+    ])  # fmt: skip
 
 
 def errors_by_turn(found: Identified) -> tuple[float, float]:
