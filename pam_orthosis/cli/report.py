@@ -2,7 +2,7 @@
 """Show a recorded run or session: an offline page, pictures, an animation, or a table."""
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
