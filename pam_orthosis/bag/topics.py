@@ -89,18 +89,6 @@ class Topic:
         return (*self.consumers, RECORDER) if self.recorded else self.consumers
 
 
-def _topic(
-    name: str,
-    type_: str,
-    producer: str,
-    consumers: Iterable[str],
-    meaning: str,
-    unit: str,
-    rate: str = "step",
-) -> Topic:
-    return Topic(name, type_, (producer,), tuple(consumers), meaning, unit, rate)
-
-
 class Signal(NamedTuple):
     """One number on a topic: its message field, and the joint where the field is a list.
 
@@ -178,47 +166,48 @@ class Topics:
         return typed([*self._of_the_coordinate(), *self._of_actuators()], self.all)
 
     def _measured(self) -> Iterator[Topic]:
-        coordinate = self.machine.coordinate
-        yield _topic(CLOCK, "rosgraph_msgs/msg/Clock", PLANT, [TRAJECTORY], "simulated time", "s")
+        coordinate, plant = self.machine.coordinate, (PLANT,)
+        yield Topic(CLOCK, "rosgraph_msgs/msg/Clock", plant, (TRAJECTORY,), "simulated time", "s")
         what = f"measured {self.machine.name} {coordinate.name}"
-        yield _topic(SAMPLE, JOINT, PLANT, [POSITION], what, coordinate.unit)
+        yield Topic(SAMPLE, JOINT, plant, (POSITION,), what, coordinate.unit)
         for node, name in self.controllers.items():
             listeners = (POSITION, node, VALVE)
-            yield _topic(f"{name}/pressure", PRESSURE, PLANT, listeners, "measured pressure", "Pa")
+            yield Topic(f"{name}/pressure", PRESSURE, plant, listeners, "measured pressure", "Pa")
         what = f"true {coordinate.name} and {coordinate.effort}; contraction, rate, force of each actuator"
-        yield _topic(TRUTH, JOINT, PLANT, [], what, "SI")
+        yield Topic(TRUTH, JOINT, plant, (), what, "SI")
         for name in self.machine.names:
-            yield _topic(f"{TRUTH}/{name}/pressure", PRESSURE, PLANT, [], "true pressure", "Pa")
-            yield _topic(f"{TRUTH}/{name}/mass_flow", VECTOR, PLANT, [], "true mass flow, x into it", "kg/s")
+            yield Topic(f"{TRUTH}/{name}/pressure", PRESSURE, plant, (), "true pressure", "Pa")
+            yield Topic(f"{TRUTH}/{name}/mass_flow", VECTOR, plant, (), "true mass flow, x into it", "kg/s")
 
     def _computed(self) -> Iterator[Topic]:
         c, controllers = self.machine.coordinate, self.controllers
+        reference, position, valve = (TRAJECTORY,), (POSITION,), (VALVE,)
         place, motion = f"{c.unit}, {c.unit}/s", f"{c.unit}, {c.unit}/s, {c.unit}/s^2"
         what = f"{c.name} to follow, published one of its periods ahead"
-        yield _topic(REFERENCE, MOTION, TRAJECTORY, [POSITION], what, motion)
+        yield Topic(REFERENCE, MOTION, reference, position, what, motion)
         what = "mean pressure to hold meanwhile, in runs that ask for one"
-        yield replace(_topic(MEAN_PRESSURE, PRESSURE, TRAJECTORY, [POSITION], what, "Pa"), optional=True)
+        yield Topic(MEAN_PRESSURE, PRESSURE, reference, position, what, "Pa", optional=True)
         what = "motion that is followed instead, in runs by a plan"
-        yield replace(_topic(PLANNED, MOTION, TRAJECTORY, [POSITION], what, motion), optional=True)
+        yield Topic(PLANNED, MOTION, reference, position, what, motion, optional=True)
         if self.machine.coupled:
             what = f"motion that the {self.machine.neighbour} is to follow"
-            yield _topic(BESIDE, MOTION, TRAJECTORY, [POSITION], what, motion)
-        yield _topic("estimate", JOINT, POSITION, controllers, f"observer: {c.name}, velocity", place)
+            yield Topic(BESIDE, MOTION, reference, position, what, motion)
+        yield Topic("estimate", JOINT, position, tuple(controllers), f"observer: {c.name}, velocity", place)
         what = f"observer: disturbance {c.effort} tau of Eq. (26), positive against a rising {c.name}"
-        yield _topic("disturbance", WRENCH, POSITION, [], what, c.effort_unit)
+        yield Topic("disturbance", WRENCH, position, (), what, c.effort_unit)
         what = f"reference, feedback, error; output: {c.effort} that is asked of the actuators"
-        yield _topic("controller_state", JOINT, POSITION, [], what, f"{place}, {c.effort_unit}")
+        yield Topic("controller_state", JOINT, position, (), what, f"{place}, {c.effort_unit}")
         for node, name in controllers.items():
-            yield _topic(f"{name}/pressure_reference", PRESSURE, POSITION, [node], "pressure to reach", "Pa")
+            yield Topic(f"{name}/pressure_reference", PRESSURE, position, (node,), "pressure to reach", "Pa")
         what = "pressure above which no valve fills, in runs with a safety monitor"
-        yield replace(_topic(ALLOWED, PRESSURE, SAFETY, [VALVE], what, "Pa"), optional=True)
+        yield Topic(ALLOWED, PRESSURE, (SAFETY,), valve, what, "Pa", optional=True)
         for node, name in controllers.items():
-            yield _topic(f"{name}/mass_flow", VECTOR, node, [VALVE], "mass flow to reach, x into it", "kg/s")
+            yield Topic(f"{name}/mass_flow", VECTOR, (node,), valve, "mass flow to reach, x into it", "kg/s")
         for name in self.commands:
             what = "position of the valve's spool, -1 vent, 0 closed, 1 fill"
-            yield _topic(name, JOINT, VALVE, [PLANT], what, "1")
+            yield Topic(name, JOINT, valve, (PLANT,), what, "1")
         what = "when the commands that answer a sample left, real time only"
-        yield _topic(ANSWERED, TIME_REFERENCE, VALVE, [], what, "s", "answer")
+        yield Topic(ANSWERED, TIME_REFERENCE, valve, (), what, "s", "answer")
 
     def _watched(self, topic: Topic) -> Topic:
         """Return a topic as it is with a safety monitor: it hears sensors and commands, and may stop all."""
@@ -243,8 +232,8 @@ class Topics:
         what = "what the node was started with, as JSON"
         yield Topic("configuration", text, nodes, nodes, what, "-", "event")
         yield Topic("ready", text, nodes, (PLANT,), "the node's peers are there", "-", "event")
-        yield _topic("recorded", instant, RECORDER, [PLANT], "recorded up to", "s", "event")
-        yield _topic("end", instant, RECORDER, nodes[:-1], "the run is over", "s", "event")
+        yield Topic("recorded", instant, (RECORDER,), (PLANT,), "recorded up to", "s", "event")
+        yield Topic("end", instant, (RECORDER,), nodes[:-1], "the run is over", "s", "event")
 
     def _of_the_coordinate(self) -> Iterator[Signal]:
         c, joint = self.machine.coordinate, self.machine.name

@@ -45,15 +45,6 @@ class Allowance:
     size: int
     channels: int = MOST_CHANNELS
 
-    def take(self, size: int, channels: int = 0) -> None:
-        """Take some of it; ValueError if there is not so much."""
-        self.size -= size
-        self.channels -= channels
-        if self.size < 0:
-            raise ValueError(f"it unpacks to more than {MOST_GROWTH} times its size")
-        if self.channels < 0:
-            raise ValueError(f"it has more than {MOST_CHANNELS} channels")
-
 
 _ALLOWANCE: ContextVar[Allowance | None] = ContextVar("allowance", default=None)
 
@@ -204,8 +195,14 @@ def unpacked_file(stream: BinaryIO, _mode: str) -> Iterator[SimpleNamespace]:
 
 def take(size: int, channels: int = 0) -> None:
     """Take from the allowance, if there is one; ValueError if it is used up."""
-    if allowance := _ALLOWANCE.get():
-        allowance.take(size, channels)
+    if (left := _ALLOWANCE.get()) is None:
+        return
+    left.size -= size
+    left.channels -= channels
+    if left.size < 0:
+        raise ValueError(f"it unpacks to more than {MOST_GROWTH} times its size")
+    if left.channels < 0:
+        raise ValueError(f"it has more than {MOST_CHANNELS} channels")
 
 
 def _told(size: int) -> str:

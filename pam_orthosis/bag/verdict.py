@@ -102,6 +102,20 @@ class Verdict:
     loads: Mapping[str, Load] = field(default_factory=dict)
     releases: tuple[Release, ...] = ()
 
+    def figures(self) -> list[tuple[str, float, str]]:
+        """Return in words what of the tracking is known: what, how much, unit."""
+        rows = [
+            ("maximum error", self.max_abs_error, self.unit),
+            ("  after the first cycle", self.max_abs_error_after_first_cycle, self.unit),
+            ("RMS error", self.rms_error, self.unit),
+            ("steady-state error", self.steady_state_error, self.unit),
+            ("observer's velocity lag", self.observer_velocity_lag_ms, "ms"),
+        ]
+        rows += [
+            (f"{name} voltage variation", one, "V/s") for name, one in self.voltage_variation_per_s.items()
+        ]
+        return [(name, value, unit) for name, value, unit in rows if value is not None]
+
     def as_dict(self) -> dict[str, Any]:
         """Return the verdict as plain data for JSON, errors with their unit in the name."""
         fields = self._named(asdict(self))

@@ -97,16 +97,8 @@ def titled(leg: str, text: str) -> str:
 
 def describe(verdict: Verdict) -> str:
     """Return a verdict as a few lines of text."""
-    variation, unit = verdict.voltage_variation_per_s, verdict.unit
-    rows = [
-        ("maximum error", verdict.max_abs_error, unit),
-        ("  after the first cycle", verdict.max_abs_error_after_first_cycle, unit),
-        ("RMS error", verdict.rms_error, unit),
-        ("steady-state error", verdict.steady_state_error, unit),
-        ("observer's velocity lag", verdict.observer_velocity_lag_ms, "ms"),
-        *((f"{muscle} voltage variation", value, "V/s") for muscle, value in variation.items()),
-    ]
-    lines = [f"{name:26s} {value:8.3f} {unit}" for name, value, unit in rows if value is not None]
+    unit = verdict.unit
+    lines = [f"{name:26s} {value:8.3f} {unit}" for name, value, unit in verdict.figures()]
     lines += _timing(verdict.timing) if verdict.timing else []
     lines += [_load(name, load) for name, load in verdict.loads.items()]
     lines += [f"released                   {release}" for release in verdict.releases]

@@ -26,6 +26,13 @@ SHOWS = {
     "valve": "what the valves are given; 5 V keeps one closed",
     "estimated": "effort that the observer ascribes to what the model does not know",
 }
+MEANS = {
+    "maximum error": "of |reference - measured|; the bound is on it",
+    "after the first cycle": "when the start is over",
+    "RMS error": "root of the mean square: the usual size",
+    "steady-state error": "mean size while the reference rests",
+    "observer's velocity lag": "below zero the estimate is ahead",
+}
 HEAD = ("machine", "answer", "largest error", "RMS error", "bound", "load on the sole")
 
 
@@ -51,25 +58,9 @@ def run_page(run: RunData, verdict: Verdict, words: str) -> str:
 
 
 def _numbers(verdict: Verdict):
-    unit = verdict.unit
-    rows = [
-        ("largest error", verdict.max_abs_error, unit, "of |reference - measured|; the bound is on it"),
-        ("  after the first cycle", verdict.max_abs_error_after_first_cycle, unit, "when the start is over"),
-        ("RMS error", verdict.rms_error, unit, "root of the mean square: the usual size"),
-        ("steady-state error", verdict.steady_state_error, unit, "mean size while the reference rests"),
-        (
-            "observer's velocity lag",
-            verdict.observer_velocity_lag_ms,
-            "ms",
-            "below zero the estimate is ahead",
-        ),
-        *(
-            (f"{name} voltage variation", value, "V/s", "how nervous the valve is")
-            for name, value in verdict.voltage_variation_per_s.items()
-        ),
-    ]
     told = [
-        (what.strip(), f"{value:.3f} {unit}", means) for what, value, unit, means in rows if value is not None
+        (what.strip(), f"{value:.3f} {unit}", MEANS.get(what.strip(), "how nervous the valve is"))
+        for what, value, unit in verdict.figures()
     ]
     return listed(("what", "value", "meaning"), told)
 

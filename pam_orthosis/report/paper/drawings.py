@@ -246,15 +246,14 @@ def _towards(angle: float) -> np.ndarray:
     return np.array([math.cos(angle), math.sin(angle)])
 
 
-def schemes(overrides: Mapping[str, Any] | None = None) -> dict[str, bytes]:
-    """Return each figure as PNG, drawn from the declared machines with some parameters changed."""
-    given = overrides or {}
-    p = load(given)
+def schemes() -> dict[str, bytes]:
+    """Return each figure as PNG, drawn from the declared machines."""
+    p = load()
     figures = {
-        "device": device(given),
+        "device": device(),
         "rig": rig(p),
         "rig_control": blocks.rig_control(p),
-        "mechanics": mechanics(load({**WITH_PERSON, **given})),
+        "mechanics": mechanics(load(WITH_PERSON)),
         "knee_control": blocks.knee_control(p),
     }
     return {name: _png(figure) for name, figure in figures.items()}

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fig. 9: the knee follows the gait; error over time and over the gait cycle, and where each step begins."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +13,6 @@ from pam_orthosis.model import parameters as tree
 
 CYCLES = 5  # whole cycles at full cadence
 BRISK = 0.1  # of the time, in which the reference accelerates or decelerates most
-STEPS = "steps"  # scenario of a motion from rest to rest
 
 
 @dataclass(frozen=True)
@@ -63,27 +61,27 @@ class Tracking:
         return float(np.abs(self.error[most & ~np.isnan(self.phase)]).max())
 
 
-def track(overrides: Mapping[str, Any] | None = None, seed: int = 1) -> Tracking:
+def track() -> Tracking:
     """Let the knee walk as the default scenario does, for some whole cycles, and step from rest to rest."""
-    p = tree.load(overrides)
+    p = tree.load()
     s = p.scenario
     begin = s.start_hold + s.start_ramp / 2  # the rise of the cadence covers half of what a step would
-    run = ClosedLoop(p, seed).run(round((begin + CYCLES * s.cycle_time) / s.control_period))
+    run = ClosedLoop(p, seed=1).run(round((begin + CYCLES * s.cycle_time) / s.control_period))
     error = np.degrees(run["reference_angle"] - run["angle"])
     phase = s.start_phase + (run["time"] - begin) / s.cycle_time
     phase[run["time"] < s.start_hold + s.start_ramp] = np.nan
     return Tracking(
         p, run["time"], np.degrees(run["reference_angle"]), np.degrees(run["angle"]), error, phase,
-        turning_errors(run["time"], error, run["reference_velocity"], phase), stepped(overrides, seed),
+        turning_errors(run["time"], error, run["reference_velocity"], phase), stepped(),
     )  # fmt: skip
 
 
-def stepped(overrides: Mapping[str, Any] | None = None, seed: int = 1) -> np.ndarray:
+def stepped() -> np.ndarray:
     """Let the knee step from rest to rest; return `Tracking.rests`."""
-    p = tree.load({**tree.scenario_overrides(STEPS), **(overrides or {})})
+    p = tree.load(tree.scenario_overrides("steps"))
     s = p.scenario
     seconds = s.start_hold + s.start_ramp + CYCLES * s.cycle_time
-    run = ClosedLoop(p, seed).run(round(seconds / s.control_period))
+    run = ClosedLoop(p, seed=1).run(round(seconds / s.control_period))
     return resting_errors(
         np.round(run["time"] * SECOND_NS).astype(np.int64),
         np.degrees(run["reference_angle"] - run["angle"]), run["reference_velocity"],
