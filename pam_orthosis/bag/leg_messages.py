@@ -37,7 +37,11 @@ class LegMessages:
     def check(self, topic: str, expected: str) -> None:
         """Check that a topic is of the type that is expected; OrthosisError if not."""
         expected = earlier.type_of(topic, expected) if self._earlier else expected
-        _check_type(self.path, self._there[self._name(topic)], expected)
+        there, name = self._there[self._name(topic)], f"{self.path}: topic {self._name(topic)}"
+        if there.msgtype != expected:
+            raise OrthosisError(f"{name} is of type {there.msgtype}, not {expected}")
+        if there.digest not in ("", message_definition(expected)[1]):
+            raise OrthosisError(f"{name} is of another version of the type {expected}")
 
     def messages(self, topics: Iterable[str]) -> Iterator[tuple[str, Any]]:
         """Yield topic and message, in the order of the bag."""
@@ -77,12 +81,3 @@ def _legs_there(topics: Iterable[str]) -> str:
     """Return the hint that a bag has its legs in namespaces, if it has."""
     legs = sorted(parts[1] for parts in (topic.split("/") for topic in topics) if parts[2:] == ["reference"])
     return f"; it has the legs {', '.join(legs)}: give one by --namespace" if legs else ""
-
-
-def _check_type(path: Path, connection: Connection, expected: str) -> None:
-    if connection.msgtype != expected:
-        raise OrthosisError(
-            f"{path}: topic {connection.topic} is of type {connection.msgtype}, not {expected}"
-        )
-    if connection.digest not in ("", message_definition(expected)[1]):
-        raise OrthosisError(f"{path}: topic {connection.topic} is of another version of the type {expected}")

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What pictures of a run show: its signals in degrees or mm, bar and V, thinned honestly; the machine."""
 
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,8 +20,6 @@ BAR = 1e5  # Pa
 MOST_POINTS = 2000  # of a curve
 DRAWN = 3  # panels, where not all are: coordinate, error, pressures
 KINDS = "pressure", "pressure_reference", "voltage"  # of an actuator
-
-Convert = Callable[[np.ndarray], np.ndarray]
 
 
 class Curve(NamedTuple):
@@ -100,24 +97,25 @@ def run_data(bag: Bag) -> RunData:
     stamps, (reference, measured) = aligned(bag[f"reference_{name}"], bag[name])
     if len(stamps) < 2:
         raise OrthosisError(f"{bag.path}: {name} and reference share no stamps")
-    start, unit = int(bag[name].stamp_ns[0]), machine.coordinate.shown_unit
+    start, unit, shown = (
+        int(bag[name].stamp_ns[0]),
+        machine.coordinate.shown_unit,
+        machine.coordinate.shown_factor,
+    )
 
-    def convert(values: np.ndarray) -> np.ndarray:
-        return machine.coordinate.shown_factor * values
-
-    def curves(names: list[str], convert: Convert = np.asarray) -> list[Curve]:
+    def curves(names: list[str], factor: float = 1.0) -> list[Curve]:
         there = [one for one in names if one in bag.series]
-        return [_curve(one.replace("_", " "), bag[one], start, convert) for one in there]
+        return [_curve(one.replace("_", " "), bag[one], start, factor) for one in there]
 
     by_muscle = [one for pair in zip(pressures, references, strict=True) for one in pair]
     panels = [
         Panel(f"{machine.name} {name} / {unit}", [
-            _curve("reference", bag[f"reference_{name}"], start, convert),
-            _curve("measured", bag[name], start, convert),
-            *curves([f"estimate_{name}"], convert),
+            _curve("reference", bag[f"reference_{name}"], start, shown),
+            _curve("measured", bag[name], start, shown),
+            *curves([f"estimate_{name}"], shown),
         ]),
-        Panel(f"error / {unit}", [_curve("error", Series(stamps, reference - measured), start, convert)]),
-        Panel("pressure / bar absolute", curves(by_muscle, lambda pressure: pressure / BAR)),
+        Panel(f"error / {unit}", [_curve("error", Series(stamps, reference - measured), start, shown)]),
+        Panel("pressure / bar absolute", curves(by_muscle, 1 / BAR)),
         Panel("valve voltage / V", curves(voltages)),
         Panel(f"estimated disturbance / {machine.coordinate.effort_unit}", curves(["disturbance"])),
     ]  # fmt: skip
@@ -161,6 +159,6 @@ def thinned(time: np.ndarray, value: np.ndarray, most: int = MOST_POINTS) -> tup
     return time[kept], value[kept]
 
 
-def _curve(name: str, series: Series, start_ns: int, convert: Convert) -> Curve:
-    time, value = thinned((series.stamp_ns - start_ns) / SECOND_NS, convert(series.value))
+def _curve(name: str, series: Series, start_ns: int, factor: float) -> Curve:
+    time, value = thinned((series.stamp_ns - start_ns) / SECOND_NS, factor * series.value)
     return Curve(name, time, value, len(series.value))
