@@ -97,11 +97,8 @@ def run_data(bag: Bag) -> RunData:
     stamps, (reference, measured) = aligned(bag[f"reference_{name}"], bag[name])
     if len(stamps) < 2:
         raise OrthosisError(f"{bag.path}: {name} and reference share no stamps")
-    start, unit, shown = (
-        int(bag[name].stamp_ns[0]),
-        machine.coordinate.shown_unit,
-        machine.coordinate.shown_factor,
-    )
+    unit, shown = machine.coordinate.shown_unit, machine.coordinate.shown_factor
+    start = int(bag[name].stamp_ns[0])
 
     def curves(names: list[str], factor: float = 1.0) -> list[Curve]:
         there = [one for one in names if one in bag.series]
