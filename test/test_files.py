@@ -11,6 +11,7 @@ import pytest
 from pam_orthosis import files, results
 from pam_orthosis.cli.main import main
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.improvement import resumed
 
 WALK = Path(__file__).resolve().parents[1] / "bags" / "walk"
 
@@ -201,6 +202,12 @@ def test_results_are_added_to_and_replaced_but_nobody_elses(tmp_path):
     with pytest.raises(OrthosisError, match="No space left"):
         results.write_results(out, {"a": _full}, overwrite=True)
     assert _state(tmp_path) == before
+
+
+def test_a_state_of_something_else_is_told_as_such(tmp_path):
+    (tmp_path / resumed.STATE).write_text('{"verb": "mine"}')
+    with pytest.raises(OrthosisError, match=r"improve-state\.json was not written by `improve`"):
+        resumed.begin(tmp_path, "digest", ())
 
 
 # every verb that writes files or folders by names that are known before, and what it must leave alone

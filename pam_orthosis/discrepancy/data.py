@@ -22,8 +22,7 @@ from pam_orthosis.tables import is_table, read_numbers
 HIGHEST_CUTOFF = 0.4  # of the sampling rate
 LONGEST_PERIOD = 0.5  # s, of samples: above it the time is in another unit
 RARELY = 1.5  # times the period in which inputs change: at it and above, samples are missing between
-AMBIENT = 1.013e5  # Pa, which gauge pressures in a table count from
-LEAST_PRESSURE = 0.8e5  # Pa absolute, that a muscle open to the air cannot fall below
+LEAST_SHARE = 0.79  # of the ambient pressure, below which no actuator open to the air can fall
 
 
 @dataclass(frozen=True)
@@ -162,7 +161,7 @@ def from_csv(path: Path, system: System) -> Recording:
         OrthosisError: as `tables.read_numbers`, signals missing, not uniform in time, or values that cannot
             be in the unit that is asked for.
     """
-    signals = signals_of(str(path), system, read_numbers(path), AMBIENT)
+    signals = signals_of(str(path), system, read_numbers(path), system.ambient)
     recording = from_arrays(str(path), system, signals)
     _check_units(recording, system)
     return recording
@@ -179,9 +178,11 @@ def _check_units(one: Recording, system: System) -> None:
         unit, low, high = system.unit(name), float(values.min()), float(values.max())
         said = f"{one.name}: {name} from {low:g} to {high:g}"
         absolute = unit == "Pa" and system.limits.get(name, (0.0, 0.0))[0] >= 0.0
-        if absolute and low < LEAST_PRESSURE:
+        if absolute and low < (bound := LEAST_SHARE * system.ambient):
             raise OrthosisError(
-                f"{said} is no absolute pressure in Pa (above {LEAST_PRESSURE:g}): in bar, or above ambient?"
+                f"{said} is no absolute pressure in Pa, which is {bound:g} or more where the ambient one is"
+                f" {system.ambient:g}: in bar, or gauge? At altitude give the ambient pressure as"
+                " valve.ambient_pressure in --model, as `ambient` of a --system"
             )
         least, most = system.limits.get(name) or PLAUSIBLE.get(unit, (-np.inf, np.inf))
         if low < least or high > most:

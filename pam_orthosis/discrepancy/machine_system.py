@@ -163,6 +163,7 @@ class _Described:
             branch=machine.branch,
             simpler={name: partial(without, name) for name in self.present},
             limits=view.limits,
+            ambient=self._nominal.valve.ambient_pressure,
             input_period=machine.takes.get("scenario.control_period", "scenario.control_period"),
             late=self._nominal.valve.delay + sum(self._lateness.values()) if view.learns else 0.0,
             unusable=view.unusable,

@@ -143,6 +143,7 @@ class System:
         common: candidate -> key -> nominal value of all parameters that it multiplies.
         described: channel -> what below `branch` can hold a curve that is added to its equation.
         sources: signal (of a table `time` too) -> where recordings have it.
+        ambient: absolute pressure, Pa, from which gauge pressures in a table count.
     """
 
     name: str
@@ -170,6 +171,7 @@ class System:
     common: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     described: Mapping[str, str] = field(default_factory=dict)
     derived_twice: Mapping[str, str] = field(default_factory=dict)
+    ambient: float = 1.013e5
 
     def without(self, missing: Collection[str]) -> System:
         """Return the system without equations and effects that need inputs that are missing."""

@@ -47,7 +47,10 @@ def begin(folder: Path, arguments: str, results: Iterable[str]) -> bool:
         refuse_used(folder)
         write_text(file, json.dumps(state, indent=2) + "\n")
         return False
-    if from_json(read_text(file), str(file)) != state:
+    there = from_json(read_text(file), str(file))
+    if not isinstance(there, dict) or there.keys() != state.keys() or there["verb"] != state["verb"]:
+        raise OrthosisError(f"{file} was not written by `improve`; choose another --out")
+    if there != state:
         raise OrthosisError(
             f"{folder} was begun with other arguments, or by another version; repeat the command as it was,"
             " or choose another --out"

@@ -268,8 +268,12 @@ def machine_named(name: Path | None = None) -> Machine:
         raise OrthosisError(
             "rig: the test rig has verbs of its own, `rig` and `identify`; give ankle, shoe or a file"
         )
-    if not name.exists() and (config_folder() / "devices" / f"{name}.yaml").exists():
+    devices = sorted(path.stem for path in (config_folder() / "devices").glob("*.yaml"))
+    if str(name) in devices and not name.exists():
         raise OrthosisError(f"{name} is a device of several machines, for `run`; give one of its machines")
+    if not name.exists():
+        names = f"{', '.join(shipped_machines())}, for `run` also {', '.join(devices)}"
+        raise OrthosisError(f"no machine {name}: there is no such file; those that come with it: {names}")
     return read_machine(name)
 
 

@@ -457,14 +457,29 @@ def spoilt(name, said, change):
     return pytest.param(said, change, id=name)
 
 
+def test_the_least_pressure_is_that_of_the_place(bench, tmp_path):
+    """A laboratory at altitude, 67.6 kPa, gives its ambient pressure; gauge pressures count from it, too."""
+    arrays = {name: bench.arrays(1)[name] for name in COLUMNS}
+    gauge = arrays["flexor_pressure"] - arrays["flexor_pressure"].min()
+    arrays["flexor_pressure"] = gauge + 67.6e3
+    file = table(tmp_path / "x.csv", arrays)
+    with pytest.raises(OrthosisError, match=r"is 80027 or more where .* 101300: .* valve\.ambient_pressure"):
+        from_csv(file, bench.system)
+    high = knee.knee(bench.parameters.changed({"valve.ambient_pressure": 67.6e3}))
+    assert from_csv(file, high).signals["flexor_pressure"].min() == pytest.approx(67.6e3)
+    names = [name.replace("flexor_pressure", "flexor_pressure (Pa gauge)") for name in COLUMNS]
+    file = table(tmp_path / "y.csv", {**arrays, "flexor_pressure (Pa gauge)": gauge}, names)
+    assert from_csv(file, high).signals["flexor_pressure"].min() == pytest.approx(67.6e3)
+
+
 @pytest.mark.parametrize(
     ("said", "change"),
     [
         spoilt("degrees", r"angle from .* leaves -0.3 to 1.8 rad; check its unit", ("angle", np.degrees)),
         spoilt("milliseconds", r"samples are 2 apart; time must be in s \(is it in ms\?\)", ("time", 1e3)),
-        spoilt("bar", "extensor_pressure from .* in bar, or above ambient", ("extensor_pressure", 1e-5)),
+        spoilt("bar", "extensor_pressure from .* in bar, or gauge", ("extensor_pressure", 1e-5)),
         spoilt(
-            "gauge", "flexor_pressure from .* in bar, or above", ("flexor_pressure", lambda p: p - p.min())
+            "gauge", "flexor_pressure from .* in bar, or gauge", ("flexor_pressure", lambda p: p - p.min())
         ),
         spoilt("tenfold", "flexor_pressure from .* leaves 0 to 1.*e.06 Pa", ("flexor_pressure", 10.0)),
         spoilt("millivolt", "extensor_voltage from .* leaves -100 to 100 V", ("extensor_voltage", 1e3)),

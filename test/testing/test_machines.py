@@ -114,7 +114,11 @@ sensor: {noise: 1.0e-5}
     [
         ("leg", [], "a device of several machines"),
         ("rig", [], "the test rig has verbs of its own"),
-        ("ghost.yaml", [], "ghost.yaml"),
+        (
+            "ghost.yaml",
+            [],
+            "no machine ghost.yaml: there is no such file; those that come with it: ankle, knee",
+        ),
         ("ankle", ["--effect", "extensor_leak"], "no effect 'extensor_leak' to hide"),
         (ONE, [], "two actuators"),
     ],
