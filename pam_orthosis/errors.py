@@ -3,7 +3,6 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 
 class OrthosisError(Exception):
@@ -19,11 +18,11 @@ class RunFailed(OrthosisError):
 
 
 @contextmanager
-def naming(path: Path | None) -> Iterator[None]:
-    """Let a refusal begin with the file that what is refused came from, unless it names it already."""
+def naming(what: object) -> Iterator[None]:
+    """Let a refusal begin with what is refused, such as a file, unless it names that already."""
     try:
         yield
     except OrthosisError as error:
-        if path is None or str(path) in str(error):
+        if what is None or str(what) in str(error):
             raise
-        raise type(error)(f"{path}: {error}") from error
+        raise type(error)(f"{what}: {error}") from error

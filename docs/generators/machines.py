@@ -84,7 +84,7 @@ def _section(title: str, fields: Iterable[Field]) -> str:
 
 
 def _mechanisms() -> str:
-    own = {kind: one.fields for kind, one in MECHANISMS.items() if hasattr(one, "fields")}
+    own = {kind: one.fields for kind, one in MECHANISMS.items() if one.fields}
     shipped = " or ".join(f"`{kind}`" for kind in MECHANISMS if kind not in own)
     words = (
         f"\n## Mechanisms\n\n`kind` is {' or '.join(f'`{kind}`' for kind in own)}; the shipped machines are a"

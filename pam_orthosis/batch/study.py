@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.model.parameters import load, scenario_overrides
 from pam_orthosis.reading import read_yaml, shown
 
@@ -34,35 +34,34 @@ def read_study(path: Path) -> list[dict[str, Any]]:
     common = {**scenario_overrides(study.get("scenario", "default")), **study.get("set", {})}
     walks = [{**common, **one} for one in _combined(path, study)]
     for number, walk in enumerate(walks):
-        try:
+        with naming(f"{path}: walk {number}"):
             load(walk)
-        except OrthosisError as error:
-            raise OrthosisError(f"{path}: walk {number}: {error}") from None
     return walks
 
 
 def _combined(path: Path, study: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    _check_parts(path, study)
     seeds = [{"scenario.seed": seed} for seed in study.get("seeds", [])] or [{}]
     grid = study.get("grid", {})
-    if not all(isinstance(key, str) and isinstance(values, list) and values for key, values in grid.items()):
-        raise OrthosisError(f"{path}: grid gives each parameter a list of values")
-    between = study.get("random", {}).get("between")
-    if both := [key for key in grid if isinstance(between, dict) and key in between]:
-        raise OrthosisError(f"{path}: {both[0]} is in grid and in random; leave it in one of them")
-    if not all(isinstance(one, dict) for one in study.get("sets", [])):
-        raise OrthosisError(f"{path}: sets is a list of parameter sets")
-    _check_count(path, study, grid)
     crossed = [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
     drawn = list(_drawn(path, study["random"])) if "random" in study else [{}]
     for parts in product(study.get("sets", []) or [{}], crossed, drawn, seeds):
         yield {key: value for part in parts for key, value in part.items()}
 
 
-def _check_count(path: Path, study: Mapping[str, Any], grid: Mapping[str, list]) -> None:
-    """Check how many walks the combinations come to, before one is made."""
-    draws = study.get("random", {}).get("count", 1)
-    lists = [study.get("seeds", []), study.get("sets", []), *grid.values()]
-    count = prod(max(1, len(one)) for one in lists) * (draws if isinstance(draws, int) else 1)
+def _check_parts(path: Path, study: Mapping[str, Any]) -> None:
+    """Check grid and sets, and how many walks the combinations come to, before one is made."""
+    grid, sets, random = study.get("grid", {}), study.get("sets", []), study.get("random", {})
+    if not all(isinstance(key, str) and isinstance(values, list) and values for key, values in grid.items()):
+        raise OrthosisError(f"{path}: grid gives each parameter a list of values")
+    between = random.get("between")
+    if isinstance(between, dict) and (both := [key for key in grid if key in between]):
+        raise OrthosisError(f"{path}: {both[0]} is in grid and in random; leave it in one of them")
+    if not all(isinstance(one, dict) for one in sets):
+        raise OrthosisError(f"{path}: sets is a list of parameter sets")
+    count = prod(max(1, len(one)) for one in (study.get("seeds", []), sets, *grid.values()))
+    draws = random.get("count", 1)
+    count *= draws if isinstance(draws, int) else 1
     if count > MOST_WALKS:
         raise OrthosisError(f"{path}: {shown(count)} walks, more than {MOST_WALKS}: give parts of it")
 

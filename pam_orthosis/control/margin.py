@@ -18,7 +18,6 @@ from pam_orthosis.model.delay import NANOSECONDS, computing_ns, line_ns
 from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
-from pam_orthosis.model.rows import Row
 
 GROWTH = 2.0  # of the maximum error: the first limit
 SHARE = 0.1  # of a change to which a limit is found, or `FINEST` of the first step
@@ -189,7 +188,7 @@ def _scaled(parameters: Parameters, factor: _Factor) -> Perturbation | None:
     if not _present(known, first):
         return None
     keys = [key for key in factor.keys if _present(known, key)]
-    bounds = {key: _bounds(parameters.row(key)) for key in keys}
+    bounds = {key: parameters.row(key).bounds for key in keys}
     low = max(factor.low, *(bounds[key][0] / known[key] for key in keys))
     high = min(factor.high, *(bounds[key][1] / known[key] for key in keys))
     size, unit, whole = factor.size or (1.0, parameters.row(first).unit, "")
@@ -201,12 +200,6 @@ def _scaled(parameters: Parameters, factor: _Factor) -> Perturbation | None:
 
     step, least, most = (share * nominal for share in (factor.share, low, high))
     return Perturbation(factor.name, unit, factor.meaning, nominal, step, least, most, overrides)
-
-
-def _bounds(row: Row) -> tuple[float, float]:
-    """Return between which values a parameter may be."""
-    low = -math.inf if row.minimum is None else row.minimum
-    return low, math.inf if row.maximum is None else row.maximum
 
 
 def _present(known: Mapping[str, Any], key: str) -> bool:
@@ -230,7 +223,7 @@ def _delay(parameters: Parameters) -> Perturbation:
     fixed = sum(known[key] for key in sensors if _present(known, key)) / len(names)
     if _present(known, key := "plant.effects.valve_delay.delay"):
         fixed += known[key]
-    nominal, longest = (fixed + line) / MS, _bounds(parameters.row(VALVE))[1]
+    nominal, longest = (fixed + line) / MS, parameters.row(VALVE).bounds[1]
 
     def overrides(value: float) -> dict[str, float]:
         if value >= nominal:

@@ -7,15 +7,13 @@ an effort: one set of gains suits every leg. It knows nothing else of the model.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
 
 import casadi as ca
 
-from pam_orthosis.control.adrc import Adrc
 from pam_orthosis.control.axis import Axis
 from pam_orthosis.control.cooperation import CooperativeController
 from pam_orthosis.control.effects import AddedEffort
-from pam_orthosis.control.pid import Pid
+from pam_orthosis.control.laws import Adrc, Law, Pid, ProxySlidingMode, Sample
 from pam_orthosis.control.position import (
     Limited,
     PositionCommand,
@@ -23,28 +21,9 @@ from pam_orthosis.control.position import (
     given_effort,
     position_nominal,
 )
-from pam_orthosis.control.proxy_sliding_mode import ProxySlidingMode
 from pam_orthosis.control.reference import Pressures, Reference, Valve
 from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.parameters import Parameters
-
-
-class Law(Protocol):
-    """What makes an acceleration of reference and joint (rad or m, and derivatives)."""
-
-    def begin(self, position: float, velocity: float, held: float) -> None:
-        """Begin anew at a joint that the acceleration `held` keeps in its place, by the nominal weight."""
-
-    def step(
-        self,
-        position: float,
-        velocity: float,
-        reference: Reference,
-        room: tuple[float, float],
-        periods: int,
-    ) -> float:
-        """Return the asked acceleration, within the room, so many periods after the last one."""
-
 
 PEERS: Mapping[str, Callable[[Parameters], Law]] = {
     "pid": Pid,
@@ -110,7 +89,8 @@ class PeerController(PositionController):
         if not self._begun:
             self._asked.begin(position, velocity, weight / inertia)
             self._begun = True
-        wanted = self._asked.step(position, velocity, reference, (least / inertia, most / inertia), periods)
+        room = least / inertia, most / inertia
+        wanted = self._asked.step(Sample(position, velocity, reference, room, periods))
         self._beyond = wanted - (weight + outside) / inertia - reference.acceleration
         return super()._law((position, velocity, wanted * inertia), reference, mean, effect, periods)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from pam_orthosis.control.legs import differences
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.model.parameters import Parameters, load, scenario_overrides
 from pam_orthosis.reading import mapping, meant, read_yaml
 
@@ -47,7 +47,7 @@ def read_programme(path: Path) -> Programme:
     """Return the programme of a YAML file; OrthosisError if it is unusable or cannot be read."""
     top = _known(mapping(read_yaml(path), str(path)), KEYS, str(path))
     scenario = top.get("scenario", "session")
-    try:
+    with naming(path):
         shared = load(scenario_overrides(str(scenario)))
         if shared.scenario.trajectory != "gait":
             raise OrthosisError(f"scenario {scenario} is no gait")
@@ -55,8 +55,6 @@ def read_programme(path: Path) -> Programme:
         legs = {leg: shared.changed(own[leg] | _of_leg(top.get(leg, {}), leg)) for leg in LEGS}
         stages = _stages(top.get("stages"), shared)
         return Programme(legs, _number(top, "resume_s", RESUME_S, LONGEST_PAUSE_S), stages, str(scenario))
-    except OrthosisError as error:
-        raise OrthosisError(f"{path}: {error}") from error
 
 
 def _of_leg(given: Any, leg: str) -> dict[str, Any]:
@@ -79,10 +77,8 @@ def _stages(given: Any, shared: Parameters) -> tuple[Stage, ...]:
     for number, one in enumerate(given, 1):
         stage = _stage(mapping(one, f"stage {number}"), f"stage {number}")
         changes |= stage.changes
-        try:
+        with naming(f"stage {number}"):
             cycle = shared.changed(changes).scenario.cycle_time
-        except OrthosisError as error:
-            raise OrthosisError(f"stage {number}: {error}") from error
         total += stage.strides * cycle + stage.pause
         stages.append(stage._replace(changes=dict(changes)))
     if not any(stage.strides for stage in stages):

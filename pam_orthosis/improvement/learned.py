@@ -77,7 +77,5 @@ def _effect(nominal, name: str, values: Mapping[str, float]) -> dict[str, Any]:
 
 def _within(nominal, key: str, value: float) -> float:
     """Return a value inside the bounds of its row, with the digits that a model file has."""
-    row = nominal.row(key)
-    low = -float("inf") if row.minimum is None else row.minimum
-    high = float("inf") if row.maximum is None else row.maximum
+    low, high = nominal.row(key).bounds
     return float(f"{min(max(value, low), high):.{DIGITS}g}")

@@ -113,13 +113,13 @@ class Machine:
         """Files of `config/` with rows that only machines of its kind have."""
         if self.coupled:
             return COUPLED[self.coupled].subjects
-        own = getattr(MECHANISMS[self.kind], "subject", "")
+        own = MECHANISMS[self.kind].subject
         return (own,) if own else ()
 
     @property
     def shared_rows(self) -> tuple[str, ...]:
         """How the keys of `config/` begin that it has as a machine of its kind."""
-        return getattr(MECHANISMS[self.kind], "rows", (f"{self.parameters}.",))
+        return MECHANISMS[self.kind].rows or (f"{self.parameters}.",)
 
     @property
     def joint(self) -> int:

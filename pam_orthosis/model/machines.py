@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.model.components import cylinder
 from pam_orthosis.model.effects import KINDS
 from pam_orthosis.model.machine import ACTUATORS, ActuatorOf, Machine
@@ -74,10 +74,8 @@ class _File:
             value = node.get(one.name, one.default)
             if value is None:
                 raise self.refusal(f"{where} has no {one.name}: {one.meaning}, in {one.unit}")
-            try:
+            with naming(self._where):
                 self.rows.append(one.row(branch, value, f"the file of {self.name}"))
-            except OrthosisError as error:
-                raise self.refusal(str(error)) from None
         return branch
 
 
@@ -101,7 +99,7 @@ def machine_from(text: str, name: str, where: str) -> Machine:
     if not 1 <= len(declared) <= MOST_ACTUATORS:
         raise file.refusal(f"a machine has 1 to {MOST_ACTUATORS} actuators, not {len(declared)}")
     actuators = tuple(_actuator(file, name, node, kind) for name, node in declared.items())
-    if not hasattr(MECHANISMS[kind], "transmission") and len(actuators) != 2:
+    if not MECHANISMS[kind].fields and len(actuators) != 2:
         raise file.refusal(f"a {kind} has two actuators, not {len(actuators)}")
     chosen = top.get("effects", [])
     if not isinstance(chosen, list) or not all(isinstance(name, str) for name in chosen):
@@ -148,8 +146,8 @@ def _mechanism(file: _File) -> tuple[str, str]:
     node = file.mapping(file.top.get("mechanism"), "mechanism")
     kind = file.one_of(node, "kind", MECHANISMS, "the mechanism")
     rest = {key: value for key, value in node.items() if key != "kind"}
-    fields = getattr(MECHANISMS[kind], "fields", None)
-    if fields is None:
+    fields = MECHANISMS[kind].fields
+    if not fields:
         file.known(rest, ("parameters",), f"a {kind}")
         return kind, file.text(rest, "parameters", "")
     branch = file.section(rest, fields, f"{OWN}.mechanism", f"the mechanism ({kind})")
@@ -184,7 +182,7 @@ def _actuator(file: _File, name: str, node: Any, mechanism: str) -> ActuatorOf:
         branch = file.text(node, "parameters", "")
     else:
         branch = file.section(inline, INLINE[kind], f"{OWN}.{name}", where)
-    own = hasattr(MECHANISMS[mechanism], "transmission")
+    own = bool(MECHANISMS[mechanism].fields)
     if own != ("transmission" in node):
         raise file.refusal(
             f"{where}: a {mechanism} {'needs a transmission' if own else 'has its own transmission'}"

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.markup import table
 from pam_orthosis.model.rows import Row, Section, Value
 from pam_orthosis.reading import config_folder, mapping, meant, read_yaml
@@ -137,10 +137,8 @@ def load(overrides: Mapping[str, Any] | None = None, machine: Machine | None = N
 
     declared = machine or machine_named()
     parameters = Parameters(declared, _rows_for(declared) if declared.text else _shipped_rows())
-    try:
+    with naming(f"the machine {declared.name}"):
         declared.check(parameters)
-    except OrthosisError as error:
-        raise OrthosisError(f"the machine {declared.name}: {error}") from None
     return parameters.changed(overrides or {})
 
 
@@ -196,10 +194,8 @@ def _rows_for(machine: Machine) -> dict[str, Row]:
     true = _effect_rows("plant.effects", {}, effects)
     true |= _effect_rows("plant.person.tissue", {}, machine.tissue)
     known = shared | rows | true | _effect_rows(machine.branch, {}, machine.possible)
-    try:
+    with naming(f"values of the machine {machine.name}"):
         return known | _with_values(known, machine.values)
-    except OrthosisError as error:
-        raise OrthosisError(f"values of the machine {machine.name}: {error}") from None
 
 
 def _with_values(rows: Mapping[str, Row], values: Mapping[str, Any]) -> dict[str, Row]:

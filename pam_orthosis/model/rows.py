@@ -28,6 +28,12 @@ class Row:
     source: str
     options: tuple[str, ...] = ()
 
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Between which values it may be."""
+        low = -math.inf if self.minimum is None else self.minimum
+        return low, math.inf if self.maximum is None else self.maximum
+
     def with_value(self, value: Any) -> Row:
         """Return the row with another value; OrthosisError for a wrong type, or what its limits forbid."""
         return replace(self, value=self._checked(value))

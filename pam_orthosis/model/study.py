@@ -31,7 +31,6 @@ from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.mechanisms import Knee
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import BISECTIONS, STILL, Array, Plant, external_torque, true_hardware
-from pam_orthosis.model.rules import broken_rules
 
 ORDER, NODES = 20, 30  # of the leg's polynomials
 LANES = 8  # sets that are advanced together: one vector of the widest registers there are
@@ -127,7 +126,7 @@ class Study:
         signals: what is recorded: states of the model and the machine's outputs, free of noise, SI units.
 
     Raises:
-        OrthosisError: an unknown signal, or a key that is unknown or not a number that sets can differ in.
+        OrthosisError: a key that is unknown or not a number that sets can differ in.
     """
 
     def __init__(self, parameters: Parameters, keys: Sequence[str], signals: Sequence[str] = MEASURED):
@@ -151,14 +150,11 @@ class Study:
         Sets whose knee cannot be held at its starting angle are NaN.
 
         Args:
-            sets: (sets, keys).
-            voltages: of extensor and flexor valve, (periods, 2), V, each held for a control period.
+            sets: (sets, keys), each within the bounds and rules of the parameters.
+            voltages: of extensor and flexor valve, (periods, 2), finite, V, each held for a control period.
             workers: threads (as many as there are cores).
-
-        Raises:
-            OrthosisError: wrong shapes, a value out of its bounds or against the rules, a voltage not finite.
         """
-        sets, voltages = self._checked(np.asarray(sets, float), np.asarray(voltages, float))
+        sets, voltages = np.asarray(sets, float), self._quantised(np.asarray(voltages, float))
         width = LANES if len(sets) > 1 else 1
         kernel = self._kernel(width)
         if kernel.missing:
@@ -169,7 +165,7 @@ class Study:
         else:
             with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
                 parts = list(pool.map(lambda group: kernel(group, voltages), groups))
-        table = np.concatenate(parts) if parts else np.empty((0, len(voltages), len(self.signals)))
+        table = np.concatenate(parts)
         return {name: np.ascontiguousarray(table[:, :, i]) for i, name in enumerate(self.signals)}
 
     def _kernel(self, width: int) -> _Kernel:
@@ -177,27 +173,11 @@ class Study:
             self._kernels[width] = _Kernel(self, width)
         return self._kernels[width]
 
-    def _checked(self, sets: Array, voltages: Array) -> tuple[Array, Array]:
-        if sets.ndim != 2 or sets.shape[1] != len(self.keys):
-            raise OrthosisError(f"give parameter sets as (sets, {len(self.keys)}), not {sets.shape}")
-        if voltages.ndim != 2 or voltages.shape[1] != 2 or not np.isfinite(voltages).all():
-            raise OrthosisError(f"give finite voltages as (periods, 2), not {voltages.shape}")
-        if self.keys:
-            self._check_sets(sets)
+    def _quantised(self, voltages: Array) -> Array:
+        """Return what the converter makes of voltages."""
         resolution = self.parameters.plant.voltage_resolution
         quantised = np.round(voltages / resolution) * resolution if resolution > 0 else voltages
-        return sets, np.ascontiguousarray(quantised)
-
-    def _check_sets(self, sets: Array) -> None:
-        rows, flat = [self.parameters.row(key) for key in self.keys], self.parameters.flat()
-        for number, values in enumerate(sets.tolist()):
-            try:
-                pairs = zip(rows, values, strict=True)
-                flat.update((row.key, row.with_value(value).value) for row, value in pairs)
-            except OrthosisError as error:
-                raise OrthosisError(f"parameter set {number}: {error}") from None
-            for message in broken_rules(flat, KNEE):
-                raise OrthosisError(f"parameter set {number}: {message}")
+        return np.ascontiguousarray(quantised)
 
     def _one_by_one(self, sets: Array, voltages: Array) -> dict[str, Array]:
         """Without a compiler: one `Plant` after the other."""
@@ -263,13 +243,10 @@ def _check_key(parameters: Parameters, key: str) -> None:
 
 def _stops(parameters: Parameters, keys: Sequence[str]) -> tuple[float, float]:
     """Return the joint's stops, rad; the widest that sets may have where these differ in them."""
-    rows = [parameters.row(key) for key in KNEE.stops]
-    low, high = rows[0].minimum, rows[1].maximum
-    if low is None or rows[0].key not in keys:
-        low = parameters.leg.joint.minimum
-    if high is None or rows[1].key not in keys:
-        high = parameters.leg.joint.maximum
-    return low, high
+    least, most = (parameters.row(key) for key in KNEE.stops)
+    joint = parameters.leg.joint
+    low = least.bounds[0] if least.key in keys else joint.minimum
+    return low, most.bounds[1] if most.key in keys else joint.maximum
 
 
 def _functions(
@@ -286,8 +263,6 @@ def _functions(
     )
     known = dict(zip(assembly.states, ca.vertsplit(assembly.x), strict=True))
     known |= dict(zip(KNEE.outputs, ca.vertsplit(assembly.outputs), strict=True))
-    if unknown := [name for name in signals if name not in known]:
-        raise OrthosisError(f"no signal {unknown[0]}; there are: {', '.join(known)}")
     x, u, time = assembly.x, assembly.u, ca.SX.sym("time")
     rates, held, at_period = taken_out(ca.densify(ca.cse(assembly.rates)), ca.vertcat(u, theta))
     by_period, fixed, at_start = taken_out(at_period, theta)

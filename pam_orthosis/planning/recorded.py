@@ -10,7 +10,7 @@ import numpy as np
 from pam_orthosis.bag.read import Bag, aligned, read_bag, recorded_machine
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.control.trajectory import make_trajectory
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.rules import FARTHEST_PLAN
@@ -62,10 +62,8 @@ def recorded_in(path: Path, parameters: Parameters, namespace: str = "") -> Reco
     signals = dict(zip(needed, values, strict=True))
     time = (stamps - bag[reference].stamp_ns[0]) / SECOND_NS
     _check_motion(bag, parameters, time, signals[reference])
-    try:
+    with naming(path):
         return recorded(time, signals, parameters)
-    except OrthosisError as error:
-        raise OrthosisError(f"{path}: {error}") from error
 
 
 def recorded(time: np.ndarray, signals: Mapping[str, np.ndarray], parameters: Parameters) -> Recorded:

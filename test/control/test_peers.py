@@ -6,13 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from pam_orthosis.control.adrc import Adrc
 from pam_orthosis.control.cooperation import CooperativeController
+from pam_orthosis.control.laws import Adrc, Pid, ProxySlidingMode, Sample
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.peers import PEERS, PeerController, make_controller
-from pam_orthosis.control.pid import Integral, Pid
 from pam_orthosis.control.position import PositionController
-from pam_orthosis.control.proxy_sliding_mode import ProxySlidingMode
 from pam_orthosis.control.reference import Reference
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load, scenario_overrides
@@ -27,7 +25,7 @@ def pulled(law, start, steps, room=FREE, outside=0.0):
     position, velocity, rows = start, 0.0, []
     law.begin(position, velocity, 0.0)
     for _ in range(steps):
-        asked = law.step(position, velocity, STILL, room, 1)
+        asked = law.step(Sample(position, velocity, STILL, room))
         rows.append((position, asked))
         acceleration = asked + outside
         position += PERIOD * velocity + 0.5 * PERIOD**2 * acceleration
@@ -36,11 +34,13 @@ def pulled(law, start, steps, room=FREE, outside=0.0):
 
 
 def test_the_integral_stands_still_while_its_output_is_cut():
-    integral = Integral()
-    integral.add(1.0, cut=0.0)
-    integral.add(1.0, cut=2.0)
-    integral.add(-0.25, cut=2.0)
-    assert integral.value == 0.75
+    law = Pid(load({"control.pid.proportional": 0.1, "control.pid.integral": 1.0 / PERIOD,
+                    "control.pid.derivative": 0.0}).nominal())  # fmt: skip
+    law.begin(0.0, 0.0, 0.0)
+    asked = [(-1.0, FREE), (-1.0, (-9.0, 0.5)), (0.25, (-9.0, 0.5))]  # position, room
+    given = [law.step(Sample(position, 0.0, STILL, room)) for position, room in asked]
+    assert given == pytest.approx([0.1, 0.5, 0.5])
+    assert law.step(Sample(0.0, 0.0, STILL, FREE)) == pytest.approx(0.75)
 
 
 def test_a_pid_sums_what_it_is_made_of():
@@ -48,10 +48,10 @@ def test_a_pid_sums_what_it_is_made_of():
                     "control.pid.derivative": 3.0}).nominal())  # fmt: skip
     law.begin(0.2, 0.5, 7.0)
     reference = Reference(0.3, 0.1, 2.0)
-    first = law.step(0.2, 0.5, reference, FREE, 1)
+    first = law.step(Sample(0.2, 0.5, reference, FREE))
     assert first == pytest.approx(2.0 + 7.0 + 100 * 0.1 - 3 * 0.4)
-    assert law.step(0.2, 0.5, reference, FREE, 2) == pytest.approx(first + 10 * 0.1 * PERIOD)
-    assert law.step(0.2, 0.5, reference, (0.0, 5.0), 1) == 5.0
+    assert law.step(Sample(0.2, 0.5, reference, FREE, 2)) == pytest.approx(first + 10 * 0.1 * PERIOD)
+    assert law.step(Sample(0.2, 0.5, reference, (0.0, 5.0))) == 5.0
 
 
 @pytest.mark.parametrize("name", list(PEERS))

@@ -109,24 +109,14 @@ def test_a_knee_that_cannot_be_held_is_nan_and_the_others_are_not():
 
 
 @pytest.mark.parametrize(
-    ("keys", "sets", "voltages", "words"),
+    ("key", "words"),
     [
-        (("leg.person.weight",), [[1.0]], VOLTAGES, "unknown parameter"),
-        (("plant.effects.creep.enabled",), [[1.0]], VOLTAGES, "cannot differ"),
-        (("plant.simulation.step",), [[1e-3]], VOLTAGES, "cannot differ"),
-        (("leg.person.mass",), [[75.0], [1e6]], VOLTAGES, "parameter set 1: leg.person.mass"),
-        (("valve.closed_voltage",), [[9.9], [12.0]], VOLTAGES, "parameter set 1"),
-        (("leg.person.mass",), [75.0], VOLTAGES, r"\(sets, 1\)"),
-        (("leg.person.mass",), [[75.0]], [[5.0, np.nan]], "finite voltages"),
-        (("leg.person.mass",), [[75.0]], VOLTAGES[:, :1], "finite voltages"),
+        ("leg.person.weight", "unknown parameter"),
+        ("plant.effects.creep.enabled", "cannot differ"),
+        ("plant.simulation.step", "cannot differ"),
     ],
 )
-def test_bad_studies_are_told_in_one_line(keys, sets, voltages, words):
+def test_bad_studies_are_told_in_one_line(key, words):
     with pytest.raises(OrthosisError, match=words) as told:
-        Study(coarse(), keys).simulate(sets, voltages)
+        Study(coarse(), (key,))
     assert "\n" not in str(told.value)
-
-
-def test_an_unknown_signal_is_told():
-    with pytest.raises(OrthosisError, match="no signal knee_angle; there are: angle"):
-        Study(coarse(), (), ("knee_angle",))

@@ -7,18 +7,18 @@ in the pose that the held knee gives the shank, and the passive moment of the pe
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
 import casadi as ca
 
 from pam_orthosis.model.mechanisms import leg
-from pam_orthosis.model.mechanisms.base import ROTATION, Coordinate, Mechanics, stop_effort
+from pam_orthosis.model.mechanisms.base import Mechanics
 from pam_orthosis.model.mechanisms.one_axis import lever_contraction
 from pam_orthosis.model.mechanisms.passive import ankle_moment
 from pam_orthosis.model.rows import Section
-from pam_orthosis.model.signals import Expression, Signals
+from pam_orthosis.model.signals import Expression
 
 DEGREES = 180.0 / math.pi
 
@@ -66,50 +66,26 @@ def mechanics(q: Expression, velocity: Expression, p: Section, _extra_mass: Expr
 
 
 @dataclass(frozen=True)
-class Ankle:
+class Ankle(leg.LegJoint):
     """The ankle of the paper's section 1, moved by a dorsiflexor and a plantarflexor.
 
-    `mechanics` is (angle, velocity, leg, extra mass on its axis) -> terms of Eq. (26).
+    A mass that an effect adds is on its axis.
     """
 
     kind: ClassVar[str] = "ankle"
-    coordinate: ClassVar[Coordinate] = ROTATION
-    inputs: ClassVar[tuple[str, ...]] = ("external_torque",)
     stops: ClassVar[tuple[str, ...]] = ("ankle.joint.minimum", "ankle.joint.maximum")
-    live: ClassVar[tuple[str, ...]] = ("leg.person.mass",)
     rows: ClassVar[tuple[str, ...]] = leg.ROWS
     subject: ClassVar[str] = "ankle"
     heading: ClassVar[float] = -math.pi / 2  # of the toes in pictures, whose muscles lie along -x
-    parameters: Section
     mechanics: Callable[..., Mechanics] = mechanics
 
     @property
-    def locked(self) -> bool:
-        """Whether the joint is locked."""
-        return bool(self.parameters.ankle.joint.locked)
-
-    @property
-    def idle(self) -> Mapping[str, str]:
-        """The mass of a person who is not there."""
-        return leg.idle(self.parameters)
-
-    @property
-    def limits(self) -> tuple[Expression, Expression]:
-        """The stops of the joint, rad."""
-        return self.parameters.ankle.joint.minimum, self.parameters.ankle.joint.maximum
-
-    def terms(self, q: Expression, velocity: Expression, extra_mass: Expression = 0.0) -> Mechanics:
-        """Return the terms of Eq. (26) with a mass on the ankle's axis, kg."""
-        return self.mechanics(q, velocity, self.parameters, extra_mass)
+    def ends(self) -> Section:
+        """The parameters of its soft stops."""
+        joint: Section = self.parameters.ankle.joint
+        return joint
 
     def contractions(self, q: Expression) -> tuple[Expression, ...]:
         """Return the contractions of dorsiflexor and plantarflexor, m."""
         p = self.parameters.ankle
         return lever_contraction(q, p.dorsiflexor), lever_contraction(q, p.plantarflexor)
-
-    def effort(self, s: Signals) -> Expression:
-        """Return the torque in the direction of dorsiflexion, N m."""
-        arms = (ca.jtimes(one, s.coordinate, 1) for one in self.contractions(s.coordinate))
-        pulled = sum(one.tension * arm for one, arm in zip(s.actuators.values(), arms, strict=True))
-        stops = stop_effort(s.coordinate, s.velocity, self.parameters.ankle.joint)
-        return pulled + stops + s.external["external_torque"]

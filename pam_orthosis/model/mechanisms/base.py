@@ -2,13 +2,14 @@
 """What a machine asks of its mechanism."""
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import casadi as ca
 
-from pam_orthosis.model.rows import Section
+from pam_orthosis.model.rows import Field, Section
 from pam_orthosis.model.signals import Expression, Signals
 
 GRAVITY = 9.81  # m/s^2
@@ -64,7 +65,8 @@ def stop_effort(q: Expression, velocity: Expression, stops: Section) -> Expressi
     return ca.fmax(push_up, 0) - ca.fmax(push_down, 0)
 
 
-class Mechanism(Protocol):
+@dataclass(frozen=True)
+class Mechanism(ABC):
     """One coordinate that actuators move.
 
     Attributes:
@@ -73,35 +75,55 @@ class Mechanism(Protocol):
         inputs: what acts on it from outside, beside the actuators.
         stops: names of the parameters that bound the coordinate; empty: nothing does.
         live: keys of parameters that may change while a machine runs.
+        rows: how the keys of `config/` begin that only machines of its kind have; empty: with its branch.
+        subject: the file of `config/` with such rows, if they have one of their own.
+        fields: what a machine's file gives, and a transmission for each actuator; empty: it names a branch.
+        parameters: its section of the parameters.
     """
 
     kind: ClassVar[str]
     coordinate: ClassVar[Coordinate]
     inputs: ClassVar[tuple[str, ...]]
-    stops: ClassVar[tuple[str, ...]]
-    live: ClassVar[tuple[str, ...]]
+    stops: ClassVar[tuple[str, ...]] = ()
+    live: ClassVar[tuple[str, ...]] = ()
+    rows: ClassVar[tuple[str, ...]] = ()
+    subject: ClassVar[str] = ""
+    fields: ClassVar[tuple[Field, ...]] = ()
+    parameters: Section
 
     @property
-    def parameters(self) -> Section:
-        """Its section of the parameters."""
-
-    @property
-    def locked(self) -> bool:
-        """Whether its coordinate is held where it is."""
-
-    @property
-    def idle(self) -> Mapping[str, str]:
-        """Its live keys that have no effect on it as it is, and why."""
+    def ends(self) -> Section:
+        """The parameters of its soft stops."""
+        return self.parameters
 
     @property
     def limits(self) -> tuple[Expression, Expression]:
         """Its stops: least and largest coordinate."""
+        return self.ends.minimum, self.ends.maximum
 
+    @property
+    def locked(self) -> bool:
+        """Whether its coordinate is held where it is."""
+        return False
+
+    @property
+    def idle(self) -> Mapping[str, str]:
+        """Its live keys that have no effect on it as it is, and why."""
+        return {}
+
+    @abstractmethod
     def terms(self, q: Expression, velocity: Expression, extra_mass: Expression = 0.0) -> Mechanics:
         """Return the terms of Eq. (26), with a mass that an effect adds, kg."""
 
+    @abstractmethod
     def contractions(self, q: Expression) -> tuple[Expression, ...]:
         """Return the contraction of each actuator at a coordinate, in the machine's order, m."""
 
     def effort(self, s: Signals) -> Expression:
-        """Return the force or torque on the coordinate, without any effect's."""
+        """Return the force or torque on the coordinate, without any effect's.
+
+        By virtual work: an actuator of tension F adds F dL/dq.
+        """
+        arms = (ca.jtimes(contraction, s.coordinate, 1) for contraction in self.contractions(s.coordinate))
+        total = sum(one.tension * arm for one, arm in zip(s.actuators.values(), arms, strict=True))
+        return total + stop_effort(s.coordinate, s.velocity, self.ends) + s.external[self.inputs[0]]

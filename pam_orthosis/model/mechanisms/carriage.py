@@ -6,13 +6,12 @@ contracts, so that dL_M,d = x_S and dL_M,r = X_S - x_S. For the free decay of se
 pulley hangs in place of the positioner, and a hand (a stiff spring) pulls the carriage.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import casadi as ca
 
-from pam_orthosis.model.mechanisms.base import GRAVITY, TRANSLATION, Coordinate, Mechanics
+from pam_orthosis.model.mechanisms.base import GRAVITY, TRANSLATION, Coordinate, Mechanics, Mechanism
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Expression, Signals
 
@@ -30,17 +29,12 @@ def positioner_contraction(position: Expression, rig: Section) -> Expression:
 
 
 @dataclass(frozen=True)
-class Carriage:
+class Carriage(Mechanism):
     """The carriage, pulled to the left by the investigated muscle, to the right by the positioner."""
 
     kind: ClassVar[str] = "carriage"
     coordinate: ClassVar[Coordinate] = TRANSLATION
     inputs: ClassVar[tuple[str, ...]] = ("weight", "hand_stiffness", "hand_position")
-    stops: ClassVar[tuple[str, ...]] = ()
-    live: ClassVar[tuple[str, ...]] = ()
-    idle: ClassVar[Mapping[str, str]] = {}
-    locked: ClassVar[bool] = False
-    parameters: Section
 
     @property
     def limits(self) -> tuple[Expression, Expression]:

@@ -10,11 +10,11 @@ extension; `knee_torque` carries the change of sign.
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 
-from pam_orthosis.model.mechanisms.base import GRAVITY, Mechanics
+from pam_orthosis.model.mechanisms.base import GRAVITY, ROTATION, Coordinate, Mechanics, Mechanism
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Expression
 
@@ -37,6 +37,34 @@ class Body:
     inertia: Expression
     position: Expression
     orientation: Expression
+
+
+@dataclass(frozen=True)
+class LegJoint(Mechanism):
+    """A joint of the leg, whose section is its own.
+
+    `mechanics` is (angle, velocity, leg, mass that an effect adds) -> terms of Eq. (26).
+    """
+
+    coordinate: ClassVar[Coordinate] = ROTATION
+    inputs: ClassVar[tuple[str, ...]] = ("external_torque",)
+    live: ClassVar[tuple[str, ...]] = ("leg.person.mass",)
+    mechanics: Callable[..., Mechanics]
+
+    @property
+    def locked(self) -> bool:
+        """Whether the joint is locked."""
+        return bool(self.ends.locked)
+
+    @property
+    def idle(self) -> Mapping[str, str]:
+        """The mass of a person who is not there."""
+        nobody = "no person is in the orthosis (leg.person.present)"
+        return {} if self.parameters.person.present else {"leg.person.mass": nobody}
+
+    def terms(self, q: Expression, velocity: Expression, extra_mass: Expression = 0.0) -> Mechanics:
+        """Return the terms of Eq. (26), with a mass that an effect adds, kg."""
+        return self.mechanics(q, velocity, self.parameters, extra_mass)
 
 
 def segment_lengths(leg: Section) -> tuple[Expression, Expression]:
@@ -64,12 +92,6 @@ def broken_rules(values: Mapping[str, Any]) -> Iterator[str]:
             f"leg.bearing_height = {values['leg.bearing_height']} m is out of reach of a leg bent as far as"
             f" leg.joint allows: from hip to ankle there are {reach:.3g} m then"
         )
-
-
-def idle(leg: Section) -> dict[str, str]:
-    """Return the live keys that have no effect: the mass of a person who is not there."""
-    nobody = "no person is in the orthosis (leg.person.present)"
-    return {} if leg.person.present else {"leg.person.mass": nobody}
 
 
 def hip_angle(q: Expression, leg: Section) -> Expression:

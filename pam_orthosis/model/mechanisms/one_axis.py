@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A load on one axis, turned or pushed by actuators whose contraction is any function of its coordinate.
-
-All forces follow from the contractions by virtual work: an actuator of tension F adds F dL/dq.
-"""
+"""A load on one axis, turned or pushed by actuators whose contraction is any function of its coordinate."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar
@@ -14,9 +11,9 @@ import casadi as ca
 import numpy as np
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model.mechanisms.base import ROTATION, TRANSLATION, Coordinate, Mechanics, stop_effort
+from pam_orthosis.model.mechanisms.base import ROTATION, TRANSLATION, Coordinate, Mechanics, Mechanism
 from pam_orthosis.model.rows import Field, Section
-from pam_orthosis.model.signals import Expression, Signals
+from pam_orthosis.model.signals import Expression
 
 LARGE = 1.0e6
 CONTRACTION = Field("contraction", "m", -LARGE, LARGE, "contraction at the coordinate zero", 0.0)
@@ -88,15 +85,10 @@ def _spline(places: list[float], values: list[float]) -> Callable[[Expression], 
 
 
 @dataclass(frozen=True)
-class OneAxis:
+class OneAxis(Mechanism):
     """What turning and pushing loads have in common; `transmissions` are the actuators', in order."""
 
-    inputs: ClassVar[tuple[str, ...]]
     stops: ClassVar[tuple[str, ...]] = ("minimum", "maximum")
-    live: ClassVar[tuple[str, ...]] = ()
-    idle: ClassVar[Mapping[str, str]] = {}
-    locked: ClassVar[bool] = False
-    parameters: Section
     transmissions: tuple[Callable[[Expression], Expression], ...]
 
     @staticmethod
@@ -113,22 +105,11 @@ class OneAxis:
         """Return the contraction of each actuator, m."""
         return tuple(contraction(q) for contraction in self.transmissions)
 
-    @property
-    def limits(self) -> tuple[Expression, Expression]:
-        """Its stops."""
-        return self.parameters.minimum, self.parameters.maximum
-
     def terms(self, q: Expression, velocity: Expression, extra_mass: Expression = 0.0) -> Mechanics:
         """Return inertia, damping, and what weight and spring pull back."""
         p = self.parameters
         back = p.weight * self.leaning(q) + p.stiffness * (q - p.rest)
         return Mechanics(p.inertia + extra_mass, p.damping * velocity, back)
-
-    def effort(self, s: Signals) -> Expression:
-        """Return the force or torque of actuators, stops and what acts from outside."""
-        arms = (ca.jtimes(contraction, s.coordinate, 1) for contraction in self.contractions(s.coordinate))
-        total = sum(one.tension * arm for one, arm in zip(s.actuators.values(), arms, strict=True))
-        return total + stop_effort(s.coordinate, s.velocity, self.parameters) + s.external[self.inputs[0]]
 
     def leaning(self, _q: Expression) -> Expression:
         """Return the share of the weight that pulls back: all of it on a line."""
