@@ -11,7 +11,7 @@ import json
 import os
 import re
 import stat
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -231,6 +231,13 @@ def mapping(node: Any, where: str) -> dict[str, Any]:
     if not isinstance(node, dict) or not all(isinstance(key, str) for key in node):
         raise OrthosisError(f"{where} is not a mapping of names")
     return node
+
+
+def check_keys(given: Iterable[str], known: Collection[str], where: str) -> None:
+    """Refuse, by OrthosisError, a key that is not known."""
+    for key in given:
+        if key not in known:
+            raise OrthosisError(f"{where} has no {shown(key)}{meant(key, known)}; it has {', '.join(known)}")
 
 
 def meant(key: str, known: Iterable[str]) -> str:

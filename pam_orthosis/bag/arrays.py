@@ -4,7 +4,8 @@
 The layout of a message of ours does not depend on its numbers: each topic's message is serialised once.
 """
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from pam_orthosis.bag.topics import (
 from pam_orthosis.model.components.spool import spool_position
 from pam_orthosis.model.rows import Section
 
-LISTS = {JOINT: "{}[0]", MOTION: "points[0].{}[0]"}  # type -> where a field's number is
+LISTS = {JOINT: "{}[{}]", MOTION: "points[0].{}[{}]"}  # type -> where a joint's number of a field is
 
 
 def write_arrays(
@@ -54,11 +55,9 @@ def write_legs(
 ) -> None:
     """Write the same signals of several legs, by namespace, as `write_arrays` does those of one."""
     table, valve = Topics(machine_of(folder, run)), recorded_valve(folder, run)
-    topics: dict[str, list[Signal]] = {}
-    for name in next(iter(legs.values())):
-        topics.setdefault(table.signals[name].topic, []).append(table.signals[name])
+    topics = by_topic(table.signals[name] for name in next(iter(legs.values())))
     quick = {topic: members for topic, members in topics.items() if not table.by_name[topic].slow}
-    templates = {topic: _template(members) for topic, members in topics.items()}
+    templates = {topic: template(members) for topic, members in topics.items()}
     with BagWriter(folder, run) as bag:
         for leg in legs:
             for topic in topics:
@@ -78,24 +77,35 @@ def _numbers(
         yield spool_position(number, valve) if signal.spool else number
 
 
-def _template(members: list[Signal]) -> Template:
-    """Return what makes a topic's message of a stamp and its members' numbers."""
-    message = _message(members[0].type, dict.fromkeys(members, 0.0))
+def by_topic(signals: Iterable[Signal]) -> dict[str, list[Signal]]:
+    """Return topic -> its signals."""
+    topics: dict[str, list[Signal]] = {}
+    for signal in signals:
+        topics.setdefault(signal.topic, []).append(signal)
+    return topics
+
+
+def template(members: Sequence[Signal], frame: str = "") -> Template:
+    """Return what makes a topic's message of a stamp and its members' numbers; `frame` of a wrench."""
+    joints = list(dict.fromkeys(signal.joint for signal in members))
+    message = _message(members, joints, frame)
     kind = message.__msgtype__
-    fields = [LISTS.get(kind, "{}").format(signal.field) for signal in members]
+    fields = [LISTS.get(kind, "{}").format(one.field, joints.index(one.joint)) for one in members]
     return Template(messages.serialised(kind, message), kind, fields)
 
 
-def _message(type_name: str, values: Mapping[Signal, float]) -> Any:
-    first, *_ = values
-    fields = {signal.field: number for signal, number in values.items()}
-    if type_name == PRESSURE:
-        return messages.fluid_pressure(0, first.topic.split("/")[0], values[first])
-    if type_name == VECTOR:
-        return messages.mass_flow(0, first.topic.split("/")[0], values[first])
-    if type_name == MOTION:
-        return messages.trajectory(0, first.joint, fields)
-    if type_name == WRENCH:
-        return messages.wrench(0, first.field.partition(".")[2], values[first])
-    names = dict.fromkeys(signal.joint for signal in values)
-    return messages.joint_state(0, list(names), **{name: [number] for name, number in fields.items()})
+def _message(members: Sequence[Signal], joints: Sequence[str], frame: str) -> Any:
+    """Return a topic's message; what no member is, of a joint, is not known."""
+    first = members[0]
+    if first.type == PRESSURE:
+        return messages.fluid_pressure(0, first.topic.split("/")[-2], 0.0)
+    if first.type == VECTOR:
+        return messages.mass_flow(0, first.topic.split("/")[-2], 0.0)
+    if first.type == WRENCH:
+        return messages.wrench(0, first.field.partition(".")[2], 0.0, frame)
+    if first.type == MOTION:
+        return messages.trajectory(0, first.joint, {signal.field: 0.0 for signal in members})
+    there = {(signal.field, signal.joint) for signal in members}
+    fields = dict.fromkeys(signal.field for signal in members)
+    numbers = {name: [0.0 if (name, one) in there else math.nan for one in joints] for name in fields}
+    return messages.joint_state(0, joints, **numbers)

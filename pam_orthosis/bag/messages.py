@@ -76,13 +76,13 @@ def mass_flow(stamp_ns: int, actuator: str, flow: float) -> Any:
     return new(VECTOR, header=header(stamp_ns, f"{actuator}_port"), vector=vector((flow, 0.0, 0.0)))
 
 
-def wrench(stamp_ns: int, place: str, value: float) -> Any:
+def wrench(stamp_ns: int, place: str, value: float, frame: str = "") -> Any:
     """Return a wrench that is zero but at a place, such as `torque.y`, N m or N."""
     kind, _, axis = place.partition(".")
     parts = {
         of: vector([value * (of == kind and axis == one) for one in "xyz"]) for of in ("force", "torque")
     }
-    return new(WRENCH, header=header(stamp_ns), wrench=new("geometry_msgs/msg/Wrench", **parts))
+    return new(WRENCH, header=header(stamp_ns, frame), wrench=new("geometry_msgs/msg/Wrench", **parts))
 
 
 def trajectory(stamp_ns: int, joint: str, fields: Mapping[str, float]) -> Any:

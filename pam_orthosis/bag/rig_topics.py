@@ -1,58 +1,53 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics and signals of the test rig, beside those of other machines in `bag.topics`.
+"""Signals of the test rig and the topics that they are on, beside those of other machines in `bag.topics`.
 
 Same conventions: stamped standard types, truth on a topic of its own that identification never reads.
 """
 
-from pam_orthosis.bag.topics import JOINT, MOTION, PRESSURE, VECTOR, WRENCH, Signal, Topic, typed
+from pam_orthosis.bag.topics import JOINT, MOTION, PRESSURE, VECTOR, WRENCH, Signal
 
-NAMESPACE = "rig"
+NAMESPACE, CARRIAGE = "rig", "carriage"
 MUSCLES = "specimen", "positioner"
 
 
-def _topic(name: str, type_: str, meaning: str, unit: str) -> Topic:
-    return Topic(f"{NAMESPACE}/{name}", type_, (NAMESPACE,), (), meaning, unit)
+def _signal(name: str, topic: str, type_: str, field: str, unit: str, joint: str = "") -> Signal:
+    return Signal(f"{NAMESPACE}_{name}", f"{NAMESPACE}/{topic}", field, joint, unit, type_)
 
 
-RIG_TOPICS = (
-    _topic("joint_states", JOINT, "measured position of the carriage", "m"),
-    _topic("specimen/pressure", PRESSURE, "measured pressure of the investigated muscle", "Pa"),
-    _topic("positioner/pressure", PRESSURE, "measured pressure of the MAS-40", "Pa"),
-    _topic("specimen/force", WRENCH, "load cell, force along x", "N"),
-    _topic("specimen/cylinder", JOINT, "calliper: diameter and length of the cylinder", "m"),
-    _topic("truth", JOINT, "state of the emulated rig", "SI"),
-    *(_topic(f"truth/{name}/pressure", PRESSURE, "true pressure", "Pa") for name in MUSCLES),
-    *(_topic(f"truth/{name}/mass_flow", VECTOR, "true mass flow, x into it", "kg/s") for name in MUSCLES),
-    _topic("reference", MOTION, "position to follow", "m, m/s, m/s^2"),
-    _topic("specimen/pressure_reference", PRESSURE, "pressure to hold", "Pa"),
-    _topic("estimate", JOINT, "observer: position, velocity", "m, m/s"),
-    *(_topic(f"{name}/mass_flow", VECTOR, "mass flow to reach, x into it", "kg/s") for name in MUSCLES),
-    *(_topic(f"{name}/valve_command", JOINT, "position of the valve's spool", "1") for name in MUSCLES),
-)
+def _pressure(name: str, topic: str) -> Signal:
+    return _signal(name, topic, PRESSURE, "fluid_pressure", "Pa")
 
 
-def _signal(name: str, topic: str, field: str, joint: str, unit: str) -> Signal:
-    return Signal(f"{NAMESPACE}_{name}", f"{NAMESPACE}/{topic}", field, joint, unit)
+def _flow(name: str, topic: str) -> Signal:
+    return _signal(name, f"{topic}/mass_flow", VECTOR, "vector.x", "kg/s")
 
 
 def _voltage(name: str, muscle: str) -> Signal:
-    topic, joint = f"{muscle}/valve_command", f"{muscle}_valve"
-    return _signal(name, topic, "position", joint, "V")._replace(spool=True)
+    own = _signal(name, f"{muscle}/valve_command", JOINT, "position", "V", f"{muscle}_valve")
+    return own._replace(spool=True)
 
 
-_SIGNALS = (
-    _signal("position", "joint_states", "position", "carriage", "m"),
-    _signal("pressure", "specimen/pressure", "fluid_pressure", "", "Pa"),
-    _signal("positioner_pressure", "positioner/pressure", "fluid_pressure", "", "Pa"),
-    _signal("force", "specimen/force", "wrench.force.x", "", "N"),
-    _signal("diameter", "specimen/cylinder", "position", "diameter", "m"),
-    _signal("cylinder_length", "specimen/cylinder", "position", "length", "m"),
+_SIGNALS = (  # in the order of the topics in a bag
+    _signal("position", "joint_states", JOINT, "position", "m", CARRIAGE),
+    _pressure("pressure", "specimen/pressure"),
+    _pressure("positioner_pressure", "positioner/pressure"),
+    _signal("force", "specimen/force", WRENCH, "wrench.force.x", "N"),
+    _signal("diameter", "specimen/cylinder", JOINT, "position", "m", "diameter"),
+    _signal("cylinder_length", "specimen/cylinder", JOINT, "position", "m", "length"),
+    _signal("truth_position", "truth", JOINT, "position", "m", CARRIAGE),
+    _signal("truth_velocity", "truth", JOINT, "velocity", "m/s", CARRIAGE),
+    _signal("truth_force", "truth", JOINT, "effort", "N", "specimen"),
+    _signal("truth_positioner_force", "truth", JOINT, "effort", "N", "positioner"),
+    *(_pressure(f"truth_{name}_pressure", f"truth/{name}/pressure") for name in MUSCLES),
+    *(_flow(f"truth_{name}_flow", f"truth/{name}") for name in MUSCLES),
+    _signal("reference_position", "reference", MOTION, "positions", "m", CARRIAGE),
+    _signal("reference_velocity", "reference", MOTION, "velocities", "m/s", CARRIAGE),
+    _signal("reference_acceleration", "reference", MOTION, "accelerations", "m/s^2", CARRIAGE),
+    _pressure("pressure_reference", "specimen/pressure_reference"),
+    _signal("estimate_position", "estimate", JOINT, "position", "m", CARRIAGE),
+    _signal("estimate_velocity", "estimate", JOINT, "velocity", "m/s", CARRIAGE),
+    *(_flow(f"{name}_mass_flow", name) for name in MUSCLES),
     _voltage("voltage", "specimen"),
     _voltage("positioner_voltage", "positioner"),
-    _signal("reference_position", "reference", "positions", "carriage", "m"),
-    _signal("pressure_reference", "specimen/pressure_reference", "fluid_pressure", "", "Pa"),
-    _signal("estimate_velocity", "estimate", "velocity", "carriage", "m/s"),
-    _signal("truth_position", "truth", "position", "carriage", "m"),
-    _signal("truth_force", "truth", "effort", "specimen", "N"),
 )
-RIG_SIGNALS = typed(_SIGNALS, RIG_TOPICS)
+RIG_SIGNALS = {signal.name: signal for signal in _SIGNALS}

@@ -68,11 +68,9 @@ def _refuse_short(parameters: Parameters) -> None:
 
 
 def _unit(parameters: Parameters, name: str, direction: str, nominal: float) -> Unit:
-    machine = parameters.declared
-    shipped = load({}, machine).flat()
-    changed = {key: value for key, value in parameters.flat().items() if value != shipped[key]}
+    machine, changes = parameters.declared, json.dumps(parameters.changes())
     own = (machine.name, machine.text) if machine.text else ()
-    return Unit(f"{name}, {direction}", __name__, (json.dumps(changed), name, direction, repr(nominal), *own))
+    return Unit(f"{name}, {direction}", __name__, (changes, name, direction, repr(nominal), *own))
 
 
 def _worked(units: Sequence[Unit], workers: int, progress: Progress) -> dict[str, dict[str, Any]]:

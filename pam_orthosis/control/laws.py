@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws of `control.position.controller` beside backstepping: they make an acceleration of reference and joint."""
+"""Laws beside backstepping: what makes an acceleration of reference and joint."""
 
 import math
 from typing import NamedTuple, Protocol

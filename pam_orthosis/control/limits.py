@@ -221,19 +221,9 @@ def watched_function(nominal: Parameters, half: float) -> ca.Function:
     velocity, latest = (last - first) / (2 * half), (last - middle) / half
     acceleration = (last - 2 * middle + first) / half**2
     outside = efforts(middle, velocity, acceleration, then)[1]
-    return ca.Function(
-        "watched",
-        [places, then, now],
-        [
-            ca.vertcat(
-                latest,
-                accelerate(last, latest, outside, now),
-                efforts(last, latest, 0, now)[0],
-                outside,
-                *axis.tensions(last, latest, (now[0], now[1])),
-            )
-        ],
-    )
+    ahead, effort = accelerate(last, latest, outside, now), efforts(last, latest, 0, now)[0]
+    observed = ca.vertcat(latest, ahead, effort, outside, *axis.tensions(last, latest, (now[0], now[1])))
+    return ca.Function("watched", [places, then, now], [observed])
 
 
 def restrained(voltages: Sequence[float], ceilings: Sequence[float]) -> tuple[float, ...]:

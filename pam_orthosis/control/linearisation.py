@@ -66,7 +66,6 @@ def demanded_jerk(
 ) -> Expression:
     """Return v of Eq. (12) with the derivative orders of relative degree 3, m/s^3.
 
-    Eq. (12) prints lower orders at alpha_3 and alpha_2 and in the feed-forward, with which the error grows.
     Reference and alpha have 4 entries, the estimate 3; the integral is that of the position error, m s.
 
     Eq. (12) prints lower orders at alpha_3 and alpha_2 and in the feed-forward, with which the error grows.

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from pam_orthosis.control.legs import differences
 from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.model.parameters import Parameters, load, scenario_overrides
-from pam_orthosis.reading import mapping, meant, read_yaml
+from pam_orthosis.reading import check_keys, mapping, read_yaml
 
 LEGS = ("left", "right")
 KEYS = ("scenario", "resume_s", *LEGS, "stages")
@@ -45,7 +45,8 @@ class Programme(NamedTuple):
 
 def read_programme(path: Path) -> Programme:
     """Return the programme of a YAML file; OrthosisError if it is unusable or cannot be read."""
-    top = _known(mapping(read_yaml(path), str(path)), KEYS, str(path))
+    top = mapping(read_yaml(path), str(path))
+    check_keys(top, KEYS, f"{path}: a programme")
     scenario = top.get("scenario", "session")
     with naming(path):
         shared = load(scenario_overrides(str(scenario)))
@@ -89,14 +90,13 @@ def _stages(given: Any, shared: Parameters) -> tuple[Stage, ...]:
 
 
 def _stage(given: dict[str, Any], where: str) -> Stage:
-    _known(given, OF_STAGE, where)
+    check_keys(given, OF_STAGE, where)
     if ("strides" in given) == ("pause_s" in given):
         raise OrthosisError(f"{where}: give either strides or pause_s")
-    pause = _number(given, "pause_s", 0.0, LONGEST_PAUSE_S, where)
-    strides = given.get("strides", 0)
-    if "strides" in given and (type(strides) is not int or not 1 <= strides <= MOST_STRIDES):
+    strides, pause = given.get("strides", 1), _number(given, "pause_s", 0.0, LONGEST_PAUSE_S, where)
+    if type(strides) is not int or not 1 <= strides <= MOST_STRIDES:
         raise OrthosisError(f"{where}: strides: {strides!r} is not an integer from 1 to {MOST_STRIDES}")
-    if strides == 0 and len(given) > 1 + ("name" in given):
+    if pause and given.keys() - {"name", "pause_s"}:
         raise OrthosisError(f"{where}: a pause has nothing but a name and pause_s")
     name = given.get("name", "pause" if pause else where)
     if not isinstance(name, str) or not name.isprintable() or not 0 < len(name) <= 40:
@@ -104,14 +104,7 @@ def _stage(given: dict[str, Any], where: str) -> Stage:
     changes = {key: given[short] for short, key in SETTINGS.items() if short in given}
     if "cycle_time_s" in given:
         changes["scenario.cycle_time"] = given["cycle_time_s"]
-    return Stage(name, strides, pause, changes)
-
-
-def _known(given: dict[str, Any], keys: tuple[str, ...], where: str) -> dict[str, Any]:
-    for key in given:
-        if key not in keys:
-            raise OrthosisError(f"{where}: no key {key}{meant(str(key), keys)}; there are {', '.join(keys)}")
-    return given
+    return Stage(name, 0 if pause else strides, pause, changes)
 
 
 def _number(given: Mapping[str, Any], key: str, default: float, most: float, where: str = "") -> float:

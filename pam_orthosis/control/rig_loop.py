@@ -6,7 +6,7 @@ The controllers and the procedures get measurements only; truth is passed on for
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -22,7 +22,7 @@ from pam_orthosis.errors import RunFailed
 from pam_orthosis.model.components import pneumatics
 from pam_orthosis.model.machines import RIG
 from pam_orthosis.model.parameters import Parameters
-from pam_orthosis.model.rig import Cylinder, RigMeasurement, RigPlant, RigTruth
+from pam_orthosis.model.rig import Cylinder, RigMeasurement, RigPlant
 
 PRESSURE_TOLERANCE = 3.0e3  # Pa within which a pressure counts as set
 FORCE_FILTER_TIME = 0.02  # s, of the load cell where the release watches for 'no force'
@@ -52,7 +52,7 @@ class RigSample(NamedTuple):
     estimate: CarriageEstimate
     flows: tuple[float, float]
     voltages: tuple[float, float]
-    truth: RigTruth
+    truth: Any  # as `Plant.truth`
     cylinder: Cylinder | None = None
     force_rate: float = 0.0  # what the control took for the derivative of the specimen's force, N/s
 
@@ -115,7 +115,26 @@ class PressureHolder:
         return flow
 
 
-class Rig:
+class _Bench:
+    """The emulated rig, what holds the investigated muscle's pressure, and a clock."""
+
+    def __init__(self, parameters: Parameters, specimen: str, plant: RigPlant):
+        self.rig, self.plant = parameters.rig, plant
+        self._holder = PressureHolder(parameters, specimen)
+        self._index = 0
+
+    def _time_ns(self) -> int:
+        """Return the stamp of a control period, and count it."""
+        stamp: int = self._index * self.plant.period_ns
+        self._index += 1
+        return stamp
+
+    def _steps(self, duration: float) -> int:
+        steps: int = round(duration / self.rig.control_period)
+        return steps
+
+
+class Rig(_Bench):
     """The emulated rig with its controllers in closed loop.
 
     Args:
@@ -135,53 +154,43 @@ class Rig:
         plant: RigPlant | None = None,
     ):
         parameters = RIG.taken(parameters)
-        self.rig = parameters.rig
-        self.readings: int = getattr(self.rig.volume_readings, specimen)
         taut = float(slack_pressure(position, parameters.rig_nominal()))
-        self.plant = plant or RigPlant(parameters, specimen, seed, position, taut)
+        super().__init__(parameters, specimen, plant or RigPlant(parameters, specimen, seed, position, taut))
+        self.readings: int = getattr(self.rig.volume_readings, specimen)
         self._speed = self.rig.procedure.speed * getattr(parameters.muscle, specimen).length
         self._carriage = CarriageController(parameters)
-        self._holder = PressureHolder(parameters, specimen)
         self._valves = [InverseValveModel(parameters, parameters.declared.names[0]) for _ in range(2)]
         self._ramp = Ramp(self.rig.reference.corner, self.rig.control_period, position)
-        self._index = 0
         self._force = 0.0
         self._pressure = parameters.valve.ambient_pressure
 
     def step(self, pressure_reference: float, speed: float, calliper: bool = False) -> RigSample:
         """Advance one period with a pressure for the specimen (absolute Pa) and a ramp speed (m/s)."""
-        measured = self.plant.measure()
-        truth = self.plant.truth()
-        reference = self._ramp.reference
+        measured, truth, reference = self.plant.measure(), self.plant.truth(), self._ramp.reference
         cylinder = self.plant.calliper() if calliper else None
         specimen_flow = self._holder.step(measured.specimen_pressure, pressure_reference)
         flow, estimate = self._carriage.step(
             measured.position, measured.positioner_pressure, measured.force, reference
         )
         flows = specimen_flow, flow
-        pressures = measured[1:3]
-        first, second = (v.step(f, p) for v, f, p in zip(self._valves, flows, pressures, strict=True))
-        voltages = first, second
-        self.plant.advance(*voltages)
+        first, second = (v.step(f, p) for v, f, p in zip(self._valves, flows, measured[1:3], strict=True))
+        self.plant.advance(first, second)
         self._ramp.step(speed)
-        share = self.rig.control_period / FORCE_FILTER_TIME
-        self._force += share * (measured.force - self._force)
-        time_ns = self._index * self.plant.period_ns
-        self._index += 1
+        self._force += self.rig.control_period / FORCE_FILTER_TIME * (measured.force - self._force)
         return RigSample(
-            time_ns, measured, reference, pressure_reference, estimate, flows, voltages, truth, cylinder,
-            self._carriage.force_rate,
+            self._time_ns(), measured, reference, pressure_reference, estimate, flows, (first, second), truth,
+            cylinder, self._carriage.force_rate,
         )  # fmt: skip
 
     def rest(self, pressure: float, duration: float) -> Iterator[RigSample]:
         """Hold pressure and position."""
-        for _ in range(round(duration / self.rig.control_period)):
+        for _ in range(self._steps(duration)):
             yield self.step(pressure, 0.0)
 
     def set_pressure(self, pressure: float) -> Iterator[RigSample]:
         """Bring the specimen to a pressure, absolute Pa, gently, then rest; RunFailed if that fails."""
         slew = PRESSURE_SLEW * self.rig.control_period
-        for _ in range(self._patience):
+        for _ in range(self._steps(PATIENCE)):
             self._pressure += min(max(pressure - self._pressure, -slew), slew)
             sample = self.step(self._pressure, 0.0)
             yield sample
@@ -203,7 +212,7 @@ class Rig:
     def release(self, pressure: float) -> Iterator[RigSample]:
         """Let the specimen contract until no force is measured, then rest; RunFailed if one remains."""
         settings = self.rig.procedure
-        for _ in range(self._patience):
+        for _ in range(self._steps(PATIENCE)):
             share = (self._force - settings.free_force) / CAUTIOUS_FORCE
             yield self.step(pressure, self._speed * min(max(share, CREEP), 1.0))
             if share < 0:
@@ -216,11 +225,6 @@ class Rig:
     def reference_position(self) -> float:
         """Where the carriage is asked to be, m."""
         return self._ramp.reference.position
-
-    @property
-    def _patience(self) -> int:
-        steps: int = round(PATIENCE / self.rig.control_period)
-        return steps
 
 
 def force_procedure(rig: Rig, pressure: float) -> Iterator[RigSample]:
@@ -270,20 +274,17 @@ def diagnostic_procedure(
             yield from rig.ramp_to(pressure, here + offset, 0.5, DIAGNOSTIC_REST)
 
 
-class DecayRig:
+class DecayRig(_Bench):
     """The rig prepared for the free decay of section 2.4: a weight in place of the MAS-40."""
 
     def __init__(self, parameters: Parameters, specimen: str, seed: int = 0):
         parameters = RIG.taken(parameters)
-        self._period = parameters.rig.control_period
-        self._duration = parameters.rig.decay.duration
         self._settings = getattr(parameters.rig.decay, specimen)
-        self.plant = RigPlant(parameters, specimen, seed, weight=self._settings.weight)
-        self._holder = PressureHolder(parameters, specimen)
+        plant = RigPlant(parameters, specimen, seed, weight=self._settings.weight)
+        super().__init__(parameters, specimen, plant)
         self._valve = InverseValveModel(parameters, parameters.declared.names[0])
         self._closed = parameters.valve.closed_voltage
         self._ambient = parameters.valve.ambient_pressure
-        self._index = 0
 
     def run(self, pressure: float) -> Iterator[RigSample]:
         """Set the pressure, close the valve, pull the carriage from its rest and let it go.
@@ -291,25 +292,17 @@ class DecayRig:
         Yields the time from the release on. The valve is closed because a pressure control that
         lags behind the oscillation feeds or damps it: the enclosed gas is a spring without loss.
         """
-        for _ in self._hold(pressure, REST_TIME, hand=0.0):
-            pass
-        for sample in self._hold(pressure, REST_TIME):
-            rest = sample.measured.position
+        resting = self._steps(REST_TIME)
+        for index in range(resting):
+            rising = self._ambient + (pressure - self._ambient) * min(1.0, 2.0 * index / resting)
+            self._step(pressure, rising, hand=0.0)
+        for _ in range(resting):
+            rest = self._step(pressure, pressure).measured.position
         pulled = rest - self._settings.pull
         for share in np.linspace(0.0, 1.0, self._steps(PULL_TIME)).tolist():
             self._step(pressure, None, rest + share * (pulled - rest))
         self._index = 0
-        yield from (self._step(pressure, None) for _ in range(self._steps(self._duration)))
-
-    def _steps(self, duration: float) -> int:
-        steps: int = round(duration / self._period)
-        return steps
-
-    def _hold(self, pressure: float, duration: float, hand: float | None = None) -> Iterator[RigSample]:
-        goal, steps = pressure - self._ambient, self._steps(duration)
-        for index in range(steps):
-            rising = self._ambient + goal * min(1.0, 2.0 * index / steps) if hand is not None else pressure
-            yield self._step(pressure, rising, hand)
+        yield from (self._step(pressure, None) for _ in range(self._steps(self.rig.decay.duration)))
 
     def _step(self, pressure: float, wanted: float | None, hand: float | None = None) -> RigSample:
         """Advance one period; `wanted` None: the valve is closed."""
@@ -318,10 +311,8 @@ class DecayRig:
         if wanted is not None:
             flow = self._holder.step(measured.specimen_pressure, wanted)
             voltage = self._valve.step(flow, measured.specimen_pressure)
-        self.plant.advance(voltage, self._closed, hand=hand)
-        time_ns = self._index * self.plant.period_ns
-        self._index += 1
+        voltages = voltage, self._closed
+        self.plant.advance(*voltages, hand=hand)
         still = CarriageReference(measured.position, 0.0, 0.0, 0.0)
-        estimate = CarriageEstimate(measured.position, 0.0, 0.0)
-        voltages = (voltage, self._closed)
-        return RigSample(time_ns, measured, still, pressure, estimate, (flow, 0.0), voltages, truth)
+        estimate = CarriageEstimate(*still[:3])
+        return RigSample(self._time_ns(), measured, still, pressure, estimate, (flow, 0.0), voltages, truth)

@@ -6,7 +6,7 @@ from pathlib import Path
 from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.identification.data import Bench
 from pam_orthosis.model.parameters import load
-from pam_orthosis.reading import mapping, meant, read_yaml
+from pam_orthosis.reading import check_keys, mapping, read_yaml
 
 SECTION = "dmsp_20"  # of the knee's muscles, whatever muscle a user has
 KEYS = ("length", "diameter", "fibre_angle", "wall")
@@ -24,9 +24,7 @@ def own_bench(path: Path) -> Bench:
         OrthosisError: unreadable, another or a missing key, or a value that no muscle has.
     """
     given = mapping(read_yaml(path), str(path))
-    for key in given:
-        if key not in KEYS:
-            raise OrthosisError(f"{path}: unknown key {key}{meant(key, KEYS)}; there are: {', '.join(KEYS)}")
+    check_keys(given, KEYS, f"{path}: a muscle")
     if missing := [key for key in NEEDED if key not in given]:
         raise OrthosisError(f"{path}: no {missing[0]}; give it in m")
     with naming(path):

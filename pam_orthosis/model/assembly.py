@@ -155,8 +155,7 @@ def _signals(x: ca.SX, u: ca.SX, hardware: Hardware) -> Signals:
             air=air,
         )
     inputs = dict(zip(machine.inputs, ca.vertsplit(u), strict=True))
-    parameters, carried = (
-        hardware.mechanism.parameters,
-        inputs.get("weight", 0.0),
-    )  # what hangs on it moves too
-    return Signals(q, velocity, inputs["time"], inputs, parameters, air, actuators, carried)
+    carried = inputs.get("weight", 0.0)  # what hangs on it moves too
+    return Signals(
+        q, velocity, inputs["time"], inputs, hardware.mechanism.parameters, air, actuators, carried
+    )

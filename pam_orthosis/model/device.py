@@ -12,7 +12,7 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.machines import machine_from, machine_named
 from pam_orthosis.model.parameters import Parameters, load
-from pam_orthosis.reading import config_folder, from_json, from_yaml, mapping, read_text
+from pam_orthosis.reading import check_keys, config_folder, from_json, from_yaml, mapping, read_text
 
 TOP = ("meaning", "sides", "joints", "values")
 OF_JOINT = ("machine", "coupled", "parallel")
@@ -47,7 +47,7 @@ def device_named(name: Path) -> Device | None:
     tree = from_yaml(read_text(path), str(path))
     if not isinstance(tree, dict) or "joints" not in tree:
         return None
-    _known(path, tree, TOP, "a device")
+    check_keys(mapping(tree, f"{path}: a device"), TOP, f"{path}: a device")
     sides = tree.get("sides", [""])
     if not isinstance(sides, list) or not sides or not all(isinstance(side, str) for side in sides):
         raise OrthosisError(f"{path}: sides is a list of names")
@@ -96,7 +96,7 @@ def _joint(path: Path, name: str, node: Any, values: Mapping[str, Any]) -> Machi
     """Return a joint's machine: that of another file; if it is coupled, with the values of the device."""
     where = f"{path}: joint {name}"
     node = mapping(node, where)
-    _known(path, node, OF_JOINT, f"joint {name}")
+    check_keys(node, OF_JOINT, where)
     base = machine_named(Path(str(node.get("machine"))))
     text = base.text or read_text(config_folder() / "machines" / f"{base.name}.yaml")
     tree = mapping(from_yaml(text, where), where)
@@ -109,8 +109,3 @@ def _joint(path: Path, name: str, node: Any, values: Mapping[str, Any]) -> Machi
         tree["coupled"] = node["coupled"]
         tree["values"] |= of_joint(name, values)
     return machine_from(yaml.safe_dump(tree, sort_keys=False), base.name, where)
-
-
-def _known(path: Path, node: Mapping[str, Any], names: tuple[str, ...], where: str) -> None:
-    if strange := [key for key in node if key not in names]:
-        raise OrthosisError(f"{path}: {where} has no {strange[0]}; it has {', '.join(names)}")

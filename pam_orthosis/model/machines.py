@@ -15,7 +15,7 @@ from pam_orthosis.model.mechanisms import MECHANISMS
 from pam_orthosis.model.mechanisms.coupled import COUPLED
 from pam_orthosis.model.mechanisms.one_axis import TRANSMISSIONS
 from pam_orthosis.model.rows import Field, Row
-from pam_orthosis.reading import config_folder, from_yaml, mapping, meant, read_text, shown
+from pam_orthosis.reading import check_keys, config_folder, from_yaml, mapping, read_text, shown
 
 TOP = (
     "name", "meaning", "mechanism", "actuators", "sensor", "start", "effects", "branch", "coupled",
@@ -49,11 +49,7 @@ class _File:
         return mapping(node, f"{self._where}: {where}")
 
     def known(self, node: Collection[str], names: Collection[str], where: str) -> None:
-        for key in node:
-            if key not in names:
-                raise self.refusal(
-                    f"{where} has no {shown(key)}{meant(key, names)}; it has {', '.join(names)}"
-                )
+        check_keys(node, names, f"{self._where}: {where}")
 
     def one_of(self, node: Mapping[str, Any], key: str, names: Collection[str], where: str) -> str:
         value = node.get(key)
@@ -95,16 +91,7 @@ def machine_from(text: str, name: str, where: str) -> Machine:
     if absent := [key for key in REQUIRED if key not in top]:
         raise file.refusal(f"a machine has a {absent[0]}, which is missing here")
     kind, parameters = _mechanism(file)
-    declared = file.mapping(top.get("actuators"), "actuators")
-    if not 1 <= len(declared) <= MOST_ACTUATORS:
-        raise file.refusal(f"a machine has 1 to {MOST_ACTUATORS} actuators, not {len(declared)}")
-    actuators = tuple(_actuator(file, name, node, kind) for name, node in declared.items())
-    if not MECHANISMS[kind].fields and len(actuators) != 2:
-        raise file.refusal(f"a {kind} has two actuators, not {len(actuators)}")
-    chosen = top.get("effects", [])
-    if not isinstance(chosen, list) or not all(isinstance(name, str) for name in chosen):
-        raise file.refusal("effects is a list of names")
-    file.known(chosen, EFFECTS, "the catalogue of effects")
+    actuators, chosen = _actuators(file, kind), _effects(file)
     experiments = top.get("experiments", False)
     if not isinstance(experiments, bool):
         raise file.refusal(f"experiments is true or false, not {shown(experiments)}")
@@ -117,7 +104,7 @@ def machine_from(text: str, name: str, where: str) -> Machine:
         actuators=actuators,
         sensor=_sensor(file, MECHANISMS[kind].coordinate.name, MECHANISMS[kind].coordinate.unit),
         start=file.text(top, "start", f"{parameters}.start") if kind != "carriage" else "",
-        effects=tuple(chosen),
+        effects=chosen,
         branch=file.one_of({"branch": BRANCHES[0], **top}, "branch", BRANCHES, "a machine"),
         coupled=_coupled(file, kind),
         experiments=experiments,
@@ -166,6 +153,24 @@ def _coupled(file: _File, kind: str) -> str:
     if coupled and kind not in COUPLED[coupled].joints:
         raise file.refusal(f"a {kind} is no joint of a {coupled}")
     return coupled
+
+
+def _effects(file: _File) -> tuple[str, ...]:
+    chosen = file.top.get("effects", [])
+    if not isinstance(chosen, list) or not all(isinstance(name, str) for name in chosen):
+        raise file.refusal("effects is a list of names")
+    file.known(chosen, EFFECTS, "the catalogue of effects")
+    return tuple(chosen)
+
+
+def _actuators(file: _File, mechanism: str) -> tuple[ActuatorOf, ...]:
+    declared = file.mapping(file.top.get("actuators"), "actuators")
+    if not 1 <= len(declared) <= MOST_ACTUATORS:
+        raise file.refusal(f"a machine has 1 to {MOST_ACTUATORS} actuators, not {len(declared)}")
+    actuators = tuple(_actuator(file, name, node, mechanism) for name, node in declared.items())
+    if not MECHANISMS[mechanism].fields and len(actuators) != 2:
+        raise file.refusal(f"a {mechanism} has two actuators, not {len(actuators)}")
+    return actuators
 
 
 def _actuator(file: _File, name: str, node: Any, mechanism: str) -> ActuatorOf:

@@ -6,7 +6,6 @@ of muscles and valves are those of all machines.
 """
 
 from dataclasses import replace
-from operator import itemgetter
 from typing import NamedTuple
 
 import casadi as ca
@@ -37,28 +36,11 @@ class RigMeasurement(NamedTuple):
     force: float
 
 
-class RigTruth(NamedTuple):
-    """The true state: m, m/s, N (tensions), absolute Pa, kg/s."""
-
-    position: float
-    velocity: float
-    specimen_force: float
-    positioner_force: float
-    specimen_pressure: float
-    positioner_pressure: float
-    specimen_flow: float
-    positioner_flow: float
-
-
 class Cylinder(NamedTuple):
     """What a calliper reads on the investigated muscle: diameter and length of its cylinder, m."""
 
     diameter: float
     length: float
-
-
-_TENSIONS = {f"{name}_force": f"{name}_tension" for name in RIG.names}
-_OF_TRUTH = itemgetter(*(_TENSIONS.get(name, name) for name in RigTruth._fields))
 
 
 def with_specimen(specimen: str) -> Machine:
@@ -127,10 +109,6 @@ class RigPlant(Plant):
         return Cylinder(
             diameter + sensor.calliper_noise * noise[0], length + sensor.calliper_length_noise * noise[1]
         )
-
-    def truth(self) -> RigTruth:
-        """Return the true state (for the recorder and for tests, never for a controller)."""
-        return RigTruth(*_OF_TRUTH(self._report()))
 
     def _hardware(self, parameters: Parameters) -> Hardware:
         return true_hardware(parameters, self.machine)

@@ -3,6 +3,7 @@
 
 import ast
 import sys
+from collections import namedtuple
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 
 import pam_orthosis.discrepancy
 from pam_orthosis.bag.rig_record import record_rig
+from pam_orthosis.bag.rig_topics import MUSCLES
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.linearisation import CarriageEstimate, CarriageReference
 from pam_orthosis.control.rig_loop import RigSample
@@ -23,7 +25,7 @@ from pam_orthosis.discrepancy.run import Run
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
-from pam_orthosis.model.rig import RigMeasurement, RigTruth
+from pam_orthosis.model.rig import RigMeasurement
 from pam_orthosis.testing.quantities import Hidden
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
@@ -130,7 +132,8 @@ def bag(folder, every_ns, test="force", samples=40):
     """Write a rig bag of a few samples."""
     row = RigMeasurement(0.02, 3e5, 3e5, 400.0)
     still, estimate = CarriageReference(0.02, 0, 0, 0), CarriageEstimate(0.02, 0, 0)
-    truth = RigTruth(0.02, 0.0, 400.0, 400.0, 3e5, 3e5, 0.0, 0.0)
+    known = ("position", "velocity", *(f"{n}_{k}" for k in ("force", "pressure", "flow") for n in MUSCLES))
+    truth = namedtuple("Truth", known)(0.02, 0.0, 400.0, 400.0, 3e5, 3e5, 0.0, 0.0)
     rows = [
         RigSample(k * every_ns, row, still, 3e5, estimate, (0.0, 0.0), (5.0 + 0.01 * k, 5.0), truth)
         for k in range(samples)

@@ -14,7 +14,7 @@ from pam_orthosis.bag.read import read_bag, recorded_parameters, run_record
 from pam_orthosis.bag.rig_record import record_rig
 from pam_orthosis.bag.simulated import record_run
 from pam_orthosis.cli.main import main
-from pam_orthosis.control.rig_loop import DecayRig, Rig, RigTruth, force_procedure, volume_procedure
+from pam_orthosis.control.rig_loop import DecayRig, Rig, force_procedure, volume_procedure
 from pam_orthosis.discrepancy import patch
 from pam_orthosis.identification.data import read_data
 from pam_orthosis.identification.identify import identify
@@ -22,9 +22,6 @@ from pam_orthosis.model import parameters
 
 PRESSURES, HELD_OUT = (2e5, 3.5e5, 5e5, 7e5), (4.5e5, 6.5e5)
 AMBIENT = 1.013e5
-
-
-LIE = RigTruth(*[123.0] * 8)
 
 
 def runs(p):
@@ -44,7 +41,7 @@ def both(tmp_path_factory):
     for name, test, run, every in runs(p):
         samples = list(run)
         record_rig(honest / name, p, "dmsp_20", test, samples, every)
-        spoilt = [s._replace(truth=LIE) for s in samples]
+        spoilt = [s._replace(truth=s.truth._make([123.0] * len(s.truth))) for s in samples]
         record_rig(lying / name, p, "dmsp_20", test, spoilt, every)
     return honest, lying
 

@@ -173,7 +173,7 @@ def test_a_muscle_of_any_size_by_its_own_geometry(static, tmp_path, capsys):
         ("length: 0.3\ndiameter: 40", "diameter"),
         (
             "length: 0.3\ndiameter: 0.04\nfiber_angle: 0.5",
-            "unknown key fiber_angle; did you mean fibre_angle?",
+            "has no .fiber_angle.; did you mean fibre_angle?",
         ),
     ],
 )

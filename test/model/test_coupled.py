@@ -209,7 +209,7 @@ def test_a_run_tells_its_joints_whole():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("joints: {knee: {machine: knee, wing: 1}}", "joint knee has no wing"),
+        ("joints: {knee: {machine: knee, wing: 1}}", "joint knee has no 'wing'"),
         ("joints: {sole: {machine: shoe, coupled: leg}}", "a sole is no joint of a leg"),
         ("joints: {knee: {machine: knee}}\nsides: left", "sides is a list of names"),
         ("joints: {knee: {machine: nowhere}}", "nowhere"),

@@ -185,30 +185,21 @@ class Effect:
 
     def _named(self, on: Sequence[ActuatorOf], known: Sequence[ActuatorOf]) -> Effect:
         """Return the instance that acts on some actuators; its texts name those that are known."""
-        names = [one.name for one in known]
+        each, names, advance = on or known[:1], [one.name for one in known], self.advance
 
         def first(text: str) -> str:
             return text.format(actuator=names[0])
 
-        def each(texts: Sequence[str], of: Sequence[str]) -> tuple[str, ...]:
-            """Return the texts, those that name an actuator once for each one."""
-            filled = [[t.format(actuator=one) for one in of] if "{actuator}" in t else [t] for t in texts]
-            return tuple(text for group in filled for text in group)
-
-        advance, per = self.advance, max(1, len(on))
+        own = [self._separate(one, q) for one in on for q in self.parameters] if self.separate else None
         return replace(
             self,
             name=first(self.name),
-            parameters=tuple(self._separate(one, q) for one in on for q in self.parameters)
-            if self.separate
-            else self.parameters,
+            parameters=self.parameters if own is None else tuple(own),
             physics=first(self.physics),
-            states=tuple(s.format(actuator=one.name) for one in on for s in self.states)
-            if on
-            else self.states,
-            scales=self.scales * per,
+            states=tuple(state.format(actuator=one.name) for one in each for state in self.states),
+            scales=self.scales * len(each),
             coordinate=first(self.coordinate),
-            confounded_with=each(self.confounded_with, names),
+            confounded_with=_filled(self.confounded_with, names),
             advance=None if advance is None else lambda p: {first(k): v for k, v in advance(p).items()},
             on=tuple(one.name for one in on),
         )
@@ -250,6 +241,12 @@ class Effect:
         return Section(
             self.name, {k.removeprefix(start): v for k, v in values.items() if k.startswith(start)}
         )
+
+
+def _filled(texts: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+    """Return the texts, those that name an actuator once for each one."""
+    pairs = ((text, names if "{actuator}" in text else names[:1]) for text in texts)
+    return tuple(text.format(actuator=name) for text, some in pairs for name in some)
 
 
 def _add(target: Signals | Air | object, amounts: Mapping[str, Expression]) -> None:
