@@ -16,8 +16,6 @@ from typing import Protocol, TypeVar
 
 PERIOD = 2.0  # s of silence at most; shorter work prints nothing
 WIDEST = 79  # characters of the line on a terminal, lest it wraps
-LEAST_LEFT = 1.0  # s: an estimate below it, or one that is over, is none
-MINUTES = 120.0  # s from which minutes are shown
 OFF = "PAM_ORTHOSIS_NO_PROGRESS"  # for scripts that read stderr
 BEGIN_OF_LINE = "\r\x1b[K"
 
@@ -72,9 +70,10 @@ class Watch:
 
     def line(self) -> str:
         """Return the state of the work."""
+        least_left = 1.0  # s: an estimate below it, or one that is over, is none
         with self._lock:
             left = self._left()
-            if left >= LEAST_LEFT:
+            if left >= least_left:
                 return f"{self._what}{self._amount()}, about {_rounded(left)} left"
             return f"{self._what}{self._amount()}, {self._now() - self._start:.0f} s so far"
 
@@ -93,7 +92,8 @@ class Watch:
 
 
 def _rounded(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < MINUTES else f"{seconds / 60:.0f} min"
+    minutes = 120.0  # s from which minutes are shown
+    return f"{seconds:.0f} s" if seconds < minutes else f"{seconds / 60:.0f} min"
 
 
 class Shown(Watch):

@@ -23,7 +23,6 @@ from pam_orthosis.reading import from_json, read_text
 from pam_orthosis.results import as_written, digest, refuse_foreign, write_results
 
 RESULT, SUMMARY, PAGE = "result.json", "batch.json", "batch.html"
-LOOK_SECONDS = 1.0  # how often it is looked whether the executor still lives
 
 
 class Batch:
@@ -159,8 +158,9 @@ def _results(folder: Path) -> set[str]:
 
 def _as_done(waiting: dict[Future, Unit], lives: Callable[[], bool]) -> Iterator[Future]:
     """Yield futures as they are done; more may be added to `waiting` meanwhile."""
+    look_seconds = 1.0  # how often it is looked whether the executor still lives
     while waiting:
-        done, _ = wait(waiting, timeout=LOOK_SECONDS, return_when=FIRST_COMPLETED)
+        done, _ = wait(waiting, timeout=look_seconds, return_when=FIRST_COMPLETED)
         if not lives() or any(future.cancelled() for future in done):
             raise OrthosisError(
                 "the connection to the cluster is lost; the same command again does what is missing"

@@ -20,7 +20,6 @@ from pam_orthosis.reading import read_yaml, shown
 
 KINDS = {"scenario": str, "set": dict, "seeds": list, "sets": list, "grid": dict, "random": dict}
 DRAWN = {"count", "seed", "between"}
-MOST_WALKS = 100_000  # of a study: each is a process, and a folder of results
 
 
 def read_study(path: Path) -> list[dict[str, Any]]:
@@ -62,8 +61,9 @@ def _check_parts(path: Path, study: Mapping[str, Any]) -> None:
     count = prod(max(1, len(one)) for one in (study.get("seeds", []), sets, *grid.values()))
     draws = random.get("count", 1)
     count *= draws if isinstance(draws, int) else 1
-    if count > MOST_WALKS:
-        raise OrthosisError(f"{path}: {shown(count)} walks, more than {MOST_WALKS}: give parts of it")
+    most_walks = 100_000  # of a study: each is a process, and a folder of results
+    if count > most_walks:
+        raise OrthosisError(f"{path}: {shown(count)} walks, more than {most_walks}: give parts of it")
 
 
 def _drawn(path: Path, study: Mapping[str, Any]) -> Iterator[dict[str, float]]:

@@ -23,7 +23,6 @@ from typing import Any
 
 from pam_orthosis.errors import OrthosisError
 
-LONGEST_COMPLAINT = 500
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # units share cores, not work within one
 _RUNNING: set[subprocess.Popen] = set()
 PATIENCE = "10s"  # until a scheduler has to answer
@@ -129,7 +128,8 @@ def _judged(unit: Unit, done: subprocess.CompletedProcess) -> tuple[dict | None,
 
 def _last_line(text: str) -> str:
     lines = text.strip().splitlines()
-    return lines[-1].removeprefix("pam-orthosis: error: ")[:LONGEST_COMPLAINT] if lines else ""
+    longest_complaint = 500
+    return lines[-1].removeprefix("pam-orthosis: error: ")[:longest_complaint] if lines else ""
 
 
 def _files(folder: Path) -> dict[str, bytes]:

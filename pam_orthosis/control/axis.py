@@ -20,8 +20,6 @@ from pam_orthosis.model.signals import Expression
 
 Pair: TypeAlias = tuple[Expression, Expression]  # a quantity of both actuators, in the machine's order
 
-PLACES = 33  # between the stops, at which the actuators have to pull against each other
-
 
 class Axis:
     """Mechanism and actuators of a machine by the nominal model only; the mechanism's stops are left out.
@@ -108,7 +106,8 @@ class Axis:
     def _check_directions(self) -> None:
         machine, q = self.nominal.declared, ca.SX.sym("q")
         arms = ca.Function("arms", [q], list(self.kinematics(q, ca.SX(1))[1]))
-        for place in np.linspace(*self.mechanism.limits, PLACES).tolist():
+        places = 33  # between the stops, at which the actuators have to pull against each other
+        for place in np.linspace(*self.mechanism.limits, places).tolist():
             first, second = map(float, arms(place))
             if not first * second < 0:
                 coordinate = machine.coordinate

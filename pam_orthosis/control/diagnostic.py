@@ -17,9 +17,6 @@ from pam_orthosis.model.parameters import Parameters, Section
 # time since the start of a phase -> value and its first two derivatives
 Path = Callable[[float], tuple[float, float, float]]
 
-MULTISINE_HZ = (0.2, 0.5, 0.9, 1.6, 2.9)
-FADE = 1.0  # s, in which a multisine comes and goes
-
 
 class Phase(NamedTuple):
     """A part of an experiment: duration s, position rad or m, mean pressure absolute Pa, valves closed."""
@@ -79,12 +76,14 @@ def move(start: float, end: float, duration: float, blend: float) -> Path:
 def multisine(centre: float, amplitude: float, duration: float) -> Path:
     """Return a sum of sines of `MULTISINE_HZ`, each of this amplitude, that fades in and out."""
 
+    multisine_hz = (0.2, 0.5, 0.9, 1.6, 2.9)
+
     def path(time: float) -> tuple[float, float, float]:
         w, w1, w2 = _window(time, duration)
         f = f1 = f2 = 0.0
-        for number, frequency in enumerate(MULTISINE_HZ):
+        for number, frequency in enumerate(multisine_hz):
             omega = 2 * math.pi * frequency
-            phase = omega * time + math.pi * number**2 / len(MULTISINE_HZ)  # Schroeder: a low crest
+            phase = omega * time + math.pi * number**2 / len(multisine_hz)  # Schroeder: a low crest
             f += amplitude * math.sin(phase)
             f1 += amplitude * omega * math.cos(phase)
             f2 -= amplitude * omega**2 * math.sin(phase)
@@ -96,10 +95,11 @@ def multisine(centre: float, amplitude: float, duration: float) -> Path:
 def _window(time: float, duration: float) -> tuple[float, float, float]:
     """Return a quintic fade in and out with its two derivatives."""
     rising = time < duration / 2
-    s = min(max((time if rising else duration - time) / FADE, 0.0), 1.0)
+    fade = 1.0  # s, in which a multisine comes and goes
+    s = min(max((time if rising else duration - time) / fade, 0.0), 1.0)
     value = s**3 * (10 - 15 * s + 6 * s**2)
-    slope = 30 * s**2 * (1 - s) ** 2 / FADE
-    return value, slope if rising else -slope, 60 * s * (1 - s) * (1 - 2 * s) / FADE**2
+    slope = 30 * s**2 * (1 - s) ** 2 / fade
+    return value, slope if rising else -slope, 60 * s * (1 - s) * (1 - 2 * s) / fade**2
 
 
 class Script:

@@ -25,8 +25,6 @@ Array: TypeAlias = NDArray[np.float64]
 
 MECHANICAL = ("body", "force", "torque")
 UNFORESEEN = ("periodic_torque",)  # its phase is another in each run: it is left to the observer
-MEMORY_STEP = 1.0e-4  # s, of the integration of an effect's states: play of 2 mrad at 10 rad/s has 20,000/s
-STATE_STEP = 5.0e-4  # s, of the integration of a supply's states, which follow in 2 ms at the quickest
 CORRECTIONS = 2  # of the argument of an inverse function: see `corrected`
 
 
@@ -101,7 +99,8 @@ def effect_memory(nominal: Parameters) -> ca.Function:
     of, rates = _of_motion(nominal, whole, whole.rates[len(nominal.declared.states) :])
     rate = ca.Function("memory_rate", of, [rates])
     period = nominal.scenario.control_period
-    steps = max(1, round(period / MEMORY_STEP))
+    memory_step = 1.0e-4  # s, of the integration: play of 2 mrad at 10 rad/s has 20,000/s
+    steps = max(1, round(period / memory_step))
     sizes = rate.size1_in(3), 2, rate.size1_in(2), 1
     z, motion, pressures, time = (ca.SX.sym("of_step", size) for size in sizes)
     moved = runge_kutta_4(lambda s: rate(motion[0], motion[1], pressures, s, time), z, period / steps)
@@ -183,7 +182,8 @@ def supply_after(nominal: Parameters, actuator: str) -> ca.Function | None:
     state, flow = ca.SX.sym("state", len(supply_scales(nominal))), ca.SX.sym("flow")
     drawn = {name: flow if name == actuator else 0.0 for name in nominal.declared.names}
     period, after = nominal.scenario.control_period, state
-    steps = max(1, round(period / STATE_STEP))
+    state_step = 5.0e-4  # s, of the integration of a supply's states, which follow in 2 ms at the quickest
+    steps = max(1, round(period / state_step))
     for _ in range(steps):
         after = runge_kutta_4(lambda z: supply(nominal, z, drawn)[1], after, period / steps)
     return ca.Function("supply_after", [state, flow], [after, supply(nominal, after, drawn)[0]])

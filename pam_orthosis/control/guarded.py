@@ -21,7 +21,6 @@ from pam_orthosis.model.components.spool import as_commanded
 from pam_orthosis.model.parameters import Parameters
 
 NEAR = 0.2  # of the largest error: what is followed is caught up with
-SILENT_PERIODS = 20  # without a sample, after which valves have vented by themselves
 VENT_FLOW = -1.0  # kg/s: far more than a valve can pass, so that it opens fully
 
 
@@ -119,7 +118,8 @@ class GuardedPosition(Guarded):
     def _is_astray(self, away: float, pressures: Pressures, periods: int) -> bool:
         """Whether the joint is not at its place, at the start or after a long silence."""
         first, self._begun = not self._begun, True
-        if self._release is not None or not (first or periods >= SILENT_PERIODS):
+        silent_periods = 20  # without a sample, after which valves have vented by themselves
+        if self._release is not None or not (first or periods >= silent_periods):
             return False
         return vented(pressures, self._nominal) or away > NEAR * self._distance
 

@@ -12,9 +12,6 @@ from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Expression
 
-# a valve behind a hose cannot pass more than the hose: beyond this share it counts as fully open
-HOSE_SHARE = 0.999
-
 
 def opening_for_flow(mass_flow: Expression, pressure: Expression, valve: Section) -> Expression:
     """Return the relative opening that gives a mass flow at a chamber's pressure: `valve_flow` inverted."""
@@ -109,6 +106,8 @@ class InverseValveModel:
 
 def _opening(conductance: Expression, valve: Section) -> Expression:
     """Return the opening of the valve that makes valve and hose in series this conductance."""
-    possible = ca.fmin(conductance, HOSE_SHARE * valve.hose.conductance)
+    # a valve behind a hose cannot pass more than the hose: beyond this share it counts as fully open
+    hose_share = 0.999
+    possible = ca.fmin(conductance, hose_share * valve.hose.conductance)
     alone = possible / (1 - (possible / valve.hose.conductance) ** 3) ** (1 / 3)
     return ca.fmin(alone / valve.conductance, 1)

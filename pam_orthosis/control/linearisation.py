@@ -29,12 +29,6 @@ from pam_orthosis.model.mechanisms.carriage import carriage_acceleration, positi
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.signals import Expression
 
-# relative distances of an observer's poles: scipy places only distinct poles on one output
-POLE_SPREAD = (0.9, 1.0, 1.1)
-WIDER_SPREAD = (0.85, 0.95, 1.05, 1.15)
-# m s; a slack MAS-40 cannot push: beyond this the integral would only wind up
-INTEGRAL_LIMIT = 2.0e-3
-
 
 class CarriageReference(NamedTuple):
     """Desired position m and its first three derivatives, m/s, m/s^2, m/s^3."""
@@ -135,7 +129,8 @@ def control_function(nominal: Parameters) -> ca.Function:
 class _Observer:
     """A sampled observer of a position whose acceleration is known but for an error, which is held constant.
 
-    The error's derivative is, where it has as many poles as that.
+    The error's derivative is, where it has as many poles as that. `spread` are the poles' relative distances:
+    scipy places only distinct ones on one output.
     """
 
     def __init__(self, nominal: Parameters, pole: float, spread: Sequence[float]):
@@ -169,7 +164,7 @@ class CarriageObserver:
             force, positioner_force(position, pressure, nominal), nominal.rig.carriage_mass
         )
         self._known = compiled(ca.Function("carriage_known", [position, pressure, force], [known]))
-        self._observer = _Observer(nominal, nominal.rig.position.observer_pole, POLE_SPREAD)
+        self._observer = _Observer(nominal, nominal.rig.position.observer_pole, (0.9, 1.0, 1.1))
 
     def step(self, position: float, pressure: float, force: float) -> CarriageEstimate:
         """Return the estimate at the instant of this measurement (m, absolute Pa, N)."""
@@ -214,7 +209,8 @@ class DisturbanceObserver:
         self._mass = nominal.rig.carriage_mass
         known = carriage_acceleration(0, positioner_force(position, pressure, nominal), self._mass)
         self._known = compiled(ca.Function("carriage_pulled", [position, pressure], [known]))
-        self._observer = _Observer(nominal, nominal.rig.position.force_rate_pole, WIDER_SPREAD)
+        pole = nominal.rig.position.force_rate_pole
+        self._observer = _Observer(nominal, pole, (0.85, 0.95, 1.05, 1.15))
 
     def step(self, position: float, pressure: float, force: float) -> float:
         """Return the derivative, N/s, after a sample (m, Pa, N)."""
@@ -264,7 +260,9 @@ class CarriageController:
         """Return the mass flow into the MAS-40, kg/s, and the estimate (m, absolute Pa, N)."""
         estimate = self._observer.step(position, pressure, force)
         integral = self._integral + (reference.position - position) * self._period
-        self._integral = min(max(integral, -INTEGRAL_LIMIT), INTEGRAL_LIMIT)
+        # m s; a slack MAS-40 cannot push: beyond this the integral would only wind up
+        integral_limit = 2.0e-3
+        self._integral = min(max(integral, -integral_limit), integral_limit)
         self.force_rate = self._force_rate.step(position, pressure, force)
         flow = float(self._control(reference, estimate, self._integral, pressure, self.force_rate)[0][0])
         return flow, estimate

@@ -13,7 +13,6 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.mechanisms import Sole
 from pam_orthosis.model.parameters import Parameters
 
-SAMPLES = 400  # of a stride
 SHOWN = 1000  # the largest share is given in these parts, rounded down
 
 
@@ -46,7 +45,8 @@ def _stride(parameters: Parameters) -> list[tuple[float, float]]:
     """Return pitch and mean pressure over a stride, once the run has its full cadence."""
     s, trajectory = parameters.scenario, make_trajectory(parameters)
     begin = s.start_hold + s.start_ramp
-    times = begin + s.cycle_time * np.arange(SAMPLES) / SAMPLES
+    samples = 400  # of a stride
+    times = begin + s.cycle_time * np.arange(samples) / samples
     asked = [trajectory.sample(round(time * 1e9)) for time in times]
     mean = parameters.control.position.mean_pressure
     return [

@@ -19,7 +19,6 @@ from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
 
-GROWTH = 2.0  # of the maximum error: the first limit
 SHARE = 0.1  # of a change to which a limit is found, or `FINEST` of the first step
 FINEST = 0.125
 MS, BAR = 1e-3, 1e5
@@ -103,7 +102,6 @@ FACTORS = (
 NAMES = tuple(dict.fromkeys((DELAY, *(factor.name for factor in FACTORS))))
 VALVE = "plant.delay.valve"
 LINE = (VALVE, *(f"plant.delay.{part}" for part in ("computing", "converter", "hose_length")))
-LONGEST_DELAY = 50.0  # ms
 
 
 class Limit(NamedTuple):
@@ -174,7 +172,8 @@ def maximum_error(parameters: Parameters) -> float:
 def thresholds(parameters: Parameters, nominal: float) -> tuple[float, float]:
     """Return the errors at which the nominal one has doubled and at which the joint is lost."""
     lost = parameters.control.guard.tracking_error
-    return min(GROWTH * nominal, lost), lost
+    growth = 2.0  # of the maximum error: the first limit
+    return min(growth * nominal, lost), lost
 
 
 def perturbations(parameters: Parameters) -> dict[str, Perturbation]:
@@ -232,5 +231,6 @@ def _delay(parameters: Parameters) -> Perturbation:
         return {key: share * part for key, part in parts.items()}
 
     meaning = "dead time of the loop: computing, converter, valve, hose, pressure sensors"
-    most = max(nominal, min(LONGEST_DELAY, nominal + (longest - parts[VALVE]) / MS))
+    longest_delay = 50.0  # ms
+    most = max(nominal, min(longest_delay, nominal + (longest - parts[VALVE]) / MS))
     return Perturbation(DELAY, "ms", meaning, nominal, 1.0, fixed / MS, most, overrides)

@@ -15,7 +15,6 @@ KEYS = ("scenario", "resume_s", *LEGS, "stages")
 SETTINGS = {key: f"control.cooperation.{key}" for key in ("mode", "stiffness", "damping", "tunnel")}
 OF_STAGE = ("name", "strides", "pause_s", "cycle_time_s", *SETTINGS)
 MOST_STRIDES, LONGEST_PAUSE_S, LONGEST_S = 2000, 1800.0, 7200.0
-RESUME_S = 10.0  # after a trip, until the therapist has looked and the training goes on
 
 
 class Stage(NamedTuple):
@@ -48,6 +47,7 @@ def read_programme(path: Path) -> Programme:
     top = mapping(read_yaml(path), str(path))
     check_keys(top, KEYS, f"{path}: a programme")
     scenario = top.get("scenario", "session")
+    resume_s = 10.0  # after a trip, until the therapist has looked and the training goes on
     with naming(path):
         shared = load(scenario_overrides(str(scenario)))
         if shared.scenario.trajectory != "gait":
@@ -55,7 +55,7 @@ def read_programme(path: Path) -> Programme:
         own = differences(shared)
         legs = {leg: shared.changed(own[leg] | _of_leg(top.get(leg, {}), leg)) for leg in LEGS}
         stages = _stages(top.get("stages"), shared)
-        return Programme(legs, _number(top, "resume_s", RESUME_S, LONGEST_PAUSE_S), stages, str(scenario))
+        return Programme(legs, _number(top, "resume_s", resume_s, LONGEST_PAUSE_S), stages, str(scenario))
 
 
 def _of_leg(given: Any, leg: str) -> dict[str, Any]:

@@ -10,8 +10,6 @@ from pam_orthosis.control.reference import Motion, Reference
 from pam_orthosis.control.trajectory import Trajectory
 from pam_orthosis.model.parameters import Parameters
 
-FEWEST = 0.9  # of a stride's samples that have to be there
-
 
 class Repetition:
     """A trajectory whose followed motion is shifted against the error of the last strides.
@@ -60,7 +58,8 @@ class Repetition:
 
     def _learn(self, rate: float) -> None:
         """Add a share of the stride's error to the shift, or begin anew."""
-        if self._covered < FEWEST or self._power > self._settings.reset**2 * self._best:
+        fewest = 0.9  # of a stride's samples that have to be there
+        if self._covered < fewest or self._power > self._settings.reset**2 * self._best:
             self._best = math.inf
             self.shift[:] = 0
             return

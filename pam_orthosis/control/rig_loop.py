@@ -24,22 +24,11 @@ from pam_orthosis.model.machines import RIG
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.rig import Cylinder, RigMeasurement, RigPlant
 
-PRESSURE_TOLERANCE = 3.0e3  # Pa within which a pressure counts as set
-FORCE_FILTER_TIME = 0.02  # s, of the load cell where the release watches for 'no force'
-PRESSURE_SLEW = 2.0e5  # Pa/s
-CAUTIOUS_FORCE = 100.0  # N above 'no force' at which a release slows down
-CREEP = 0.05  # share of the procedure's speed that remains
-REST_TIME = 4.0  # s in which the weight comes to rest
-PULL_TIME = 0.5  # s in which the hand pulls
 PATIENCE = 20.0  # s until a pressure has to be set and a ramp has to end
-DIAGNOSTIC_STROKE = 0.04  # m, within which all pressures from 3 bar on keep both muscles taut
 DIAGNOSTIC_START = 0.01  # m: the polynomials end at no contraction, and the carriage overshoots
 DIAGNOSTIC_PRESSURES = (3.0e5, 3.8e5, 4.6e5)  # Pa absolute, one a run
 DIAGNOSTIC_STEP = 1.5e5  # Pa, to the second pressure of a run
 DIAGNOSTIC_PLACES = (0.7, 0.2, 0.9, 0.4)  # of the stroke
-DIAGNOSTIC_SPEEDS = (1.0, 2.5, 0.4, 1.5)  # of the procedure's
-DIAGNOSTIC_REVERSALS = (2.0e-3, -1.0e-3, 5.0e-3, 0.0)  # m
-DIAGNOSTIC_REST = 0.2  # s
 
 
 class RigSample(NamedTuple):
@@ -176,7 +165,8 @@ class Rig(_Bench):
         first, second = (v.step(f, p) for v, f, p in zip(self._valves, flows, measured[1:3], strict=True))
         self.plant.advance(first, second)
         self._ramp.step(speed)
-        self._force += self.rig.control_period / FORCE_FILTER_TIME * (measured.force - self._force)
+        force_filter_time = 0.02  # s, of the load cell where the release watches for 'no force'
+        self._force += self.rig.control_period / force_filter_time * (measured.force - self._force)
         return RigSample(
             self._time_ns(), measured, reference, pressure_reference, estimate, flows, (first, second), truth,
             cylinder, self._carriage.force_rate,
@@ -189,12 +179,13 @@ class Rig(_Bench):
 
     def set_pressure(self, pressure: float) -> Iterator[RigSample]:
         """Bring the specimen to a pressure, absolute Pa, gently, then rest; RunFailed if that fails."""
-        slew = PRESSURE_SLEW * self.rig.control_period
+        slew = 2.0e5 * self.rig.control_period  # Pa, a control period
+        pressure_tolerance = 3.0e3  # Pa within which a pressure counts as set
         for _ in range(self._steps(PATIENCE)):
             self._pressure += min(max(pressure - self._pressure, -slew), slew)
             sample = self.step(self._pressure, 0.0)
             yield sample
-            if abs(sample.measured.specimen_pressure - pressure) < PRESSURE_TOLERANCE:
+            if abs(sample.measured.specimen_pressure - pressure) < pressure_tolerance:
                 break
         else:
             raise RunFailed(f"the rig's investigated muscle did not reach {pressure:g} Pa in {PATIENCE:g} s")
@@ -212,9 +203,11 @@ class Rig(_Bench):
     def release(self, pressure: float) -> Iterator[RigSample]:
         """Let the specimen contract until no force is measured, then rest; RunFailed if one remains."""
         settings = self.rig.procedure
+        cautious_force = 100.0  # N above 'no force' at which a release slows down
+        creep = 0.05  # share of the procedure's speed that remains
         for _ in range(self._steps(PATIENCE)):
-            share = (self._force - settings.free_force) / CAUTIOUS_FORCE
-            yield self.step(pressure, self._speed * min(max(share, CREEP), 1.0))
+            share = (self._force - settings.free_force) / cautious_force
+            yield self.step(pressure, self._speed * min(max(share, creep), 1.0))
             if share < 0:
                 break
         else:
@@ -262,16 +255,20 @@ def diagnostic_procedure(
 
     The runs that show friction of the carriage, hysteresis and damping of the muscles, and errors of the
     force maps apart; to be recorded at every control period. `places` are visited at each pressure,
-    as shares of `DIAGNOSTIC_STROKE`.
+    as shares of the stroke.
     """
+    stroke = 0.04  # m, within which all pressures from 3 bar on keep both muscles taut
+    speeds = (1.0, 2.5, 0.4, 1.5)  # of the procedure's
+    reversals = (2.0e-3, -1.0e-3, 5.0e-3, 0.0)  # m
+    rest = 0.2  # s
     for pressure in pressures:
         yield from rig.set_pressure(pressure)
         for number, place in enumerate(places):
-            share = DIAGNOSTIC_SPEEDS[number % len(DIAGNOSTIC_SPEEDS)]
-            yield from rig.ramp_to(pressure, place * DIAGNOSTIC_STROKE, share, DIAGNOSTIC_REST)
+            share = speeds[number % len(speeds)]
+            yield from rig.ramp_to(pressure, place * stroke, share, rest)
         here = rig.reference_position
-        for offset in DIAGNOSTIC_REVERSALS:
-            yield from rig.ramp_to(pressure, here + offset, 0.5, DIAGNOSTIC_REST)
+        for offset in reversals:
+            yield from rig.ramp_to(pressure, here + offset, 0.5, rest)
 
 
 class DecayRig(_Bench):
@@ -292,14 +289,16 @@ class DecayRig(_Bench):
         Yields the time from the release on. The valve is closed because a pressure control that
         lags behind the oscillation feeds or damps it: the enclosed gas is a spring without loss.
         """
-        resting = self._steps(REST_TIME)
+        rest_time = 4.0  # s in which the weight comes to rest
+        resting = self._steps(rest_time)
         for index in range(resting):
             rising = self._ambient + (pressure - self._ambient) * min(1.0, 2.0 * index / resting)
             self._step(pressure, rising, hand=0.0)
         for _ in range(resting):
             rest = self._step(pressure, pressure).measured.position
         pulled = rest - self._settings.pull
-        for share in np.linspace(0.0, 1.0, self._steps(PULL_TIME)).tolist():
+        pull_time = 0.5  # s in which the hand pulls
+        for share in np.linspace(0.0, 1.0, self._steps(pull_time)).tolist():
             self._step(pressure, None, rest + share * (pulled - rest))
         self._index = 0
         yield from (self._step(pressure, None) for _ in range(self._steps(self.rig.decay.duration)))

@@ -17,14 +17,9 @@ from scipy import optimize, signal, stats
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.data import Decay, differentiated
 
-SLIP_DISTANCES = (2.5e-4, 5.0e-4, 1.0e-3, 2.0e-3, 4.0e-3, 8.0e-3)  # m
-LEAST_SWING = 0.1  # of the first: smaller swings are friction rather than oscillation
 CONTRACTION_POWERS, PRESSURE_POWERS = range(5), range(4)
 FILTER_SAMPLES = 11
-LEAST_SWINGS = 4
-LEAST_SAMPLES = 100
 LEFT = 0.01  # of the first swing: beyond it the mass has left its hold
-NO_HOLD = 0.1  # of the first half period: a shorter hold is none
 
 
 @dataclass(frozen=True)
@@ -62,10 +57,12 @@ def decrement(decay: Decay) -> tuple[float, float]:
     """
     turns = turning_points(decay)
     swings = np.abs(np.diff(decay.position[turns]))
-    small = np.flatnonzero(swings < LEAST_SWING * swings[:1])
+    least_swing = 0.1  # of the first: smaller swings are friction rather than oscillation
+    small = np.flatnonzero(swings < least_swing * swings[:1])
     count = int(small[0]) if len(small) else len(swings)
-    if count < LEAST_SWINGS:
-        raise OrthosisError(f"a decay record holds {count} swings; at least {LEAST_SWINGS} are needed")
+    least_swings = 4
+    if count < least_swings:
+        raise OrthosisError(f"a decay record holds {count} swings; at least {least_swings} are needed")
     period = 2 * float(np.mean(np.diff(decay.time[turns[: count + 1]])))
     half_swings = np.arange(count)
     slope = np.polyfit(half_swings, np.log(swings[:count]), 1)[0]
@@ -74,9 +71,10 @@ def decrement(decay: Decay) -> tuple[float, float]:
 
 def turning_points(decay: Decay) -> np.ndarray:
     """Return the release and all turning points after it; OrthosisError for too few samples."""
-    if len(decay.position) < LEAST_SAMPLES:
+    least_samples = 100
+    if len(decay.position) < least_samples:
         raise OrthosisError(
-            f"a decay record holds {len(decay.position)} samples; at least {LEAST_SAMPLES} are needed"
+            f"a decay record holds {len(decay.position)} samples; at least {least_samples} are needed"
         )
     smooth = signal.savgol_filter(decay.position, FILTER_SAMPLES, 2)
     least = LEFT * np.ptp(smooth)
@@ -94,7 +92,8 @@ def _release(smooth: np.ndarray, turn: int) -> int:
     held = np.abs(smooth[:turn] - start) < LEFT * abs(end - start)
     left = int(np.flatnonzero(held)[-1]) if held.any() else 0
     half = (turn - left) / (1 - np.arccos(1 - 2 * LEFT) / np.pi)
-    return round(turn - half) if turn - half > NO_HOLD * half else 0
+    no_hold = 0.1  # of the first half period: a shorter hold is none
+    return round(turn - half) if turn - half > no_hold * half else 0
 
 
 def _released(decay: Decay) -> Decay:
@@ -113,7 +112,8 @@ def viscous_part(decay: Decay) -> tuple[float, float]:
     rate = differentiated(decay.position, stamps)
     x = (position - position.mean()) / np.ptp(position)
     smooth = [x**k for k in CONTRACTION_POWERS] + _with_pressure(decay.pressure, x)
-    friction = [-slip_element(position, distance) for distance in SLIP_DISTANCES]
+    slip_distances = (2.5e-4, 5.0e-4, 1.0e-3, 2.0e-3, 4.0e-3, 8.0e-3)  # m
+    friction = [-slip_element(position, distance) for distance in slip_distances]
     matrix = np.column_stack([*smooth, -rate, *friction])
     scale = np.linalg.norm(matrix, axis=0)
     free = np.concatenate([np.full(len(smooth), -np.inf), np.zeros(1 + len(friction))])

@@ -33,9 +33,6 @@ from pam_orthosis.model.specimens import SPECIMENS, specimens_of
 from pam_orthosis.progress import Progress, counted, silent
 from pam_orthosis.tables import is_table
 
-SETTLED = 1.0e4  # Pa between a pressure and its reference
-TAUT = 10.0  # N below which a muscle at the rig may hang slack
-
 
 class Bench(NamedTuple):
     """Where it is measured: parameters, which muscles there are, keys that a muscle's own file gave."""
@@ -243,7 +240,9 @@ def _bag_samples(path: Path, serial: int, parameters: Parameters) -> Samples:
     _, stamps, (position, pressure, force, reference), ambient = _measured(path, names, parameters)
     level = reference[-1]
     rate = differentiated(position, stamps)
-    kept = (reference == level) & (np.abs(pressure - level) < SETTLED) & (force > TAUT)
+    settled = 1.0e4  # Pa between a pressure and its reference
+    taut = 10.0  # N below which a muscle at the rig may hang slack
+    kept = (reference == level) & (np.abs(pressure - level) < settled) & (force > taut)
     if not kept.any():
         raise OrthosisError(f"{path}: the muscle hangs slack or its pressure never settles")
     noise = np.std(np.diff(force, 2)) / np.sqrt(6)  # second differences see neither level nor slope

@@ -26,7 +26,6 @@ from pam_orthosis.model.components.muscle import polynomial
 from pam_orthosis.progress import Progress, counted, silent
 
 RANK_TOLERANCE = 1.0e-9  # of a singular value, relative to the largest (columns of equal norm)
-CONFIDENCE = 0.95
 BLOCK = 800  # samples; beyond some 900 the linear algebra library spreads a block over all cores, in vain
 REPEATS, RUNS = "repeats", "runs"
 
@@ -151,10 +150,11 @@ def fit_force(s: Samples, damping: float = 0.0, degrees: tuple[int, int] = (3, 4
     freedom = max(effective - count, 1.0)
     variance = np.sum(residual**2) / freedom  # a product of long vectors would wake all cores
     spread = np.sqrt(np.sum((vt.T / singular) ** 2, axis=1) * variance) / scale
-    half_width = float(stats.t.ppf(0.5 + CONFIDENCE / 2, freedom)) * spread
+    confidence = 0.95
+    half_width = float(stats.t.ppf(0.5 + confidence / 2, freedom)) * spread
     between = cluster_spread(parts, kind)
     if between is not None:
-        half_width = float(stats.t.ppf(0.5 + CONFIDENCE / 2, len(parts) - 1)) * between
+        half_width = float(stats.t.ppf(0.5 + confidence / 2, len(parts) - 1)) * between
     raw = np.linalg.cond(weighted)
     return ForceFit(
         model, half_width, rank, float(singular[0] / singular[-1]), float(raw), effective,

@@ -6,7 +6,6 @@ import numpy as np
 LEVEL_GAP, WIDEST_LEVEL, MOST_LEVELS = 3.0e3, 3.0e4, 30  # Pa, Pa
 LENGTH_GAP, WIDEST_LENGTH, MOST_LENGTHS = 2.0e-3, 0.02, 12  # shares of the nominal length
 LEAST_REPEATS = 3  # that show how far one differs from the next
-BINS = 8  # of what was swept
 
 
 def grouped(values: np.ndarray, gap: float, widest: float, most: int) -> np.ndarray:
@@ -18,8 +17,9 @@ def grouped(values: np.ndarray, gap: float, widest: float, most: int) -> np.ndar
     order = np.argsort(values, kind="stable")
     member = np.empty(len(values), int)
     member[order] = np.concatenate([[0], np.cumsum(np.diff(values[order]) > gap)])
+    bins = 8  # of what was swept
     if member.max() >= most or _widths(values, member).max() > widest:
-        edges = np.linspace(values.min(), values.max(), BINS + 1)[1:-1]
+        edges = np.linspace(values.min(), values.max(), bins + 1)[1:-1]
         member = np.unique(np.searchsorted(edges, values), return_inverse=True)[1]
     mean = np.bincount(member, values) / np.bincount(member)
     return mean[member]

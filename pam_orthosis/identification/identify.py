@@ -17,9 +17,6 @@ from pam_orthosis.identification.trust import Hysteresis, check_slack_pressure, 
 from pam_orthosis.identification.volume import VolumeFit, fit_volume
 from pam_orthosis.progress import Progress, silent
 
-MOST_TOLD = 12  # pressures of the data
-LEVEL_TOLERANCE = 2.0e3  # Pa between a pressure that is asked for and the one of a run
-ZERO = 1.0e-3  # m: data from here on reach the nominal length
 DIRECTIONS = {1.0: "shortening", -1.0: "stretching", 0.0: "rest"}
 
 
@@ -188,15 +185,17 @@ def _groups(data: Data, s: Samples) -> dict[str, np.ndarray]:
 
 def check_levels(data: Data, pressures: Sequence[float], ambient: float) -> None:
     """Refuse, by OrthosisError, absolute pressures, Pa, at which there are no data."""
+    most_told = 12  # pressures of the data
     for pressure in pressures:
         if not _at_level(data.samples, pressure - ambient).any():
-            levels = np.unique(data.samples.level)[:MOST_TOLD]
+            levels = np.unique(data.samples.level)[:most_told]
             there = ", ".join(f"{(level + ambient) / 1e5:.4g}" for level in levels)
             raise OrthosisError(f"no data at {pressure / 1e5:g} bar absolute to hold out; there are: {there}")
 
 
 def _at_level(s: Samples, level: float) -> np.ndarray:
-    return np.abs(s.level - level) < LEVEL_TOLERANCE
+    level_tolerance = 2.0e3  # Pa between a pressure that is asked for and the one of a run
+    return np.abs(s.level - level) < level_tolerance
 
 
 def _box(s: Samples) -> Box:
@@ -205,7 +204,8 @@ def _box(s: Samples) -> Box:
     Only towards low pressure the force may be continued, being linear in the pressure, Eq. (14).
     """
     low, high = float(s.contraction.min()), float(s.contraction.max())
-    return Box(0.0 if low < ZERO else low, high, 0.0, float(s.level.max()))
+    zero = 1.0e-3  # m: data from here on reach the nominal length
+    return Box(0.0 if low < zero else low, high, 0.0, float(s.level.max()))
 
 
 def _stiff(fit: ForceFit, box: Box) -> bool:

@@ -22,10 +22,6 @@ from pam_orthosis.identification.samples import (
 from pam_orthosis.identification.table import Table, read_table
 
 BREAK = 10.0  # times the usual step: the recording was stopped in between
-STILL = 1.0e-3  # m: a run that moves less was held at one length, and its pressure has the direction
-SLOW = 0.1  # of the fast changes (95 %): slower ones have no direction
-SHARED = 0.5  # of a table's pressure levels, that an earlier one has too if it is a repeat
-LENGTHS = (-0.05, 0.1, 0.4)  # shares of the nominal length: least contraction (two bounds), largest one
 
 
 class Parts(NamedTuple):
@@ -54,7 +50,8 @@ def table_parts(path: Path, nominal: float, ambient: float, serial: int) -> Part
 
 
 def _check_lengths(path: Path, contraction: np.ndarray, nominal: float) -> None:
-    low, first, last = (share * nominal for share in LENGTHS)
+    lengths = (-0.05, 0.1, 0.4)  # shares of the nominal length: least contraction (two bounds), largest one
+    low, first, last = (share * nominal for share in lengths)
     if contraction.min() < low or contraction.min() > first or contraction.max() > last:
         raise OrthosisError(
             f"{path}: lengths do not fit a nominal length of {nominal:g} m;"
@@ -107,8 +104,9 @@ def _moved(
         moved[rows] = _slope(contraction[rows], table.time[rows])
         filled[rows] = _slope(table.pressure[rows], table.time[rows])
     given = moved if rate is None else rate
+    still = 1.0e-3  # m: a run that moves less was held at one length, and its pressure has the direction
     if sense is None:
-        sense = np.where(_travel(contraction, run) > STILL, _direction(given), _direction(filled))
+        sense = np.where(_travel(contraction, run) > still, _direction(given), _direction(filled))
     return given, sense
 
 
@@ -126,7 +124,8 @@ def _travel(contraction: np.ndarray, run: np.ndarray) -> np.ndarray:
 
 def _direction(rate: np.ndarray) -> np.ndarray:
     fast = np.quantile(np.abs(rate), 0.95)
-    return np.sign(rate) * (np.abs(rate) > SLOW * fast)
+    slow = 0.1  # of the fast changes (95 %): slower ones have no direction
+    return np.sign(rate) * (np.abs(rate) > slow * fast)
 
 
 def numbered_repeats(parts: Sequence[Samples]) -> list[Samples]:
@@ -136,12 +135,13 @@ def numbered_repeats(parts: Sequence[Samples]) -> list[Samples]:
     """
     known: list[set[int]] = []
     found = []
+    shared = 0.5  # of a table's pressure levels, that an earlier one has too if it is a repeat
     for one in parts:
         if np.ptp(one.repeat) > 0:
             found.append(one)
             continue
         own = set(np.round(one.level, -4).astype(int).tolist())
-        number = next((i for i, seen in enumerate(known) if len(own & seen) < SHARED * len(own)), len(known))
+        number = next((i for i, seen in enumerate(known) if len(own & seen) < shared * len(own)), len(known))
         known += [set()] if number == len(known) else []
         known[number] |= own
         found.append(replace(one, repeat=np.full(len(one), float(number))))

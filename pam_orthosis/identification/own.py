@@ -11,7 +11,6 @@ from pam_orthosis.reading import check_keys, mapping, read_yaml
 SECTION = "dmsp_20"  # of the knee's muscles, whatever muscle a user has
 KEYS = ("length", "diameter", "fibre_angle", "wall")
 NEEDED = KEYS[:2]
-WALL_SHARE = 0.09  # of the diameter, as a DMSP-20's
 
 
 def own_bench(path: Path) -> Bench:
@@ -27,10 +26,11 @@ def own_bench(path: Path) -> Bench:
     check_keys(given, KEYS, f"{path}: a muscle")
     if missing := [key for key in NEEDED if key not in given]:
         raise OrthosisError(f"{path}: no {missing[0]}; give it in m")
+    wall_share = 0.09  # of the diameter, as a DMSP-20's
     with naming(path):
         shipped = load().at(f"muscle.{SECTION}")
         geometry = _checked({f"geometry.{key}": value for key, value in given.items() if key != "length"})
-        geometry.setdefault("geometry.wall", WALL_SHARE * geometry["geometry.diameter"])
+        geometry.setdefault("geometry.wall", wall_share * geometry["geometry.diameter"])
         length = _checked({"map_length": given["length"]})["map_length"]
         share = (geometry["geometry.diameter"] / shipped.geometry.diameter) ** 2
         stretched = length / shipped.map_length

@@ -20,17 +20,17 @@ from pam_orthosis.reading import from_yaml, read_text
 
 # the lowest pressure is no finding: the force is linear in the pressure
 MEASURED_ENDS = ("minimum_contraction", "maximum_contraction", "maximum_pressure_gauge")
-POLYNOMIAL_A, POLYNOMIAL_B = 4, 5  # coefficients of Eq. (14)
 
 
 def values(found: Identified) -> dict[str, Any]:
     """Return key below the muscle's section -> value, for all that was identified."""
     model, box = found.force.model, found.box
+    polynomial_a, polynomial_b = 4, 5  # coefficients of Eq. (14)
     result: dict[str, Any] = {
         **{key: found.data.parameters.at(f"muscle.{found.data.specimen}.{key}") for key in found.data.own},
         "map_length": found.data.length,
-        "force.a": _padded(model.a, POLYNOMIAL_A),
-        "force.b": _padded(model.b, POLYNOMIAL_B),
+        "force.a": _padded(model.a, polynomial_a),
+        "force.b": _padded(model.b, polynomial_b),
         **{f"box.{name}": _rounded(getattr(box, name)) for name in MEASURED_ENDS},
     }
     if found.given_damping is not None:

@@ -12,7 +12,6 @@ from scipy import signal
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.errors import OrthosisError
 
-MOVING = 2.0e-3  # m/s above which a sample belongs to a direction
 UNEVEN = 0.1  # of the period, by which stamps of a decay may be off
 DERIVATIVE_SAMPLES = 9  # of the straight-line filter that differentiates the position
 
@@ -59,7 +58,8 @@ class Samples:
     @property
     def direction(self) -> np.ndarray:
         """1 where the muscle shortens, -1 where it is stretched, 0 at rest."""
-        by_rate = np.sign(self.rate) * (np.abs(self.rate) > MOVING)
+        moving = 2.0e-3  # m/s above which a sample belongs to a direction
+        by_rate = np.sign(self.rate) * (np.abs(self.rate) > moving)
         return np.where(self.sense != 0, self.sense, by_rate)
 
 

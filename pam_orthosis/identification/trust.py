@@ -11,15 +11,9 @@ from pam_orthosis.identification.groups import LENGTH_GAP, LEVEL_GAP
 from pam_orthosis.identification.samples import Samples
 from pam_orthosis.model.components.muscle import polynomial
 
-LEAST_CLIPPED = 3  # rows that hold exactly the largest force
 # Pa gauge, at which a muscle begins to pull: at nominal length 0 by definition, fits of measured ones give 0
-# to 0.5 bar; beyond `UNCONTRACTED` measured ones need 1.4 bar and more
+# to 0.5 bar; where the data begin contracted, measured ones need 1.4 bar and more
 SLACK_PRESSURE, CONTRACTED_PRESSURE = (-0.35e5, 0.9e5), 0.35e5
-VACUUM = -1.013e5  # Pa gauge
-UNCONTRACTED = 0.05  # of the nominal length: data that begin there show what holds at no contraction
-START_SHARE = 0.08  # of the largest force: what is above it is taut, whatever the model
-LEAST_SHARE = 2.0e-3  # of the largest force, that a taut muscle shows at least
-ROUNDS = 20
 
 
 class Hysteresis(NamedTuple):
@@ -34,7 +28,8 @@ def clipped(s: Samples, nominal: float) -> np.ndarray:
     """Return which rows hold the end of the load cell's range: the largest force at different states."""
     top = s.force == s.force.max()
     same = np.ptp(s.pressure[top]) < LEVEL_GAP and np.ptp(s.contraction[top]) < LENGTH_GAP * nominal
-    return top if top.sum() >= LEAST_CLIPPED and not same else np.zeros(len(s), bool)
+    least_clipped = 3  # rows that hold exactly the largest force
+    return top if top.sum() >= least_clipped and not same else np.zeros(len(s), bool)
 
 
 def check_slack_pressure(model: ForceModel, s: Samples, nominal: float) -> str:
@@ -45,7 +40,8 @@ def check_slack_pressure(model: ForceModel, s: Samples, nominal: float) -> str:
     """
     first = max(float(s.contraction.min()), 0.0)
     at_rest, at_first = (_slack_pressure(model, x) for x in (0.0, first))
-    far = first > UNCONTRACTED * nominal
+    uncontracted = 0.05  # of the nominal length: data that begin there show what holds at no contraction
+    far = first > uncontracted * nominal
     if (far and at_first > CONTRACTED_PRESSURE) or (
         not far and SLACK_PRESSURE[0] < at_rest < SLACK_PRESSURE[1]
     ):
@@ -55,7 +51,8 @@ def check_slack_pressure(model: ForceModel, s: Samples, nominal: float) -> str:
         f"at a contraction of {place * 1e3:.3g} mm the fitted muscle begins to pull at {pressure / 1e5:.2f}"
         f" bar gauge (b_0 = {model.b[0]:.4g} N), as no muscle does"
     )
-    if at_rest < VACUUM:
+    vacuum = -1.013e5  # Pa gauge
+    if at_rest < vacuum:
         raise OrthosisError(
             f"{text}; check --nominal-length-m ({nominal:g} m), and gauge or absolute pressure"
         )
@@ -91,9 +88,12 @@ def taut(s: Samples, damping: float, degrees: tuple[int, int]) -> np.ndarray:
     This is repeated with what is taut by then.
     """
     largest = float(s.force.max())
-    large = s.force >= START_SHARE * largest
-    kept, least = large, LEAST_SHARE * largest
-    for _ in range(ROUNDS):
+    start_share = 0.08  # of the largest force: what is above it is taut, whatever the model
+    large = s.force >= start_share * largest
+    least_share = 2.0e-3  # of the largest force, that a taut muscle shows at least
+    kept, least = large, least_share * largest
+    rounds = 20
+    for _ in range(rounds):
         try:
             model = fit_force(s.where(kept), damping, degrees).model
         except OrthosisError:  # the fit of what is left will say what is missing

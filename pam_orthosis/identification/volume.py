@@ -12,9 +12,6 @@ from pam_orthosis.identification.force import rms_and_max
 from pam_orthosis.model.components.muscle import polynomial
 
 PRESSURE_DEGREE = 2
-BENDING = 2  # degree in the contraction at which w is found: a braid's volume is bent
-NEAR_CONTRACTION, NEAR_PRESSURE = 1e-3, 2e4  # m, Pa: measuring points that are nearer are one
-RANK_TOLERANCE = 1e-8  # of the largest singular value, columns of equal norm
 
 
 @dataclass(frozen=True)
@@ -42,9 +39,11 @@ def fit_volume(data: Volumes, degree: int) -> VolumeFit:
         OrthosisError: too few measuring points, pressures or contractions, or points that do not
             identify the coefficients.
     """
-    bends = max(degree, BENDING)
-    _check_spread("contractions", _apart(data.contraction, NEAR_CONTRACTION), bends)
-    _check_spread("pressures", _apart(data.pressure, NEAR_PRESSURE), PRESSURE_DEGREE)
+    bending = 2  # degree in the contraction at which w is found: a braid's volume is bent
+    bends = max(degree, bending)
+    near_contraction, near_pressure = 1e-3, 2e4  # m, Pa: measuring points that are nearer are one
+    _check_spread("contractions", _apart(data.contraction, near_contraction), bends)
+    _check_spread("pressures", _apart(data.pressure, near_pressure), PRESSURE_DEGREE)
     found = _product(data, bends)
     return found if bends == degree else _flattened(data, found, degree)
 
@@ -117,7 +116,8 @@ def _check_spread(kind: str, there: int, degree: int) -> None:
 def _check_rank(jacobian: np.ndarray) -> None:
     norm = np.linalg.norm(jacobian, axis=0)
     singular = np.linalg.svd(jacobian / np.where(norm > 0, norm, 1.0), compute_uv=False)
-    rank, count = int((singular > RANK_TOLERANCE * singular[0]).sum()), jacobian.shape[1]
+    rank_tolerance = 1e-8  # of the largest singular value, columns of equal norm
+    rank, count = int((singular > rank_tolerance * singular[0]).sum()), jacobian.shape[1]
     if rank < count:
         raise OrthosisError(
             f"the measuring points determine only {rank} of {count} coefficients of the volume: measure each"

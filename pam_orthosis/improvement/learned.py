@@ -9,8 +9,6 @@ from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.machine import Machine
 
-DIGITS = 6
-
 
 def learnable(machine: Machine) -> dict[str, Effect]:
     """Return the effects of a machine that its controllers can learn.
@@ -78,4 +76,5 @@ def _effect(nominal, name: str, values: Mapping[str, float]) -> dict[str, Any]:
 def _within(nominal, key: str, value: float) -> float:
     """Return a value inside the bounds of its row, with the digits that a model file has."""
     low, high = nominal.row(key).bounds
-    return float(f"{min(max(value, low), high):.{DIGITS}g}")
+    digits = 6
+    return float(f"{min(max(value, low), high):.{digits}g}")

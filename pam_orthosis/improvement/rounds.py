@@ -23,7 +23,6 @@ from pam_orthosis.progress import Progress, counted, silent
 SHARE_KEY, SHARE = "gap.evidence.share", 0.01
 LEVELS = {"scenario.diagnostic.low_angle": 0.45, "scenario.diagnostic.high_angle": 1.0}
 DECAY = "diagnostic-decay"
-ONCE = 11.0  # s, in which the experiment of the decay runs through once
 SETTLING = 3.0  # s, until the gait has its cadence
 
 
@@ -48,7 +47,8 @@ def experiments(parameters: Parameters) -> list[Experiment]:
     """
     cycle, seed = parameters.scenario.cycle_time, 100 * (parameters.scenario.seed + 1)
     decay = {k: v for k, v in scenario_overrides(DECAY).items() if k != "scenario.control_period"}
-    decay["scenario.duration"] = ONCE
+    once = 11.0  # s, in which the experiment of the decay runs through once
+    decay["scenario.duration"] = once
 
     def gait(share: float, duration: float) -> dict[str, Any]:
         return {"scenario.cycle_time": share * cycle, "scenario.duration": duration}

@@ -21,9 +21,6 @@ from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import ActuatorSignals, Air, Expression, Signals
 
-PLACES = 21  # between the stops at which strokes are looked at
-PLAY = 1e-6  # m, of numbers that are rounded
-
 
 @dataclass(frozen=True)
 class Hardware:
@@ -72,11 +69,13 @@ def check_strokes(hardware: Hardware) -> None:
         return
     q = ca.SX.sym("q")
     strokes = ca.Function("strokes", [q], [ca.vertcat(*hardware.mechanism.contractions(q))])
-    moved = strokes(np.linspace(limits.minimum, limits.maximum, PLACES)[None, :]).full()
+    places = 21  # between the stops at which strokes are looked at
+    moved = strokes(np.linspace(limits.minimum, limits.maximum, places)[None, :]).full()
+    play = 1e-6  # m, of numbers that are rounded
     for i in cylinders:
         name, most = machine.actuators[i].name, moved[i].max()
         length = hardware.actuators[name].length
-        if most > length + PLAY:
+        if most > length + play:
             raise OrthosisError(
                 f"between the stops of the {machine.name} the stroke of {name} reaches {most:.4g} m, and its"
                 f" cylinder has {length:.4g} m: mend its length or transmission"

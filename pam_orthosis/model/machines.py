@@ -26,7 +26,6 @@ OF_ACTUATOR = ("kind", "parameters", "transmission", "parallel", "sizes")
 NAME = re.compile(r"[a-z][a-z0-9_]{0,30}")
 OF_MACHINE = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
 MOST_ACTUATORS = 8
-LARGEST_SIZE = 1000.0  # times the bounds of an effect: beyond it another effect is meant
 BRANCHES = ("effects", "rig.effects")
 OWN = "machine"  # branch of the parameters that a file gives itself
 INLINE: Mapping[str, Sequence[Field]] = {"cylinder": cylinder.FIELDS}
@@ -204,10 +203,11 @@ def _actuator(file: _File, name: str, node: Any, mechanism: str) -> ActuatorOf:
 def _sizes(file: _File, node: Any, where: str) -> dict[str, float]:
     sizes = file.mapping(node, f"sizes of {where}")
     file.known(sizes, EFFECTS, "the catalogue of effects")
+    largest_size = 1000.0  # times the bounds of an effect: beyond it another effect is meant
     for name, value in sizes.items():
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= LARGEST_SIZE:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= largest_size:
             raise file.refusal(
-                f"the size of {name} of {where} is a number up to {LARGEST_SIZE:g}, not {shown(value)}"
+                f"the size of {name} of {where} is a number up to {largest_size:g}, not {shown(value)}"
             )
     return sizes
 

@@ -24,7 +24,6 @@ from pam_orthosis.model.truth import true_parameters
 
 # of `plant.effects`, those of muscles and valves act at the rig too
 SHARED_EFFECTS = ("muscle_hysteresis", "valve_lag", "valve_dead_band")
-HAND_STIFFNESS = 2.0e5  # N/m, of the hand that pulls the carriage
 
 
 class RigMeasurement(NamedTuple):
@@ -99,7 +98,8 @@ class RigPlant(Plant):
 
     def advance(self, *voltages: float, hand: float | None = None) -> None:
         """Let a control period pass under voltages of specimen and positioner; a hand pulls to a place, m."""
-        self._hand = (0.0, 0.0) if hand is None else (HAND_STIFFNESS, hand)
+        hand_stiffness = 2.0e5  # N/m, of the hand that pulls the carriage
+        self._hand = (0.0, 0.0) if hand is None else (hand_stiffness, hand)
         super().advance(*voltages)
 
     def calliper(self) -> Cylinder:

@@ -30,10 +30,7 @@ ALIKE = (
     ("gap.tolerance.extensor_pressure_offset", "gap.tolerance.flexor_pressure_offset"),
 )
 BACKSTEPPING, POSITION = "backstepping", "position"
-SLIP = 8.0
 PHASES = 60
-LEAST_DELAY = 5.0e-4  # s, of a Pade approximation: its states have less than a quarter of it
-LONGEST_PERIOD = 0.05  # s, of the position controller: as long as a control period may be
 FARTHEST_PLAN = 0.35  # rad: beyond it guards would take the joint for one that does not follow
 
 
@@ -75,16 +72,18 @@ def _delay_rule(values: Mapping[str, Any]) -> Iterator[str]:
     """Check that a dead time of the hardware, whose differential equations have it as a divisor, is one."""
     effect = "plant.effects.valve_delay"
     delay = values.get("plant.effects.valve_delay.delay", 0.0)
-    if values.get(f"{effect}.enabled") and delay != 0.0 and delay < LEAST_DELAY:
-        yield f"{effect}.delay = {delay} s must be 0 or at least {LEAST_DELAY} s: hardware is never early"
+    least_delay = 5.0e-4  # s, of a Pade approximation: its states have less than a quarter of it
+    if values.get(f"{effect}.enabled") and delay != 0.0 and delay < least_delay:
+        yield f"{effect}.delay = {delay} s must be 0 or at least {least_delay} s: hardware is never early"
 
 
 def _every_rule(values: Mapping[str, Any]) -> Iterator[str]:
     every, period = values.get("control.position.every"), values.get("scenario.control_period")
-    if every and period and every * period > LONGEST_PERIOD:
+    longest_period = 0.05  # s, of the position controller: as long as a control period may be
+    if every and period and every * period > longest_period:
         yield (
             f"control.position.every = {every} times scenario.control_period = {period} s must be at most"
-            f" {LONGEST_PERIOD} s"
+            f" {longest_period} s"
         )
 
 
@@ -117,9 +116,10 @@ def _controller_rule(values: Mapping[str, Any]) -> Iterator[str]:
 
 def _alike(values: Mapping[str, Any], keys: tuple[str, ...]) -> Iterator[str]:
     sizes = {key: abs(values[key]) for key in keys if values.get(key)}
-    if len(sizes) > 1 and max(sizes.values()) >= SLIP * min(sizes.values()):
+    slip = 8.0
+    if len(sizes) > 1 and max(sizes.values()) >= slip * min(sizes.values()):
         text = " and ".join(f"{key} = {values[key]}" for key in sizes)
-        yield f"{text} are of the same kind and differ {SLIP:g}-fold or more; has a decimal point slipped?"
+        yield f"{text} are of the same kind and differ {slip:g}-fold or more; has a decimal point slipped?"
 
 
 def out_of_reach(values: Mapping[str, Any], machine: Machine) -> Iterator[str]:

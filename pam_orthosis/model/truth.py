@@ -8,8 +8,6 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.deviations import deviations_of
 from pam_orthosis.model.parameters import Parameters
 
-SAME_FACTOR = 1e-4  # relative difference of two factors that are written with six digits
-
 
 def true_parameters(parameters: Parameters, branches: tuple[str, ...] = ("",)) -> Parameters:
     """Return the parameters of the emulated hardware: the nominal model times its deviations.
@@ -53,11 +51,12 @@ def with_nominal(parameters: Parameters, changes: Mapping[str, Any]) -> Paramete
     if own := [key for key in changes if key.startswith("machine.")]:
         raise OrthosisError(f"{own[0]}: the hardware has it from the machine's file too; change it there")
     deviations = {}
+    same_factor = 1e-4  # relative difference of two factors that are written with six digits
     for name, keys in deviations_of(before).items():
         if gone := [key for key in keys if before[key] and not after[key]]:
             raise OrthosisError(f"{gone[0]} = 0: no deviation leads from nothing to the hardware's")
         ratios = [before[key] / after[key] for key in keys if after[key]] or [1.0]
-        if max(ratios) - min(ratios) > SAME_FACTOR * max(ratios):
+        if max(ratios) - min(ratios) > same_factor * max(ratios):
             raise OrthosisError(f"{', '.join(keys)} deviate together: change them by one factor")
         if max(ratios) != 1.0:
             deviations[f"plant.deviation.{name}"] = before[f"plant.deviation.{name}"] * max(ratios)

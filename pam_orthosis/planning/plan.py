@@ -27,14 +27,8 @@ NODES = 200  # of a cycle
 _PHASES = np.arange(NODES) / NODES
 _MIDDLES = _PHASES + 0.5 / NODES
 _NEAR_REST = np.cos(np.pi * _PHASES) ** 16  # 1 at the phase of rest, within a tenth of a cycle nearly 0
-HARMONICS = 24  # as many as the rows of `scenario.plan` have coefficients
-ROUNDS = 4  # at most: the effects' effort depends on the pressures, and these on it
-SETTLED = 1.0e-3  # rad or m by which another round does not change the result any more
 DIGITS = 6
-SHARES = 0.9, 1.0  # of what an open valve passes: who is late cannot catch up with all of it, the last resort
 LEAD = 0.02  # s by which the machine is late where valves are at their limits, and more is asked for earlier
-SAME_EFFORT = 1.0e-2  # N m or N by which it may differ from one cycle to the next
-LONGEST = 60  # cycles after which it is taken for settled
 EARLY = 0.75  # of a cycle behind the start, where most gaits ask for most: there the first one is planned
 
 
@@ -92,7 +86,8 @@ def _rows(group: str, angle: np.ndarray, pressure: np.ndarray) -> dict[str, list
 
 def fourier(values: np.ndarray) -> tuple[list[float], list[float]]:
     """Return the cosine and sine coefficients of a cycle at equidistant phases, the mean first."""
-    spectrum = np.fft.rfft(values)[: HARMONICS + 1] / len(values)
+    harmonics = 24  # as many as the rows of `scenario.plan` have coefficients
+    spectrum = np.fft.rfft(values)[: harmonics + 1] / len(values)
     spectrum[1:] *= 2
     return _rounded(spectrum.real), _rounded(-spectrum.imag)
 
@@ -154,7 +149,7 @@ def _check_near(nominal: Parameters, away: float) -> None:
 def _nearest(
     nominal, starts: list[Cycle], position, velocity, missing, progress, start_of_run: bool = False
 ) -> Cycle:
-    """Return the nearest cycle found, with the first of `SHARES` with which there is one."""
+    """Return the nearest cycle found, with the first share of the flow with which there is one."""
     period, shown = nominal.scenario.cycle_time / NODES, nominal.declared.coordinate.shown
 
     def found(share: float, start: Cycle) -> Cycle:
@@ -164,17 +159,21 @@ def _nearest(
         progress(f"searching the nearest motion, so far within {shown(cycle.largest)}")
         return cycle
 
-    return _first(lambda share: _settled(partial(found, share), starts), SHARES)
+    # of what an open valve passes: who is late cannot catch up with all of it, the last resort
+    shares = 0.9, 1.0
+    return _first(lambda share: _settled(partial(found, share), starts), shares)
 
 
 def _settled(found: Callable[[Cycle], Cycle], starts: list[Cycle]) -> Cycle:
     """Return what is found from one of the starts, and then from what was found before."""
     cycle = _first(found, starts)
-    for _ in range(ROUNDS - 1):
+    rounds = 4  # at most: the effects' effort depends on the pressures, and these on it
+    settled = 1.0e-3  # rad or m by which another round does not change the result any more
+    for _ in range(rounds - 1):
         before = cycle
         with suppress(NotFound):  # what was found before is a motion too
             cycle = found(before)
-        if abs(cycle.largest - before.largest) < SETTLED:
+        if abs(cycle.largest - before.largest) < settled:
             break
     return cycle
 
@@ -268,7 +267,9 @@ def along(nominal, position: np.ndarray, velocity: np.ndarray, cycle: Cycle) -> 
 
     of_a_cycle()  # dry friction and play find their cycle in it
     cycles = [of_a_cycle(), of_a_cycle()]
-    while np.abs(cycles[-1] - cycles[-2]).max() > SAME_EFFORT and len(cycles) < LONGEST:
+    same_effort = 1.0e-2  # N m or N by which it may differ from one cycle to the next
+    longest = 60  # cycles after which it is taken for settled
+    while np.abs(cycles[-1] - cycles[-2]).max() > same_effort and len(cycles) < longest:
         cycles.append(of_a_cycle())
     settled = cycles[-1]
     second, third = (each - settled for each in cycles[:2])

@@ -23,13 +23,7 @@ from pam_orthosis.model.mechanisms.base import acceleration
 from pam_orthosis.processes import ENDING
 
 BAR, GRAM = 1.0e5, 1.0e-3
-SLACKENING = 15.0  # N over which a muscle goes slack: the law's edge has no second derivative
-DRAWING = 0.02  # g/s over which a valve begins to draw from the supply, for the same reason
-SECONDS = 60.0  # of processor time
-ITERATIONS = 1000
 HELPS = "a slower cycle, a lighter person or more supply pressure helps"
-# of the objective, beside the largest error in degrees or mm: what is left open the controllers do anyway
-FLOW_WEIGHT, ERROR_WEIGHT, MEAN_WEIGHT = 1.0e-3, 1.0e-2, 1.0e-3
 
 
 class NotFound(OrthosisError):
@@ -94,9 +88,11 @@ def nearest_cycle(
     opti.subject_to(error[0] == 0)  # where the run begins
     mean = (x[2, :] + x[3, :]) / 2 - nominal.control.position.mean_pressure / BAR
     change = flow - ca.horzcat(flow[:, -1], flow[:, :-1])
-    cost = FLOW_WEIGHT * ca.sumsqr(change) + MEAN_WEIGHT * ca.sumsqr(mean) * period
+    # of the objective, beside the largest error in degrees or mm: what is left open the controllers do anyway
+    flow_weight, error_weight, mean_weight = 1.0e-3, 1.0e-2, 1.0e-3
+    cost = flow_weight * ca.sumsqr(change) + mean_weight * ca.sumsqr(mean) * period
     shown = nominal.declared.coordinate.shown_factor
-    cost += ERROR_WEIGHT * ca.sumsqr(error * shown) * period
+    cost += error_weight * ca.sumsqr(error * shown) * period
     opti.minimize(largest * shown + cost)
     if start.solution:
         opti.set_initial(x, start.solution[0])
@@ -112,7 +108,9 @@ def nearest_cycle(
 
 
 def _solved(opti: ca.Opti) -> ca.OptiSol:
-    limits = {"max_iter": ITERATIONS, "max_cpu_time": SECONDS, "tol": 1e-5, "mu_strategy": "adaptive"}
+    seconds = 60.0  # of processor time
+    iterations = 1000
+    limits = {"max_iter": iterations, "max_cpu_time": seconds, "tol": 1e-5, "mu_strategy": "adaptive"}
     opti.solver("ipopt", {"print_time": False}, {**limits, "print_level": 0, "sb": "yes"})
     try:
         with _interrupts():
@@ -171,9 +169,10 @@ def _rates(nominal, share: float) -> ca.Function:
 
 def _acceleration(s, effort, axis: Axis):
     pulls = []
+    slackening = 15.0  # N over which a muscle goes slack: the law's edge has no second derivative
     for one, a in zip(axis.actuators, s.actuators.values(), strict=True):
         pull = one.force(a.contraction, a.gauge) - one.damping * a.rate
-        pulls.append(_positive(pull, SLACKENING) if one.pulls_only else pull)
+        pulls.append(_positive(pull, slackening) if one.pulls_only else pull)
     share, arm = axis.lever(s.coordinate)
     whole = arm * (pulls[1] - share * pulls[0]) + effort
     return acceleration(whole, axis.terms(s.coordinate, s.velocity))
@@ -184,8 +183,10 @@ def _supply(nominal):
     scales = effects.supply_scales(nominal)
     own = ca.SX.sym("supply", len(scales))
 
+    drawing = 0.02  # g/s over which a valve begins to draw from the supply, for the same reason
+
     def at(flow):
-        drawn = {name: _positive(flow[i], DRAWING * GRAM) for i, name in enumerate(nominal.declared.names)}
+        drawn = {name: _positive(flow[i], drawing * GRAM) for i, name in enumerate(nominal.declared.names)}
         return effects.supply(nominal, own, drawn)
 
     return at(ca.SX(2, 1))[0], own, lambda flow: at(flow)[1], scales

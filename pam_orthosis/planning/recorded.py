@@ -16,7 +16,6 @@ from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.rules import FARTHEST_PLAN
 
 HARMONICS = 12
-SAME_MOTION = 1.0e-3  # rad or m
 
 Series = Callable[[np.ndarray], np.ndarray]
 
@@ -122,7 +121,8 @@ def _check_motion(bag: Bag, parameters: Parameters, time: np.ndarray, reference:
     trajectory = make_trajectory(parameters)
     wanted = np.array([trajectory.sample(round(each * SECOND_NS)).position for each in time])
     away = float(np.abs(wanted - reference).max())
-    if away > SAME_MOTION:
+    same_motion = 1.0e-3  # rad or m
+    if away > same_motion:
         what = f"shows another motion, {parameters.declared.coordinate.shown(away, '.1f')} away"
         raise OrthosisError(f"{bag.path} {what}: record a run of the scenario that is to be planned")
 

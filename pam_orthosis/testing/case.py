@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from pam_orthosis.model.machine import Machine
 
 CLASSES = ("clean", "realistic")
-TOLERANCE_SHARE = 0.7  # of the stated standard deviation, by which nuisance parameters are off
 # the nominal model of all cases: slower loops than the default, so that a hidden delay of 8 ms stays stable
 NOMINAL = {
     "scenario.control_period": 0.002,
@@ -49,8 +48,6 @@ NOMINAL = {
     "control.pressure.reference_filter": 50.0,
 }
 OF_MACHINES = "scenario.control_period", "scenario.start_hold", "valve.dead_band", "valve.delay"
-# realistic class: sizes of the misfits in shape (about 5 N rms, 2 %, 1 %)
-MAP_SD, VALVE_SD, VOLUME_SD = 3.5, 0.02, 0.01
 GAIT_SECONDS, HELD_OUT_GAIT_SECONDS, PUSH_SECONDS = 20.0, 14.0, 120.0
 PUSHES = "torque"  # the misfit that is another one in each recording
 CENTRE = np.array([0.08] + [0.0] * 6)  # rad: keeps drawn gaits off the stops
@@ -171,8 +168,9 @@ def draw(
         into = (fields, misfits) if hidden else ({}, {})
         part = _hide(rng, effect, SIZES.index(size), *into)
         parts |= {effect.name: part} if hidden else {}
+    tolerance_share = 0.7  # of the stated standard deviation, by which nuisance parameters are off
     deviations = {
-        name: TOLERANCE_SHARE * sd * rng.standard_normal()
+        name: tolerance_share * sd * rng.standard_normal()
         for name, sd in motions.tolerances(parameters).items()
         if sd
     }
@@ -250,10 +248,12 @@ def realistic_misfits(
     scale: Scale = Scale(),  # noqa: B008 immutable
 ) -> dict[str, np.ndarray]:
     """Return the misfits of the class `realistic`."""
+    # realistic class: sizes of the misfits in shape (about 5 N rms, 2 %, 1 %)
+    map_sd, valve_sd, volume_sd = 3.5, 0.02, 0.01
     return {
-        "force_waves": force_waves(rng, scale.force * MAP_SD * rng.standard_normal((2, 4))),
-        "valve_waves": _waves(rng, VALVE_SD * rng.standard_normal(2), 5.0),
-        "volume_waves": _waves(rng, VOLUME_SD * rng.standard_normal(2), 2.0),
+        "force_waves": force_waves(rng, scale.force * map_sd * rng.standard_normal((2, 4))),
+        "valve_waves": _waves(rng, valve_sd * rng.standard_normal(2), 5.0),
+        "volume_waves": _waves(rng, volume_sd * rng.standard_normal(2), 2.0),
     }
 
 

@@ -18,7 +18,6 @@ from pam_orthosis.model.parameters import Parameters, Section
 GRAVITY = 9.81
 TABLE_START, TABLE_STEP, TABLE_SIZE = -0.3, 5.0e-4, 4401  # of the knee
 MARGIN = 0.25  # of the range between the stops, beyond them
-KNEE_RANGE = 1.7  # rad, for which rates and widths of the effects were chosen
 Deviations = Mapping[str, float]
 Array = np.ndarray
 
@@ -53,6 +52,7 @@ def load_of(parameters: Parameters, off: Deviations) -> Load:
         if ankle
         else [parameters.at(one.transmission) for one in machine.actuators]
     )
+    knee_range = 1.7  # rad, for which rates and widths of the effects were chosen
     return Load(
         _foot(q, parameters.leg, off) if ankle else _one_axis(q, machine.kind, stops, off),
         np.vstack([stroke(q, section) for section in sections]),
@@ -61,7 +61,7 @@ def load_of(parameters: Parameters, off: Deviations) -> Load:
         stops,
         0.0 if ankle else stops.damping * (1 + off["damping"]),
         0.5 * (stops.minimum + stops.maximum),
-        (stops.maximum - stops.minimum) / KNEE_RANGE if machine.coordinate.unit == "m" else 1.0,
+        (stops.maximum - stops.minimum) / knee_range if machine.coordinate.unit == "m" else 1.0,
     )
 
 

@@ -15,7 +15,6 @@ from pam_orthosis.model.shapes import fourier_shape, scenario_shape
 GAS = ("conductance", "critical_ratio", "polytropic_exponent", "supply_pressure", "hose_volume")
 OF_LEG, OF_PERSON = ("moving_mass", "small_muscle_damping"), ("person_mass", "passive_moment")
 OF_ACTUATORS = ("force", "closed_voltage", "pressure_offset")
-LEAST_SPAN = 1e-3  # rad or m that a motion covers
 
 
 def tolerances(parameters: Parameters) -> dict[str, float]:
@@ -58,7 +57,8 @@ def levels(rng: Generator, parameters: Parameters) -> Section:
     shape, position = scenario_shape(parameters), parameters.control.position
     places = [shape(phase)[0] for phase in np.linspace(0.0, 1.0, 200)]
     low, span = min(places), float(np.ptp(places))
-    if span < LEAST_SPAN:
+    least_span = 1e-3  # rad or m that a motion covers
+    if span < least_span:
         raise OrthosisError("scenario.trajectory: give a motion; at rest nothing can be found")
     near, far = rng.uniform(0.1, 0.25, 2) * span
     highest = 0.75 * position.maximum_pressure

@@ -16,7 +16,6 @@ from pam_orthosis.testing.quantities import Apparatus, Hidden, Maps, damping_of,
 ANGLE_NOISE, ANGLE_RESOLUTION = 3.5e-4, 3.8349519697141030e-4  # rad
 PRESSURE_NOISE, PRESSURE_RESOLUTION = 500.0, 244.0  # Pa
 VOLTAGE_RESOLUTION = 10.0 / 65536
-FINEST = 1e-12  # step of a sensor without one
 NO_DEVIATION: Mapping[str, float] = {}
 
 
@@ -164,7 +163,8 @@ def _coordinate_sensor(parameters: Parameters) -> tuple[float, float]:
     sensor = parameters.declared.sensor
     if sensor.startswith("plant."):
         return ANGLE_NOISE, ANGLE_RESOLUTION
-    return parameters.at(f"{sensor}_noise"), parameters.at(f"{sensor}_resolution") or FINEST
+    finest = 1e-12  # step of a sensor without one
+    return parameters.at(f"{sensor}_noise"), parameters.at(f"{sensor}_resolution") or finest
 
 
 def scale_of(parameters: Parameters) -> Scale:

@@ -18,7 +18,6 @@ from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Expression
 
 MUSCLE = re.compile(r"muscle\.\w+\.map_length")
-BRAID_SHARE = (0.3, 5.0)  # what identified coefficients and the braid's geometry differ by at most
 
 
 def broken_rules(values: Mapping[str, Any]) -> Iterator[str]:
@@ -36,9 +35,10 @@ def _braid_rule(values: Mapping[str, Any], muscle: str) -> Iterator[str]:
     section = math.pi / 4 * diameter**2
     area = section * (3 * math.cos(angle) ** 2 - 1) / math.sin(angle) ** 2
     volume = section * values[f"{muscle}.map_length"]
+    braid_share = (0.3, 5.0)  # what identified coefficients and the braid's geometry differ by at most
     for name, ideal, unit in (("force.a", area, "m^2"), ("volume.v", volume, "m^3")):
         first = values[f"{muscle}.{name}"][0]
-        if not BRAID_SHARE[0] * ideal < first < BRAID_SHARE[1] * ideal:
+        if not braid_share[0] * ideal < first < braid_share[1] * ideal:
             yield (
                 f"{muscle}.{name} gives {first:g} {unit} at no contraction, the geometry in"
                 f" {muscle}.geometry {ideal:.3g} {unit}; has a decimal point slipped?"

@@ -7,10 +7,6 @@ from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Air, Expression
 
 GAS_CONSTANT = 287.06  # J/(kg K), dry air
-REFERENCE_DENSITY = 1.185  # kg/m^3, ISO 6358 reference atmosphere
-REFERENCE_TEMPERATURE = 293.15  # K, ISO 6358 reference atmosphere
-# above this pressure ratio the flow is taken as laminar (linear): the exact law has an infinite slope
-LAMINAR_RATIO = 0.995
 
 
 def pressure_rate(
@@ -50,10 +46,12 @@ def required_mass_flow(
 
 def flow_function(ratio: Expression, critical_ratio: Expression) -> Expression:
     """Return the ISO 6358 flow function psi of the ratio downstream / upstream: 1 when choked."""
-    r = ca.fmin(ratio, LAMINAR_RATIO)
+    # above this pressure ratio the flow is taken as laminar (linear): the exact law has an infinite slope
+    laminar_ratio = 0.995
+    r = ca.fmin(ratio, laminar_ratio)
     depth = ca.fmax(r - critical_ratio, 0) / (1 - critical_ratio)
     subsonic = ca.sqrt(1 - depth**2)
-    return subsonic * ca.fmin((1 - ratio) / (1 - LAMINAR_RATIO), 1)
+    return subsonic * ca.fmin((1 - ratio) / (1 - laminar_ratio), 1)
 
 
 def orifice_flow(
@@ -65,8 +63,10 @@ def orifice_flow(
     """
     high, low = ca.fmax(upstream, downstream), ca.fmin(upstream, downstream)
     psi = flow_function(low / high, valve.critical_ratio)
-    heat = ca.sqrt(REFERENCE_TEMPERATURE / valve.temperature)
-    return ca.sign(upstream - downstream) * conductance * REFERENCE_DENSITY * high * heat * psi
+    reference_temperature = 293.15  # K, ISO 6358 reference atmosphere
+    heat = ca.sqrt(reference_temperature / valve.temperature)
+    reference_density = 1.185  # kg/m^3, ISO 6358 reference atmosphere
+    return ca.sign(upstream - downstream) * conductance * reference_density * high * heat * psi
 
 
 def relative_opening(voltage: Expression, valve: Section) -> Expression:

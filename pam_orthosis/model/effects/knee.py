@@ -8,13 +8,13 @@ from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Expression, Signals
 
 HOLD = 50.0  # 1/(rad s): about 2 1/s for a knee that rests inside a gap of 0.3 degrees
-LEAST_GAP = 2.0e-3  # rad: a smaller gap is crossed as if it were this wide, lest the model be stiff
 
 
 def _backlash(s: Signals, p: Section, states: tuple[Expression, ...]) -> Contribution:
     """A play operator of unit width (Bouc-Wen form, exponent 4): the sprocket lags behind the knee."""
     (z,) = states
-    gap = ca.fmax(p.half_width, LEAST_GAP)
+    least_gap = 2.0e-3  # rad: a smaller gap is crossed as if it were this wide, lest the model be stiff
+    gap = ca.fmax(p.half_width, least_gap)
     speed = ca.sqrt(s.velocity**2 + 1e-12)
     rate = (s.velocity - 0.5 * (speed * z * ca.fabs(z) ** 3 + s.velocity * z**4)) / gap
     radius = s.parameters.cogwheel_diameter / 2

@@ -7,7 +7,6 @@ from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import ActuatorSignals, Expression
 
-ROUNDING = 1e-3  # m/s, over which |rate| is rounded at standstill
 WHOLE_PRESSURE = 6.0e5  # Pa gauge, the upper end of the maps; `asymmetry`, `damping`, `half_width` hold there
 WHOLE_STROKE = 0.25  # relative contraction, the upper end of the maps
 FORCE_TERMS = tuple((i, j) for i in range(4) for j in range(4) if i + j <= 3)
@@ -28,7 +27,8 @@ def _creep(s: ActuatorSignals, p: Section, states: tuple[Expression, ...]) -> Co
 
 def _damping_by_direction(s: ActuatorSignals, p: Section, _states: tuple[Expression, ...]) -> Contribution:
     """D + a while a muscle shortens, D - a while it lengthens: the difference is -a |rate|."""
-    speed = ca.sqrt(s.rate**2 + ROUNDING**2) - ROUNDING
+    rounding = 1e-3  # m/s, over which |rate| is rounded at standstill
+    speed = ca.sqrt(s.rate**2 + rounding**2) - rounding
     return Contribution({"force": -p.asymmetry * s.gauge / WHOLE_PRESSURE * speed})
 
 

@@ -15,8 +15,6 @@ from pam_orthosis.model.mechanisms.base import GRAVITY, TRANSLATION, Coordinate,
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Expression, Signals
 
-HAND_DAMPING_TIME = 5.0e-3  # s, damping / stiffness of the hand
-
 
 def carriage_acceleration(left: Expression, right: Expression, mass: Expression) -> Expression:
     """Return x_S-double-dot of Eq. (1) for the forces to the left and to the right, m/s^2."""
@@ -54,5 +52,6 @@ class Carriage(Mechanism):
         specimen, positioner = s.actuators.values()
         weight = s.external["weight"]
         right = ca.if_else(weight > 0, weight * GRAVITY, positioner.tension)
-        stretch = s.external["hand_position"] - s.coordinate - HAND_DAMPING_TIME * s.velocity
+        hand_damping_time = 5.0e-3  # s, damping / stiffness of the hand
+        stretch = s.external["hand_position"] - s.coordinate - hand_damping_time * s.velocity
         return specimen.tension - right + s.external["hand_stiffness"] * stretch

@@ -14,8 +14,6 @@ from pam_orthosis.model.mechanisms.passive import knee_moment
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Expression, Signals
 
-RISE = 0.05  # s, in which a fast stretch brings clonus on
-
 
 def _passive_moment(s: Signals, p: Section, _states: tuple[Expression, ...]) -> Contribution:
     """The knee's passive moment at the hip angle of Eq. (24), and a viscous part."""
@@ -36,7 +34,8 @@ def _clonus(s: Signals, p: Section, states: tuple[Expression, ...]) -> Contribut
     (activity,) = states
     stretched = 0.5 * (1 + ca.tanh((s.velocity - p.threshold) / (0.1 * p.threshold)))
     burst = ca.fmax(ca.sin(2 * math.pi * p.frequency * s.time), 0)
-    rate = stretched * (1 - activity) / RISE - activity / p.decay
+    rise = 0.05  # s, in which a fast stretch brings clonus on
+    rate = stretched * (1 - activity) / rise - activity / p.decay
     return Contribution({"effort": -p.amplitude * activity * burst}, (rate,))
 
 
