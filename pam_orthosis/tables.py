@@ -23,9 +23,7 @@ def is_table(path: Path) -> bool:
 def read_numbers(path: Path, check: Callable[[Sequence[str]], None] | None = None) -> dict[str, np.ndarray]:
     """Return name -> column of a table. Comments and rows of empty cells are left out.
 
-    Args:
-        path: of the file.
-        check: called with the names before the rows are read.
+    `check` is called with the names before the rows are read.
 
     Raises:
         OrthosisError: unreadable, without names or rows, doubled names, a cell that is no finite number.

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from pam_orthosis.control.reference import PressureReference, Reference, Valve
 from pam_orthosis.model.parameters import Parameters, Section
+from pam_orthosis.model.shapes import quintic
 
 # time since the start of a phase -> value and its first two derivatives
 Path = Callable[[float], tuple[float, float, float]]
@@ -97,9 +98,8 @@ def _window(time: float, duration: float) -> tuple[float, float, float]:
     rising = time < duration / 2
     fade = 1.0  # s, in which a multisine comes and goes
     s = min(max((time if rising else duration - time) / fade, 0.0), 1.0)
-    value = s**3 * (10 - 15 * s + 6 * s**2)
-    slope = 30 * s**2 * (1 - s) ** 2 / fade
-    return value, slope if rising else -slope, 60 * s * (1 - s) * (1 - 2 * s) / fade**2
+    value, slope, bend = quintic(s)
+    return value, slope / fade if rising else -slope / fade, bend / fade**2
 
 
 class Script:

@@ -39,9 +39,7 @@ def _half_a_cycle_later(plan: Section) -> dict[str, list[float]]:
 def device_parameters(device: Device, values: Mapping[str, Any]) -> dict[str, Parameters]:
     """Return the parameters of each joint by its namespace, the right side half a cycle ahead.
 
-    Args:
-        device: the machines.
-        values: key -> value for each joint that has the key; `ankle/KEY` for one joint, on both sides.
+    `values` are of each joint that has the key; `ankle/KEY` is of one joint, on both sides.
 
     Raises:
         OrthosisError: no joint has a key, or a value is unusable.
@@ -49,7 +47,8 @@ def device_parameters(device: Device, values: Mapping[str, Any]) -> dict[str, Pa
     joints = {name: load(_own(device, name, values), one) for name, one in device.joints.items()}
     for number, (name, one) in enumerate(joints.items()):  # each sensor has noise of its own
         joints[name] = one.changed({"scenario.seed": one.scenario.seed + len(device.sides) * number})
-    if lost := sorted(_keys(values) - {key for one in joints.values() for key in one.flat()}):
+    known = {key for one in joints.values() for key in one.flat()}
+    if lost := sorted({key.rpartition("/")[2] for key in values} - known):
         raise OrthosisError(f"no joint of the {device.name} has a parameter {lost[0]}")
     made: dict[str, Parameters] = {}
     for side in device.sides:
@@ -62,10 +61,6 @@ def _own(device: Device, name: str, values: Mapping[str, Any]) -> dict[str, Any]
     known = load({}, device.joints[name]).flat()
     of_all = {key for key in values if "/" not in key}
     return {key: one for key, one in of_joint(name, values).items() if key in known or key not in of_all}
-
-
-def _keys(values: Mapping[str, Any]) -> set[str]:
-    return {key.rpartition("/")[2] for key in values}
 
 
 def _beside(name: str, joints: Mapping[str, Parameters]) -> Parameters:

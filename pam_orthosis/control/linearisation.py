@@ -173,14 +173,6 @@ class CarriageObserver:
         return CarriageEstimate(x, velocity, known + error)
 
 
-class Neglected:
-    """dF_M,d/dt as the paper has it in Eq. (10): nothing."""
-
-    def step(self, position: float, pressure: float, force: float) -> float:
-        """Return the derivative of the investigated muscle's force, N/s, after a sample (m, Pa, N)."""
-        return 0.0
-
-
 class Differentiated:
     """dF_M,d/dt from the load cell: the difference of two readings behind a low-pass filter."""
 
@@ -218,8 +210,9 @@ class DisturbanceObserver:
         return float(self._mass * self._observer.step(position, known)[3])
 
 
-FORCE_RATES: dict[str, Callable[[Parameters], Neglected | Differentiated | DisturbanceObserver]] = {
-    "neglected": lambda _nominal: Neglected(),
+# None: nothing, as the paper has dF_M,d/dt in Eq. (10)
+FORCE_RATES: dict[str, Callable[[Parameters], Differentiated | DisturbanceObserver] | None] = {
+    "neglected": None,
     "differentiated": Differentiated,
     "observed": DisturbanceObserver,
 }
@@ -249,7 +242,8 @@ class CarriageController:
         nominal = parameters.rig_nominal()
         self._observer = CarriageObserver(nominal)
         self._control = compiled(control_function(nominal))
-        self._force_rate = FORCE_RATES[nominal.rig.position.force_rate](nominal)
+        choice = FORCE_RATES[nominal.rig.position.force_rate]
+        self._force_rate = choice and choice(nominal)
         self._period = nominal.rig.control_period
         self._integral = 0.0
         self.force_rate = 0.0
@@ -263,6 +257,7 @@ class CarriageController:
         # m s; a slack MAS-40 cannot push: beyond this the integral would only wind up
         integral_limit = 2.0e-3
         self._integral = min(max(integral, -integral_limit), integral_limit)
-        self.force_rate = self._force_rate.step(position, pressure, force)
+        if self._force_rate is not None:
+            self.force_rate = self._force_rate.step(position, pressure, force)
         flow = float(self._control(reference, estimate, self._integral, pressure, self.force_rate)[0][0])
         return flow, estimate

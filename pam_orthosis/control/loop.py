@@ -89,15 +89,7 @@ def made_reference(parameters: Parameters) -> Trajectory | Experiment | Waiting:
 
 
 class ClosedLoop:
-    """Plant, trajectory and cascade of controllers in one process.
-
-    Args:
-        parameters: the whole tree.
-        seed: of the sensor noise.
-        plant: another plant with the methods of `Plant`.
-        trajectory: another trajectory with the method `sample`.
-        position: another position controller with the method `step` of `PositionController`.
-    """
+    """Plant, trajectory and cascade of controllers in one process; what is given stands in for these."""
 
     def __init__(
         self,

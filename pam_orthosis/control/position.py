@@ -274,17 +274,15 @@ class PositionController:
         periods: int,
     ) -> Limited:
         """Return the reference pressures and what limits them, at the instant at which they act."""
-        if not self._ahead.horizon:
-            coupled = self._coupling.effort(reference)
-            point = *estimate[:2], estimate[2] + coupled
-            return self._law(self._fed_back(point, reference), reference, mean, self._now, periods)
-        then = self._ahead.reference(reference, periods)
-        self._then.step(then, pressures, periods)
-        coupled = self._coupling.effort(then, self._ahead.horizon)
-        point = self._ahead.estimate(estimate, reference, then)
-        point = *point[:2], point[2] + coupled
-        asked = self._law(self._fed_back(point, then), then, mean, self._then, periods)
-        self._ahead.note(self._correction(point, then))
+        horizon, then, point, effect = self._ahead.horizon, reference, estimate[:3], self._now
+        if horizon:
+            then, effect = self._ahead.reference(reference, periods), self._then
+            effect.step(then, pressures, periods)
+            point = self._ahead.estimate(estimate, reference, then)
+        point = *point[:2], point[2] + self._coupling.effort(then, horizon)
+        asked = self._law(self._fed_back(point, then), then, mean, effect, periods)
+        if horizon:
+            self._ahead.note(self._correction(point, then))
         return asked
 
     def _fed_back(self, estimate: Sequence[float], reference: Reference) -> Sequence[float]:

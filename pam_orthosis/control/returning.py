@@ -8,6 +8,7 @@ which they do not while something else keeps them vented (an emergency stop, a l
 from pam_orthosis.control import guard
 from pam_orthosis.control.reference import PressureReference, Pressures, Reference, Valve
 from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.shapes import quintic
 
 STEEPEST = 1.875  # slope of the quintic step at its middle
 
@@ -95,7 +96,7 @@ class Return:
         self, asked: tuple[PressureReference, PressureReference]
     ) -> tuple[PressureReference, PressureReference]:
         """Return what to ask for: it rises from the pressures at the beginning to what the law asks for."""
-        share = _quintic(self._raised)[0]
+        share = quintic(self._raised)[0]
         first, second = (
             p if p is Valve.CLOSED or share == 1.0 else b + share * (p - b)
             for b, p in zip(self._begun, asked, strict=True)
@@ -109,7 +110,7 @@ class Return:
         pace = self._speed / (STEEPEST * length)
         slowing = -pace * growth / length
         self._share = min(self._share + time * pace, 1.0)
-        w, slope, bend = _quintic(self._share)
+        w, slope, bend = quintic(self._share)
         return Reference(
             start + w * way,
             slope * pace * way + w * rate,
@@ -117,8 +118,3 @@ class Return:
             wanted.mean_pressure,
             beside=wanted.beside,
         )
-
-
-def _quintic(s: float) -> tuple[float, float, float]:
-    """Return a step from 0 to 1 over 0 <= s <= 1 and its first two derivatives."""
-    return s**3 * (10 - 15 * s + 6 * s**2), 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)

@@ -124,15 +124,7 @@ class _Bench:
 
 
 class Rig(_Bench):
-    """The emulated rig with its controllers in closed loop.
-
-    Args:
-        parameters: the whole tree.
-        specimen: `dmsp_20` or `dmsp_10`.
-        seed: of the sensor noise.
-        position: of the carriage at the start, m.
-        plant: the hardware; None: a `RigPlant`.
-    """
+    """The emulated rig with its controllers in closed loop; the carriage starts at `position`, m."""
 
     def __init__(
         self,

@@ -92,7 +92,6 @@ def read_data(
         paths: bags, `.csv` tables, or folders that hold some.
         specimen: section of `config/muscle.yaml`; None: as bags or file names say, or the only one.
         length: nominal length of a table's muscle, m; None: that of the specimen's measured map.
-        progress: called with each bag and table.
         bench: where it was measured (the shipped test rig).
 
     Raises:

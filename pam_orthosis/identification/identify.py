@@ -118,11 +118,9 @@ def identify(
     """Identify a muscle.
 
     Args:
-        data: of one muscle.
         held_out: gauge pressures, Pa, of runs that judge and do not enter the fit.
         degrees: of area function and counterforce, Eq. (14).
         damping: D, N s/m, in place of the decays'; None: theirs, zero if there are none.
-        progress: called with what is fitted.
 
     Raises:
         OrthosisError: the data do not determine the parameters, or all of them are held out.

@@ -98,15 +98,16 @@ def _moved(
     sense: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return rate of the contraction, m/s, and direction of each row, where the table does not give them."""
-    moved, filled = (np.zeros(len(run)) for _ in range(2))
+    moved, filled, travelled = (np.zeros(len(run)) for _ in range(3))
     for one in np.unique(run):
         rows = run == one
         moved[rows] = _slope(contraction[rows], table.time[rows])
         filled[rows] = _slope(table.pressure[rows], table.time[rows])
+        travelled[rows] = np.ptp(contraction[rows])
     given = moved if rate is None else rate
     still = 1.0e-3  # m: a run that moves less was held at one length, and its pressure has the direction
     if sense is None:
-        sense = np.where(_travel(contraction, run) > still, _direction(given), _direction(filled))
+        sense = np.where(travelled > still, _direction(given), _direction(filled))
     return given, sense
 
 
@@ -115,11 +116,6 @@ def _slope(values: np.ndarray, time: np.ndarray) -> np.ndarray:
     if len(values) < DERIVATIVE_SAMPLES:
         return np.zeros(len(values))
     return differentiated(values, np.linspace(time[0], time[-1], len(time)) * SECOND_NS)
-
-
-def _travel(contraction: np.ndarray, run: np.ndarray) -> np.ndarray:
-    spans = {one: np.ptp(contraction[run == one]) for one in np.unique(run)}
-    return np.array([spans[one] for one in run])
 
 
 def _direction(rate: np.ndarray) -> np.ndarray:

@@ -137,7 +137,6 @@ def improve(
     Args:
         parameters: the whole tree; its nominal model is where learning starts.
         seeds: of the sensor noise in the runs that judge; the same in every round.
-        most: rounds at most.
         find: another search than the gap workflow.
     """
     before = judged(parameters, scenario, folder / "round-0", seeds, progress)

@@ -120,8 +120,7 @@ class Parameters(Section):
         return self.substituted(dict(zip(keys, ca.vertsplit(symbols), strict=True))), symbols
 
     def _repr_html_(self) -> str:
-        shipped = load(machine=self._declared).flat()
-        changed = [row for key, row in self._rows.items() if self._values[key] != shipped.get(key)]
+        changed = [self._rows[key] for key in self.changes()]
         rows = [(row.key, f"{self._values[row.key]}", row.unit, row.meaning) for row in changed]
         words = f"{self._declared.name}: {len(self._rows)} parameters, {len(rows)} of them changed"
         return table(("parameter", "value", "unit", "meaning"), rows, words)
@@ -269,10 +268,7 @@ def _check_kinds(key: str, node: Mapping[str, Any]) -> None:
 def _effect_rows(
     prefix: str, values: Mapping[str, Mapping[str, Any]], catalogue: Mapping[str, Any]
 ) -> dict[str, Row]:
-    rows: dict[str, Row] = {}
-    for effect in catalogue.values():
-        for row in effect.rows(prefix):
-            rows[row.key] = row
+    rows: dict[str, Row] = {row.key: row for effect in catalogue.values() for row in effect.rows(prefix)}
     given = {
         f"{prefix}.{effect}.{name}": value
         for effect, settings in mapping(values, f"config/: {prefix}").items()

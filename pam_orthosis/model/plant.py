@@ -56,12 +56,7 @@ def _true_actuator(one: ActuatorOf, true: Parameters) -> Actuator:
 
 
 class Plant:
-    """Emulated machine with sensors, advanced one control period at a time.
-
-    Args:
-        parameters: the whole tree, truth included.
-        seed: of the sensor noise.
-        machine: what is emulated; None: what the parameters are of.
+    """Emulated machine with sensors, advanced one control period at a time; `seed`: of their noise.
 
     Raises:
         OrthosisError: it cannot be held at its start with these parameters.
@@ -146,7 +141,9 @@ class Plant:
             self._held[: len(self.lines)] = [line.at(begin_ns) for line in self.lines]
             self._integrate(np.broadcast_to(self._held, self._inputs.shape), self._whole)
         else:
-            self._live_through(coming)
+            inputs, lengths = self.inputs_of(coming)
+            for first in range(0, len(lengths), self.steps):
+                self._integrate(inputs[first : first + self.steps], lengths[first : first + self.steps])
         self.lived()
 
     def coming(self) -> set[int]:
@@ -172,12 +169,6 @@ class Plant:
         """Note that the present period is over."""
         self._index += 1
         self._reported = None
-
-    def _live_through(self, coming: Collection[int]) -> None:
-        """Integrate one control period in which voltages change at some instants."""
-        inputs, lengths = self.inputs_of(coming)
-        for first in range(0, len(lengths), self.steps):
-            self._integrate(inputs[first : first + self.steps], lengths[first : first + self.steps])
 
     def retune(self, parameters: Parameters) -> None:
         """Take other values of what may change on the way, from the next period on."""

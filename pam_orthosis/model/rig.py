@@ -65,9 +65,6 @@ class RigPlant(Plant):
     """Emulated rig with sensors; nothing is lost between a sample and the valves.
 
     Args:
-        parameters: the whole tree, truth included.
-        specimen: the investigated muscle, one of `model.specimens.SPECIMENS`.
-        seed: of the sensor noise.
         position: of the carriage at the start, m; the investigated muscle begins at ambient pressure.
         positioner_pressure: of the MAS-40 at the start, absolute Pa; None: ambient.
         weight: kg, hung on the carriage in place of the MAS-40 (0: the MAS-40 is hooked).

@@ -29,6 +29,11 @@ def smooth_step(time: float, ramp: float) -> tuple[float, float, float]:
     return covered, cadence, (30 * s**2 - 60 * s**3 + 30 * s**4) / ramp
 
 
+def quintic(s: float) -> tuple[float, float, float]:
+    """Return a smooth step from 0 to 1 over 0 <= s <= 1 and its first two derivatives."""
+    return s**3 * (10 - 15 * s + 6 * s**2), 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)
+
+
 def fourier_shape(cosine: Sequence[float], sine: Sequence[float]) -> Shape:
     """Return the shape of a Fourier series; coefficients by harmonic, the mean first."""
     a, b = np.asarray(cosine), np.asarray(sine)

@@ -102,7 +102,6 @@ def make_plan(
 
     Args:
         reserve: by how much supply and highest pressure are lower than in that model, Pa.
-        progress: called with what is worked on.
         recorded: what a run of it showed: the effort missing in the model is planned for, the search begins
             at the cycle that was made, and by what it fell short of an earlier plan more is asked for.
 

@@ -106,16 +106,12 @@ def make_case(
     parameters: Parameters | None = None,
     wrong: Mapping[str, float] | None = None,
 ) -> Case:
-    """Draw a case and record it.
+    """Draw a case of a class of `CLASSES` and a size of `SIZES`, which follows from its seed, and record it.
 
     Args:
-        seed: everything that is drawn follows from it.
-        class_: one of `CLASSES`.
-        size: one of `SIZES`.
         effects: how many effects are drawn, or their names.
         outside: draw from the effects outside the catalogue.
         alone: of the effects that are drawn the only one to hide ("": none); all else stays as it is.
-        progress: called with the seconds of the recordings that are done.
         parameters: the nominal model, of any machine of two actuators (the knee's).
         wrong: values of the plant's parameters of which the nominal model has others.
 
