@@ -33,17 +33,12 @@ class SignalGuard:
     ):
         self._low, self._high, self._step = low, high, step
         self._hold, self._frozen, self._moved = hold, frozen, moved
-        self._last, self._started = start, False
+        self.last, self._started = start, False
         self._missed = self._same = 0  # periods without a usable sample, and of one value
         self._since = 0  # periods, of the last usable sample
         self._followed: float | None = None
         self.held = 0
         self.lost = ""
-
-    @property
-    def last(self) -> float:
-        """The last usable value."""
-        return self._last
 
     def step(self, value: float, followed: float | None = None, periods: int = 1) -> float:
         """Return the value to use; `followed` is what the signal should follow, if it should.
@@ -58,9 +53,9 @@ class SignalGuard:
             self.held += 1
             if self._missed > self._hold:
                 self.lost = self.lost or fault
-            return self._last
+            return self.last
         self._watch_motion(value, followed, periods)
-        self._last, self._started, self._missed, self._since = value, True, 0, 0
+        self.last, self._started, self._missed, self._since = value, True, 0, 0
         return value
 
     def trust(self) -> None:
@@ -73,12 +68,12 @@ class SignalGuard:
             return "not finite"
         if not self._low <= value <= self._high:
             return "out of range"
-        if self._started and abs(value - self._last) > self._step * self._since:
+        if self._started and abs(value - self.last) > self._step * self._since:
             return "jumped"
         return ""
 
     def _watch_motion(self, value: float, followed: float | None, periods: int) -> None:
-        if followed is None or value != self._last or self._followed is None:
+        if followed is None or value != self.last or self._followed is None:
             self._same, self._followed = 0, followed
             return
         self._same += periods

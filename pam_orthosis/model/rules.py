@@ -44,9 +44,7 @@ def broken_rules(values: Mapping[str, Any], machine: Machine) -> Iterator[str]:
     for group in ALIKE:
         yield from _alike(values, group)
     yield from muscle.broken_rules(values)
-    yield from _period_rule(values)
-    yield from _every_rule(values)
-    yield from _duration_rule(values)
+    yield from _period_rules(values)
     yield from _step_rule(values)
     yield from leg.broken_rules(values)
     if machine.start.startswith("scenario."):  # the scenarios are its own
@@ -56,16 +54,28 @@ def broken_rules(values: Mapping[str, Any], machine: Machine) -> Iterator[str]:
     yield from _delay_rule(values)
 
 
-def _period_rule(values: Mapping[str, Any]) -> Iterator[str]:
+def _period_rules(values: Mapping[str, Any]) -> Iterator[str]:
+    """Compare the control period with the steps of simulation and position controller, and with the run."""
     period, step = values.get("scenario.control_period"), values.get("plant.simulation.step")
-    if period is None or step is None:
+    if period is None:
         return
-    ratio = period / step
+    ratio = 1.0 if step is None else period / step
     if abs(ratio - round(ratio)) > 1e-9 * ratio or round(ratio) < 1:
         yield (
             f"scenario.control_period = {period} s must be a whole multiple of"
             f" plant.simulation.step = {step} s"
         )
+    every, duration = values.get("control.position.every", 1), values.get("scenario.duration")
+    longest = 0.05  # s, of the position controller's period: as long as a control period may be
+    if every * period > longest:
+        yield (
+            f"control.position.every = {every} times scenario.control_period = {period} s must be at most"
+            f" {longest} s"
+        )
+    if duration is not None and duration < 4 * every * period:
+        times = f" times control.position.every = {every}" if every > 1 else ""
+        text = f"scenario.control_period = {period} s{times}"
+        yield f"scenario.duration = {duration} s must be four times {text}"
 
 
 def _delay_rule(values: Mapping[str, Any]) -> Iterator[str]:
@@ -75,25 +85,6 @@ def _delay_rule(values: Mapping[str, Any]) -> Iterator[str]:
     least_delay = 5.0e-4  # s, of a Pade approximation: its states have less than a quarter of it
     if values.get(f"{effect}.enabled") and delay != 0.0 and delay < least_delay:
         yield f"{effect}.delay = {delay} s must be 0 or at least {least_delay} s: hardware is never early"
-
-
-def _every_rule(values: Mapping[str, Any]) -> Iterator[str]:
-    every, period = values.get("control.position.every"), values.get("scenario.control_period")
-    longest_period = 0.05  # s, of the position controller: as long as a control period may be
-    if every and period and every * period > longest_period:
-        yield (
-            f"control.position.every = {every} times scenario.control_period = {period} s must be at most"
-            f" {longest_period} s"
-        )
-
-
-def _duration_rule(values: Mapping[str, Any]) -> Iterator[str]:
-    duration, period = values.get("scenario.duration"), values.get("scenario.control_period")
-    every = values.get("control.position.every", 1)
-    if duration is not None and period is not None and duration < 4 * every * period:
-        times = f" times control.position.every = {every}" if every > 1 else ""
-        text = f"scenario.control_period = {period} s{times}"
-        yield f"scenario.duration = {duration} s must be four times {text}"
 
 
 def _step_rule(values: Mapping[str, Any]) -> Iterator[str]:

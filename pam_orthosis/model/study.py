@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import ctypes
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -38,6 +38,7 @@ MEASURED = ("measured_angle", "measured_extensor_pressure", "measured_flexor_pre
 # what decides over grid and structure of a study: the same for all of its sets
 COMMON = ("scenario.control_period", "scenario.duration", "plant.simulation.step", "plant.voltage_resolution")
 DELAY = "plant.delay."
+Kernel: TypeAlias = Callable[[Array, Array], Array]  # sets, voltages -> (sets, periods, signals)
 LOOP = """
 static void rk4(lane* x, const lane* u, const lane* theta, const lane* held, double h) {{
   lane k[{states}], sum[{states}], y[{states}];
@@ -140,7 +141,7 @@ class Study:
             parameters.substituted(given), symbols, self.signals, self._table
         )
         self.states = assembly.states
-        self._kernels: dict[int, _Kernel] = {}
+        self._kernels: dict[int, Kernel | None] = {}
 
     def simulate(
         self, sets: npt.ArrayLike, voltages: npt.ArrayLike, workers: int | None = None
@@ -156,8 +157,10 @@ class Study:
         """
         sets, voltages = np.asarray(sets, float), self._quantised(np.asarray(voltages, float))
         width = LANES if len(sets) > 1 else 1
-        kernel = self._kernel(width)
-        if kernel.missing:
+        if width not in self._kernels:
+            self._kernels[width] = _kernel(self, width)
+        kernel = self._kernels[width]
+        if kernel is None:
             return self._one_by_one(sets, voltages)
         groups = [sets[i : i + width] for i in range(0, len(sets), width)]
         if len(groups) < 2:
@@ -167,11 +170,6 @@ class Study:
                 parts = list(pool.map(lambda group: kernel(group, voltages), groups))
         table = np.concatenate(parts)
         return {name: np.ascontiguousarray(table[:, :, i]) for i, name in enumerate(self.signals)}
-
-    def _kernel(self, width: int) -> _Kernel:
-        if width not in self._kernels:
-            self._kernels[width] = _Kernel(self, width)
-        return self._kernels[width]
 
     def _quantised(self, voltages: Array) -> Array:
         """Return what the converter makes of voltages."""
@@ -194,36 +192,28 @@ class Study:
         return {name: np.ascontiguousarray(table[:, :, i]) for i, name in enumerate(self.signals)}
 
 
-class _Kernel:
-    """A study's machine code for some sets at once."""
+def _kernel(study: Study, width: int) -> Kernel | None:
+    """Return a study's machine code for as many sets as there are lanes; None if there is no compiler."""
+    path = lanes.library("study", _source(study, width))
+    if path is None:
+        return None
+    run: Any = ctypes.CDLL(str(path)).study
+    period_ns = round(study.parameters.scenario.control_period * 1e9)
+    lengths, ages = _steps(study.parameters, period_ns)
 
-    def __init__(self, study: Study, width: int):
-        period_ns = round(study.parameters.scenario.control_period * 1e9)
-        self._period = period_ns * 1e-9
-        self._lengths, self._ages = _steps(study.parameters, period_ns)
-        self._width, self._told = width, len(study.signals)
-        self._keys = max(1, len(study.keys))
-        path = lanes.library("study", _source(study, width))
-        self._run: Any = None if path is None else ctypes.CDLL(str(path)).study
-
-    @property
-    def missing(self) -> bool:
-        """Whether there is no compiler."""
-        return self._run is None
-
-    def __call__(self, sets: Array, voltages: Array) -> Array:
-        """Return (sets, periods, signals) of at most as many sets as there are lanes."""
-        full = np.zeros((self._keys, self._width))
-        full[: sets.shape[1]] = sets[np.minimum(np.arange(self._width), len(sets) - 1)].T
-        result = np.empty((len(voltages), self._told, self._width))
-        unrest = np.empty(self._width)
-        self._run(
-            ctypes.c_long(len(voltages)), ctypes.c_long(len(self._ages)), ctypes.c_double(self._period),
-            *map(pointer, (self._lengths, self._ages, full, voltages, result, unrest)),
+    def kernel(sets: Array, voltages: Array) -> Array:
+        full = np.zeros((max(1, len(study.keys)), width))
+        full[: sets.shape[1]] = sets[np.minimum(np.arange(width), len(sets) - 1)].T
+        result, unrest = np.empty((len(voltages), len(study.signals), width)), np.empty(width)
+        run(
+            ctypes.c_long(len(voltages)), ctypes.c_long(len(ages)), ctypes.c_double(period_ns * 1e-9),
+            *map(pointer, (lengths, ages, full, voltages, result, unrest)),
         )  # fmt: skip
         result[:, :, ~(np.abs(unrest) <= STILL)] = np.nan
         answers: Array = result.transpose(2, 0, 1)[: len(sets)]
         return answers
+
+    return kernel
 
 
 def _steps(parameters: Parameters, period_ns: int) -> tuple[Array, npt.NDArray[Any]]:
