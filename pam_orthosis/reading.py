@@ -169,13 +169,11 @@ def _check_bounds(text: str) -> None:
     nodes = 0
     for event in yaml.parse(text, Loader=_Loader):
         if isinstance(event, yaml.AliasEvent):
-            if any(event.anchor == anchor for anchor, _ in open_):
-                raise ValueError(f"{shown(event.anchor)} holds itself")
+            _check_alias(event.anchor, [anchor for anchor, _ in open_])
             nodes += sizes.get(event.anchor, 1)
         elif isinstance(event, yaml.ScalarEvent):
+            _check_scalar(event.value)
             nodes += 1
-            if len(event.value) > MOST_SCALAR:
-                raise ValueError(f"a text of more than {MOST_SCALAR} characters")
             sizes[event.anchor] = 1
         elif isinstance(event, yaml.CollectionStartEvent):
             open_.append((event.anchor, nodes))
@@ -187,6 +185,16 @@ def _check_bounds(text: str) -> None:
             sizes[anchor] = nodes - before
         if nodes > MOST_NODES:
             raise ValueError(f"more than {MOST_NODES} values, aliases counted as what they stand for")
+
+
+def _check_alias(anchor: str, around: Collection[str | None]) -> None:
+    if anchor in around:
+        raise ValueError(f"{shown(anchor)} holds itself")
+
+
+def _check_scalar(value: str) -> None:
+    if len(value) > MOST_SCALAR:
+        raise ValueError(f"a text of more than {MOST_SCALAR} characters")
 
 
 def _check_depth(text: str) -> None:

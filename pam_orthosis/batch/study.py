@@ -40,6 +40,7 @@ def read_study(path: Path) -> list[dict[str, Any]]:
 
 def _combined(path: Path, study: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     _check_parts(path, study)
+    _check_count(path, study)
     seeds = [{"scenario.seed": seed} for seed in study.get("seeds", [])] or [{}]
     grid = study.get("grid", {})
     crossed = [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
@@ -49,17 +50,21 @@ def _combined(path: Path, study: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def _check_parts(path: Path, study: Mapping[str, Any]) -> None:
-    """Check grid and sets, and how many walks the combinations come to, before one is made."""
-    grid, sets, random = study.get("grid", {}), study.get("sets", []), study.get("random", {})
+    """Check grid and sets."""
+    grid = study.get("grid", {})
     if not all(isinstance(key, str) and isinstance(values, list) and values for key, values in grid.items()):
         raise OrthosisError(f"{path}: grid gives each parameter a list of values")
-    between = random.get("between")
+    between = study.get("random", {}).get("between")
     if isinstance(between, dict) and (both := [key for key in grid if key in between]):
         raise OrthosisError(f"{path}: {both[0]} is in grid and in random; leave it in one of them")
-    if not all(isinstance(one, dict) for one in sets):
+    if not all(isinstance(one, dict) for one in study.get("sets", [])):
         raise OrthosisError(f"{path}: sets is a list of parameter sets")
-    count = prod(max(1, len(one)) for one in (study.get("seeds", []), sets, *grid.values()))
-    draws = random.get("count", 1)
+
+
+def _check_count(path: Path, study: Mapping[str, Any]) -> None:
+    """Check how many walks the combinations come to, before one is made."""
+    lists = [study.get("seeds", []), study.get("sets", []), *study.get("grid", {}).values()]
+    draws, count = study.get("random", {}).get("count", 1), prod(max(1, len(one)) for one in lists)
     count *= draws if isinstance(draws, int) else 1
     most_walks = 100_000  # of a study: each is a process, and a folder of results
     if count > most_walks:

@@ -227,17 +227,16 @@ class Sensors:
     """Takes the nominal static errors out of readings; without any it passes them on."""
 
     def __init__(self, nominal: Parameters):
-        self._inverse = {name: compiled(_unread(name, f)) for name, f in sensor_readings(nominal).items()}
+        self._inverse = {}
+        for name, reading in sensor_readings(nominal).items():
+            shown = ca.SX.sym("shown")
+            true = corrected(lambda x: x, reading, shown, 4)
+            self._inverse[name] = compiled(ca.Function(f"true_{name}", [shown], [true]))
 
     def true(self, channel: str, reading: float) -> float:
         """Return the value that a channel of the machine has at a reading."""
         inverse = self._inverse.get(channel)
         return reading if inverse is None else float(inverse(reading)[0][0])
-
-
-def _unread(name: str, reading: ca.Function) -> ca.Function:
-    shown = ca.SX.sym("shown")
-    return ca.Function(f"true_{name}", [shown], [corrected(lambda x: x, reading, shown, 4)])
 
 
 def corrected(

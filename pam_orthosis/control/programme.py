@@ -98,13 +98,17 @@ def _stage(given: dict[str, Any], where: str) -> Stage:
         raise OrthosisError(f"{where}: strides: {strides!r} is not an integer from 1 to {MOST_STRIDES}")
     if pause and given.keys() - {"name", "pause_s"}:
         raise OrthosisError(f"{where}: a pause has nothing but a name and pause_s")
-    name = given.get("name", "pause" if pause else where)
-    if not isinstance(name, str) or not name.isprintable() or not 0 < len(name) <= 40:
-        raise OrthosisError(f"{where}: name: give a text of at most 40 characters")
+    name = _name(given.get("name", "pause" if pause else where), where)
     changes = {key: given[short] for short, key in SETTINGS.items() if short in given}
     if "cycle_time_s" in given:
         changes["scenario.cycle_time"] = given["cycle_time_s"]
     return Stage(name, 0 if pause else strides, pause, changes)
+
+
+def _name(name: Any, where: str) -> str:
+    if not isinstance(name, str) or not name.isprintable() or not 0 < len(name) <= 40:
+        raise OrthosisError(f"{where}: name: give a text of at most 40 characters")
+    return name
 
 
 def _number(given: Mapping[str, Any], key: str, default: float, most: float, where: str = "") -> float:

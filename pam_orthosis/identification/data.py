@@ -133,7 +133,8 @@ def _nominal_length(runs, specimen: str, parameters: Parameters, given: float | 
     lengths = {_recorded(path, run, key, parameters) for path, run in runs.items()}
     lengths |= {given or getattr(parameters.muscle, specimen).geometry.map_length} if tables else set()
     if len(lengths) > 1:
-        raise OrthosisError(f"muscles of different nominal lengths ({_texts(lengths)} m): one at a time")
+        different = ", ".join(f"{one:g}" for one in sorted(lengths))
+        raise OrthosisError(f"muscles of different nominal lengths ({different} m): one at a time")
     return lengths.pop()
 
 
@@ -270,7 +271,3 @@ def _volumes(path: Path, specimen: str, parameters: Parameters) -> Volumes:
     end = _value(bag, f"muscle.{specimen}.geometry.diameter", parameters)
     volume = composed_volume(diameter, length, frustum, end)
     return Volumes(pressure - _value(bag, "valve.ambient_pressure", parameters), position, volume)
-
-
-def _texts(values) -> str:
-    return ", ".join(f"{value:g}" for value in sorted(values))

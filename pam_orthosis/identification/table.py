@@ -81,7 +81,8 @@ def read_table(path: Path, ambient: float) -> Table:
     columns = _columns(path, ambient)
     for needed in ("pressure",) if "volume" in columns else ("pressure", "force"):
         if needed not in columns:
-            raise OrthosisError(f"{path}: no column for the {needed}; name it e.g. {_example(needed)}")
+            example = next(column for column, (name, *_) in COLUMNS.items() if name == needed)
+            raise OrthosisError(f"{path}: no column for the {needed}; name it e.g. {example}")
     if ("length" in columns) == ("contraction" in columns):
         raise OrthosisError(f"{path}: give either the length (L_m) or the contraction (dL_m)")
     for name, values in columns.items():
@@ -143,7 +144,3 @@ def _check(path: Path, name: str, values: np.ndarray) -> None:
         )
     if name == "pressure" and values.max() < 1.0e3:
         raise OrthosisError(f"{path}: the highest pressure is {values.max():g} Pa; is the unit bar?")
-
-
-def _example(quantity: str) -> str:
-    return next(column for column, (name, *_) in COLUMNS.items() if name == quantity)

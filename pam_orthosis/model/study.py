@@ -133,7 +133,11 @@ class Study:
     def __init__(self, parameters: Parameters, keys: Sequence[str], signals: Sequence[str] = MEASURED):
         self.parameters, self.keys, self.signals = parameters, tuple(keys), tuple(signals)
         for key in self.keys:
-            _check_key(parameters, key)
+            value = parameters.row(key).value
+            if key in COMMON or key.startswith(DELAY) or not isinstance(value, float):
+                raise OrthosisError(
+                    f"{key} cannot differ between the sets of one study: it shapes all of them"
+                )
         symbols = ca.SX.sym("keys", max(1, len(self.keys)))
         given = {key: symbols[i] for i, key in enumerate(self.keys)}
         self._table = LegTable(*_stops(parameters, self.keys), ORDER, NODES)
@@ -223,12 +227,6 @@ def _steps(parameters: Parameters, period_ns: int) -> tuple[Array, npt.NDArray[A
     starts = np.union1d(grid, [rest])
     ages = count + (starts < rest)
     return np.diff(starts, append=period_ns) / 1e9, ages.astype(ctypes.c_long)
-
-
-def _check_key(parameters: Parameters, key: str) -> None:
-    value = parameters.row(key).value
-    if key in COMMON or key.startswith(DELAY) or not isinstance(value, float):
-        raise OrthosisError(f"{key} cannot differ between the sets of one study: it shapes all of them")
 
 
 def _stops(parameters: Parameters, keys: Sequence[str]) -> tuple[float, float]:

@@ -121,7 +121,9 @@ def make_plan(
     ]
     missing = np.zeros(NODES)
     if recorded:
-        starts, missing = [_cycle_of(recorded), *starts], recorded.missing(_MIDDLES)
+        pressures = np.array([series(_PHASES) for series in recorded.pressures])
+        starts = [Cycle(recorded.position(_PHASES), pressures, 0.0), *starts]
+        missing = recorded.missing(_MIDDLES)
     search = partial(
         _nearest, nominal, position=position, velocity=velocity, missing=missing, progress=progress
     )
@@ -213,11 +215,6 @@ def _unhurried(nominal, position: np.ndarray, velocity: np.ndarray, acceleration
     gauge = law(*(each.reshape(1, -1) for each in (position, velocity, acceleration)))
     pressures = [np.array(each).ravel() + nominal.valve.ambient_pressure for each in gauge]
     return Cycle(position, np.array(pressures), 0.0)
-
-
-def _cycle_of(recorded: Recorded) -> Cycle:
-    pressures = [series(_PHASES) for series in recorded.pressures]
-    return Cycle(recorded.position(_PHASES), np.array(pressures), 0.0)
 
 
 def _fell_short(recorded: Recorded, cycle_time: float) -> np.ndarray:
