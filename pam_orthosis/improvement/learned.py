@@ -8,6 +8,7 @@ from pam_orthosis.discrepancy import patch
 from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.machine import Machine
+from pam_orthosis.model.rows import rounded
 
 
 def learnable(machine: Machine) -> dict[str, Effect]:
@@ -76,5 +77,4 @@ def _effect(nominal, name: str, values: Mapping[str, float]) -> dict[str, Any]:
 def _within(nominal, key: str, value: float) -> float:
     """Return a value inside the bounds of its row, with the digits that a model file has."""
     low, high = nominal.row(key).bounds
-    digits = 6
-    return float(f"{min(max(value, low), high):.{digits}g}")
+    return rounded([min(max(value, low), high)])[0]

@@ -15,6 +15,11 @@ from pam_orthosis.reading import shown
 Value: TypeAlias = float | int | bool | str | list[float]
 
 
+def rounded(values: Iterable[float], digits: int = 6) -> list[float]:
+    """Return numbers with as many digits as a file of parameters has."""
+    return [float(f"{value:.{digits}g}") for value in values]
+
+
 @dataclass(frozen=True)
 class Row:
     """One parameter: dotted key, value, unit, bounds (None where there are none), meaning, source."""

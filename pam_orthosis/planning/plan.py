@@ -17,6 +17,7 @@ from pam_orthosis.control.reference import Reference
 from pam_orthosis.control.trajectory import Trajectory, make_trajectory
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.rows import rounded
 from pam_orthosis.model.rules import FARTHEST_PLAN, motion_digest
 from pam_orthosis.planning import RESERVE
 from pam_orthosis.planning.problem import HELPS, Cycle, NotFound, nearest_cycle
@@ -27,7 +28,6 @@ NODES = 200  # of a cycle
 _PHASES = np.arange(NODES) / NODES
 _MIDDLES = _PHASES + 0.5 / NODES
 _NEAR_REST = np.cos(np.pi * _PHASES) ** 16  # 1 at the phase of rest, within a tenth of a cycle nearly 0
-DIGITS = 6
 LEAD = 0.02  # s by which the machine is late where valves are at their limits, and more is asked for earlier
 EARLY = 0.75  # of a cycle behind the start, where most gaits ask for most: there the first one is planned
 
@@ -57,7 +57,7 @@ class Plan:
         changed |= _rows("scenario.plan", self.asked - self.wanted, self.cycle.mean_pressure)
         if self.early:
             changed |= _rows("scenario.plan.start", *self._at_the_start(self.early))
-            changed["scenario.plan.start.settling"] = float(f"{self.settling:.{DIGITS}g}")
+            changed["scenario.plan.start.settling"] = rounded([self.settling])[0]
         return changed
 
     @property
@@ -89,7 +89,7 @@ def fourier(values: np.ndarray) -> tuple[list[float], list[float]]:
     harmonics = 24  # as many as the rows of `scenario.plan` have coefficients
     spectrum = np.fft.rfft(values)[: harmonics + 1] / len(values)
     spectrum[1:] *= 2
-    return _rounded(spectrum.real), _rounded(-spectrum.imag)
+    return rounded(spectrum.real), rounded(-spectrum.imag)
 
 
 def make_plan(
@@ -225,10 +225,6 @@ def _fell_short(recorded: Recorded, cycle_time: float) -> np.ndarray:
     later = _PHASES + LEAD / cycle_time
     short = recorded.planned * (recorded.followed(later) - recorded.position(later))
     return short - short[0] * _NEAR_REST
-
-
-def _rounded(values: np.ndarray) -> list[float]:
-    return [float(f"{value:.{DIGITS}g}") for value in values]
 
 
 class Effort(NamedTuple):

@@ -27,7 +27,7 @@ def programme(tmp_path, text):
     ("text", "problem"),
     [
         ("stages: []", "give a list"),
-        ("steps: []", "has no .steps.; did you mean stages?"),
+        ("steps: []", "has no 'steps'; did you mean stages?"),
         ("stages: [{strides: 0}]", "strides: 0 is not an integer"),
         ("stages: [{strides: 2.5}]", "2.5 is not an integer"),
         ("stages: [{strides: true}]", "True is not an integer"),

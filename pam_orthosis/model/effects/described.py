@@ -13,7 +13,7 @@ import casadi as ca
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.effects.base import Contribution, Effect
-from pam_orthosis.model.rows import Row, Section
+from pam_orthosis.model.rows import Row, Section, rounded
 from pam_orthosis.model.signals import Expression, Signals
 
 KNOTS = 20
@@ -99,10 +99,6 @@ def settings(coordinate: str, places: Sequence[float], values: Sequence[float]) 
     return {
         "enabled": True,
         "coordinate": coordinate,
-        "places": _rounded([*places, *behind]),
-        "values": _rounded([*values, *[values[-1]] * more]),
+        "places": rounded([*places, *behind]),
+        "values": rounded([*values, *[values[-1]] * more]),
     }
-
-
-def _rounded(numbers: Sequence[float]) -> list[float]:
-    return [float(f"{number:.6g}") for number in numbers]
