@@ -20,7 +20,7 @@ from pam_orthosis.progress import Progress, silent
 from pam_orthosis.reading import open_file
 
 TIMES = struct.Struct("<QQ")  # at the beginning of a chunk: first and last log time, ns
-NAME_AT, LEAST_CHUNK = 28, 40  # bytes of a chunk before the name of its compression, and at least
+LEAST_CHUNK = 40  # bytes; 28 stand before the name of its compression
 COMPRESSIONS = (b"", b"lz4", b"zstd")
 OPCODES = range(Opcode.HEADER, Opcode.DATA_END + 1)
 
@@ -128,7 +128,7 @@ def _like_a_chunk(data: Data, size: int, at: int) -> bool:
     if at + HEAD.size + LEAST_CHUNK > size:
         return False
     _, length = HEAD.unpack_from(data, at)
-    name_at = at + HEAD.size + NAME_AT
+    name_at = at + HEAD.size + 28
     (name_length,) = struct.unpack_from("<I", data, name_at)
     if length < LEAST_CHUNK or at + HEAD.size + length > size or name_length > max(map(len, COMPRESSIONS)):
         return False

@@ -15,8 +15,6 @@ from pam_orthosis.model.parameters import Parameters, experiments, scenario_over
 if TYPE_CHECKING:
     from pam_orthosis.discrepancy.judgement import Outcome
 
-PERIOD_NS = 10_000_000  # of the table's rows: a controller interpolates
-
 
 def next_experiment(outcome: Outcome, useful: Sequence[str]) -> str:
     """Return the scenario that separates what was found, or else shows most; empty if none would help."""
@@ -38,11 +36,12 @@ def references(name: str, parameters: Parameters) -> str:
     table.writerow(
         ("time", f"reference_{parameters.declared.coordinate.name}", "mean_pressure", "valves_closed")
     )
-    for row in range(round(parameters.scenario.duration * 1e9 / PERIOD_NS)):
-        now = experiment.sample(row * PERIOD_NS)
+    period_ns = 10_000_000  # a controller interpolates
+    for time_ns in range(0, round(parameters.scenario.duration * 1e9), period_ns):
+        now = experiment.sample(time_ns)
         mean = "" if now.mean_pressure is None else f"{as_number(now.mean_pressure):.0f}"
         closed = int(now.mean_pressure is Valve.CLOSED)
-        table.writerow((f"{row * PERIOD_NS * 1e-9:.2f}", f"{now.position:.5f}", mean, closed))
+        table.writerow((f"{time_ns * 1e-9:.2f}", f"{now.position:.5f}", mean, closed))
     return text.getvalue()
 
 

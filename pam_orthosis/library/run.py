@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
 
 Array = NDArray[np.float64]
-BOUND = 3.0  # deg or mm, drawn into a picture
-DPI = 90
 
 
 class Picture:
@@ -51,7 +49,7 @@ class Picture:
 
     def _repr_png_(self) -> bytes:
         stream = io.BytesIO()
-        self.figure.savefig(stream, format="png", dpi=DPI)
+        self.figure.savefig(stream, format="png", dpi=90)
         return stream.getvalue()
 
 
@@ -143,7 +141,7 @@ class Run(Shown):
 
         savemat(path, {"time": self.time, **self.signals}, oned_as="column")
 
-    def plot(self, bound: float = BOUND) -> Picture:
+    def plot(self, bound: float = 3.0) -> Picture:
         """Return the picture of `report`: machine, coordinate, error with its bound (deg or mm), pressures.
 
         Raises:

@@ -58,15 +58,10 @@ def frame_of(leg: str, name: str) -> str:
     return f"{leg}/{name}" if leg else name
 
 
-def fluid_pressure(
-    stamp_ns: int, muscle: str, pressure: float, variance: float = 0.0, leg: str = ""
-) -> FluidPressure:
-    """Return an absolute pressure (Pa) and its variance (Pa^2, 0 = unknown).
-
-    It is that of an actuator, or of all if none is named.
-    """
+def fluid_pressure(stamp_ns: int, muscle: str, pressure: float, leg: str = "") -> FluidPressure:
+    """Return an absolute pressure of an actuator, or of all if none is named, Pa, of unknown variance."""
     frame = frame_of(leg, f"{muscle}_muscle") if muscle else ""
-    return FluidPressure(header=header(stamp_ns, frame), fluid_pressure=pressure, variance=variance)
+    return FluidPressure(header=header(stamp_ns, frame), fluid_pressure=pressure)
 
 
 def mass_flow(stamp_ns: int, actuator: str, flow: float, leg: str = "") -> Vector3Stamped:

@@ -20,11 +20,10 @@ _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
 class Setting(NamedTuple):
-    """A node's own parameter: default, meaning and, for texts, the choice that there is."""
+    """A node's own parameter: default and meaning."""
 
     default: float | str | bool
     meaning: str
-    options: tuple[str, ...] = ()
 
 
 LEGS = Setting("", "namespaces of the legs, and in which parameters each differs, as JSON; none: one")
@@ -41,12 +40,9 @@ def machine_of(settings: Mapping[str, Any]) -> Machine:
 def declare_settings(node: Node, settings: Mapping[str, Setting]) -> dict[str, Any]:
     """Declare a node's own parameters, and return what they are set to; OrthosisError for unusable ones."""
     values = {}
-    for name, (default, meaning, options) in settings.items():
-        choice = f"one of {', '.join(options)}" if options else ""
-        descriptor = ParameterDescriptor(description=meaning, additional_constraints=choice, read_only=True)
+    for name, (default, meaning) in settings.items():
+        descriptor = ParameterDescriptor(description=meaning, read_only=True)
         values[name] = _declare(node, name, default, descriptor)
-        if options and values[name] not in options:
-            raise OrthosisError(f"{node.get_name()}: parameter {name} must be {choice}")
         if isinstance(values[name], float) and not 0 < values[name] < float("inf"):
             raise OrthosisError(f"{node.get_name()}: parameter {name} must be a positive number")
     return values

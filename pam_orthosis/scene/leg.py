@@ -16,12 +16,10 @@ import numpy as np
 from pam_orthosis.model.components.muscle import braid_diameter
 from pam_orthosis.model.mechanisms import leg as leg_model
 from pam_orthosis.model.parameters import Parameters
-from pam_orthosis.scene.shape import ZERO, Bar, Joint, Mass, Shape, Solid, Vector, ranges
+from pam_orthosis.scene.shape import ZERO, Bar, Joint, Mass, Shape, Solid, ranges
 
 # side of the thigh of extensor and flexor: the former on the front, which is up for a knee that points up
 SIDES = (1.0, -1.0)
-_ALONG_X: Vector = (0.0, math.pi / 2, 0.0)  # a cylinder stands on z
-_ALONG_Y: Vector = (math.pi / 2, 0.0, 0.0)
 
 
 def leg(parameters: Parameters) -> Shape:
@@ -73,7 +71,7 @@ def _solids(p, muscles, radius: float) -> tuple[Solid, ...]:
     ]
     foot = (thickness / 2, 0.0, p.configuration * p.shoe_length / 2)
     shoe = Solid("foot", "shoe", foot, (thickness, 2 * thickness, p.shoe_length))
-    wheel = Solid("cogwheel", "wheel", ZERO, (radius, 2 * p.thigh.width / 3), _ALONG_Y)
+    wheel = Solid("cogwheel", "wheel", ZERO, (radius, 2 * p.thigh.width / 3), (math.pi / 2, 0.0, 0.0))
     return (*bones, shoe, wheel, *(half for one in muscles.items() for half in _halves(*one)))
 
 
@@ -81,9 +79,10 @@ def _halves(name: str, m) -> tuple[Solid, Solid]:
     """Return a muscle's halves, which slide into each other as it contracts."""
     half = m.length / 2
     size = (m.geometry.diameter / 2 + m.geometry.wall, half)
+    along_x = (0.0, math.pi / 2, 0.0)  # a cylinder stands on z
     return (
-        Solid(f"{name}_muscle", "muscle", (half / 2, 0.0, 0.0), size, _ALONG_X),
-        Solid(f"{name}_chain", "muscle", (-half / 2, 0.0, 0.0), size, _ALONG_X),
+        Solid(f"{name}_muscle", "muscle", (half / 2, 0.0, 0.0), size, along_x),
+        Solid(f"{name}_chain", "muscle", (-half / 2, 0.0, 0.0), size, along_x),
     )
 
 

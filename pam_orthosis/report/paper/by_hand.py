@@ -26,7 +26,6 @@ from pam_orthosis.model.truth import true_parameters
 from pam_orthosis.progress import Progress, counted, silent
 
 PERIOD = 1.0e-3  # s, of the hand
-SLOW_SECONDS = 20.0  # through the range and back
 SETTLING = 1.0  # s at rest at first, in which the muscles vent; not judged
 # a relaxed leg in the knee's machine: its mass, and the elastic moment of its tissue
 RELAXED = {"leg.person.present": True, "plant.person.tissue.passive_moment.enabled": True}
@@ -142,13 +141,14 @@ def _slow(p: Parameters) -> tuple[Motion, float, float]:
     low, high = (float(end) for end in p.declared.mechanism(p).limits)
     clear = 0.02  # rad, of the stops
     low, half = low + clear, 0.5 * (high - low) - clear
-    rate = 2 * math.pi / SLOW_SECONDS
+    seconds = 20.0  # through the range and back
+    rate = 2 * math.pi / seconds
 
     def motion(time: float) -> tuple[float, float]:
         since = rate * max(time - SETTLING, 0.0)
         return low + half * (1 - math.cos(since)), half * rate * math.sin(since)
 
-    return motion, low, SETTLING + SLOW_SECONDS
+    return motion, low, SETTLING + seconds
 
 
 def _gait(p: Parameters) -> tuple[Motion, float, float]:

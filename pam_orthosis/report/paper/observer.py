@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fig. 8: the observer under a sinusoidal disturbance, its lag, its noise, and what one costs the other."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -19,8 +19,6 @@ from pam_orthosis.progress import Progress, counted, silent
 
 SCENARIO, GAIT = "observer", "default"
 SETTLING = 4.0  # s, not judged: the sine rises, and the observer does not know the disturbance yet
-GAIT_SECONDS = 9.0
-POLES = (50.0, 65.0, 80.0, 110.0, 150.0)
 PATTERNS = {1.0: "three equal poles", 0.5: "Butterworth pattern"}
 POLE, DAMPING = "control.observer.pole", "control.observer.damping"
 
@@ -92,9 +90,9 @@ def observe(overrides: Mapping[str, Any] | None = None, exact: bool = True, seed
     return _judged(p, signals, instants, true)
 
 
-def trade_off(poles: Iterable[float] = POLES, progress: Progress = silent) -> list[TradeOff]:
+def trade_off(progress: Progress = silent) -> list[TradeOff]:
     """Return lag, noise and the tracking of the gait for each pattern and distance of the poles."""
-    settings = list(product(PATTERNS, poles))
+    settings = list(product(PATTERNS, (50.0, 65.0, 80.0, 110.0, 150.0)))
     watched = counted(settings, progress, "fig. 8: trade-off of the observer")
     return [_one(pole, damping) for damping, pole in watched]
 
@@ -150,9 +148,10 @@ def _one(pole: float, damping: float) -> TradeOff:
     settings = {POLE: pole, DAMPING: damping}
     held = observe(settings)
     p = tree.load({**tree.scenario_overrides(GAIT), **settings})
-    run = ClosedLoop(p, seed=1).run(round(GAIT_SECONDS / p.scenario.control_period))
+    seconds = 9.0
+    run = ClosedLoop(p, seed=1).run(round(seconds / p.scenario.control_period))
     error = np.degrees(run["reference_angle"] - run["angle"])
-    variation = np.abs(np.diff(run["extensor_voltage"])).sum() / GAIT_SECONDS
+    variation = np.abs(np.diff(run["extensor_voltage"])).sum() / seconds
     return TradeOff(
         pole, damping, held.lag, held.velocity_noise,
         float(np.abs(error).max()), rms(error), float(variation),
