@@ -101,7 +101,7 @@ class Ownership:
         """Look for strangers where no message of theirs comes to this node, or just now none."""
         for settle in self._inputs:
             settle()
-        own, node = self._full_name(), self._node
+        node, own = self._node, self._node.get_fully_qualified_name()
         for topic in self._topics:
             if node.count_publishers(topic) > 1 and (others := _without(own, self._publishing(topic))):
                 self._refuse_named(f"a stranger publishes on {topic}", others)
@@ -126,9 +126,6 @@ class Ownership:
         if len(others) == 1 < len(names) or (others and len(names) - len(others) == len(owners)):
             return f"{what}: {', '.join(others)}"
         return f"{what}: of {', '.join(names)} one does not belong here" if names else what
-
-    def _full_name(self) -> str:
-        return self._node.get_fully_qualified_name()
 
     def _publishing(self, topic: str) -> list[str]:
         """Return the full names of the nodes that are known to publish on a topic."""

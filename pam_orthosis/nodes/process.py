@@ -57,7 +57,7 @@ class Heartbeat:
         self._last = now
         if now - self._armed > 5.0:  # each time costs a thread
             self._armed = now
-            self.ends_within(60.0)  # of a beat, whatever it is stuck in
+            self.ends_within(60.0)
         return self.write(_status(nodes, ended))
 
     def ends_within(self, seconds: float | None) -> None:
