@@ -9,12 +9,12 @@ import os
 import signal
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from io import TextIOWrapper
 from threading import current_thread, main_thread
 from types import FrameType, ModuleType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from pam_orthosis import __version__
 from pam_orthosis.cli.help_texts import STATUSES, epilog
@@ -41,6 +41,8 @@ VERBS = {
 }
 TRACEBACK = "PAM_ORTHOSIS_TRACEBACK"
 _interrupted: list[int] = []
+_over: list[bool] = []  # holds something as soon as the work of a verb is over
+Handler = Callable[[int, FrameType | None], Any] | int | None
 
 
 class Parser(argparse.ArgumentParser):
@@ -53,25 +55,37 @@ class Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a verb; return the exit status."""
-    _interrupted.clear()
-    if current_thread() is main_thread():
-        _catch_signals()
-    for stream in (sys.stdout, sys.stderr):  # names of files need not be text
-        if isinstance(stream, TextIOWrapper) and stream.errors == "strict":
-            stream.reconfigure(errors="backslashreplace")
+    before: dict[int, Handler] = {}
     try:
-        return _dispatch(sys.argv[1:] if arguments is None else list(arguments))
+        _interrupted.clear()
+        _over.clear()
+        if current_thread() is main_thread():
+            _catch_signals(before)
+        status = _worked(sys.argv[1:] if arguments is None else list(arguments))
+        _over.append(True)
+    except KeyboardInterrupt as error:  # on the way to the work, or from it
+        _over.append(True)
+        status = _failed(*_failure(error))
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        for number, handler in before.items():  # a process that ends does so undisturbed
+            signal.signal(number, signal.SIG_IGN if arguments is None else handler)
+    return status
+
+
+def _worked(arguments: Sequence[str]) -> int:
+    """Do what is asked for; return the exit status. No signal is heard any more when its end is told."""
+    try:
+        for stream in (sys.stdout, sys.stderr):  # names of files need not be text
+            if isinstance(stream, TextIOWrapper) and stream.errors == "strict":
+                stream.reconfigure(errors="backslashreplace")
+        return _dispatch(arguments)
     except BrokenPipeError:  # nobody reads the rest
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (Exception, KeyboardInterrupt) as error:
-        status = _failed(*_failure(error))
-        if arguments is None:  # nothing is left of this process that could be interrupted
-            for number in ENDING:
-                signal.signal(number, signal.SIG_IGN)
-        return status
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        _over.append(True)
+        return _failed(*_failure(error))
 
 
 def _failure(error: BaseException) -> tuple[str, int]:
@@ -97,12 +111,15 @@ def _told(error: BaseException) -> str:
     return f"{type(error).__name__} in {os.path.basename(own[-1].filename)}:{own[-1].lineno}: {error}"
 
 
-def _catch_signals() -> None:
-    """Let all signals that ask for an end do what SIGINT does; what is ignored, as by `nohup`, stays so."""
+def _catch_signals(before: dict[int, Handler]) -> None:
+    """Let all signals that ask for an end do what SIGINT does; what is ignored, as by `nohup`, stays so.
+
+    `before` gets what was done about them.
+    """
+    before[signal.SIGALRM] = signal.signal(signal.SIGALRM, _interrupt_again)
     for number in ENDING:
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
-            signal.signal(number, _interrupt)
-    signal.signal(signal.SIGALRM, _interrupt_again)
+            before[number] = signal.signal(number, _interrupt)
 
 
 def _interrupt(number: int, _frame: FrameType | None) -> None:
@@ -112,6 +129,8 @@ def _interrupt(number: int, _frame: FrameType | None) -> None:
         if isinstance(error, (KeyboardInterrupt, RunFailed)):
             return
         error = error.__context__
+    if _interrupted or _over:
+        return
     _interrupted.append(number)
     signal.setitimer(signal.ITIMER_REAL, 0.5, 0.5)  # C code may swallow what is raised here
     raise KeyboardInterrupt
@@ -119,7 +138,7 @@ def _interrupt(number: int, _frame: FrameType | None) -> None:
 
 def _interrupt_again(_number: int, _frame: FrameType | None) -> None:
     """Interrupt a verb that goes on as if it had not been asked to end, unless it deals with an error."""
-    if sys.exc_info()[1] is None:
+    if not _over and sys.exc_info()[1] is None:
         raise KeyboardInterrupt
 
 

@@ -96,7 +96,7 @@ def test_a_node_that_is_asked_to_end_while_it_is_made_leaves_the_middleware(tmp_
 def test_what_is_ignored_from_the_start_stays_ignored():
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        entry._catch_signals()
+        entry._catch_signals({})
         assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGHUP, before)
@@ -149,3 +149,68 @@ def test_a_signal_that_is_swallowed_comes_again(monkeypatch, capsys):
     finally:
         signal.signal(signal.SIGINT, before)
     assert "interrupted" in capsys.readouterr().err
+
+
+def _twice(_arguments):
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(1.0)
+
+
+def _refusing(_arguments):
+    raise OrthosisError("one of many")
+
+
+def _signalled_at(number, by):
+    """Let `main` get a signal before the instruction of this number of its module; return whether it did."""
+    left = [number]
+
+    def at(frame, event, _):
+        if frame.f_code.co_filename != entry.__file__:
+            return None
+        frame.f_trace_opcodes = True
+        if event == "opcode" and frame.f_lineno:  # no signal is dealt with in the few of no line
+            left[0] -= 1
+            if left[0] == 0:
+                signal.raise_signal(by)
+        return at
+
+    sys.settrace(at)
+    try:
+        status = entry.main()
+    except KeyboardInterrupt:
+        pytest.fail("it came out as a traceback")
+    finally:
+        sys.settrace(None)
+    return status, left[0] <= 0
+
+
+@pytest.mark.parametrize(
+    ("work", "by", "statuses"),
+    [
+        (lambda _: 0, signal.SIGTERM, {0, 3}),
+        (_refusing, signal.SIGTERM, {2, 3}),
+        (_twice, signal.SIGTERM, {3}),
+        (_twice, signal.SIGALRM, {3}),
+    ],
+    ids=["good", "refused", "twice", "again"],
+)
+def test_at_whatever_instruction_a_signal_comes_there_is_one_line_and_a_status(
+    work, by, statuses, monkeypatch, capsys
+):
+    monkeypatch.setattr(entry, "_dispatch", work)
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGALRM)}
+    number, came, seen = 5, True, set()  # behind what comes before its `try`
+    try:
+        while came:
+            for one in before:
+                heard = one == signal.SIGTERM
+                signal.signal(one, signal.default_int_handler if heard else signal.SIG_IGN)
+            status, came = _signalled_at(number, by)
+            assert capsys.readouterr().err.count("\n") == (status != 0)
+            seen.add(status)
+            number += 1
+    finally:
+        for one, handler in before.items():
+            signal.signal(one, handler)
+    assert seen == statuses
+    assert number > 50
