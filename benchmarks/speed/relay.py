@@ -51,10 +51,10 @@ RECORDER_DEPTH, ACKNOWLEDGED_STEPS = 5000, 10
 
 
 EXAMPLES = {
-    topics.TRUTH: messages.joint_state(0, ["knee", "e", "f"], *[[1.0] * 3] * 3),
-    "estimate": messages.joint_state(0, ["knee"], [1.0], [1.0]),
+    topics.TRUTH: messages.joint_state(0, ["knee", "e", "f"], **dict.fromkeys(messages.NUMBERS, [1.0] * 3)),
+    "estimate": messages.joint_state(0, ["knee"], position=[1.0], velocity=[1.0]),
     "controller_state": messages.controller_state(0, "knee"),
-    topics.JOINT: messages.joint_state(0, ["knee"], [1.0]),
+    topics.JOINT: messages.joint_state(0, ["knee"], position=[1.0]),
     topics.PRESSURE: messages.fluid_pressure(0, "extensor", 1.0),
     topics.VECTOR: messages.mass_flow(0, "extensor", 1.0),
     topics.MOTION: messages.trajectory(0, "knee", Motion(1.0, 1.0, 1.0)),

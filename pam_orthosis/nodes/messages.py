@@ -16,7 +16,7 @@ from pam_orthosis.control.reference import Motion
 
 MOTION = [f"points[0].{field}[0]" for field in ("positions", "velocities", "accelerations")]
 PRESSURE, FLOW, SPOOL = ["fluid_pressure"], ["vector.x"], ["position[0]"]
-UNKNOWN = float("nan")
+UNKNOWN, NUMBERS = float("nan"), ("position", "velocity", "effort")
 # the numbers of a wrench before and behind a torque about y or a force along x, as the table of signals says
 AROUND = {"rotation": ((0.0,) * 4, (0.0,)), "translation": ((), (0.0,) * 5)}
 
@@ -36,21 +36,9 @@ def header(stamp_ns: int, frame: str = "") -> Header:
     return Header(stamp=time(stamp_ns), frame_id=frame)
 
 
-def joint_state(
-    stamp_ns: int,
-    names: Sequence[str],
-    position: Sequence[float] = (),
-    velocity: Sequence[float] = (),
-    effort: Sequence[float] = (),
-) -> JointState:
-    """Return named, stamped scalars; what is not known stays empty."""
-    return JointState(
-        header=header(stamp_ns),
-        name=list(names),
-        position=list(position),
-        velocity=list(velocity),
-        effort=list(effort),
-    )
+def joint_state(stamp_ns: int, names: Sequence[str], **numbers: Sequence[float]) -> JointState:
+    """Return named, stamped scalars: position, velocity, effort; what is not known stays empty."""
+    return JointState(header=header(stamp_ns), name=list(names), **numbers)
 
 
 def frame_of(leg: str, name: str) -> str:
@@ -90,7 +78,7 @@ def trajectory(stamp_ns: int, joint: str, motion: Motion) -> JointTrajectory:
 def controller_state(stamp_ns: int, joint: str) -> JointState:
     """Return reference, feedback and error of a joint, and the effort that is asked for: nothing yet."""
     names = [f"{joint}_{what}" for what in ("reference", "feedback", "error", "output")]
-    return joint_state(stamp_ns, names, *[[UNKNOWN] * len(names)] * 3)
+    return joint_state(stamp_ns, names, **dict.fromkeys(NUMBERS, [UNKNOWN] * len(names)))
 
 
 def diagnostics(

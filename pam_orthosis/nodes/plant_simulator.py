@@ -143,7 +143,8 @@ class Shown:
         self._pressures = [publish(f"{name}/pressure", one) for name, one in shown.items()]
         sensor = node.parameters_of(leg).plant.sensor
         self._variance = sensor.pressure_noise**2 + sensor.pressure_resolution**2 / 12
-        true = messages.joint_state(0, [joint, *actuators], *[[0.0] * (1 + len(actuators))] * 3)
+        zeros = dict.fromkeys(messages.NUMBERS, [0.0] * (1 + len(actuators)))
+        true = messages.joint_state(0, [joint, *actuators], **zeros)
         self._ordered = order_of_truth(len(actuators))
         self._truth = publish(TRUTH, true)
         self._gas = [
