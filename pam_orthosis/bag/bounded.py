@@ -5,7 +5,7 @@ rosbags reads records and unpacks chunks whole, and follows YAML wherever it lea
 streams that refuse long reads, decompressors that stop, and the YAML of `reading`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,8 @@ from typing import Any, BinaryIO, ClassVar
 
 import apsw
 from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.records import Channel, Schema
 from rosbags.rosbag2 import Reader, metadata, reader, storage_mcap
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
@@ -22,6 +24,9 @@ from pam_orthosis.bag import unpack
 from pam_orthosis.bag.information import METADATA_FILE
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.reading import check_file, from_yaml, open_file, read_text
+
+PROFILE, MESSAGES = "ros2", "cdr"  # of files and messages that rosbag2's readers take
+DEFINITIONS = "ros2msg", "ros2idl", "omgidl", ""  # encodings of types that they take
 
 
 @contextmanager
@@ -39,9 +44,9 @@ def check_bag(path: Path) -> None:
             if (path / METADATA_FILE).exists():
                 read_text(path / METADATA_FILE)
                 return
-            if any(path.glob("*.mcap")):
-                how = f"run `pam-orthosis recover {path} --in-place`"
-                raise OrthosisError(f"{path} was never closed (no {METADATA_FILE}); {how}")
+            if files := sorted(path.glob("*.mcap")):
+                told = f"{path} was never closed (no {METADATA_FILE}); run"
+                raise OrthosisError(_not_ros(path, files) or f"{told} {_remedy(path, files)}")
             raise OrthosisError(f"{path} holds no bag (no {METADATA_FILE})")
         if not path.exists():
             raise OrthosisError(f"no bag at {path}")
@@ -57,9 +62,60 @@ def damage_told(path: Path) -> Iterator[None]:
         raise
     except Exception as error:
         reason = str(error).splitlines()[0][:200] if str(error).strip() else type(error).__name__
-        raise OrthosisError(
-            f"{path} cannot be read as a bag ({reason}); try `pam-orthosis recover {path}`"
-        ) from error
+        told = f"{path} cannot be read as a bag ({reason}); try `pam-orthosis recover {path}`"
+        files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
+        raise OrthosisError(_not_ros(path, files) or told) from error
+
+
+def refusal(channel: Channel, schemas: Mapping[int, Schema]) -> str:
+    """Return why messages of a channel keep readers of ROS from a whole bag; empty if they do not."""
+    if channel.message_encoding != MESSAGES:
+        return f"its messages are {channel.message_encoding or 'of no encoding'}, not {MESSAGES}"
+    if not channel.schema_id:
+        return ""
+    if channel.schema_id not in schemas:
+        return f"its schema {channel.schema_id} is missing"
+    schema = schemas[channel.schema_id]
+    if schema.encoding not in DEFINITIONS:
+        return f"its type is defined in {schema.encoding}, which is not of ROS"
+    return "" if _is_text(schema.data) else "the definition of its type is no text"
+
+
+def _is_text(data: bytes) -> bool:
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+def _declared(file: Path) -> tuple[str, dict[str, str]]:
+    """Return the profile of a closed MCAP file, and topic -> why it is refused."""
+    with (
+        suppress(Exception),
+        unpack.Limited(open_file(file)) as stream,
+    ):  # damage makes the reader raise anything
+        reader = make_reader(stream)
+        if summary := reader.get_summary():
+            refused = {one.topic: refusal(one, summary.schemas) for one in summary.channels.values()}
+            return reader.get_header().profile, refused
+    return PROFILE, {}
+
+
+def _not_ros(path: Path, files: Sequence[Path]) -> str:
+    """Return what to say of files whose topics are all refused; empty if there is one that is not."""
+    told = {topic: why for file in files for topic, why in _declared(file)[1].items()}
+    if not told or not all(told.values()):
+        return ""
+    topic, why = next(iter(told.items()))
+    return f"{path} is no bag of ROS: {topic}: {why}"
+
+
+def _remedy(path: Path, files: Sequence[Path]) -> str:
+    """Return what makes a bag readable: a copy if readers refuse its profile or one of its topics."""
+    declared = [_declared(file) for file in files]
+    copied = any(profile != PROFILE or any(refused.values()) for profile, refused in declared)
+    return f"`pam-orthosis recover {path}{'' if copied else ' --in-place'}`"
 
 
 class _Source:

@@ -11,6 +11,7 @@ from mcap.records import Channel, Message, Metadata, Schema
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.metadata import parse_qos
 
+from pam_orthosis.bag.bounded import refusal
 from pam_orthosis.bag.close import close_bag
 from pam_orthosis.bag.information import NO_TYPE, RUN_RECORD
 from pam_orthosis.bag.record import BagWriter, Declared
@@ -20,7 +21,6 @@ from pam_orthosis.files import filled
 from pam_orthosis.progress import Progress, part, silent
 from pam_orthosis.reading import check_file, from_yaml
 
-MESSAGES, DEFINITIONS = "cdr", ("ros2msg", "ros2idl", "omgidl", "")  # encodings that rosbag2's readers take
 QOS = "offered_qos_profiles"
 
 
@@ -164,17 +164,7 @@ class _Found:
         """Return why messages of a channel cannot be copied; nothing if they can."""
         if number not in self._channels:
             return f"channel {number} is nowhere declared"
-        channel = self._channels[number]
-        if channel.message_encoding != MESSAGES:
-            return f"its messages are {channel.message_encoding or 'of no encoding'}, not {MESSAGES}"
-        if not channel.schema_id:
-            return ""
-        if channel.schema_id not in self._schemas:
-            return f"its schema {channel.schema_id} is missing"
-        schema = self._schemas[channel.schema_id]
-        if schema.encoding not in DEFINITIONS:
-            return f"its type is defined in {schema.encoding}, which is not of ROS"
-        return "" if _is_text(schema.data) else "the definition of its type is no text"
+        return refusal(self._channels[number], self._schemas)
 
 
 def _copy(source: Salvage, found: _Found, writer: BagWriter, progress: Progress) -> None:
@@ -197,14 +187,6 @@ def _metadata(channel: Channel) -> dict[str, str]:
     except Exception:  # readers raise anything
         readable = False
     return metadata if readable else {**metadata, QOS: "[]"}
-
-
-def _is_text(data: bytes) -> bool:
-    try:
-        data.decode()
-    except UnicodeDecodeError:
-        return False
-    return True
 
 
 def _check_readable(bag: Path) -> None:

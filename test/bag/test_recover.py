@@ -3,6 +3,7 @@
 
 import json
 import re
+import shutil
 from contextlib import suppress
 from pathlib import Path
 
@@ -270,3 +271,55 @@ def _copy_messages(source, writer):
             known = writer.register_schema(schema.name, schema.encoding, schema.data)
             channels[channel.topic] = writer.register_channel(channel.topic, "cdr", known, channel.metadata)
         writer.add_message(channels[channel.topic], message.log_time, message.data, message.publish_time)
+
+
+def _of_another_program(file, profile="", encoding="json", schema=("thing", "jsonschema", b"{}")):
+    file.parent.mkdir(exist_ok=True)
+    with open(file, "wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile=profile, library="another program")
+        channel = writer.register_channel("/thing", encoding, writer.register_schema(*schema))
+        writer.add_message(channel, 1, b"{}", 1)
+        writer.finish()
+    return file
+
+
+@pytest.mark.parametrize("profile", ["", "ros2"])
+@pytest.mark.parametrize("folder", [True, False], ids=["folder", "file"])
+@pytest.mark.parametrize("verb", ["check", "gap", "report", "replay"])
+def test_a_bag_of_another_program_is_told_as_such_and_nothing_is_advised(
+    verb, folder, profile, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    file = _of_another_program(tmp_path / "foreign" / "foreign_0.mcap", profile)
+    given = file.parent if folder else file
+    assert main([verb, str(given)]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert f"{given} is no bag of ROS: /thing: its messages are json, not cdr" in said[-1]
+    assert "recover" not in said[-1]
+
+
+def test_a_profile_of_another_program_is_no_reason_to_close_in_place(tmp_path, capsys):
+    bag = tmp_path / "foreign"
+    file = _of_another_program(
+        bag / "foreign_0.mcap", encoding="cdr", schema=("std_msgs/msg/Empty", "ros2msg", b"")
+    )
+    for given in (bag, file):
+        assert main(["check", str(given)]) == 2
+        assert f"`pam-orthosis recover {given}`" in capsys.readouterr().err
+    recover(bag, tmp_path / "new")
+    with Reader(tmp_path / "new") as reader:
+        assert [one.topic for one in reader.connections] == ["/thing"]
+
+
+def test_a_bag_of_ros_beside_another_program_is_copied_without_it(tmp_path, capsys):
+    bag = tmp_path / "mixed"
+    shutil.copytree(WALK, bag)
+    (bag / "metadata.yaml").unlink()
+    assert main(["check", str(bag)]) == 2
+    assert f"run `pam-orthosis recover {bag} --in-place`" in capsys.readouterr().err
+    _of_another_program(bag / "mixed_1.mcap")
+    assert main(["check", str(bag)]) == 2
+    assert f"run `pam-orthosis recover {bag}`" in capsys.readouterr().err
+    assert main(["recover", str(bag), "--out", str(tmp_path / "new")]) == 0
+    assert main(["check", str(tmp_path / "new")]) == 0
