@@ -63,7 +63,13 @@ class Batch:
             OrthosisError: the executor is gone, or the results cannot be written.
         """
         with locked(self.folder):
-            self._run(executor, lives, retries, show)
+            try:
+                self._run(executor, lives, retries, show)
+            except OrthosisError as error:
+                if not self.results:
+                    raise
+                done = f"{len(self.results)} of {len(self.units)} results are kept in {self.folder}"
+                raise OrthosisError(f"{error}; {done}") from error
 
     def _run(
         self, executor: Executor, lives: Callable[[], bool], retries: int, show: Callable[[str], None]

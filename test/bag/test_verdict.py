@@ -302,7 +302,7 @@ def test_a_leg_among_others_can_be_judged_alone(tmp_path, capsys):
     assert main(["check", str(tmp_path / "walk")]) == 0
     assert "left leg" in capsys.readouterr().out
     assert main(["check", str(tmp_path / "walk"), "--namespace", "/left"]) == 0
-    assert main(["report", str(tmp_path / "walk"), "--only", "table", "--out", str(tmp_path)]) == 2
+    assert main(["report", str(tmp_path / "walk"), "--only", "table", "--out", str(tmp_path / "out")]) == 2
     assert "it has the legs left: give one by --namespace" in capsys.readouterr().err
     assert main(["check", str(tmp_path / "walk"), "--skip-s", "1e300"]) == 2
     assert main(["check", str(tmp_path / "walk"), "--bound-deg", "-1"]) == 2

@@ -194,9 +194,10 @@ def test_a_page_that_complains_is_noticed(browser, tmp_path):
 
 
 def test_reports_of_bags_whose_names_differ_behind_a_point_stand_side_by_side(tmp_path):
+    out = tmp_path / "pages"
     for name in ("gain1.5", "gain1.6"):
         shutil.copytree(WALK, tmp_path / name)
-        assert main(["report", str(tmp_path / name), "--only", "page", "--out", str(tmp_path)]) == 0
-    assert main(["report", str(next(WALK.glob("*.mcap"))), "--only", "page", "--out", str(tmp_path)]) == 0
-    pages = {page.name for page in tmp_path.glob("*.html")}
+        assert main(["report", str(tmp_path / name), "--only", "page", "--out", str(out)]) == 0
+    assert main(["report", str(next(WALK.glob("*.mcap"))), "--only", "page", "--out", str(out)]) == 0
+    pages = {page.name for page in out.glob("*.html")}
     assert pages == {"gain1.5.html", "gain1.6.html", f"{next(WALK.glob('*.mcap')).stem}.html"}
