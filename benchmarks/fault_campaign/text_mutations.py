@@ -255,7 +255,7 @@ def rig_table() -> str:
     for bar in range(1, 7):
         for step in range(12):
             contraction = 0.01 * step
-            force = float(muscle.force(contraction, 0.0, bar * 1e5, m))
+            force = float(muscle.towing_force(contraction, bar * 1e5, m))
             rows += [f"{bar * 1e5:g},{contraction:g},{force:.3f}"] * (force > 0)
     return "\n".join(rows) + "\n"
 

@@ -16,7 +16,7 @@ from pam_orthosis.bag.record import METADATA_FILE
 from pam_orthosis.bag.sources import check_once
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.identification.measured import numbered_repeats, table_parts
+from pam_orthosis.identification.measured import Parts, numbered_repeats, table_parts
 from pam_orthosis.identification.samples import (
     DERIVATIVE_SAMPLES,
     Decay,
@@ -106,25 +106,21 @@ def read_data(
     if specimen not in specimens:
         raise OrthosisError(f"no muscle {specimen} here; there are: {', '.join(specimens)}")
     nominal = _nominal_length(runs, specimen, parameters, length, bool(tables))
-    parts = _Parts()
-    _add_bags(parts, runs, specimen, parameters, counted(bags, progress, "reading bags"))
-    marked = _add_tables(parts, nominal, parameters, len(bags), counted(tables, progress, "reading tables"))
-    if not parts.samples:
+    parts, serial = [], len(bags)
+    for number, path in enumerate(counted(bags, progress, "reading bags")):
+        parts.append(_bag_parts(path, runs[path].get("test", "force"), number, specimen, parameters))
+    for path in counted(tables, progress, "reading tables"):
+        parts.append(table_parts(path, nominal, parameters.valve.ambient_pressure, serial))
+        serial = 1 + int(max([serial, *(one.samples.serial.max() for one in parts if one.samples)]))
+    samples = [one.samples for one in parts if one.samples]
+    if not samples:
         raise OrthosisError("no force measurement among the data: give bags of `rig` or a table")
     return Data(
-        specimen, parameters, nominal, joined(Samples, numbered_repeats(parts.samples)), not bags,
-        parts.decays, joined(Volumes, parts.volumes), marked, own,
-        _assumed(tables, length, specimen, nominal, own),
+        specimen, parameters, nominal, joined(Samples, numbered_repeats(samples)), not bags,
+        [one.decay for one in parts if one.decay],
+        joined(Volumes, [one.volumes for one in parts if one.volumes]),
+        any(one.marked for one in parts), own, _assumed(tables, length, specimen, nominal, own),
     )  # fmt: skip
-
-
-@dataclass
-class _Parts:
-    """What bags and tables hold, part by part."""
-
-    samples: list[Samples] = field(default_factory=list)
-    decays: list[Decay] = field(default_factory=list)
-    volumes: list[Volumes] = field(default_factory=list)
 
 
 def _nominal_length(runs, specimen: str, parameters: Parameters, given: float | None, tables: bool) -> float:
@@ -138,30 +134,15 @@ def _nominal_length(runs, specimen: str, parameters: Parameters, given: float | 
     return lengths.pop()
 
 
-def _add_bags(parts: _Parts, runs, specimen: str, parameters: Parameters, bags: Iterable[Path]) -> None:
-    for serial, path in enumerate(bags):
-        test = runs[path].get("test", "force")
-        if test == "decay":
-            parts.decays.append(_decay(path, specimen, parameters))
-        elif test == "volume":
-            parts.volumes.append(_volumes(path, specimen, parameters))
-        elif test != "diagnostic":  # the gap workflow's: moves too fast for static force
-            parts.samples.append(_bag_samples(path, serial, parameters))
-
-
-def _add_tables(
-    parts: _Parts, nominal: float, parameters: Parameters, serial: int, tables: Iterable[Path]
-) -> bool:
-    """Add what tables hold, their samples numbered from `serial` on; return whether one marks slack."""
-    marked = False
-    for path in tables:
-        part = table_parts(path, nominal, parameters.valve.ambient_pressure, serial)
-        parts.samples += [part.samples] if part.samples else []
-        parts.decays += [part.decay] if part.decay else []
-        parts.volumes += [part.volumes] if part.volumes else []
-        marked |= part.marked
-        serial = 1 + int(max([serial, *(one.serial.max() for one in parts.samples)]))
-    return marked
+def _bag_parts(path: Path, test: str, serial: int, specimen: str, parameters: Parameters) -> Parts:
+    """Return what a bag of a test holds, whose run has this number."""
+    if test == "decay":
+        return Parts(decay=_decay(path, specimen, parameters))
+    if test == "volume":
+        return Parts(volumes=_volumes(path, specimen, parameters))
+    if test == "diagnostic":  # the gap workflow's: moves too fast for static force
+        return Parts()
+    return Parts(_bag_samples(path, serial, parameters))
 
 
 def _assumed(

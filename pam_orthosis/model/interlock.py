@@ -3,28 +3,10 @@
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from pam_orthosis.model.components.spool import VENT, voltage_of
 from pam_orthosis.model.mechanisms import Sole
 from pam_orthosis.model.parameters import Parameters
-
-
-@dataclass
-class _Joint:
-    """The valves of a joint: their numbers, and for how many periods all have been told to vent."""
-
-    lines: list[int]
-    vented: int = 0
-
-
-@dataclass
-class _Sole:
-    """The valves of a sole, the joints that release it, and for how many periods it is still released."""
-
-    lines: list[int]
-    joints: list[_Joint]
-    released: int = 0
 
 
 class Interlock:
@@ -38,21 +20,18 @@ class Interlock:
     """
 
     def __init__(self, parameters: Mapping[str, Parameters]):
-        lines: dict[str, list[int]] = defaultdict(list)
+        self._lines: dict[str, list[int]] = defaultdict(list)  # namespace -> numbers of its valves
         self._vent: list[float] = []
         for name, one in parameters.items():
             for _ in one.declared.names:
-                lines[name].append(len(self._vent))
+                self._lines[name].append(len(self._vent))
                 self._vent.append(max(one.valve.minimum_voltage, voltage_of(VENT, one.valve)))
         self._asked = [float("inf")] * len(self._vent)
         soles = {name for name, one in parameters.items() if has_sole(one)}
-        joints = {name: _Joint(lines[name]) for name in parameters if name not in soles}
-        self._joints = list(joints.values())
-        self._soles = [
-            _Sole(lines[sole], [one for name, one in joints.items() if _leg(name) == _leg(sole)])
-            for sole in parameters
-            if sole in soles
-        ]
+        joints = [name for name in parameters if name not in soles]
+        self._of_leg = {sole: [one for one in joints if _leg(one) == _leg(sole)] for sole in soles}
+        self._vented = dict.fromkeys(joints, 0)  # for how many periods all its valves were told to vent
+        self._left = dict.fromkeys(soles, 0)  # for how many periods a sole is still released
         first = next(iter(parameters.values()))
         guard, period = first.control.guard, first.scenario.control_period
         self._after, self._least = (max(1, round(t / period)) for t in (guard.hold_time, guard.rest_time))
@@ -71,14 +50,13 @@ class Interlock:
 
     def passed(self) -> None:
         """Look at what was asked in the control period that is over."""
-        for joint in self._joints:
-            vents = all(self._asked[line] <= self._vent[line] for line in joint.lines)
-            joint.vented = joint.vented + 1 if vents else 0
-        self._released.clear()
-        for sole in self._soles:
-            vented = any(joint.vented >= self._after for joint in sole.joints)
-            sole.released = self._least if vented else max(0, sole.released - 1)
-            self._released.update(sole.lines if sole.released else ())
+        for joint, before in self._vented.items():
+            vents = all(self._asked[line] <= self._vent[line] for line in self._lines[joint])
+            self._vented[joint] = before + 1 if vents else 0
+        for sole, joints in self._of_leg.items():
+            vented = any(self._vented[joint] >= self._after for joint in joints)
+            self._left[sole] = self._least if vented else max(0, self._left[sole] - 1)
+        self._released = {line for sole, left in self._left.items() if left for line in self._lines[sole]}
 
 
 def has_sole(parameters: Parameters) -> bool:

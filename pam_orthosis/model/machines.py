@@ -263,21 +263,21 @@ def machine_named(name: Path | None = None) -> Machine:
     Raises:
         OrthosisError: neither is there, it is that of a device, or the file is unusable.
     """
-    if name is None or (str(name) == KNEE.name and not name.exists()):
+    if name is not None and name.exists():
+        return read_machine(name)
+    if name is None or str(name) == KNEE.name:
         return KNEE
-    if not name.exists() and str(name) in shipped_machines():
+    if str(name) in shipped_machines():
         return read_machine(config_folder() / "machines" / f"{name}.yaml")
-    if str(name) == RIG.name and not name.exists():
+    if str(name) == RIG.name:
         raise OrthosisError(
             "rig: the test rig has verbs of its own, `rig` and `identify`; give ankle, shoe or a file"
         )
     devices = sorted(path.stem for path in (config_folder() / "devices").glob("*.yaml"))
-    if str(name) in devices and not name.exists():
+    if str(name) in devices:
         raise OrthosisError(f"{name} is a device of several machines, for `run`; give one of its machines")
-    if not name.exists():
-        names = f"{', '.join(shipped_machines())}, for `run` also {', '.join(devices)}"
-        raise OrthosisError(f"no machine {name}: there is no such file; those that come with it: {names}")
-    return read_machine(name)
+    names = f"{', '.join(shipped_machines())}, for `run` also {', '.join(devices)}"
+    raise OrthosisError(f"no machine {name}: there is no such file; those that come with it: {names}")
 
 
 KNEE, RIG = _shipped("knee"), _shipped("rig")

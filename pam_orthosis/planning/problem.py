@@ -145,15 +145,18 @@ def _interrupts() -> Iterator[None]:
 
 def _rates(nominal, share: float) -> ca.Function:
     """Return (state, mass flows, effort of the effects) -> (rates, distances from the flows allowed)."""
-    model = effects.gas_model(nominal)
-    supply, own, supply_rates, scales = _supply(nominal)
+    model, scales = effects.gas_model(nominal), effects.supply_scales(nominal)
     s, flow, effort = model.signals.copy(), ca.SX.sym("flow", 2), ca.SX.sym("effort")
+    own = ca.SX.sym("supply", len(scales))
     for i, a in enumerate(s.actuators.values()):
         a.flow = flow[i] * GRAM
     set_pressure_rates(s)
+    drawing = 0.02 * GRAM  # kg/s over which a valve begins to draw: an edge has no second derivative
+    drawn = {name: _positive(a.flow, drawing) for name, a in s.actuators.items()}
+    supply, supply_rates = effects.supply(nominal, own, drawn)
     rates = [s.velocity, _acceleration(s, effort, Axis(nominal))]
     rates += [a.pressure_rate for a in s.actuators.values()]
-    rates.append(supply_rates(flow * GRAM))
+    rates.append(supply_rates)
     margins = []
     for i, (name, a) in enumerate(s.actuators.items()):
         passes = effects.flow_of_opening(nominal, name)
@@ -176,20 +179,6 @@ def _acceleration(s, effort, axis: Axis):
     share, arm = axis.lever(s.coordinate)
     whole = arm * (pulls[1] - share * pulls[0]) + effort
     return acceleration(whole, axis.terms(s.coordinate, s.velocity))
-
-
-def _supply(nominal):
-    """Return supply pressure, its states, a function mass flows -> their rates, and their scales."""
-    scales = effects.supply_scales(nominal)
-    own = ca.SX.sym("supply", len(scales))
-
-    drawing = 0.02  # g/s over which a valve begins to draw from the supply, for the same reason
-
-    def at(flow):
-        drawn = {name: _positive(flow[i], drawing * GRAM) for i, name in enumerate(nominal.declared.names)}
-        return effects.supply(nominal, own, drawn)
-
-    return at(ca.SX(2, 1))[0], own, lambda flow: at(flow)[1], scales
 
 
 def _positive(x, width):

@@ -13,7 +13,7 @@ from typing import Any
 
 import casadi as ca
 
-from pam_orthosis.model.components.actuator import Actuator, taut
+from pam_orthosis.model.components.actuator import Actuator
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Expression
 
@@ -121,13 +121,6 @@ def towing_force(contraction: Expression, pressure_gauge: Expression, m: Section
     Eq. (14) prints p_M for any pressure: it is the gauge pressure, since at ambient pressure no muscle pulls.
     """
     return area(contraction, m) * boxed_pressure(pressure_gauge, m) - counterforce(contraction, m)
-
-
-def force(
-    contraction: Expression, contraction_rate: Expression, pressure_gauge: Expression, m: Section
-) -> Expression:
-    """Return the tensile force of Eqs. (13)-(14), N, at least zero."""
-    return taut(towing_force(contraction, pressure_gauge, m), contraction_rate, m.force.damping)
 
 
 def volume(contraction: Expression, pressure_gauge: Expression, m: Section) -> Expression:
