@@ -22,11 +22,16 @@ WHOLE = "dynamics"  # the equation of a model that is replayed as a whole
 
 @dataclass(frozen=True)
 class Input:
-    """A recorded input of a system: name, unit, standard deviation of what is recorded (0: exact)."""
+    """A recorded input of a system: name, unit, standard deviation of what is recorded (0: exact).
+
+    `held`: each value acts until the next row, as what a digital controller commands; else it runs straight
+    from row to row, as what a sensor measures.
+    """
 
     name: str
     unit: str
     noise: float = 0.0
+    held: bool = True
 
 
 @dataclass(frozen=True)
@@ -105,6 +110,7 @@ class Model:
             late=self.late,
             input_units={one.name: one.unit for one in self.inputs},
             input_noise={one.name: one.noise for one in self.inputs},
+            gradual=tuple(one.name for one in self.inputs if not one.held),
             sources=self.sources,
         )
         equations = self._equations(plain.derived)

@@ -51,8 +51,8 @@ class Part:
 def data_width(system: System) -> int:
     """Return the number of columns of the data `z`.
 
-    These are: neighbours now and next, inputs before and now, time, measured channels, second difference
-    quotients, the fraction of the period in which the inputs before still act.
+    These are: neighbours now and next, inputs before and now (gradual ones: now and next), time, measured
+    channels, second difference quotients, the fraction of the period in which the inputs before still act.
     """
     return 3 * len(system.channels) + 2 * len(system.inputs) + 2 + len(system.derived_twice)
 
@@ -108,15 +108,15 @@ def cut(system: System, assembled: Assembled, static: Assembled, equation: Equat
         return ca.substitute([expression], [assembled.x, inputs_now], [full, ca.vertcat(held, time)])[0]
 
     own_rates = ca.vertcat(*(assembled.rates[assembled.states.index(name)] for name in own))
-    rates = evaluate(own_rates, x, fraction, seen.inputs(z))
-    if late and _depends(rates, seen.inputs(z)):
-        before = evaluate(own_rates, x, fraction, seen.inputs_before(z))
+    rates = evaluate(own_rates, x, fraction, seen.inputs(z, fraction))
+    if late and _depends(rates, seen.recorded_inputs(z)[1]):
+        before = evaluate(own_rates, x, fraction, seen.inputs(z, fraction, before=True))
         rates += seen.share_before(z) * (before - rates)
     predicted = ca.vertcat(*(assembled.measured[name] for name in equation.channels))
-    residual = seen.measured(z) - evaluate(predicted, x, 0.0, seen.inputs_before(z))
+    residual = seen.measured(z) - evaluate(predicted, x, 0.0, seen.inputs(z, 0.0, before=True))
     pulled = _gains(equation, own) @ residual
     moved = _moved(system, own, x, pulled)
-    remembered = [evaluate(own_rates, state, 0.0, seen.inputs_before(z)) for state in (x, moved)]
+    remembered = [evaluate(own_rates, state, 0.0, seen.inputs(z, 0.0, before=True)) for state in (x, moved)]
     held = {state for gains in equation.gains.values() for state in gains} - set(equation.states)
     felt = ca.vertcat(*(name in held for name in own)) * (remembered[1] - remembered[0])
     corrected = x + period * (pulled + felt)
@@ -139,6 +139,7 @@ class _Seen:
     def __init__(self, system: System, equation: Equation, static: Assembled):
         self._system, self._equation = system, equation
         self._channels, self._inputs = len(system.channels), len(system.inputs)
+        self._gradual = [name in system.gradual for name in system.inputs]
         neighbours = [c for c in system.channels if c.name not in equation.channels and c.state is not None]
         self._inverse = {c.state: _inverse(system, static, c) for c in neighbours}
 
@@ -159,12 +160,16 @@ class _Seen:
         bends = ca.vertsplit(z[end - len(self._system.derived_twice) : end])
         return values | dict(zip(self._system.derived_twice, bends, strict=True))
 
-    def inputs_before(self, z: ca.SX) -> ca.SX:
-        return z[2 * self._channels : 2 * self._channels + self._inputs]
+    def inputs(self, z: ca.SX, at: ca.SX | float, before: bool = False) -> ca.SX:
+        """Return the inputs at a fraction of the period; `before`: those held are of the sample before."""
+        first, last = self.recorded_inputs(z)
+        between, held = first + at * (last - first), first if before else last
+        return ca.vertcat(*(between[i] if g else held[i] for i, g in enumerate(self._gradual)))
 
-    def inputs(self, z: ca.SX) -> ca.SX:
-        start = 2 * self._channels + self._inputs
-        return z[start : start + self._inputs]
+    def recorded_inputs(self, z: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return the columns of inputs: before and now, of gradual ones now and next."""
+        start, count = 2 * self._channels, self._inputs
+        return z[start : start + count], z[start + count : start + 2 * count]
 
     def time(self, z: ca.SX) -> ca.SX:
         return z[2 * self._channels + 2 * self._inputs]

@@ -84,7 +84,8 @@ def from_arrays(name: str, system: System, arrays: Mapping[str, np.ndarray]) -> 
             raise OrthosisError(
                 f"{name}: {key} is not finite at sample {int(np.argmin(np.isfinite(values)))}"
             )
-    found = even(name, time, signals, system.inputs)
+    held = set(system.inputs) - set(system.gradual)
+    found = even(name, time, signals, held)
     remarks = tuple(f"{name}: {remark}" for remark in found.remarks)
     return Recording(name, found.period, found.signals, remarks, found.start)
 

@@ -105,8 +105,8 @@ class Outcome:
         return replace(self, verdict="described" if whole else self.verdict, unknown=left)
 
 
-def outcome_of(start: Beginning, found: Selection, settings: Section) -> Outcome:
-    """Return the judgement on what a search found, by the held-out recordings."""
+def outcome_of(start: Beginning, found: Selection, settings: Section, remarks: Sequence[str] = ()) -> Outcome:
+    """Return the judgement on what a search found, by the held-out recordings; `remarks` on it."""
     system, judge, final = start.system, start.held_out, found.final
     spread = findings.covariance(found.final_problem, final)
     judged, floor = decided_and_floor(start, found, spread, settings)
@@ -151,7 +151,7 @@ def outcome_of(start: Beginning, found: Selection, settings: Section) -> Outcome
         strained=strained_parameters(final),
         empty=empty,
         steps=tuple(found.steps),
-        remarks=(*start.remarks, *remark_on_left_out(judged)),
+        remarks=(*start.remarks, *remarks, *remark_on_left_out(judged)),
         selection=found,
         held_out=judge,
         foreign=rest.foreign,

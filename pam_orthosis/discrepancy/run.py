@@ -75,6 +75,9 @@ class Run:
         recorded = np.array(rows).reshape(len(rows), self.recording.samples).T  # a system may have no input
         count, fraction = divmod(shift.inputs / self.period, 1.0)
         inputs, before = (_held_back(recorded, int(count) + more) for more in (0, 1))
+        for i, name in enumerate(self._system.inputs):
+            if name in self._system.gradual:
+                before[:, i], inputs[:, i] = self._between(recorded[:, i], shift.inputs)
         time = self.recording.start + np.arange(len(recorded)) * self.period - shift.own
         measured = np.column_stack([self._raw[c.name] for c in self._system.channels])
         bends = self._bends(neighbours)
@@ -82,6 +85,12 @@ class Run:
         return np.ascontiguousarray(
             np.column_stack([neighbours, later, before, inputs, time, measured, *bends, fractions])
         )
+
+    def _between(self, values: np.ndarray, late: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return an input as it acts at each sample and at the next, so many s later than it was recorded."""
+        time = np.arange(len(values)) * self.period
+        now, following = (np.interp(time + more - late, time, values) for more in (0.0, self.period))
+        return now, following
 
     def _bends(self, neighbours: np.ndarray) -> list[np.ndarray]:
         """Return the second difference quotients, each between a sample and the next."""

@@ -137,6 +137,7 @@ class System:
         places: effect -> the equation in which it shows, where the effect does not name it itself.
         input_units: input -> its unit (V).
         input_noise: input -> standard deviation of what is recorded (`gap.replay.input_noise`).
+        gradual: inputs that run straight from each sample to the next; others keep their value until then.
         pushes: channel -> `EFFECT.PARAMETER`, a constant in its equation in whose unit an unknown is
             reported.
         wrong: candidate -> key of the parameter that it takes to be wrong.
@@ -165,6 +166,7 @@ class System:
     places: Mapping[str, str] = field(default_factory=dict)
     input_units: Mapping[str, str] = field(default_factory=dict)
     input_noise: Mapping[str, float] = field(default_factory=dict)
+    gradual: tuple[str, ...] = ()
     sources: Mapping[str, Source] = field(default_factory=dict)
     pushes: Mapping[str, str] = field(default_factory=dict)
     wrong: Mapping[str, str] = field(default_factory=dict)

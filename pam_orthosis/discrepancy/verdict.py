@@ -267,7 +267,8 @@ def _refusal(outcome: Outcome) -> str:
 def _answer(outcome: Outcome) -> str:
     names = " and ".join(_title(outcome.system, one.name) for one in outcome.effects)
     share = outcome.closure[OVERALL]
-    much = "" if share is None else f" {share:.0%} of the gap"
+    explain = "explain" if len(outcome.effects) > 1 else "explains"
+    much = f"{explain}{'' if share is None else f' {100 * share:.1f} % of the gap'}"
     kept = over_noise(outcome.system, outcome.after, outcome.floor)
     worst = max(kept, key=lambda name: kept[name])
     left = f"in the {worst} equation {kept[worst]:.1f} times the noise is left{_emptied(outcome)}"
@@ -276,7 +277,7 @@ def _answer(outcome: Outcome) -> str:
         "none": _none(outcome) if outcome.verdict == "none" else "",
         "recalibrated": _recalibrated(outcome, names) if outcome.verdict == "recalibrated" else "",
         "explained": f"by {names}",
-        "partial": f"{names} explains{much}; {left}{bent}",
+        "partial": f"{names} {much}; {left}{bent}",
         "described": _described(outcome, names),
         "unexplained": _unexplained(outcome, left, bent),
     }[outcome.verdict]

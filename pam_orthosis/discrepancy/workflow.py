@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from pam_orthosis.discrepancy import select
 from pam_orthosis.discrepancy.beginning import Beginning, begin
+from pam_orthosis.discrepancy.between import remarks_on_inputs
 from pam_orthosis.discrepancy.data import Recording
 from pam_orthosis.discrepancy.judgement import OPEN, Outcome, outcome_of
 from pam_orthosis.discrepancy.replay import Replay
@@ -44,7 +45,7 @@ def search(start: Beginning, settings: Section, progress: Progress = silent) -> 
     """Return which effects explain what a recalibrated model leaves."""
     found = select.extended(start.problem, start.null, start.held_out, settings.evidence, progress)
     progress("measuring the gap on held-out recordings")
-    outcome = outcome_of(start, found, settings)
+    outcome = outcome_of(start, found, settings, remarks_on_inputs(found, settings))
     if outcome.verdict not in OPEN:
         return outcome
     if outcome.foreign:

@@ -574,8 +574,8 @@ def test_a_gap_that_is_left_is_not_called_none(effects, closed, after, verdict):
         assert f"leave what was fitted (the gap is {after:.1f} times" in said
     if verdict == "partial":
         assert said == (
-            f"PARTIAL: creep explains {closed:.0%} of the gap; in the torque equation {after:.1f} times the"
-            " noise is left"
+            f"PARTIAL: creep explains {100 * closed:.1f} % of the gap; in the torque equation {after:.1f}"
+            " times the noise is left"
         )
 
 

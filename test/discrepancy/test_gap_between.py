@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an input does between rows: as its system says, and said where recordings know better."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pam_orthosis.discrepancy.api import (
+    Channel,
+    Effect,
+    Input,
+    Model,
+    OrthosisError,
+    Parameter,
+    Quantity,
+    check_system,
+    find_gap,
+    from_arrays,
+)
+
+LEAK, AREA = 0.3, 0.5  # 1/s, m^2
+PERIOD, SUBSTEPS, COUNT = 0.02, 10, 1000
+NEAR = 1.5e-4  # of the leak
+
+
+def tank(held):
+    """Return a tank whose leak is missing."""
+
+    def equations(s, p):
+        s.net = s.inflow / AREA
+        s.measured_level = s.level + p.offset
+        return {"level": s.net}
+
+    leak = Effect(
+        name="leak",
+        stage="net",
+        parameters=(Quantity("rate", 0.1, "1/s", 0.0, 5.0, "of the level", 0.0),),
+        expression=lambda s, p, own: -p.rate * s.level,
+        physics="It leaks.",
+        source="assumption",
+    )
+    return Model(
+        name="tank",
+        channels=[Channel("level", "level", "m", "mm", 1e3)],
+        inputs=[Input("inflow", "m^3/s", held=held)],
+        states=["level"],
+        equations=equations,
+        parameters=[Parameter("offset", 0.0, "m", 1e-3, "zero of the gauge")],
+        effects=[leak],
+    ).system()
+
+
+def recorded(system, seed, held):
+    """Return a recording, by equations of its own; `held`: what flows in changes at rows only."""
+    rng, count = np.random.default_rng(seed), COUNT
+    time = np.arange(count * SUBSTEPS) * PERIOD / SUBSTEPS
+    inflow = 0.2 + sum(
+        0.05 * np.sin(2 * np.pi * f * time + phase)
+        for f, phase in zip((0.03, 0.08, 0.3), rng.uniform(0, 6, 3), strict=True)
+    )
+    if held:
+        inflow = np.repeat(inflow[::SUBSTEPS], SUBSTEPS)
+    level, shrunk = np.empty(len(time)), np.exp(-LEAK * PERIOD / SUBSTEPS)
+    level[0] = 1.0
+    for k in range(1, len(time)):
+        drive = inflow[k - 1] if held else 0.5 * (inflow[k - 1] + inflow[k])
+        level[k] = shrunk * level[k - 1] + (1 - shrunk) / LEAK * drive / AREA
+    rows = slice(None, None, SUBSTEPS)
+    arrays = {
+        "time": time[rows],
+        "level": level[rows] + 1e-4 * rng.standard_normal(count),
+        "inflow": inflow[rows],
+    }
+    return from_arrays(str(seed), system, arrays)
+
+
+def found(really, said):
+    """Return the leak, and remarks on the input."""
+    system = tank(said)
+    outcome = find_gap(system, [recorded(system, 1, really)], [recorded(system, 2, really)])
+    (leak,) = outcome.effects
+    return leak.parameters["rate"][0], [one for one in outcome.remarks if one.startswith("inflow")]
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_between_rows_an_input_does_what_its_system_says(held):
+    leak, remarks = found(held, held)
+    assert leak == pytest.approx(LEAK, rel=NEAR)
+    assert not remarks
+
+
+@pytest.mark.parametrize(("really", "way"), [(False, "going straight from row to row"), (True, "held until")])
+def test_the_wrong_way_is_said(really, way):
+    leak, remarks = found(really, not really)
+    assert abs(leak - LEAK) > 3 * NEAR * LEAK
+    (remark,) = remarks
+    assert way in remark
+    assert f"held={really} " in remark
+
+
+def test_missing_rows_of_a_gradual_input_are_interpolated():
+    time = np.delete(np.arange(600) * PERIOD, 300)
+    arrays = {"time": time, "level": np.sin(time), "inflow": time}
+    held, gradual = (from_arrays("a", tank(way), arrays).signals["inflow"] for way in (True, False))
+    assert held[300] == pytest.approx(299 * PERIOD)
+    assert gradual[300] == pytest.approx(300 * PERIOD)
+
+
+def test_a_gradual_input_that_is_none_is_refused():
+    with pytest.raises(OrthosisError, match="gradual: 'pump' is none of inflow"):
+        check_system(replace(tank(True), gradual=("pump",)))
