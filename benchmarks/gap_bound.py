@@ -7,7 +7,7 @@ the price of one parameter, is the evidence that any model can expect. Below `ga
 hidden is too small to be detected. Of pairs both hide the other effect, and the model has it.
 
     python benchmarks/gap_bound.py RESULTS.jsonl ... adds the bound to each single case that got no name
-    python benchmarks/gap_bound.py pairs OUT.jsonl RESULTS.jsonl ... writes that of each effect missed in a pair
+    python benchmarks/gap_bound.py pairs OUT.jsonl RESULTS.jsonl ... writes that of those missed in pairs
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def evidence_at_most(case: Mapping[str, Any], replay: Replay, beside: str = NOTH
 
 
 def _fitted(problem: Problem, recordings: list[Recording], effect: str) -> tuple[Problem, Fit]:
-    """Return recordings in the noise of others, and the recalibrated model, an effect in it if one is named."""
+    """Return recordings in the noise of others, and the recalibrated model, perhaps with an effect."""
     cutoff = cases.nominal().gap.replay.cross_cutoff
     runs = [Run(problem.system, one, cutoff) for one in recordings]
     scored = [Scored(run, one.whiten, one.warm_up) for run, one in zip(runs, problem.scored, strict=True)]

@@ -23,6 +23,7 @@ sys.path.insert(0, str(ROOT / "benchmarks"))
 import cooperation  # noqa: E402
 import device  # noqa: E402
 import gap_table  # noqa: E402
+import identify_repeats  # noqa: E402
 import repetition  # noqa: E402
 import safety  # noqa: E402
 from control_campaign.cases import PEERS  # noqa: E402
@@ -116,6 +117,7 @@ def blocks() -> dict[str, Callable[[], str]]:
         "stiffness-asked": lambda: _text(cooperation.stiffness_table(_cooperation())),
         "assistance": lambda: _text(cooperation.share_table(_cooperation())),
         "felt": lambda: _text(cooperation.felt_table(_cooperation())),
+        "identify-repeats": lambda: _text(identify_repeats.table(_lines(RESULTS / "identify_repeats.jsonl"))),
         "repetition": lambda: _text(repetition.table(_lines(RESULTS / "repetition.jsonl"))),
         "stiffness": lambda: (RESULTS / "stiffness.md").read_text(encoding="utf-8"),
     }

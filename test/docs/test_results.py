@@ -91,3 +91,9 @@ def test_learning_halves_the_error_on_every_hardware_sample():
     learned = _rows(results.blocks()["repetition"]())
     assert [row[0] for row in learned] == ["default", "person"]
     assert all(int(row[1]) == 11 and float(row[4]) <= 0.5 for row in learned)
+
+
+def test_intervals_of_identify_hold_for_another_repeat():
+    rows = _rows(results.blocks()["identify-repeats"]())
+    assert [row[0] for row in rows] == ["3", "4", "6"]
+    assert all(float(cell.strip("%")) >= 90 for row in rows for cell in row[1:3])
