@@ -84,13 +84,9 @@ class Outcome:
     unknown: Unknown | None = None
     foreign: bool = False
 
-    def over_noise(self) -> dict[str, float]:
-        """Return equation -> gap that is left over that of noise."""
-        return measure.over_noise(self.system, self.after, self.floor)
-
     def described(self, left: Unknown | None) -> Outcome:
         """Return the outcome with what can be said of what is left."""
-        kept = self.over_noise()
+        kept = measure.over_noise(self.system, self.after, self.floor)
         known = left.description if left else None
         if known:
             kept[known.equation] = np.sqrt(1 + (kept[known.equation] ** 2 - 1) * (1 - known.reduced))

@@ -68,7 +68,7 @@ class Projection:
         for matrix, place in self._matrices.values():
             self._data_hessian[np.ix_(place, place)] += matrix @ matrix.T
         self.levels = [self.level(scales) for scales in self._assumptions()]
-        self.floor = self.cost({})
+        self.floor = self.best(*self.state({}))[0]
 
     def _assumptions(self) -> list[dict[str, float]]:
         """Return combinations of scales of the shape corrections that matter; named ones are wide."""
@@ -102,10 +102,6 @@ class Projection:
         """
         stuck: np.ndarray = self.state({})[0] + level.gradient(self.position)
         return stuck
-
-    def cost(self, residuals: Mapping[str, np.ndarray]) -> float:
-        """Return the least cost over nuisance parameters and levels, given residuals of changed equations."""
-        return self.best(*self.state(residuals))[0]
 
     def best(
         self, right: np.ndarray, squares: float, position: np.ndarray | None = None
