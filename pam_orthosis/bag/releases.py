@@ -15,7 +15,7 @@ from pam_orthosis.bag.bounded import open_bag
 from pam_orthosis.bag.cdr import store
 from pam_orthosis.bag.messages import stamp_ns
 from pam_orthosis.bag.read import Bag, aligned
-from pam_orthosis.bag.topics import DIAGNOSTICS, POSITION, SAFETY, SECOND_NS, VALVE
+from pam_orthosis.bag.topics import ANEW, DIAGNOSTICS, PLANT, POSITION, SAFETY, SECOND_NS, VALVE
 
 SHORTEST_NS = 100_000_000  # what is shorter is control, or the last word of a node that leaves
 APART_NS = 500_000_000  # two releases; and for so long a machine that is back is within the bound
@@ -168,6 +168,22 @@ def _reason(reports: list[Report], vent: Vent) -> str:
 
 def _reports(bag: Bag, namespace: str) -> Iterator[Report]:
     """Yield what the nodes of a leg say of why they vent."""
+    for at_ns, node, status in _statuses(bag, namespace):
+        if reason := _said(status):
+            yield Report(at_ns, CAUSES.index(node) if node in CAUSES else len(CAUSES), reason)
+
+
+def begun_anew(bag: Bag, namespace: str) -> str:
+    """Return when the hardware says that it began while the run was on, if it does."""
+    for _, node, status in _statuses(bag, namespace):
+        for one in status.values if node == PLANT else ():
+            if one.key == ANEW:
+                return str(one.value)
+    return ""
+
+
+def _statuses(bag: Bag, namespace: str) -> Iterator[tuple[int, str, Any]]:
+    """Yield stamp, node and status of what the nodes of a leg report."""
     group = namespace.strip("/")
     with open_bag(bag.path) as reader:
         connections = [one for one in reader.connections if one.topic == DIAGNOSTICS]
@@ -175,9 +191,8 @@ def _reports(bag: Bag, namespace: str) -> Iterator[Report]:
             message: Any = store().deserialize_cdr(data, connection.msgtype)
             for status in message.status:
                 leg, _, node = status.name.removesuffix(": loop").rpartition("/")
-                if leg == group and (reason := _said(status)):
-                    order = CAUSES.index(node) if node in CAUSES else len(CAUSES)
-                    yield Report(stamp_ns(message), order, reason)
+                if leg == group:
+                    yield stamp_ns(message), node, status
 
 
 def _said(status: Any) -> str:

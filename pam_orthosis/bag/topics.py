@@ -34,6 +34,7 @@ JOINT, PRESSURE = "sensor_msgs/msg/JointState", "sensor_msgs/msg/FluidPressure"
 WRENCH, MOTION = "geometry_msgs/msg/WrenchStamped", "trajectory_msgs/msg/JointTrajectory"
 VECTOR = "geometry_msgs/msg/Vector3Stamped"
 SAMPLE, REFERENCE, ANSWERED, TRUTH = "joint_states", "reference", "answered", "truth"
+ANEW = "begun_anew"  # in the reports of hardware that began while a run was on: when
 DIAGNOSTICS = "/diagnostics"  # common to all legs, as is the custom
 EMERGENCY_STOP = "emergency_stop"
 # what is asked for beside the motion, in runs that ask for it

@@ -25,7 +25,7 @@ from pam_orthosis.bag.read import (
     recorded_valve,
     run_record,
 )
-from pam_orthosis.bag.releases import Release, releases
+from pam_orthosis.bag.releases import Release, begun_anew, releases
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.bag.tracking import (
     Cycle,
@@ -150,6 +150,8 @@ def judge(
     stamps, (place, reference, velocity) = _kept(bag, skip_s)
     timed = timing(bag.path, namespace, bag.parameters.get(PERIOD))
     missing = incomplete(bag, stamps, skip_s, lockstep=timed is None)
+    if missing and (anew := begun_anew(bag, namespace)):
+        missing += f"; the hardware began anew, at rest, {anew}"
     if partial:
         check_enough(bag, stamps, missing)
         missing = ""

@@ -9,7 +9,7 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 
-from pam_orthosis.bag.topics import PLANT, RECORDER, SECOND_NS, VALVE, Topics, in_leg
+from pam_orthosis.bag.topics import ANEW, PLANT, RECORDER, SECOND_NS, VALVE, Topics, in_leg
 from pam_orthosis.errors import RunFailed
 from pam_orthosis.model.components.spool import VENT
 from pam_orthosis.nodes import messages
@@ -75,6 +75,7 @@ class Lockstep:
         self._longest_lead_ns = min(MAX_UNRECORDED_STEPS * plant.period_ns, MAX_UNRECORDED_NS)
         self._waits = False
         self._begun, self._begun_ns = False, 0
+        self._anew: dict[str, str] = {}  # when it began, if a run was on
         self._early: tuple[Any, ...] = ()
         self._progress = time.monotonic()
         self._notice = Notice(plant)
@@ -95,6 +96,9 @@ class Lockstep:
             slow_ns = self._plant.every * self._plant.period_ns  # a slow node may be new too
             self._stamp_ns = min((reached_ns // slow_ns + 1) * slow_ns, self._last_ns)
             self._early = ()
+            self._anew = {ANEW: f"at {self._stamp_ns / SECOND_NS:.3f} s"}
+            told = f"the run is on: the hardware begins anew, at rest, {self._anew[ANEW]}"
+            self._plant.get_logger().warning(told)
         self._begun_ns = time.monotonic_ns() - self._stamp_ns
         self._publish()
         if self._early:
@@ -114,9 +118,9 @@ class Lockstep:
         known = self._recorded_ns < 0 or stamp_ns >= self._recorded_ns or not self._plant.is_lockstep()
         return stamp_ns if known else self._recorded_ns + self._longest_lead_ns
 
-    def health(self) -> dict[str, int]:
-        """Count lost inputs."""
-        return {"dropped_inputs": self._join.dropped}
+    def health(self) -> dict[str, Any]:
+        """Count lost inputs; say when it began if a run was on."""
+        return {"dropped_inputs": self._join.dropped, **self._anew}
 
     def _publish(self) -> None:
         self._progress = time.monotonic()

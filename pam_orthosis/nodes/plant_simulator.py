@@ -4,6 +4,7 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 from operator import itemgetter
+from typing import Any
 
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
@@ -62,7 +63,7 @@ class PlantSimulator(PacedNode):
         for leg in self.legs:
             self.listen_to("ready", partial(self._on_ready, leg), leg=leg, latched=True)
 
-    def health(self) -> dict[str, int]:
+    def health(self) -> dict[str, Any]:
         """Count lost or late inputs; report an emergency stop."""
         return {**self._pace.health(), "emergency_stop": self._stop.active}
 
