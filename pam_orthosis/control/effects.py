@@ -16,6 +16,7 @@ from pam_orthosis.control.reference import Pressures, Reference
 from pam_orthosis.model import assembly
 from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.effects.base import ActiveEffects, enabled
+from pam_orthosis.model.effects.described import Described
 from pam_orthosis.model.integrate import runge_kutta_4
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.rows import Section
@@ -35,7 +36,12 @@ def known(nominal: Parameters, *stages: str) -> tuple[str, ...]:
     """
     machine = nominal.declared
     foreseen = [name for name in enabled(nominal.at(machine.branch)) if name not in UNFORESEEN]
-    return tuple(name for name in foreseen if machine.possible[name].stage in stages)
+    own = {name: machine.possible[name] for name in foreseen}
+    return tuple(
+        name
+        for name, effect in own.items()
+        if effect.stage in stages and (effect.stage in MECHANICAL or not isinstance(effect, Described))
+    )
 
 
 def assembled(nominal: Parameters, *names: str) -> assembly.Assembly:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import label
 
-from pam_orthosis.discrepancy.description import SLOW, lever
+from pam_orthosis.discrepancy.curve_fit import SLOW, lever
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.injection import injection
 from pam_orthosis.discrepancy.problem import Problem, Scored
@@ -55,7 +55,8 @@ def _unknown(
         return None
     index = equation.channels.index(channel)
     raw = problem.replay.residuals(one.run, equation, model.effects, model.values)[:, index]
-    missing: np.ndarray = linear.added(raw, SLOW) / lever(problem, one, equation, channel, linear)
+    entry = problem.system.entries_of(channel)[0]
+    missing: np.ndarray = linear.added(raw, SLOW) / lever(problem, one, equation, channel, entry, linear)
     return missing[one.warm_up :]
 
 

@@ -87,9 +87,9 @@ class Outcome:
     def described(self, left: Unknown | None) -> Outcome:
         """Return the outcome with what can be said of what is left."""
         kept = measure.over_noise(self.system, self.after, self.floor)
-        known = left.description if left else None
-        if known:
-            kept[known.equation] = np.sqrt(1 + (kept[known.equation] ** 2 - 1) * (1 - known.reduced))
+        known = left is not None and bool(left.descriptions)
+        if left is not None:
+            kept[left.equation] = np.sqrt(1 + (kept[left.equation] ** 2 - 1) * (1 - left.reduced))
         pushed = left is not None and bool(left.events)  # it is moved by what is no part of it
         if self.foreign or (max(kept.values()) > MOST_KEPT and not pushed):
             nothing: dict[str, Any] = dict.fromkeys(
@@ -97,7 +97,7 @@ class Outcome:
             )
             return replace(self, verdict="unexplained", runner_up=None, foreign=True, **nothing)
         others = [value for name, value in kept.items() if left is None or name != left.equation]
-        whole = known is not None and max(others, default=0.0) <= NEAR
+        whole = known and max(others, default=0.0) <= NEAR
         return replace(self, verdict="described" if whole else self.verdict, unknown=left)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 
 from pam_orthosis.discrepancy.suspects import common, corrected, meant, name_of, suspects
-from pam_orthosis.discrepancy.system import Assembled, Calibration, Channel, Equation, Source, System
+from pam_orthosis.discrepancy.system import Assembled, Calibration, Channel, Entry, Equation, Source, System
 from pam_orthosis.model.assembly import Hardware, assemble
 from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.effects.base import Effect, enabled
@@ -24,7 +24,8 @@ from pam_orthosis.model.signals import Expression, Signals
 Symbols = Mapping[str, Expression]
 MOST_SUPPLY = 1.5  # of the nominal supply pressure, that a chamber can hold: beyond it the unit is another
 MOTION = "angle", "velocity", "acceleration"
-PUSH = "constant_torque.torque"  # in whose unit an unknown torque is given
+PUSH = "constant_torque.torque"  # by which an unknown torque enters
+VOLTS, SHARE = 0.02, 0.05  # changes of a voltage and of a valve's gain that show what they do
 SMALL = 0.2  # of a typical size, which is a knee's: where a search starts too
 MARGIN = 0.2  # of the range between the stops: farther out the unit or the zero is another
 
@@ -154,7 +155,7 @@ class _Described:
             equations=self._equations({**machine.catalogue, **known}),
             calibrations=self._calibrations,
             catalogue={n: effect for n, effect in known.items() if n not in self.present} | wrong,
-            pushes={view.channels[0].name: PUSH} if PUSH.partition(".")[0] in known else {},
+            entries=self._entries(),
             wrong={name_of(key): meant(key) for key in view.suspects if name_of(key) in wrong},
             common=common(self._nominal, view.suspects) if wrong else {},
             assemble=self._assemble,
@@ -168,18 +169,33 @@ class _Described:
             late=self._nominal.valve.delay + sum(self._lateness.values()) if view.learns else 0.0,
             unusable=view.unusable,
             sources=view.sources,
-            described=self._holders(),
         )
 
-    def _holders(self) -> dict[str, str]:
-        """Return what of the nominal model can hold a curve, by the channel whose equation it is added to."""
-        found = {
-            one.name: f"{one.state.removesuffix('_pressure')}_unknown_rate"
-            for one in self._view.channels
-            if one.state
-        }
-        found[self._view.channels[0].name] = f"unknown_{self._machine.coordinate.effort}"
-        return {channel: name for channel, name in found.items() if name in self._machine.possible}
+    def _entries(self) -> dict[str, tuple[Entry, ...]]:
+        """Return how something unknown may enter: as effort, rate of a pressure, voltage, gain of a valve."""
+        machine, first = self._machine, self._view.channels[0]
+        c = machine.coordinate
+        found: dict[str, tuple[Entry, ...]] = {}
+        found[first.name] = (self._entry(c.effort_unit, c.effort, PUSH, 1.0, f"unknown_{c.effort}"),)
+        actuators = {f"{name}_pressure": name for name in machine.names}
+        for channel in self._view.channels:
+            if name := actuators.get(channel.state or ""):
+                found[channel.name] = (
+                    self._entry(f"{channel.unit}/s", held=f"{name}_unknown_rate"),
+                    self._entry(
+                        "V", f"{name} voltage", f"{name}_closed_voltage", VOLTS, f"{name}_unknown_voltage"
+                    ),
+                    self._entry(
+                        "-", f"{name} valve gain", f"{name}_valve_gain.gain", SHARE, f"{name}_unknown_gain"
+                    ),
+                )
+        return found
+
+    def _entry(
+        self, unit: str, name: str = "", parameter: str = "", size: float = 1.0, held: str = ""
+    ) -> Entry:
+        free = held in self._machine.possible and held not in self.present
+        return Entry(unit, name, parameter, size, held if free else "")
 
     def _of_learned(self) -> tuple[Calibration, ...]:
         row, sd = self._nominal.row("gap.learned.deviation"), self._nominal.gap.learned.deviation

@@ -59,8 +59,10 @@ def changes_of(outcome: Outcome) -> dict[str, Any]:
     """Return what a search found as overrides: named effects, right values, what it could only describe."""
     system, named = outcome.system, [one.name for one in outcome.effects]
     changed = overrides(system, named, outcome.selection.final.values)
-    curve = outcome.unknown.description if outcome.unknown and outcome.verdict == DESCRIBED else None
-    return changed | (of_description(system, curve) if curve else {})
+    if outcome.unknown and outcome.verdict == DESCRIBED:
+        for one in outcome.unknown.descriptions:
+            changed |= of_description(system, one)
+    return changed
 
 
 def of_description(system: System, one: Description) -> dict[str, Any]:

@@ -59,6 +59,25 @@ class Source:
 
 
 @dataclass(frozen=True)
+class Entry:
+    """How something unknown may enter the equation of a channel.
+
+    Attributes:
+        unit: of what enters.
+        name: in reports; empty: it is added to the rate.
+        parameter: whose change by `size` shows what it does, a calibration or `EFFECT.PARAMETER`; empty: as
+            `name`.
+        held: what below `System.branch` of a model can hold a curve that enters so; empty: nothing.
+    """
+
+    unit: str
+    name: str = ""
+    parameter: str = ""
+    size: float = 1.0
+    held: str = ""
+
+
+@dataclass(frozen=True)
 class Equation:
     """One part of the model that is replayed alone.
 
@@ -138,11 +157,10 @@ class System:
         input_units: input -> its unit (V).
         input_noise: input -> standard deviation of what is recorded (`gap.replay.input_noise`).
         gradual: inputs that run straight from each sample to the next; others keep their value until then.
-        pushes: channel -> `EFFECT.PARAMETER`, a constant in its equation in whose unit an unknown is
-            reported.
+        entries: channel -> how something unknown may enter its equation, if not as a rate alone; the first
+            gives the unit of short pushes.
         wrong: candidate -> key of the parameter that it takes to be wrong.
         common: candidate -> key -> nominal value of all parameters that it multiplies.
-        described: channel -> what below `branch` can hold a curve that is added to its equation.
         sources: signal (of a table `time` too) -> where recordings have it.
         ambient: absolute pressure, Pa, from which gauge pressures in a table count.
     """
@@ -168,10 +186,9 @@ class System:
     input_noise: Mapping[str, float] = field(default_factory=dict)
     gradual: tuple[str, ...] = ()
     sources: Mapping[str, Source] = field(default_factory=dict)
-    pushes: Mapping[str, str] = field(default_factory=dict)
+    entries: Mapping[str, tuple[Entry, ...]] = field(default_factory=dict)
     wrong: Mapping[str, str] = field(default_factory=dict)
     common: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    described: Mapping[str, str] = field(default_factory=dict)
     derived_twice: Mapping[str, str] = field(default_factory=dict)
     ambient: float = 1.013e5
 
@@ -207,13 +224,17 @@ class System:
         """The effects that can be named."""
         return tuple(name for name, effect in self.catalogue.items() if not effect.shape)
 
-    def push(self, channel: str) -> tuple[str, str] | None:
-        """Return effect and parameter in whose unit an unknown is given; None if no effect is there for it.
+    def entries_of(self, channel: str) -> tuple[Entry, ...]:
+        """Return how something unknown may enter the equation of a channel that measures a state.
 
-        One that the nominal model has already is no candidate, and its constant is recalibrated.
+        An effect that the nominal model has already is no candidate, and nothing enters by its parameter.
         """
-        effect, _, parameter = self.pushes.get(channel, "").partition(".")
-        return (effect, parameter) if effect in self.catalogue else None
+        known = self.channel(channel)
+        rate = Entry(f"{known.unit}/s" + "^2" * (known.state in self.derived.values()))
+        there = {"", *self.catalogue, *(one.name for one in self.calibrations)}
+        entries = self.entries.get(channel, ())
+        found = tuple(one for one in entries if one.parameter.partition(".")[0] in there)
+        return found or (rate,)
 
     def equation_of(self, effect: str) -> str:
         """Return the equation in which an effect shows, as reports call it."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is said of a gap that no effect explains: a curve over one signal, events, or neither."""
+"""What is said of a gap that no effect explains: curves over signals, events, or neither."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,13 +19,18 @@ class Unknown:
 
     Attributes:
         equation: its name.
-        description: as a curve over a signal, if there is one.
+        descriptions: as curves over signals, one a channel at most.
         events: of the held-out recordings, if these are most of it.
     """
 
     equation: str
-    description: Description | None
+    descriptions: Sequence[Description]
     events: Sequence[Event]
+
+    @property
+    def reduced(self) -> float:
+        """Share of the held-out gap of its equation that the descriptions remove."""
+        return sum(one.reduced for one in self.descriptions)
 
 
 def unknown(problem: Problem, judge: Problem, model: Fit, floor: measure.Gap) -> Unknown | None:

@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from pam_orthosis.discrepancy.description import Description, holder, unit_of
+from pam_orthosis.discrepancy.description import Description, holder
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.unknown import Unknown
 
@@ -12,30 +12,26 @@ MOST_EVENTS = 4  # in one line
 
 def short(system: System, unknown: Unknown) -> str:
     """Return what is unknown, in a few words."""
-    one = unknown.description
-    if one is not None:
-        period = "" if one.period is None else f"period {_with_unit(system, one, one.period)}, "
-        size = f"{one.amplitude[0]:.3g} {one.unit}"
-        return f"{_name(system, one)} of {one.coordinate.replace('_', ' ')} ({period}{size})"
+    if unknown.descriptions:
+        return " and ".join(_short(system, one) for one in unknown.descriptions)
     times = [f"{event.time:.1f} s" for event in unknown.events[:MOST_EVENTS]]
     more = len(unknown.events) - len(times)
     return f"{len(unknown.events)} pushes ({', '.join(times)}" + (f" and {more} more)" if more > 0 else ")")
 
 
+def _short(system: System, one: Description) -> str:
+    period = "" if one.period is None else f"period {_with_unit(system, one, one.period)}, "
+    return f"{_name(one)} of {one.coordinate.replace('_', ' ')} ({period}{one.amplitude[0]:.3g} {one.unit})"
+
+
 def unknown_words(system: System, unknown: Unknown) -> list[str]:
     """Return lines on what is left in an equation."""
-    one, where = unknown.description, f"in the {unknown.equation} equation"
-    if one is not None:
-        _, low, high = one.amplitude
-        ends = " and ".join(_with_unit(system, one, end) for end in (one.places[0], one.places[-1]))
-        next_best = "" if one.runner_up is None else f" (next: {one.runner_up[0]}, {one.runner_up[1]:.0%})"
-        return [
-            f"unknown {where}: {short(system, unknown)}, amplitude {low:.3g} .. {high:.3g} {one.unit} between"
-            f" {ends}; removes {one.reduced:.0%} of the held-out gap{next_best}",
-            *_carried(system, one),
-        ]
+    where = f"in the {unknown.equation} equation"
+    if unknown.descriptions:
+        return [line for one in unknown.descriptions for line in _words(system, one, where)]
     if unknown.events:
-        unit = unit_of(system, next(e for e in system.equations if e.name == unknown.equation).channels[0])
+        (equation,) = (one for one in system.equations if one.name == unknown.equation)
+        unit = system.entries_of(equation.channels[0])[0].unit
         pushes = [
             f"{event.time:.1f} s ({event.size:+.2g} {unit} for {event.seconds:.1f} s)"
             for event in unknown.events[:MOST_EVENTS]
@@ -44,9 +40,20 @@ def unknown_words(system: System, unknown: Unknown) -> list[str]:
     return [f"unknown {where}: it depends on nothing that was measured, alone"]
 
 
+def _words(system: System, one: Description, where: str) -> list[str]:
+    _, low, high = one.amplitude
+    ends = " and ".join(_with_unit(system, one, end) for end in (one.places[0], one.places[-1]))
+    next_best = "" if one.runner_up is None else f" (next: {one.runner_up[0]}, {one.runner_up[1]:.0%})"
+    return [
+        f"unknown {where}: {_short(system, one)}, amplitude {low:.3g} .. {high:.3g} {one.unit} between"
+        f" {ends}; removes {one.reduced:.0%} of the held-out gap{next_best}",
+        *_carried(system, one),
+    ]
+
+
 def _carried(system: System, one: Description) -> list[str]:
     """Return a line on what becomes of a description in a model file; none if there is no such file."""
-    if not system.described:
+    if not system.entries:
         return []
     known = holder(system, one)
     if known is None:
@@ -60,25 +67,27 @@ def unknown_as_dict(system: System, unknown: Unknown | None) -> dict[str, Any] |
     """Return what is left as JSON-ready values."""
     if unknown is None:
         return None
-    one = unknown.description
-    curve = None if one is None else {
-        "channel": one.channel, "coordinate": one.coordinate, "unit": one.unit, "period": one.period,
-        "carried_as": (holder(system, one) or (None,))[0],
-        "reduced": one.reduced, "amplitude": list(one.amplitude), "places": one.places.tolist(),
-        "values": one.values.tolist(), "without_parabola": one.shape.tolist(),
-        "standard_deviations": one.spread.tolist(),
-    }  # fmt: skip
+    curves = [_curve_as_dict(system, one) for one in unknown.descriptions]
     return {
         "equation": unknown.equation,
-        "curve": curve,
+        "curve": curves[0] if curves else None,
+        "other_curves": curves[1:],
         "events": [vars(event) for event in unknown.events],
     }
 
 
-def _name(system: System, one: Description) -> str:
-    if push := system.push(one.channel):
-        return f"unknown {push[1]}"
-    return f"unknown rate of {one.channel.replace('_', ' ')}"
+def _curve_as_dict(system: System, one: Description) -> dict[str, Any]:
+    return {
+        "channel": one.channel, "enters_as": one.entry.name or "rate", "coordinate": one.coordinate,
+        "unit": one.unit, "period": one.period, "carried_as": (holder(system, one) or (None,))[0],
+        "reduced": one.reduced, "amplitude": list(one.amplitude), "places": one.places.tolist(),
+        "values": one.values.tolist(), "without_parabola": one.shape.tolist(),
+        "standard_deviations": one.spread.tolist(),
+    }  # fmt: skip
+
+
+def _name(one: Description) -> str:
+    return f"unknown {one.entry.name or f'rate of {one.channel}'}".replace("_", " ")
 
 
 def _with_unit(system: System, one: Description, value: float) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from pam_orthosis.discrepancy import structure
 from pam_orthosis.discrepancy.curves import Curve
-from pam_orthosis.discrepancy.description import QUANTILE
+from pam_orthosis.discrepancy.description import QUANTILE, Description
 from pam_orthosis.discrepancy.judgement import Outcome
 from pam_orthosis.discrepancy.structure import missing_rate, order
 from pam_orthosis.report.plots import AFTER, BEFORE, OF_ACTUATORS, REFERENCE, Plot, Trace, bars, dots, line
@@ -82,17 +82,18 @@ def missing(outcome: Outcome) -> list[Plot]:
 
 
 def unknown(outcome: Outcome) -> list[Plot]:
-    """Return the curve that describes what nothing explains, between the ends of its 95 % intervals."""
-    one = outcome.unknown.description if outcome.unknown else None
-    if one is None:
-        return []
+    """Return the curves that describe what nothing explains, between the ends of their 95 % intervals."""
+    return [_curve(outcome, one) for one in outcome.unknown.descriptions] if outcome.unknown else []
+
+
+def _curve(outcome: Outcome, one: Description) -> Plot:
     x, half = one.places, QUANTILE * one.spread
-    data = _banded(x, one.shape, half, "curve, without its parabola")
+    data = _banded(x, one.shape, half, "curve, without what may be recalibration")
     over = spoken(one.coordinate)
     size = f"half of its range is {one.amplitude[0]:.3g} {one.unit}"
-    title = f"Unknown in {spoken(one.channel)}, over {over}"
+    title = f"Unknown in {spoken(one.entry.name or one.channel)}, over {over}"
     axis = over + _unit(outcome.system, one.coordinate)
-    return [Plot(title, f"{title}: {size}", axis, f"unknown / {one.unit}", data, (0.0,), height=340)]
+    return Plot(title, f"{title}: {size}", axis, f"unknown / {one.unit}", data, (0.0,), height=340)
 
 
 def spoken(name: str) -> str:

@@ -17,6 +17,12 @@ from pam_orthosis.model.rows import Row, Section, rounded
 from pam_orthosis.model.signals import Expression, Signals
 
 KNOTS = 20
+# what is described of an actuator: name, stage, signal to which it is added (a gain: in shares of it), unit
+ENTRIES = (
+    ("rate", "rate", "pressure_rate", "Pa/s"),
+    ("voltage", "command", "voltage", "V"),
+    ("gain", "opening", "opening", "-"),
+)
 SOURCE = "described by the gap workflow"
 
 
@@ -48,7 +54,7 @@ class Described(Effect):
 
 
 def described(coordinate: str, effort: str, unit: str, actuators: Sequence[str]) -> dict[str, Effect]:
-    """Return what can be described in a machine: its effort, and the pressure rate of each actuator."""
+    """Return what can be described of a machine: its effort; rate, voltage and valve gain of actuators."""
     over = (
         coordinate, "velocity", "time",
         *(f"{name}_{signal}" for signal in ("pressure", "voltage") for name in actuators),
@@ -63,22 +69,24 @@ def described(coordinate: str, effort: str, unit: str, actuators: Sequence[str])
     def of_effort(s: Signals, p: Section, _states: tuple[Expression, ...]) -> Contribution:
         return Contribution({"effort": value(s, p)})
 
-    def of_gas(name: str, s: Signals, p: Section, _states: tuple[Expression, ...]) -> Contribution:
-        return Contribution({}, (), {name: {"pressure_rate": value(s, p)}})
+    def of_gas(name: str, field: str, s: Signals, p: Section, _: tuple[Expression, ...]) -> Contribution:
+        share = s.actuators[name].opening if field == "opening" else 1
+        return Contribution({}, (), {name: {field: share * value(s, p)}})
 
     physics = "Nothing of the catalogue: what recordings ask for beside it, as a curve over one signal."
     first = Described(
         f"unknown_{effort}", "torque", (), of_effort, physics, SOURCE, coordinate=coordinate,
         unit=unit, over=over,
     )  # fmt: skip
-    rates = [
+    others = [
         Described(
-            f"{name}_unknown_rate", "rate", (), partial(of_gas, name), physics,
-            SOURCE, coordinate=f"{name}_pressure", unit="Pa/s", over=over,
+            f"{name}_unknown_{what}", stage, (), partial(of_gas, name, field), physics,
+            SOURCE, coordinate=f"{name}_pressure", unit=unit, over=over,
         )
         for name in actuators
+        for what, stage, field, unit in ENTRIES
     ]  # fmt: skip
-    return {one.name: one for one in (first, *rates)}
+    return {one.name: one for one in (first, *others)}
 
 
 def curve(x: Expression, places: Sequence[float], values: Sequence[float]) -> Expression:
