@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pam_orthosis.discrepancy.confirmation import block_sums
+from pam_orthosis.discrepancy.confirmation import LEAST_T, block_sums
 from pam_orthosis.discrepancy.fit import Fit, scaled_slopes
 from pam_orthosis.discrepancy.injection import Injection, injection
 from pam_orthosis.discrepancy.problem import Problem, Scored
@@ -21,6 +21,8 @@ ENDS = (0.002, 0.998)  # quantiles of a signal between which its curve changes
 BOUND = 5.0  # standard deviation of a curve's values, of the unknown's own
 SIMPLER = 0.02  # of the share that a curve removes: what more knots have to add
 SLOW = 8.0  # Hz, below which the size of the unknown is looked at
+FEW_BLOCKS_T = 2.0  # of the fall of held-out squares over blocks of time, where few hold most of it
+TRANSFERRED = 0.5  # of the fall in training, that a curve has there then
 FAR = 10.0  # tolerances that a parameter is moved: no curve needs that
 
 
@@ -42,14 +44,14 @@ class Fitted:
         able: of each spline, a matrix that leaves of values at its knots what they may be.
         step: of the free parameters, then of each spline's values in its unknown's own size.
         covariance: of these.
-        after: whitened held-out residuals.
+        left: whitened residuals, of the training and of the held-out recordings.
     """
 
     splines: tuple[Spline, ...]
     able: tuple[np.ndarray, ...]
     step: np.ndarray
     covariance: np.ndarray
-    after: np.ndarray
+    left: tuple[np.ndarray, np.ndarray]
 
 
 class CurveFit:
@@ -99,15 +101,23 @@ class CurveFit:
 
         All else moves without them too: what it can follow is no unknown.
         """
-        before, after = self._without.after, found.after
+        before, after = self._without.left[1], found.left[1]
         gap = float(before @ before) - len(before)
         return (float(before @ before) - float(after @ after)) / gap if gap > 0 else 0.0
 
-    def t(self, found: Fitted, fewer: Fitted) -> float:
-        """Return the t value of the fall of the held-out squares, over blocks of time."""
-        falls = block_sums(self._groups[1], self._equation, fewer.after**2 - found.after**2)
-        spread = falls.std(ddof=1) / np.sqrt(len(falls)) if len(falls) > 1 else np.inf
-        return float(falls.mean() / max(spread, 1e-12))
+    def confirmed(self, found: Fitted, fewer: Fitted) -> bool:
+        """Return whether held-out recordings have what a further spline says, and not by chance.
+
+        Their squares fall evenly over blocks of time; or, where few blocks hold most of it, nearly as much
+        as those that were fitted.
+        """
+        seen, unseen = (
+            block_sums(group, self._equation, before**2 - after**2)
+            for group, before, after in zip(self._groups, fewer.left, found.left, strict=True)
+        )
+        spread = unseen.std(ddof=1) / np.sqrt(len(unseen)) if len(unseen) > 1 else np.inf
+        t = float(unseen.mean() / max(spread, 1e-12))
+        return t > LEAST_T or (t > FEW_BLOCKS_T and unseen.mean() > TRANSFERRED * seen.mean())
 
     def curve(self, found: Fitted, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the knots of a spline, its values there, and their covariance."""
@@ -133,6 +143,10 @@ class CurveFit:
             found = self._fitted(splines, [a or b for a, b in zip(own, flat, strict=True)])
         return found
 
+    def is_own(self, spline: Spline) -> bool:
+        """Whether a spline is over what its equation predicts, or over the rate of that."""
+        return spline.signal == spline.channel or spline.signal in self._rates(spline.channel)
+
     def _rates(self, channel: str) -> set[str]:
         system = self._groups[0].system
         return {rate for rate, of in system.derived.items() if of == system.channel(channel).state}
@@ -151,9 +165,11 @@ class CurveFit:
         gradient[where] += matrix @ self._residuals[0]
         covariance = np.linalg.pinv(hessian, hermitian=True)
         step = -covariance @ gradient
-        judged, own = self._slopes[1]
-        after = self._residuals[1] + judged.T @ step[own] + columns[1] @ step[count:]
-        return Fitted(splines, able, step, covariance, after)
+        left = [
+            residual + slopes.T @ step[place] + own @ step[count:]
+            for residual, (slopes, place), own in zip(self._residuals, self._slopes, columns, strict=True)
+        ]
+        return Fitted(splines, able, step, covariance, (left[0], left[1]))
 
     def _columns(self, of: int, splines: tuple[Spline, ...], able: tuple[np.ndarray, ...]) -> np.ndarray:
         """Return what each knot of splines, of the unknowns' own sizes, changes in a group's residuals."""

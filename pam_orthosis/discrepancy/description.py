@@ -13,7 +13,6 @@ from functools import partial
 
 import numpy as np
 
-from pam_orthosis.discrepancy.confirmation import LEAST_T
 from pam_orthosis.discrepancy.curve_fit import CurveFit, Fitted, Spline, without_parabola
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.problem import Problem
@@ -24,7 +23,6 @@ LEAST_REDUCED = 0.5  # share of the held-out gap that descriptions of an equatio
 LEAST_ADDED = 0.2  # of that gap: what one of several removes
 CYCLES, FITS = 1.8, 0.7  # a curve is periodic if so many waves are in its range and explain so much of it
 UNSURE = 3.0  # times the median standard deviation: places that were hardly visited
-SURE = 5.0  # standard deviations of a parabola that is no recalibration
 ROUNDING = 1e-9  # of a curve's squares: what is smaller is a line
 QUANTILE = 1.96  # two-sided 95 % of a normal distribution
 
@@ -37,9 +35,10 @@ class Description:
         channel: where it enters.
         entry: how it enters.
         coordinate: the signal that it depends on.
-        places, values: knots and what enters there.
-        shape, covariance: the same without its mean, and without a parabola that nuisance parameters may
-            have taken or given.
+        places, values: knots and what enters there. A mean is left to recalibration, but of a curve over
+            what the equation predicts, or its rate.
+        shape, covariance: the same; of such a curve without a parabola, which nuisance parameters may have
+            taken or given.
         reduced: share of the held-out gap of its equation, above the noise, that it removes.
         runner_up: the next best signal and its share.
         period: of the curve, in the signal's unit, if it is a wave.
@@ -98,8 +97,7 @@ def described(problem: Problem, judge: Problem, model: Fit, equation: Equation) 
         order = sorted(zip(best, places, strict=True), key=lambda one: -one[0][0])
         (share, knots), (channel, entry, name) = order[0]
         more = curves.fit((*found.splines, Spline(channel, entry, name, knots)))
-        # one that a part of the held-out recordings has by chance is none
-        if share - before < LEAST_ADDED or curves.t(more, found) < LEAST_T:
+        if share - before < LEAST_ADDED or not curves.confirmed(more, found):
             break
         others = [(place[2], one[0] - before) for one, place in order if place[2] != name]
         chosen.append((share - before, others[0] if others else None))
@@ -115,25 +113,13 @@ def _description(
 ) -> Description:
     spline = found.splines[index]
     places, values, covariance = curves.curve(found, index)
-    bend = _certain(places, values, covariance)
-    shape = bend @ values
+    weight, own = 1 / np.maximum(np.diag(covariance), 1e-300), curves.is_own(spline)
+    certain = without_parabola(places, weight) if own else np.eye(len(places)) - weight / weight.sum()
+    shape = certain @ values
     return Description(
-        spline.channel, spline.entry, spline.signal, places, values, shape, bend @ covariance @ bend.T,
-        share, runner_up, wave_period(places, shape),
+        spline.channel, spline.entry, spline.signal, places, values if own else shape, shape,
+        certain @ covariance @ certain.T, share, runner_up, wave_period(places, shape),
     )  # fmt: skip
-
-
-def _certain(places: np.ndarray, values: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return the matrix that takes from a curve what nuisance parameters may have taken or given."""
-    weight = 1 / np.maximum(np.diag(covariance), 1e-300)
-    mean = np.eye(len(places)) - weight / weight.sum()
-    bend = without_parabola(places, weight)
-    taken = mean - bend
-    parabola, spread = taken @ values, taken @ covariance @ taken.T
-    top, bottom = int(np.argmax(parabola)), int(np.argmin(parabola))
-    contrast = spread[top] - spread[bottom]
-    sd = float(np.sqrt(max(contrast[top] - contrast[bottom], 0.0)))
-    return mean if parabola[top] - parabola[bottom] > SURE * sd else bend
 
 
 def _coordinates(groups: list[Problem]) -> list[str]:

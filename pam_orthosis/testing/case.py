@@ -25,7 +25,16 @@ from pam_orthosis.model.parameters import Parameters, Section, load
 from pam_orthosis.model.shapes import fourier_shape
 from pam_orthosis.progress import Progress, part, silent
 from pam_orthosis.testing import motions
-from pam_orthosis.testing.effects import EFFECTS, OUTSIDE, SIZES, HiddenEffect, Scale, of_machine
+from pam_orthosis.testing.effects import (
+    EFFECTS,
+    OUTSIDE,
+    PUSHES,
+    SIZES,
+    WANDER,
+    HiddenEffect,
+    Scale,
+    of_machine,
+)
 from pam_orthosis.testing.plant import HiddenPlant, scale_of
 from pam_orthosis.testing.quantities import Hidden
 
@@ -49,7 +58,7 @@ NOMINAL = {
 }
 OF_MACHINES = "scenario.control_period", "scenario.start_hold", "valve.dead_band", "valve.delay"
 GAIT_SECONDS, HELD_OUT_GAIT_SECONDS, PUSH_SECONDS = 20.0, 14.0, 120.0
-PUSHES = "torque"  # the misfit that is another one in each recording
+WAVES = 9  # of a torque that wanders
 CENTRE = np.array([0.08] + [0.0] * 6)  # rad: keeps drawn gaits off the stops
 PARTS = (diagnostic.triangle, diagnostic.cocontraction, diagnostic.closed_hold, diagnostic.decay)
 
@@ -196,7 +205,9 @@ def record(
     """
     trajectory, duration = run
     progress("compiling the model")
-    own = {name: _begun_anew(maps, seed) if name == PUSHES else maps for name, maps in secret.misfits.items()}
+    own = dict(secret.misfits)
+    torques = [own.pop(name) for name in (PUSHES, WANDER) if name in own]
+    own |= {PUSHES: _begun_anew(np.sum(torques, axis=0), seed)} if torques else {}
     parameters = started(parameters, trajectory)
     plant = HiddenPlant(parameters.changed(wrong or {}), secret.hidden, secret.deviations, own, seed)
     loop = ClosedLoop(parameters, plant=plant, trajectory=trajectory)
@@ -294,8 +305,18 @@ def _pushes(rng: Generator, size: float) -> np.ndarray:
     return torque
 
 
+def _wander(rng: Generator, size: float) -> np.ndarray:
+    """Return a sum of slow waves, closed over its length."""
+    time = 2 * np.pi * np.arange(round(PUSH_SECONDS * 1e3)) / round(PUSH_SECONDS * 1e3)
+    waves = [
+        np.sin(k * time + rng.uniform(0, 2 * np.pi)) for k in rng.integers(12, 180, WAVES)
+    ]  # 0.1 to 1.5 Hz
+    torque: np.ndarray = size * np.sqrt(2 / WAVES) * np.sum(waves, axis=0)
+    return torque
+
+
 def _begun_anew(torque: np.ndarray, seed: int) -> np.ndarray:
-    """Return pushes as another recording meets them: no clock tells when the next one comes."""
+    """Return a torque as another recording meets it: no clock tells when the next push comes."""
     begun = np.random.default_rng([seed, 6]).integers(len(torque))
     anew: np.ndarray = np.roll(torque, begun)
     return anew
@@ -303,6 +324,7 @@ def _begun_anew(torque: np.ndarray, seed: int) -> np.ndarray:
 
 MISFITS: dict[str, Callable[[Generator, float], np.ndarray]] = {
     PUSHES: _pushes,
+    WANDER: _wander,
     "force_waves": lambda rng, size: force_waves(rng, size / math.sqrt(2) * rng.choice([-1.0, 1.0], (2, 4))),
     "valve_waves": lambda rng, size: _waves(rng, size * rng.choice([-1.0, 1.0], 2), 6.0),
     "volume_waves": lambda rng, size: _waves(rng, size * rng.choice([-1.0, 1.0], 2), 3.0),

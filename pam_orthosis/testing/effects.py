@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from pam_orthosis.model.machine import Machine
 
+PUSHES, WANDER = "torque", "wander"  # torques over time, others in each recording
 SIZES = ("small", "medium", "large")
 
 
@@ -100,14 +101,25 @@ EFFECTS = {effect.name: effect for effect in _ALL}
 _OUTSIDE = [
     HiddenEffect("cogging_torque", "amplitude", "cogging", (0.2, 0.4, 0.8), "sin 14 q"),
     HiddenEffect("valve_cross_talk", "share", "cross_talk", (0.03, 0.06, 0.12), "opening of the other valve"),
-    HiddenEffect("random_pushes", "amplitude", "torque", (0.5, 1.2, 2.5), "half sines at random instants"),
+    HiddenEffect("random_pushes", "amplitude", PUSHES, (0.5, 1.2, 2.5), "half sines at random instants"),
     HiddenEffect("drifting_valve_gain", "rise", "gain_drift", (0.06, 0.12, 0.25), "linear in time, extensor"),
     HiddenEffect("sticking_spool", "half_width", "spool_play", (0.02, 0.06, 0.15), "play of the spool, V"),
+    HiddenEffect(
+        "quadratic_drag", "coefficient", "drag", (0.06, 0.15, 0.4), "grows with the velocity squared"
+    ),
+    HiddenEffect("detent", "torque", "detent", (0.3, 0.6, 1.2), "bell curve over the angle", signed=True),
+    HiddenEffect("jet_torque", "torque", "jet", (2.0, 4.0, 8.0), "proportional to the extensor's opening"),
+    HiddenEffect("leak_across", "coefficient", "cross_leak", (5e-11, 1.5e-10, 4e-10), "to the other one"),
+    HiddenEffect(
+        "wandering_torque", "amplitude", WANDER, (0.3, 0.6, 1.2), "slow waves, others in each recording"
+    ),
 ]
 OUTSIDE = {effect.name: effect for effect in _OUTSIDE}
 
 # the sizes above are a knee's: by what those of another machine are larger, by field
-_EFFORTS = ("coulomb", "constant_torque", "periodic_torque", "cogging", "torque")
+_EFFORTS = (
+    "coulomb", "constant_torque", "periodic_torque", "cogging", "detent", "jet", "drag", PUSHES, WANDER,
+)  # fmt: skip
 _FORCES = ("hysteresis", "pressure_damping", "direction_damping", "creep", "force_waves")
 SCALED: Mapping[str, str] = {
     **dict.fromkeys(_EFFORTS, "effort"),
@@ -115,7 +127,7 @@ SCALED: Mapping[str, str] = {
     **dict.fromkeys(("play", "angle_offset"), "unit"),
     **dict.fromkeys(_FORCES, "force"),
     **dict.fromkeys(("dead_volume_e", "dead_volume_f"), "volume"),
-    **dict.fromkeys(("leak_e", "leak_f"), "conductance"),
+    **dict.fromkeys(("leak_e", "leak_f", "cross_leak"), "conductance"),
     **dict.fromkeys(("hose", "sag"), "resistance"),
 }
 ON_A_LINE = {"joint_friction": "carriage_friction"}

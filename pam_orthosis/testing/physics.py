@@ -184,6 +184,7 @@ def torque_from_outside(t, w, q, reflex, a, h, maps):
     torque -= h.elasticity * bend * (0.97 + 0.3 * (bend / a.unit) * (bend / a.unit))
     if h.cogging != 0.0:
         torque += h.cogging * np.sin(14 * q / a.unit)
+    torque += h.detent * np.exp(-((bend / (0.12 * a.unit)) ** 2)) - h.drag * w * abs(w)
     place = min(t * 1e3, len(maps.torque) - 1.001)
     k = int(place)
     return torque + maps.torque[k] + (place - k) * (maps.torque[k + 1] - maps.torque[k])
@@ -208,8 +209,13 @@ def rates(x, out, t, ue, uf, reflex, wheel, anchors, a, b, h, maps, mb):
     fe, ff = hose_flow(oe, pe, supply, a, h), hose_flow(of, pf, supply, b, h)
     drawn = h.sag * (max(fe, 0.0) + max(ff, 0.0)) - x[SAG]
     out[SAG] = drawn / (0.04 if drawn > 0 else 0.06)
-    out[PE] = pressure_rate(pe, fe, xe, re, h.leak_e, h.dead_volume_e, maps.volume_waves[0], t, a, h, maps)
-    out[PF] = pressure_rate(pf, ff, xf, rf, h.leak_f, h.dead_volume_f, mb.volume_waves[1], t, b, h, mb)
+    across = h.cross_leak * (pe - pf)
+    out[PE] = pressure_rate(
+        pe, fe - across, xe, re, h.leak_e, h.dead_volume_e, maps.volume_waves[0], t, a, h, maps
+    )
+    out[PF] = pressure_rate(
+        pf, ff + across, xf, rf, h.leak_f, h.dead_volume_f, mb.volume_waves[1], t, b, h, mb
+    )
     out[CE1], out[CE2] = re - x[CE1] / 0.6, re - x[CE2] / 1.8
     out[CF1], out[CF2] = rf - x[CF1] / 0.6, rf - x[CF2] / 1.8
     ce, cf = 0.6 * x[CE1] + 0.4 * x[CE2], 0.6 * x[CF1] + 0.4 * x[CF2]
@@ -218,7 +224,7 @@ def rates(x, out, t, ue, uf, reflex, wheel, anchors, a, b, h, maps, mb):
     tf = muscle(xf, rf, gf, cf, scale_f, anchors[1], mb.force_waves[1], b, h, mb)
     rubbing, out[BRISTLE] = friction(x[BRISTLE], w / a.unit, h)
     torque = pulled(te, tf, turned, a, maps) - rubbing - a.load_damping * w + stops(q, w, a)
-    torque += torque_from_outside(t, w, q, reflex, a, h, maps)
+    torque += torque_from_outside(t, w, q, reflex, a, h, maps) + h.jet * oe
     inertia, slope, gravity = load_terms(q, a, h, maps.load)
     out[Q] = w
     out[W] = (torque - gravity - 0.5 * slope * w * w) / inertia

@@ -104,6 +104,10 @@ class Hidden(NamedTuple):
     cross_talk: float = 0.0
     gain_drift: float = 0.0
     spool_play: float = 0.0
+    drag: float = 0.0
+    detent: float = 0.0
+    jet: float = 0.0
+    cross_leak: float = 0.0
 
 
 class Maps(NamedTuple):

@@ -116,8 +116,7 @@ def test_what_is_far_off_counts_where_no_effect_of_its_equation_is_named(frictio
 
 def test_a_description_of_one_equation_does_not_describe_the_other(friction):
     _, outcome, _ = friction
-    curve = SimpleNamespace(equation="torque", reduced=0.99)
-    left = SimpleNamespace(equation="torque", description=curve, events=())
+    left = SimpleNamespace(equation="torque", descriptions=[SimpleNamespace()], reduced=0.99, events=())
 
     def reported(angle, pressure):
         white = {**outcome.after.white, "angle": angle, "flexor_pressure": pressure}
@@ -146,7 +145,7 @@ def _swapped(arrays):
 def test_pushes_are_no_description(friction):
     """No model can carry what comes at instants of its own, however much of the gap it is."""
     _, outcome, _ = friction
-    pushes = Unknown("torque", None, (Event("run", 3.1, 1.5, 0.2), Event("run", 7.4, -1.2, 0.3)))
+    pushes = Unknown("torque", (), (Event("run", 3.1, 1.5, 0.2), Event("run", 7.4, -1.2, 0.3)))
     white = {**outcome.after.white, "angle": 25.0}
     open_ = replace(outcome, verdict="unexplained", effects=(), after=Gap(outcome.after.units, white))
     reported = open_.described(pushes)
