@@ -205,9 +205,7 @@ def record(
     """
     trajectory, duration = run
     progress("compiling the model")
-    own = dict(secret.misfits)
-    torques = [own.pop(name) for name in (PUSHES, WANDER) if name in own]
-    own |= {PUSHES: _begun_anew(np.sum(torques, axis=0), seed)} if torques else {}
+    own = {name: _begun_anew(maps, seed) if name == PUSHES else maps for name, maps in secret.misfits.items()}
     parameters = started(parameters, trajectory)
     plant = HiddenPlant(parameters.changed(wrong or {}), secret.hidden, secret.deviations, own, seed)
     loop = ClosedLoop(parameters, plant=plant, trajectory=trajectory)
@@ -283,7 +281,8 @@ def _hide(
     if effect.signed and rng.uniform() < 0.5:
         size = -size
     if effect.field in MISFITS:
-        misfits[effect.field] = MISFITS[effect.field](rng, size)
+        name = PUSHES if effect.field == WANDER else effect.field
+        misfits[name] = MISFITS[effect.field](rng, size)
         return {effect.parameter: size}
     value = 1 + size if effect.around_one else size
     fields[effect.field] = 1.6 / (2 * math.pi * value) / 2 if effect.name == "valve_lag" else value

@@ -9,10 +9,10 @@ from numpy.random import Generator
 from pam_orthosis.control import diagnostic
 from pam_orthosis.control.trajectory import Trajectory, make_trajectory
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model.deviations import GAS
 from pam_orthosis.model.parameters import Parameters, Section
 from pam_orthosis.model.shapes import fourier_shape, scenario_shape
 
+GAS = ("conductance", "critical_ratio", "polytropic_exponent", "supply_pressure", "hose_volume")
 OF_LEG, OF_PERSON = ("moving_mass", "small_muscle_damping"), ("person_mass", "passive_moment")
 OF_ACTUATORS = ("force", "closed_voltage", "pressure_offset")
 

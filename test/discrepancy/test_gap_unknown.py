@@ -12,6 +12,7 @@ from pam_orthosis.discrepancy import beginning, curve_fit, description, patch, u
 from pam_orthosis.discrepancy.data import from_arrays
 from pam_orthosis.discrepancy.injection import Injection, injection
 from pam_orthosis.discrepancy.knee import knee
+from pam_orthosis.discrepancy.measure import over_noise
 from pam_orthosis.discrepancy.problem import Problem, Scored
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.run import Run
@@ -186,14 +187,6 @@ def test_a_rate_of_pressure_is_carried_too(bench):
     )
 
 
-def test_a_description_by_chance_is_none(bench, monkeypatch):
-    """What one stretch of the held-out recordings has by chance does not count."""
-    monkeypatch.setattr(curve_fit.CurveFit, "confirmed", lambda *_: False)
-    *training, held_out = added(bench, lambda angle, time: 0.5 * np.sin(14 * angle))
-    start = beginning.begin(bench.system, training, [held_out], bench.parameters.gap, replay=bench.replay)
-    assert not unknown.unknown(start.problem, start.held_out, start.null, start.floor).descriptions
-
-
 EVEN, ONCE, SELDOM = np.full(12, 1e4), 1e5 * np.eye(12)[3], np.r_[8e4, 6e4, 5e4, 4e4, np.zeros(8)]
 
 
@@ -250,12 +243,10 @@ def test_what_drifts_in_a_valve_is_described_as_its_gain_over_time(diagnostics, 
     patch.write(path, patch.of_description(system, one))
     model = cases.nominal().changed(patch.read_nominal(path))
     assert effects.known(model, "opening") == ()
-    run = start.held_out.scored[0].run
-    seen = []
-    for replay in (start.held_out.replay, Replay(knee(model))):
-        started = Run(replay.system, run.recording, 40.0)
-        seen.append(replay.residuals(started, gas, (), replay.defaults(()))[:, 0].std())
-    assert seen[1] < 0.7 * seen[0]  # nuisance parameters not yet recalibrated
+    after = beginning.begin(knee(model), [training], [held_out], load().gap)
+    gaps = [over_noise(b.system, b.recalibrated(), b.floor)["gas"] for b in (start, after)]
+    assert gaps[0] > 1.4
+    assert gaps[1] == pytest.approx(1.0, abs=0.1)
 
 
 def test_of_two_muscles_each_has_a_curve(bench, monkeypatch):
@@ -302,6 +293,9 @@ def test_of_two_muscles_each_has_a_curve(bench, monkeypatch):
     told = unknown_as_dict(bench.system, found)
     assert [told["curve"]["channel"], told["other_curves"][0]["channel"]] == list(seen)
     shares["flexor_pressure", "extensor_pressure"] = 0.49
+    assert description.described(problem, problem, None, bench.system.equations[1]) == ()
+    shares["flexor_pressure", "extensor_pressure"] = 0.75
+    monkeypatch.setattr(Curves, "confirmed", lambda *_: False)  # by chance
     assert description.described(problem, problem, None, bench.system.equations[1]) == ()
 
 

@@ -234,7 +234,7 @@ def test_a_case_is_not_overwritten(short_case, tmp_path):
     [
         (["--effect", "ghost"], "no effect 'ghost'"),
         (["--effect", "none", "--effect", "creep"], "give names"),
-        (["--outside", *["--effect", "random"] * 6], "6 effects to hide; there are 5"),
+        (["--outside", *["--effect", "random"] * 11], "11 effects to hide; there are 10"),
         (["--seed", "-1"], "whole number"),
         (["--size", "huge"], "invalid choice"),
     ],
