@@ -150,8 +150,6 @@ def judge(
     stamps, (place, reference, velocity) = _kept(bag, skip_s)
     timed = timing(bag.path, namespace, bag.parameters.get(PERIOD))
     missing = incomplete(bag, stamps, skip_s, lockstep=timed is None)
-    if missing and (anew := begun_anew(bag, namespace)):
-        missing += f"; the hardware began anew, at rest, {anew}"
     if partial:
         check_enough(bag, stamps, missing)
         missing = ""
@@ -166,6 +164,8 @@ def judge(
     since_start = (stamps - bag[coordinate.name].stamp_ns[0]) / SECOND_NS
     hold_s, cycle_s = (bag.parameters.get(f"scenario.{name}") for name in ("start_hold", "cycle_time"))
     largest, loads = float(np.abs(error).max()), loads_of(bag, namespace)
+    if not partial and (missing or largest > most) and (anew := begun_anew(bag, namespace)):
+        missing = "; ".join(filter(None, [missing, f"the hardware began anew, at rest, {anew}"]))
     good = largest <= most and not any(release.lasts for release in released)
     return Verdict(
         max_abs_error=largest,

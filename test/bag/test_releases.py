@@ -150,12 +150,17 @@ def test_what_there_is_of_a_run_that_was_cut_short_may_end_released(tmp_path, ca
 
 
 def test_hardware_that_began_while_the_run_was_on_is_told(tmp_path, capsys):
-    """Its first sample comes behind the last that it may have missed."""
+    """Its first sample comes behind the last that it may have missed, or that was answered."""
     none, hole = between(0.0, 0.0), between(2.0, 2.25)
     reports = [(4.0, report("plant_simulator", WARN, "begun_anew", begun_anew="at 2.250 s"))]
     period = {"scenario.control_period": PERIOD_NS / 1e9}
-    _, found = check(tmp_path / "walk", capsys, none, 0.0 * TIME, reports, hole=hole, **period)
-    lost = "50 of 1200 samples are missing, the first at 2.000 s"
-    assert found["incomplete"] == f"{lost}; the hardware began anew, at rest, at 2.250 s"
-    _, found = check(tmp_path / "other", capsys, none, 0.0 * TIME, hole=hole, **period)
+    lost, anew = (
+        "50 of 1200 samples are missing, the first at 2.000 s",
+        "the hardware began anew, at rest, at 2.250 s",
+    )
+    _, found = check(tmp_path / "lost", capsys, none, 0.0 * TIME, reports, hole=hole, **period)
+    assert found["incomplete"] == f"{lost}; {anew}"
+    _, found = check(tmp_path / "astray", capsys, none, 20.0 * between(2.25, 3.0), reports, **period)
+    assert found["incomplete"] == anew
+    _, found = check(tmp_path / "other", capsys, none, 20.0 * between(2.25, 3.0), hole=hole, **period)
     assert found["incomplete"] == lost
