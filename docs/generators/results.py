@@ -96,6 +96,7 @@ def blocks() -> dict[str, Callable[[], str]]:
         "tracking": tracking,
         "gap": lambda: gap(blind_cases()),
         "gap-sets": gap_sets,
+        "gap-pairs": gap_pairs,
         "gap-wrong": gap_wrong,
         "gap-fuzz": gap_fuzz,
         "gap-ankle": gap_ankle,
@@ -197,6 +198,15 @@ def gap_sets() -> str:
     verdicts = ", ".join(f"`{name}`" for name in gap_table.OPEN)
     last = "`explained` by a wrong name", "one effect: too small to be found (`gap_bound.py`)"
     return table((*head, f"outside the catalogue: {verdicts}", *last), rows)
+
+
+def gap_pairs() -> str:
+    """Return the evidence that effects which were missed in pairs could have beside the other one."""
+    rows = [
+        (f"`{r['missed']}`", f"`{r['beside']}`", f"{r['at_most']:.0f}", f"{r['asked']:.0f}")
+        for r in gap_table.read(RESULTS / "gap_pairs.jsonl")
+    ]
+    return table(("missed", "beside", "evidence at most", "asked at least"), rows)
 
 
 def chosen_of(cases: Iterable[dict[str, Any]], name: str, size: str = "") -> list[dict[str, Any]]:
