@@ -10,6 +10,19 @@ from pathlib import Path
 
 import numpy as np
 
+# effect outside the catalogue -> the measured signals that it depends on
+DEPENDS = {
+    "cogging_torque": ("angle",),
+    "detent": ("angle",),
+    "quadratic_drag": ("velocity",),
+    "jet_torque": ("extensor_voltage",),
+    "drifting_valve_gain": ("time",),
+    "valve_cross_talk": ("extensor_voltage", "flexor_voltage"),
+    "leak_across": ("extensor_pressure", "flexor_pressure"),
+    "sticking_spool": (),
+    "random_pushes": (),
+    "wandering_torque": (),
+}
 SETS = ("clean", "realistic", "clean-none", "realistic-none", "pairs", "outside", "alone")
 SIZES = ("small", "medium", "large")
 OUTCOMES = ("right", "set", "extra", "wrong", "none", "failed")
@@ -49,10 +62,25 @@ def keep(results: Iterable[dict], path: Path) -> None:
         short = dict(result)
         if "found" in short:
             found = {key: short["found"][key] for key in KEPT if key in short["found"]}
+            found["described"] = short["found"].get("described") or described(short["found"])
             found["rounds"] = [{**r, "ranking": r["ranking"][:3]} for r in found["rounds"]]
             short["found"] = found
         lines.append(json.dumps(short))
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def described(found: dict) -> list[tuple[str, float]]:
+    """Return the signals over which a search describes what is unknown, each with the share it removes."""
+    unknown = found.get("unknown") or {}
+    curves = [unknown.get("curve"), *unknown.get("other_curves", ())]
+    return [(one["coordinate"], one["reduced"]) for one in curves if one]
+
+
+def described_rightly(result: dict) -> bool:
+    """Whether an effect outside the catalogue is described over what it depends on, and nothing else."""
+    if result["found"]["verdict"] != "described":
+        return False
+    return {name for name, _ in result["found"]["described"]} <= set(DEPENDS[result["effects"][0]])
 
 
 def judged(result: dict) -> str:

@@ -100,6 +100,7 @@ def blocks() -> dict[str, Callable[[], str]]:
         "gap-wrong": gap_wrong,
         "gap-fuzz": gap_fuzz,
         "gap-ankle": gap_ankle,
+        "gap-outside": gap_outside,
         "gap-peer": gap_peer,
         "control": control,
         "peers": peers,
@@ -256,6 +257,31 @@ def gap_wrong() -> str:
         for r in sorted(wrong_parameters(), key=lambda r: r["number"])
     ]  # fmt: skip
     return table(("parameter", "off by", "model", "true", "found", "verdict"), rows)
+
+
+def gap_outside() -> str:
+    """Return what became of effects outside the catalogue."""
+    cases = [case for file in sorted(RESULTS.glob("gap_outside_*.jsonl")) for case in gap_table.read(file)]
+    rows = []
+    for effect, signals in gap_table.DEPENDS.items():
+        chosen = [case for case in cases if case["effects"] == [effect]]
+        right = [case for case in chosen if gap_table.described_rightly(case)]
+        shares = [sum(share for _, share in case["found"]["described"]) for case in right]
+        others = Counter(_told(case) for case in chosen if case not in right)
+        rows.append((
+            f"`{effect}`", ", ".join(signals).replace("_", " ") or "nothing measured", str(len(chosen)),
+            str(len(right)), f"{median(shares):.0%}" if shares else "-",
+            ", ".join(f"{name} {count}" for name, count in others.most_common()) or "-",
+        ))  # fmt: skip
+    return table(("hidden", "depends on", "cases", "described so", "removes", "other answers"), rows)
+
+
+def _told(case: dict[str, Any]) -> str:
+    """Return a verdict, with the signals of a description or the names of effects."""
+    found = case["found"]
+    told = [name for name, _ in found["described"]] or gap_table.names(case)
+    shown = ", ".join(told).replace("_", " ")
+    return f"`{found['verdict']}`" + (f" ({shown})" if shown else "")
 
 
 def gap_fuzz() -> str:

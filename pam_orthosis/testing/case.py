@@ -252,8 +252,7 @@ def realistic_misfits(
     rng: Generator,
     scale: Scale = Scale(),  # noqa: B008 immutable
 ) -> dict[str, np.ndarray]:
-    """Return the misfits of the class `realistic`."""
-    # realistic class: sizes of the misfits in shape (about 5 N rms, 2 %, 1 %)
+    """Return the misfits of the class `realistic`: about 5 N rms, 2 %, 1 %."""
     map_sd, valve_sd, volume_sd = 3.5, 0.02, 0.01
     return {
         "force_waves": force_waves(rng, scale.force * map_sd * rng.standard_normal((2, 4))),
@@ -305,13 +304,12 @@ def _pushes(rng: Generator, size: float) -> np.ndarray:
 
 
 def _wander(rng: Generator, size: float) -> np.ndarray:
-    """Return a sum of slow waves, closed over its length."""
+    """Return a sum of waves of 0.1 to 1.5 Hz, closed over its length."""
     time = 2 * np.pi * np.arange(round(PUSH_SECONDS * 1e3)) / round(PUSH_SECONDS * 1e3)
     waves = [
         np.sin(k * time + rng.uniform(0, 2 * np.pi)) for k in rng.integers(12, 180, WAVES)
     ]  # 0.1 to 1.5 Hz
-    torque: np.ndarray = size * np.sqrt(2 / WAVES) * np.sum(waves, axis=0)
-    return torque
+    return size * np.sqrt(2 / WAVES) * np.sum(np.array(waves), axis=0)
 
 
 def _begun_anew(torque: np.ndarray, seed: int) -> np.ndarray:
