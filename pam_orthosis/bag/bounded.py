@@ -5,7 +5,7 @@ rosbags reads records and unpacks chunks whole, and follows YAML wherever it lea
 streams that refuse long reads, decompressors that stop, and the YAML of `reading`.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -15,18 +15,16 @@ from typing import Any, BinaryIO, ClassVar
 import apsw
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Channel, Schema
 from rosbags.rosbag2 import Reader, metadata, reader, storage_mcap
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from pam_orthosis.bag import unpack
-from pam_orthosis.bag.information import METADATA_FILE
+from pam_orthosis.bag.information import METADATA_FILE, refusal
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.reading import check_file, from_yaml, open_file, read_text
 
-PROFILE, MESSAGES = "ros2", "cdr"  # of files and messages that rosbag2's readers take
-DEFINITIONS = "ros2msg", "ros2idl", "omgidl", ""  # encodings of types that they take
+PROFILE = "ros2"  # of the files that rosbag2's readers take
 
 
 @contextmanager
@@ -65,28 +63,6 @@ def damage_told(path: Path) -> Iterator[None]:
         told = f"{path} cannot be read as a bag ({reason}); try `pam-orthosis recover {path}`"
         files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
         raise OrthosisError(_not_ros(path, files) or told) from error
-
-
-def refusal(channel: Channel, schemas: Mapping[int, Schema]) -> str:
-    """Return why messages of a channel keep readers of ROS from a whole bag; empty if they do not."""
-    if channel.message_encoding != MESSAGES:
-        return f"its messages are {channel.message_encoding or 'of no encoding'}, not {MESSAGES}"
-    if not channel.schema_id:
-        return ""
-    if channel.schema_id not in schemas:
-        return f"its schema {channel.schema_id} is missing"
-    schema = schemas[channel.schema_id]
-    if schema.encoding not in DEFINITIONS:
-        return f"its type is defined in {schema.encoding}, which is not of ROS"
-    return "" if _is_text(schema.data) else "the definition of its type is no text"
-
-
-def _is_text(data: bytes) -> bool:
-    try:
-        data.decode()
-    except UnicodeDecodeError:
-        return False
-    return True
 
 
 def _declared(file: Path) -> tuple[str, dict[str, str]]:

@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import Any
 
 import yaml
+from mcap.records import Channel, Schema
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.reading import from_yaml
@@ -16,6 +17,9 @@ METADATA_FILE = "metadata.yaml"
 RUN_RECORD, BAG_RECORD = "pam_orthosis", "rosbag2"  # metadata in an MCAP file: of the run, of the bag
 LONG = ("parameters", "machine", "legs")  # of the metadata of a run, which `metadata.yaml` leaves out
 NO_TYPE = "__schemaless__"  # as rosbags calls the type of a channel without a schema
+
+MESSAGES = "cdr"  # encoding of messages that rosbag2's readers take
+DEFINITIONS = "ros2msg", "ros2idl", "omgidl", ""  # encodings of types that they take
 
 
 class FileContent:
@@ -107,3 +111,25 @@ def _qos_of(text: str) -> list[dict[str, Any]]:
     except OrthosisError:
         return []
     return read if isinstance(read, list) else []
+
+
+def refusal(channel: Channel, schemas: Mapping[int, Schema]) -> str:
+    """Return why messages of a channel keep readers of ROS from a whole bag; empty if they do not."""
+    if channel.message_encoding != MESSAGES:
+        return f"its messages are {channel.message_encoding or 'of no encoding'}, not {MESSAGES}"
+    if not channel.schema_id:
+        return ""
+    if channel.schema_id not in schemas:
+        return f"its schema {channel.schema_id} is missing"
+    schema = schemas[channel.schema_id]
+    if schema.encoding not in DEFINITIONS:
+        return f"its type is defined in {schema.encoding}, which is not of ROS"
+    return "" if _is_text(schema.data) else "the definition of its type is no text"
+
+
+def _is_text(data: bytes) -> bool:
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        return False
+    return True

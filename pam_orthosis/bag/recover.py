@@ -11,9 +11,8 @@ from mcap.records import Channel, Message, Metadata, Schema
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.metadata import parse_qos
 
-from pam_orthosis.bag.bounded import refusal
 from pam_orthosis.bag.close import close_bag
-from pam_orthosis.bag.information import NO_TYPE, RUN_RECORD
+from pam_orthosis.bag.information import NO_TYPE, RUN_RECORD, refusal
 from pam_orthosis.bag.record import BagWriter, Declared
 from pam_orthosis.bag.salvage import Loss, Salvage
 from pam_orthosis.errors import OrthosisError
