@@ -75,8 +75,7 @@ def move(start: float, end: float, duration: float, blend: float) -> Path:
 
 
 def multisine(centre: float, amplitude: float, duration: float) -> Path:
-    """Return a sum of sines of `MULTISINE_HZ`, each of this amplitude, that fades in and out."""
-
+    """Return a sum of sines of `multisine_hz`, each of this amplitude, that fades in and out."""
     multisine_hz = (0.2, 0.5, 0.9, 1.6, 2.9)
 
     def path(time: float) -> tuple[float, float, float]:

@@ -231,9 +231,11 @@ def test_all_effects_of_the_supply_are_compensated_and_planned_with(second_suppl
     for _ in range(2000):
         state, supply = after(state, flow)
     assert float(supply) == pytest.approx(nominal.valve.supply_pressure - 3e7 * flow, rel=1e-6)
-    pressure_then, own, rates, scales = problem._supply(nominal)
-    assert scales == (1.0e4, 2.0e4)
-    planned = ca.Function("planned", [own], [pressure_then, rates(ca.DM([0.0, flow]))])
+    assert effects.supply_scales(nominal) == (1.0e4, 2.0e4)
+    own, mass = ca.SX.sym("supply", 2), ca.SX.sym("flow")
+    drawn = {"extensor": problem._positive(ca.SX(0), 1e-5), "flexor": problem._positive(mass, 1e-5)}
+    then = ca.Function("then", [own, mass], [*effects.supply(nominal, own, drawn)])
+    planned = lambda state: then(state, flow)  # noqa: E731
     at_rest, sagging = planned([0.0, 0.0]), planned([3e3, 5e3])
     assert float(at_rest[0] - sagging[0]) == pytest.approx(8e3)
     # each goes by its own resistance and time constant; both round the edge where a valve begins to draw
