@@ -269,7 +269,7 @@ def gap_outside() -> str:
         shares = [sum(share for _, share in case["found"]["described"]) for case in right]
         others = Counter(_told(case) for case in chosen if case not in right)
         rows.append((
-            f"`{effect}`", ", ".join(signals).replace("_", " ") or "nothing measured", str(len(chosen)),
+            f"`{effect}`", ", ".join(signals).replace("_", " ") or "no signal of the instant", str(len(chosen)),
             str(len(right)), f"{median(shares):.0%}" if shares else "-",
             ", ".join(f"{name} {count}" for name, count in others.most_common()) or "-",
         ))  # fmt: skip
