@@ -268,8 +268,9 @@ def gap_outside() -> str:
         right = [case for case in chosen if gap_table.described_rightly(case)]
         shares = [sum(share for _, share in case["found"]["described"]) for case in right]
         others = Counter(_told(case) for case in chosen if case not in right)
+        over = ", ".join(signals).replace("_", " ") or "no signal of the instant"
         rows.append((
-            f"`{effect}`", ", ".join(signals).replace("_", " ") or "no signal of the instant", str(len(chosen)),
+            f"`{effect}`", over, str(len(chosen)),
             str(len(right)), f"{median(shares):.0%}" if shares else "-",
             ", ".join(f"{name} {count}" for name, count in others.most_common()) or "-",
         ))  # fmt: skip
