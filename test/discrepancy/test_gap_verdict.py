@@ -303,7 +303,7 @@ def test_a_noise_floor_that_is_no_measure_of_the_sensor_is_said(bench, changed, 
     ("effect", "parameter", "empty", "meant"),
     [
         ("stretch_reflex", "threshold", (0.0, 8.0), (0.05, 1.0)),
-        ("stretch_reflex", "lag", (0.3,), (0.005, 0.1)),
+        ("stretch_reflex", "lag", (0.005, 0.015, 0.3), (0.025, 0.04, 0.1)),  # drag is faster
         ("joint_friction", "transition_velocity", (0.76, 1.0), (0.001, 0.1)),
         ("joint_friction", "bristles", (), (0.0, 0.5, 1.0)),
         ("muscle_hysteresis", "sliding_distance", (5e-5, 0.02), (1e-4, 1e-3)),
