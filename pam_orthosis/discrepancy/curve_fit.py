@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -19,11 +19,14 @@ from pam_orthosis.discrepancy.system import Entry, Equation
 KNOTS = (8, 20)  # of a curve: as few as held-out recordings allow
 ENDS = (0.002, 0.998)  # quantiles of a signal between which its curve changes
 BOUND = 5.0  # standard deviation of a curve's values, of the unknown's own
-SIMPLER = 0.02  # of the share that a curve removes: what more knots have to add
+SIMPLER = 0.02  # of the share that a curve removes: what more knots, or a second curve, have to add
 SLOW = 8.0  # Hz, below which the size of the unknown is looked at
 FEW_BLOCKS_T = 2.0  # of the fall of held-out squares over blocks of time, where few hold most of it
 TRANSFERRED = 0.5  # of the fall in training, that a curve has there then
 FAR = 10.0  # tolerances that a parameter is moved: no curve needs that
+
+
+Term: TypeAlias = tuple[tuple[str, Entry, str], ...]  # curves of a channel: each how it enters, over what
 
 
 class Spline(NamedTuple):
@@ -91,10 +94,14 @@ class CurveFit:
                 found = lever(group, one, self._equation, channel, entry, linear)
                 self._levers[one.run.serial, channel, entry] = found
 
-    def best(self, fixed: tuple[Spline, ...], place: tuple[str, Entry, str]) -> tuple[float, int]:
-        """Return the share that a spline removes beside fixed ones, and its knots: few do nearly as well."""
-        shares = [(self.reduced(self.fit((*fixed, Spline(*place, knots)))), knots) for knots in KNOTS]
-        return next(one for one in shares if one[0] > max(shares)[0] - SIMPLER)
+    def best(self, fixed: tuple[Spline, ...], term: Term) -> tuple[float, tuple[Spline, ...]]:
+        """Return the share that a term removes beside fixed splines, and its own: few knots do as well."""
+        shares = []
+        for knots in KNOTS if len(term) == 1 else KNOTS[:1]:
+            splines = tuple(Spline(*place, knots) for place in term)
+            shares.append((self.reduced(self.fit((*fixed, *splines))), splines))
+        most = max(share for share, _ in shares)
+        return next(one for one in shares if one[0] > most - SIMPLER)
 
     def reduced(self, found: Fitted) -> float:
         """Return the share of the held-out squares above the noise that splines remove.

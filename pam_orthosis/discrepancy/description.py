@@ -7,13 +7,15 @@ recordings fit it; the signal whose curve reduces the held-out gap most is given
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import permutations
+from typing import NamedTuple
 
 import numpy as np
 
-from pam_orthosis.discrepancy.curve_fit import CurveFit, Fitted, Spline, without_parabola
+from pam_orthosis.discrepancy.curve_fit import SIMPLER, CurveFit, Fitted, Spline, Term, without_parabola
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.structure import signals_of
@@ -21,6 +23,7 @@ from pam_orthosis.discrepancy.system import Entry, Equation, System
 
 LEAST_REDUCED = 0.5  # share of the held-out gap that descriptions of an equation remove, at least
 LEAST_ADDED = 0.2  # of that gap: what one of several removes
+NEAR = 0.05  # of that gap: signals that differ by less are told apart by the equation, not by the recordings
 CYCLES, FITS = 1.8, 0.7  # a curve is periodic if so many waves are in its range and explain so much of it
 UNSURE = 3.0  # times the median standard deviation: places that were hardly visited
 ROUNDING = 1e-9  # of a curve's squares: what is smaller is a line
@@ -39,8 +42,9 @@ class Description:
             what the equation predicts, or its rate.
         shape, covariance: the same; of such a curve without a parabola, which nuisance parameters may have
             taken or given.
-        reduced: share of the held-out gap of its equation, above the noise, that it removes.
-        runner_up: the next best signal and its share.
+        reduced: share of the held-out gap of its equation, above the noise, that it removes: of what several
+            remove together, a part by what each channel's add, shared equally by two of a channel.
+        runner_up: the next best signal, or two, and the share.
         period: of the curve, in the signal's unit, if it is a wave.
     """
 
@@ -79,7 +83,7 @@ class Description:
 
 
 def described(problem: Problem, judge: Problem, model: Fit, equation: Equation) -> tuple[Description, ...]:
-    """Return the best descriptions of what a model lacks in an equation, one a channel at most.
+    """Return the best descriptions of what a model lacks in an equation, one term a channel at most.
 
     Args:
         problem: recordings to fit.
@@ -87,25 +91,89 @@ def described(problem: Problem, judge: Problem, model: Fit, equation: Equation) 
         model: whose nuisance parameters and effects move with the curves.
     """
     groups = [group.weighted(dict.fromkeys(group.weights, 1.0)) for group in (problem, judge)]
-    system, names = problem.system, _coordinates(groups)
-    curves = CurveFit(groups[0], groups[1], model, equation)
+    system, curves = problem.system, CurveFit(groups[0], groups[1], model, equation)
     open_ = [channel for channel in equation.channels if system.channel(channel).state is not None]
-    found, before, chosen = curves.fit(()), 0.0, []
-    while open_:
-        places = [(c, entry, name) for c in open_ for entry in system.entries_of(c) for name in names]
-        best = problem.replay.workers.together(partial(curves.best, found.splines), places)
-        order = sorted(zip(best, places, strict=True), key=lambda one: -one[0][0])
-        (share, knots), (channel, entry, name) = order[0]
-        more = curves.fit((*found.splines, Spline(channel, entry, name, knots)))
-        if share - before < LEAST_ADDED or not curves.confirmed(more, found):
+    terms = {channel: _terms(system, equation, channel, _coordinates(groups)) for channel in open_}
+
+    def best(channels: Collection[str]) -> _Chosen:
+        tried = [term for channel in channels for term in terms[channel]]
+        fixed = _splines(one for name, one in chosen.items() if name not in channels)
+        found = problem.replay.workers.together(partial(curves.best, fixed), tried)
+        return _best(found, curves.reduced(curves.fit(fixed)), own_signals(system, equation))
+
+    chosen: dict[str, _Chosen] = {}
+    while open_ and sum(one.share for one in chosen.values()) < 1 - LEAST_ADDED:
+        more, before = best(open_), _splines(chosen.values())
+        both = curves.fit((*before, *more.splines)), curves.fit(before)
+        if more.share < LEAST_ADDED or not curves.confirmed(*both):
             break
-        others = [(place[2], one[0] - before) for one, place in order if place[2] != name]
-        chosen.append((share - before, others[0] if others else None))
-        found, before = more, share
+        channel = more.splines[0].channel
+        chosen[channel] = more
         open_.remove(channel)
-    if before < LEAST_REDUCED:
+    for channel in chosen if len(chosen) > 1 else ():  # the first was chosen without the others
+        chosen[channel] = best([channel])
+    return _descriptions(curves, chosen.values())
+
+
+class _Chosen(NamedTuple):
+    """Splines of a channel, the share that they remove beside others, the next best signals."""
+
+    splines: tuple[Spline, ...]
+    share: float
+    runner_up: tuple[str, float] | None
+
+
+def own_signals(system: System, equation: Equation) -> set[str]:
+    """Return the signals that an equation is about: what it predicts, the rates of that, its inputs."""
+    states = {system.channel(channel).state for channel in equation.channels}
+    rates = {rate for rate, of in system.derived.items() if of in states}
+    return {*equation.channels, *rates, *system.needs.get(equation.name, ())}
+
+
+def _terms(system: System, equation: Equation, channel: str, names: Sequence[str]) -> list[Term]:
+    """Return what may enter a channel: a curve over any signal, or two over one of each of two actuators.
+
+    What passes between actuators depends on both. A model holds one curve of each way to enter.
+    """
+    entries, inputs = system.entries_of(channel), system.needs.get(equation.name, ())
+    found: list[Term] = [((channel, entry, name),) for entry in entries for name in names]
+    for pair in (equation.channels, inputs):
+        if len(pair) == len(equation.channels) == 2 and set(pair) <= set(names):
+            ways = permutations(entries, 2)
+            found += [((channel, one, pair[0]), (channel, other, pair[1])) for one, other in ways]
+    return found
+
+
+def _best(found: Sequence[tuple[float, tuple[Spline, ...]]], before: float, own: Collection[str]) -> _Chosen:
+    """Return the term with the largest share, or one that comes near, over the equation's own signals."""
+
+    def worth(one: tuple[float, tuple[Spline, ...]]) -> float:
+        near = NEAR * all(spline.signal in own for spline in one[1])
+        return one[0] + near - SIMPLER * (len(one[1]) - 1)
+
+    share, splines = max(found, key=worth)
+    over = _over(splines)
+    others = [(_over(other), value - before) for value, other in found if _over(other) != over]
+    return _Chosen(splines, share - before, max(others, key=lambda one: one[1], default=None))
+
+
+def _over(splines: Sequence[Spline]) -> str:
+    return " and ".join(spline.signal for spline in splines)
+
+
+def _splines(chosen: Iterable[_Chosen]) -> tuple[Spline, ...]:
+    return tuple(spline for one in chosen for spline in one.splines)
+
+
+def _descriptions(curves: CurveFit, chosen: Collection[_Chosen]) -> tuple[Description, ...]:
+    """Return the curves of some terms, fitted together; none if they remove too little."""
+    found = curves.fit(_splines(chosen))
+    whole, added = curves.reduced(found), sum(one.share for one in chosen)
+    if whole < LEAST_REDUCED:
         return ()
-    return tuple(_description(curves, found, k, *one) for k, one in enumerate(chosen))
+    unit = whole / added
+    parts = [(unit * one.share / len(one.splines), one.runner_up) for one in chosen for _ in one.splines]
+    return tuple(_description(curves, found, k, *part) for k, part in enumerate(parts))
 
 
 def _description(

@@ -249,39 +249,58 @@ def test_what_drifts_in_a_valve_is_described_as_its_gain_over_time(diagnostics, 
     assert gaps[1] == pytest.approx(1.0, abs=0.1)
 
 
-def test_of_two_muscles_each_has_a_curve(bench, monkeypatch):
-    """Neither curve alone removes half of the gap; a third one has no channel left."""
-    shares = {(): 0.0, ("flexor_pressure",): 0.4, ("flexor_pressure", "extensor_pressure"): 0.75}
+class Curves:
+    """Fits of which the shares are given: (curves, as (channel, signal)) -> share."""
 
-    class Curves:
-        def __init__(self, *_):
-            pass
+    share = staticmethod(lambda *over: 0.0)
 
-        def fit(self, splines):
-            return SimpleNamespace(splines=splines)
+    def __init__(self, *_):
+        pass
 
-        def best(self, fixed, place):
-            channel, _, signal = place
-            other = {"flexor_pressure": "extensor_voltage", "extensor_pressure": "flexor_voltage"}[channel]
-            share = shares.get((*(one.channel for one in fixed), channel), 0.3)
-            return (share if signal == other else 0.1), 8
+    def fit(self, splines):
+        return SimpleNamespace(splines=splines)
 
-        def confirmed(self, found, fewer):
-            return True
+    def reduced(self, found):
+        return self.share(*((one.channel, one.signal) for one in found.splines))
 
-        def is_own(self, spline):
-            return False
+    def best(self, fixed, term):
+        splines = tuple(curve_fit.Spline(*place, 8) for place in term)
+        return self.reduced(self.fit((*fixed, *splines))), splines
 
-        def curve(self, found, index):
-            return np.linspace(3, 5, 8), np.linspace(-0.1, 0.1, 8), 1e-4 * np.eye(8)
+    def confirmed(self, found, fewer):
+        return True
 
+    def is_own(self, spline):
+        return False
+
+    def curve(self, found, index):
+        return np.linspace(3, 5, 8), np.linspace(-0.1, 0.1, 8), 1e-4 * np.eye(8)
+
+
+@pytest.fixture
+def of_gas(bench, monkeypatch):
+    """Return (shares of curves) -> how the gas equation is described."""
     monkeypatch.setattr(description, "CurveFit", Curves)
-    monkeypatch.setattr(
-        bench.replay.workers, "together", lambda work, items, *_: [work(one) for one in items]
-    )
+    monkeypatch.setattr(bench.replay.workers, "together", lambda work, items: [work(one) for one in items])
     run = Run(bench.system, bench.recording(1), 40.0)
     problem = Problem(bench.replay, [Scored(run, Whitener({}), 100)])
-    both = description.described(problem, problem, None, bench.system.equations[1])
+
+    def described(share):
+        monkeypatch.setattr(Curves, "share", staticmethod(share))
+        return description.described(problem, problem, None, bench.system.equations[1])
+
+    return described
+
+
+def shares(flexor, extensor):
+    """Return shares that each muscle's curve over the other one's voltage removes, all others 0.1 in all."""
+    own = {("flexor_pressure", "extensor_voltage"): flexor, ("extensor_pressure", "flexor_voltage"): extensor}
+    return lambda *over: sum(own[one] for one in over if one in own) or 0.1 * bool(over)
+
+
+def test_of_two_muscles_each_has_a_curve(bench, of_gas, monkeypatch):
+    """Neither curve alone removes half of the gap; a third one has no channel left."""
+    both = of_gas(shares(0.4, 0.35))
     found = Unknown("gas", both, ())
     seen = {one.channel: (one.coordinate, one.reduced) for one in both}
     assert seen == {
@@ -292,11 +311,58 @@ def test_of_two_muscles_each_has_a_curve(bench, monkeypatch):
     assert words.endswith(" and unknown rate of extensor pressure of flexor voltage (0.1 Pa/s)")
     told = unknown_as_dict(bench.system, found)
     assert [told["curve"]["channel"], told["other_curves"][0]["channel"]] == list(seen)
-    shares["flexor_pressure", "extensor_pressure"] = 0.49
-    assert description.described(problem, problem, None, bench.system.equations[1]) == ()
-    shares["flexor_pressure", "extensor_pressure"] = 0.75
+    assert of_gas(shares(0.25, 0.24)) == ()
     monkeypatch.setattr(Curves, "confirmed", lambda *_: False)  # by chance
-    assert description.described(problem, problem, None, bench.system.equations[1]) == ()
+    assert of_gas(shares(0.4, 0.35)) == ()
+
+
+def test_what_passes_between_actuators_is_described_over_both_pressures(of_gas):
+    """By two curves of each, which a model file can carry; no single one tells as much as the angle does."""
+
+    def leak(*over):
+        pressures = [{s for c, s in over if c == channel and s.endswith("pressure")} for channel in sides]
+        angles = [any(c == channel and s == "angle" for c, s in over) for channel in sides]
+        return sum(0.48 * (len(p) == 2) or 0.42 * a for p, a in zip(pressures, angles, strict=True))
+
+    sides = ("extensor_pressure", "flexor_pressure")
+    found = of_gas(leak)
+    assert [(one.channel, one.coordinate) for one in found] == [(a, b) for a in sides for b in sides]
+    assert [one.reduced for one in found] == pytest.approx([0.24] * 4)
+    assert found[0].runner_up == ("angle", pytest.approx(0.42))
+    assert len({one.entry.held for one in found}) == 4
+
+
+def test_a_signal_that_another_stood_in_for_is_found_beside_the_others(of_gas):
+    """Alone, the time removes more; beside what the other muscle lacks, the voltage does."""
+
+    def cross_talk(*over):
+        flexor = 0.3 * (("flexor_pressure", "extensor_voltage") in over)
+        voltage = ("extensor_pressure", "flexor_voltage") in over
+        time = ("extensor_pressure", "time") in over
+        return flexor + max(0.6 * voltage * bool(flexor) or 0.4 * voltage, 0.5 * time)
+
+    seen = [(one.channel, one.coordinate) for one in of_gas(cross_talk)]
+    assert seen == [("extensor_pressure", "flexor_voltage"), ("flexor_pressure", "extensor_voltage")]
+
+
+@pytest.mark.parametrize(
+    ("angle", "pressure", "pair", "chosen"),
+    [
+        (0.43, 0.30, 0.42, 2),  # the angle is not of the gas; the recordings hardly tell them apart
+        (0.50, 0.30, 0.42, 0),
+        (0.43, 0.41, 0.42, 1),  # a second curve has to add something
+    ],
+)
+def test_of_signals_that_do_as_well_those_of_the_equation_are_taken(bench, angle, pressure, pair, chosen):
+    entry, gas = bench.system.entries_of("flexor_pressure")[0], bench.system.equations[1]
+    own = description.own_signals(bench.system, gas)
+    assert own == {"extensor_pressure", "flexor_pressure", "extensor_voltage", "flexor_voltage"}
+    assert description.own_signals(bench.system, bench.system.equations[0]) == {"angle", "velocity"}
+    over = ["angle"], ["flexor_pressure"], ["extensor_pressure", "flexor_pressure"]
+    terms = [tuple(curve_fit.Spline("flexor_pressure", entry, name, 8) for name in names) for names in over]
+    best = description._best(list(zip((angle, pressure, pair), terms, strict=True)), 0.1, own)
+    assert best.splines == terms[chosen]
+    assert best.share == pytest.approx((angle, pressure, pair)[chosen] - 0.1)
 
 
 def test_where_hardly_anything_is_left_nothing_is_said(reported):

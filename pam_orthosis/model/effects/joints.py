@@ -149,9 +149,9 @@ EFFECTS = [
         expression=_stretch_reflex,
         physics="After a lesion of the spinal cord a muscle that is stretched faster than a threshold "
         "contracts by a reflex, some tens of milliseconds later, in both directions.",
-        source="spasticity as a velocity-dependent stretch reflex (Lance 1980); the muscle's first answer to a "
-        "tap on the tendon of the knee comes after 16 ms, in its electromyogram (Kim et al., J. Korean Acad. "
-        "Rehabil. Med. 21(2), 1997), its force later; magnitude: assumption",
+        source="spasticity as a velocity-dependent stretch reflex (Lance 1980); the first answer to a tap on "
+        "the knee's tendon comes after 16 ms, in the electromyogram (Kim et al., J. Korean Acad. Rehabil. "
+        "Med. 21(2), 1997), the force later; magnitude: assumption",
         minimum_effect=0.03,
         starts=({"threshold": 0.3}, {"threshold": 2.5}, {"lag": 0.1}),
         confounded_with=("viscous_friction",),
