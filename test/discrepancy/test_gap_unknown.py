@@ -312,6 +312,7 @@ def test_of_two_muscles_each_has_a_curve(bench, of_gas, monkeypatch):
     told = unknown_as_dict(bench.system, found)
     assert [told["curve"]["channel"], told["other_curves"][0]["channel"]] == list(seen)
     assert of_gas(shares(0.25, 0.24)) == ()
+    assert len(of_gas(shares(0.9, 0.35))) == 1  # less is left than another has to remove
     monkeypatch.setattr(Curves, "confirmed", lambda *_: False)  # by chance
     assert of_gas(shares(0.4, 0.35)) == ()
 
