@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from scipy.signal import find_peaks
 from pam_orthosis.discrepancy.fit import Fit, bounded_step
 from pam_orthosis.discrepancy.free import WIDE, of_effect
 from pam_orthosis.discrepancy.projection import Level, Projection
-from pam_orthosis.discrepancy.system import Values
+from pam_orthosis.discrepancy.system import Names, Values
 
 QUARTERS = (0.0, 1.57, 3.14, -1.57)  # rad: phases at which a periodic effect starts
 LOWEST_PEAK, HIGHEST_PEAK, MOST_PEAKS = 0.1, 20.0, 3  # Hz: where its frequency is looked for
@@ -29,16 +30,18 @@ class Trial:
     """One effect beside the present model: residuals by its parameters, everything else projected."""
 
     def __init__(self, projection: Projection, name: str):
-        problem = projection.problem
+        problem, known = projection.problem, projection.base.effects
         self.projection, self.name = projection, name
-        self.effects = (*projection.base.effects, name)
+        self.beside = tuple(n for n in problem.system.dead_time_beside(name) if n not in known)
+        self.added = (*self.beside, name)
+        self.effects = (*known, *self.added)
         lags = problem.system.catalogue[name].advance is not None
         touched = problem.replay.touched(name)
         self.equations = [e for e in problem.system.equations if lags or e.name in touched]
-        self.free = of_effect(problem.system, name)
+        self.free = [one for added in self.added for one in of_effect(problem.system, added)]
         self.scale = np.array([one.scale for one in self.free])
-        typical = problem.replay.defaults((name,))
-        self._rest = {key: value for key, value in typical.items() if key.startswith(f"{name}.")}
+        typical = problem.replay.defaults(self.added)
+        self._rest = {key: value for key, value in typical.items() if key.partition(".")[0] in self.added}
 
     def values(self, position: np.ndarray, nuisance: np.ndarray | None = None) -> dict[str, float]:
         """Return all parameters at scaled positions of its own and of the nuisance ones (of the base)."""
@@ -66,7 +69,16 @@ class Trial:
             # a signature near the off value too: far from it what resembles a nuisance parameter bends
             near = size.neutral + NEAR * (size.typical - size.neutral)
             positions.append({**first, size.name: near})
-        return [np.array([p[q.name] for q in effect.fitted]) / self.scale for p in positions]
+        return [
+            np.array([*self._dead_times(p), *(p[q.name] for q in effect.fitted)]) / self.scale
+            for p in positions
+        ]
+
+    def _dead_times(self, position: Values) -> list[float]:
+        """Return by how much the nominal dead time is shorter without what it stood for."""
+        lag = self.projection.problem.system.catalogue[self.name].lag
+        own = {key.partition(".")[2]: value for key, value in self._rest.items()}
+        return [-lag(SimpleNamespace(**{**own, **position})) for _ in self.beside] if lag else []
 
     def _peaks(self) -> list[float]:
         """Return the frequencies, Hz, at which the residuals of its equations are largest."""
@@ -111,6 +123,7 @@ class Candidate:
         values: all parameters, nuisance ones as the projection says.
         evidence: gain less what its parameters cost.
         scales: of the shape corrections' priors that go with it.
+        added: it, after what moves with it.
     """
 
     name: str
@@ -118,6 +131,7 @@ class Candidate:
     values: Values
     evidence: float
     scales: Values
+    added: Names
 
 
 def secant_gain(projection: Projection, trial: Trial, position: np.ndarray) -> float:
@@ -188,7 +202,8 @@ def refine(projection: Projection, trial: Trial, start: np.ndarray, difference: 
             pull = now.right + now.level.gradient(now.nuisance) + shared @ (own - now.own)
             if attempt >= TRIES:
                 pull -= projection.stuck(now.level)
-            best = _point(projection, trial, own, now.nuisance - now.level.solve(pull))
+            nuisance = projection.inside(now.nuisance - now.level.solve(pull))
+            best = _point(projection, trial, own, nuisance)
             if best.cost < now.cost:
                 break
             damping = damping * 20 if attempt != TRIES - 1 else 1e-3
@@ -234,7 +249,7 @@ def candidate(
     gain = projection.floor - best.cost
     evidence = gain - penalty(projection.base, len(trial.free))
     values = trial.values(best.own, best.nuisance)
-    return Candidate(trial.name, gain, values, evidence, best.level.scales)
+    return Candidate(trial.name, gain, values, evidence, best.level.scales, trial.added)
 
 
 def penalty(base: Fit, parameters: int) -> float:
@@ -257,5 +272,5 @@ def widened_shape(projection: Projection, name: str) -> Candidate:
         followed = projection.position - level.solve(right + level.gradient(projection.position))
         values = {**projection.base.values, **projection.values(followed)}
         price = penalty(projection.base, 1)
-        found.append(Candidate(name, gain, values, gain - price, {**around, name: WIDE}))
+        found.append(Candidate(name, gain, values, gain - price, {**around, name: WIDE}, (name,)))
     return max(found, key=lambda one: one.evidence)

@@ -7,8 +7,10 @@ from pam_orthosis.discrepancy import quiet, selection
 from pam_orthosis.discrepancy.confirmation import emptied
 from pam_orthosis.discrepancy.fit import Fit, fit, fit_tempered, score
 from pam_orthosis.discrepancy.free import free_parameters, scales_of
+from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.refit import refined_in
 from pam_orthosis.discrepancy.selection import Selection
+from pam_orthosis.discrepancy.system import Values
 from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress
 
@@ -74,7 +76,24 @@ def _loss(found: Selection, name: str) -> tuple[float, Fit]:
     scales = {**scales_of(system, final.free), **({name: 1.0} if name in system.shapes else {})}
     free = free_parameters(system, effects, refined, scales)
     gone = f"{name}." if name not in system.shapes else "\n"
-    values = {key: value for key, value in final.values.items() if not key.startswith(gone)}
+    values = _counted_from(problem, final, name)
+    values = {key: value for key, value in values.items() if not key.startswith(gone)}
     # at the weights of the full model, but not to the end: a wrong model has no good fit
     without = fit(problem, effects, values, free, most=3)
     return score(problem, without) - score(problem, final), without
+
+
+def _counted_from(problem: Problem, final: Fit, name: str) -> Values:
+    """Return a model's values with delays counted from the one that is to be taken away.
+
+    Sensors that all are late by as much are as good as inputs that act later by as much.
+    """
+    catalogue = problem.system.catalogue
+    size = {one: f"{one}.{catalogue[one].fitted[0].name}" for one in final.effects}
+    sensors = [one for one in final.effects if catalogue[one].advance is not None]
+    dead_times = [one for one in final.effects if catalogue[one].late is not None]
+    if name not in sensors or not dead_times or len(sensors) < len(problem.system.channels):
+        return final.values
+    common = final.values[size[name]]
+    earlier = {size[one]: final.values[size[one]] - common for one in sensors}
+    return {**final.values, **earlier, **{size[one]: final.values[size[one]] + common for one in dead_times}}

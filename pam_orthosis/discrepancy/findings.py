@@ -87,8 +87,17 @@ def named_effect(system: System, found: Selection, spread: np.ndarray, name: str
 
 def first_accepted(found: Selection, named: Sequence[Named]) -> Named | None:
     """Return the effect that was accepted first of those that stayed."""
-    order = [step.accepted for step in found.steps]
-    return min(named, key=lambda one: order.index(one.name), default=None)
+    order = [_step_of(found, one.name) for one in named]
+    return named[order.index(min(order))] if named else None
+
+
+def _step_of(found: Selection, name: str) -> int:
+    """Return the number of the step that added an effect, be it beside the one that it accepted."""
+    return next(
+        number
+        for number, step in enumerate(found.steps)
+        if step.accepted and (step.accepted == name or (step.fit and name in step.fit.effects))
+    )
 
 
 def _round_of(found: Selection, name: str) -> tuple[float, Sequence[tuple[str, float]]]:
@@ -97,7 +106,7 @@ def _round_of(found: Selection, name: str) -> tuple[float, Sequence[tuple[str, f
     The best effect of a round may have been refused, and the next one accepted. A round in silence ranks
     by evidence of its own.
     """
-    step = next(step for step in found.steps if step.accepted == name)
+    step = found.steps[_step_of(found, name)]
     own = dict(step.ranked).get(name, step.evidence)
     return own, [item for item in step.ranked if item[0] not in found.final.effects]
 

@@ -14,6 +14,7 @@ from pam_orthosis.discrepancy.beginning import Beginning, strained_parameters
 from pam_orthosis.discrepancy.confirmation import emptied
 from pam_orthosis.discrepancy.findings import Named, first_accepted, named_effect, runner_up_of
 from pam_orthosis.discrepancy.fit import Fit
+from pam_orthosis.discrepancy.free import WIDE, scales_of
 from pam_orthosis.discrepancy.noise_floor import decided_and_floor, remark_on_left_out
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.selection import Selection, Step
@@ -119,7 +120,7 @@ def outcome_of(start: Beginning, found: Selection, settings: Section, remarks: S
         kept=max(measure.over_noise(system, after, floor).values()),
         gone=gone,
         astray=bool(_astray(system, final)),
-        foreign=len(_far_off(final)) >= MANY_STRAINED,
+        foreign=len(_far_off(system, final)) >= MANY_STRAINED,
         moved=bool(moved_beyond(system, final)),
     )
     verdict = verdict_on(final.effects, closed[measure.OVERALL], rest, empty)
@@ -154,9 +155,13 @@ def outcome_of(start: Beginning, found: Selection, settings: Section, remarks: S
     )
 
 
-def _far_off(final: Fit) -> list[str]:
-    """Return the nuisance parameters that are far outside their tolerance."""
-    return [name for name, value in strained_parameters(final).items() if abs(value) > FAR_STRAIN]
+def _far_off(system: System, final: Fit) -> list[str]:
+    """Return the nuisance parameters that are far off: beyond what a shape correction may be once named."""
+    scales = scales_of(system, final.free)
+    strained = strained_parameters(final)
+    far = {name: WIDE if name.partition(".")[0] in scales else FAR_STRAIN for name in strained}
+    strain = {name: scales.get(name.partition(".")[0], 1.0) * value for name, value in strained.items()}
+    return [name for name, value in strain.items() if abs(value) > far[name]]
 
 
 def moved_beyond(system: System, final: Fit, least: float = MOVED) -> dict[str, float]:
@@ -170,7 +175,7 @@ def _astray(system: System, final: Fit) -> list[str]:
     """Return those that are far off where no effect is named whose other form may have moved them."""
     named = {system.equation_of(name) for name in final.effects}
     seen = {name for equation in named & set(final.blocks) for name in final.blocks[equation].names}
-    return [name for name in _far_off(final) if name not in seen]
+    return [name for name in _far_off(system, final) if name not in seen]
 
 
 def _is_gone(before: measure.Gap, floor: measure.Gap, where: Sequence[structure.Where]) -> bool:

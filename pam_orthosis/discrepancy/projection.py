@@ -61,6 +61,8 @@ class Projection:
         self.problem, self.base = problem, base
         self._scale = np.array([one.scale for one in base.free])
         self.position = np.array([base.values[one.name] / one.scale for one in base.free])
+        self._lower = np.array([one.lower / one.scale for one in base.free])
+        self._upper = np.array([one.upper / one.scale for one in base.free])
         self._matrices = {name: scaled_slopes(block, base.free) for name, block in base.blocks.items()}
         self._squares = {name: float(np.sum(b.residual**2)) for name, b in base.blocks.items()}
         self._unchanged = {name: self.correlated(name, b.residual) for name, b in base.blocks.items()}
@@ -132,6 +134,11 @@ class Projection:
                 squares += self._squares[name]
                 right += self._unchanged[name]
         return right, squares
+
+    def inside(self, position: np.ndarray) -> np.ndarray:
+        """Return scaled nuisance parameters inside their bounds."""
+        inside: np.ndarray = np.clip(position, self._lower, self._upper)
+        return inside
 
     def values(self, position: np.ndarray) -> dict[str, float]:
         """Return the nuisance parameters at a scaled position."""

@@ -49,8 +49,8 @@ def _fitted(projection: Projection, name: str) -> Fit:
     """Return the model with an effect more, fitted to the problem of a projection."""
     one = beside(projection, name)
     problem, base = projection.problem, projection.base
-    free = [*base.free, *of_effect(problem.system, name)]
-    return fit(problem, (*base.effects, name), one.values, free, most=STEPS)
+    free = [*base.free, *(free for added in one.added for free in of_effect(problem.system, added))]
+    return fit(problem, (*base.effects, *one.added), one.values, free, most=STEPS)
 
 
 def beside(projection: Projection, name: str) -> Candidate:

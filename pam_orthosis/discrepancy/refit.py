@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from pam_orthosis.discrepancy.candidates import Candidate
 from pam_orthosis.discrepancy.fit import Fit, fit_tempered, score
-from pam_orthosis.discrepancy.free import free_parameters, nuisance, scales_of, with_scales
+from pam_orthosis.discrepancy.free import free_parameters, nuisance, of_effect, scales_of, with_scales
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.replay import Replay
@@ -78,11 +78,24 @@ def at_best_level(problem: Problem, model: Fit) -> tuple[Problem, Fit]:
 def refitted(problem: Problem, base: Fit, one: Candidate, progress: Progress) -> tuple[Problem, Fit]:
     """Return the model with a candidate, all parameters fitted, its details too if it leaves much."""
     progress(f"refitting everything with {one.name}")
-    effects = (*base.effects, one.name)
+    effects = (*base.effects, *one.added)
     free = free_parameters(problem.system, effects, refined_in(problem.system, base), one.scales)
     weighted, model = fit_tempered(problem, effects, one.values, free)
     left = max(1 / weighted.weights[name] ** 2 for name in problem.replay.touched(one.name))
     return with_details(weighted, model, progress) if left > LEFT_OVER else (weighted, model)
+
+
+def details_of(system: System, name: str) -> dict[str, float]:
+    """Return the details of an effect at their typical values."""
+    return {f"{name}.{q.name}": q.typical for q in system.catalogue[name].parameters if not q.fitted}
+
+
+def without_details(problem: Problem, base: Fit, details: Values, name: str) -> tuple[Problem, Fit]:
+    """Return the model with an effect in place of another one's details, which stay as they usually are."""
+    effects, known = (*base.effects, name), {*base.values}
+    typical = {k: v for k, v in problem.replay.defaults(effects).items() if k not in known}
+    free = [one for one in base.free if one.name not in details] + of_effect(problem.system, name)
+    return fit_tempered(problem, effects, {**base.values, **details, **typical}, free)
 
 
 def refined_in(system: System, model: Fit) -> list[str]:

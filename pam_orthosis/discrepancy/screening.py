@@ -77,11 +77,16 @@ def _room(problem: Problem, name: str) -> float:
 
 
 def worth_polishing(problem: Problem, ranked: list[Candidate], thresholds: Values) -> list[Candidate]:
-    """Return the candidates that a full fit may lift over what is asked of them."""
+    """Return the candidates that a full fit may lift over what is asked of them.
+
+    The first one that needs no lift is among them, whatever others promise that may never get there.
+    """
     near = [
         one
         for one in ranked
         if one.gain * _room(problem, one.name) - (one.gain - one.evidence)
         > min(NEAR_THRESHOLD * thresholds[one.name], thresholds[one.name] - SLACK)
     ]
-    return [one for one in near[:POLISHED] if one.gain > POLISHED_SHARE * near[0].gain]
+    ready = [one for one in near if one.evidence >= thresholds[one.name]][:1]
+    kept = [one for one in near[:POLISHED] if one.gain > POLISHED_SHARE * near[0].gain]
+    return kept + [one for one in ready if one not in kept]

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Selection: effects are added one by one while recordings say so, refitted together, and dropped again."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
-from pam_orthosis.discrepancy import quiet, selection
+from pam_orthosis.discrepancy import quiet, refit, selection
 from pam_orthosis.discrepancy.candidates import Candidate
 from pam_orthosis.discrepancy.confirmation import (
     LEAST_T,
@@ -20,6 +20,7 @@ from pam_orthosis.discrepancy.confirmation import (
 )
 from pam_orthosis.discrepancy.elimination import eliminate_weak
 from pam_orthosis.discrepancy.fit import Fit, fit, score
+from pam_orthosis.discrepancy.free import scales_of
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.refit import at_best_level, refitted, with_details
@@ -31,6 +32,8 @@ from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress, silent
 
 ASKED_IN_SILENCE = 3
+ALIKE = 0.5  # of an effect's gain that another one had in its place
+CLEANER = 0.6  # of the power density that was left, with an effect in place of another's details
 TRIED = 3  # effects of a round, the most evident ones, that held-out recordings are asked about
 
 
@@ -51,15 +54,61 @@ def extended(
         step = _round(found, held_out, settings, progress)
         if step.blocked:
             step = _or_in_silence(found, held_out, step, settings, progress)
-        found.steps.append(step)
-        if step.accepted is None or step.problem is None or step.fit is None:
+        if step.accepted is None:
+            step = _or_for_details(found, held_out, step, settings, progress)
+        if not _added(found, step, progress):
             break
-        progress(f"added {step.accepted} (evidence {step.evidence:.0f}, held-out t {step.held_out_t:.1f})")
-        found.final_problem, found.final = at_best_level(*with_details(step.problem, step.fit, progress))
-        found.evidence[step.accepted] = found.entered[step.accepted] = step.evidence
-        found.alike[step.accepted] = _alike(step)
+        if step.apart and len(found.final.effects) < settings.effects:
+            _added(found, _beside(found, held_out, step, step.apart, settings), progress)
     eliminate_weak(found, settings, progress)
     return found
+
+
+def _added(found: Selection, step: Step, progress: Progress) -> bool:
+    """Note a step, add what it accepted to the model, and return whether it did."""
+    found.steps.append(step)
+    if step.accepted is None or step.problem is None or step.fit is None:
+        return False
+    progress(f"added {step.accepted} (evidence {step.evidence:.0f}, held-out t {step.held_out_t:.1f})")
+    for name in step.fit.effects[len(found.final.effects) :]:
+        found.evidence[name] = found.entered[name] = step.evidence
+        found.alike[name] = _alike(step)
+    found.final_problem, found.final = at_best_level(*with_details(step.problem, step.fit, progress))
+    return True
+
+
+def _beside(found: Selection, held_out: Problem, last: Step, candidate: Candidate, settings: Section) -> Step:
+    """Return the step with a candidate of other equations than those of what the same round accepted.
+
+    What was accepted changes nothing there: no other round is needed to find it.
+    """
+    problem, base = found.final_problem, found.final
+    own = {key: value for key, value in candidate.values.items() if key not in base.values}
+    moved = replace(candidate, values={**base.values, **own}, scales=scales_of(problem.system, base.free))
+    judged = weighed(problem, base, [refitted(problem, base, moved, silent)])
+    able = [one for one in judged if one[0] >= selection.threshold(found, candidate.name, settings)]
+    ranked = ranking(judged, ())
+    if not able:
+        return Step(None, None, None, judged[0][0], 0.0, ranked, f"{candidate.name} has too little evidence")
+    touched = problem.replay.touched
+    gains = {name: gain for name, gain in last.gains.items() if touched(name) & touched(candidate.name)}
+    return _accepted(problem, base, held_out, able, ranked, gains)
+
+
+def _apart(problem: Problem, model: Fit, worth: Sequence[Candidate], judged: Ranking) -> Candidate | None:
+    """Return the best candidate of equations that neither a model's last effect nor a better one changes."""
+    able, taken = {one.name: one for one in worth}, _changed(problem, model.effects[-1])
+    for name, _ in judged:
+        if name in able and not taken & _changed(problem, name):
+            return able[name]
+        taken |= _changed(problem, name)
+    return None
+
+
+def _changed(problem: Problem, name: str) -> frozenset[str]:
+    """Return the equations that an effect changes; a sensor that lags moves what the others are driven by."""
+    lags = problem.system.catalogue[name].advance is not None
+    return frozenset(problem.weights) if lags else problem.replay.touched(name)
 
 
 def _earned(problem: Problem, base: Fit, progress: Progress) -> dict[str, tuple[float, frozenset[str]]]:
@@ -104,8 +153,11 @@ def _round(found: Selection, held_out: Problem, settings: Section, progress: Pro
         reason = f"{name} has evidence {evidence:.0f}, it would need {thresholds[name]:.0f}"
         return Step(None, None, None, evidence, 0.0, ranked, reason, gains, tuple(blocked))
     step = _accepted(problem, base, held_out, able[:TRIED], ranked, gains, tuple(blocked))
+    if step.fit is None:
+        return step
     rivals = tuple(name for name, promised in blocked.items() if promised > step.evidence)
-    return replace(step, blocked=rivals) if step.accepted else step
+    enough = [one for one in worth if one.name in {model.effects[-1] for _, _, model in able}]
+    return replace(step, blocked=rivals, apart=_apart(problem, step.fit, enough, ranked))
 
 
 def _refitted_all(
@@ -202,6 +254,44 @@ def _round_in_silence(
 
 def _most(evidence: Values, names: Sequence[str]) -> float:
     return max((evidence.get(name, 0.0) for name in names), default=0.0)
+
+
+def _or_for_details(
+    found: Selection, held_out: Problem, step: Step, settings: Section, progress: Progress
+) -> Step:
+    """Return the step with an effect in place of the details of one that it resembles, where that is better.
+
+    Details may have taken what another effect does: neither shows then beside the other.
+    """
+    problem, base = found.final_problem, found.final
+    details = {one: refit.details_of(problem.system, one) for one in refit.refined_in(problem.system, base)}
+    for refined, name in _alike_pairs(found, details):
+        progress(f"trying {name} in place of the details of {refined}")
+        weighted, model = refit.without_details(problem, base, details[refined], name)
+        judged = weighed(problem, base, [(weighted, model)])
+        if judged[0][0] < settings.threshold or not _cleaner(problem, weighted, name):
+            continue
+        gains = {name: judged[0][0]}
+        other = _accepted(problem, base, held_out, judged, ranking(judged, ()), gains)
+        if other.accepted:
+            found.steps.append(step)
+            found.apart[name] = selection.larger(found, name, settings)
+            return other
+    return step
+
+
+def _alike_pairs(found: Selection, refined: Collection[str]) -> list[tuple[str, str]]:
+    """Return effects whose details are free, each with the one that would have done nearly as well."""
+    known = found.final.effects
+    others = {one: {n: s for n, s in found.alike[one].items() if n not in known} for one in refined}
+    best = {one: max(shares, key=lambda name: shares[name]) for one, shares in others.items() if shares}
+    return [(one, name) for one, name in best.items() if others[one][name] > ALIKE]
+
+
+def _cleaner(problem: Problem, weighted: Problem, name: str) -> bool:
+    """Return whether an effect leaves much less structure in each of its equations."""
+    ratio = [(problem.weights[n] / weighted.weights[n]) ** 2 for n in problem.replay.touched(name)]
+    return max(ratio) < CLEANER
 
 
 def _by_larger(found: Selection, names: Sequence[str], settings: Section) -> dict[frozenset[str], list[str]]:

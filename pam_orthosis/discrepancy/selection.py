@@ -3,7 +3,7 @@
 
 from dataclasses import dataclass, field
 
-from pam_orthosis.discrepancy.candidates import penalty
+from pam_orthosis.discrepancy.candidates import Candidate, penalty
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.system import Values
@@ -17,7 +17,7 @@ class Step:
     """One round: what was accepted, what came next, all candidates that were fitted, gains of all.
 
     `blocked` are effects that would have enough evidence, and more than what was accepted, were there no
-    larger ones.
+    larger ones; `apart` the best candidate of other equations than those of what was accepted.
     """
 
     accepted: str | None
@@ -29,6 +29,7 @@ class Step:
     reason: str
     gains: Values = field(default_factory=dict)
     blocked: tuple[str, ...] = ()
+    apart: Candidate | None = None
 
 
 @dataclass

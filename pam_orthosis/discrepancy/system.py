@@ -236,6 +236,12 @@ class System:
         found = tuple(one for one in entries if one.parameter.partition(".")[0] in there)
         return found or (rate,)
 
+    def dead_time_beside(self, effect: str) -> Names:
+        """Return the effect of a dead time that moves with one that the nominal dead time may stand for."""
+        if not self.late or self.catalogue[effect].lag is None:
+            return ()
+        return tuple(name for name, one in self.catalogue.items() if one.late is not None)
+
     def equation_of(self, effect: str) -> str:
         """Return the equation in which an effect shows, as reports call it."""
         equation = self._place(effect)

@@ -171,6 +171,7 @@ EFFECTS = [
         coordinate="{actuator}_voltage",
         confounded_with=("valve_delay", "hose_resistance"),
         separated_by=("diagnostic-locked",),
+        lag=lambda p: p.damping_ratio / (math.pi * p.natural_frequency),
         fastest=lambda p: 0.16 / p.natural_frequency,
         states=("{actuator}_spool", "{actuator}_spool_speed"),
         scales=(1.0, 600.0),
