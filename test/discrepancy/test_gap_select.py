@@ -77,7 +77,7 @@ def test_gains_of_a_round_show_what_is_alike():
 
 
 def candidates(**evidence):
-    return [Candidate(name, value + 30.0, {}, value, {}) for name, value in evidence.items()]
+    return [Candidate(name, value + 30.0, {}, value, {}, (name,)) for name, value in evidence.items()]
 
 
 def test_a_candidate_that_cannot_reach_its_bar_neither_is_fitted_nor_hides_the_next():
@@ -89,6 +89,15 @@ def test_a_candidate_that_cannot_reach_its_bar_neither_is_fitted_nor_hides_the_n
     # residuals that weigh little now may weigh more with the effect
     problem.weights = {"torque": 0.2, "gas": 1.0}
     assert "joint_friction" in [one.name for one in screening.worth_polishing(problem, ranked, thresholds)]
+
+
+def test_what_needs_no_lift_is_fitted_in_full_whatever_promises_more():
+    problem = SimpleNamespace(replay=SimpleNamespace(touched=touched), weights={"torque": 0.2, "gas": 0.2})
+    ranked = candidates(
+        joint_friction=400.0, extra_foot_mass=390.0, muscle_hysteresis=380.0, extensor_leak=30.0
+    )
+    thresholds = {one.name: 4000.0 for one in ranked} | {"extensor_leak": 15.0}
+    assert [one.name for one in screening.worth_polishing(problem, ranked, thresholds)][-1] == "extensor_leak"
 
 
 def test_only_what_larger_effects_of_this_search_keep_out_is_looked_for_in_their_silence():
@@ -155,7 +164,9 @@ def starts_of(effect):
     wave = np.sin(2 * np.pi * 3.0 * 0.01 * np.arange(1000))[:, None]
     run = SimpleNamespace(recording=SimpleNamespace(samples=1000), period=0.01)
     problem = SimpleNamespace(
-        system=SimpleNamespace(catalogue={effect.name: effect}, shapes=(), equations=[equation]),
+        system=SimpleNamespace(
+            catalogue={effect.name: effect}, shapes=(), equations=[equation], dead_time_beside=lambda _: ()
+        ),
         replay=SimpleNamespace(
             touched=lambda _: {"dynamics"}, defaults=lambda _: {}, residuals=lambda *_: wave
         ),
