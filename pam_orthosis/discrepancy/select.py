@@ -1,39 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """Selection: effects are added one by one while recordings say so, refitted together, and dropped again."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
-from pam_orthosis.discrepancy import quiet, refit, selection
+from pam_orthosis.discrepancy import selection
+from pam_orthosis.discrepancy.acceptance import accepted
 from pam_orthosis.discrepancy.candidates import Candidate
-from pam_orthosis.discrepancy.confirmation import (
-    LEAST_T,
-    LEAST_TRANSFER,
-    WORST_T,
-    at_values,
-    confirmed,
-    emptied,
-    is_too_small,
-    is_visible,
-    ranking,
-    weighed,
-)
+from pam_orthosis.discrepancy.confirmation import ranking, weighed
 from pam_orthosis.discrepancy.elimination import eliminate_weak
 from pam_orthosis.discrepancy.fit import Fit, fit, score
 from pam_orthosis.discrepancy.free import scales_of
 from pam_orthosis.discrepancy.problem import Problem
-from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.refit import at_best_level, refitted, with_details
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.screening import fitted_candidates, worth_polishing
+from pam_orthosis.discrepancy.second_chance import or_for_details, or_in_silence
 from pam_orthosis.discrepancy.selection import Ranking, Selection, Step
 from pam_orthosis.discrepancy.system import Values
 from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress, silent
 
-ASKED_IN_SILENCE = 3
-ALIKE = 0.5  # of an effect's gain that another one had in its place
-CLEANER = 0.6  # of the power density that was left, with an effect in place of another's details
 TRIED = 3  # effects of a round, the most evident ones, that held-out recordings are asked about
 
 
@@ -53,9 +40,9 @@ def extended(
     while len(found.final.effects) < settings.effects:
         step = _round(found, held_out, settings, progress)
         if step.blocked:
-            step = _or_in_silence(found, held_out, step, settings, progress)
+            step = or_in_silence(found, held_out, step, settings, progress)
         if step.accepted is None:
-            step = _or_for_details(found, held_out, step, settings, progress)
+            step = or_for_details(found, held_out, step, settings, progress)
         if not _added(found, step, progress):
             break
         if step.apart and len(found.final.effects) < settings.effects:
@@ -92,7 +79,7 @@ def _beside(found: Selection, held_out: Problem, last: Step, candidate: Candidat
         return Step(None, None, None, judged[0][0], 0.0, ranked, f"{candidate.name} has too little evidence")
     touched = problem.replay.touched
     gains = {name: gain for name, gain in last.gains.items() if touched(name) & touched(candidate.name)}
-    return _accepted(problem, base, held_out, able, ranked, gains)
+    return accepted(problem, base, held_out, able, ranked, gains)
 
 
 def _apart(problem: Problem, model: Fit, worth: Sequence[Candidate], judged: Ranking) -> Candidate | None:
@@ -152,7 +139,7 @@ def _round(found: Selection, held_out: Problem, settings: Section, progress: Pro
         name, evidence = ranked[0]
         reason = f"{name} has evidence {evidence:.0f}, it would need {thresholds[name]:.0f}"
         return Step(None, None, None, evidence, 0.0, ranked, reason, gains, tuple(blocked))
-    step = _accepted(problem, base, held_out, able[:TRIED], ranked, gains, tuple(blocked))
+    step = accepted(problem, base, held_out, able[:TRIED], ranked, gains, tuple(blocked))
     if step.fit is None:
         return step
     rivals = tuple(name for name, promised in blocked.items() if promised > step.evidence)
@@ -174,129 +161,3 @@ def _refitted_all(
         one, worth, problem.replay, progress, f"refitting everything with {names}"
     )
     return [(problem.weighted(weights), model) for weights, model in found]
-
-
-def _accepted(
-    problem: Problem,
-    base: Fit,
-    held_out: Problem,
-    able: Sequence[tuple[float, Problem, Fit]],
-    ranked: Ranking,
-    gains: Values,
-    blocked: tuple[str, ...] = (),
-) -> Step:
-    """Return the step with the first of some models that held-out recordings confirm, or why none is.
-
-    What is refused is the first one: its evidence, its t value and the reason belong together.
-    """
-    refused = []
-    for evidence, weighted, model in able:
-        name = model.effects[-1]
-        t, transfer = confirmed(
-            problem.weighted(weighted.weights), held_out.weighted(weighted.weights), base, model
-        )
-        strained = not is_visible(problem, base, model)
-        if is_too_small(problem.system, name, model):
-            reason = f"{name} is smaller than what is worth a name"
-        elif empty := emptied(problem.system, name, model):
-            reason = f"{name} would not be what its name says: {at_values(model, empty)}"
-        elif t > LEAST_T or transfer > LEAST_TRANSFER or (strained and t > WORST_T):
-            return Step(name, model, weighted, evidence, t, ranked, "accepted", gains)
-        else:
-            reason = f"held-out recordings do not confirm {name}"
-        refused.append(Step(None, None, None, evidence, t, ranked, reason, gains, blocked))
-    return refused[0]
-
-
-def _or_in_silence(
-    found: Selection, held_out: Problem, step: Step, settings: Section, progress: Progress
-) -> Step:
-    """Return the step with what larger effects kept from being added, where it is better; note the other."""
-    other = _round_in_silence(found, held_out, step, settings, progress)
-    if step.accepted and not other.accepted:
-        return step
-    reason = f"{other.accepted} has more evidence where larger effects are silent"
-    found.steps.append(replace(step, accepted=None, reason=reason) if step.accepted else step)
-    return other
-
-
-def _round_in_silence(
-    found: Selection, held_out: Problem, last: Step, settings: Section, progress: Progress
-) -> Step:
-    """Return the step with the best of the effects that only larger ones kept from being added.
-
-    It needs its evidence where these are silent, and more there than what was accepted beside them.
-    """
-    problem, base = found.final_problem, found.final
-    seen: dict[str, float] = {}
-    for large, names in _by_larger(found, last.blocked[:ASKED_IN_SILENCE], settings).items():
-        progress(f"looking for {', '.join(names)} where {', '.join(sorted(large))} is inactive")
-        others = [last.accepted] if last.accepted else []
-        shown = quiet.evidence(problem, base, [*names, *others], large)
-        seen |= {name: shown[name] for name in names if shown.get(name, 0.0) > _most(shown, others)}
-    ranked = tuple(sorted(seen.items(), key=lambda one: -one[1]))
-    if not ranked or ranked[0][1] < settings.threshold:
-        return Step(None, None, None, 0.0, 0.0, ranked, "nothing shows where the larger effects are silent")
-    name = ranked[0][0]
-    model = refitted(problem, base, quiet.beside(Projection(problem, base), name), progress)
-    able = [
-        one for one in weighed(problem, base, [model]) if one[0] >= selection.least(found, name, settings)
-    ]
-    if not able:
-        return Step(
-            None, None, None, ranked[0][1], 0.0, ranked, f"{name} has too little evidence in all samples"
-        )
-    step = _accepted(problem, base, held_out, able, ranked, last.gains)
-    if step.accepted:
-        found.apart[name] = selection.larger(found, name, settings)
-    return step
-
-
-def _most(evidence: Values, names: Sequence[str]) -> float:
-    return max((evidence.get(name, 0.0) for name in names), default=0.0)
-
-
-def _or_for_details(
-    found: Selection, held_out: Problem, step: Step, settings: Section, progress: Progress
-) -> Step:
-    """Return the step with an effect in place of the details of one that it resembles, where that is better.
-
-    Details may have taken what another effect does: neither shows then beside the other.
-    """
-    problem, base = found.final_problem, found.final
-    details = {one: refit.details_of(problem.system, one) for one in refit.refined_in(problem.system, base)}
-    for refined, name in _alike_pairs(found, details):
-        progress(f"trying {name} in place of the details of {refined}")
-        weighted, model = refit.without_details(problem, base, details[refined], name)
-        judged = weighed(problem, base, [(weighted, model)])
-        if judged[0][0] < settings.threshold or not _cleaner(problem, weighted, name):
-            continue
-        gains = {name: judged[0][0]}
-        other = _accepted(problem, base, held_out, judged, ranking(judged, ()), gains)
-        if other.accepted:
-            found.steps.append(step)
-            found.apart[name] = selection.larger(found, name, settings)
-            return other
-    return step
-
-
-def _alike_pairs(found: Selection, refined: Collection[str]) -> list[tuple[str, str]]:
-    """Return effects whose details are free, each with the one that would have done nearly as well."""
-    known = found.final.effects
-    others = {one: {n: s for n, s in found.alike[one].items() if n not in known} for one in refined}
-    best = {one: max(shares, key=lambda name: shares[name]) for one, shares in others.items() if shares}
-    return [(one, name) for one, name in best.items() if others[one][name] > ALIKE]
-
-
-def _cleaner(problem: Problem, weighted: Problem, name: str) -> bool:
-    """Return whether an effect leaves much less structure in each of its equations."""
-    ratio = [(problem.weights[n] / weighted.weights[n]) ** 2 for n in problem.replay.touched(name)]
-    return max(ratio) < CLEANER
-
-
-def _by_larger(found: Selection, names: Sequence[str], settings: Section) -> dict[frozenset[str], list[str]]:
-    """Return effects by the larger ones that kept them from being added."""
-    groups: dict[frozenset[str], list[str]] = {}
-    for name in names:
-        groups.setdefault(frozenset(selection.larger(found, name, settings)), []).append(name)
-    return groups

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy import select
+from pam_orthosis.discrepancy import acceptance
 from pam_orthosis.discrepancy.candidates import penalty
 from pam_orthosis.discrepancy.fit import Fit, score
 from pam_orthosis.discrepancy.free import Free
@@ -83,8 +83,8 @@ def test_a_parameter_of_an_effect_costs_the_log_of_the_samples():
 def judged(monkeypatch, models, strained=False):
     """Return the step in which held-out recordings see models: name -> (evidence, t, transfer, size)."""
     seen = {name: (t, transfer) for name, (_, t, transfer, _) in models.items()}
-    monkeypatch.setattr(select, "confirmed", lambda *args: seen[args[-1].effects[-1]])
-    monkeypatch.setattr(select, "is_visible", lambda *_: not strained)
+    monkeypatch.setattr(acceptance, "confirmed", lambda *args: seen[args[-1].effects[-1]])
+    monkeypatch.setattr(acceptance, "is_visible", lambda *_: not strained)
     size = SimpleNamespace(name="size", neutral=0.0)
     effect = SimpleNamespace(parameters=(), fitted=[size], shape=False, minimum_effect=1.0)
     weighted = SimpleNamespace(weights={}, weighted=lambda _: None)
@@ -95,7 +95,7 @@ def judged(monkeypatch, models, strained=False):
         (evidence, weighted, SimpleNamespace(effects=(name,), values={f"{name}.size": value}))
         for name, (evidence, _, _, value) in models.items()
     ]
-    return select._accepted(problem, None, weighted, able, (), {}, ("blocked",))
+    return acceptance.accepted(problem, None, weighted, able, (), {}, ("blocked",))
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy import elimination, judgement, select
+from pam_orthosis.discrepancy import elimination, judgement, second_chance, select
 from pam_orthosis.discrepancy.candidates import Candidate, Trial
 from pam_orthosis.discrepancy.free import WIDE, nuisance, with_scales
 from pam_orthosis.discrepancy.knee import knee
@@ -80,15 +80,17 @@ def test_delays_count_from_the_sensor_that_is_taken_away():
 def test_an_effect_is_tried_for_the_details_of_one_that_it_resembles_and_no_other():
     alike = {"joint_friction": {"joint_friction": 1.0, "muscle_hysteresis": 0.9, "viscous_friction": 0.1}}
     found = SimpleNamespace(alike=alike, final=SimpleNamespace(effects=("joint_friction",)))
-    assert select._alike_pairs(found, ["joint_friction"]) == [("joint_friction", "muscle_hysteresis")]
+    assert second_chance._alike_pairs(found, ["joint_friction"]) == [("joint_friction", "muscle_hysteresis")]
     found.final.effects = ("joint_friction", "muscle_hysteresis")
-    assert select._alike_pairs(found, ["joint_friction"]) == []
+    assert second_chance._alike_pairs(found, ["joint_friction"]) == []
 
 
 @pytest.mark.parametrize(("left", "cleaner"), [(0.5, True), (0.7, False)])
 def test_what_takes_the_place_of_details_leaves_much_less(left, cleaner):
     problem = SimpleNamespace(weights={"torque": 1.0}, replay=SimpleNamespace(touched=lambda _: {"torque"}))
-    assert select._cleaner(problem, SimpleNamespace(weights={"torque": left**-0.5}), "creep") == cleaner
+    assert (
+        second_chance._cleaner(problem, SimpleNamespace(weights={"torque": left**-0.5}), "creep") == cleaner
+    )
 
 
 def test_a_shape_correction_is_far_off_beyond_what_it_may_be_once_it_is_named():

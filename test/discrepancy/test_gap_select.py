@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy import elimination, screening, select, selection
+from pam_orthosis.discrepancy import elimination, screening, second_chance, select, selection
 from pam_orthosis.discrepancy.candidates import Candidate, Trial
 from pam_orthosis.discrepancy.together import Workers
 from pam_orthosis.model.effects.base import Effect, Quantity
@@ -119,12 +119,14 @@ def test_what_only_a_larger_effect_keeps_out_competes_where_that_one_is_silent(m
     found = found_so_far({"valve_lag": 60_000.0}, {"valve_lag": {}})
     step = selection.Step("extra_foot_mass", None, None, 270.0, 4.0, (), "accepted", blocked=("angle_gain",))
     shown = {"angle_gain": rival, "extra_foot_mass": 200.0}
-    monkeypatch.setattr(select.quiet, "evidence", lambda problem, base, names, large: shown)
-    monkeypatch.setattr(select.quiet, "beside", lambda *_: None)
+    monkeypatch.setattr(second_chance.quiet, "evidence", lambda problem, base, names, large: shown)
+    monkeypatch.setattr(second_chance.quiet, "beside", lambda *_: None)
     for name, result in (("Projection", None), ("refitted", None), ("weighed", [(400.0, None, None)])):
-        monkeypatch.setattr(select, name, lambda *_, result=result: result)
-    monkeypatch.setattr(select, "_accepted", lambda *_: replace(step, accepted="angle_gain", evidence=400.0))
-    assert select._or_in_silence(found, None, step, SETTINGS, silent).accepted == chosen
+        monkeypatch.setattr(second_chance, name, lambda *_, result=result: result)
+    monkeypatch.setattr(
+        second_chance, "accepted", lambda *_: replace(step, accepted="angle_gain", evidence=400.0)
+    )
+    assert second_chance.or_in_silence(found, None, step, SETTINGS, silent).accepted == chosen
     assert [one.accepted for one in found.steps] == ([None] if chosen == "angle_gain" else [])
 
 

@@ -14,7 +14,7 @@ from scipy.signal import butter, lfilter
 from pam_orthosis.bag.arrays import write_arrays
 from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.cli.main import main
-from pam_orthosis.discrepancy import beginning, check, judgement, patch, select, workflow
+from pam_orthosis.discrepancy import acceptance, beginning, check, judgement, patch, workflow
 from pam_orthosis.discrepancy.apparatus import without_record
 from pam_orthosis.discrepancy.contract import as_dict
 from pam_orthosis.discrepancy.data import from_arrays
@@ -259,11 +259,11 @@ def test_an_effect_that_would_be_another_one_is_not_added(friction):
     found = outcome.selection
     wide = replace(found.final, values={**found.final.values, "joint_friction.transition_velocity": 0.76})
     able = [(1e4, found.final_problem, wide)]
-    step = select._accepted(start.problem, start.null, start.held_out, able, (), {})
+    step = acceptance.accepted(start.problem, start.null, start.held_out, able, (), {})
     assert step.accepted is None
     assert step.reason.endswith("not be what its name says: joint_friction.transition_velocity = 0.76")
     able = [(1e4, found.final_problem, found.final)]
-    assert select._accepted(start.problem, start.null, start.held_out, able, (), {}).accepted
+    assert acceptance.accepted(start.problem, start.null, start.held_out, able, (), {}).accepted
 
 
 def test_values_at_a_bound_and_the_coefficients_of_a_map_are_marked(friction):
