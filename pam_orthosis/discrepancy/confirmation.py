@@ -88,7 +88,8 @@ def is_visible(problem: Problem, base: Fit, model: Fit) -> bool:
     """Whether the effect removes a visible misfit, not only a strain on the tolerances."""
     fall = sum(float(np.sum(b.residual**2)) for b in base.blocks.values())
     fall -= problem.total(model.effects, model.values)
-    return fall > prior_cost(base.free, base.values) - prior_cost(model.free, model.values)
+    relief = prior_cost(base.free, base.values) - prior_cost(model.free, model.values)
+    return fall > max(0.0, relief)
 
 
 def is_too_small(system: System, name: str, model: Fit) -> bool:

@@ -39,7 +39,8 @@ class Rest(NamedTuple):
 
     `clean`: noise only. `kept`: the gap over the noise, in the equation where it is largest. `gone`: nothing
     was to be explained, recalibration alone leaves noise: what is named explains what it moved. `astray`:
-    nuisance parameters are far off in an equation in which no effect is named. `foreign`: many are.
+    nuisance parameters are far off in an equation in which no effect is named. `foreign`: many are. `bent`:
+    shape corrections are too, though not beyond what they may be once named.
     `moved`: calibrations or shape corrections lie beyond what was stated of them.
     """
 
@@ -49,6 +50,7 @@ class Rest(NamedTuple):
     astray: bool = False
     foreign: bool = False
     moved: bool = False
+    bent: bool = False
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,7 @@ def outcome_of(start: Beginning, found: Selection, settings: Section, remarks: S
         gone=gone,
         astray=bool(_astray(system, final)),
         foreign=len(_far_off(system, final)) >= MANY_STRAINED,
+        bent=len(_far_off(system, final, FAR_STRAIN)) >= MANY_STRAINED,
         moved=bool(moved_beyond(system, final)),
     )
     verdict = verdict_on(final.effects, closed[measure.OVERALL], rest, empty)
@@ -155,13 +158,16 @@ def outcome_of(start: Beginning, found: Selection, settings: Section, remarks: S
     )
 
 
-def _far_off(system: System, final: Fit) -> list[str]:
-    """Return the nuisance parameters that are far off: beyond what a shape correction may be once named."""
+def _far_off(system: System, final: Fit, bent: float = WIDE) -> list[str]:
+    """Return the nuisance parameters that are far off; `bent`: multiples of its priors of a shape correction.
+
+    Those of a shape correction may be `WIDE` of them once it is named.
+    """
     scales = scales_of(system, final.free)
     strained = strained_parameters(final)
-    far = {name: WIDE if name.partition(".")[0] in scales else FAR_STRAIN for name in strained}
-    strain = {name: scales.get(name.partition(".")[0], 1.0) * value for name, value in strained.items()}
-    return [name for name, value in strain.items() if abs(value) > far[name]]
+    shape = {name: name.partition(".")[0] for name in strained}
+    strain = {name: scales.get(shape[name], 1.0) * abs(value) for name, value in strained.items()}
+    return [name for name in strain if strain[name] > (bent if shape[name] in scales else FAR_STRAIN)]
 
 
 def moved_beyond(system: System, final: Fit, least: float = MOVED) -> dict[str, float]:
@@ -175,7 +181,7 @@ def _astray(system: System, final: Fit) -> list[str]:
     """Return those that are far off where no effect is named whose other form may have moved them."""
     named = {system.equation_of(name) for name in final.effects}
     seen = {name for equation in named & set(final.blocks) for name in final.blocks[equation].names}
-    return [name for name in _far_off(system, final) if name not in seen]
+    return [name for name in _far_off(system, final, FAR_STRAIN) if name not in seen]
 
 
 def _is_gone(before: measure.Gap, floor: measure.Gap, where: Sequence[structure.Where]) -> bool:
@@ -235,12 +241,14 @@ def verdict_on(effects: Names, share: float | None, rest: Rest, empty: Sequence[
         empty: parameters at which effects are not what their names say.
     """
     if not effects:
-        return ("recalibrated" if rest.moved else "none") if rest.clean and not rest.astray else "unexplained"
+        sound = rest.clean and not rest.astray and not rest.bent
+        return ("recalibrated" if rest.moved else "none") if sound else "unexplained"
     if rest.foreign or not _meant(effects, empty) or not _trusted(share):
         return "unexplained"
     if (
         empty
         or rest.astray
+        or rest.bent
         or rest.kept > NEAR
         or not (rest.clean or (share is not None and share >= LEAST_CLOSURE))
     ):

@@ -27,7 +27,8 @@ def fitted_candidates(
 ) -> tuple[list[Candidate], dict[str, float]]:
     """Return the candidates that a score test lets through, fitted, best evidence first, and all gains.
 
-    `thresholds` is the evidence that each effect needs; one whose score is far below is not fitted.
+    `thresholds` is the evidence that each effect needs; one whose score is far below is not fitted, unless a
+    parameter of its name is strained: recalibration then does for it what it would show.
     """
     projection = Projection(problem, base)
     replay, system = problem.replay, problem.system
@@ -35,13 +36,18 @@ def fitted_candidates(
     names = replay.touching((name for name in system.candidates if name not in known), progress)
     shapes = [name for name in system.shapes if name not in base.effects and replay.touched(name)]
 
+    strained = _strained(base)
+
+    def enough(gain: float, name: str) -> bool:
+        return gain * _room(problem, name) > LEAST_OF_THRESHOLD * thresholds[name]
+
     def screen(name: str) -> tuple[float, str, list[np.ndarray]]:
         trial = Trial(projection, name)
         starts = trial.starts()
         gains = [secant_gain(projection, trial, start) for start in starts]
         order = np.argsort(gains)[::-1][:2]
         kept = [starts[i] for i in order if gains[i] >= SECOND_START * gains[order[0]]]
-        return gains[order[0]], name, kept
+        return gains[order[0]], name, starts if name in strained else kept
 
     several = replay.workers.together
     screened = sorted(
@@ -51,8 +57,8 @@ def fitted_candidates(
     least = max(LEAST_SCREEN, LEAST_SHARE * best)
     kept = [
         (gain, name, starts)
-        for gain, name, starts in screened[:most]
-        if gain > least and gain * _room(problem, name) > LEAST_OF_THRESHOLD * thresholds[name]
+        for place, (gain, name, starts) in enumerate(screened)
+        if name in strained or (place < most and gain > least and enough(gain, name))
     ]
 
     def fitted(item: tuple[float, str, list[np.ndarray]]) -> Candidate:
@@ -68,7 +74,12 @@ def fitted_candidates(
 def _is_far(problem: Problem, base: Fit) -> bool:
     """Return whether a model is so far off that parameters of the apparatus are suspected."""
     density = max(1 / weight**2 for weight in problem.weights.values())
-    return density > FAR or any(abs(one.deviation(base.values)) > FAR_STRAIN for one in base.free)
+    return density > FAR or bool(_strained(base))
+
+
+def _strained(base: Fit) -> set[str]:
+    """Return the free parameters that are far off their tolerance; what is called so too may be the cause."""
+    return {one.name for one in base.free if abs(one.deviation(base.values)) > FAR_STRAIN}
 
 
 def _room(problem: Problem, name: str) -> float:

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy import elimination, judgement, second_chance, select
+from pam_orthosis.discrepancy import confirmation, elimination, judgement, screening, second_chance, select
 from pam_orthosis.discrepancy.candidates import Candidate, Trial
 from pam_orthosis.discrepancy.free import WIDE, nuisance, with_scales
 from pam_orthosis.discrepancy.knee import knee
@@ -101,5 +101,26 @@ def test_a_shape_correction_is_far_off_beyond_what_it_may_be_once_it_is_named():
     for multiple, far in ((0.9 * WIDE, []), (1.1 * WIDE, [one.name])):
         final = SimpleNamespace(effects=(), free=free, values={**rest, one.name: multiple * one.sd})
         assert judgement._far_off(system, final) == far
+        assert judgement._far_off(system, final, judgement.FAR_STRAIN) == [one.name]
     final = SimpleNamespace(effects=(), free=free, values={**rest, "conductance": 5.1 * 0.03})
     assert judgement._far_off(system, final) == ["conductance"]
+
+
+def test_what_is_called_as_a_strained_parameter_is_fitted_whatever_its_score_says():
+    free = nuisance(system_of())
+    one = next(one for one in free if one.name == "extensor_pressure_offset")
+    for multiple, strained in ((2.9, set()), (3.1, {one.name})):
+        values = {each.name: 0.0 for each in free} | {one.name: multiple * one.sd}
+        assert screening._strained(SimpleNamespace(free=free, values=values)) == strained
+
+
+def test_a_model_that_follows_worse_shows_nothing(monkeypatch):
+    """Its priors may cost more, and less so than the residuals: the effect removes no visible misfit."""
+    row = np.ones(100)
+    base = SimpleNamespace(free=(), values={}, blocks={"torque": SimpleNamespace(residual=row)})
+    for left, visible in ((107.0, False), (93.0, True)):
+        costs = iter([50.0, 60.0])
+        monkeypatch.setattr(confirmation, "prior_cost", lambda *_, costs=costs: next(costs))
+        problem = SimpleNamespace(total=lambda *_, left=left: left)
+        model = SimpleNamespace(effects=(), values={}, free=())
+        assert confirmation.is_visible(problem, base, model) == visible

@@ -121,11 +121,11 @@ def test_what_only_a_larger_effect_keeps_out_competes_where_that_one_is_silent(m
     shown = {"angle_gain": rival, "extra_foot_mass": 200.0}
     monkeypatch.setattr(second_chance.quiet, "evidence", lambda problem, base, names, large: shown)
     monkeypatch.setattr(second_chance.quiet, "beside", lambda *_: None)
-    for name, result in (("Projection", None), ("refitted", None), ("weighed", [(400.0, None, None)])):
+    other = replace(step, accepted="angle_gain", evidence=400.0)
+    results = {"Projection": None, "weighed": [(400.0, None, None)], "accepted": other}
+    for name, result in results.items():
         monkeypatch.setattr(second_chance, name, lambda *_, result=result: result)
-    monkeypatch.setattr(
-        second_chance, "accepted", lambda *_: replace(step, accepted="angle_gain", evidence=400.0)
-    )
+    monkeypatch.setattr(second_chance.refit, "refitted", lambda *_: None)
     assert second_chance.or_in_silence(found, None, step, SETTINGS, silent).accepted == chosen
     assert [one.accepted for one in found.steps] == ([None] if chosen == "angle_gain" else [])
 

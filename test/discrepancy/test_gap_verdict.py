@@ -103,6 +103,8 @@ def test_nothing_is_explained_by_nuisance_parameters_far_off():
     reported = [judgement.verdict_on(names, 1.0, astray, ()) for names in ((), ("creep",))]
     assert reported == ["unexplained", "partial"]
     assert judgement.verdict_on(("creep",), 1.0, foreign, ()) == "unexplained"
+    bent = judgement.Rest(True, 1.0, False, bent=True)
+    assert [judgement.verdict_on(names, 1.0, bent, ()) for names in ((), ("creep",))] == reported
 
 
 def test_what_is_far_off_counts_where_no_effect_of_its_equation_is_named(friction):
