@@ -63,16 +63,18 @@ def _called(arguments: list[str], folder: Path) -> str:
 
 
 def beside(found: dict) -> list[dict]:
-    """Return what is there beside what was found."""
+    """Return what is there beside what was found; pressures are late by what they are behind the angle."""
     hardware = load()
     named = {one["name"]: one["parameters"] for one in found["effects"]}
+    common = named.get("angle_delay", {}).get("delay", {}).get("value", 0.0)
     rows = []
     for key, unit in SIZES.items():
         effect, _, quantity = key.partition(".")
-        there = float(hardware.at(f"plant.effects.{key}"))
         size = named.get(effect, {}).get(quantity)
-        rows.append({"effect": effect, "quantity": quantity, "unit": unit, "there": there,
-                     "found": size and size["value"], "interval": size and size["interval"]})  # fmt: skip
+        behind = common if effect.endswith("pressure_delay") else 0.0
+        row = {"effect": effect, "quantity": quantity, "unit": unit}
+        there = float(hardware.at(f"plant.effects.{key}"))
+        rows.append({**row, "there": there, "found": size and size["value"] - behind})
     return rows
 
 

@@ -100,6 +100,7 @@ def blocks() -> dict[str, Callable[[], str]]:
         "gap-pairs": gap_pairs,
         "gap-wrong": gap_wrong,
         "gap-fuzz": gap_fuzz,
+        "gap-own": gap_own,
         "gap-ankle": gap_ankle,
         "gap-outside": gap_outside,
         "gap-peer": gap_peer,
@@ -300,6 +301,23 @@ def gap_fuzz() -> str:
         words = ", ".join(f"`{name}` {n}" for name, n in counts.most_common())
         rows.append((kind, str(len(chosen)), words, str(named)))
     return table(("the apparatus", "cases", "verdict", "with a name"), rows)
+
+
+def gap_own() -> str:
+    """Return what the search names of the shipped hardware in the graph's own runs."""
+    own = json.loads((RESULTS / "gap_own.json").read_text(encoding="utf-8"))
+    rows = [
+        (
+            f"`{one['effect']}`, {one['quantity'].replace('_', ' ')}",
+            f"{one['there']:.3g} {one['unit']}",
+            "not named" if one["found"] is None else f"{one['found']:.3g} {one['unit']}",
+        )
+        for one in own["there"]
+    ]
+    others = sorted(set(own["named"]) - {one["effect"] for one in own["there"]})
+    rows.append(("named beside", "", ", ".join(f"`{name}`" for name in others) or "nothing"))
+    rows.append(("verdict; time on two idle cores", "", f"`{own['verdict']}`; {own['seconds']:.0f} s"))
+    return table(("of the shipped hardware", "there", "found"), rows)
 
 
 def gap_ankle() -> str:
