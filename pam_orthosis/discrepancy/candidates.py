@@ -41,7 +41,8 @@ class Trial:
         self.free = [one for added in self.added for one in of_effect(problem.system, added)]
         self.scale = np.array([one.scale for one in self.free])
         typical = problem.replay.defaults(self.added)
-        self._rest = {key: value for key, value in typical.items() if key.partition(".")[0] in self.added}
+        own = tuple(f"{added}." for added in self.added)  # a nuisance parameter may be called as an effect
+        self._rest = {key: value for key, value in typical.items() if key.startswith(own)}
 
     def values(self, position: np.ndarray, nuisance: np.ndarray | None = None) -> dict[str, float]:
         """Return all parameters at scaled positions of its own and of the nuisance ones (of the base)."""

@@ -390,7 +390,7 @@ def test_unfit_data_stop_with_the_reason(bench, reason, change):
 def test_the_second_of_a_round_is_compared_with_the_others_not_with_itself(bench):
     """The best effect of a round may be refused by held-out data and the next one accepted."""
     ranked = (("creep", 900.0), ("backlash", 400.0), ("stretch_reflex", 395.0), ("valve_lag", 5.0))
-    step = SimpleNamespace(accepted="backlash", ranked=ranked, evidence=400.0)
+    step = SimpleNamespace(accepted="backlash", fit=None, ranked=ranked, evidence=400.0)
     final, problem = SimpleNamespace(effects=["backlash"]), SimpleNamespace(system=bench.system)
     found = SimpleNamespace(final=final, steps=[step], problem=problem)
     settings = bench.parameters.gap.evidence
@@ -407,7 +407,9 @@ def test_each_effect_has_its_own_look_alikes_and_none_that_is_named(friction, be
         # in silence the ranking has evidence of its own
         ("valve_lag", (("valve_lag", 60.0), ("valve_delay", 58.0), ("backlash", 57.0))),
     ]
-    steps = [SimpleNamespace(accepted=name, ranked=ranked, evidence=400.0) for name, ranked in rounds]
+    steps = [
+        SimpleNamespace(accepted=name, fit=None, ranked=ranked, evidence=400.0) for name, ranked in rounds
+    ]
     final = SimpleNamespace(effects=["backlash", "valve_lag"])
     found = SimpleNamespace(final=final, steps=steps, problem=SimpleNamespace(system=bench.system))
     settings = bench.parameters.gap.evidence
