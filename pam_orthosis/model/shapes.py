@@ -7,8 +7,6 @@ import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 if TYPE_CHECKING:
     from pam_orthosis.model.parameters import Parameters
 
@@ -35,17 +33,24 @@ def quintic(s: float) -> tuple[float, float, float]:
 
 
 def fourier_shape(cosine: Sequence[float], sine: Sequence[float]) -> Shape:
-    """Return the shape of a Fourier series; coefficients by harmonic, the mean first."""
-    a, b = np.asarray(cosine), np.asarray(sine)
-    order = 2 * math.pi * np.arange(len(a))
-    slope_c, slope_s = order * b, order * a
-    bend_c, bend_s = -(order**2 * a), order**2 * b
+    """Return the shape of a Fourier series; coefficients by harmonic, the mean first.
+
+    Summed one by one: the last bits of a library's scalar product depend on the processor.
+    """
+    rows = [(2 * math.pi * n, float(a), float(b)) for n, (a, b) in enumerate(zip(cosine, sine, strict=True))]
+    terms = [(w, a, b, w * b, w * a, -(w**2 * a), w**2 * b) for w, a, b in rows]
 
     def shape(phase: float) -> tuple[float, float, float]:
-        angle = order * phase
-        c, s = np.cos(angle), np.sin(angle)
-        slope = float(slope_c @ c - slope_s @ s)
-        return float(a @ c + b @ s), slope, float(bend_c @ c - bend_s @ s)
+        value_c = value_s = slope_c = slope_s = bend_c = bend_s = 0.0
+        for order, a, b, da, db, dda, ddb in terms:
+            c, s = math.cos(order * phase), math.sin(order * phase)
+            value_c += a * c
+            value_s += b * s
+            slope_c += da * c
+            slope_s += db * s
+            bend_c += dda * c
+            bend_s += ddb * s
+        return value_c + value_s, slope_c - slope_s, bend_c - bend_s
 
     return shape
 

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reference trajectories."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -100,3 +104,26 @@ def test_scenarios_start_where_their_motion_does(name):
     degrees = np.rad2deg([trajectory.sample(t * MS).position for t in range(4000, 9000, 20)])
     assert 50 < degrees.max() < 70
     assert -2 < degrees.min() < 20
+
+
+REFERENCE = """
+from pam_orthosis.control.trajectory import make_trajectory
+from pam_orthosis.model import parameters
+trajectory = make_trajectory(parameters.load())
+print(*(number.hex() for t in range(0, 6000, 5) for number in trajectory.sample(t * 1_000_000)[:3]))
+"""
+
+
+def test_the_reference_is_the_same_to_the_bit_with_the_kernels_of_another_processor():
+    """numpy's OpenBLAS takes its scalar product by the processor; the variable names another processor."""
+    told = [
+        subprocess.run(
+            [sys.executable, "-c", REFERENCE],
+            env=os.environ | {"OPENBLAS_CORETYPE": kernel},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for kernel in ("Prescott", "Haswell")
+    ]
+    assert told[0] == told[1] != ""
