@@ -213,6 +213,17 @@ def canonical(data: bytes, msgtype: str) -> bytes:
         return bytes(data)
 
 
+def split(data: bytes, msgtype: str) -> tuple[bytes, dict[str, float]]:
+    """Return a canonical message with zeros for its float64 numbers, and these; Unreadable if broken."""
+    shape = _shapes(msgtype).of(data, int.from_bytes(data, "little"))
+    rest, numbers = bytearray(data), {}
+    for path, (offset, kind) in shape.places.items():
+        if kind == "d":
+            (numbers[path],) = struct.unpack_from("<d", data, offset)
+            rest[offset : offset + 8] = bytes(8)
+    return bytes(rest), numbers
+
+
 @lru_cache
 def _shapes(msgtype: str) -> Shapes:
     return Shapes(msgtype)

@@ -6,7 +6,7 @@ STATUSES = "Exit status: 0 good, 1 the answer is no, 2 unusable input or usage, 
 ANSWERS = {
     "run": ("the bound holds", "the bound does not hold"),
     "session": ("the programme is carried out", "the session ended early"),
-    "replay": ("all answers are equal to the bit", "answers differ, or most could not be compared"),
+    "replay": ("all answers are equal, but for rounding", "answers differ, or most could not be compared"),
     "check": ("the bound holds", "the bound does not hold, the run ended released, or the bag is incomplete"),
     "rig": ("the bags are recorded", ""),
     "identify": ("the muscle is identified", ""),

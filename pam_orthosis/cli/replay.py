@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(arguments: argparse.Namespace) -> int:
-    """Print the comparison; return 0 if all answers are there and equal to the bit, 1 if not."""
+    """Print the comparison; return 0 if all answers are there and equal but for rounding, 1 if not."""
     from pam_orthosis.bag.legs import namespaces  # what reads bags takes its time to load
     from pam_orthosis.bag.read import recorded_machine
 
@@ -64,20 +64,22 @@ def execute(arguments: argparse.Namespace) -> int:
     with claim, shown(f"reading {arguments.bag}") as progress:
         replayed = {leg.strip("/"): _replay(arguments, leg, progress) for leg in legs}
     compared = [one for topics in replayed.values() for one in topics]
-    identical = all(one.identical and one.whole for one in compared)
+    whole = all(one.whole for one in compared)
+    same = whole and all(one.same for one in compared)
     if arguments.json:
-        print(json.dumps({"identical": identical, "legs": _by_leg(replayed)}, indent=2))
+        identical = whole and all(one.identical for one in compared)
+        print(json.dumps({"identical": identical, "same": same, "legs": _by_leg(replayed)}, indent=2))
     else:
         signals = {leg: Topics(recorded_machine(arguments.bag, leg)).signals for leg in replayed}
         tables = (titled(leg, _table(topics, signals[leg])) for leg, topics in replayed.items())
         print("\n\n".join(tables))
         print(_answer(compared))
-    return 0 if identical else 1
+    return 0 if same else 1
 
 
 def _by_leg(replayed: Mapping[str, Sequence[TopicComparison]]) -> dict[str, list[dict[str, Any]]]:
     return {
-        leg: [asdict(one) | {"identical": one.identical} for one in topics]
+        leg: [asdict(one) | {"identical": one.identical, "same": one.same} for one in topics]
         for leg, topics in replayed.items()
     }
 
@@ -144,22 +146,26 @@ def _parameters(
 
 
 def _answer(compared: Sequence[TopicComparison]) -> str:
-    if not all(one.identical for one in compared):
+    if not all(one.same for one in compared):
         return "DIFFERENT"
     scarce = [one for one in compared if not one.whole]
     if not scarce:
-        return "IDENTICAL"
+        return "IDENTICAL" if all(one.identical for one in compared) else _rounding(compared)
     one, recorded = scarce[0], scarce[0].compared + scarce[0].alone
     return f"INCOMPLETE: of {one.topic} {one.compared} of {recorded} answers could be compared"
 
 
+def _rounding(compared: Sequence[TopicComparison]) -> str:
+    one = max(compared, key=lambda each: each.rounding)
+    by = f"by at most {one.rounding:.1g} of a signal's largest value, in {one.topic}"
+    return f"IDENTICAL but for rounding, {by} (another processor, or another version)"
+
+
 def _table(topics: Sequence[TopicComparison], signals: Mapping[str, Signal]) -> str:
-    rows = [f"{'topic':28s} {'compared':>8s} {'equal':>8s} {'alone':>6s}  largest difference"]
+    rows = [f"{'topic':28s} {'compared':>8s} {'equal':>8s} {'rounded':>8s} {'alone':>6s}  largest difference"]
     for one in topics:
-        line = (
-            f"{one.topic:28s} {one.compared:8d} {one.equal:8d} {one.alone:6d}  {_differences(one, signals)}"
-        )
-        rows.append(line.rstrip())
+        counts = f"{one.compared:8d} {one.equal:8d} {one.rounded:8d} {one.alone:6d}"
+        rows.append(f"{one.topic:28s} {counts}  {_differences(one, signals)}".rstrip())
     return "\n".join(rows)
 
 

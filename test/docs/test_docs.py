@@ -170,6 +170,24 @@ def test_the_pages_by_hand_are_short():
     assert 8_000 < words <= MOST_WORDS
 
 
+def _made(line):
+    """Return what a command makes: its --out, or the folder that an example is called."""
+    if named := re.search(r" --out ([\w./-]+)", line):
+        return named[1]
+    example = re.match(r"pam-orthosis example (\w+)", line)
+    return example[1] if example else ""
+
+
+@pytest.mark.parametrize(
+    "page", [*sorted((DOCS / "tutorials").glob("*.md")), ROOT / "README.md"], ids=lambda p: p.stem
+)
+def test_no_two_commands_of_a_page_make_the_same_folder(page):
+    shell = re.findall(r"^(?: {4})?(pam-orthosis .*)$", page.read_text(encoding="utf-8"), flags=re.M)
+    made = [name for line in shell if "--only table" not in line and (name := _made(line))]
+    assert made
+    assert len(made) == len(set(made)), made
+
+
 def test_a_new_effect_is_one_file(monkeypatch):
     space = {}
     exec(examples()[0], space)

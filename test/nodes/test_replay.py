@@ -3,6 +3,7 @@
 
 import json
 
+import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
@@ -79,6 +80,35 @@ def test_one_wrong_answer_in_the_record_is_named_with_its_size(in_processes, tmp
     assert (one["compared"], one["equal"]) == (STEPS, STEPS - 1)
     assert one["differences"] == {"extensor_mass_flow": pytest.approx(1e-4)}
     assert main(["replay", str(bag), "--out", str(tmp_path / "new")]) == 2
+
+
+@pytest.mark.parametrize(
+    ("field", "ulps", "same"), [("vector", 1, True), ("vector", 10**7, False), ("frame", 1, False)]
+)
+def test_what_another_processor_rounds_otherwise_is_the_same_and_said(
+    in_processes, tmp_path, capsys, field, ulps, same
+):
+    def change(topic, message):
+        if topic == "/extensor/mass_flow" and message.header.stamp.nanosec == 500_000_000:
+            message.vector.x += ulps * np.spacing(message.vector.x)
+            if field == "frame":
+                message.header.frame_id += "x"
+
+    bag = _changed(in_processes[1], tmp_path / "other", change)
+    options = ["replay", str(bag), "--node", "extensor_pressure_controller"]
+    assert main(options) == (0 if same else 1)
+    said = capsys.readouterr().out.splitlines()[-1]
+    if same:
+        assert said.startswith("IDENTICAL but for rounding, by at most ")
+        assert "in extensor/mass_flow" in said
+    else:
+        assert said == "DIFFERENT"
+    _, told, topics = _replayed(capsys, *options[1:])
+    assert (told["identical"], told["same"]) == (False, same)
+    assert (topics["extensor/mass_flow"]["equal"], topics["extensor/mass_flow"]["rounded"]) == (
+        STEPS - 1,
+        same,
+    )
 
 
 def test_another_gain_shows_in_what_it_acts_on_and_nowhere_else(in_processes, capsys):
