@@ -11,7 +11,7 @@ import json
 import os
 import re
 import stat
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -26,6 +26,7 @@ MOST_SCALAR = 100_000  # characters of a text or number in YAML
 MOST_NODES = 100_000  # of a YAML text, each alias counted as what it stands for
 MOST_DEPTH = 64  # of lists and mappings within each other
 MOST_DIRECTIVES = 2  # of a YAML text
+ROW = {"value", "meaning"}  # what a parameter's row has at least
 SHOWN = 60  # characters of a value in a refusal
 KINDS = {
     stat.S_ISDIR: "a folder",
@@ -239,6 +240,26 @@ def mapping(node: Any, where: str) -> dict[str, Any]:
     if not isinstance(node, dict) or not all(isinstance(key, str) for key in node):
         raise OrthosisError(f"{where} is not a mapping of names")
     return node
+
+
+def flattened(node: Mapping[str, Any]) -> dict[str, Any]:
+    """Return dotted key -> value of sections, dotted keys or rows; OrthosisError for a key given twice."""
+    flat: dict[str, Any] = {}
+    for key, value in _flat("", node):
+        if key in flat:
+            raise OrthosisError(f"{key} is there twice")
+        flat[key] = value
+    return flat
+
+
+def _flat(prefix: str, node: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for key, value in node.items():
+        if isinstance(value, dict) and value.keys() >= ROW:
+            yield f"{prefix}{key}", value["value"]
+        elif isinstance(value, dict):
+            yield from _flat(f"{prefix}{key}.", value)
+        else:
+            yield f"{prefix}{key}", value
 
 
 def check_keys(given: Iterable[str], known: Collection[str], where: str) -> None:

@@ -27,7 +27,7 @@ MEANINGS = {
     "mechanism": ("its one coordinate and what moves with it, see below", ""),
     "actuators": (f"name: actuator, 1 to {MOST_ACTUATORS} of them, see below", ""),
     "sensor": ("of the coordinate: `noise` (standard deviation) and `resolution` (0), in its unit", ""),
-    "values": ("parameters of `config/` by dotted key that have other values for this machine", "none"),
+    "values": ("parameters of `config/` that are others here, dotted keys or sections, see below", "none"),
     "effects": ("list of the kinds of effects that it may have", "all that fit"),
     "start": ("key of the coordinate at which it rests at first", "the mechanism's `start`"),
     "branch": ("of the parameters that switch effects on in the nominal model", "`effects`"),
@@ -42,6 +42,13 @@ OF_EACH = {
     "parallel": (f"so many of them side by side on one valve, 1 to {MOST_ACTUATORS}", "1"),
     "sizes": ("effect: how many times larger than elsewhere it may be", "none"),
 }
+VALUES = """
+## Values
+
+Without `valve.delay`, the model has the dead time of the emulated hardware, the sum of `plant.delay`. Two
+muscles of other sizes: one has `parameters: muscle.dmsp_10`, the other `muscle.dmsp_20`, and `values` gives
+those of both. What `identify` writes may stand below `values: {muscle: ...}`.
+"""
 DEVICES = """
 ## Devices
 
@@ -61,7 +68,7 @@ muscle, the stroke of a cylinder.
 def pages() -> dict[str, str]:
     """Return the page."""
     ways = (_section(f"By {way}", fields) for way, fields in TRANSMISSIONS.items())
-    first = (WIDE, HEAD, _keys(MEANINGS, TOP), _mechanisms(), _actuators(), TENSION)
+    first = (WIDE, HEAD, _keys(MEANINGS, TOP), _mechanisms(), _actuators(), VALUES, TENSION)
     parts = (*first, *ways, _effects(), _shipped())
     return {"reference/machine-file.md": "".join(parts)}
 

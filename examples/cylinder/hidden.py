@@ -42,6 +42,8 @@ class Cylinder:
             force = AREA[0] * (self.p[0] - AMBIENT) - AREA[1] * (self.p[1] - AMBIENT)
             self.v += STEP / MASS * (force - SEALS * self.v - self._friction())
             self.x += STEP * self.v
+            if not 0.0 <= self.x <= STROKE:  # at an end stop
+                self.x, self.v = float(np.clip(self.x, 0.0, STROKE)), 0.0
 
     def _friction(self):
         level = FRICTION + (BREAKAWAY - FRICTION) * np.exp(-((self.v / STRIBECK) ** 2))

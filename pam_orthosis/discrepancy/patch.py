@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,7 @@ from pam_orthosis.files import write_text
 from pam_orthosis.model.effects.described import settings
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import NOMINAL, Parameters, load
-from pam_orthosis.reading import read_yaml
+from pam_orthosis.reading import flattened, read_yaml
 
 if TYPE_CHECKING:
     from pam_orthosis.discrepancy.judgement import Outcome
@@ -26,7 +26,6 @@ DESCRIBED = "described"  # verdict
 HEADING = "# Model of the gap workflow: overrides by dotted key, for `--model` and `parameters.load`.\n"
 OF_NOMINAL = tuple(f"{branch}." for branch in NOMINAL if branch != "scenario")
 PLANNED = "scenario.plan."
-ROW = {"value", "meaning"}  # what a parameter's row has at least
 SUPPLY, HIGHEST = "valve.supply_pressure", "control.position.maximum_pressure"
 REACH = 0.97  # of a supply pressure: what a controller asks of a muscle at most
 
@@ -98,16 +97,12 @@ def read(path: Path, machine: Machine | None = None) -> dict[str, Any]:
     content = read_yaml(path) or {}
     if not isinstance(content, dict):
         raise OrthosisError(f"{path} is not a mapping of parameters to values")
-    known, rows = load(machine=machine), {}
+    known = load(machine=machine)
     muscles = {name for name, _ in known.muscle.items()}
     # a file of `identify` has the rows of config/muscle.yaml
     content = {f"muscle.{key}" if key in muscles else key: value for key, value in content.items()}
     with naming(path):
-        for key, value in _flat("", content):
-            if key in rows:
-                raise OrthosisError(f"{key} is there twice")
-            rows[key] = known.row(key).with_value(value).value
-    return rows
+        return {key: known.row(key).with_value(value).value for key, value in flattened(content).items()}
 
 
 def read_nominal(path: Path, machine: Machine | None = None) -> dict[str, Any]:
@@ -121,13 +116,3 @@ def read_nominal(path: Path, machine: Machine | None = None) -> dict[str, Any]:
         if not key.startswith((*OF_NOMINAL, PLANNED)):
             raise OrthosisError(f"{path}: {key} is not of the nominal model; give it by --param")
     return changed
-
-
-def _flat(prefix: str, node: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    for key, value in node.items():
-        if isinstance(value, dict) and value.keys() >= ROW:
-            yield f"{prefix}{key}", value["value"]
-        elif isinstance(value, dict):
-            yield from _flat(f"{prefix}{key}.", value)
-        else:
-            yield f"{prefix}{key}", value

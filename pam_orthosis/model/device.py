@@ -15,6 +15,7 @@ from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.reading import check_keys, config_folder, from_json, from_yaml, mapping, read_text
 
 TOP = ("meaning", "sides", "joints", "values")
+OF_SHIPPED = "plant.effects.", "valve.delay"  # what a machine of a user's file has by itself
 OF_JOINT = ("machine", "coupled", "parallel")
 MACHINE = ("machine", "machine_name")  # what a namespace's entry holds beside its parameters
 FOLDER = "devices"
@@ -100,8 +101,8 @@ def _joint(path: Path, name: str, node: Any, values: Mapping[str, Any]) -> Machi
     base = machine_named(Path(str(node.get("machine"))))
     text = base.text or read_text(config_folder() / "machines" / f"{base.name}.yaml")
     tree = mapping(from_yaml(text, where), where)
-    effects = {key: value for key, value in load().flat().items() if key.startswith("plant.effects.")}
-    tree["values"] = ({} if base.text else effects) | tree.get("values", {})
+    shipped = {key: value for key, value in load().flat().items() if key.startswith(OF_SHIPPED)}
+    tree["values"] = ({} if base.text else shipped) | dict(base.values)
     for one in tree["actuators"].values():
         one["parallel"] = node.get("parallel", 1)
     if "coupled" in node:

@@ -15,7 +15,15 @@ from pam_orthosis.model.mechanisms import MECHANISMS
 from pam_orthosis.model.mechanisms.coupled import COUPLED
 from pam_orthosis.model.mechanisms.one_axis import TRANSMISSIONS
 from pam_orthosis.model.rows import Field, Row
-from pam_orthosis.reading import check_keys, config_folder, from_yaml, mapping, read_text, shown
+from pam_orthosis.reading import (
+    check_keys,
+    config_folder,
+    flattened,
+    from_yaml,
+    mapping,
+    read_text,
+    shown,
+)  # fmt: skip
 
 TOP = (
     "name", "meaning", "mechanism", "actuators", "sensor", "start", "effects", "branch", "coupled",
@@ -61,6 +69,11 @@ class _File:
         if not isinstance(value, str) or not value:
             raise self.refusal(f"{key} is a text, not {shown(value)}")
         return value
+
+    def values(self) -> dict[str, Any]:
+        """Return the values of parameters by dotted key."""
+        with naming(f"{self._where}: values"):
+            return flattened(self.mapping(self.top.get("values", {}), "values"))
 
     def section(self, node: Mapping[str, Any], fields: Sequence[Field], branch: str, where: str) -> str:
         """Take the values of a part as rows; return their branch."""
@@ -109,7 +122,7 @@ def machine_from(text: str, name: str, where: str) -> Machine:
         experiments=experiments,
         takes={key: file.text(takes, key, "") for key in takes},
         rows=tuple(file.rows),
-        values=file.mapping(top.get("values", {}), "values"),
+        values=file.values(),
         text=text,
     )
     if absent := [name for name in chosen if not machine.has(name)]:

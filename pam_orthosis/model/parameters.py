@@ -194,7 +194,18 @@ def _rows_for(machine: Machine) -> dict[str, Row]:
     true |= _effect_rows("plant.person.tissue", {}, machine.tissue)
     known = shared | rows | true | _effect_rows(machine.branch, {}, machine.possible)
     with naming(f"values of the machine {machine.name}"):
-        return known | _with_values(known, machine.values)
+        known |= _with_values(known, machine.values)
+        if not machine.text or "valve.delay" in machine.values:
+            return known
+        return known | _with_values(known, {"valve.delay": _dead_time(known)})
+
+
+def _dead_time(rows: Mapping[str, Row]) -> float:
+    """Return the dead time of the emulated hardware, from a sample to the flow that answers it, s."""
+    parts = ("computing", "converter", "valve", "hose_length", "hose_per_metre")
+    one: dict[str, Any] = {part: rows[f"plant.delay.{part}"].value for part in parts}
+    hose = one["hose_length"] * one["hose_per_metre"]
+    return float(one["computing"] + one["converter"] + one["valve"] + hose)
 
 
 def _with_values(rows: Mapping[str, Row], values: Mapping[str, Any]) -> dict[str, Row]:

@@ -138,6 +138,7 @@ def test_recordings_of_different_machines_are_not_mixed_in_silence(bag, machine,
 def test_a_knee_of_a_users_file_is_searched_as_the_knee(tmp_path, capsys):
     file, table = tmp_path / "mine.yaml", tmp_path / "walk.csv"
     shipped = (config_folder() / "machines" / "knee.yaml").read_text(encoding="utf-8")
+    shipped += f"values: {{valve.delay: {load().valve.delay}}}\n"
     lines = ["time,angle,extensor_pressure,flexor_pressure,extensor_voltage,flexor_voltage"]
     waves = [[math.sin(0.02 * i + phase) for phase in range(5)] for i in range(3000)]
     lines += [

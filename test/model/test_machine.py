@@ -8,6 +8,7 @@ import pytest
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import integrate
 from pam_orthosis.model.assembly import assemble
+from pam_orthosis.model.delay import computing_ns, line_ns
 from pam_orthosis.model.machines import KNEE, RIG, read_machine
 from pam_orthosis.model.parameters import config_folder, load
 from pam_orthosis.model.plant import Plant, true_hardware
@@ -161,6 +162,23 @@ def test_its_file_may_change_other_parameters_and_an_override_is_above_it(read):
     assert load().control.position.mean_pressure != 4.0e5
 
 
+def test_its_file_takes_sections_and_the_rows_of_identify(read):
+    row = "{value: 0.4, unit: m, meaning: a}"
+    machine = read(f"{ARM}values:\n  muscle:\n    dmsp_20: {{length: {row}}}\n  valve.delay: 0.002\n")
+    parameters = load(machine=machine)
+    assert (parameters.muscle.dmsp_20.length, parameters.valve.delay) == (0.4, 0.002)
+
+
+def test_its_model_has_the_dead_time_of_its_emulated_hardware_if_its_file_states_none(read):
+    hose = (
+        "plant.delay: {computing: 0.001, converter: 0, valve: 0.002, hose_length: 2, hose_per_metre: 0.003}"
+    )
+    assert load(machine=read(f"{SLIDE}values: {{{hose}}}\n")).valve.delay == pytest.approx(0.009)
+    assert load(machine=read(f"{SLIDE}values: {{{hose}, valve.delay: 0.004}}\n")).valve.delay == 0.004
+    plant = load(machine=read(SLIDE))
+    assert plant.valve.delay == pytest.approx(1e-9 * (line_ns(plant) + computing_ns(plant)))
+
+
 def test_a_knee_of_a_users_file_has_the_legs_parameters(read):
     file = config_folder() / "machines" / "knee.yaml"
     knee = read(file.read_text().replace("muscle.dmsp_20", "muscle.dmsp_10"))
@@ -242,6 +260,7 @@ def test_parameters_know_their_machine(read):
         ("{arm: 1.0}", "{coordinates: [0.0, 0.2, 0.1], contractions: [0, 0, 0]}", "the machine .* rise"),
         ("{arm: 1.0}", "{coordinates: [0.0, 0.2], contractions: [0, 0]}", "3 to 40 numbers, not 2"),
         ("meaning: a", "values: {scenario.duraton: 3.0}\nmeaning: a", "values of the machine .* mean"),
+        ("meaning: a", "values: {scenario: {duration: 3}, scenario.duration: 2}\nmeaning: a", "there twice"),
         ("meaning: a", "values: {scenario.duration: -3.0}\nmeaning: a", "values of the machine .* outside"),
         ("meaning: a", "values: [3.0]\nmeaning: a", "values is not a mapping"),
         ("meaning: a", "values: {scenario.start_angle: 0.2}\nmeaning: a", "unknown parameter scenario.st"),

@@ -74,10 +74,11 @@ def test_processes_and_one_process_agree_to_the_bit(composed, run_graph):
 
 
 def test_the_knees_own_file_runs_as_the_knee_does_to_the_bit(in_processes, run_graph, tmp_path):
-    """Its effects are values of config/plant.yaml, which another machine's hardware has not."""
+    """Its effects and dead time are values of config/, which another machine's hardware has not."""
     shipped = (config_folder() / "machines" / "knee.yaml").read_text(encoding="utf-8")
     effects = {key: value for key, value in load().flat().items() if key.startswith("plant.effects.")}
-    (tmp_path / "knee.yaml").write_text(shipped + yaml.safe_dump({"values": effects}), encoding="utf-8")
+    own = {**effects, "valve.delay": load().valve.delay}
+    (tmp_path / "knee.yaml").write_text(shipped + yaml.safe_dump({"values": own}), encoding="utf-8")
     done, bag = run_graph("--machine", str(tmp_path / "knee.yaml"), "--composed", "--duration", "1")
     assert done.returncode == 0, done.stderr
     assert read_bag(bag, ["angle"]).run["machine_name"] == "knee"
