@@ -16,12 +16,17 @@ from pam_orthosis.bag.cdr import store
 from pam_orthosis.bag.messages import stamp_ns
 from pam_orthosis.bag.read import Bag, aligned
 from pam_orthosis.bag.topics import ANEW, DIAGNOSTICS, PLANT, POSITION, SAFETY, SECOND_NS, VALVE
+from pam_orthosis.control.limits import Trip
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.reading import from_json
 
 SHORTEST_NS = 100_000_000  # what is shorter is control, or the last word of a node that leaves
+VENTS_WITHIN_NS = 2 * SECOND_NS  # of a trip: a valve closes first, then it vents
 APART_NS = 500_000_000  # two releases; and for so long a machine that is back is within the bound
 REPORTED_NS = SECOND_NS  # reports come once a second
 ERROR = 2  # level of a report: the node vents until somebody acts
 CAUSES = (SAFETY, VALVE, POSITION)  # of reports of one instant, those of a cause before those of its effect
+SESSION = "session"  # of the run metadata: what a programme did
 SILENT, CUT_SHORT, UNTOLD = "no commands", "the run was cut short", "no report tells why"
 
 
@@ -83,7 +88,7 @@ def releases(
     sampled = bag[bag.machine.coordinate.name].stamp_ns
     vents = [*_vents(stamps, np.all(np.isclose(voltages, lowest), axis=0)), *_silences(stamps, sampled)]
     vents = _joined([_until_led(bag, vent, int(stamps[-1])) for vent in vents])
-    reports = sorted(_reports(bag, namespace)) if vents else []
+    reports = sorted([*_reports(bag, namespace), *_trips(bag, namespace, vents)]) if vents else []
     start, last = int(sampled[0]), int(stamps[-1])
     planned_ns = round(bag.parameters.get("scenario.duration", 0.0) * SECOND_NS)
     at_the_end = CUT_SHORT if last - start + APART_NS < planned_ns else UNTOLD
@@ -171,6 +176,29 @@ def _reports(bag: Bag, namespace: str) -> Iterator[Report]:
     for at_ns, node, status in _statuses(bag, namespace):
         if reason := _said(status):
             yield Report(at_ns, CAUSES.index(node) if node in CAUSES else len(CAUSES), reason)
+
+
+def _trips(bag: Bag, namespace: str, vents: list[Vent]) -> Iterator[Report]:
+    """Yield the trips in the record of a session, each at the vent that it led to."""
+    for leg, trip in _recorded_trips(bag):
+        begun = (max(vent.since, trip.time_ns) for vent in vents if vent.until >= trip.time_ns)
+        at_ns = next(begun, trip.time_ns)
+        if leg == namespace.strip("/") and at_ns - trip.time_ns <= VENTS_WITHIN_NS:
+            yield Report(at_ns, CAUSES.index(SAFETY), str(trip))
+
+
+def _recorded_trips(bag: Bag) -> list[tuple[str, Trip]]:
+    """Return the trips in the record of a session by leg, if there is one; OrthosisError if it is damaged."""
+    if not (record := bag.run.get(SESSION)):
+        return []
+    kept = from_json(record, str(bag.path))
+    try:
+        return [
+            (leg, Trip(limit, float(value), float(allowed), round(time_s * SECOND_NS)))
+            for leg, limit, time_s, value, allowed in kept["trips"]
+        ]
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise OrthosisError(f"{bag.path}: the record of the session is damaged") from error
 
 
 def begun_anew(bag: Bag, namespace: str) -> str:

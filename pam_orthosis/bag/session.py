@@ -12,6 +12,7 @@ import numpy as np
 from pam_orthosis.bag.arrays import write_legs
 from pam_orthosis.bag.read import recorded_parameters, run_record
 from pam_orthosis.bag.record import run_metadata
+from pam_orthosis.bag.releases import SESSION
 from pam_orthosis.bag.sampled import sampled
 from pam_orthosis.bag.simulated import recorded_signals
 from pam_orthosis.control.programme import LEGS, Programme
@@ -21,7 +22,6 @@ from pam_orthosis.files import write_text
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.reading import from_json
 
-RECORD = "session"  # of the run metadata
 BESIDE = "session.json"  # in the bag of a graph, whose metadata are written before
 
 
@@ -48,10 +48,11 @@ def write_session(folder: Path, programme: Programme, trained: Trained) -> None:
     """Write a bag; OrthosisError if the folder holds one or cannot be written."""
     first, own = differing(programme.legs)
     names = *recorded_signals(first.declared), "disturbance"
-    run = run_metadata(first, programme.scenario, json.dumps(own)) | {RECORD: _record(programme, trained)}
+    count = len(next(iter(trained.signals.values()))["time"])
+    first = first.changed({"scenario.duration": count * first.scenario.control_period})
+    run = run_metadata(first, programme.scenario, json.dumps(own)) | {SESSION: _record(programme, trained)}
     legs = {leg: {name: signals[name] for name in names} for leg, signals in trained.signals.items()}
     period_ns = round(first.scenario.control_period * 1e9)
-    count = len(next(iter(trained.signals.values()))["time"])
     write_legs(folder, np.arange(count) * period_ns, legs, run)
 
 
@@ -69,7 +70,7 @@ def _kept(path: Path) -> str:
     """Return the record of a session, empty for another bag."""
     with suppress(OSError, UnicodeDecodeError):
         return (path / BESIDE).read_text(encoding="utf-8")
-    return run_record(path).get(RECORD, "")
+    return run_record(path).get(SESSION, "")
 
 
 def read_session(path: Path) -> Recorded:

@@ -66,10 +66,17 @@ def _show(trained: Trained, seconds: float, as_json: bool) -> int:
     ]
     found = {"strides": len(trained.strides), "seconds": round(seconds, 3), "trips": trips,
              "completed": not trained.ended, "ended": trained.ended}  # fmt: skip
-    words = [f"{len(trained.strides)} strides in {seconds / 60:.1f} min, {len(trips)} trips", *trips]
+    words = [
+        f"{_count(len(trained.strides), 'stride')} in {seconds / 60:.1f} min, {_count(len(trips), 'trip')}",
+        *trips,
+    ]
     words.append(f"ENDED EARLY: {trained.ended}" if trained.ended else "COMPLETED")
     print(json.dumps(found) if as_json else "\n".join(words))
     return int(bool(trained.ended))
+
+
+def _count(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 def _by_cores(programme: Programme, bag: Path, _arguments: argparse.Namespace) -> tuple[Trained, float]:

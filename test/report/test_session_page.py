@@ -68,3 +68,21 @@ def test_the_answer_as_json(tmp_path, capsys):
     assert main(["session", str(tmp_path / "p.yaml"), "--out", str(tmp_path / "bag"), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["strides"], found["completed"], found["trips"]) == (1, True, [])
+
+
+def test_check_says_why_a_leg_was_released_and_takes_the_bag_for_whole(tmp_path, capsys):
+    (tmp_path / "p.yaml").write_text(
+        "resume_s: 3.0\nleft: {control.limits.high: 0.95}\nstages: [{strides: 1, cycle_time_s: 3.0}]",
+        encoding="utf-8",
+    )
+    assert main(["session", str(tmp_path / "p.yaml"), "--out", str(tmp_path / "bag")]) == 0
+    first, trip, _ = capsys.readouterr().out.splitlines()
+    assert first.startswith("1 stride in")
+    assert first.endswith(", 1 trip")
+    assert trip.startswith("left leg, 3.9 s: range of motion ")
+    assert main(["check", str(tmp_path / "bag")]) == 1
+    said = capsys.readouterr().out
+    (released,) = (line for line in said.splitlines() if line.startswith("released"))
+    assert "range of motion 0.9734 beyond 0.95 at 3.900 s; back at" in released
+    assert "INCOMPLETE" not in said
+    assert "PASSED" in said.split("right leg")[1]

@@ -82,7 +82,7 @@ def page(now: Shown, earlier: Shown | None = None) -> str:
     answer, tone = ("ENDED EARLY", BAD) if session.ended else ("COMPLETED", GOOD)
     if session.trips and not session.ended:
         tone = NEUTRAL
-    strides = f"{made} strides in {now.minutes:.1f} min"
+    strides = f"{made} stride{'s' * (made != 1)} in {now.minutes:.1f} min"
     brought = " and ".join(f"{_share(one)} on the {leg}" for leg, one in now.legs.items())
     headline = (
         f"{strides}. The person brought {brought} of the torque of the motion."
