@@ -24,10 +24,12 @@ SHORTEST_NS = 100_000_000  # what is shorter is control, or the last word of a n
 VENTS_WITHIN_NS = 2 * SECOND_NS  # of a trip: a valve closes first, then it vents
 APART_NS = 500_000_000  # two releases; and for so long a machine that is back is within the bound
 REPORTED_NS = SECOND_NS  # reports come once a second
+RETURNS = "returns"  # in the reports of the position controller
 ERROR = 2  # level of a report: the node vents until somebody acts
 CAUSES = (SAFETY, VALVE, POSITION)  # of reports of one instant, those of a cause before those of its effect
 SESSION = "session"  # of the run metadata: what a programme did
-SILENT, CUT_SHORT, UNTOLD = "no commands", "the run was cut short", "no report tells why"
+SILENT, BLIND = "no commands", "no samples, so no commands"
+CUT_SHORT, UNTOLD = "the run was cut short", "no report tells why"
 
 
 @dataclass(frozen=True)
@@ -56,11 +58,11 @@ class Release:
 
 
 class Vent(NamedTuple):
-    """All valves vent, ns; `silent` ones by themselves."""
+    """All valves vent, ns, by themselves if there is a `cause`."""
 
     since: int
     until: int
-    silent: bool
+    cause: str = ""
 
 
 class Report(NamedTuple):
@@ -87,6 +89,7 @@ def releases(
         return ()
     sampled = bag[bag.machine.coordinate.name].stamp_ns
     vents = [*_vents(stamps, np.all(np.isclose(voltages, lowest), axis=0)), *_silences(stamps, sampled)]
+    vents += _holes(bag, namespace, sampled)
     vents = _joined([_until_led(bag, vent, int(stamps[-1])) for vent in vents])
     reports = sorted([*_reports(bag, namespace), *_trips(bag, namespace, vents)]) if vents else []
     start, last = int(sampled[0]), int(stamps[-1])
@@ -97,7 +100,7 @@ def releases(
         reason, since_s = _reason(reports, vent), (vent.since - start) / SECOND_NS
         if vent.until == last:
             return Release(since_s, None, None, reason or at_the_end)
-        reason = reason or (SILENT if vent.silent else UNTOLD)
+        reason = reason or vent.cause or UNTOLD
         back = _back(*tracked, vent.until)
         return Release(
             since_s,
@@ -131,17 +134,33 @@ def _vents(stamps: np.ndarray, vents: np.ndarray) -> Iterator[Vent]:
     for first, behind in edges.tolist():
         since, until = int(stamps[first]), int(stamps[min(behind, len(stamps) - 1)])
         if until - since >= SHORTEST_NS:
-            yield Vent(since, until, silent=False)
+            yield Vent(since, until)
 
 
 def _silences(stamps: np.ndarray, sampled: np.ndarray) -> Iterator[Vent]:
-    """Yield when valves vent because their commands stay away; where samples do too, the bag has a hole."""
-    passed = np.diff(stamps)
-    silence_ns = 20 * int(np.median(passed))  # without a command, after which valves vent
-    for index in np.flatnonzero(passed > silence_ns + SHORTEST_NS).tolist():
-        since, until = int(stamps[index]), int(stamps[index + 1])
+    """Yield when valves vent because their commands stay away, though there are samples."""
+    for since, until, silence_ns in _gaps(stamps):
         if np.any((sampled > since) & (sampled < until)):
-            yield Vent(since + silence_ns, until, silent=True)
+            yield Vent(since + silence_ns, until, SILENT)
+
+
+def _holes(bag: Bag, namespace: str, sampled: np.ndarray) -> Iterator[Vent]:
+    """Yield when there were no samples and the joint was led back behind; else only the bag has a hole."""
+    gaps = list(_gaps(sampled))
+    returns = list(_returns(bag, namespace)) if gaps else []
+    for since, until, _ in gaps:
+        before = max((count for at, count in returns if at <= since), default=0)
+        behind = max((count for at, count in returns if at <= until + 2 * REPORTED_NS), default=0)
+        if behind > before:
+            yield Vent(since, until, BLIND)
+
+
+def _gaps(stamps: np.ndarray) -> Iterator[tuple[int, int, int]]:
+    """Yield from when to when, ns, nothing came for so long, ns, that valves vent."""
+    passed = np.diff(stamps)
+    silence_ns = 20 * int(np.median(passed))
+    for index in np.flatnonzero(passed > silence_ns * 1.05).tolist():
+        yield int(stamps[index]), int(stamps[index + 1]), silence_ns
 
 
 def _joined(vents: list[Vent]) -> list[Vent]:
@@ -150,7 +169,7 @@ def _joined(vents: list[Vent]) -> list[Vent]:
     for vent in sorted(vents):
         if joined and vent.since - joined[-1].until < APART_NS:
             last = joined.pop()
-            joined.append(Vent(last.since, max(last.until, vent.until), last.silent or vent.silent))
+            joined.append(Vent(last.since, max(last.until, vent.until), last.cause or vent.cause))
         else:
             joined.append(vent)
     return joined
@@ -208,6 +227,14 @@ def begun_anew(bag: Bag, namespace: str) -> str:
             if one.key == ANEW:
                 return str(one.value)
     return ""
+
+
+def _returns(bag: Bag, namespace: str) -> Iterator[tuple[int, int]]:
+    """Yield when, ns, the position controller reports, and how often it has led the joint back by then."""
+    for at_ns, node, status in _statuses(bag, namespace):
+        for one in status.values if node == POSITION else ():
+            if one.key == RETURNS and one.value.isdecimal():
+                yield at_ns, int(one.value)
 
 
 def _statuses(bag: Bag, namespace: str) -> Iterator[tuple[int, str, Any]]:

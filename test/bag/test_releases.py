@@ -136,6 +136,24 @@ def test_valves_that_get_no_commands_vent(tmp_path, capsys):
     assert told == ["at 2.095 s, for 1.905 s: no commands; back at 4.500 s"]
 
 
+def test_answers_that_are_late_again_and_again_are_one_release(tmp_path, capsys):
+    """Each silence is hardly longer than the watchdog of the valves waits, and the joint falls."""
+    nothing = np.zeros_like(TIME, dtype=bool)
+    lost = between(2.0, 2.16) | between(2.17, 2.32) | between(2.4, 2.56)
+    told, _ = check(tmp_path / "walk", capsys, nothing, np.where(between(2.2, 4.0), 65.0, 0.0), lost=lost)
+    assert told == ["at 2.095 s, for 0.465 s: no commands; back at 4.000 s"]
+
+
+def test_hardware_that_took_no_samples_is_a_release_if_the_joint_was_led_back(tmp_path, capsys):
+    nothing = np.zeros_like(TIME, dtype=bool)
+    reports = [
+        (at, report("position_controller", OK, "ok", returns=count)) for at, count in ((1.0, "0"), (3.0, "1"))
+    ]
+    away = np.where(between(2.3, 4.0), 65.0, 0.0)
+    told, _ = check(tmp_path / "walk", capsys, nothing, away, reports, hole=between(2.0, 2.3))
+    assert told == ["at 1.995 s, for 0.305 s: no samples, so no commands; back at 4.000 s"]
+
+
 def test_a_hole_in_the_bag_is_no_release(tmp_path, capsys):
     nothing = np.zeros_like(TIME, dtype=bool)
     told, _ = check(tmp_path / "walk", capsys, nothing, 0.0 * TIME, hole=between(2.0, 4.0))
