@@ -139,6 +139,7 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     from pam_orthosis.discrepancy.columns import read_mapping, with_columns
     from pam_orthosis.discrepancy.data import recording, with_prompt_inputs
     from pam_orthosis.discrepancy.identifiability import identifiability
+    from pam_orthosis.discrepancy.mistakes import mistake_words
     from pam_orthosis.discrepancy.replay import Replay
     from pam_orthosis.discrepancy.together import Workers
     from pam_orthosis.discrepancy.user_file import load_system
@@ -173,6 +174,7 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     training, held_out = every[: len(arguments.measured)], every[len(arguments.measured) :]
     replay = Replay(system, Workers(arguments.jobs))
     start = begin(system, training, held_out, parameters.gap, progress, replay)
+    heading += mistake_words(start, parameters.gap.replay.cross_cutoff)
     progress("computing what these data can show")
     data = identifiability(start.problem, start.null, parameters.gap.evidence.threshold, progress)
     return Case(parameters, start, data, given, assumed, rows, heading)

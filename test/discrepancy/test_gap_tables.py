@@ -6,6 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pam_orthosis.bag.examples import write_example
+from pam_orthosis.bag.read import read_bag
 from pam_orthosis.cli.main import main
 from pam_orthosis.discrepancy import beginning
 from pam_orthosis.discrepancy.columns import read_mapping, signals_of, with_columns
@@ -157,3 +159,35 @@ def test_voltages_of_a_loop_faster_than_the_table_are_left_out_by_name(
     assert main(["gap", str(table), "--model", str(model)]) == 2
     words = "extensor_voltage, flexor_voltage changed every 1 ms and were recorded every 5 ms"
     assert (words in capsys.readouterr().err) != kept
+
+
+@pytest.fixture(scope="module")
+def friction(tmp_path_factory):
+    return write_example("friction", tmp_path_factory.mktemp("friction") / "case")
+
+
+GAUGE = {"extensor_pressure": -1.013e5, "flexor_pressure": -1.013e5}
+MIXED = {"extensor_voltage": "flexor_voltage", "flexor_voltage": "extensor_voltage"}
+
+
+@pytest.mark.parametrize(
+    ("offsets", "columns", "said"),
+    [
+        ({}, {}, ""),
+        (GAUGE, {}, "with 1.013 bar added to the pressures: they seem to be gauge, give absolute ones"),
+        ({}, MIXED, "with extensor_voltage and flexor_voltage exchanged: are these columns mixed up?"),
+    ],
+)
+def test_gauge_pressures_and_mixed_up_columns_are_named(friction, tmp_path, capsys, offsets, columns, said):
+    names, files = [name for name in SI if name != "time"], []
+    for bag in (friction[0], friction[-1]):
+        read = read_bag(bag, names)
+        table = {"time": read["angle"].stamp_ns * 1e-9}
+        table |= {name: read[columns.get(name, name)].value + offsets.get(name, 0.0) for name in names}
+        files.append(str(write(tmp_path / f"{bag.name}.csv", table)))
+    (tmp_path / "model.yaml").write_text("valve.dead_band: 0.0\nvalve.delay: 0.0\n", encoding="utf-8")
+    model = str(tmp_path / "model.yaml")
+    assert main(["gap", files[0], "--held-out", files[1], "--model", model, "--until", "check"]) == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("CHECK THE RECORDINGS")]
+    assert len(lines) == bool(said)
+    assert all(line.endswith(said) for line in lines)

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What may be wrong with the recordings themselves: the model as configured fits them far better without it.
+
+Gauge pressures that stay above the ambient one, and exchanged columns, look like any other recording.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from pam_orthosis.discrepancy import measure
+from pam_orthosis.discrepancy.beginning import Beginning
+from pam_orthosis.discrepancy.problem import Problem, Scored
+from pam_orthosis.discrepancy.run import Run
+from pam_orthosis.discrepancy.system import System
+
+Signals = Mapping[str, np.ndarray]
+SUSPECT, BETTER = 20.0, 4.0  # times the noise that a mistake leaves; the factor by which mending it must help
+
+
+def mistake_words(start: Beginning, cutoff: float) -> str:
+    """Return the line on the mistake that the recordings seem to have; empty if none.
+
+    `cutoff`: with which neighbouring signals are smoothed, Hz.
+    """
+    own = start.configured().white[measure.OVERALL]
+    if own < SUSPECT:
+        return ""
+    fits = {words: _fit(start, changed, cutoff) for words, changed in _mistakes(start)}
+    words = min(fits, key=lambda one: fits[one], default="")
+    if not words or not fits[words] * BETTER <= own:
+        return ""
+    times = own / fits[words]
+    return f"CHECK THE RECORDINGS: the model as configured fits them {times:.1f} times better {words}\n"
+
+
+def _fit(start: Beginning, changed: list[Signals], cutoff: float) -> float:
+    """Return the gap of the model as configured to held-out recordings with other signals."""
+    held_out = start.held_out
+    scored = [
+        Scored(_run(start.system, one, signals, cutoff), one.whiten, one.warm_up)
+        for one, signals in zip(held_out.scored, changed, strict=True)
+    ]
+    values = held_out.replay.defaults(())
+    with np.errstate(all="ignore"):
+        overall = measure.gap_at(Problem(held_out.replay, scored), (), values).white[measure.OVERALL]
+    for one in scored:
+        held_out.replay.forget(one.run)
+    return overall if np.isfinite(overall) else np.inf
+
+
+def _run(system: System, one: Scored, signals: Signals, cutoff: float) -> Run:
+    recording = one.run.recording
+    return Run(system, replace(recording, signals={**recording.signals, **signals}), cutoff)
+
+
+def _mistakes(start: Beginning) -> Iterator[tuple[str, list[Signals]]]:
+    """Yield each mistake that there may be, and the signals of the held-out recordings without it."""
+    system = start.system
+    recorded = [one.run.recording.signals for one in start.held_out.scored]
+    pressures = [one.name for one in system.channels if one.unit == "Pa" and _absolute(system, one.name)]
+    voltages = [name for name in system.inputs if system.unit(name) == "V"]
+    if pressures:
+        added = f"with {system.ambient / 1e5:.3f} bar added to the pressures"
+        asked = f"{added}: they seem to be gauge, give absolute ones"
+        yield asked, [{name: signals[name] + system.ambient for name in pressures} for signals in recorded]
+    pairs = [names for names in (pressures, voltages) if len(names) == 2]
+    for chosen in (*([one] for one in pairs), pairs if len(pairs) > 1 else []):
+        if chosen and all(name in signals for signals in recorded for names in chosen for name in names):
+            swapped = {a: b for one, two in chosen for a, b in ((one, two), (two, one))}
+            asked = " and ".join(f"{one} and {two}" for one, two in chosen)
+            yield (
+                f"with {asked} exchanged: are these columns mixed up?",
+                [{name: signals[other] for name, other in swapped.items()} for signals in recorded],
+            )
+
+
+def _absolute(system: System, name: str) -> bool:
+    return system.limits.get(name, (0.0, 0.0))[0] >= 0.0
