@@ -93,7 +93,11 @@ def read_text(path: Path) -> str:
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise OrthosisError(f"{path} is no text in UTF-8 (at byte {error.start})") from error
+        raise _not_utf8(path, error) from error
+
+
+def _not_utf8(path: Path, error: UnicodeDecodeError) -> OrthosisError:
+    return OrthosisError(f"{path} is not UTF-8 (at byte {error.start}): save it as UTF-8")
 
 
 def read_yaml(path: Path) -> Any:
@@ -139,7 +143,9 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         try:
             for row in reader:
                 yield reader.line_num, row
-        except (UnicodeDecodeError, csv.Error) as error:
+        except UnicodeDecodeError as error:
+            raise _not_utf8(path, error) from error
+        except csv.Error as error:
             raise OrthosisError(f"{path} is not a table of numbers with one row of names: {error}") from error
 
 

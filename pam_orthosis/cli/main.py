@@ -97,6 +97,8 @@ def _failure(error: BaseException) -> tuple[str, int]:
     if isinstance(error, OSError):
         about = f"{error.filename!r}: " if error.filename else ""
         return about + (error.strerror or str(error) or type(error).__name__), 2
+    if isinstance(error, RuntimeError) and str(error).startswith("Symlink loop"):  # of Path.resolve
+        return f"{error}: give a path without it", 2
     if isinstance(error, MemoryError):
         return "not enough memory for this input", 2
     if os.environ.get(TRACEBACK):

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pam_orthosis.model.machine import Machine
 
 DEFAULT = "default"
+LEAST_PERIODS = 20  # that the hardware of a machine of one's own has to bear before a run
 
 
 def add_parameter_arguments(
@@ -78,7 +79,10 @@ def check_controllable(parameters: Parameters) -> None:
     if parameters.declared.text:  # a shipped machine is known to hold at its start
         from pam_orthosis.model.plant import Plant  # casadi takes a second to load
 
-        Plant(parameters)
+        plant, closed = Plant(parameters), parameters.valve.closed_voltage
+        for _ in range(LEAST_PERIODS):  # one that diverges does so before anything is written
+            plant.advance(*[closed] * len(plant.lines))
+            plant.measure()
 
 
 def _check_beginning(parameters: Parameters, begins: float) -> None:

@@ -102,8 +102,10 @@ class Plant:
         y, drawn = self._report(), self._noise.standard_normal(len(self._sensors)).tolist()
         shown = zip(self._sensors, drawn, strict=True)
         if not math.isfinite(y[self._sensors[0][0]]):
-            many = "a stiffness or damping (of stops: stop_stiffness, stop_damping) is too large"
-            raise OrthosisError(f"the simulation of the {self.machine.name} diverges: {many}")
+            stiff = "a stiffness or damping (of stops: stop_stiffness, stop_damping) is too large"
+            raise OrthosisError(
+                f"the simulation of the {self.machine.name} diverges: {stiff} for its inertia"
+            )
         return self._measurement(*(quantised(y[name] + noise * d, step) for (name, noise, step), d in shown))
 
     def truth(self) -> Any:

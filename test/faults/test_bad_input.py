@@ -96,3 +96,36 @@ def test_a_bag_with_parameters_of_another_version_gets_its_report(tmp_path):
     recorded = json.loads(held.run["parameters"]) | {"muscle.other": 1.0, "leg.other": 2.0}
     bag = bags.write(tmp_path / "bag", held._replace(run={**held.run, "parameters": json.dumps(recorded)}))
     assert main(["report", str(bag), "--out", str(tmp_path / "report")]) == 0
+
+
+def _refused(capsys, *arguments):
+    """Return the one line of a refusal."""
+    assert main(list(map(str, arguments))) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    return line
+
+
+@pytest.mark.parametrize("verb", ["gap", "report", "recover"])
+def test_a_loop_of_links_is_refused(tmp_path, capsys, monkeypatch, verb):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "loop").symlink_to("loop")
+    assert "oop" in _refused(capsys, verb, "loop")
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "loop"]
+
+
+def test_a_text_that_is_not_utf_8_is_refused_with_what_to_do(tmp_path, capsys):
+    (tmp_path / "table.csv").write_text("time,angle\n0,1\n", encoding="utf-16")
+    (tmp_path / "p.yaml").write_text("stages: [{strides: 1}]", encoding="utf-16")
+    for command in (("gap", tmp_path / "table.csv"), ("session", tmp_path / "p.yaml")):
+        line = _refused(capsys, *command)
+        assert line.endswith(f"{command[1]} is not UTF-8 (at byte 0): save it as UTF-8")
+
+
+def test_a_machine_whose_simulation_diverges_is_refused_before_the_run(tmp_path, capsys):
+    pytest.importorskip("rclpy")
+    text = (Path(__file__).resolve().parents[2] / "examples" / "cylinder" / "cylinder.yaml").read_text()
+    (tmp_path / "light.yaml").write_text(text.replace("inertia: 8.0", "inertia: 1.0e-6"), encoding="utf-8")
+    line = _refused(capsys, "run", "--machine", tmp_path / "light.yaml", "--out", tmp_path / "bag")
+    assert "diverges" in line
+    assert "for its inertia" in line
+    assert not (tmp_path / "bag").exists()

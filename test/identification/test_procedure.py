@@ -247,5 +247,5 @@ def test_a_file_to_update_that_is_no_text_is_refused(bags, tmp_path, capsys):
     binary = tmp_path / "muscle.yaml"
     binary.write_bytes(b"\xff\xfe\x00\x81")
     assert main(["identify", str(bags), "--update", str(binary)]) == 2
-    assert "is no text in UTF-8" in capsys.readouterr().err
+    assert "is not UTF-8 (at byte" in capsys.readouterr().err
     assert binary.read_bytes() == b"\xff\xfe\x00\x81"
