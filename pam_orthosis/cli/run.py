@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 
 ROS_WHEELS = "pip install 'ros-jazzy-rclpy[fastrtps]==7.1.6' ros-jazzy-common-interfaces (Linux, x86-64)"
+LIMITS = tuple(f"control.limits.{name}" for name in ("low", "high", "speed", "effort"))
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 
 
@@ -93,11 +94,28 @@ def execute(arguments: argparse.Namespace) -> int:
     for one in [parameters_of(own, parameters) for own in mode.legs.values()] or [parameters]:
         bound_in(bound, one.declared)
         check_controllable(one)
+        _check_watched(one, assignments(arguments.param))
     with ExitStack() as stack:
         bag = claim(stack, arguments.out, arguments.scenario)
         _run(parameters, bag.resolve(), arguments.scenario, mode, arguments.open, arguments.watch)
     print(f"recorded {bag}", file=sys.stderr)
     return show(judge_all(bag, bound), arguments.json)
+
+
+def _check_watched(parameters: Parameters, given: Mapping[str, Any]) -> None:
+    """Raise OrthosisError if a safety monitor would watch a machine of one's own by the knee's limits."""
+    from pam_orthosis.model.machines import machine_named, shipped_machines
+
+    machine = parameters.declared
+    shipped = machine.text in ("", *(machine_named(Path(name)).text for name in shipped_machines()))
+    if shipped or not parameters.control.limits.enabled:
+        return
+    own, c = {*machine.values, *given}, machine.coordinate
+    if missing := [key for key in LIMITS if key not in own]:
+        raise OrthosisError(
+            f"--safety: {', '.join(missing)} are the knee's; give those of the {machine.name} (in {c.unit},"
+            f" {c.unit}/s and {c.effort_unit}) under values in its file, or by --param"
+        )
 
 
 def claim(stack: ExitStack, out: Path | None, scenario: str) -> Path:

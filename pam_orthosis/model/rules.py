@@ -52,6 +52,15 @@ def broken_rules(values: Mapping[str, Any], machine: Machine) -> Iterator[str]:
     yield from _plan_rule(values)
     yield from _controller_rule(values)
     yield from _delay_rule(values)
+    yield from _person_rule(values)
+
+
+def _person_rule(values: Mapping[str, Any]) -> Iterator[str]:
+    """Refuse what a person is to do who does not act on the joint at all."""
+    acts = "plant.person.volition.enabled"
+    for key in ("plant.person.block.start", "plant.person.spasm.start"):
+        if not values.get(acts, True) and values.get(key, -1.0) >= 0:
+            yield f"{key} = {values[key]:g} has no effect while {acts} is false: set that to true too"
 
 
 def _period_rules(values: Mapping[str, Any]) -> Iterator[str]:

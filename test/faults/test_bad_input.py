@@ -129,3 +129,20 @@ def test_a_machine_whose_simulation_diverges_is_refused_before_the_run(tmp_path,
     assert "diverges" in line
     assert "for its inertia" in line
     assert not (tmp_path / "bag").exists()
+
+
+def test_a_safety_monitor_watches_no_machine_of_ones_own_by_the_limits_of_the_knee(capsys, tmp_path):
+    pytest.importorskip("rclpy")
+    cylinder = Path(__file__).resolve().parents[2] / "examples" / "cylinder" / "cylinder.yaml"
+    command = ["run", "--safety", "--machine", cylinder, "--out", tmp_path / "bag"]
+    line = _refused(capsys, *command, "--param", "control.limits.low=0", "--param", "control.limits.high=0.3")
+    assert "control.limits.speed, control.limits.effort are the knee's; give those of the cylinder" in line
+    assert "(in m, m/s and N)" in line
+    assert not (tmp_path / "bag").exists()
+
+
+def test_a_spasm_of_nobody_is_refused(capsys, tmp_path):
+    pytest.importorskip("rclpy")
+    command = ["run", "--param", "plant.person.spasm.start=3", "--out", tmp_path / "bag"]
+    line = _refused(capsys, *command)
+    assert "plant.person.spasm.start = 3 has no effect while plant.person.volition.enabled is false" in line
