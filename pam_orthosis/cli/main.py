@@ -148,7 +148,8 @@ def _failed(message: str, status: int) -> int:
     """Print an error as one readable line, whatever the input smuggled into it; return the exit status."""
     line = "".join(c if c.isprintable() else " " for c in message)
     most = 900
-    print(f"pam-orthosis: error: {line[:most]}{' ...' * (len(line) > most)}", file=sys.stderr)
+    kind = "" if line.startswith("interrupted") else "error: "  # who asks for an end gets what they ask for
+    print(f"pam-orthosis: {kind}{line[:most]}{' ...' * (len(line) > most)}", file=sys.stderr)
     return status
 
 

@@ -175,7 +175,7 @@ def _width(system: System) -> int:
 def _share(outcome: Outcome, name: str) -> str:
     value = outcome.closure[name]
     mark = " *" if name in outcome.from_configured else ""
-    return "-" if value is None else f"{100 * value:.1f} %{mark}"
+    return "-" if value is None else f"{round(100 * value, 1) + 0.0:.1f} %{mark}"
 
 
 def runner_up_words(name: str, behind: float) -> str:

@@ -51,8 +51,8 @@ class EmergencyStop:
                 "there is no emergency stop to reset; what vents for good is tried again after one"
             )
         self._reset_asked = True
-        least = f"{self._shortest_ns * 1e-9:g} s"
-        return f"the valves follow their commands again, {least} after the stop at the earliest"
+        least = f", {self._shortest_ns * 1e-9:g} s after the stop at the earliest" * (self._shortest_ns > 0)
+        return f"the valves follow their commands again{least}; the joint is led back once it rests"
 
     def _become(self, active: bool) -> None:
         self.active, self._reset_asked, self._reported_ns = active, False, time.time_ns()

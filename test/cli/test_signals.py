@@ -52,14 +52,14 @@ def test_a_verb_that_is_interrupted_while_it_loads_says_so_in_one_line(tmp_path,
     out = [] if verb in ("check", "replay", "identify") else ["--out", "out"]
     at = at or f"pam_orthosis.cli.{verb.replace('-', '_')}"
     done = _interrupted(tmp_path, CLI, [verb, *VERBS[verb], *out], at)
-    assert (done.returncode, done.stderr) == (3, "pam-orthosis: error: interrupted\n")
+    assert (done.returncode, done.stderr) == (3, "pam-orthosis: interrupted\n")
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("by", ["SIGHUP", "SIGTERM"])
 def test_all_signals_that_ask_for_an_end_do_the_same(tmp_path, by):
     done = _interrupted(tmp_path, CLI, ["check", WALK], "numpy", by)
-    assert (done.returncode, done.stderr) == (3, "pam-orthosis: error: interrupted\n")
+    assert (done.returncode, done.stderr) == (3, "pam-orthosis: interrupted\n")
 
 
 @pytest.mark.parametrize("node", ["position_controller", "bag_recorder", "composed", "dummy_driver"])
@@ -132,7 +132,7 @@ def test_what_a_module_in_c_makes_of_an_interruption_is_told_as_one(monkeypatch,
 
     monkeypatch.setattr(entry, "_dispatch", dispatch)
     assert entry.main([]) == 3
-    assert capsys.readouterr().err == "pam-orthosis: error: interrupted\n"
+    assert capsys.readouterr().err == "pam-orthosis: interrupted\n"
 
 
 def test_a_signal_that_is_swallowed_comes_again(monkeypatch, capsys):

@@ -22,7 +22,7 @@ from pam_orthosis.discrepancy.events import Event
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.measure import Gap, closure, over_noise
 from pam_orthosis.discrepancy.unknown import Unknown
-from pam_orthosis.discrepancy.verdict import assumed_words, describe
+from pam_orthosis.discrepancy.verdict import _share, assumed_words, describe
 from pam_orthosis.model.machines import KNEE, RIG
 from pam_orthosis.model.parameters import load
 
@@ -345,3 +345,8 @@ def test_an_apparatus_that_nothing_records_is_said_to_be_assumed(tmp_path):
     assert "read as the apparatus of the other recordings" in assumed_words([table], 2, None)
     model = Path("mine.yaml")
     assert "read as the default knee with what mine.yaml changes" in assumed_words([table], 1, model)
+
+
+def test_a_share_of_nothing_has_no_sign():
+    outcome = SimpleNamespace(closure={"angle": -0.0003}, from_configured=())
+    assert _share(outcome, "angle") == "0.0 %"

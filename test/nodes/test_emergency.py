@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """An emergency stop outlives the node that was told of it; a reset at either end ends it."""
 
+from types import SimpleNamespace
+
 import pytest
 from conftest import wait_for
 
@@ -11,6 +13,7 @@ from rclpy.experimental import EventsExecutor
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components.spool import VENT
+from pam_orthosis.nodes.emergency import EmergencyStop
 from pam_orthosis.nodes.inverse_valve_model import InverseValveModelNode
 from pam_orthosis.nodes.plant_simulator import VENT_SAMPLES, PlantSimulator
 
@@ -98,3 +101,13 @@ def test_in_lockstep_by_hand_no_time_passes_for_who_leaves(until):
     plant.abandon()
     assert valve.abandon()
     assert (len(samples), commands) == (VENT_SAMPLES, [VENT])
+
+
+@pytest.mark.parametrize(
+    ("shortest_ns", "said"), [(0, "again; the"), (500_000_000, "again, 0.5 s after the stop at")]
+)
+def test_a_reset_says_how_long_the_stop_lasts_only_if_it_does(shortest_ns, said):
+    node = SimpleNamespace(legs=[], offer=lambda *_: None)
+    stop = EmergencyStop(node, shortest_ns)
+    stop.active = True
+    assert said in stop.reset()
