@@ -44,6 +44,15 @@ def output(text: str) -> Path:
     return path.resolve() if ".." in path.parts else path
 
 
+@contextmanager
+def instead_of_out(option: str) -> Iterator[None]:
+    """Let a refusal name the option that was given for what is written."""
+    try:
+        yield
+    except OrthosisError as error:
+        raise type(error)(str(error).replace("another --out", f"another {option}")) from error
+
+
 def write_text(path: Path, text: str, overwrite: bool = False) -> None:
     """Write a text as `write_files` writes."""
     write_files({path: as_text(text)}, {path} if overwrite else ())

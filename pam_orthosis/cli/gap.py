@@ -18,6 +18,7 @@ from pam_orthosis.cli.batch import at_least_1
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import (
     as_text,
+    instead_of_out,
     output,
     refuse_existing,
     refuse_used,
@@ -102,6 +103,8 @@ def execute(arguments: argparse.Namespace) -> int:
             outcome = search(case.start, case.parameters.gap, progress)
     if arguments.until:
         print(case.heading + _stages(case.start, case.data, arguments.until))
+        if arguments.next:
+            _write_next(arguments, None, case)
         return 0
     data, words = _described(case, outcome)
     try:
@@ -229,12 +232,13 @@ def _check_out(arguments: argparse.Namespace) -> None:
     folder = arguments.out
     if arguments.system and arguments.machine:
         raise OrthosisError("--system and --machine each say what the recordings are of: give one")
-    if arguments.until and (folder or arguments.json or arguments.next):
-        raise OrthosisError("--until prints words only; leave --out, --next and --json out")
+    if arguments.until and (folder or arguments.json):
+        raise OrthosisError("--until prints words only; leave --out and --json out")
     if arguments.system and arguments.next:
         raise OrthosisError("--next knows experiments of machines, none of a --system")
     if arguments.next:
-        refuse_existing([arguments.next])
+        with instead_of_out("--next"):
+            refuse_existing([arguments.next])
     if folder:
         refuse_used(folder)
 
@@ -264,7 +268,8 @@ def _write_next(arguments: argparse.Namespace, outcome, case: Case) -> None:
 
     name = next_experiment(outcome, case.data.experiments)
     if name:
-        write_text(arguments.next, references(name, case.parameters))
+        with instead_of_out("--next"):
+            write_text(arguments.next, references(name, case.parameters))
     if not arguments.json:
         none = f"next: no experiment is known that would show more; {arguments.next} is not written"
         print(advice(name, case.parameters) if name else none)

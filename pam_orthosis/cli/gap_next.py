@@ -16,11 +16,12 @@ if TYPE_CHECKING:
     from pam_orthosis.discrepancy.judgement import Outcome
 
 
-def next_experiment(outcome: Outcome, useful: Sequence[str]) -> str:
-    """Return the scenario that separates what was found, or else shows most; empty if none would help."""
-    if outcome.foreign:
+def next_experiment(outcome: Outcome | None, useful: Sequence[str]) -> str:
+    """Return the scenario that separates what was found, if that is known, or else shows most; or nothing."""
+    if outcome and outcome.foreign:
         return ""
-    apart = [test for one in (*outcome.effects, *outcome.surrogates) for test in one.separated_by]
+    found = (*outcome.effects, *outcome.surrogates) if outcome else ()
+    apart = [test for one in found for test in one.separated_by]
     return next((name for name in (*apart, *useful) if name in experiments()), "")
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from pam_orthosis.cli.check import not_negative
 from pam_orthosis.errors import OrthosisError, naming
-from pam_orthosis.files import as_text, output, refuse_existing, refuse_used, write_files
+from pam_orthosis.files import as_text, instead_of_out, output, refuse_existing, refuse_used, write_files
 from pam_orthosis.model.specimens import SPECIMENS
 from pam_orthosis.progress import Progress, shown
 
@@ -74,7 +74,8 @@ def execute(arguments: argparse.Namespace) -> int:
     if arguments.out:
         refuse_existing([arguments.out])
     if arguments.figures:
-        refuse_used(arguments.figures)
+        with instead_of_out("--figures"):
+            refuse_used(arguments.figures)
     if arguments.nominal_length_m == 0:
         raise OrthosisError("--nominal-length-m: a muscle is longer than 0 m")
     with shown("loading the identification") as progress:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from pam_orthosis.cli.parameters import DEFAULT, add_parameter_arguments, chosen
 from pam_orthosis.errors import OrthosisError, naming
-from pam_orthosis.files import as_text, output, refuse_existing, write_files
+from pam_orthosis.files import as_text, instead_of_out, output, refuse_existing, write_files
 from pam_orthosis.planning import RESERVE
 from pam_orthosis.progress import Progress, shown
 
@@ -53,7 +53,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Plan; return 0 if there is a motion that the actuators can make."""
-    refuse_existing([arguments.out, *([arguments.page] if arguments.page else [])])
+    refuse_existing([arguments.out])
+    if arguments.page:
+        with instead_of_out("--page"):
+            refuse_existing([arguments.page])
     if not 0 <= arguments.reserve <= 1:
         raise OrthosisError(f"--reserve {arguments.reserve:g}: give 0 to 1 bar")
     with shown("compiling the model") as progress:

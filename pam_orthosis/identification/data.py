@@ -183,7 +183,8 @@ def _one_specimen(runs, tables: Sequence[Path], specimens: Sequence[str]) -> str
     if not names and len(specimens) == 1:
         return specimens[0]
     if not names:
-        raise OrthosisError("the data do not name their muscle: give --muscle")
+        hint = "give --muscle" if tables else "give bags of `pam-orthosis rig`, or tables of a muscle"
+        raise OrthosisError(f"the data do not name their muscle: {hint}")
     if len(names) > 1:
         raise OrthosisError(f"data of {', '.join(sorted(names))}: give the data of one muscle at a time")
     return names.pop()

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from pam_orthosis.bag.examples import write_example
 from pam_orthosis.cli import gap_next
 from pam_orthosis.cli.main import main
 from pam_orthosis.model.parameters import experiments, load
@@ -49,9 +50,10 @@ def test_the_advice_names_what_to_do_and_what_to_record():
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        (["--until", "check"], "leave --out, --next and --json out"),
+        (["--until", "check", "--json"], "leave --out and --json out"),
         (["--system", "own.py"], "none of a --system"),
-        ([], "exists"),
+        ([], "exists; choose another --next"),
+        (["--until", "check"], "exists; choose another --next"),
     ],
 )
 def test_next_is_refused_before_the_search(tmp_path, capsys, more, message):
@@ -60,3 +62,22 @@ def test_next_is_refused_before_the_search(tmp_path, capsys, more, message):
     assert main(["gap", "bags/walk", "--next", str(file), *more]) == 2
     assert message in capsys.readouterr().err
     assert file.read_text() == "mine"
+
+
+def test_the_stages_before_the_search_write_what_would_show_most(tmp_path, capsys):
+    *_, bag = write_example("friction", tmp_path / "case")
+    file = tmp_path / "next.csv"
+    assert main(["gap", str(bag), "--until", "check", "--next", str(file)]) == 0
+    assert "next: " in capsys.readouterr().out.splitlines()[-1]
+    assert file.read_text().startswith("time,reference_angle,mean_pressure,valves_closed")
+
+
+def test_refusals_name_the_option_that_was_given(tmp_path, capsys):
+    (tmp_path / "mine").write_text("mine")
+    assert main(["identify", "bags/walk", "--figures", str(tmp_path / "mine")]) == 2
+    assert "choose another --figures" in capsys.readouterr().err
+    command = ["plan", "--out", str(tmp_path / "new.yaml"), "--page", str(tmp_path / "mine")]
+    assert main(command) == 2
+    assert "choose another --page" in capsys.readouterr().err
+    assert main(["identify", "bags/walk"]) == 2
+    assert "give bags of `pam-orthosis rig`, or tables of a muscle" in capsys.readouterr().err
