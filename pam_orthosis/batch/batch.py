@@ -20,7 +20,7 @@ from pam_orthosis.files import (
     write_folder,
 )
 from pam_orthosis.reading import from_json, read_text
-from pam_orthosis.results import as_written, digest, refuse_foreign, write_results
+from pam_orthosis.results import REMAKE, as_written, digest, refuse_foreign, write_results
 
 RESULT, SUMMARY, PAGE = "result.json", "batch.json", "batch.html"
 
@@ -32,14 +32,21 @@ class Batch:
         units: of different names.
         folder: may hold the results of an earlier batch. What a result lists as its files is replaced if the
             unit is done again; nothing else is.
+        overwrite: whether a summary with further units is replaced too.
 
     Raises:
         OrthosisError: the folder holds something else.
     """
 
-    def __init__(self, units: Sequence[Unit], folder: Path):
+    def __init__(self, units: Sequence[Unit], folder: Path, overwrite: bool = False):
         self.units, self.folder = tuple(units), folder
         refuse_foreign(folder, (SUMMARY, PAGE), True, {*(unit.name for unit in units), *_results(folder)})
+        others = _summarised(folder) - {unit.name for unit in units}
+        if others and not overwrite:
+            more = f"{min(others)} and {len(others) - 1} more" if len(others) > 1 else min(others)
+            raise OrthosisError(
+                f"{folder / PAGE} exists, with {more}: give these too, choose another --out{REMAKE}"
+            )
         self._states = {unit.name: unit.state() for unit in units}
         self.results = {unit.name: one for unit in units if (one := self._finished(unit)) is not None}
         self.failed: dict[str, dict[str, Any]] = {}
@@ -155,6 +162,12 @@ class Batch:
         again = ", is tried again" if answer.complaint and unit.name not in self.failed else ""
         line = f"{unit.name}: {outcome} ({answer.seconds:.1f} s, try {tries}{again})"
         return f"{self.done}/{len(self.units)} {line}"
+
+
+def _summarised(folder: Path) -> set[str]:
+    """Return the names in the summary of an earlier batch."""
+    earlier = _object(folder / SUMMARY) if (folder / SUMMARY).exists() else {}
+    return {str(name) for names in earlier.values() if isinstance(names, (list, dict)) for name in names}
 
 
 def _results(folder: Path) -> set[str]:

@@ -47,6 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_bound_arguments(parser)
     parser.add_argument("--with", dest="more", default="", metavar="ARGUMENTS",
                         help="more arguments for the task, e.g. --with='--skip-s 2'")  # fmt: skip
+    parser.add_argument("--overwrite", action="store_true", help="replace the page of a batch of more bags")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
 
 
@@ -56,7 +57,7 @@ def execute(arguments: argparse.Namespace) -> int:
     from pam_orthosis.batch.unit import cluster, local
     from pam_orthosis.report.pages.batch import page
 
-    batch = Batch(_units(arguments), arguments.out)
+    batch = Batch(_units(arguments), arguments.out, arguments.overwrite)
     if batch.skipped:
         print(f"{len(batch.skipped)} done before", file=sys.stderr)
     where = (

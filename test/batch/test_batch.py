@@ -245,3 +245,19 @@ def test_units_end_with_the_program():
     assert futures[0].result().complaint
     assert all(future.cancelled() for future in futures[1:])
     assert time.monotonic() - began < 30.0
+
+
+def test_the_page_of_other_bags_is_replaced_only_if_that_is_asked_for(tmp_path, capsys):
+    for name in ("one", "two"):
+        shutil.copytree(WALK, tmp_path / name)
+    command = ["batch", "check", "--out", str(tmp_path / "out")]
+    assert main([*command, str(tmp_path / "one")]) == 0
+    before = (tmp_path / "out" / "batch.html").read_bytes()
+    capsys.readouterr()
+    assert main([*command, str(tmp_path / "two")]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert "batch.html exists, with one: give these too, choose another --out, or --overwrite" in said
+    assert (tmp_path / "out" / "batch.html").read_bytes() == before
+    assert main([*command, str(tmp_path / "two"), "--overwrite"]) == 0
+    assert main([*command, str(tmp_path / "two")]) == 0  # the same again
+    assert main([*command, str(tmp_path / "two"), str(tmp_path / "one")]) == 0  # and more
