@@ -27,6 +27,7 @@ REPORTED_NS = SECOND_NS  # reports come once a second
 RETURNS = "returns"  # in the reports of the position controller
 ERROR = 2  # level of a report: the node vents until somebody acts
 CAUSES = (SAFETY, VALVE, POSITION)  # of reports of one instant, those of a cause before those of its effect
+HARDWARE = -1  # order of what a driver says
 SESSION = "session"  # of the run metadata: what a programme did
 SILENT, BLIND = "no commands", "no samples, so no commands"
 CUT_SHORT, UNTOLD = "the run was cut short", "no report tells why"
@@ -185,7 +186,14 @@ def _back(stamps: np.ndarray, near: np.ndarray, until: int) -> int | None:
 
 
 def _reason(reports: list[Report], vent: Vent) -> str:
-    """Return what the first report on a release says; one that is over when it comes tells of it too."""
+    """Return what the first report on a release says; one that is over when it comes tells of it too.
+
+    The hardware's own failure is before what guards make of it.
+    """
+    failed = (one for one in reports if one.order == HARDWARE)
+    for one in failed:
+        if vent.since - REPORTED_NS <= one.stamp_ns <= vent.until + REPORTED_NS:
+            return one.reason
     there = (one.reason for one in reports if vent.since <= one.stamp_ns <= vent.until + REPORTED_NS)
     return next(there, "")
 
@@ -193,7 +201,10 @@ def _reason(reports: list[Report], vent: Vent) -> str:
 def _reports(bag: Bag, namespace: str) -> Iterator[Report]:
     """Yield what the nodes of a leg say of why they vent."""
     for at_ns, node, status in _statuses(bag, namespace):
-        if reason := _said(status):
+        if ": " not in status.name:  # a driver, which has no loop; its message is its state, and why
+            if status.level == ERROR and ": " in status.message:
+                yield Report(at_ns, HARDWARE, f"{node} {status.message}")
+        elif reason := _said(status):
             yield Report(at_ns, CAUSES.index(node) if node in CAUSES else len(CAUSES), reason)
 
 

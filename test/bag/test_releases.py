@@ -182,3 +182,16 @@ def test_hardware_that_began_while_the_run_was_on_is_told(tmp_path, capsys):
     assert found["incomplete"] == anew
     _, found = check(tmp_path / "other", capsys, none, 20.0 * between(2.25, 3.0), hole=hole, **period)
     assert found["incomplete"] == lost
+
+
+def test_a_drivers_own_reason_is_before_what_a_guard_makes_of_it(tmp_path, capsys):
+    failed = report("modbus_driver", ERROR, "fault: again there after a loss: timed out")
+    failed.name = "modbus_driver"
+    stopped = report("modbus_driver", ERROR, "ready", emergency_stop="True")
+    stopped.name = "modbus_driver"
+    guard = report("position_controller", WARN, "released", released="knee does not follow")
+    reports = [(1.0, stopped), (3.5, guard), (4.0, failed)]
+    told, _ = check(tmp_path / "walk", capsys, between(3.0, 4.0), 0.0 * TIME, reports)
+    assert told == [
+        "at 3.000 s, for 1.000 s: modbus_driver fault: again there after a loss: timed out; back at 4.000 s"
+    ]
