@@ -726,6 +726,7 @@ def test_a_page_that_cannot_be_written_does_not_take_the_verdict_with_it(
     monkeypatch.setattr(
         "pam_orthosis.discrepancy.identifiability.identifiability", lambda *_: Identifiability({}, (), (), ())
     )
+    monkeypatch.setattr("pam_orthosis.discrepancy.mistakes.mistake_words", lambda *_: "")
     monkeypatch.setattr(workflow, "search", lambda *_: friction)
     monkeypatch.setattr(gap_page, "page", full)
     file = table(tmp_path / "x.csv", bench.arrays(1))
