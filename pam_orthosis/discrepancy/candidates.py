@@ -32,7 +32,7 @@ class Trial:
     def __init__(self, projection: Projection, name: str):
         problem, known = projection.problem, projection.base.effects
         self.projection, self.name = projection, name
-        self.beside = tuple(n for n in problem.system.dead_time_beside(name) if n not in known)
+        self.beside = problem.system.beside(name, known)
         self.added = (*self.beside, name)
         self.effects = (*known, *self.added)
         lags = problem.system.catalogue[name].advance is not None
@@ -71,15 +71,17 @@ class Trial:
             near = size.neutral + NEAR * (size.typical - size.neutral)
             positions.append({**first, size.name: near})
         return [
-            np.array([*self._dead_times(p), *(p[q.name] for q in effect.fitted)]) / self.scale
+            np.array([*self._start_beside(p), *(p[q.name] for q in effect.fitted)]) / self.scale
             for p in positions
         ]
 
-    def _dead_times(self, position: Values) -> list[float]:
-        """Return by how much the nominal dead time is shorter without what it stood for."""
-        lag = self.projection.problem.system.catalogue[self.name].lag
+    def _start_beside(self, position: Values) -> list[float]:
+        """Return where what moves with it starts: a dead time as much shorter, a sensor as late."""
+        effect = self.projection.problem.system.catalogue[self.name]
         own = {key.partition(".")[2]: value for key, value in self._rest.items()}
-        return [-lag(SimpleNamespace(**{**own, **position})) for _ in self.beside] if lag else []
+        if effect.lag is None:
+            return [position[effect.fitted[0].name] for _ in self.beside]
+        return [-effect.lag(SimpleNamespace(**{**own, **position})) for _ in self.beside]
 
     def _peaks(self) -> list[float]:
         """Return the frequencies, Hz, at which the residuals of its equations are largest."""

@@ -29,7 +29,8 @@ class Part:
         observe: (state, z, theta, period) -> (corrected state, residuals).
         rates: (state, z, theta, period, fraction of the period) -> rates.
         slopes: the same -> derivatives of the rates by the state.
-        late: recorded signals may be shifted: inputs change within a period.
+        switches: columns of `z` with an input before and after it changes within a period, of those that the
+            rates depend on.
     """
 
     own: tuple[str, ...]
@@ -38,7 +39,7 @@ class Part:
     observe: ca.Function
     rates: ca.Function
     slopes: ca.Function
-    late: bool
+    switches: tuple[tuple[int, int], ...]
 
     def fastest(self, rows: np.ndarray, theta: np.ndarray, states: np.ndarray, period: float) -> float:
         """Return the largest eigenvalue (1/s, magnitude) of the rates at some rows of `z` and states."""
@@ -89,12 +90,11 @@ def _groups(system: System, assembled: Assembled, equation: Equation, own: tuple
     return dict(zip(names, connected_components(joined, directed=False)[1].tolist(), strict=True))
 
 
-def cut(system: System, assembled: Assembled, static: Assembled, equation: Equation, late: bool) -> Part:
+def cut(system: System, assembled: Assembled, static: Assembled, equation: Equation) -> Part:
     """Return one equation of an assembly with its neighbours replaced by recorded signals.
 
     `static` is the same assembly without lagging sensors: from it the true neighbours are got from
-    the recorded ones. `late`: inputs change within a period, at the fraction that a row of `z` holds;
-    the rates before and after are weighted by their times.
+    the recorded ones.
     """
     seen = _Seen(system, equation, static)
     own = closure(system, assembled, equation)
@@ -109,9 +109,7 @@ def cut(system: System, assembled: Assembled, static: Assembled, equation: Equat
 
     own_rates = ca.vertcat(*(assembled.rates[assembled.states.index(name)] for name in own))
     rates = evaluate(own_rates, x, fraction, seen.inputs(z, fraction))
-    if late and _depends(rates, seen.recorded_inputs(z)[1]):
-        before = evaluate(own_rates, x, fraction, seen.inputs(z, fraction, before=True))
-        rates += seen.share_before(z) * (before - rates)
+    switches = tuple(places for places in seen.switches() if _depends(rates, z[places[1]]))
     predicted = ca.vertcat(*(assembled.measured[name] for name in equation.channels))
     residual = seen.measured(z) - evaluate(predicted, x, 0.0, seen.inputs(z, 0.0, before=True))
     pulled = _gains(equation, own) @ residual
@@ -130,7 +128,9 @@ def cut(system: System, assembled: Assembled, static: Assembled, equation: Equat
     slopes = ca.Function("slopes", given, [ca.densify(ca.jacobian(rates, x))])
     observe = ca.Function("observe", [x, z, few, period], [corrected, residual])
     names = tuple(assembled.parameters[i] for i in used)
-    return Part(own, equation.channels, names, observe, ca.Function("rates", given, [rates]), slopes, late)
+    return Part(
+        own, equation.channels, names, observe, ca.Function("rates", given, [rates]), slopes, switches
+    )
 
 
 class _Seen:
@@ -171,11 +171,13 @@ class _Seen:
         start, count = 2 * self._channels, self._inputs
         return z[start : start + count], z[start + count : start + 2 * count]
 
+    def switches(self) -> tuple[tuple[int, int], ...]:
+        """Return the columns of each input that changes within a period: before and after it does."""
+        start = 2 * self._channels
+        return tuple((start + i, start + self._inputs + i) for i, g in enumerate(self._gradual) if not g)
+
     def time(self, z: ca.SX) -> ca.SX:
         return z[2 * self._channels + 2 * self._inputs]
-
-    def share_before(self, z: ca.SX) -> ca.SX:
-        return z[z.shape[0] - 1]
 
     def measured(self, z: ca.SX) -> ca.SX:
         start = 2 * self._channels + 2 * self._inputs + 1

@@ -82,7 +82,7 @@ def injection(replay: Replay, run: Run, equation: Equation, channel: str, values
     count, theta = run.recording.samples, np.array([values[name] for name in part.parameters])
     states = run.states(part, np.arange(count))
     side_by_side = part.slopes(
-        states.T, run.data(equation).T, np.tile(theta[:, None], count), run.period, 0.0
+        states.T, run.data(equation.channels).T, np.tile(theta[:, None], count), run.period, 0.0
     )
     slopes = np.array(side_by_side).reshape(len(part.own), count, len(part.own)).swapaxes(0, 1)
     return Injection(

@@ -3,11 +3,13 @@
 
 The expressions are those of the system's assembly; neighbours are read from the recording. At each
 sample the prediction is compared and the state corrected weakly (innovation form); then one period
-is integrated with the recorded inputs held, by the classical Runge-Kutta method of fourth order: a
-lag inside the step is as exact as the integration, so that no false delay appears.
+is integrated with the recorded inputs held, by the classical Runge-Kutta method of fourth order. Inputs
+that act late change within the period: it is integrated up to there and on from there, so that a lag is as
+exact as the integration and no false delay appears.
 """
 
 import ctypes
+import math
 from collections.abc import Mapping
 from functools import cached_property
 from importlib.metadata import version
@@ -51,9 +53,18 @@ static void rk4(double* x, const double* z, const double* theta, const double* p
   for (int i = 0; i < {states}; i++) x[i] += h / 6 * (k[0][i] + 2 * k[1][i] + 2 * k[2][i] + k[3][i]);
 }}
 
-void orthosis_replay(long n, long substeps, double period, const double* z, const double* theta,
+static void phase(double* x, const double* z, const double* theta, const double* period,
+                  const double* fixed, double from, double to, long steps) {{
+  double held[{held}], share = (to - from) / steps;
+  const double* given[] = {{z, theta, period, fixed}};
+  double* got[] = {{held}};
+  orthosis_held(given, got, 0, 0, 0);
+  for (long j = 0; j < steps; j++) rk4(x, z, theta, period, held, from + j * share, share * *period);
+}}
+
+void orthosis_replay(long n, long first, long rest, double period, const double* z, const double* theta,
                      const double* start, double* result) {{
-  double x[{states}], next[{states}], fixed[{fixed}], held[{held}], h = period / substeps;
+  double x[{states}], next[{states}], fixed[{fixed}], before[{data}];
   const double* once[] = {{theta, &period}};
   double* kept[] = {{fixed}};
   orthosis_fixed(once, kept, 0, 0, 0);
@@ -63,11 +74,13 @@ void orthosis_replay(long n, long substeps, double period, const double* z, cons
     double* results[] = {{next, result + k * {results}}};
     orthosis_observe(seen, results, 0, 0, 0);
     for (int i = 0; i < {states}; i++) x[i] = next[i];
-    const double* given[] = {{z + k * {data}, theta, &period, fixed}};
-    double* got[] = {{held}};
-    orthosis_held(given, got, 0, 0, 0);
-    for (long j = 0; j < substeps; j++)
-      rk4(x, z + k * {data}, theta, &period, held, (double)j / substeps, h);
+    double at = first ? z[(k + 1) * {data} - 1] : 0;
+    if (first) {{
+      for (int i = 0; i < {data}; i++) before[i] = z[k * {data} + i];
+      {switched}
+      phase(x, before, theta, &period, fixed, 0, at, first);
+    }}
+    phase(x, z + k * {data}, theta, &period, fixed, at, 1, rest);
   }}
 }}
 """
@@ -94,15 +107,20 @@ class Kernel:
     def __call__(
         self, z: np.ndarray, theta: np.ndarray, start: np.ndarray, period: float, substeps: int
     ) -> np.ndarray:
-        """Return residuals (n, channels) or, with sensitivities, (n, channels, 1 + len(wrt))."""
+        """Return residuals (n, channels) or, with sensitivities, (n, channels, 1 + len(wrt)).
+
+        The inputs of all rows change at the same fraction of the period, which their last column holds.
+        """
         state = np.zeros(self._size)
         state[: self.states] = start
+        at = float(z[0, -1]) if self.part.switches else 0.0
+        steps = math.ceil(at * substeps), max(1, math.ceil((1 - at) * substeps))
         if self._library is None:
-            flat: np.ndarray = self._run_virtual(z, theta, state, period, substeps)
+            flat: np.ndarray = self._run_virtual(z, theta, state, period, steps)
         else:
             flat = np.empty((len(z), self._results))
             self._library.orthosis_replay(
-                ctypes.c_long(len(z)), ctypes.c_long(substeps), ctypes.c_double(period),
+                ctypes.c_long(len(z)), *map(ctypes.c_long, steps), ctypes.c_double(period),
                 pointer(z), pointer(theta), pointer(state), pointer(flat),
             )  # fmt: skip
         if not self.wrt:
@@ -146,19 +164,26 @@ class Kernel:
         loop = LOOP.format(
             states=self._size, data=self._width, results=self._results,
             fixed=max(1, fixed.size1_out(0)), held=max(1, held.size1_out(0)),
+            switched=" ".join(f"before[{now}] = before[{old}];" for old, now in self.part.switches),
         )  # fmt: skip
         return f"/* {processor()} */\n" + EXTREMES + generator.dump() + loop
 
     def _run_virtual(
-        self, z: np.ndarray, theta: np.ndarray, state: np.ndarray, period: float, substeps: int
+        self, z: np.ndarray, theta: np.ndarray, state: np.ndarray, period: float, steps: tuple[int, int]
     ) -> np.ndarray:
         x, row = ca.MX.sym("x", self._size), ca.MX.sym("z", self._width)
         parameters = ca.MX.sym("theta", len(theta))
         observe, _, outer, fixed = self._functions
         after, result = observe(x, row, parameters, period)
-        held = outer(row, parameters, period, fixed(parameters, period))
-        for j in range(substeps):
-            after = self._virtual_step(after, row, parameters, held, period, j / substeps, period / substeps)
+        before, at = ca.MX(row), float(z[0, -1]) if steps[0] else 0.0
+        for old, now in self.part.switches:
+            before[now] = row[old]
+        for seen, begin, end, count in ((before, 0.0, at, steps[0]), (row, at, 1.0, steps[1])):
+            held = outer(seen, parameters, period, fixed(parameters, period))
+            for j in range(count):
+                share = (end - begin) / count
+                place, step = begin + j * share, share * period
+                after = self._virtual_step(after, seen, parameters, held, period, place, step)
         one = ca.Function("one", [x, row, parameters], [after, result])
         many = one.mapaccum(len(z))
         results = many(state, z.T, np.tile(theta[:, None], (1, len(z))))[1]
@@ -183,7 +208,8 @@ class Kernel:
 def _key(part: Part, wrt: Names) -> str:
     """Return what the source of a kernel follows from: cheaper than the source."""
     code = [Path(file).read_text(encoding="utf-8") for file in (__file__, compiled.__file__)]
-    names = repr((part.parameters, wrt))  # the functions know parameters by their place alone
+    # the functions know parameters by their place alone
+    names = repr((part.parameters, wrt, part.switches))
     return "\n".join(
         (part.observe.serialize(), part.rates.serialize(), names, version("casadi"), *code, processor())
     )

@@ -149,7 +149,7 @@ class Problem:
         return {
             f"{name}.{q.name}"
             for name in effects
-            if self.replay.shifts(name, equation)
+            if self.replay.shifts(name, equation, effects)
             for q in self.system.catalogue[name].fitted
         }
 

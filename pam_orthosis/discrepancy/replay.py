@@ -19,7 +19,8 @@ from pam_orthosis.discrepancy.system import Assembled, Equation, Names, System, 
 from pam_orthosis.discrepancy.together import Workers
 from pam_orthosis.progress import Progress, silent
 
-STEP_TIMES_RATE = 1.4  # longest Runge-Kutta step times the fastest eigenvalue (stable up to 2.78)
+STEP_TIMES_RATE = 1.4  # longest Runge-Kutta step times the fastest eigenvalue (stable up to 2.78), and
+EXACT, FEW = 0.7, 4  # the same where so many steps do: a lag of the valve is followed to 0.1 %
 MOST_SUBSTEPS = 64
 PROBED = 6  # samples of each kind at which the fastest eigenvalue is looked for
 REMEMBERED, PREPARED = 144, 36  # results; recordings as kernels read them, an equation and a shift each
@@ -36,7 +37,7 @@ class Replay:
     def __init__(self, system: System, workers: Workers | None = None):
         self.system, self.workers = system, workers or Workers()
         self._nominal = Shift(inputs=system.late)
-        self._parts: dict[tuple[str, tuple[str, ...], bool], tuple[Part, ...]] = {}
+        self._parts: dict[tuple[str, tuple[str, ...]], tuple[Part, ...]] = {}
         self._kernels: dict[Hashable, Kernel] = {}
         self._touched: dict[str, frozenset[str]] = {}
         self._memory: OrderedDict[tuple[Any, ...], np.ndarray] = OrderedDict()
@@ -128,10 +129,10 @@ class Replay:
             for key in [key for key in list(store) if key[0] == run.serial]:
                 store.pop(key, None)
 
-    def shifts(self, name: str, equation: Equation) -> bool:
-        """Return whether an effect enters an equation as a shift of recorded signals, and nothing else.
+    def shifts(self, name: str, equation: Equation, effects: Names) -> bool:
+        """Return whether one of several effects enters an equation as a shift of recorded signals alone.
 
-        A delay is exact so. It is not possible for one of several channels of the same equation.
+        A delay is exact so. It is not possible for one of several channels that feel each other.
         """
         effect = self.system.catalogue[name]
         if effect.late is not None:
@@ -139,18 +140,23 @@ class Replay:
         if effect.advance is None:
             return False
         typical = SimpleNamespace(**{q.name: q.typical for q in effect.parameters})
-        return len(equation.channels) == 1 or not set(equation.channels) & set(effect.advance(typical))
+        moved = set(effect.advance(typical)) & set(equation.channels)
+        if len(equation.channels) == 1 or not moved:
+            return True
+        parts = self._cut(equation, self._inside(equation, effects))
+        return all(len(part.channels) == 1 for part in parts if moved & set(part.channels))
 
     def _evaluate(
         self, run: Run, equation: Equation, effects: Names, values: Values, wrt: Names
     ) -> np.ndarray:
         """Return residuals (n, channels), with `wrt` (n, channels, 1 + len(wrt)): the derivatives behind."""
-        parts, shift = self._parts_of(equation, effects), self._shift(equation, effects, values)
+        parts = self._parts_of(equation, effects)
+        shifts = [self._shift(equation, part, effects, values) for part in parts]
         if len(parts) == 1:
-            return self._evaluate_part(run, equation, parts[0], values, shift, wrt)
+            return self._evaluate_part(run, equation, parts[0], values, shifts[0], wrt)
         shape = (run.recording.samples, len(equation.channels))
         joined = np.zeros((*shape, 1 + len(wrt)) if wrt else shape)
-        for part in parts:
+        for part, shift in zip(parts, shifts, strict=True):
             names = tuple(name for name in wrt if name in part.parameters)
             result = self._evaluate_part(run, equation, part, values, shift, names)
             columns = [0, *(1 + wrt.index(name) for name in names)]
@@ -171,17 +177,20 @@ class Replay:
         if known is not None:
             return known
         kernel = self._kernel(part, wrt)
-        data = self._rows(run, equation, shift)
+        data = self._rows(run, part, shift)
         # the base states of most models are slow; states of an effect need not be
         fast = equation.stiff or not set(part.own) <= set(equation.states)
         substeps = self._substeps(run, part, data, theta) if fast else 1
         result = kernel(data, theta, run.start(part), run.period, substeps)
         return result if wrt else self._kept(self._memory, key, result, REMEMBERED)
 
-    def _rows(self, run: Run, equation: Equation, shift: Shift) -> np.ndarray:
-        key = (run.serial, equation.name, shift.key())
+    def _rows(self, run: Run, part: Part, shift: Shift) -> np.ndarray:
+        # seen by an own channel that is on time, all channels are alike
+        key = (run.serial, part.channels if shift.own else (), shift.key())
         known = self._data.get(key)
-        return self._kept(self._data, key, run.data(equation, shift), PREPARED) if known is None else known
+        return (
+            self._kept(self._data, key, run.data(part.channels, shift), PREPARED) if known is None else known
+        )
 
     def _kept(
         self,
@@ -197,18 +206,19 @@ class Replay:
                 store.popitem(last=False)
         return value
 
-    def _shift(self, equation: Equation, effects: Names, values: Values) -> Shift:
+    def _shift(self, equation: Equation, part: Part, effects: Names, values: Values) -> Shift:
+        """Return how what a part of an equation sees is shifted; it does not see other parts."""
         advance: dict[str, float] = {}
         own, late = 0.0, self.system.late
         for name in effects:
-            if not self.shifts(name, equation):
+            if not self.shifts(name, equation, effects):
                 continue
             effect, values_of = self.system.catalogue[name], self._own_values(name, values)
             late += 0.0 if effect.late is None else effect.late(values_of)
             for channel, seconds in (effect.advance(values_of) if effect.advance else {}).items():
-                if channel in equation.channels:
+                if channel in part.channels:
                     own += seconds
-                else:
+                elif channel not in equation.channels:
                     advance[channel] = advance.get(channel, 0.0) + seconds
         return Shift(own, own + late, advance)
 
@@ -219,17 +229,23 @@ class Replay:
     def _parts_of(self, equation: Equation, effects: Names) -> tuple[Part, ...]:
         """Return the parts of an equation that do not feel each other."""
         others = sorted(set(effects) - set(self.system.shapes))
-        shifts = bool(self.system.late) or any(self.shifts(name, equation) for name in others)
-        kept = [n for n in others if equation.name in self.touched(n) and not self.shifts(n, equation)]
-        return self._cut(equation, (*self.system.shapes, *kept), shifts)
+        touching = [name for name in others if equation.name in self.touched(name)]
+        kept = (name for name in touching if not self.shifts(name, equation, effects))
+        return self._cut(equation, (*self.system.shapes, *kept))
 
-    def _cut(self, equation: Equation, effects: Names, late: bool = False) -> tuple[Part, ...]:
-        key = (equation.name, effects, late)
+    def _inside(self, equation: Equation, effects: Names) -> Names:
+        """Return the effects that are in an equation's model in any case: no shifts, and no delays."""
+        others, catalogue = sorted(set(effects) - set(self.system.shapes)), self.system.catalogue
+        inside = [n for n in others if catalogue[n].advance is None and catalogue[n].late is None]
+        return (*self.system.shapes, *(n for n in inside if equation.name in self.touched(n)))
+
+    def _cut(self, equation: Equation, effects: Names) -> tuple[Part, ...]:
+        key = (equation.name, effects)
         if key not in self._parts:
             with _CASADI:
                 whole, static = self._assembled(effects)
                 pieces = divided(self.system, whole, equation)
-                self._parts[key] = tuple(cut(self.system, whole, static, piece, late) for piece in pieces)
+                self._parts[key] = tuple(cut(self.system, whole, static, piece) for piece in pieces)
         return self._parts[key]
 
     def _assembled(self, effects: Names) -> tuple[Assembled, Assembled]:
@@ -243,7 +259,7 @@ class Replay:
         return self._latest[1], self._latest[2]
 
     def _kernel(self, part: Part, wrt: Names) -> Kernel:
-        key = (part.channels, part.parameters, wrt, part.late)
+        key = (part.channels, part.parameters, wrt)
         if key not in self._kernels:
             with _CASADI:
                 kernel = Kernel(part, wrt)
@@ -264,6 +280,7 @@ class Replay:
         with _CASADI:  # the first call for so many rows builds a graph
             fastest = part.fastest(np.tile(data[places], (4, 1)), theta, states, run.period)
         needed = run.period * fastest / STEP_TIMES_RATE
+        needed *= STEP_TIMES_RATE / EXACT if needed <= FEW else 1.0
         return min(max(1, math.ceil(needed)), MOST_SUBSTEPS) if math.isfinite(needed) else 1
 
 

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from pam_orthosis.discrepancy.cut import Part
 from pam_orthosis.discrepancy.data import Recording, smoothed
-from pam_orthosis.discrepancy.system import Equation, System, Values
+from pam_orthosis.discrepancy.system import Names, System, Values
 
 Noise = Mapping[str, np.ndarray]  # channel or input -> samples that are added to it
 _SERIAL = count()
@@ -21,10 +21,10 @@ _SERIAL = count()
 
 @dataclass(frozen=True)
 class Shift:
-    """How recorded signals are shifted in time for one equation, s.
+    """How recorded signals are shifted in time for one equation or a part of it, s.
 
     Attributes:
-        own: by how much its own channel shows the past: everything else is shifted back as far.
+        own: by how much the own channel shows the past: everything else is shifted back as far.
         inputs: by how much the inputs act late, seen from its own channel.
         advance: neighbour -> by how much it is advanced to be the true one.
     """
@@ -61,9 +61,8 @@ class Run:
         self._splines: dict[str, CubicSpline] = {}
         self._inputs = {name: self._raw.get(name, np.zeros(recording.samples)) for name in system.inputs}
 
-    def data(self, equation: Equation, shift: Shift = UNSHIFTED) -> np.ndarray:
-        """Return the rows `z` of a kernel, by the clock of the equation's own channels."""
-        own = equation.channels
+    def data(self, own: Names, shift: Shift = UNSHIFTED) -> np.ndarray:
+        """Return the rows `z` of a kernel, by the clock of its own channels."""
         neighbours = np.column_stack(
             [
                 self._advanced(c.name, 0.0 if c.name in own else shift.advance.get(c.name, 0.0) - shift.own)

@@ -33,6 +33,7 @@ def fitted_candidates(
     projection = Projection(problem, base)
     replay, system = problem.replay, problem.system
     known = {*base.effects, *(() if _is_far(problem, base) else problem.system.wrong)}
+    known |= {name for name, one in system.catalogue.items() if one.within in base.effects}
     names = replay.touching((name for name in system.candidates if name not in known), progress)
     shapes = [name for name in system.shapes if name not in base.effects and replay.touched(name)]
 

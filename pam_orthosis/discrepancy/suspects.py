@@ -21,6 +21,7 @@ LEAST = 0.03  # of the nominal value, or of the span: a smaller mistake is not w
 SPANS = {"rad": 1.0, "m": 0.2}  # of the values that may be zero or of any sign
 MASSES = "leg.masses"
 COMMON = {MASSES: DEVIATIONS["moving_mass"]}  # parameters that may be wrong by one factor
+WITHIN = {"valve.conductance": "valve_curve_misfit", "valve.hose.volume": "volume_misfit"}
 ABSOLUTE = ("leg.symmetric_angle", "leg.bearing_height")
 VALUE = "value"
 
@@ -98,4 +99,5 @@ def _suspect(nominal: Parameters, key: str) -> Effect:
         source=row.source,
         starts=(shrunk,),
         minimum_effect=LEAST * size,
+        within=WITHIN.get(key, ""),
     )

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import SimpleNamespace
 from typing import TypeAlias
 
 import casadi as ca
@@ -236,11 +237,31 @@ class System:
         found = tuple(one for one in entries if one.parameter.partition(".")[0] in there)
         return found or (rate,)
 
-    def dead_time_beside(self, effect: str) -> Names:
-        """Return the effect of a dead time that moves with one that the nominal dead time may stand for."""
-        if not self.late or self.catalogue[effect].lag is None:
+    def beside(self, effect: str, known: Collection[str]) -> Names:
+        """Return the effects that have to move with one, beside those that are known.
+
+        The nominal dead time may stand for a lag. A free one stands for what is common to the sensors of an
+        equation, so that the delay of one cannot be found without those of the others.
+        """
+        one = self.catalogue[effect]
+        dead_times = {name for name, other in self.catalogue.items() if other.late is not None}
+        if self.late and one.lag is not None:
+            return tuple(sorted(dead_times - set(known)))
+        if one.advance is None or not dead_times & set(known):
             return ()
-        return tuple(name for name, one in self.catalogue.items() if one.late is not None)
+        return tuple(name for name in self._delays_beside(effect) if name not in known)
+
+    def _delays_beside(self, effect: str) -> Names:
+        """Return the delays of other sensors whose channels are in the same equation."""
+        channels = {
+            name: set(one.advance(SimpleNamespace(**{q.name: q.typical for q in one.parameters})))
+            for name, one in self.catalogue.items()
+            if one.advance is not None
+        }
+        own = [set(e.channels) for e in self.equations if channels[effect] & set(e.channels)]
+        return tuple(
+            name for name, many in channels.items() if name != effect and any(many & others for others in own)
+        )
 
     def equation_of(self, effect: str) -> str:
         """Return the equation in which an effect shows, as reports call it."""

@@ -53,7 +53,7 @@ def test_a_lasting_correction_of_the_angle_does_not_wind_the_play(bench):
     values = bench.replay.defaults(("backlash",)) | {"backlash.half_width": HALF_WIDTH}
     theta = np.array([values[name] for name in part.parameters])
     run = Run(bench.system, bench.recording(1), 40.0)
-    row, state = run.data(torque)[1000], run.states(part, np.array([1000]))[0]
+    row, state = run.data(torque.channels)[1000], run.states(part, np.array([1000]))[0]
     angle, velocity, play = (part.own.index(name) for name in ("angle", "velocity", "cogwheel_play"))
     gain = torque.gains["angle"]
 
@@ -121,7 +121,7 @@ def test_a_correction_does_not_rub(bench):
     (part,) = bench.replay._parts_of(torque, ("joint_friction",))
     values = bench.replay.defaults(("joint_friction",))
     run = Run(bench.system, bench.recording(1), 40.0)
-    row, state = run.data(torque)[1000], run.states(part, np.array([1000]))[0]
+    row, state = run.data(torque.channels)[1000], run.states(part, np.array([1000]))[0]
     state[part.own.index("angle")] += 0.01
     theta = np.array([values[name] for name in part.parameters])
     corrected, residual = (np.array(one)[:, 0] for one in part.observe(state, row, theta, run.period))

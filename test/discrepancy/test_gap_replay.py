@@ -76,7 +76,8 @@ def test_compiled_replay_is_that_of_the_virtual_machine(bench, run):
         values = bench.replay.defaults(("muscle_hysteresis", "valve_lag"))
         for part in bench.replay._parts_of(equation, ("muscle_hysteresis", "valve_lag")):
             theta = np.array([values[name] for name in part.parameters])
-            rows, start = run.data(equation)[:60], run.start(part)
+            late = Shift(inputs=1.4 * run.period)  # inputs change within each period
+            rows, start = run.data(part.channels, late)[:60], run.start(part)
             fast, slow = Kernel(part, part.parameters[:3]), Kernel(part, part.parameters[:3])
             fast.build()
             a, b = (one(rows, theta, start, run.period, 4) for one in (fast, slow))
@@ -99,7 +100,7 @@ def test_muscles_that_do_not_feel_each_other_are_replayed_apart_as_together(benc
     effects, names = ("valve_lag",), ("extensor_leak", "conductance", "valve_lag.damping_ratio")
     values = bench.replay.defaults(effects)
     whole, static = bench.replay._assembled((*bench.system.shapes, *effects))
-    part = cut(bench.system, whole, static, gas, late=False)
+    part = cut(bench.system, whole, static, gas)
     wrt = tuple(name for name in names if name in part.parameters)
     assert len(wrt) > 1
     theta = np.array([values[name] for name in part.parameters])
@@ -107,7 +108,9 @@ def test_muscles_that_do_not_feel_each_other_are_replayed_apart_as_together(benc
     assert known == wrt
     kernel = Kernel(part, wrt)
     kernel.build()
-    together = kernel(run.data(gas), theta, run.start(part), run.period, 1)
+    rows = run.data(gas.channels)
+    steps = bench.replay._substeps(run, part, rows, theta)
+    together = kernel(rows, theta, run.start(part), run.period, steps)
     assert residuals == pytest.approx(together[:, :, 0], rel=1e-9, abs=1e-6)
     assert np.abs(slopes - together[:, :, 1:]).max() < 1e-9 * np.abs(slopes).max()
 
@@ -143,7 +146,7 @@ def test_a_nominal_plant_leaves_its_sensors_noise(bench, run):
 def test_neighbours_are_smoothed_and_own_samples_are_not(bench, run):
     """Trap 4: raw cross inputs make delays look good, since interpolation averages noise."""
     torque = bench.system.equations[0]
-    rows = run.data(torque)
+    rows = run.data(torque.channels)
     raw = run.recording.signals["flexor_pressure"]
     jitter = np.std(np.diff(rows[1000:, 2], 2)) / np.std(np.diff(raw[1000:], 2))
     assert jitter < 0.2
@@ -278,8 +281,8 @@ def test_friction_that_is_stiff_at_standstill_keeps_the_sensitivities_bounded(be
 
 def test_a_trial_may_shift_inputs_to_earlier_places(bench, run):
     gas = bench.system.equations[1]
-    late, early = (run.data(gas, Shift(0.0, steps * run.period, {})) for steps in (1.5, -1.5))
-    plain = run.data(gas)
+    late, early = (run.data(gas.channels, Shift(0.0, steps * run.period, {})) for steps in (1.5, -1.5))
+    plain = run.data(gas.channels)
     width, first = len(bench.system.inputs), 2 * len(bench.system.channels)
     inputs = slice(first + width, first + 2 * width)
     assert np.array_equal(late[10:20, inputs], plain[9:19, inputs])

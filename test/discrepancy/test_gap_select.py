@@ -167,7 +167,7 @@ def starts_of(effect):
     run = SimpleNamespace(recording=SimpleNamespace(samples=1000), period=0.01)
     problem = SimpleNamespace(
         system=SimpleNamespace(
-            catalogue={effect.name: effect}, shapes=(), equations=[equation], dead_time_beside=lambda _: ()
+            catalogue={effect.name: effect}, shapes=(), equations=[equation], beside=lambda *_: ()
         ),
         replay=SimpleNamespace(
             touched=lambda _: {"dynamics"}, defaults=lambda _: {}, residuals=lambda *_: wave

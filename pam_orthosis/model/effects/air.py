@@ -48,6 +48,7 @@ EFFECTS = [
         starts=({"volume": -1.0e-5},),
         coordinate="{actuator}_contraction",
         confounded_with=("{actuator}_valve_gain", "polytropic_exponent"),
+        within="volume_misfit",
         separated_by=("diagnostic-locked", "diagnostic-decay"),
     ),
     Effect(

@@ -110,6 +110,7 @@ class Effect:
         separated_by: scenarios or segments that separate them.
         shape: a smooth bounded correction of a static map; the gap workflow lets it vary within its
             priors beside every candidate.
+        within: shape correction whose level it is: where that has a name, it is no other.
         advance: for a sensor that lags, values -> {channel: seconds by which the recorded signal has to be
             advanced to be the true one}.
         late: for a delay of the inputs, values -> seconds by which the recorded ones act late.
@@ -138,6 +139,7 @@ class Effect:
     confounded_with: tuple[str, ...] = ()
     separated_by: tuple[str, ...] = ()
     shape: bool = False
+    within: str = ""
     advance: Callable[[Any], Mapping[str, float]] | None = None
     late: Callable[[Any], float] | None = None
     lag: Callable[[Any], float] | None = None

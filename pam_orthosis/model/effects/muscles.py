@@ -164,6 +164,7 @@ EFFECTS = [
         starts=({"scale": 1.1},),
         coordinate="{actuator}_pressure",
         confounded_with=("{actuator}_pressure_gain", "constant_torque"),
+        within="force_map_misfit",
         separated_by=("diagnostic-cocontraction",),
     ),
     Effect(

@@ -152,6 +152,7 @@ EFFECTS = [
         starts=({"gain": 1.15},),
         coordinate="{actuator}_voltage",
         confounded_with=("{actuator}_dead_volume", "polytropic_exponent"),
+        within="valve_curve_misfit",
         separated_by=("diagnostic-locked",),
     ),
     Effect(
