@@ -20,11 +20,9 @@ def system_of(**changed):
     return knee(load({"valve.dead_band": 0.0, **changed}))
 
 
-def trial_of(system, effects=()):
+def trial_of(system, effects=(), name="valve_lag"):
     problem = SimpleNamespace(system=system, replay=Replay(system))
-    return Trial(
-        SimpleNamespace(problem=problem, base=SimpleNamespace(effects=effects, values={})), "valve_lag"
-    )
+    return Trial(SimpleNamespace(problem=problem, base=SimpleNamespace(effects=effects, values={})), name)
 
 
 def test_a_nominal_dead_time_may_stand_for_a_lag_and_moves_with_it():
@@ -36,6 +34,39 @@ def test_a_nominal_dead_time_may_stand_for_a_lag_and_moves_with_it():
         assert delay == pytest.approx(-0.8 / (np.pi * frequency))
     assert trial_of(late, ("valve_delay",)).added == ("valve_lag",)
     assert trial_of(system_of(**{"valve.delay": 0.0})).added == ("valve_lag",)
+
+
+def test_where_the_dead_time_is_free_the_sensors_of_both_muscles_are_late_together():
+    system = system_of(**KNOWN_LATE)
+    trial = trial_of(system, ("valve_delay",), "flexor_pressure_delay")
+    assert trial.added == ("extensor_pressure_delay", "flexor_pressure_delay")
+    assert all(np.ptp(start) == 0.0 for start in trial.starts())
+    for known in ((), ("extensor_pressure_delay", "valve_delay")):
+        assert trial_of(system, known, "flexor_pressure_delay").added == ("flexor_pressure_delay",)
+    assert trial_of(system, ("valve_delay",), "angle_delay").added == ("angle_delay",)
+
+
+def test_the_level_of_a_shape_that_has_a_name_is_no_other(monkeypatch):
+    system, asked = system_of(), []
+
+    def touching(names, progress):
+        asked.append(set(names))
+        return []
+
+    def several(*_):
+        return []
+
+    replay = SimpleNamespace(
+        touching=touching, touched=lambda _: (), workers=SimpleNamespace(together=several)
+    )
+    problem = SimpleNamespace(system=system, replay=replay, weights={"gas": 1.0})
+    monkeypatch.setattr(screening, "Projection", lambda *_: None)
+    monkeypatch.setattr(screening, "widened_shape", lambda *_: candidate("volume_misfit"))
+    monkeypatch.setattr(screening, "_is_far", lambda *_: True)
+    for effects in ((), ("valve_curve_misfit",)):
+        screening.fitted_candidates(problem, SimpleNamespace(effects=effects, free=()), 8, {}, print)
+    levels = {"extensor_valve_gain", "flexor_valve_gain", "valve_conductance"}
+    assert asked[0] - asked[1] == levels
 
 
 def candidate(name):

@@ -157,22 +157,64 @@ def _with(recording, **changed):
     return Recording(recording.name, recording.period, {**recording.signals, **changed})
 
 
-@pytest.mark.parametrize("name", ["valve_delay", "angle_delay"])
+# the recorded signals that a delay makes late; voltages are stamped too early instead
+LATE = {
+    "valve_delay": {"extensor_voltage": -2, "flexor_voltage": -2},
+    "angle_delay": {"angle": 2},
+    "extensor_pressure_delay": {"extensor_pressure": 2},
+}
+
+
+@pytest.mark.parametrize("name", LATE)
 def test_a_delay_of_whole_samples_is_exact(bench, name):
     """Shifted data with the delay in the model leave what the data themselves leave without it."""
     recording, samples, settled = bench.recording(1), 2, 4000
-    # voltages are stamped too early, the angle too late
-    shifted = {"angle": 2} if name == "angle_delay" else {"extensor_voltage": -2, "flexor_voltage": -2}
-    moved = {key: np.roll(recording.signals[key], count) for key, count in shifted.items()}
+    moved = {key: np.roll(recording.signals[key], count) for key, count in LATE[name].items()}
     plain, late = (Run(bench.system, one, CUTOFF) for one in (recording, _with(recording, **moved)))
     values = {**bench.replay.defaults((name,)), f"{name}.delay": samples * recording.period}
-    own = samples if name == "angle_delay" else 0
+    own = 0 if name == "valve_delay" else samples
     (equation,) = [e for e in bench.system.equations if e.name in bench.replay.touched(name)]
-    known = bench.replay.residuals(plain, equation, (), values)[settled:-10]
-    found = bench.replay.residuals(late, equation, (name,), values)[settled + own : -10 + own]
-    unaware = bench.replay.residuals(late, equation, (), values)[settled + own : -10 + own]
+    known = bench.replay.residuals(plain, equation, (), values)[settled:-10, 0]
+    found = bench.replay.residuals(late, equation, (name,), values)[settled + own : -10 + own, 0]
+    unaware = bench.replay.residuals(late, equation, (), values)[settled + own : -10 + own, 0]
     assert np.abs(found - known).max() < 1e-3 * np.std(known)
     assert np.std(unaware - known) > 0.2 * np.std(known)
+
+
+def test_a_delay_of_one_muscle_leaves_the_other_alone(bench, run):
+    effects = ("extensor_pressure_delay",)
+    gas, values = bench.system.equations[1], bench.replay.defaults(effects)
+    late, plain = (bench.replay.residuals(run, gas, names, values) for names in (effects, ()))
+    assert np.array_equal(late[:, 1], plain[:, 1])
+    assert np.std(late[:, 0] - plain[:, 0]) > 0.1 * np.std(plain[:, 0])
+
+
+def test_sensors_that_feel_each_other_are_late_inside_the_model(bench, run):
+    gas, effects = bench.system.equations[1], ("extensor_pressure_delay", "supply_sag")
+    assert not bench.replay.shifts(effects[0], gas, effects)
+    assert bench.replay.shifts(effects[0], gas, effects[:1])
+    (part,) = bench.replay._parts_of(gas, effects)
+    assert "extensor_pressure_delay.delay" in part.parameters
+
+
+def test_an_input_acts_from_where_it_changes_within_a_period(bench):
+    """Sampled five times as often, with a delay of whole samples, the replay is the same."""
+    rng, often, seldom, count = np.random.default_rng(4), 1e-3, 5e-3, 400
+    nominal = {name: signal[0] for name, signal in bench.recording(1).signals.items()}
+    volts = {name: rng.uniform(4.0, 6.0, count).repeat(5) for name in bench.system.inputs}
+    still = {name: np.full(5 * count, nominal[name]) for name in nominal} | volts
+    gas = replace(bench.system.equations[1], gains={})  # nothing is corrected: samples do not matter
+    replay = Replay(replace(bench.system, equations=(gas,)))
+    values = bench.replay.defaults(("valve_lag", "valve_delay")) | {
+        "valve_delay.delay": 0.003 - bench.system.late
+    }
+    found = []
+    for period in (often, seldom):
+        rows = {key: value[:: round(period / often)] for key, value in still.items()}
+        run = Run(bench.system, Recording("held", period, rows), CUTOFF)
+        found.append(replay.residuals(run, gas, ("valve_lag", "valve_delay"), values))
+    assert np.ptp(found[0][::5]) > 1e5
+    assert found[1] == pytest.approx(found[0][::5], abs=300.0)
 
 
 def test_a_delay_between_samples_lies_between_its_neighbours(bench, run):
