@@ -197,24 +197,23 @@ def test_sensors_that_feel_each_other_are_late_inside_the_model(bench, run):
     assert "extensor_pressure_delay.delay" in part.parameters
 
 
-def test_an_input_acts_from_where_it_changes_within_a_period(bench):
-    """Sampled five times as often, with a delay of whole samples, the replay is the same."""
-    rng, often, seldom, count = np.random.default_rng(4), 1e-3, 5e-3, 400
-    nominal = {name: signal[0] for name, signal in bench.recording(1).signals.items()}
-    volts = {name: rng.uniform(4.0, 6.0, count).repeat(5) for name in bench.system.inputs}
-    still = {name: np.full(5 * count, nominal[name]) for name in nominal} | volts
+@pytest.mark.parametrize(("often", "seldom", "delay"), [(1e-3, 5e-3, 3e-3), (2.5e-4, 2e-3, 2e-3)])
+def test_a_lagging_valve_is_followed_from_where_its_input_changes(bench, often, seldom, delay):
+    """Sampled more often, with a delay of whole samples, the replay is the same."""
+    rng, times, count = np.random.default_rng(4), round(seldom / often), 400
+    first = {name: signal[0] for name, signal in bench.recording(1).signals.items()}
+    volts = {name: rng.uniform(4.0, 6.0, count).repeat(times) for name in bench.system.inputs}
+    still = {name: np.full(times * count, first[name]) for name in first} | volts
     gas = replace(bench.system.equations[1], gains={})  # nothing is corrected: samples do not matter
-    replay = Replay(replace(bench.system, equations=(gas,)))
-    values = bench.replay.defaults(("valve_lag", "valve_delay")) | {
-        "valve_delay.delay": 0.003 - bench.system.late
-    }
+    replay, effects = Replay(replace(bench.system, equations=(gas,))), ("valve_lag", "valve_delay")
+    values = replay.defaults(effects) | {"valve_delay.delay": delay - bench.system.late}
     found = []
     for period in (often, seldom):
         rows = {key: value[:: round(period / often)] for key, value in still.items()}
         run = Run(bench.system, Recording("held", period, rows), CUTOFF)
-        found.append(replay.residuals(run, gas, ("valve_lag", "valve_delay"), values))
-    assert np.ptp(found[0][::5]) > 1e5
-    assert found[1] == pytest.approx(found[0][::5], abs=300.0)
+        found.append(replay.residuals(run, gas, effects, values))
+    assert np.ptp(found[0]) > 5e4
+    assert found[1] == pytest.approx(found[0][::times], abs=400.0)
 
 
 def test_a_delay_between_samples_lies_between_its_neighbours(bench, run):
