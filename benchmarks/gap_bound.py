@@ -7,14 +7,14 @@ the price of one parameter, is the evidence that any model can expect. Below `ga
 hidden is too small to be detected. Of pairs both hide the other effect, and the model has it.
 
     python benchmarks/gap_bound.py RESULTS.jsonl ... adds the bound to each single case that got no name
-    python benchmarks/gap_bound.py pairs OUT.jsonl RESULTS.jsonl ... writes that of those missed in pairs
+    python benchmarks/gap_bound.py --pairs OUT.jsonl RESULTS.jsonl ... writes that of those missed in pairs
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -129,12 +129,17 @@ def _of_pair(one: Mapping[str, Any], missed: str, replay: Replay) -> dict[str, A
 
 def main() -> None:
     """Bound single cases, or pairs."""
-    first, *rest = sys.argv[1:]
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("results", type=Path, nargs="+", help="of bench_gap.py")
+    parser.add_argument("--pairs", type=Path, metavar="OUT", help="bound pairs, and write that here")
+    arguments = parser.parse_args()
     replay = Replay(knee(cases.nominal()))
-    if first == "pairs":
-        pairs([Path(one) for one in rest[1:]], Path(rest[0]), replay)
+    if arguments.pairs:
+        pairs(arguments.results, arguments.pairs, replay)
     else:
-        singles([Path(one) for one in (first, *rest)], replay)
+        singles(arguments.results, replay)
 
 
 if __name__ == "__main__":
