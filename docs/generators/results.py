@@ -30,7 +30,7 @@ from control_campaign.cases import PEERS  # noqa: E402
 from speed.rows import as_text  # noqa: E402
 
 BOUND = 3.0  # deg
-LATEST = ("278193",)  # sets of cases of the gap workflow, the last ones
+LATEST = ("61357",)  # sets of cases of the gap workflow, the last ones
 LATEST_OUTSIDE = 918276  # the same, of effects outside the catalogue
 BLIND = (
     "515151",
@@ -45,6 +45,7 @@ BLIND = (
     "693684",
     "226205",
     "566587",
+    "278193",
     *LATEST,
 )  # sets of cases, newest last
 BAGS = {"walk": "default", "person": "person"}  # reference bag -> its scenario
