@@ -8,6 +8,8 @@ from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import ActuatorSignals, Expression, Signals
 
+LEAK_AT = 3.0e5  # Pa gauge, where a gap and a hole pass the same
+
 
 def throttled(s: ActuatorSignals, resistance: Expression) -> Expression:
     """Return the flow m that fulfils m = flow(p + R m), by one Newton step from the flow without hose."""
@@ -21,6 +23,14 @@ def _hose_resistance(s: ActuatorSignals, p: Section, _states: tuple[Expression, 
     """The hose throttles the flow, and the sensor at its valve end reads p + R m."""
     flow = throttled(s, p.resistance)
     return Contribution({"flow": flow - s.flow, "line_drop": p.resistance * flow})
+
+
+def _leak(s: ActuatorSignals, p: Section, _states: tuple[Expression, ...]) -> Contribution:
+    """Through a gap and a hole that pass as much as each other at the gauge pressure of LEAK_AT."""
+    ambient = s.valve.ambient_pressure
+    hole = pneumatics.orifice_flow(1.0, s.pressure, ambient, s.valve)
+    hole *= LEAK_AT / pneumatics.orifice_flow(1.0, ambient + LEAK_AT, ambient, s.valve)
+    return Contribution({"flow": -p.coefficient * ((1 - p.hole) * s.gauge + p.hole * hole)})
 
 
 def _supply_sag(_s: Signals, p: Section, states: tuple[Expression, ...]) -> Contribution:
@@ -72,12 +82,15 @@ EFFECTS = [
         of="actuator",
         stage="flow",
         parameters=(
-            Quantity("coefficient", 1.0e-10, "kg/(s Pa)", 0.0, 2.0e-8, "mass flow per gauge pressure", 0.0),
+            Quantity("coefficient", 1.0e-10, "kg/(s Pa)", 0.0, 2.0e-8, "mass flow per gauge pressure at 3 bar",
+                     0.0),
+            Quantity("hole", 0.0, "-", 0.0, 1.0, "share of it through a hole, the rest through a narrow gap",
+                     fitted=False, meaningful=(0.0, 1.0)),
         ),
-        expression=lambda s, p, _states: Contribution({"flow": -p.coefficient * s.gauge}),
-        physics="A fitting or a crack of the {actuator} loses air, the more the higher the pressure; linear "
-        "as a narrow laminar gap is.",
-        source="measured decay of a closed muscle: 200 s with a bad fitting, 5000 s when tight",
+        expression=_leak,
+        physics="A fitting or a crack of the {actuator} loses air, the more the higher the pressure: a narrow "
+        "gap in proportion, as its flow is laminar, a hole as an orifice.",
+        source="measured decay of a closed muscle: 200 s with a bad fitting, 5000 s when tight; ISO 6358",
         minimum_effect=1.0e-12,
         coordinate="{actuator}_pressure",
         confounded_with=("valve_dead_band", "{actuator}_pressure_gain"),
