@@ -44,6 +44,24 @@ def _better(problem: Problem, fits: list[tuple[Problem, Fit]]) -> tuple[Problem,
     return min(fits, key=lambda one: score(common, one[1])) if len(fits) > 1 else fits[0]
 
 
+def unshaped(problem: Problem, base: Fit, progress: Progress) -> tuple[Problem, Fit]:
+    """Return the model recalibrated without shape corrections: where it is far off, these are led astray."""
+    progress("looking again without shape corrections")
+    known = [one for one in base.free if one.name.partition(".")[0] not in base.effects]
+    plain = problem.replay.defaults(base.effects)
+    start = {**base.values, **{one.name: plain[one.name] for one in known}}
+    shapes = {one for one in known if one.name.partition(".")[0] in problem.system.shapes}
+    return fit_tempered(problem, base.effects, start, [one for one in base.free if one not in shapes])
+
+
+def without_last(problem: Problem, base: Fit, model: Fit, progress: Progress) -> tuple[Problem, Fit]:
+    """Return the model refitted from where a fit with one more effect went."""
+    progress(f"refitting without {model.effects[-1]}")
+    start = {key: model.values[key] for key in base.values}
+    free = with_scales(problem.system, base.free, scales_of(problem.system, model.free))
+    return fit_tempered(problem, base.effects, start, free)
+
+
 def _details(system: System, effects: Sequence[str]) -> list[str]:
     """Return the effects that have details to refine."""
     return [name for name in effects if any(not q.fitted for q in system.catalogue[name].parameters)]

@@ -32,7 +32,7 @@ def fitted_candidates(
     """
     projection = Projection(problem, base)
     replay, system = problem.replay, problem.system
-    known = {*base.effects, *(() if _is_far(problem, base) else problem.system.wrong)}
+    known = {*base.effects, *(() if is_far(problem) or _strained(base) else problem.system.wrong)}
     known |= {name for name, one in system.catalogue.items() if one.within in base.effects}
     names = replay.touching((name for name in system.candidates if name not in known), progress)
     shapes = [name for name in system.shapes if name not in base.effects and replay.touched(name)]
@@ -72,10 +72,9 @@ def fitted_candidates(
     return sorted((one for one in found if one.gain > least), key=lambda one: -one.evidence), gains
 
 
-def _is_far(problem: Problem, base: Fit) -> bool:
-    """Return whether a model is so far off that parameters of the apparatus are suspected."""
-    density = max(1 / weight**2 for weight in problem.weights.values())
-    return density > FAR or bool(_strained(base))
+def is_far(problem: Problem) -> bool:
+    """Return whether the model is far off: parameters of the apparatus are suspected then."""
+    return max(1 / weight**2 for weight in problem.weights.values()) > FAR
 
 
 def _strained(base: Fit) -> set[str]:

@@ -4,7 +4,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pam_orthosis.discrepancy import selection
+from pam_orthosis.discrepancy import refit, selection
 from pam_orthosis.discrepancy.acceptance import accepted
 from pam_orthosis.discrepancy.candidates import Candidate
 from pam_orthosis.discrepancy.confirmation import ranking, weighed
@@ -14,13 +14,14 @@ from pam_orthosis.discrepancy.free import scales_of
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.refit import at_best_level, refitted, with_details
 from pam_orthosis.discrepancy.replay import Replay
-from pam_orthosis.discrepancy.screening import fitted_candidates, worth_polishing
+from pam_orthosis.discrepancy.screening import fitted_candidates, is_far, worth_polishing
 from pam_orthosis.discrepancy.second_chance import or_for_details, or_in_silence
 from pam_orthosis.discrepancy.selection import Ranking, Selection, Step
 from pam_orthosis.discrepancy.system import Values
 from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress, silent
 
+BETTER = 0.3  # of a candidate's evidence, that the model without it gains from where the candidate's fit went
 TRIED = 3  # effects of a round, the most evident ones, that held-out recordings are asked about
 
 
@@ -123,14 +124,31 @@ def _alike(step: Step) -> dict[str, float]:
 
 
 def _round(found: Selection, held_out: Problem, settings: Section, progress: Progress) -> Step:
+    """Return the step with the best effect beside what was found.
+
+    Far off, shape corrections go astray for what is missing: effects are looked for without them first.
+    """
+    if is_far(found.final_problem):
+        around = refit.unshaped(found.final_problem, found.final, progress)
+        step = _seen_from(around, found, held_out, settings, progress)
+        if step.accepted:
+            return step
+    return _seen_from((found.final_problem, found.final), found, held_out, settings, progress)
+
+
+def _seen_from(
+    around: tuple[Problem, Fit], found: Selection, held_out: Problem, settings: Section, progress: Progress
+) -> Step:
+    """Return the step with the best effect as seen from a model, judged beside what was found."""
+    near, start = around
     problem, base = found.final_problem, found.final
     thresholds = {name: selection.threshold(found, name, settings) for name in problem.system.catalogue}
-    fitted, gains = fitted_candidates(problem, base, settings.screened, thresholds, progress)
+    fitted, gains = fitted_candidates(near, start, settings.screened, thresholds, progress)
     if not fitted:
         blocked = selection.blocked(found, thresholds, gains, (), settings)
         return Step(None, None, None, 0.0, 0.0, (), "no effect gains anything", gains, tuple(blocked))
-    worth = worth_polishing(problem, fitted, thresholds)
-    models = _refitted_all(problem, base, worth, progress)
+    worth = worth_polishing(near, fitted, thresholds)
+    models = _refitted_all(near, start, worth, progress)
     judged = sorted(weighed(problem, base, models), key=lambda item: -item[0])
     ranked = ranking(judged, fitted)
     blocked = selection.blocked(found, thresholds, gains, ranked, settings)
@@ -139,12 +157,32 @@ def _round(found: Selection, held_out: Problem, settings: Section, progress: Pro
         name, evidence = ranked[0]
         reason = f"{name} has evidence {evidence:.0f}, it would need {thresholds[name]:.0f}"
         return Step(None, None, None, evidence, 0.0, ranked, reason, gains, tuple(blocked))
+    if _better_base(found, able[0], progress):
+        return _round(found, held_out, settings, progress)
     step = accepted(problem, base, held_out, able[:TRIED], ranked, gains, tuple(blocked))
     if step.fit is None:
         return step
     rivals = tuple(name for name, promised in blocked.items() if promised > step.evidence)
     enough = [one for one in worth if one.name in {model.effects[-1] for _, _, model in able}]
     return replace(step, blocked=rivals, apart=_apart(problem, step.fit, enough, ranked))
+
+
+def _better_base(found: Selection, best: tuple[float, Problem, Fit], progress: Progress) -> bool:
+    """Return whether the model so far does much better from where the best candidate's fit went; take it.
+
+    Else a fit that had not come to its end would give the candidate the credit for what parameters do.
+    """
+    evidence, _, model = best
+    if model.effects[-1] in found.problem.system.shapes:
+        return False
+    problem, base = refit.without_last(found.final_problem, found.final, model, progress)
+    gained, *_ = weighed(found.final_problem, found.final, [(problem, base)])[0]
+    if gained < BETTER * evidence:
+        return False
+    if found.final is found.null:
+        found.problem, found.null = problem, base
+    found.final_problem, found.final = problem, base
+    return True
 
 
 def _refitted_all(

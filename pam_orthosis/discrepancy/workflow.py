@@ -2,6 +2,7 @@
 """The gap workflow: check, replay, find where, name, add, show."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from pam_orthosis.discrepancy import select
 from pam_orthosis.discrepancy.beginning import Beginning, begin
@@ -44,6 +45,7 @@ def find_gap(
 def search(start: Beginning, settings: Section, progress: Progress = silent) -> Outcome:
     """Return which effects explain what a recalibrated model leaves."""
     found = select.extended(start.problem, start.null, start.held_out, settings.evidence, progress)
+    start = replace(start, problem=found.problem, null=found.null)
     progress("measuring the gap on held-out recordings")
     outcome = outcome_of(start, found, settings, remarks_on_inputs(found, settings))
     if outcome.verdict not in OPEN:

@@ -62,7 +62,7 @@ def test_the_level_of_a_shape_that_has_a_name_is_no_other(monkeypatch):
     problem = SimpleNamespace(system=system, replay=replay, weights={"gas": 1.0})
     monkeypatch.setattr(screening, "Projection", lambda *_: None)
     monkeypatch.setattr(screening, "widened_shape", lambda *_: candidate("volume_misfit"))
-    monkeypatch.setattr(screening, "_is_far", lambda *_: True)
+    monkeypatch.setattr(screening, "is_far", lambda *_: True)
     for effects in ((), ("valve_curve_misfit",)):
         screening.fitted_candidates(problem, SimpleNamespace(effects=effects, free=()), 8, {}, print)
     levels = {"extensor_valve_gain", "flexor_valve_gain", "valve_conductance"}
