@@ -72,8 +72,12 @@ def test_a_column_may_count_the_other_way_round(system):
         (["angle"], "give SIGNAL=COLUMN"),
         (["angle=a", "angle=b"], "twice"),
         (["angle=nothing"], "no column nothing for angle"),
-        (["angle=time:furlong"], "unknown unit furlong"),
-        (["angle=time:bar"], "angle is given in Pa, and needs rad"),
+        (["angle=extensor_voltage:furlong"], "unknown unit furlong"),
+        (["angle=extensor_voltage:bar"], "angle is given in Pa, and needs rad"),
+        (
+            ["extensor_pressure=flexor_pressure"],
+            "column flexor_pressure would be extensor_pressure and flexor_pressure; say by --columns which",
+        ),
     ],
 )
 def test_an_unusable_mapping_says_why(tmp_path, capsys, mapping, words):
