@@ -113,8 +113,29 @@ def test_uniform_stamps_change_nothing():
 
 def test_too_many_missing_rows_are_refused():
     time = 0.002 * np.delete(np.arange(1000), np.s_[::9])
-    with pytest.raises(OrthosisError, match="not uniform in time"):
+    with pytest.raises(OrthosisError, match=r"110 of 998 rows are missing.*; at most 5% may be"):
         even("x", time, {"angle": time}, [])
+
+
+@pytest.mark.parametrize("lost", [0, 20])
+def test_late_stamps_are_no_missing_rows(lost):
+    places = np.delete(np.arange(2000.0), np.arange(1, lost + 1) * 90)
+    places[5::40] += 0.7  # a step of 1.7 periods, then one of 0.3
+    found = even("x", 0.002 * places, {"angle": places}, [])
+    said = "; ".join(found.remarks)
+    assert (f"{lost} of 2000 rows are missing" in said) == bool(lost)
+    assert "resampled every 2 ms" in said
+    np.testing.assert_allclose(found.signals["angle"], np.arange(2000.0), atol=1e-6)
+
+
+def test_stamps_that_jitter_are_refused_as_such():
+    time = 0.002 * (np.arange(3000) + 0.3 * np.random.default_rng(0).standard_normal(3000)).clip(0)
+    time = np.sort(time) + 1e-9 * np.arange(3000)
+    with pytest.raises(
+        OrthosisError, match=r"its stamps jitter, .*; at most 20% may differ, or all by 20%"
+    ) as told:
+        even("x", time, {"angle": time}, [])
+    assert "missing" not in str(told.value)
 
 
 def test_pressures_stamped_late_are_found_and_others_are_not(documented):
