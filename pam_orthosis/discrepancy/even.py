@@ -83,7 +83,7 @@ def _filled(
     if missing > MOST_MISSING * rows:
         raise OrthosisError(
             f"{told} {missing} of {rows} rows are missing, the first"
-            f" after {time[int(np.argmax(whole > 1))]:.4f} s; at most {MOST_MISSING:.0%} may be: leave no gaps"
+            f" after {time[int(np.argmax(whole > 1))]:.4f} s; at most {MOST_MISSING:.0%} may be: leave none"
         )
     if not on_grid and uneven.mean() > UNEVEN_SHARE:
         raise OrthosisError(
