@@ -9,9 +9,15 @@ import pytest
 from pam_orthosis.bag.examples import write_example
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.cli.main import main
-from pam_orthosis.discrepancy import beginning
+from pam_orthosis.discrepancy import beginning, check
 from pam_orthosis.discrepancy.columns import read_mapping, signals_of, with_columns
-from pam_orthosis.discrepancy.data import from_csv, recording
+from pam_orthosis.discrepancy.data import (
+    from_arrays,
+    from_csv,
+    recording,
+    with_loop_of_table,
+    with_prompt_inputs,
+)
 from pam_orthosis.discrepancy.even import even
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.stamps import STEP, skews
@@ -182,8 +188,37 @@ def test_voltages_of_a_loop_faster_than_the_table_are_left_out_by_name(
 
     monkeypatch.setattr(beginning, "begin", begun)
     assert main(["gap", str(table), "--model", str(model)]) == 2
-    words = "extensor_voltage, flexor_voltage changed every 1 ms and were recorded every 5 ms"
-    assert (words in capsys.readouterr().err) != kept
+    words = "extensor_voltage, flexor_voltage changed every 1 ms and were recorded every 5 ms: left out"
+    told = capsys.readouterr().err
+    assert (words in told) != kept
+    assert ("record faster, or correct scenario.control_period (of tables by --model)" in told) != kept
+
+
+def test_what_is_left_out_is_not_called_absent(system):
+    one = with_prompt_inputs(from_arrays("x", system, {**SI, "time": 10 * TIME}), system, 0.002)
+    assert one.left_out == system.inputs
+    remarks = check.check(system, [one.part(0, 600, "part")], 2.0)
+    assert not any("has no extensor_voltage" in remark for remark in remarks)
+
+
+@pytest.mark.parametrize(
+    ("stated", "kept", "said"),
+    [
+        (False, True, "change every 10 rows: the loop's period is taken to be 20 ms"),
+        (True, False, "changed every 2 ms and were recorded every 20 ms: left out"),
+    ],
+)
+def test_voltages_that_are_held_for_rows_tell_the_period_of_the_loop(system, stated, kept, said):
+    held = {name: np.repeat(SI[name][::10], 10) for name in system.inputs}
+    one = with_loop_of_table(from_arrays("x", system, {**SI, **held}), system, 0.002, stated)
+    assert ("extensor_voltage" in one.signals) == kept
+    assert said in one.remarks[0]
+
+
+def test_steps_of_an_experiment_and_coarse_voltages_tell_no_period(system):
+    for volts in (np.repeat([5.0, 5.2, 4.9], 200), np.round(SI["extensor_voltage"])):
+        arrays = {**SI, "extensor_voltage": volts, "flexor_voltage": volts}
+        assert not with_loop_of_table(from_arrays("x", system, arrays), system, 0.002, False).remarks
 
 
 @pytest.fixture(scope="module")
