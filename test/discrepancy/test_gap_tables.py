@@ -227,6 +227,7 @@ def friction(tmp_path_factory):
 
 
 GAUGE = {"extensor_pressure": -1.013e5, "flexor_pressure": -1.013e5}
+SEEMS = ": gauge, it seems, where absolute pressure is needed"
 MIXED = {"extensor_voltage": "flexor_voltage", "flexor_voltage": "extensor_voltage"}
 
 
@@ -234,7 +235,9 @@ MIXED = {"extensor_voltage": "flexor_voltage", "flexor_voltage": "extensor_volta
     ("offsets", "columns", "said"),
     [
         ({}, {}, ""),
-        (GAUGE, {}, "with 1.013 bar added to the pressures: they seem to be gauge, give absolute ones"),
+        (GAUGE, {}, f"with 1.013 bar added to extensor_pressure and flexor_pressure{SEEMS}"),
+        ({"extensor_pressure": -1.013e5}, {}, f"with 1.013 bar added to extensor_pressure{SEEMS}"),
+        ({"flexor_pressure": -1.013e5}, {}, f"with 1.013 bar added to flexor_pressure{SEEMS}"),
         ({}, MIXED, "with extensor_voltage and flexor_voltage exchanged: are these columns mixed up?"),
     ],
 )
