@@ -9,6 +9,7 @@ import pytest
 from pam_orthosis.bag.examples import write_example
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.cli.main import main
+from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.discrepancy import beginning, check
 from pam_orthosis.discrepancy.columns import read_mapping, signals_of, with_columns
 from pam_orthosis.discrepancy.data import (
@@ -20,9 +21,9 @@ from pam_orthosis.discrepancy.data import (
 )
 from pam_orthosis.discrepancy.even import even
 from pam_orthosis.discrepancy.knee import knee
-from pam_orthosis.discrepancy.stamps import STEP, skews
+from pam_orthosis.discrepancy.stamps import STEP, remarks_on_stamps, skews
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model.parameters import load
+from pam_orthosis.model.parameters import load, scenario_overrides
 
 TIME = np.arange(600) * 0.002
 SI = {
@@ -151,11 +152,37 @@ def test_pressures_stamped_late_are_found_and_others_are_not(documented):
     system = knee(nominal)
     one = recording(folder / "case" / "training_gait", system)
     assert not skews(system, one), "a missing friction is no skew"
-    late = round(0.004 / one.period)
-    shifted = {k: v[late:] if k == "angle" else v[:-late] for k, v in one.signals.items()}
-    (skew,) = skews(system, replace(one, signals=shifted))
+    (skew,) = skews(system, stamped_late(one, 0.004, ("extensor_pressure", "flexor_pressure")))
     assert skew.signals == ("extensor_pressure", "flexor_pressure")
     assert skew.seconds == pytest.approx(0.004, abs=0.001)
+
+
+@pytest.mark.parametrize("every", [1, 4])
+def test_sound_recordings_show_no_skew_however_far_their_samples_are_apart(every):
+    parameters = load(scenario_overrides("person"))
+    arrays = ClosedLoop(parameters, 1).run(2400)
+    system = knee(parameters)
+    assert not skews(system, from_arrays("x", system, {name: arrays[name][::every] for name in SI}))
+
+
+def stamped_late(one, seconds, names):
+    late = round(seconds / one.period)
+    return replace(one, signals={k: v[:-late] if k in names else v[late:] for k, v in one.signals.items()})
+
+
+@pytest.mark.parametrize("name", ["extensor_pressure", "flexor_pressure"])
+def test_one_pressure_stamped_late_is_found_and_each_recording_has_its_remark(documented, name):
+    status, folder = documented("pam-orthosis example friction --out case")
+    assert status == 0
+    system = knee(load({"valve.dead_band": 0.0, "valve.delay": 0.0}))
+    one, other = (recording(folder / "case" / f"training_{kind}", system) for kind in ("diagnostic", "gait"))
+    assert not remarks_on_stamps(system, [one, other])
+    (skew,) = skews(system, stamped_late(one, 0.006, (name,)))
+    assert skew.signals == (name,)
+    assert skew.seconds == pytest.approx(0.006, abs=0.001)
+    told = remarks_on_stamps(system, [stamped_late(one, 0.006, (name,)), other])
+    assert f"{one.name}: {name} stamped" in told[0]
+    assert told[1].startswith(f"{other.name} does not show by itself")
 
 
 @pytest.mark.parametrize(
