@@ -140,7 +140,7 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     from pam_orthosis.discrepancy.apparatus import apparatus_of, unrecorded, without_record
     from pam_orthosis.discrepancy.beginning import begin
     from pam_orthosis.discrepancy.columns import read_mapping, with_columns
-    from pam_orthosis.discrepancy.data import recording, with_prompt_inputs
+    from pam_orthosis.discrepancy.data import recording, with_loop_of_table
     from pam_orthosis.discrepancy.identifiability import identifiability
     from pam_orthosis.discrepancy.mistakes import mistake_words
     from pam_orthosis.discrepancy.replay import Replay
@@ -169,9 +169,9 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     heading = assumed_words(assumed, len(paths), arguments.model) + unrecorded_words(rows, parameters)
     every = [read(path, system, namespace) for path in counted(paths, progress, "reading")]
     if system.input_period:
-        changed = float(parameters.at(system.input_period))
+        changed, stated = float(parameters.at(system.input_period)), system.input_period in given
         every = [
-            with_prompt_inputs(one, system, changed) if is_table(path) else one
+            with_loop_of_table(one, system, changed, stated) if is_table(path) else one
             for path, one in zip(paths, every, strict=True)
         ]
     training, held_out = every[: len(arguments.measured)], every[len(arguments.measured) :]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pam_orthosis.bag.bounded import check_bag
 from pam_orthosis.bag.legs import check_named, joint_beside
 from pam_orthosis.bag.read import machine_of, recorded_parameters, run_record
 from pam_orthosis.bag.topics import JOINT
@@ -20,6 +21,7 @@ from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import NOMINAL, Parameters, load
+from pam_orthosis.reading import check_file
 from pam_orthosis.tables import is_table
 
 Catalogue = Mapping[str, Effect] | None
@@ -77,7 +79,10 @@ def apparatus_of(paths: Sequence[Path], machine: Machine | None = None, namespac
 
 
 def _apparatus(path: Path, given: Machine | None, namespace: str) -> Apparatus:
-    if not is_table(path):
+    if is_table(path):
+        check_file(path)
+    else:
+        check_bag(path)
         check_named(path, namespace)
     run = {} if is_table(path) else run_record(path, namespace)
     recorded = machine_of(path, run)

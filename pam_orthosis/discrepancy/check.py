@@ -141,6 +141,8 @@ def _doubt_on_noise(one: Recording, name: str) -> str:
 def _remarks_on_inputs(system: System, one: Recording) -> list[str]:
     remarks = []
     for name in system.inputs:
+        if name in one.left_out:
+            continue
         if name not in one.signals:
             remarks.append(f"{one.name} has no {name}: what it drives cannot be judged")
         elif np.ptp(one.signals[name]) == 0:

@@ -99,9 +99,9 @@ def signals_of(
         ambient: pressure, Pa, which gauge pressures count from.
 
     Raises:
-        OrthosisError: no such column, an unknown unit, or one of something else.
+        OrthosisError: no such column, one for two signals, an unknown unit, or one of something else.
     """
-    found = {}
+    found, signal_of = {}, dict[str, str]()
     for name in ("time", *(channel.name for channel in system.channels), *system.inputs):
         source = system.sources.get(name, Source())
         wanted, sign, given = _specified(source.column or name, columns)
@@ -112,6 +112,10 @@ def signals_of(
             if source.column:
                 raise OrthosisError(f"{path}: no column {wanted} for {name}; there are: {_listed(columns)}")
             continue
+        if (other := signal_of.setdefault(column, name)) != name:
+            raise OrthosisError(
+                f"{path}: column {column} would be {other} and {name}; say by --columns which one it is"
+            )
         unit = _unit(path, given or ("" if column == name or _scales(source) else _split(column)[1]))
         values = sign * columns[column]
         scaled = source.factor * values + source.offset

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from pam_orthosis.tables import is_table, read_numbers
 HIGHEST_CUTOFF = 0.4  # of the sampling rate
 LONGEST_PERIOD = 0.5  # s, of samples: above it the time is in another unit
 RARELY = 1.5  # times the period in which inputs change: at it and above, samples are missing between
+LONGEST_LOOP = 0.05  # s: inputs that are held for longer are steps of an experiment
 LEAST_SHARE = 0.79  # of the ambient pressure, below which no actuator open to the air can fall
 
 
@@ -35,6 +36,7 @@ class Recording:
         signals: name -> (n,) array, SI. A missing input is absent.
         remarks: on what it cannot show.
         start: instant of the first sample, s, by the clock that effects of time go by.
+        left_out: inputs that it has, too rarely.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Recording:
     signals: Mapping[str, np.ndarray]
     remarks: tuple[str, ...] = ()
     start: float = 0.0
+    left_out: tuple[str, ...] = ()
 
     @property
     def samples(self) -> int:
@@ -56,7 +59,7 @@ class Recording:
     def part(self, start: int, stop: int, name: str) -> Recording:
         """Return the samples from start to stop as a recording of its own, by the same clock."""
         signals = {key: value[start:stop] for key, value in self.signals.items()}
-        return Recording(name, self.period, signals, self.remarks, self.start + start * self.period)
+        return replace(self, name=name, signals=signals, start=self.start + start * self.period)
 
 
 def recording(path: Path, system: System, namespace: str = "") -> Recording:
@@ -139,20 +142,47 @@ def _scaled(system: System, name: str, values: np.ndarray) -> np.ndarray:
     return system.sources[name].factor * values + system.sources[name].offset
 
 
-def with_prompt_inputs(one: Recording, system: System, changed: float) -> Recording:
+def with_prompt_inputs(one: Recording, system: System, changed: float, rows: int = 1) -> Recording:
     """Return a recording without inputs that changed more often (every so many s) than they were recorded.
 
-    A table does not say how often: the nominal model does (`scenario.control_period`).
+    `rows`: every how many samples they were recorded.
     """
-    late = [name for name in system.inputs if name in one.signals]
-    if not late or one.period < RARELY * changed:
+    late = tuple(name for name in system.inputs if name in one.signals)
+    recorded = rows * one.period
+    if not late or recorded < RARELY * changed:
         return one
     kept = {key: values for key, values in one.signals.items() if key not in late}
     remark = (
         f"{one.name}: {', '.join(late)} changed every {1e3 * changed:.3g} ms and were recorded every"
-        f" {1e3 * one.period:.3g} ms"
+        f" {1e3 * recorded:.3g} ms: left out, what they drive cannot be judged; record faster, or correct"
+        f" {system.input_period} (of tables by --model)"
     )
-    return replace(one, signals=kept, remarks=(*one.remarks, remark))
+    return replace(one, signals=kept, remarks=(*one.remarks, remark), left_out=late)
+
+
+def with_loop_of_table(one: Recording, system: System, changed: float, stated: bool) -> Recording:
+    """Return the recording of a table, which does not say how often the loop changed its inputs.
+
+    The nominal model does (every so many s); unless the user stated it, inputs that are held do rather.
+    """
+    rows = _held_rows([one.signals[name] for name in system.inputs if name in one.signals])
+    rows = rows if rows * one.period <= LONGEST_LOOP else 1
+    if stated or rows == 1:
+        return with_prompt_inputs(one, system, changed, rows)
+    remark = (
+        f"{one.name}: {', '.join(system.inputs)} change every {rows} rows: the loop's period is taken to be"
+        f" {1e3 * rows * one.period:.3g} ms; if it is shorter, they are too old to drive the model: give"
+        f" {system.input_period} by --model"
+    )
+    return replace(one, remarks=(*one.remarks, remark))
+
+
+def _held_rows(inputs: Sequence[np.ndarray]) -> int:
+    """Return every how many samples inputs change; 1 if that varies."""
+    changes = [np.diff(values) != 0 for values in inputs]
+    apart = np.diff(np.flatnonzero(np.any(changes, axis=0))) if changes else np.array([])
+    rows = int(apart.min()) if len(apart) else 1
+    return rows if (apart % rows == 0).all() else 1
 
 
 def from_csv(path: Path, system: System) -> Recording:

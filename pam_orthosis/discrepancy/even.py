@@ -76,26 +76,34 @@ def _filled(
     steps = np.diff(time)
     whole = np.maximum(np.round(steps / period), 1.0)
     on_grid = (np.abs(steps - whole * period) <= ON_GRID * period).all()
-    missing = int(whole.sum() - len(steps))
+    missing = int(whole.sum() - len(steps)) if on_grid else _missing(steps, whole, period)
     uneven = np.abs(steps - period) > UNIFORM * period
-    if missing > MOST_MISSING * len(steps) or (not on_grid and uneven.mean() > UNEVEN_SHARE):
+    rows = len(time) + missing
+    told = f"{name} is not uniform in time:"
+    if missing > MOST_MISSING * rows:
         raise OrthosisError(
-            f"{name}: samples are not uniform in time, first at {time[int(np.argmax(uneven))]:.4f} s"
-            f" ({uneven.sum()} of {len(steps)} steps, {missing} rows missing); record without gaps"
+            f"{told} {missing} of {rows} rows are missing, the first"
+            f" after {time[int(np.argmax(whole > 1))]:.4f} s; at most {MOST_MISSING:.0%} may be: leave none"
+        )
+    if not on_grid and uneven.mean() > UNEVEN_SHARE:
+        raise OrthosisError(
+            f"{told} its stamps jitter, {uneven.sum()} of {len(steps)} steps are not {1e3 * period:.4g} ms;"
+            f" at most {UNEVEN_SHARE:.0%} may differ, or all by {ON_GRID:.0%}: stamp rows when they are"
+            " measured, or resample them"
         )
     places = np.concatenate([[0.0], np.cumsum(whole if on_grid else steps / period)])
-    grid = np.arange(int(places[-1]) + 1.0)
+    grid = np.arange(int(places[-1] + 1e-6) + 1.0)
     latest = np.searchsorted(places, grid + 1e-6) - 1
     filled = {
         key: values[latest] if key in held else np.interp(grid, places, values)
         for key, values in signals.items()
     }
     exact = float((time[-1] - time[0]) / places[-1])
-    scattered = int(uneven.sum()) - int((whole > 1).sum())
+    scattered = int(uneven.sum()) - (int((whole > 1).sum()) if on_grid else missing)
     remarks = []
     if missing:
         most = int(whole.max()) - 1
-        remarks.append(f"{missing} of {len(grid)} rows are missing, at most {most} in a row: interpolated")
+        remarks.append(f"{missing} of {rows} rows are missing, at most {most} in a row: interpolated")
     if scattered > 0 and not on_grid:
         remarks.append(f"{scattered} of {len(steps)} steps are uneven: resampled every {1e3 * exact:.4g} ms")
     elif scattered > 0:
@@ -103,3 +111,10 @@ def _filled(
             f"{scattered} of {len(steps)} steps are uneven, by {ON_GRID:.0%} at most: taken as even"
         )
     return Even(exact, filled, 0.0), remarks
+
+
+def _missing(steps: np.ndarray, whole: np.ndarray, period: float) -> int:
+    """Return how many rows are missing between stamps that jitter: each late one shortens the next step."""
+    usual = steps[np.abs(steps - period) <= ON_GRID * period].mean()
+    lacking = min(round(float(steps.sum() / usual)), int(whole.sum())) - len(steps)
+    return max(0, lacking)

@@ -104,11 +104,19 @@ def _round_of(found: Selection, name: str) -> tuple[float, Sequence[tuple[str, f
     """Return the evidence of an effect when it was accepted, and those of its round that are not named.
 
     The best effect of a round may have been refused, and the next one accepted. A round in silence ranks
-    by evidence of its own.
+    by evidence of its own. What changes another equation explains something else, however near it comes.
     """
     step = found.steps[_step_of(found, name)]
     own = dict(step.ranked).get(name, step.evidence)
-    return own, [item for item in step.ranked if item[0] not in found.final.effects]
+    others = [item for item in step.ranked if item[0] not in found.final.effects]
+    return own, [item for item in others if _meet(found.problem, name, item[0])]
+
+
+def _meet(problem: Problem, one: str, other: str) -> bool:
+    """Return whether two effects change an equation in common; a late sensor drives the others' too."""
+    catalogue, touched = problem.system.catalogue, problem.replay.touched
+    late = any(catalogue[name].advance is not None for name in (one, other))
+    return late or bool(touched(one) & touched(other))
 
 
 def runner_up_of(found: Selection) -> tuple[str, float] | None:

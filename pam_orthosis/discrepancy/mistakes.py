@@ -61,10 +61,10 @@ def _mistakes(start: Beginning) -> Iterator[tuple[str, list[Signals]]]:
     recorded = [one.run.recording.signals for one in start.held_out.scored]
     pressures = [one.name for one in system.channels if one.unit == "Pa" and _absolute(system, one.name)]
     voltages = [name for name in system.inputs if system.unit(name) == "V"]
-    if pressures:
-        added = f"with {system.ambient / 1e5:.3f} bar added to the pressures"
-        asked = f"{added}: they seem to be gauge, give absolute ones"
-        yield asked, [{name: signals[name] + system.ambient for name in pressures} for signals in recorded]
+    for gauge in dict.fromkeys([tuple(pressures), *((name,) for name in pressures)] if pressures else ()):
+        added = f"with {system.ambient / 1e5:.3f} bar added to {' and '.join(gauge)}"
+        asked = f"{added}: gauge, it seems, where absolute pressure is needed"
+        yield asked, [{name: signals[name] + system.ambient for name in gauge} for signals in recorded]
     pairs = [names for names in (pressures, voltages) if len(names) == 2]
     for chosen in (*([one] for one in pairs), pairs if len(pairs) > 1 else []):
         if chosen and all(name in signals for signals in recorded for names in chosen for name in names):

@@ -92,9 +92,12 @@ def read(path: Path, machine: Machine | None = None) -> dict[str, Any]:
         machine: of another file than the shipped ones, whose parameters these are.
 
     Raises:
-        OrthosisError: missing, malformed, not a mapping, or a value that its parameter cannot have.
+        OrthosisError: missing, empty, malformed, not a mapping, a value that its parameter cannot have, a row
+            of the hardware, or one of an effect that the file does not switch.
     """
-    content = read_yaml(path) or {}
+    content = read_yaml(path)
+    if content is None:
+        raise OrthosisError(f"{path} is empty: it changes nothing; leave --model out")
     if not isinstance(content, dict):
         raise OrthosisError(f"{path} is not a mapping of parameters to values")
     known = load(machine=machine)
@@ -102,7 +105,20 @@ def read(path: Path, machine: Machine | None = None) -> dict[str, Any]:
     # a file of `identify` has the rows of config/muscle.yaml
     content = {f"muscle.{key}" if key in muscles else key: value for key, value in content.items()}
     with naming(path):
-        return {key: known.row(key).with_value(value).value for key, value in flattened(content).items()}
+        changed = {key: known.row(key).with_value(value).value for key, value in flattened(content).items()}
+        _check_modelled(changed)
+    return changed
+
+
+def _check_modelled(changed: Mapping[str, Any]) -> None:
+    """Refuse, by OrthosisError, what is of the hardware, or would do nothing since its effect is off."""
+    for key in changed:
+        if key.startswith("plant."):
+            raise OrthosisError(
+                f"{key} is not of the nominal model but of the hardware; `run` takes it by --param"
+            )
+        if "effects." in key and (switch := f"{key.rpartition('.')[0]}.enabled") not in changed:
+            raise OrthosisError(f"{key} does nothing while the effect is off; give {switch}: true too")
 
 
 def read_nominal(path: Path, machine: Machine | None = None) -> dict[str, Any]:

@@ -10,9 +10,9 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from pam_orthosis.discrepancy.candidates import Candidate, Trial, candidate, secant_gain
+from pam_orthosis.discrepancy.candidates import Candidate, Trial, candidate, secant_gain, widened_shape
 from pam_orthosis.discrepancy.fit import Fit, fit, score
-from pam_orthosis.discrepancy.free import of_effect
+from pam_orthosis.discrepancy.free import of_effect, with_scales
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.system import Equation
@@ -46,10 +46,17 @@ def evidence(problem: Problem, base: Fit, names: Sequence[str], large: Collectio
 
 
 def _fitted(projection: Projection, name: str) -> Fit:
-    """Return the model with an effect more, fitted to the problem of a projection."""
-    one = beside(projection, name)
+    """Return the model with an effect more, fitted to the problem of a projection.
+
+    A shape correction is there already: it may go beyond its priors.
+    """
     problem, base = projection.problem, projection.base
-    free = [*base.free, *(free for added in one.added for free in of_effect(problem.system, added))]
+    if name in problem.system.shapes:
+        one = widened_shape(projection, name)
+        free = with_scales(problem.system, base.free, one.scales)
+    else:
+        one = beside(projection, name)
+        free = [*base.free, *(free for added in one.added for free in of_effect(problem.system, added))]
     return fit(problem, (*base.effects, *one.added), one.values, free, most=STEPS)
 
 

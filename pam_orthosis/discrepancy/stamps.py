@@ -24,11 +24,13 @@ MOST_SAMPLES = 2500  # that are compared, evenly taken
 SLOW = 0.05, 0.5  # of the usual velocity: where friction that may be missing has turned round
 SLIPS = 0.03, 0.1, 0.3  # of the coordinate's range: hysteresis that may be missing
 ORDERS = 1, 2, 3  # of the coordinate's range: elasticity that may be missing
-LEAST = 0.0025  # s, of a skew that is worth a remark
+LEAST = 0.0025  # s, of a skew that is worth a remark: sound recordings have shown up to 1.2 ms
 CUTOFF = 15.0  # Hz, of both accelerations
 SETTLING = 0.2  # s at both ends, which smoothing and shifts spoil
+ALONE = 1.01  # of its remainder: by so much less has to be left with one signal late than with all
 LEAST_GAIN = 0.05  # of what no shift leaves, that the best shift takes away
 FEWEST = 200  # samples
+RAREST = 0.01  # s between samples: farther apart, sound recordings of 20 ms have shown skews of 5 ms
 
 
 class Skew(NamedTuple):
@@ -41,18 +43,27 @@ class Skew(NamedTuple):
 
 
 def remarks_on_stamps(system: System, recordings: Sequence[Recording]) -> list[str]:
-    """Return a remark for each recording on signals that are stamped late or early against a coordinate."""
+    """Return remarks on signals that are stamped late or early against a coordinate: one on each recording.
+
+    Where the motion of one shows nothing clearly, those of the others do.
+    """
+    found = [(one.name, skews(system, one)) for one in recordings]
+    if not any(many for _, many in found):
+        return []
+    unclear = "does not show by itself whether its stamps are off as those of the others are"
     return [
-        f"{one.name}: {' and '.join(skew.signals)} stamped {1e3 * abs(skew.seconds):.1f} ms"
+        f"{name}: {' and '.join(skew.signals)} stamped {1e3 * abs(skew.seconds):.1f} ms"
         f" {'late' if skew.seconds > 0 else 'early'} against {skew.channel}, or a sensor lags as much; give"
         " all signals one clock, or state the delay in the model"
-        for one in recordings
-        for skew in skews(system, one)
-    ]
+        for name, many in found
+        for skew in many
+    ] + [f"{name} {unclear}" for name, many in found if not many]
 
 
 def skews(system: System, one: Recording) -> list[Skew]:
     """Return how far what drives each coordinate is off in time; small or unclear ones are left out."""
+    if one.period > RAREST:
+        return []
     wrong = tuple(name for name in system.wrong if name in system.catalogue)
     assembled, found = system.assemble(wrong), []
     for rate, state in system.derived.items():
@@ -60,10 +71,12 @@ def skews(system: System, one: Recording) -> list[Skew]:
         drivers = _drivers(system, assembled, rate, channel)
         if not drivers or any(name not in one.signals for name in drivers) or one.samples < FEWEST:
             continue
-        left = _left(system, assembled, one, rate, channel, drivers)
-        skew = _least(left)
+        groups = dict.fromkeys([drivers, *((name,) for name in drivers)])
+        left = {late: _left(system, assembled, one, rate, channel, drivers, late) for late in groups}
+        late = min(left, key=lambda names: left[names].min() * (1.0 if names == drivers else ALONE))
+        skew = _least(left[late])
         if skew is not None:
-            found.append(Skew(channel, drivers, *skew))
+            found.append(Skew(channel, late, *skew))
     return found
 
 
@@ -88,9 +101,15 @@ def _depends(expression: ca.SX, symbol: ca.SX) -> bool:
 
 
 def _left(
-    system: System, assembled: Assembled, one: Recording, rate: str, channel: str, drivers: tuple[str, ...]
+    system: System,
+    assembled: Assembled,
+    one: Recording,
+    rate: str,
+    channel: str,
+    drivers: tuple[str, ...],
+    late: tuple[str, ...],
 ) -> np.ndarray:
-    """Return what remains of the acceleration (sum of squares) at each shift."""
+    """Return what remains of the acceleration (sum of squares) at each shift of those that may be `late`."""
     time = np.arange(one.samples) * one.period
     ends = round(SETTLING / one.period)
     places = np.unique(np.linspace(ends, one.samples - ends - 1, MOST_SAMPLES).astype(int))
@@ -101,9 +120,9 @@ def _left(
     law = _law(assembled, rate, len(places), _right(system, assembled))
     beside, result = _beside(system, one, places), []
     for shift in _shifts():
-        at = np.clip(time[places] + shift, 0.0, time[-1])
-        late = {name: system.late if name in system.inputs else 0.0 for name in drivers}
-        values = {name: np.interp(at - late[name], time, smooth[name]) for name in drivers}
+        lead = {n: shift * (n in late) - system.late * (n in system.inputs) for n in drivers}
+        at = {name: np.clip(time[places] + lead[name], 0.0, time[-1]) for name in drivers}
+        values = {name: np.interp(at[name], time, smooth[name]) for name in drivers}
         values[channel] = smooth[channel][places]
         base: dict[str | None, np.ndarray] = {
             c.state: values.get(c.name, one.signals[c.name][places]) for c in system.channels

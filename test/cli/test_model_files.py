@@ -134,3 +134,22 @@ def test_a_file_that_identify_updates_is_read_as_a_whole():
     rows, known = patch.read(config_folder() / "muscle.yaml"), load().flat()
     assert len(rows) > 40
     assert {key: known[key] for key in rows} == rows
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "is empty: it changes nothing; leave --model out"),
+        ("plant.deviation.moving_mass: 1.1\n", "plant.deviation.moving_mass is not of the nominal model"),
+        ("effects.joint_friction.coulomb: 0.5\n", "give effects.joint_friction.enabled: true too"),
+    ],
+)
+def test_gap_and_run_refuse_a_file_that_would_change_nothing_of_the_model(
+    tmp_path, monkeypatch, capsys, text, said
+):
+    monkeypatch.setattr(run, "need_ros", lambda: None)
+    file, walk = tmp_path / "model.yaml", str(config_folder().parent / "bags" / "walk")
+    file.write_text(text)
+    for command in (["gap", walk, "--until", "check"], ["run", "--out", str(tmp_path / "walk")]):
+        assert entry.main([*command, "--model", str(file)]) == 2
+        assert said in capsys.readouterr().err

@@ -6,6 +6,7 @@ import pytest
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.discrepancy.data import from_arrays
 from pam_orthosis.discrepancy.knee import knee
+from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.together import Workers
 from pam_orthosis.model.machines import KNEE
@@ -41,6 +42,7 @@ class Bench:
         self.parameters = load(OF_NOMINAL)
         self.system = knee(self.parameters)
         self.replay = Replay(self.system, Workers(2))
+        self.problem = Problem(self.replay, [])
         self._known = {}
 
     def arrays(self, seed, cycle_time=2.0, **plant):

@@ -126,6 +126,8 @@ def test_recordings_of_different_machines_are_not_mixed_in_silence(bag, machine,
     walk = str(Path(__file__).resolve().parents[2] / "bags" / "walk")
     for command, words in (
         ([str(bag), walk], "different systems (slide, the knee): one at a time"),
+        ([str(bag), "--held-out", "nowhere"], "no bag at nowhere"),
+        ([str(bag), "--held-out", "nowhere.csv"], "cannot read nowhere.csv: No such file"),
         ([str(bag), "--machine", str(machine_files["elbow"])], "recorded with another file, of slide"),
         ([walk, "--machine", str(machine[0])], "recorded with another file, of knee: leave --machine out"),
     ):

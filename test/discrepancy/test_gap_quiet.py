@@ -60,6 +60,14 @@ def test_an_offset_shows_where_a_delay_is_silent(delayed):
     assert seen["valve_dead_band"] < threshold
 
 
+def test_a_shape_correction_in_silence_keeps_its_priors(delayed):
+    """It is free already: once more, and without a prior, it would have no finite evidence."""
+    problem, model = delayed
+    with np.errstate(divide="raise"):
+        seen = quiet.evidence(problem, model, ["force_map_misfit"], {"valve_delay"})
+    assert -np.inf < seen["force_map_misfit"] < 0, "nothing is wrong with it, and its width is paid for"
+
+
 def test_an_effect_that_is_never_silent_hides_what_is_small(bench):
     """Without rest nothing is seen: no evidence is better than that of a few samples."""
     problem, model = fitted(bench, ("valve_delay",), **DELAY)

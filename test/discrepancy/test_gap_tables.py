@@ -9,14 +9,21 @@ import pytest
 from pam_orthosis.bag.examples import write_example
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.cli.main import main
-from pam_orthosis.discrepancy import beginning
+from pam_orthosis.control.loop import ClosedLoop
+from pam_orthosis.discrepancy import beginning, check
 from pam_orthosis.discrepancy.columns import read_mapping, signals_of, with_columns
-from pam_orthosis.discrepancy.data import from_csv, recording
+from pam_orthosis.discrepancy.data import (
+    from_arrays,
+    from_csv,
+    recording,
+    with_loop_of_table,
+    with_prompt_inputs,
+)
 from pam_orthosis.discrepancy.even import even
 from pam_orthosis.discrepancy.knee import knee
-from pam_orthosis.discrepancy.stamps import STEP, skews
+from pam_orthosis.discrepancy.stamps import STEP, remarks_on_stamps, skews
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model.parameters import load
+from pam_orthosis.model.parameters import load, scenario_overrides
 
 TIME = np.arange(600) * 0.002
 SI = {
@@ -72,8 +79,12 @@ def test_a_column_may_count_the_other_way_round(system):
         (["angle"], "give SIGNAL=COLUMN"),
         (["angle=a", "angle=b"], "twice"),
         (["angle=nothing"], "no column nothing for angle"),
-        (["angle=time:furlong"], "unknown unit furlong"),
-        (["angle=time:bar"], "angle is given in Pa, and needs rad"),
+        (["angle=extensor_voltage:furlong"], "unknown unit furlong"),
+        (["angle=extensor_voltage:bar"], "angle is given in Pa, and needs rad"),
+        (
+            ["extensor_pressure=flexor_pressure"],
+            "column flexor_pressure would be extensor_pressure and flexor_pressure; say by --columns which",
+        ),
     ],
 )
 def test_an_unusable_mapping_says_why(tmp_path, capsys, mapping, words):
@@ -109,8 +120,29 @@ def test_uniform_stamps_change_nothing():
 
 def test_too_many_missing_rows_are_refused():
     time = 0.002 * np.delete(np.arange(1000), np.s_[::9])
-    with pytest.raises(OrthosisError, match="not uniform in time"):
+    with pytest.raises(OrthosisError, match=r"110 of 998 rows are missing.*; at most 5% may be"):
         even("x", time, {"angle": time}, [])
+
+
+@pytest.mark.parametrize("lost", [0, 20])
+def test_late_stamps_are_no_missing_rows(lost):
+    places = np.delete(np.arange(2000.0), np.arange(1, lost + 1) * 90)
+    places[5::40] += 0.7  # a step of 1.7 periods, then one of 0.3
+    found = even("x", 0.002 * places, {"angle": places}, [])
+    said = "; ".join(found.remarks)
+    assert (f"{lost} of 2000 rows are missing" in said) == bool(lost)
+    assert "resampled every 2 ms" in said
+    np.testing.assert_allclose(found.signals["angle"], np.arange(2000.0), atol=1e-6)
+
+
+def test_stamps_that_jitter_are_refused_as_such():
+    time = 0.002 * (np.arange(3000) + 0.3 * np.random.default_rng(0).standard_normal(3000)).clip(0)
+    time = np.sort(time) + 1e-9 * np.arange(3000)
+    with pytest.raises(
+        OrthosisError, match=r"its stamps jitter, .*; at most 20% may differ, or all by 20%"
+    ) as told:
+        even("x", time, {"angle": time}, [])
+    assert "missing" not in str(told.value)
 
 
 def test_pressures_stamped_late_are_found_and_others_are_not(documented):
@@ -120,11 +152,37 @@ def test_pressures_stamped_late_are_found_and_others_are_not(documented):
     system = knee(nominal)
     one = recording(folder / "case" / "training_gait", system)
     assert not skews(system, one), "a missing friction is no skew"
-    late = round(0.004 / one.period)
-    shifted = {k: v[late:] if k == "angle" else v[:-late] for k, v in one.signals.items()}
-    (skew,) = skews(system, replace(one, signals=shifted))
+    (skew,) = skews(system, stamped_late(one, 0.004, ("extensor_pressure", "flexor_pressure")))
     assert skew.signals == ("extensor_pressure", "flexor_pressure")
     assert skew.seconds == pytest.approx(0.004, abs=0.001)
+
+
+@pytest.mark.parametrize("every", [1, 4])
+def test_sound_recordings_show_no_skew_however_far_their_samples_are_apart(every):
+    parameters = load(scenario_overrides("person"))
+    arrays = ClosedLoop(parameters, 1).run(2400)
+    system = knee(parameters)
+    assert not skews(system, from_arrays("x", system, {name: arrays[name][::every] for name in SI}))
+
+
+def stamped_late(one, seconds, names):
+    late = round(seconds / one.period)
+    return replace(one, signals={k: v[:-late] if k in names else v[late:] for k, v in one.signals.items()})
+
+
+@pytest.mark.parametrize("name", ["extensor_pressure", "flexor_pressure"])
+def test_one_pressure_stamped_late_is_found_and_each_recording_has_its_remark(documented, name):
+    status, folder = documented("pam-orthosis example friction --out case")
+    assert status == 0
+    system = knee(load({"valve.dead_band": 0.0, "valve.delay": 0.0}))
+    one, other = (recording(folder / "case" / f"training_{kind}", system) for kind in ("diagnostic", "gait"))
+    assert not remarks_on_stamps(system, [one, other])
+    (skew,) = skews(system, stamped_late(one, 0.006, (name,)))
+    assert skew.signals == (name,)
+    assert skew.seconds == pytest.approx(0.006, abs=0.001)
+    told = remarks_on_stamps(system, [stamped_late(one, 0.006, (name,)), other])
+    assert f"{one.name}: {name} stamped" in told[0]
+    assert told[1].startswith(f"{other.name} does not show by itself")
 
 
 @pytest.mark.parametrize(
@@ -157,8 +215,37 @@ def test_voltages_of_a_loop_faster_than_the_table_are_left_out_by_name(
 
     monkeypatch.setattr(beginning, "begin", begun)
     assert main(["gap", str(table), "--model", str(model)]) == 2
-    words = "extensor_voltage, flexor_voltage changed every 1 ms and were recorded every 5 ms"
-    assert (words in capsys.readouterr().err) != kept
+    words = "extensor_voltage, flexor_voltage changed every 1 ms and were recorded every 5 ms: left out"
+    told = capsys.readouterr().err
+    assert (words in told) != kept
+    assert ("record faster, or correct scenario.control_period (of tables by --model)" in told) != kept
+
+
+def test_what_is_left_out_is_not_called_absent(system):
+    one = with_prompt_inputs(from_arrays("x", system, {**SI, "time": 10 * TIME}), system, 0.002)
+    assert one.left_out == system.inputs
+    remarks = check.check(system, [one.part(0, 600, "part")], 2.0)
+    assert not any("has no extensor_voltage" in remark for remark in remarks)
+
+
+@pytest.mark.parametrize(
+    ("stated", "kept", "said"),
+    [
+        (False, True, "change every 10 rows: the loop's period is taken to be 20 ms"),
+        (True, False, "changed every 2 ms and were recorded every 20 ms: left out"),
+    ],
+)
+def test_voltages_that_are_held_for_rows_tell_the_period_of_the_loop(system, stated, kept, said):
+    held = {name: np.repeat(SI[name][::10], 10) for name in system.inputs}
+    one = with_loop_of_table(from_arrays("x", system, {**SI, **held}), system, 0.002, stated)
+    assert ("extensor_voltage" in one.signals) == kept
+    assert said in one.remarks[0]
+
+
+def test_steps_of_an_experiment_and_coarse_voltages_tell_no_period(system):
+    for volts in (np.repeat([5.0, 5.2, 4.9], 200), np.round(SI["extensor_voltage"])):
+        arrays = {**SI, "extensor_voltage": volts, "flexor_voltage": volts}
+        assert not with_loop_of_table(from_arrays("x", system, arrays), system, 0.002, False).remarks
 
 
 @pytest.fixture(scope="module")
@@ -167,6 +254,7 @@ def friction(tmp_path_factory):
 
 
 GAUGE = {"extensor_pressure": -1.013e5, "flexor_pressure": -1.013e5}
+SEEMS = ": gauge, it seems, where absolute pressure is needed"
 MIXED = {"extensor_voltage": "flexor_voltage", "flexor_voltage": "extensor_voltage"}
 
 
@@ -174,7 +262,9 @@ MIXED = {"extensor_voltage": "flexor_voltage", "flexor_voltage": "extensor_volta
     ("offsets", "columns", "said"),
     [
         ({}, {}, ""),
-        (GAUGE, {}, "with 1.013 bar added to the pressures: they seem to be gauge, give absolute ones"),
+        (GAUGE, {}, f"with 1.013 bar added to extensor_pressure and flexor_pressure{SEEMS}"),
+        ({"extensor_pressure": -1.013e5}, {}, f"with 1.013 bar added to extensor_pressure{SEEMS}"),
+        ({"flexor_pressure": -1.013e5}, {}, f"with 1.013 bar added to flexor_pressure{SEEMS}"),
         ({}, MIXED, "with extensor_voltage and flexor_voltage exchanged: are these columns mixed up?"),
     ],
 )

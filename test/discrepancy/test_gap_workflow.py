@@ -391,7 +391,7 @@ def test_the_second_of_a_round_is_compared_with_the_others_not_with_itself(bench
     """The best effect of a round may be refused by held-out data and the next one accepted."""
     ranked = (("creep", 900.0), ("backlash", 400.0), ("stretch_reflex", 395.0), ("valve_lag", 5.0))
     step = SimpleNamespace(accepted="backlash", fit=None, ranked=ranked, evidence=400.0)
-    final, problem = SimpleNamespace(effects=["backlash"]), SimpleNamespace(system=bench.system)
+    final, problem = SimpleNamespace(effects=["backlash"]), bench.problem
     found = SimpleNamespace(final=final, steps=[step], problem=problem)
     settings = bench.parameters.gap.evidence
     assert findings._look_alikes(found, "backlash", settings) == ("creep", "stretch_reflex")
@@ -411,7 +411,7 @@ def test_each_effect_has_its_own_look_alikes_and_none_that_is_named(friction, be
         SimpleNamespace(accepted=name, fit=None, ranked=ranked, evidence=400.0) for name, ranked in rounds
     ]
     final = SimpleNamespace(effects=["backlash", "valve_lag"])
-    found = SimpleNamespace(final=final, steps=steps, problem=SimpleNamespace(system=bench.system))
+    found = SimpleNamespace(final=final, steps=steps, problem=bench.problem)
     settings = bench.parameters.gap.evidence
     assert findings._look_alikes(found, "backlash", settings) == ("creep",)
     assert findings._look_alikes(found, "valve_lag", settings) == ("valve_delay",)
@@ -425,6 +425,23 @@ def test_each_effect_has_its_own_look_alikes_and_none_that_is_named(friction, be
     assert "do not separate backlash from: creep\n" in reported
     assert "do not separate valve_lag from: valve_delay\n" in reported
     assert "--scenario diagnostic-cocontraction" in reported
+
+
+def test_an_effect_of_another_equation_is_no_look_alike(bench):
+    ranked = (
+        ("valve_delay", 400.0),
+        ("muscle_hysteresis", 399.0),
+        ("valve_lag", 398.0),
+        ("angle_delay", 397.0),
+    )
+    step = SimpleNamespace(accepted="valve_delay", fit=None, ranked=ranked, evidence=400.0)
+    final = SimpleNamespace(effects=["valve_delay"])
+    found = SimpleNamespace(final=final, steps=[step], problem=bench.problem)
+    assert findings._look_alikes(found, "valve_delay", bench.parameters.gap.evidence) == (
+        "valve_lag",
+        "angle_delay",
+    )
+    assert findings.runner_up_of(found) == ("valve_lag", 2.0)
 
 
 def test_what_is_left_although_it_is_explained_is_reported(friction):
