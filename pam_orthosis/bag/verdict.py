@@ -228,7 +228,8 @@ def judge_all(
     names = namespaces(path)
     verdicts = {name.strip("/"): judge(path, bound.at(name), skip_s, name, partial) for name in names}
     if strange := [end for end in bound.own if not _named(end, verdicts)]:
-        raise OrthosisError(f"{path}: no {strange[0]} to bound; there are: {', '.join(verdicts)}")
+        there = f"there are: {', '.join(verdicts)}" if any(verdicts) else "it has one joint; give one bound"
+        raise OrthosisError(f"{path}: no {strange[0]} to bound; {there}")
     if lost := sorted(legs_of(path, run_record(path)).keys() - verdicts.keys()):
         raise OrthosisError(
             f"{path}: the run had a leg {lost[0]}, and the bag has no /{lost[0]}/joint_states"

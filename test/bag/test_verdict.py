@@ -42,6 +42,12 @@ def test_error_is_reference_minus_angle_joined_by_stamp(tmp_path):
     assert judge(bag, Bound(2.1)).passed
 
 
+def test_a_bound_of_a_joint_needs_joints(tmp_path, capsys):
+    bag = _tracking(tmp_path / "walk")
+    assert main(["check", str(bag), "--bound-deg", "1,knee=2"]) == 2
+    assert capsys.readouterr().err.endswith("no knee to bound; it has one joint; give one bound\n")
+
+
 def test_an_error_of_exactly_the_bound_passes(tmp_path):
     bag = write_tracking_bag(tmp_path / "bag", TIME_NS, np.full_like(TIME, 0.05), np.zeros_like(TIME))
     largest = judge(bag).max_abs_error
