@@ -7,6 +7,7 @@ Bounds stand here and not in config/, which is read through them.
 import csv
 import difflib
 import io
+import itertools
 import json
 import os
 import re
@@ -19,6 +20,7 @@ import yaml
 
 from pam_orthosis.errors import OrthosisError
 
+COMMENT = "#"  # begins a line of a table that is left out
 MOST_TEXT = 16 << 20  # bytes of a YAML or JSON text
 MOST_TABLE = 64 << 20  # bytes of a CSV table: an hour of a joint at 200 Hz
 MOST_LINE = 1 << 20  # characters of a line of a table
@@ -133,20 +135,32 @@ def from_json(text: str, name: str) -> Any:
 def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Yield line number and cells of each row of a CSV table, one after the other.
 
+    Commas, semicolons or tabs part its columns, as its row of names says.
+
     Raises:
         OrthosisError: no regular file, no text in UTF-8, too long, or no table.
     """
     with open_file(path) as stream:
         if os.fstat(stream.fileno()).st_size > MOST_TABLE:
             raise OrthosisError(f"{path} is longer than {MOST_TABLE >> 20} MiB; give parts of it, or a bag")
-        reader = csv.reader(_lines(io.TextIOWrapper(stream, encoding="utf-8-sig", newline="")))
+        lines = _lines(io.TextIOWrapper(stream, encoding="utf-8-sig", newline=""))
         try:
+            begun = list(_up_to_names(lines))
+            parting = next((one for one in "\t;" if begun and one in begun[-1]), ",")
+            reader = csv.reader(itertools.chain(begun, lines), delimiter=parting)
             for row in reader:
                 yield reader.line_num, row
         except UnicodeDecodeError as error:
             raise _not_utf8(path, error) from error
         except csv.Error as error:
             raise OrthosisError(f"{path} is not a table of numbers with one row of names: {error}") from error
+
+
+def _up_to_names(lines: Iterator[str]) -> Iterator[str]:
+    for line in lines:
+        yield line
+        if line.strip(" ,;\t\r\n") and not line.lstrip(' "').startswith(COMMENT):
+            return
 
 
 def shown(value: Any) -> str:

@@ -10,9 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.reading import csv_rows, shown
-
-COMMENT = "#"
+from pam_orthosis.reading import COMMENT, csv_rows, shown
 
 
 def is_table(path: Path) -> bool:
@@ -48,8 +46,6 @@ def _holds_something(row: Sequence[str]) -> bool:
 def _check_names(path: Path, names: Sequence[str]) -> None:
     if not names:
         raise OrthosisError(f"{path} is empty")
-    if any(";" in name for name in names):
-        raise OrthosisError(f"{path}: semicolons part its columns; write commas, and points in the numbers")
     doubled = [name for name, count in Counter(names).items() if count > 1]
     if doubled:
         raise OrthosisError(f"{path}: two columns give {shown(doubled[0])}; leave one")
@@ -65,11 +61,12 @@ def _numbers(path: Path, names: Sequence[str], line: int, row: Sequence[str]) ->
 
 def _number(cell: str, where: str) -> float:
     if not cell.strip():
-        raise OrthosisError(f"{where}: the cell is empty")
+        raise OrthosisError(f"{where}: the cell is empty; write a number or leave the row out")
     try:
         number = float(cell)
     except ValueError as error:
-        raise OrthosisError(f"{where}: {shown(cell)} is no number") from error
+        point = "; write a point in place of the comma" if "," in cell else ""
+        raise OrthosisError(f"{where}: {shown(cell)} is no number{point}") from error
     if not math.isfinite(number):
         raise OrthosisError(f"{where}: {shown(cell)} is not finite")
     return number

@@ -33,6 +33,17 @@ def test_what_spreadsheets_write_is_what_scripts_write(lines, tmp_path):
     assert len(one[lines[0].split(",")[0]]) == 6
 
 
+@pytest.mark.parametrize("parting", [";", "\t"])
+@pytest.mark.parametrize("lines", [MUSCLE, KNEE])
+def test_semicolons_and_tabs_part_columns_as_commas_do(lines, parting, tmp_path):
+    plain, other = tmp_path / "plain.csv", tmp_path / "other.csv"
+    plain.write_text("\n".join(lines))
+    other.write_text("\n".join(['"# one, of; many"', *(line.replace(",", parting) for line in lines)]))
+    one, same = read_numbers(plain), read_numbers(other)
+    assert list(one) == list(same)
+    assert all(np.array_equal(one[name], same[name]) for name in one)
+
+
 def test_identify_reads_what_a_spreadsheet_wrote(tmp_path):
     plain = tmp_path / "plain.csv"
     plain.write_text("\n".join(MUSCLE))
@@ -50,12 +61,15 @@ def second_cell(rows, text):
 
 
 BROKEN = {
-    "line 3, column {second}: the cell is empty": lambda rows: second_cell(rows, " "),
+    "line 3, column {second}: the cell is empty; write a number": lambda rows: second_cell(rows, " "),
     "line 3, column {second}: 'one' is no number": lambda rows: second_cell(rows, "one"),
     "line 3, column {second}: 'nan' is not finite": lambda rows: second_cell(rows, "nan"),
     "line 2: {more} cells below {count} names": lambda rows: [rows[0], f"{rows[1]},1"],
     "two columns give '{first}'; leave one": lambda rows: [f"{rows[0]},{rows[0].split(',')[0]}", *rows[1:]],
-    "semicolons part its columns; write commas": lambda rows: [row.replace(",", ";") for row in rows],
+    "line 2, column {second}: '0,6' is no number; write a point in place of the comma": lambda rows: [
+        rows[0].replace(",", ";"),
+        ";".join(["0", "0,6", *rows[1].split(",")[2:]]),
+    ],
     "no rows of numbers below its row of names": lambda rows: rows[:1],
     "is empty": lambda _: [],
 }

@@ -49,6 +49,8 @@ def check_bag(path: Path) -> None:
         if not path.exists():
             raise OrthosisError(f"no bag at {path}")
     check_file(path)
+    if path.suffix not in _Reader.STORAGE_PLUGINS:
+        raise OrthosisError(f"{path} is no bag: give a bag's folder, or its .mcap or .db3 file")
 
 
 @contextmanager

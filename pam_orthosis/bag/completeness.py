@@ -24,7 +24,9 @@ def incomplete(bag: Bag, judged: np.ndarray, skip_s: float, lockstep: bool) -> s
     planned_s = bag.parameters.get("scenario.duration") if bag.run.get("scenario") else None
     missing_ns = 0 if planned_s is None else start + round(planned_s * SECOND_NS) - end
     if missing_ns > LONGEST_GAP_NS:
-        return f"the bag ends after {(end - start) / SECOND_NS:.3f} of {planned_s:g} s"
+        # a reference or a coordinate may go on for a while without the other
+        until = (judged[-1] - start) / SECOND_NS
+        return f"the bag ends early: it can be judged up to {until:.3f} of {planned_s:g} s"
     edges = np.concatenate([[begin], judged, [end]])
     gap = int(np.argmax(np.diff(edges)))
     if edges[gap + 1] - edges[gap] > LONGEST_GAP_NS:

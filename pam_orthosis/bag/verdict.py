@@ -102,6 +102,14 @@ class Verdict:
     loads: Mapping[str, Load] = field(default_factory=dict)
     releases: tuple[Release, ...] = ()
 
+    @property
+    def answer(self) -> str:
+        """The verdict in a word; what is incomplete has failed only if what is there fails."""
+        if self.passed:
+            return "PASSED"
+        held = _good(self.max_abs_error, self.bound, self.releases, self.loads)
+        return "INCOMPLETE" if held else "FAILED"
+
     def figures(self) -> list[tuple[str, float, str]]:
         """Return in words what of the tracking is known: what, how much, unit."""
         rows = [
@@ -166,14 +174,13 @@ def judge(
     largest, loads = float(np.abs(error).max()), loads_of(bag, namespace)
     if not partial and (missing or largest > most) and (anew := begun_anew(bag, namespace)):
         missing = "; ".join(filter(None, [missing, f"the hardware began anew, at rest, {anew}"]))
-    good = largest <= most and not any(release.lasts for release in released)
     return Verdict(
         max_abs_error=largest,
         rms_error=rms(error),
         steady_state_error=steady_state_error(stamps, error, velocity),
         max_abs_error_after_first_cycle=_largest_after(since_start, error, hold_s, cycle_s),
         bound=most,
-        passed=good and not missing and all(load.passed for load in loads.values()),
+        passed=not missing and _good(largest, most, released, loads),
         samples=len(stamps),
         duration_s=float(stamps[-1] - stamps[0]) / SECOND_NS,
         observer_velocity_lag_ms=_observer_lag(bag),
@@ -188,6 +195,11 @@ def judge(
         loads=loads,
         releases=released,
     )
+
+
+def _good(largest: float, bound: float, released: Iterable[Release], loads: Mapping[str, Load]) -> bool:
+    lost = any(release.lasts for release in released)
+    return largest <= bound and not lost and all(load.passed for load in loads.values())
 
 
 def bound_in(bound: Bound, machine: Machine) -> float:
@@ -216,7 +228,8 @@ def judge_all(
     names = namespaces(path)
     verdicts = {name.strip("/"): judge(path, bound.at(name), skip_s, name, partial) for name in names}
     if strange := [end for end in bound.own if not _named(end, verdicts)]:
-        raise OrthosisError(f"{path}: no {strange[0]} to bound; there are: {', '.join(verdicts)}")
+        there = f"there are: {', '.join(verdicts)}" if any(verdicts) else "it has one joint; give one bound"
+        raise OrthosisError(f"{path}: no {strange[0]} to bound; {there}")
     if lost := sorted(legs_of(path, run_record(path)).keys() - verdicts.keys()):
         raise OrthosisError(
             f"{path}: the run had a leg {lost[0]}, and the bag has no /{lost[0]}/joint_states"

@@ -88,6 +88,7 @@ def describe(summary: dict) -> str:
 def _units(arguments: argparse.Namespace) -> list:
     from pam_orthosis.bag.verdict import bound_in
     from pam_orthosis.batch.unit import Unit
+    from pam_orthosis.cli.main import verb_parser
     from pam_orthosis.model.machines import machine_named
 
     task, seconds = arguments.task, arguments.timeout
@@ -106,6 +107,7 @@ def _units(arguments: argparse.Namespace) -> list:
         for value, unit, own in filter(None, [arguments.bound])
     ]
     given = {"check": ("--json", *bounds), "gap": ("--json", "--jobs=1"), "report": ()}[task]
+    verb_parser(task).parse_args(["BAG", *given, *more])  # or each bag would fail by it, again and again
     return [
         Unit(name, PROGRAM, (task, str(bag), *given, *more), task != "check", task != "report", seconds, bag)
         for name, bag in _named([path.resolve() for path in arguments.inputs]).items()

@@ -106,12 +106,11 @@ def describe(verdict: Verdict) -> str:
         lines.append(f"not judged                 {verdict.not_led} samples: the scenario leaves it free")
     lines += [f"left out                   {remark}" for remark in verdict.remarks]
     if verdict.incomplete:
-        lines.append(f"INCOMPLETE: {verdict.incomplete}; `check --partial` judges what is there")
-    answer = "PASSED: " if verdict.passed else "FAILED: "
-    answer += "ended released, " if any(release.lasts for release in verdict.releases) else ""
+        lines.append(f"incomplete                 {verdict.incomplete}; `--partial` judges what is there")
+    ended = "ended released, " if any(release.lasts for release in verdict.releases) else ""
     lines.append(
-        f"{answer}maximum {verdict.max_abs_error:.3f} {unit}, bound {verdict.bound:g} {unit},"
-        f" {verdict.samples} samples in {verdict.duration_s:.3f} s"
+        f"{verdict.answer}: {ended}maximum {verdict.max_abs_error:.3f} {unit}, bound {verdict.bound:g}"
+        f" {unit}, {verdict.samples} samples in {verdict.duration_s:.3f} s"
     )
     return "\n".join(lines)
 

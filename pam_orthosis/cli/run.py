@@ -227,21 +227,25 @@ def supervise_recorded(
 
 def _rescue(bag: Path, work: Path) -> str:
     """Make what there is of a bag readable, keep the nodes' output beside it, say so."""
+    from pam_orthosis.bag.bounded import open_bag
     from pam_orthosis.bag.record import METADATA_FILE
     from pam_orthosis.bag.recover import recover, recover_in_place
     from pam_orthosis.bag.unclosed import Damaged
 
     if not any(bag.glob("*.mcap")):
         return "nothing was recorded"
-    readable = bag
+    readable, empty = bag, False
     try:
-        if not (bag / METADATA_FILE).exists():
+        if (bag / METADATA_FILE).exists():
+            with open_bag(bag) as opened:
+                empty = not opened.message_count
+        else:
             try:
                 recover_in_place(bag)
             except Damaged:
                 readable = bag.with_name(f"{bag.name}-recovered")
                 recover(bag, readable)
-        left = f"the bag {readable} holds the run up to there"
+        left = "nothing was recorded" if empty else f"the bag {readable} holds the run up to there"
     except (OrthosisError, OSError) as error:
         left = str(error)
     with suppress(OSError):  # the disk may be full, which is perhaps why the run failed

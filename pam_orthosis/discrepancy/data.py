@@ -217,7 +217,11 @@ def _check_units(one: Recording, system: System) -> None:
             )
         least, most = system.limits.get(name) or PLAUSIBLE.get(unit, (-np.inf, np.inf))
         if low < least or high > most:
-            raise OrthosisError(f"{said} leaves {least:g} to {most:g} {unit}; check its unit and its zero")
+            flipped = least <= -high and -low <= most
+            sign = f", or turn its sign round by --columns {name}=-COLUMN" if flipped else ""
+            raise OrthosisError(
+                f"{said} leaves {least:g} to {most:g} {unit}; check its unit and its zero{sign}"
+            )
 
 
 def smoothed(values: np.ndarray, period: float, cutoff: float) -> np.ndarray:

@@ -14,6 +14,8 @@ ON_GRID = 0.2  # of the period: rows are missing between stamps that are this ne
 MOST_BRIDGED = 5  # rows in succession; a longer gap cuts
 MOST_MISSING = 0.05  # of all rows
 UNEVEN_SHARE = 0.2  # of the steps: beyond it the stamps say nothing of a period
+_REPEATED = "repeats", "leave out rows that are there twice, or write stamps with more digits"
+_BACK = "goes back behind", "sort the rows, or give what follows as a recording of its own"
 
 Signals = Mapping[str, np.ndarray]
 
@@ -44,7 +46,9 @@ def even(name: str, time: np.ndarray, signals: Signals, held: Collection[str]) -
     steps = np.diff(time)
     period = float(np.median(steps))
     if period <= 0 or (steps <= 0).any():
-        raise OrthosisError(f"{name}: time does not increase")
+        at = int(np.argmax(steps <= 0))
+        told, remedy = _REPEATED if steps[at] == 0 else _BACK
+        raise OrthosisError(f"{name}: time {told} {time[at]:.6g} s, in row {at + 2} of numbers; {remedy}")
     if (np.abs(steps - period) <= UNIFORM * period).all():
         return Even(float((time[-1] - time[0]) / len(steps)), signals, 0.0)
     first, last, words = _longest(time, steps, period)

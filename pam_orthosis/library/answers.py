@@ -29,10 +29,8 @@ class Check(Shown, Verdict):
     """How well a run follows its reference; errors and bound are in `unit` (deg or mm)."""
 
     def _shown(self) -> tuple[Sequence[str], list[tuple[str, str]], str]:
-        answer = "passed" if self.passed else "failed"
-        head = (
-            f"{answer}: maximum error {self.max_abs_error:.3f} {self.unit}, bound {self.bound:g} {self.unit}"
-        )
+        sizes = f"maximum error {self.max_abs_error:.3f} {self.unit}, bound {self.bound:g} {self.unit}"
+        head = f"{self.answer.lower()}: {sizes}"
         rows = [
             (name.replace("_", " "), f"{value:.3f}" if isinstance(value, float) else str(value))
             for name, value in self.as_dict().items()

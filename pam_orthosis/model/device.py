@@ -10,7 +10,7 @@ import yaml
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machine import Machine
-from pam_orthosis.model.machines import machine_from, machine_named
+from pam_orthosis.model.machines import check_name, machine_from, machine_named
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.reading import check_keys, config_folder, from_json, from_yaml, mapping, read_text
 
@@ -96,6 +96,7 @@ def entry_of(parameters: Parameters) -> dict[str, Any]:
 def _joint(path: Path, name: str, node: Any, values: Mapping[str, Any]) -> Machine:
     """Return a joint's machine: that of another file; if it is coupled, with the values of the device."""
     where = f"{path}: joint {name}"
+    check_name(name, f"{path}: a joint")
     node = mapping(node, where)
     check_keys(node, OF_JOINT, where)
     base = machine_named(Path(str(node.get("machine"))))

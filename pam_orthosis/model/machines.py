@@ -5,7 +5,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.model.components import cylinder
@@ -21,6 +21,7 @@ from pam_orthosis.reading import (
     flattened,
     from_yaml,
     mapping,
+    meant,
     read_text,
     shown,
 )  # fmt: skip
@@ -33,10 +34,12 @@ REQUIRED = "mechanism", "actuators", "sensor"
 OF_ACTUATOR = ("kind", "parameters", "transmission", "parallel", "sizes")
 NAME = re.compile(r"[a-z][a-z0-9_]{0,30}")
 OF_MACHINE = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
+TAKEN = ("mechanism", "sensor", "truth")  # branches of parameters, and the namespace of what only is recorded
 MOST_ACTUATORS = 8
 BRANCHES = ("effects", "rig.effects")
 OWN = "machine"  # branch of the parameters that a file gives itself
 INLINE: Mapping[str, Sequence[Field]] = {"cylinder": cylinder.FIELDS}
+Names: TypeAlias = Sequence[str]
 EFFECTS = tuple(effect.kind for effect in KINDS)
 
 
@@ -44,22 +47,25 @@ class _File:
     """A file of a machine while it is read: its rows, and refusals that name it."""
 
     def __init__(self, text: str, name: str, where: str):
-        self.name, self._where = name, where
+        self.name, self.where = name, where
         self.rows: list[Row] = []
         self.top = self.mapping(from_yaml(text, where), "a machine")
         self.known(self.top, TOP, "a machine")
 
     def refusal(self, words: str) -> OrthosisError:
-        return OrthosisError(f"{self._where}: {words}")
+        return OrthosisError(f"{self.where}: {words}")
 
     def mapping(self, node: Any, where: str) -> dict[str, Any]:
-        return mapping(node, f"{self._where}: {where}")
+        return mapping(node, f"{self.where}: {where}")
 
     def known(self, node: Collection[str], names: Collection[str], where: str) -> None:
-        check_keys(node, names, f"{self._where}: {where}")
+        check_keys(node, names, f"{self.where}: {where}")
 
     def one_of(self, node: Mapping[str, Any], key: str, names: Collection[str], where: str) -> str:
-        value = node.get(key)
+        if key not in node:
+            near = next((f", but {shown(one)}" for one in node if meant(one, [key])), "")
+            raise self.refusal(f"{where} has no {key}{near}: give {key}, one of {', '.join(names)}")
+        value = node[key]
         if not isinstance(value, str) or value not in names:
             raise self.refusal(f"{key} of {where} is one of {', '.join(names)}, not {shown(value)}")
         return value
@@ -72,17 +78,19 @@ class _File:
 
     def values(self) -> dict[str, Any]:
         """Return the values of parameters by dotted key."""
-        with naming(f"{self._where}: values"):
+        with naming(f"{self.where}: values"):
             return flattened(self.mapping(self.top.get("values", {}), "values"))
 
-    def section(self, node: Mapping[str, Any], fields: Sequence[Field], branch: str, where: str) -> str:
-        """Take the values of a part as rows; return their branch."""
-        self.known(node, [one.name for one in fields], where)
+    def section(
+        self, node: Mapping[str, Any], fields: Sequence[Field], branch: str, where: str, others: Names = ()
+    ) -> str:
+        """Take the values of a part, which may have other keys elsewhere, as rows; return their branch."""
+        self.known(node, (*others, *(one.name for one in fields)), where)
         for one in fields:
             value = node.get(one.name, one.default)
             if value is None:
                 raise self.refusal(f"{where} has no {one.name}: {one.meaning}, in {one.unit}")
-            with naming(self._where):
+            with naming(self.where):
                 self.rows.append(one.row(branch, value, f"the file of {self.name}"))
         return branch
 
@@ -130,6 +138,13 @@ def machine_from(text: str, name: str, where: str) -> Machine:
     return machine
 
 
+def check_name(name: str, what: str) -> None:
+    """Refuse, by OrthosisError, what cannot name a namespace of topics and a branch of parameters."""
+    if not NAME.fullmatch(name) or name in TAKEN:
+        told = f"give one of small letters, digits, underscores, but not {', '.join(TAKEN)}"
+        raise OrthosisError(f"{what} cannot be called {shown(name)}; {told}")
+
+
 def _name(file: _File) -> str:
     """Return the machine's name, which its joint has on topics and in frames, where actuators have theirs."""
     name = file.text(file.top, "name", file.name)
@@ -147,9 +162,9 @@ def _mechanism(file: _File) -> tuple[str, str]:
     rest = {key: value for key, value in node.items() if key != "kind"}
     fields = MECHANISMS[kind].fields
     if not fields:
-        file.known(rest, ("parameters",), f"a {kind}")
+        file.known(node, ("kind", "parameters"), f"a {kind}")
         return kind, file.text(rest, "parameters", "")
-    branch = file.section(rest, fields, f"{OWN}.mechanism", f"the mechanism ({kind})")
+    branch = file.section(rest, fields, f"{OWN}.mechanism", f"the mechanism ({kind})", ("kind",))
     values: dict[str, Any] = {row.key.rsplit(".", 1)[1]: row.value for row in file.rows}
     if (
         not values["minimum"] <= values["start"] <= values["maximum"]
@@ -187,8 +202,7 @@ def _actuators(file: _File, mechanism: str) -> tuple[ActuatorOf, ...]:
 
 def _actuator(file: _File, name: str, node: Any, mechanism: str) -> ActuatorOf:
     where = f"actuator {name}"
-    if not NAME.fullmatch(name) or name in ("mechanism", "sensor", "truth"):
-        raise file.refusal(f"{shown(name)} cannot be an actuator's name: small letters, digits, underscores")
+    check_name(name, f"{file.where}: an actuator")
     node = file.mapping(node, where)
     kind = file.one_of(node, "kind", ACTUATORS, where)
     inline = {key: value for key, value in node.items() if key not in OF_ACTUATOR}
@@ -198,7 +212,7 @@ def _actuator(file: _File, name: str, node: Any, mechanism: str) -> ActuatorOf:
             raise file.refusal(f"{where} has no parameters: give the branch of its values, as muscle.dmsp_20")
         branch = file.text(node, "parameters", "")
     else:
-        branch = file.section(inline, INLINE[kind], f"{OWN}.{name}", where)
+        branch = file.section(inline, INLINE[kind], f"{OWN}.{name}", where, OF_ACTUATOR)
     own = bool(MECHANISMS[mechanism].fields)
     if own != ("transmission" in node):
         raise file.refusal(
@@ -210,7 +224,9 @@ def _actuator(file: _File, name: str, node: Any, mechanism: str) -> ActuatorOf:
         raise file.refusal(
             f"parallel of {where} is a number from 1 to {MOST_ACTUATORS}, not {shown(parallel)}"
         )
-    return ActuatorOf(name, kind, branch, _transmission(file, name, node) if own else "", parallel, sizes)
+    return ActuatorOf(
+        name, kind, branch, _transmission(file, name, node, mechanism) if own else "", parallel, sizes
+    )
 
 
 def _sizes(file: _File, node: Any, where: str) -> dict[str, float]:
@@ -225,7 +241,7 @@ def _sizes(file: _File, node: Any, where: str) -> dict[str, float]:
     return sizes
 
 
-def _transmission(file: _File, name: str, node: Mapping[str, Any]) -> str:
+def _transmission(file: _File, name: str, node: Mapping[str, Any], mechanism: str) -> str:
     where = f"transmission of actuator {name}"
     given = file.mapping(node["transmission"], where)
     ways = [way for way, fields in TRANSMISSIONS.items() if fields[0].name in given]
@@ -234,16 +250,19 @@ def _transmission(file: _File, name: str, node: Mapping[str, Any]) -> str:
         raise file.refusal(f"{where} is given by one of {firsts}, not {shown(list(given))}")
     branch = file.section(given, TRANSMISSIONS[ways[0]], f"{OWN}.{name}.transmission", where)
     if ways[0] == "table":
-        _check_table(file, given, where)
+        farthest = next(one.maximum for one in MECHANISMS[mechanism].fields if one.name == "maximum")
+        _check_table(file, given, where, farthest)
     return branch
 
 
-def _check_table(file: _File, given: Mapping[str, list[float]], where: str) -> None:
+def _check_table(file: _File, given: Mapping[str, list[float]], where: str, farthest: float) -> None:
     places, values = given["coordinates"], given["contractions"]
     if not isinstance(places, list) or not isinstance(values, list) or len(places) != len(values):
         raise file.refusal(f"{where}: coordinates and contractions are lists of the same length")
     if not 3 <= len(places) <= 40:
         raise file.refusal(f"{where}: coordinates are 3 to 40 numbers, not {len(places)}")
+    if max(map(abs, places)) > farthest:
+        raise file.refusal(f"{where}: coordinates go beyond {farthest:g}; check their unit")
 
 
 def _sensor(file: _File, coordinate: str, unit: str) -> str:

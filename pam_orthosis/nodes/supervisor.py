@@ -170,7 +170,7 @@ def supervise(
             children.append(Child(name, command, environment, logs / f"{name.replace('/', '_')}.log"))
         _watch(children, progress)
     except KeyboardInterrupt:
-        raise RunFailed("interrupted; what was recorded until then is in the bag") from None
+        raise RunFailed("interrupted") from None
     finally:
         try:
             _stop(children)

@@ -33,12 +33,13 @@ MEANS = {
     "steady-state error": "mean size while the reference rests",
     "observer's velocity lag": "below zero the estimate is ahead",
 }
+WORST_FIRST = ("FAILED", "INCOMPLETE", "PASSED")
 HEAD = ("machine", "answer", "largest error", "RMS error", "bound", "load on the sole")
 
 
 def run_page(run: RunData, verdict: Verdict, words: str) -> str:
     """Return the page of a run; `words` is the verdict as text."""
-    unit, answer = verdict.unit, "PASSED" if verdict.passed else "FAILED"
+    unit = verdict.unit
     within = "within" if verdict.max_abs_error <= verdict.bound else "beyond"
     headline = (
         f"The largest error is {verdict.max_abs_error:.3f} {unit}, {within} the bound of {verdict.bound:g}"
@@ -54,7 +55,7 @@ def run_page(run: RunData, verdict: Verdict, words: str) -> str:
     ]
     about = f"recorded run of the {run.machine.name}"
     tone = GOOD if verdict.passed else BAD
-    return Page(run.bag.path.name, answer, tone, headline, incomplete, parts, about).html()
+    return Page(run.bag.path.name, verdict.answer, tone, headline, incomplete, parts, about).html()
 
 
 def _numbers(verdict: Verdict):
@@ -162,8 +163,10 @@ def _changed(run: RunData) -> list[tuple[str, ...]]:
 
 def device_page(name: str, runs: Mapping[str, RunData], verdicts: Mapping[str, Verdict], words: str) -> str:
     """Return the page of a bag of this name: runs and verdicts by namespace, the latter as text too."""
-    failed = [one for one, verdict in verdicts.items() if not verdict.passed]
-    tone, answer = (BAD, "FAILED") if failed else (GOOD, "PASSED")
+    answers = {one: verdict.answer for one, verdict in verdicts.items()}
+    answer = min(answers.values(), key=WORST_FIRST.index)
+    failed = [one for one, own in answers.items() if own == "FAILED"]
+    tone = GOOD if answer == "PASSED" else BAD
     within = f"beyond their bounds are {', '.join(failed)}" if failed else "all are within their bounds"
     headline = f"The bag holds {len(verdicts)} machines; {within}."
     incomplete = [f"{one} is incomplete: {v.incomplete}." for one, v in verdicts.items() if v.incomplete]
@@ -176,10 +179,10 @@ def device_page(name: str, runs: Mapping[str, RunData], verdicts: Mapping[str, V
 
 
 def _row(name: str, verdict: Verdict) -> tuple[str, ...]:
-    unit, answer = verdict.unit, "PASSED" if verdict.passed else "FAILED"
+    unit = verdict.unit
     sizes = (verdict.max_abs_error, verdict.rms_error, verdict.bound)
     loads = (f"{which} {one.peak_N:.0f} N of {one.set_peak_N:.0f}" for which, one in verdict.loads.items())
-    return name, answer, *(f"{size:.3f} {unit}" for size in sizes), ", ".join(loads) or "-"
+    return name, verdict.answer, *(f"{size:.3f} {unit}" for size in sizes), ", ".join(loads) or "-"
 
 
 def _parts(name: str, run: RunData, verdict: Verdict) -> tuple[Part, Part]:

@@ -147,6 +147,11 @@ def test_missing_and_unclosed_bags_are_refused(tmp_path, bag):
     (tmp_path / "empty").mkdir()
     with pytest.raises(OrthosisError, match="holds no bag"):
         read_bag(tmp_path / "empty", NEEDED)
+    (table := tmp_path / "table.csv").write_text("time,angle\n0,1\n")
+    with pytest.raises(
+        OrthosisError, match=r"csv is no bag: give a bag's folder, or its .mcap or .db3 file$"
+    ):
+        read_bag(table, NEEDED)
     (bag / "metadata.yaml").unlink()
     with pytest.raises(OrthosisError, match=r"never closed.*recover"):
         read_bag(bag, NEEDED)

@@ -42,6 +42,12 @@ def test_error_is_reference_minus_angle_joined_by_stamp(tmp_path):
     assert judge(bag, Bound(2.1)).passed
 
 
+def test_a_bound_of_a_joint_needs_joints(tmp_path, capsys):
+    bag = _tracking(tmp_path / "walk")
+    assert main(["check", str(bag), "--bound-deg", "1,knee=2"]) == 2
+    assert capsys.readouterr().err.endswith("no knee to bound; it has one joint; give one bound\n")
+
+
 def test_an_error_of_exactly_the_bound_passes(tmp_path):
     bag = write_tracking_bag(tmp_path / "bag", TIME_NS, np.full_like(TIME, 0.05), np.zeros_like(TIME))
     largest = judge(bag).max_abs_error
@@ -187,7 +193,7 @@ def _tracking(folder, drop=(), begun_ns=0, **parameters):
         (range(250, 1000), {}, "from 1.245 to 4.995 s angle and reference share no stamp"),
         (range(300, 600), {}, "from 1.495 to 3.000 s angle and reference share no stamp"),
         ([k for k in range(1000) if k % 4], {}, "angle and reference share 250 of 1000 stamps"),
-        ((), {"scenario.duration": 60.0}, "the bag ends after 4.995 of 60 s"),
+        ((), {"scenario.duration": 60.0}, "the bag ends early: it can be judged up to 4.995 of 60 s"),
     ],
 )
 def test_what_cannot_be_judged_does_not_pass(tmp_path, drop, parameters, said, capsys):
@@ -197,8 +203,26 @@ def test_what_cannot_be_judged_does_not_pass(tmp_path, drop, parameters, said, c
     assert not verdict.passed
     assert judge(bag, partial=True).passed
     assert main(["check", str(bag)]) == 1
-    assert f"INCOMPLETE: {said}; `check --partial`" in capsys.readouterr().out
+    told = capsys.readouterr().out.splitlines()
+    assert told[-2:] == [
+        f"incomplete                 {said}; `--partial` judges what is there",
+        f"INCOMPLETE: maximum 0.000 deg, bound 3 deg, {verdict.samples} samples in"
+        f" {verdict.duration_s:.3f} s",
+    ]
     assert main(["check", str(bag), "--partial"]) == 0
+
+
+def test_one_duration_is_told_where_the_hardware_goes_on_without_a_reference(tmp_path):
+    verdict = judge(_tracking(tmp_path / "walk", range(900, 1000), **{"scenario.duration": 60.0}))
+    assert (verdict.answer, verdict.duration_s) == ("INCOMPLETE", pytest.approx(4.495))
+    assert verdict.incomplete == "the bag ends early: it can be judged up to 4.495 of 60 s"
+
+
+def test_an_incomplete_bag_beyond_its_bound_has_failed(tmp_path):
+    folder, parameters = tmp_path / "walk", {"scenario.duration": 60.0}
+    verdict = judge(write_tracking_bag(folder, TIME_NS, 0.1 + 0.0 * TIME, 0.0 * TIME, parameters))
+    assert verdict.incomplete
+    assert verdict.answer == "FAILED"
 
 
 @pytest.mark.parametrize(

@@ -93,6 +93,14 @@ def test_a_no_is_an_answer_and_is_not_tried_again(tmp_path, capsys):
         Batch([Unit("walk", "json.tool", ())], tmp_path / "out")
 
 
+def test_a_wrong_argument_is_refused_before_any_bag_is_tried(tmp_path, capsys):
+    command = ["batch", "check", str(WALK), "--out", str(tmp_path / "out"), "--with=--skip-seconds 2"]
+    assert main(command) == 2
+    wrong = "unrecognized arguments: --skip-seconds 2; see `pam-orthosis check --help`"
+    assert capsys.readouterr().err == f"pam-orthosis: error: {wrong}\n"
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_crash_and_a_unit_that_hangs_take_nothing_with_them(tmp_path):
     units = [
         printing(tmp_path, "before", {"a": 1}),

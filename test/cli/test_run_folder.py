@@ -12,9 +12,11 @@ import pytest
 
 from pam_orthosis import files
 from pam_orthosis.bag import recover
+from pam_orthosis.bag.record import BagWriter
 from pam_orthosis.cli import main as entry
 from pam_orthosis.cli import parameters, run
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.errors import OrthosisError, RunFailed
+from pam_orthosis.nodes import supervisor
 
 
 @pytest.fixture
@@ -49,6 +51,20 @@ def test_what_cannot_be_recovered_is_said_and_the_output_kept(unfinished, monkey
     monkeypatch.setattr(recover, "recover_in_place", refuse)
     assert run._rescue(bag, work) == f"{bag} holds no readable message; logs in {bag / 'log'}"
     assert (bag / "log" / "node.log").read_text() == "no air"
+
+
+def test_what_an_interruption_left_is_told_once(tmp_path, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(supervisor, "Child", interrupt)
+    bag = tmp_path / "bag"
+    with pytest.raises(RunFailed, match=r"\Ainterrupted; nothing was recorded\Z"):
+        run.supervise_recorded({"node": ["true"]}, {}, tmp_path, lambda _: None, bag)
+    with BagWriter(bag) as writer:
+        writer.add_topic("/joint_states", "sensor_msgs/msg/JointState")
+    (work := tmp_path / "work").mkdir()
+    assert run._rescue(bag, work) == f"nothing was recorded; logs in {bag / 'log'}"
 
 
 @pytest.mark.parametrize("there", [True, False], ids=["an empty folder", "a new folder"])

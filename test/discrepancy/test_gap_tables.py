@@ -2,7 +2,9 @@
 """Tables of any apparatus: columns and units, missing rows, stamps against each other."""
 
 from dataclasses import replace
+from pathlib import Path
 
+import motor_bench
 import numpy as np
 import pytest
 
@@ -21,10 +23,13 @@ from pam_orthosis.discrepancy.data import (
 )
 from pam_orthosis.discrepancy.even import even
 from pam_orthosis.discrepancy.knee import knee
+from pam_orthosis.discrepancy.mistakes import mistake_words
 from pam_orthosis.discrepancy.stamps import STEP, remarks_on_stamps, skews
+from pam_orthosis.discrepancy.user_file import load_system
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load, scenario_overrides
 
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TIME = np.arange(600) * 0.002
 SI = {
     "time": TIME,
@@ -116,6 +121,37 @@ def test_uniform_stamps_change_nothing():
     found = even("x", TIME, {"angle": SI["angle"]}, [])
     assert found.signals["angle"] is SI["angle"]
     assert not found.remarks
+
+
+@pytest.mark.parametrize(
+    ("stamp", "said"),
+    [
+        (TIME[49], "time repeats 0.098 s, in row 51 of numbers; leave out rows that are there twice"),
+        (0.0, "time goes back behind 0.098 s, in row 51 of numbers; sort the rows"),
+    ],
+)
+def test_a_stamp_that_does_not_increase_is_named_with_what_to_do(stamp, said):
+    time = np.where(np.arange(len(TIME)) == 50, stamp, TIME)
+    with pytest.raises(OrthosisError, match=said):
+        even("table", time, {"angle": SI["angle"]}, ())
+
+
+def test_an_angle_of_the_other_sign_is_refused_with_what_turns_it_round(system, tmp_path):
+    table = write(tmp_path / "flipped.csv", {**SI, "angle": -SI["angle"]})
+    with pytest.raises(OrthosisError, match=r"or turn its sign round by --columns angle=-COLUMN$"):
+        from_csv(table, system)
+    mapped = with_columns(system, read_mapping(["angle=-angle"]))
+    np.testing.assert_allclose(from_csv(table, mapped).signals["angle"], SI["angle"])
+
+
+def test_a_coordinate_of_the_other_sign_that_nothing_forbids_is_named(tmp_path):
+    system = load_system(EXAMPLES / "motor_carriage.py")
+    turned = with_columns(system, read_mapping(["position=-encoder_mm"]))
+    table, gap = Path(motor_bench.write(tmp_path / "carriage.csv", 1, 0.0)), load().gap
+    for one, said in ((system, ""), (turned, "with position of the other sign: turn it round by --columns")):
+        start = beginning.begin(one, [from_csv(table, one)], [], gap)
+        assert said in (words := mistake_words(start, gap.replay.cross_cutoff))
+        assert bool(words) == bool(said)
 
 
 def test_too_many_missing_rows_are_refused():

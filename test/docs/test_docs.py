@@ -6,11 +6,17 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import pam_orthosis
 from pam_orthosis.cli.help_texts import ANSWERS, EXAMPLES
 from pam_orthosis.cli.main import VERBS, verb_parser
+from pam_orthosis.discrepancy import check
+from pam_orthosis.discrepancy.beginning import HELD_SHARE
+from pam_orthosis.discrepancy.data import Recording
+from pam_orthosis.discrepancy.knee import knee
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import machines, parameters
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.mechanisms import MECHANISMS
@@ -104,6 +110,25 @@ def test_every_key_of_a_machines_file_is_in_the_reference(pages):
         assert row in page
     for key in (*machines.TOP, *machines.OF_ACTUATOR):
         assert f"| `{key}` | " in page
+
+
+def test_who_reads_the_repository_is_told_what_builds_the_reference_of_machine_files(pages):
+    assert "reference/machine-file.md" in pages
+    text = (DOCS / "howto" / "machine.md").read_text(encoding="utf-8")
+    assert "(../reference/machine-file.md), which `make docs` builds in `site`" in text
+
+
+def test_a_recording_must_be_as_long_as_the_tutorial_says():
+    short, p = Recording("short", 0.002, {"angle": np.zeros(1000)}), parameters.load()
+    with pytest.raises(OrthosisError) as whole:
+        check.check(knee(p), [short], p.gap.replay.warm_up)
+    with pytest.raises(OrthosisError) as divided:
+        check.check_divisible([short], HELD_SHARE, p.gap.replay.warm_up)
+    least, undivided = (re.search(r"(\d+) s or more", str(one.value))[1] for one in (whole, divided))
+    told = (DOCS / "tutorials" / "own-recordings.md").read_text(encoding="utf-8")
+    assert (
+        f"at least {least} s ({undivided} s without `--held-out`) and {check.LEAST_SAMPLES} samples" in told
+    )
 
 
 @pytest.mark.parametrize("module", nodes.executables())

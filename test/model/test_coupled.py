@@ -210,6 +210,7 @@ def test_a_run_tells_its_joints_whole():
     ("text", "words"),
     [
         ("joints: {knee: {machine: knee, wing: 1}}", "joint knee has no 'wing'"),
+        ("joints: {truth: {machine: knee}}", "a joint cannot be called 'truth'; give one of small letters"),
         ("joints: {sole: {machine: shoe, coupled: leg}}", "a sole is no joint of a leg"),
         ("joints: {knee: {machine: knee}}\nsides: left", "sides is a list of names"),
         ("joints: {knee: {machine: nowhere}}", "nowhere"),

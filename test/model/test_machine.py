@@ -236,7 +236,16 @@ def test_parameters_know_their_machine(read):
         ("area: 8.0e-4", "aera: 8.0e-4", "did you mean area"),
         ("transmission: {arm: 1.0}", "transmission: {lever: 1.0}", "given by one of"),
         (", transmission: {arm: 1.0}", "", "needs a transmission"),
-        ("push:", "Push Rod:", "cannot be an actuator's name"),
+        ("kind: translation", "kynd: translation", "mechanism has no kind, but 'kynd': give kind, one of"),
+        ("push: {kind:", "push: {kynd:", "actuator push has no kind, but 'kynd': give kind, one of muscle"),
+        ("push: {kind", "push: {kynd: muscle, kind", "push has no 'kynd'; did you mean kind"),
+        ("push:", "Push Rod:", "an actuator cannot be called 'Push Rod'; give one of small letters"),
+        ("push:", "truth:", "cannot be called 'truth'; .* but not mechanism, sensor, truth"),
+        ("translation, inertia: 5.0, minimum: 0.0, maximum: 0.3",
+         "rotation, inertia: 5.0, minimum: 0.0, maximum: 90.0",
+         "maximum = 90 rad is outside -7.0 .. 7.0 rad; check its unit"),
+        ("meaning: a", "values: {muscle.dmsp_20.box.maximum_contraction: 0.9}\nmeaning: a",
+         "maximum_contraction = 0.9 m must be at most 40% of muscle.dmsp_20.map_length"),
         ("sensor: {noise: 1.0e-5}", "sensor: {noise: -1.0}", "outside"),
         ("sensor: {noise: 1.0e-5}", "sensor: plant.sensor.force", "plant.sensor.force_noise"),
         ("meaning: a double", "effects: [leek]\nmeaning: a double", "did you mean leak"),
@@ -273,6 +282,12 @@ def test_a_wrong_file_is_refused_in_one_line(read, old, new, words):
     with pytest.raises(OrthosisError, match=words) as refused:
         load(machine=read(SLIDE.replace(old, new)))
     assert "\n" not in str(refused.value)
+
+
+def test_a_table_of_degrees_is_refused(read):
+    table = "{coordinates: [0, 45, 90], contractions: [0, 0.01, 0.02]}"
+    with pytest.raises(OrthosisError, match="coordinates go beyond 7; check their unit"):
+        read(ARM.replace("{arm: 0.03}", table))
 
 
 def test_a_cylinder_is_as_long_as_its_stroke(read):

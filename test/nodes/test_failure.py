@@ -60,7 +60,8 @@ def test_interrupted_run_closes_its_bag(live_run):
     run.process.send_signal(signal.SIGINT)
     status, said, _ = run.ended()
     assert status == 3
-    assert "interrupted" in said
+    told = f"interrupted; the bag {run.bag} holds the run up to there; logs in {run.bag / 'log'}"
+    assert said.splitlines()[-1] == f"pam-orthosis: {told}"
     assert len(read_bag(run.bag, ["angle"])["angle"].value) > 10
 
 

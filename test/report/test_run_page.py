@@ -5,6 +5,7 @@ import base64
 import json
 import re
 import shutil
+from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
@@ -18,7 +19,8 @@ from pam_orthosis.bag.verdict import judge
 from pam_orthosis.cli.main import main
 from pam_orthosis.model import parameters
 from pam_orthosis.model.mechanisms import leg as leg_model
-from pam_orthosis.report.run_data import MOST_POINTS, thinned
+from pam_orthosis.report.run_data import MOST_POINTS, read_run, thinned
+from pam_orthosis.report.run_page import device_page, run_page
 from pam_orthosis.scene.shapes import shape_of
 
 WALK = Path(__file__).resolve().parents[2] / "bags" / "walk"
@@ -100,6 +102,15 @@ def test_the_bound_is_that_of_the_verdict(tmp_path):
     page = (tmp_path / "walk.html").read_text()
     assert '<h1>walk: <span class="answer bad">FAILED</span></h1>' in page
     assert "beyond the bound of 0.5 deg" in page
+
+
+def test_an_incomplete_run_that_holds_its_bound_has_not_failed():
+    run, whole = read_run(WALK), judge(WALK)
+    verdict = replace(whole, passed=False, incomplete="cut short")
+    assert '<h1>walk: <span class="answer bad">INCOMPLETE</span></h1>' in run_page(run, verdict, "")
+    told = device_page("both", {}, {"left": verdict, "right": whole}, "")
+    assert '<h1>both: <span class="answer bad">INCOMPLETE</span></h1>' in told
+    assert "left is incomplete: cut short." in told
 
 
 def test_thinning_keeps_every_peak():

@@ -16,6 +16,7 @@ from pam_orthosis.model.rows import Field, Section
 from pam_orthosis.model.signals import Expression
 
 LARGE = 1.0e6
+TURN = 7.0  # rad: what is farther is in degrees
 CONTRACTION = Field("contraction", "m", -LARGE, LARGE, "contraction at the coordinate zero", 0.0)
 # how a contraction depends on the coordinate: name of the way -> what it is given by
 TRANSMISSIONS = {
@@ -24,7 +25,7 @@ TRANSMISSIONS = {
         Field("ground", "m", 1.0e-4, LARGE, "distance from the axis to the end that is held"),
         Field("lever", "m", 1.0e-4, LARGE, "distance from the axis to the end on the load"),
         Field(
-            "angle", "rad", -7.0, 7.0, "angle between the two at the coordinate zero; its sign is the side"
+            "angle", "rad", -TURN, TURN, "angle between the two at the coordinate zero; its sign is the side"
         ),
         CONTRACTION,
     ),
@@ -35,18 +36,18 @@ TRANSMISSIONS = {
 }
 
 
-def _fields(inertia: str, effort: str, unit: str) -> tuple[Field, ...]:
+def _fields(inertia: str, effort: str, unit: str, farthest: float) -> tuple[Field, ...]:
     return (
         Field("inertia", inertia, 1.0e-6, LARGE, "mass, or moment of inertia about the axis"),
         Field("damping", f"{effort} s/{unit}", 0.0, LARGE, "viscous damping", 0.0),
         Field("stiffness", f"{effort}/{unit}", 0.0, LARGE, "stiffness of a spring", 0.0),
         Field("rest", unit, -LARGE, LARGE, "coordinate at which the spring is free of load", 0.0),
         Field("weight", effort, -LARGE, LARGE, "force, or largest torque, by which gravity pulls back", 0.0),
-        Field("minimum", unit, -LARGE, LARGE, "lower stop"),
-        Field("maximum", unit, -LARGE, LARGE, "upper stop"),
+        Field("minimum", unit, -farthest, farthest, "lower stop"),
+        Field("maximum", unit, -farthest, farthest, "upper stop"),
         Field("stop_stiffness", f"{effort}/{unit}", 0.0, 1.0e9, "stiffness of the stops", 1.0e5),
         Field("stop_damping", f"{effort} s/{unit}^2", 0.0, 1.0e9, "damping of the stops per depth", 1.0e3),
-        Field("start", unit, -LARGE, LARGE, "coordinate at which it rests at the start"),
+        Field("start", unit, -farthest, farthest, "coordinate at which it rests at the start"),
     )
 
 
@@ -124,8 +125,8 @@ class Rotation(OneAxis):
     coordinate: ClassVar[Coordinate] = ROTATION
     inputs: ClassVar[tuple[str, ...]] = ("external_torque",)
     fields: ClassVar[tuple[Field, ...]] = (
-        *_fields("kg m^2", "N m", "rad"),
-        Field("hanging", "rad", -7.0, 7.0, "angle at which the load hangs straight down", 0.0),
+        *_fields("kg m^2", "N m", "rad", TURN),
+        Field("hanging", "rad", -TURN, TURN, "angle at which the load hangs straight down", 0.0),
     )
 
     @property
@@ -166,4 +167,4 @@ class Translation(OneAxis):
     kind: ClassVar[str] = "translation"
     coordinate: ClassVar[Coordinate] = TRANSLATION
     inputs: ClassVar[tuple[str, ...]] = ("external_force",)
-    fields: ClassVar[tuple[Field, ...]] = _fields("kg", "N", "m")
+    fields: ClassVar[tuple[Field, ...]] = _fields("kg", "N", "m", LARGE)
