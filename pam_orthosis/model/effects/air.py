@@ -82,14 +82,13 @@ EFFECTS = [
         of="actuator",
         stage="flow",
         parameters=(
-            Quantity("coefficient", 1.0e-10, "kg/(s Pa)", 0.0, 2.0e-8, "mass flow per gauge pressure at 3 bar",
-                     0.0),
+            Quantity("coefficient", 1.0e-10, "kg/(s Pa)", 0.0, 2.0e-8, "flow per gauge pressure, at 3 bar", 0.0),
             Quantity("hole", 0.0, "-", 0.0, 1.0, "share of it through a hole, the rest through a narrow gap",
                      fitted=False, meaningful=(0.0, 1.0)),
         ),
         expression=_leak,
-        physics="A fitting or a crack of the {actuator} loses air, the more the higher the pressure: a narrow "
-        "gap in proportion, as its flow is laminar, a hole as an orifice.",
+        physics="A fitting or a crack of the {actuator} loses air, the more the higher the pressure: a "
+        "narrow gap in proportion, as its flow is laminar, a hole as an orifice.",
         source="measured decay of a closed muscle: 200 s with a bad fitting, 5000 s when tight; ISO 6358",
         minimum_effect=1.0e-12,
         coordinate="{actuator}_pressure",
