@@ -82,7 +82,7 @@ EFFECTS = [
         of="actuator",
         stage="flow",
         parameters=(
-            Quantity("coefficient", 1.0e-10, "kg/(s Pa)", 0.0, 2.0e-8, "flow per gauge pressure, at 3 bar", 0.0),
+            Quantity("coefficient", 1.0e-10, "kg/(s Pa)", 0.0, 2.0e-8, "flow over gauge pressure", 0.0),
             Quantity("hole", 0.0, "-", 0.0, 1.0, "share of it through a hole, the rest through a narrow gap",
                      fitted=False, meaningful=(0.0, 1.0)),
         ),
