@@ -128,7 +128,7 @@ def _round(found: Selection, held_out: Problem, settings: Section, progress: Pro
 
     Far off, shape corrections go astray for what is missing: effects are looked for without them first.
     """
-    if is_far(found.final_problem):
+    if set(found.problem.system.shapes) - set(found.final.effects) and is_far(found.final_problem):
         around = refit.unshaped(found.final_problem, found.final, progress)
         step = _seen_from(around, found, held_out, settings, progress)
         if step.accepted:
