@@ -7,7 +7,7 @@ from pam_orthosis.discrepancy.candidates import Candidate, Trial, candidate, sec
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.projection import Projection
-from pam_orthosis.discrepancy.system import Values
+from pam_orthosis.discrepancy.system import System, Values
 from pam_orthosis.progress import Progress
 
 LEAST_SCREEN = 6.0  # gain of a score test below which a fit is not worth its time
@@ -75,6 +75,12 @@ def fitted_candidates(
 def is_far(problem: Problem) -> bool:
     """Return whether the model is far off: parameters of the apparatus are suspected then."""
     return max(1 / weight**2 for weight in problem.weights.values()) > FAR
+
+
+def shapes_astray(system: System, base: Fit) -> bool:
+    """Return whether a shape correction that is not named is far off its tolerance."""
+    unnamed = set(system.shapes) - set(base.effects)
+    return any(name.partition(".")[0] in unnamed for name in _strained(base))
 
 
 def _strained(base: Fit) -> set[str]:

@@ -14,7 +14,7 @@ from pam_orthosis.discrepancy.free import scales_of
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.refit import at_best_level, refitted, with_details
 from pam_orthosis.discrepancy.replay import Replay
-from pam_orthosis.discrepancy.screening import fitted_candidates, is_far, worth_polishing
+from pam_orthosis.discrepancy.screening import fitted_candidates, is_far, shapes_astray, worth_polishing
 from pam_orthosis.discrepancy.second_chance import or_for_details, or_in_silence
 from pam_orthosis.discrepancy.selection import Ranking, Selection, Step
 from pam_orthosis.discrepancy.system import Values
@@ -126,14 +126,25 @@ def _alike(step: Step) -> dict[str, float]:
 def _round(found: Selection, held_out: Problem, settings: Section, progress: Progress) -> Step:
     """Return the step with the best effect beside what was found.
 
-    Far off, shape corrections go astray for what is missing: effects are looked for without them first.
+    Far off, shape corrections go astray for what is missing; what they hid shows without them.
     """
-    if set(found.problem.system.shapes) - set(found.final.effects) and is_far(found.final_problem):
-        around = refit.unshaped(found.final_problem, found.final, progress)
-        step = _seen_from(around, found, held_out, settings, progress)
-        if step.accepted:
-            return step
-    return _seen_from((found.final_problem, found.final), found, held_out, settings, progress)
+    step = _seen_from((found.final_problem, found.final), found, held_out, settings, progress)
+    if not is_far(step.problem or found.final_problem) or not shapes_astray(
+        found.problem.system, found.final
+    ):
+        return step
+    around = refit.unshaped(found.final_problem, found.final, progress)
+    other = _seen_from(around, found, held_out, settings, progress)
+    return _better(found, step, other)
+
+
+def _better(found: Selection, one: Step, other: Step) -> Step:
+    """Return the step whose effect has more evidence, at common weights; the first where neither has one."""
+    models = [(step.problem, step.fit) for step in (one, other) if step.problem and step.fit]
+    if len(models) < 2:
+        return other if other.fit else one
+    first, second = (evidence for evidence, *_ in weighed(found.final_problem, found.final, models))
+    return one if first >= second else other
 
 
 def _seen_from(
