@@ -206,3 +206,25 @@ def test_the_valves_correction_reaches_from_wide_vent_to_wide_fill():
     ones = [1.0] * (2 * valves.SIDE + 1)
     weight = np.array([float(valves.relative_error(o, ones)) for o in openings])
     assert weight.min() > 0.8 * weight.max()
+
+
+def test_a_leak_through_a_hole_passes_what_a_gap_does_at_3_bar_and_chokes_above():
+    def lost(pressure, **leak):
+        settings = {**NONE, **(switched_on(KNEE.catalogue["extensor_leak"], **leak) if leak else {})}
+        assembly = assemble(true_hardware(load(settings)))
+        x = np.zeros(len(assembly.states))
+        x[:4] = 0.6, 0.0, pressure, 2e5
+        rates = ca.Function("rates", [assembly.x, assembly.u], [assembly.rates])
+        return -float(rates(x, np.array([5.0, 5.0, 0.0, 0.0]))[2])
+
+    def leaks(gauge):
+        pressure = load().valve.ambient_pressure + gauge
+        closed = lost(pressure)
+        return [lost(pressure, coefficient=1e-9, hole=hole) - closed for hole in (0.0, 1.0)]
+
+    gap, hole = leaks(3e5)
+    assert gap > 0
+    assert hole == pytest.approx(gap)
+    (low_gap, low_hole), (high_gap, high_hole) = leaks(1e5), leaks(5e5)
+    assert low_hole > 1.2 * low_gap
+    assert high_hole < 0.95 * high_gap

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A fit that went astray: neither does an effect get the credit for it, nor does it hide one."""
+
+from dataclasses import replace
+
+import pytest
+
+from pam_orthosis.discrepancy import beginning, refit, select
+from pam_orthosis.discrepancy.candidates import Trial, candidate
+from pam_orthosis.discrepancy.fit import score
+from pam_orthosis.discrepancy.projection import Projection
+from pam_orthosis.discrepancy.screening import shapes_astray
+from pam_orthosis.discrepancy.selection import Selection, Step
+from pam_orthosis.model.parameters import load
+from pam_orthosis.progress import silent
+
+
+def begun(bench, **plant):
+    recordings = [bench.recording(seed, **plant) for seed in (1, 2)]
+    problem, held_out, _ = beginning.prepared(bench.replay, recordings[:1], recordings[1:], load().gap)
+    return *refit.recalibrated(problem, silent), held_out
+
+
+@pytest.fixture(scope="module")
+def sound(bench):
+    return begun(bench)
+
+
+def with_torque(problem, base):
+    projection = Projection(problem, base)
+    trial = Trial(projection, "constant_torque")
+    one = candidate(projection, trial, trial.starts())
+    return refit.refitted(problem, base, one, silent)
+
+
+def test_a_base_that_had_not_come_to_its_end_is_replaced_before_an_effect_is_added(sound):
+    problem, null, _ = sound
+    lost = replace(null, values={**null.values, "moving_mass": null.values["moving_mass"] + 0.5})
+    weighted, model = with_torque(problem, null)
+    found = Selection(problem, lost, problem, lost)
+    evidence = score(problem, lost) - score(problem, model)
+    assert evidence > 100, "an effect that is not there would have the credit"
+    assert select._better_base(found, (evidence, weighted, model), silent)
+    assert found.null is found.final
+    assert score(problem, found.null) == pytest.approx(score(problem, null), abs=3.0)
+
+
+def test_a_base_that_is_at_its_end_stays(sound):
+    problem, null, _ = sound
+    found = Selection(problem, null, problem, null)
+    weighted, model = with_torque(problem, null)
+    assert not select._better_base(found, (20.0, weighted, model), silent)
+    assert found.final is null
+
+
+@pytest.mark.parametrize(
+    ("far", "astray", "first", "second", "chosen"),
+    [
+        (True, True, None, 5.0, "second"),
+        (True, True, 4.0, 5.0, "second"),
+        (True, True, 5.0, 4.0, "first"),
+        (True, True, 5.0, None, "first"),
+        (False, True, None, 5.0, None),
+        (True, False, None, 5.0, None),
+    ],
+)
+def test_without_shape_corrections_is_looked_where_these_went_astray(
+    sound, monkeypatch, far, astray, first, second, chosen
+):
+    problem, null, held_out = sound
+    steps = [step(name, problem, null, gain) for name, gain in (("first", first), ("second", second))]
+    seen = iter(steps)
+    monkeypatch.setattr(select, "_seen_from", lambda *_: next(seen))
+    monkeypatch.setattr(select, "is_far", lambda _: far)
+    monkeypatch.setattr(select, "shapes_astray", lambda *_: astray)
+    monkeypatch.setattr(select.refit, "unshaped", lambda *_: (problem, null))
+    monkeypatch.setattr(
+        select, "weighed", lambda _problem, _base, models: [(m.cost, p, m) for p, m in models]
+    )
+    found = select._round(Selection(problem, null, problem, null), held_out, load().gap.evidence, silent)
+    assert found.accepted == chosen
+    assert next(seen, None) is (None if far and astray else steps[1])
+
+
+def step(name, problem, null, gain):
+    if gain is None:
+        return Step(None, None, None, 0.0, 0.0, (), "nothing")
+    return Step(name, replace(null, cost=gain), problem, gain, 0.0, (), "accepted")
+
+
+def test_a_second_look_leaves_all_unnamed_shape_corrections_out(sound):
+    problem, null, _ = sound
+    lost = replace(null, values={**null.values, "force_map_misfit.extensor_c00": 40.0})
+    assert shapes_astray(problem.system, lost)
+    assert not shapes_astray(problem.system, replace(lost, effects=("force_map_misfit",)))
+    assert not shapes_astray(problem.system, null)
+    _, plain = refit.unshaped(problem, lost, silent)
+    assert {one.name.partition(".")[0] for one in plain.free}.isdisjoint(problem.system.shapes)
+    assert plain.values["force_map_misfit.extensor_c00"] == 0.0
+    _, named = refit.unshaped(problem, replace(lost, effects=("force_map_misfit",)), silent)
+    assert any(one.name == "force_map_misfit.extensor_c00" for one in named.free)
