@@ -26,15 +26,14 @@ STEPS = 3
 def evidence(problem: Problem, base: Fit, names: Sequence[str], large: Collection[str]) -> dict[str, float]:
     """Return the evidence of effects beside a model, by samples in which its large effects are silent.
 
-    The large effects stay as they are; all else is fitted anew to these samples. Equations with too few of
-    them count for nothing; empty if all have too few.
+    The large effects stay as they are; all else is fitted anew to these samples. Empty if there are too few.
 
     Args:
         names: effects that are missing in the model.
         large: those of its effects that must be silent.
     """
-    shown = _long_enough(problem, _silences(problem, base, large))
-    if not any(part.any() for part in shown.values()):
+    shown = _silences(problem, base, large)
+    if _seconds(problem, shown) < LEAST_SECONDS:
         return {}
     quiet = problem.shown(shown)
     free = [one for one in base.free if one.name.partition(".")[0] not in large]
@@ -94,11 +93,11 @@ def _around(problem: Problem, equation: Equation, row: np.ndarray) -> np.ndarray
     return np.concatenate(parts)
 
 
-def _long_enough(problem: Problem, shown: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the samples of equations in which enough time is shown; none of the others."""
-    kept = {}
-    for e in problem.system.equations:
-        parts = problem.by_run(e, shown[e.name])
-        seconds = sum(one.run.period * float(part.sum()) for one, part in parts) / len(e.channels)
-        kept[e.name] = shown[e.name] & (seconds >= LEAST_SECONDS)
-    return kept
+def _seconds(problem: Problem, shown: Mapping[str, np.ndarray]) -> float:
+    """Return the time that is shown in the equation that has least of it."""
+    seconds = [
+        sum(one.run.period * float(part.sum()) for one, part in problem.by_run(e, shown[e.name]))
+        / len(e.channels)
+        for e in problem.system.equations
+    ]
+    return min(seconds)

@@ -631,6 +631,7 @@ def older(folder, **recorded_nominal):
 def test_a_delay_that_no_recording_holds_is_not_taken_in_silence(tmp_path):
     old, new = older(tmp_path / "old"), bag_of(tmp_path / "new", valve__delay=5e-3)
     today, key = load(), "valve.delay"
+    (tmp_path / "x.csv").touch()
     for paths, given, assumed, taken in (
         ([old], {}, {key: today.valve.delay}, today.valve.delay),
         ([old, new], {}, {key: 5e-3}, 5e-3),

@@ -245,7 +245,7 @@ def test_parameters_know_their_machine(read):
          "rotation, inertia: 5.0, minimum: 0.0, maximum: 90.0",
          "maximum = 90 rad is outside -7.0 .. 7.0 rad; check its unit"),
         ("meaning: a", "values: {muscle.dmsp_20.box.maximum_contraction: 0.9}\nmeaning: a",
-         "maximum_contraction = 0.9 m must be at most 40% of muscle.dmsp_20.map_length"),
+         "maximum_contraction = 0.9 m is outside 0.001 .. 0.5 m"),
         ("sensor: {noise: 1.0e-5}", "sensor: {noise: -1.0}", "outside"),
         ("sensor: {noise: 1.0e-5}", "sensor: plant.sensor.force", "plant.sensor.force_noise"),
         ("meaning: a double", "effects: [leek]\nmeaning: a double", "did you mean leak"),

@@ -17,7 +17,6 @@ from pam_orthosis.model.components.actuator import Actuator
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Expression
 
-MOST_CONTRACTION = 0.4  # of the length; the braid's geometry ends before
 MUSCLE = re.compile(r"muscle\.\w+\.map_length")
 
 
@@ -27,12 +26,6 @@ def broken_rules(values: Mapping[str, Any]) -> Iterator[str]:
         low, high = (f"{name}.box.{end}_contraction" for end in ("minimum", "maximum"))
         if not values[low] < values[high]:
             yield f"{low} = {values[low]} must be below {high} = {values[high]}"
-        length = values[f"{name}.map_length"]
-        if values[high] > MOST_CONTRACTION * length:
-            yield (
-                f"{high} = {values[high]} m must be at most {MOST_CONTRACTION:.0%} of {name}.map_length ="
-                f" {length} m: no muscle contracts further"
-            )
         yield from _braid_rule(values, name)
 
 
