@@ -16,7 +16,7 @@ def gap() -> str:
     none, nulls = results.quiet([r for r in every if r["set"].endswith("-none")])
     return (
         f"In realistic cases of medium size the hidden effect was named in {found} of {tried}"
-        f" ({found / tried:.0%}; in the last set: {now} of {asked}), and a wrong name was given in"
+        f" ({found / tried:.0%}; in the last whole set: {now} of {asked}), and a wrong name was given in"
         f" {results.wrong(medium)[0]}. Of two effects at once, both were named in {both} of {pairs} cases."
         f" With nothing hidden, the answer was `none` in {none} of {nulls}."
     )

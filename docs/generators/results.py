@@ -47,6 +47,7 @@ BLIND = (
     "566587",
     "278193",
     *LATEST,
+    "389573",
 )  # sets of cases, newest last
 BAGS = {"walk": "default", "person": "person"}  # reference bag -> its scenario
 TASKS = ("gait 2 s", "gait 2 s, 75 kg", "gait 2 s, 75 kg, supply of 7 bar")
