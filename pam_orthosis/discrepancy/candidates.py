@@ -51,11 +51,10 @@ class Trial:
         return {**self.projection.base.values, **rest, **self._rest, **own}
 
     def residuals(self, position: np.ndarray, nuisance: np.ndarray | None = None) -> dict[str, np.ndarray]:
-        """Return whitened residuals: of the equations that change."""
+        """Return whitened residuals: of the equations that it changes."""
         values, problem = self.values(position, nuisance), self.projection.problem
-        equations = self.equations if nuisance is None else problem.system.equations
         with np.errstate(all="ignore"):
-            return {e.name: problem.residual(e, self.effects, values) for e in equations}
+            return {e.name: problem.residual(e, self.effects, values) for e in self.equations}
 
     def starts(self) -> list[np.ndarray]:
         """Return the scaled start positions: typical values and the effect's other starts."""
@@ -179,7 +178,7 @@ def _point(projection: Projection, trial: Trial, own: np.ndarray, nuisance: np.n
     residuals = trial.residuals(own, nuisance)
     if not all(np.isfinite(row).all() for row in residuals.values()):
         return Point(own, nuisance, residuals, nuisance, projection.levels[0], math.inf)
-    right, squares = projection.state(residuals)
+    right, squares = projection.state(residuals, nuisance)
     cost, level = projection.best(right, squares, nuisance)
     return Point(own, nuisance, residuals, right, level, cost)
 
@@ -187,8 +186,9 @@ def _point(projection: Projection, trial: Trial, own: np.ndarray, nuisance: np.n
 def refine(projection: Projection, trial: Trial, start: np.ndarray, difference: float = DIFFERENCE) -> Point:
     """Return the trial with the least cost over its own and the nuisance parameters.
 
-    The nuisance parameters move with the effect and the model is evaluated there; their derivatives are
-    those of the base. `difference`: of the effect's own derivatives, in scales.
+    The nuisance parameters move with the effect and the equations that it changes are evaluated there; the
+    others follow linearly. Derivatives by nuisance parameters are those of the base. `difference`: of the
+    effect's own derivatives, in scales.
     """
     lower, upper = trial.bounds()
     now = _point(projection, trial, np.clip(start, lower, upper), projection.position)

@@ -66,9 +66,8 @@ class Projection:
         self._matrices = {name: scaled_slopes(block, base.free) for name, block in base.blocks.items()}
         self._squares = {name: float(np.sum(b.residual**2)) for name, b in base.blocks.items()}
         self._unchanged = {name: self.correlated(name, b.residual) for name, b in base.blocks.items()}
-        self._data_hessian = np.zeros((len(self._scale), len(self._scale)))
-        for matrix, place in self._matrices.values():
-            self._data_hessian[np.ix_(place, place)] += matrix @ matrix.T
+        self._curvature = {name: self._own_curvature(name) for name in base.blocks}
+        self._data_hessian = sum(self._curvature.values(), np.zeros((len(self._scale),) * 2))
         self.levels = [self.level(scales) for scales in self._assumptions()]
         self.floor = self.best(*self.state({}))[0]
 
@@ -89,6 +88,13 @@ class Projection:
         priors = 2 * float(np.sum(np.log(weight[weight > 0])))
         occam = 2 * float(np.sum(np.log(np.diag(factor[0])))) - priors
         return Level(scales, weight, centre, factor, occam)
+
+    def _own_curvature(self, equation: str) -> np.ndarray:
+        """Return J^T J of an equation in the scaled nuisance parameters."""
+        matrix, place = self._matrices[equation]
+        out = np.zeros((len(self._scale),) * 2)
+        out[np.ix_(place, place)] = matrix @ matrix.T
+        return out
 
     def correlated(self, equation: str, columns: np.ndarray) -> np.ndarray:
         """Return J^T columns in the scaled nuisance parameters."""
@@ -123,16 +129,23 @@ class Projection:
         total = right + level.gradient(position)
         return squares + level.cost(position) - float(total @ level.solve(total)) + level.occam
 
-    def state(self, residuals: Mapping[str, np.ndarray]) -> tuple[np.ndarray, float]:
-        """Return the data's gradient by the nuisance parameters and the sum of squares."""
+    def state(
+        self, residuals: Mapping[str, np.ndarray], position: np.ndarray | None = None
+    ) -> tuple[np.ndarray, float]:
+        """Return the data's gradient by the nuisance parameters and the sum of squares.
+
+        `position`: as in `best`; equations without residuals of their own follow there linearly.
+        """
         right, squares = np.zeros(len(self._scale)), 0.0
+        moved = (self.position if position is None else position) - self.position
         for name in self.base.blocks:
             if name in residuals:
                 squares += float(residuals[name] @ residuals[name])
                 right += self.correlated(name, residuals[name])
             else:
-                squares += self._squares[name]
-                right += self._unchanged[name]
+                bent = self._curvature[name] @ moved
+                squares += self._squares[name] + float(moved @ (2 * self._unchanged[name] + bent))
+                right += self._unchanged[name] + bent
         return right, squares
 
     def inside(self, position: np.ndarray) -> np.ndarray:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which effects of the catalogue are worth a full fit: score tests, projected fits, what they promise."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from pam_orthosis.discrepancy.candidates import Candidate, Trial, candidate, secant_gain, widened_shape
@@ -19,7 +21,10 @@ NEAR_THRESHOLD = 0.3  # of the evidence that is asked for: a projection may be t
 SLACK = 20.0  # the same where little is asked for
 FAR = 10.0  # power density of residuals over noise, and
 FAR_STRAIN = 3.0  # deviation of a free parameter over its tolerance, that let parameters be suspected
+RIVAL = 0.5  # of the gain of an effect with enough evidence: a wrong parameter may be what it is
 SECOND_START = 0.3  # of the best start's gain: a second start is tried
+
+Screened = tuple[float, str, list[np.ndarray]]  # gain of a score test, effect, starts worth a fit
 
 
 def fitted_candidates(
@@ -28,48 +33,64 @@ def fitted_candidates(
     """Return the candidates that a score test lets through, fitted, best evidence first, and all gains.
 
     `thresholds` is the evidence that each effect needs; one whose score is far below is not fitted, unless a
-    parameter of its name is strained: recalibration then does for it what it would show.
+    parameter of its name is strained: recalibration then does for it what it would show. Wrong parameters are
+    candidates where the model is far off or strained, and rivals of an effect that has enough evidence.
     """
-    projection = Projection(problem, base)
-    replay, system = problem.replay, problem.system
-    known = {*base.effects, *(() if is_far(problem) or _strained(base) else problem.system.wrong)}
-    known |= {name for name, one in system.catalogue.items() if one.within in base.effects}
-    names = replay.touching((name for name in system.candidates if name not in known), progress)
-    shapes = [name for name in system.shapes if name not in base.effects and replay.touched(name)]
+    look, system = _Look(problem, base, most, thresholds, progress), problem.system
+    known = {*base.effects, *(name for name, one in system.catalogue.items() if one.within in base.effects)}
+    others = [name for name in system.candidates if name not in known]
+    suspected = is_far(problem) or bool(look.strained)
+    gains, found = look.at([name for name in others if suspected or name not in system.wrong], LEAST_SCREEN)
+    least = max([LEAST_SCREEN, *(LEAST_SHARE * gain for gain in gains.values())])
+    best = max([one.gain for one in found if one.evidence >= thresholds[one.name]], default=0.0)
+    if best and not suspected:
+        rivals, fitted = look.at([name for name in others if name in system.wrong], RIVAL * best)
+        gains, found = gains | rivals, found + fitted
+    shapes = [name for name in system.shapes if name not in base.effects and problem.replay.touched(name)]
+    found += [widened_shape(look.projection, name) for name in shapes]
+    gains |= {one.name: one.gain for one in found}
+    return sorted((one for one in found if one.gain > least), key=lambda one: -one.evidence), gains
 
-    strained = _strained(base)
 
-    def enough(gain: float, name: str) -> bool:
-        return gain * _room(problem, name) > LEAST_OF_THRESHOLD * thresholds[name]
+class _Look:
+    """Score tests of effects at a fit, and fits of those that promise something."""
 
-    def screen(name: str) -> tuple[float, str, list[np.ndarray]]:
-        trial = Trial(projection, name)
+    def __init__(self, problem: Problem, base: Fit, most: int, thresholds: Values, progress: Progress):
+        self.projection, self.strained = Projection(problem, base), _strained(base)
+        self._problem, self._most, self._thresholds, self._progress = problem, most, thresholds, progress
+
+    def at(self, names: Sequence[str], least: float) -> tuple[dict[str, float], list[Candidate]]:
+        """Return gains of the score tests, and those fitted that promise more than `least` and enough."""
+        replay, progress = self._problem.replay, self._progress
+        able = replay.touching(names, progress)
+        together = replay.workers.together
+        screened = together(self._screened, able, replay, progress, "screening effects")
+        screened = sorted(screened, key=lambda one: -one[0])
+        best = screened[0][0] if screened else 0.0  # a small catalogue may be used up
+        kept = [
+            one
+            for place, one in enumerate(screened)
+            if one[1] in self.strained
+            or (place < self._most and one[0] > max(least, LEAST_SHARE * best) and self._is_enough(one))
+        ]
+        fitted = together(self._fitted, kept, replay, progress, "fitting candidates")
+        return {name: gain for gain, name, _ in screened}, fitted
+
+    def _screened(self, name: str) -> Screened:
+        trial = Trial(self.projection, name)
         starts = trial.starts()
-        gains = [secant_gain(projection, trial, start) for start in starts]
+        gains = [secant_gain(self.projection, trial, start) for start in starts]
         order = np.argsort(gains)[::-1][:2]
         kept = [starts[i] for i in order if gains[i] >= SECOND_START * gains[order[0]]]
-        return gains[order[0]], name, starts if name in strained else kept
+        return gains[order[0]], name, starts if name in self.strained else kept
 
-    several = replay.workers.together
-    screened = sorted(
-        several(screen, names, replay, progress, "screening effects"), key=lambda item: -item[0]
-    )
-    best = screened[0][0] if screened else 0.0  # a small catalogue may be used up
-    least = max(LEAST_SCREEN, LEAST_SHARE * best)
-    kept = [
-        (gain, name, starts)
-        for place, (gain, name, starts) in enumerate(screened)
-        if name in strained or (place < most and gain > least and enough(gain, name))
-    ]
+    def _is_enough(self, one: Screened) -> bool:
+        gain, name, _ = one
+        return gain * _room(self._problem, name) > LEAST_OF_THRESHOLD * self._thresholds[name]
 
-    def fitted(item: tuple[float, str, list[np.ndarray]]) -> Candidate:
-        gain, name, starts = item
-        return candidate(projection, Trial(projection, name), starts, gain)
-
-    found = several(fitted, kept, replay, progress, "fitting candidates")
-    found += [widened_shape(projection, name) for name in shapes]
-    gains = {name: gain for gain, name, _ in screened} | {one.name: one.gain for one in found}
-    return sorted((one for one in found if one.gain > least), key=lambda one: -one.evidence), gains
+    def _fitted(self, one: Screened) -> Candidate:
+        gain, name, starts = one
+        return candidate(self.projection, Trial(self.projection, name), starts, gain)
 
 
 def is_far(problem: Problem) -> bool:

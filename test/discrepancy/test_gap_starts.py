@@ -33,6 +33,17 @@ def with_torque(problem, base):
     return refit.refitted(problem, base, one, silent)
 
 
+def test_equations_that_an_effect_leaves_alone_follow_the_nuisance_parameters(sound):
+    problem, null, _ = sound
+    projection = Projection(problem, null)
+    moved = projection.position + 0.2
+    values = {**null.values, **projection.values(moved)}
+    known, linear = projection.state(problem.residuals((), values)), projection.state({}, moved)
+    assert linear[1] > projection.state({})[1] + 1000.0
+    assert linear[1] == pytest.approx(known[1], rel=0.02)
+    assert linear[0] == pytest.approx(known[0], abs=0.02 * abs(known[0]).max())
+
+
 def test_a_base_that_had_not_come_to_its_end_is_replaced_before_an_effect_is_added(sound):
     problem, null, _ = sound
     lost = replace(null, values={**null.values, "moving_mass": null.values["moving_mass"] + 0.5})

@@ -7,17 +7,19 @@ import numpy as np
 import pytest
 
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.discrepancy import patch, workflow
+from pam_orthosis.discrepancy import beginning, patch, refit, workflow
 from pam_orthosis.discrepancy.contract import as_dict
 from pam_orthosis.discrepancy.data import from_arrays
 from pam_orthosis.discrepancy.knee import SUSPECTS, knee
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.run import Run
+from pam_orthosis.discrepancy.screening import fitted_candidates, is_far
 from pam_orthosis.discrepancy.suspects import COMMON, MASSES, name_of
 from pam_orthosis.discrepancy.verdict import describe
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.plant import Plant
+from pam_orthosis.progress import silent
 
 DIAMETER = "leg.cogwheel_diameter"
 
@@ -77,6 +79,27 @@ def test_a_wrong_sprocket_is_named_with_its_size(bench):
     assert any("the model has 0.1: effective diameter" in line for line in lines)
     changed = patch.overrides(few, [one.name], outcome.selection.final.values)
     assert changed == {DIAMETER: pytest.approx(0.12, rel=0.02)}
+
+
+HEIGHT = "leg.bearing_height"
+
+
+@pytest.mark.parametrize(("height", "rivals"), [(0.1, {name_of(HEIGHT)}), (0.0, set())])
+def test_a_wrong_parameter_is_the_rival_of_an_effect_that_resembles_it(bench, height, rivals):
+    """Where the model is not far off, none is suspected; a mass at the foot is much like a bearing."""
+    wrong = bench.parameters.changed({HEIGHT: height})
+    loop = ClosedLoop(bench.parameters, 1, plant=Plant(wrong, 1))
+    recording = from_arrays("run", bench.system, loop.run(7000))
+    names = (*bench.system.shapes, "extra_foot_mass", name_of(HEIGHT))
+    few = replace(bench.system, catalogue={name: bench.system.catalogue[name] for name in names})
+    settings = bench.parameters.gap
+    prepared, *_ = beginning.prepared(Replay(few), [recording], [bench.recording(2)], settings)
+    problem, base = refit.recalibrated(prepared, silent)
+    thresholds = dict.fromkeys(names, settings.evidence.threshold)
+    found, _ = fitted_candidates(problem, base, settings.evidence.screened, thresholds, silent)
+    assert not is_far(problem)
+    assert {one.name for one in found} & set(few.wrong) == rivals
+    assert not rivals or max(found, key=lambda one: one.gain).name in rivals
 
 
 def test_a_wrong_valve_is_named_although_recalibration_hides_it(bench):
