@@ -61,6 +61,7 @@ def _added(found: Selection, step: Step, progress: Progress) -> bool:
     for name in step.fit.effects[len(found.final.effects) :]:
         found.evidence[name] = found.entered[name] = step.evidence
         found.alike[name] = _alike(step)
+        found.weights[name] = step.problem.weights
     found.final_problem, found.final = at_best_level(*with_details(step.problem, step.fit, progress))
     return True
 

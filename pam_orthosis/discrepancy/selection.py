@@ -41,7 +41,8 @@ class Selection:
         final_problem, final: the same with all effects that stayed.
         steps: rounds in order.
         evidence: effect -> difference of BIC when it alone is taken away (or was added).
-        entered: effect -> the same when it was added.
+        entered: effect -> the same when it was added, and
+        weights: the weights of the equations then.
         alike: effect -> other one -> share of its gain that the other one had where it was added.
         apart: effect -> others, larger ones, in whose silence it was seen too.
         present: effect that the model had before -> the same, and the equations that it changes.
@@ -54,6 +55,7 @@ class Selection:
     steps: list[Step] = field(default_factory=list)
     evidence: dict[str, float] = field(default_factory=dict)
     entered: dict[str, float] = field(default_factory=dict)
+    weights: dict[str, Values] = field(default_factory=dict)
     alike: dict[str, Values] = field(default_factory=dict)
     apart: dict[str, frozenset[str]] = field(default_factory=dict)
     present: dict[str, tuple[float, frozenset[str]]] = field(default_factory=dict)
@@ -79,11 +81,25 @@ def _asked_beside(found: Selection, name: str, settings: Section) -> dict[str, f
     """Return the evidence that an effect needs for each other one, if it was not seen in its silence."""
     touched = found.problem.replay.touched
     return {
-        # its evidence beside the others is an upper limit: without it the model is not fitted to the end
-        other: min(evidence, found.entered.get(other, evidence)) * _share(found, other, name, settings)
-        for other, evidence in found.evidence.items()
+        other: _evidence(found, other) * _share(found, other, name, settings)
+        for other in found.evidence
         if other != name and other not in found.apart.get(name, ()) and touched(other) & touched(name)
     }
+
+
+def _evidence(found: Selection, name: str) -> float:
+    """Return the evidence of an effect: that with which it was added, at the present weights.
+
+    What was missing then weighed residuals less: its form is off by as much now, and counts for more. Its
+    evidence beside the others, once known, is an upper limit: without it the model is not fitted to the end.
+    """
+    evidence = found.evidence[name]
+    entered, then = found.entered.get(name, evidence), found.weights.get(name)
+    if evidence < entered or then is None:
+        return min(evidence, entered)
+    now = found.final_problem.weights
+    grown = entered * max((now[one] / then[one]) ** 2 for one in found.problem.replay.touched(name))
+    return grown if evidence == entered else min(evidence, grown)
 
 
 def _share(found: Selection, other: str, name: str, settings: Section) -> float:

@@ -47,6 +47,20 @@ def test_what_could_pass_for_a_large_effect_needs_more_evidence_beside_it():
     assert asked(same, "joint_friction") == pytest.approx(0.1 * 60_000)
 
 
+@pytest.mark.parametrize(
+    ("evidence", "counted"),
+    [(2000.0, 8000.0), (20_000.0, 8000.0), (5000.0, 5000.0), (1000.0, 1000.0)],
+    ids=["as added", "taken away now", "taken away now, less", "less than when added"],
+)
+def test_an_effect_added_beside_a_larger_gap_counts_for_more_once_that_is_closed(evidence, counted):
+    """Play was added while a late sensor hid most of it: what its form leaves was called a friction."""
+    found = found_so_far({"backlash": evidence}, {"backlash": {"joint_friction": 1.0}})
+    found.entered = {"backlash": 2000.0}
+    found.weights = {"backlash": {"torque": 0.4}}
+    found.final_problem = SimpleNamespace(weights={"torque": 0.8})
+    assert asked(found, "joint_friction") == pytest.approx(0.1 * counted)
+
+
 def test_what_a_model_had_before_is_taken_for_alike():
     found = found_so_far({}, {}, {"muscle_hysteresis": (60_000.0, frozenset({"torque"}))})
     assert asked(found, "extra_foot_mass") == pytest.approx(0.1 * 60_000)
