@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a search has found so far, and what evidence it asks of a further effect."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 from pam_orthosis.discrepancy.candidates import Candidate, penalty
@@ -41,8 +42,8 @@ class Selection:
         final_problem, final: the same with all effects that stayed.
         steps: rounds in order.
         evidence: effect -> difference of BIC when it alone is taken away (or was added).
-        entered: effect -> the same when it was added, and
-        weights: the weights of the equations then.
+        entered: effect -> the same when it was added.
+        shares: effect -> equation -> its share in what the effect explained then.
         alike: effect -> other one -> share of its gain that the other one had where it was added.
         apart: effect -> others, larger ones, in whose silence it was seen too.
         present: effect that the model had before -> the same, and the equations that it changes.
@@ -55,7 +56,7 @@ class Selection:
     steps: list[Step] = field(default_factory=list)
     evidence: dict[str, float] = field(default_factory=dict)
     entered: dict[str, float] = field(default_factory=dict)
-    weights: dict[str, Values] = field(default_factory=dict)
+    shares: dict[str, Values] = field(default_factory=dict)
     alike: dict[str, Values] = field(default_factory=dict)
     apart: dict[str, frozenset[str]] = field(default_factory=dict)
     present: dict[str, tuple[float, frozenset[str]]] = field(default_factory=dict)
@@ -81,25 +82,19 @@ def _asked_beside(found: Selection, name: str, settings: Section) -> dict[str, f
     """Return the evidence that an effect needs for each other one, if it was not seen in its silence."""
     touched = found.problem.replay.touched
     return {
-        other: _evidence(found, other) * _share(found, other, name, settings)
-        for other in found.evidence
+        # its evidence beside the others is an upper limit: without it the model is not fitted to the end
+        other: min(evidence, found.entered.get(other, evidence))
+        * _inside(found, other, touched(name))
+        * _share(found, other, name, settings)
+        for other, evidence in found.evidence.items()
         if other != name and other not in found.apart.get(name, ()) and touched(other) & touched(name)
     }
 
 
-def _evidence(found: Selection, name: str) -> float:
-    """Return the evidence of an effect: that with which it was added, at the present weights.
-
-    What was missing then weighed residuals less: its form is off by as much now, and counts for more. Its
-    evidence beside the others, once known, is an upper limit: without it the model is not fitted to the end.
-    """
-    evidence = found.evidence[name]
-    entered, then = found.entered.get(name, evidence), found.weights.get(name)
-    if evidence < entered or then is None:
-        return min(evidence, entered)
-    now = found.final_problem.weights
-    grown = entered * max((now[one] / then[one]) ** 2 for one in found.problem.replay.touched(name))
-    return grown if evidence == entered else min(evidence, grown)
+def _inside(found: Selection, name: str, equations: Collection[str]) -> float:
+    """Return the share of some equations in an effect's evidence: its form is off by as much there."""
+    shares = found.shares.get(name)
+    return 1.0 if shares is None else sum(shares[one] for one in shares if one in equations)
 
 
 def _share(found: Selection, other: str, name: str, settings: Section) -> float:

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-PERIOD, SUBSTEPS, SECONDS = 0.002, 10, 14.0
+PERIOD, SUBSTEPS, SECONDS = 0.002, 10, 8.0
 AMBIENT, MEAN, SWING = 101325.0, 3.0e5, 1.2e5  # Pa
 INERTIA, DAMPING, RADIUS, CENTRE = 0.1, 1.5, 0.04, 0.75  # kg m^2, N m s/rad, m, rad
 AREA, FIBRE_ANGLE, LENGTH, CONTRACTION = 2.0e-4, 0.45, 0.2, 0.15  # m^2, rad, m, -
