@@ -18,6 +18,7 @@ HELD_SHARE = 0.5  # of samples that repeat the one before in motion: recorded at
 WINDOW = 20  # samples, over which motion is looked for
 PARTS, FILTERED = 8, 10.0  # of the upper half of the band: power of the largest over the smallest
 COARSE = 0.4  # noise over the step of a signal: that of rounding alone is 0.29
+SEEN = 0.5  # of the different samples of a recording that judges: they are those of a fitted one
 NO_NOISE = 1e-7  # noise over the range of a signal
 
 
@@ -64,6 +65,32 @@ def check_divisible(recordings: Sequence[Recording], share: float, warm_up: floa
                 f"{one.name} lasts {one.duration:.1f} s: too short to judge by its last {share:.0%}; record"
                 f" {least:.0f} s or more, or name another recording with --held-out"
             )
+
+
+def check_unseen(system: System, training: Sequence[Recording], held_out: Sequence[Recording]) -> None:
+    """Check that no recording which judges holds samples that are fitted, whatever its name and its clock.
+
+    Raises:
+        OrthosisError: most samples of one are those of a training recording.
+    """
+    for one in held_out:
+        judged = _samples(system, one)
+        for other in training:
+            share = float(np.isin(judged, _samples(system, other)).mean())
+            if share > SEEN:
+                raise OrthosisError(
+                    f"{one.name}: {share:.0%} of its samples are those of {other.name}; what was fitted"
+                    " cannot judge: hold out another recording, or none (the last quarters judge then)"
+                )
+
+
+def _samples(system: System, one: Recording) -> np.ndarray:
+    """Return the different samples of a recording's channels, each as one number of many bytes.
+
+    In single precision: a table may have fewer digits than the bag that it was made of.
+    """
+    rows = np.column_stack([one.signals[channel.name] for channel in system.channels]).astype(np.float32)
+    return np.unique(np.ascontiguousarray(rows).view(np.dtype((np.void, rows.itemsize * rows.shape[1]))))
 
 
 def check_motion(system: System, recordings: Sequence[Recording], purpose: str) -> None:
@@ -144,7 +171,9 @@ def _remarks_on_inputs(system: System, one: Recording) -> list[str]:
         if name in one.left_out:
             continue
         if name not in one.signals:
-            remarks.append(f"{one.name} has no {name}: what it drives cannot be judged")
+            beside = [other for other in system.inputs if other in one.signals]
+            unused = f", nor what {' and '.join(beside)} drives" if beside else ""
+            remarks.append(f"{one.name} has no {name}: what it drives cannot be judged{unused}")
         elif np.ptp(one.signals[name]) == 0:
             remarks.append(f"{one.name}: {name} never changes")
     return remarks

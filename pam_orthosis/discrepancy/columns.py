@@ -99,7 +99,8 @@ def signals_of(
         ambient: pressure, Pa, which gauge pressures count from.
 
     Raises:
-        OrthosisError: no such column, one for two signals, an unknown unit, or one of something else.
+        OrthosisError: no column for a signal that is needed, or not that column, one for two signals, an
+            unknown unit, or one of something else.
     """
     found, signal_of = {}, dict[str, str]()
     for name in ("time", *(channel.name for channel in system.channels), *system.inputs):
@@ -120,6 +121,12 @@ def signals_of(
         values = sign * columns[column]
         scaled = source.factor * values + source.offset
         found[name] = scaled if unit is None else _in_si(path, system, name, values, unit, ambient)
+    missing = [name for name in ("time", *(channel.name for channel in system.channels)) if name not in found]
+    if missing:
+        raise OrthosisError(
+            f"{path}: no column {_listed(missing)}; there are: {_listed(columns)}; say which is which, as in"
+            f" --columns {missing[0]}=COLUMN, or by --machine of what other machine the table is"
+        )
     return found
 
 

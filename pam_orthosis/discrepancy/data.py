@@ -76,7 +76,7 @@ def from_arrays(name: str, system: System, arrays: Mapping[str, np.ndarray]) -> 
     wanted = [*(channel.name for channel in system.channels), *system.inputs]
     missing = [key for key in ("time", *(c.name for c in system.channels)) if key not in arrays]
     if missing:
-        hint = f"a table of another machine than the {system.name} needs --machine"
+        hint = f"the model is of the {system.name.removeprefix('a ')}"
         raise OrthosisError(f"{name}: no signal {', '.join(missing)}; there are: {', '.join(arrays)}; {hint}")
     time = np.asarray(arrays["time"], dtype=float)
     signals = {key: np.asarray(arrays[key], dtype=float) for key in wanted if key in arrays}

@@ -134,3 +134,12 @@ def _look_alikes(found: Selection, name: str, settings: Section) -> tuple[str, .
     share = 0.0 if name in found.problem.system.wrong else settings.ambiguous_share
     near = max(settings.ambiguous, share * own)
     return tuple(other for other, evidence in others if own - evidence < near)
+
+
+def in_all(system: System, one: Named) -> str:
+    """Return in words what a delay beside the model's own comes to; empty for what counts from nothing."""
+    effect = system.catalogue[one.name]
+    if effect.late is None or not system.late:
+        return ""
+    delay = system.late + one.parameters[effect.fitted[0].name][0]
+    return f" beside the {1e3 * system.late:.3g} ms that the model has ({1e3 * delay:.2f} ms in all)"

@@ -8,7 +8,7 @@ from typing import Any
 from pam_orthosis.discrepancy.beginning import Beginning
 from pam_orthosis.discrepancy.confirmation import at_values
 from pam_orthosis.discrepancy.curves import curves, in_words
-from pam_orthosis.discrepancy.findings import Named
+from pam_orthosis.discrepancy.findings import Named, in_all
 from pam_orthosis.discrepancy.identifiability import Identifiability
 from pam_orthosis.discrepancy.judgement import FAR_STRAIN, Outcome, beyond, moved_beyond
 from pam_orthosis.discrepancy.measure import OVERALL, over_noise
@@ -199,11 +199,8 @@ def _named(outcome: Outcome, one: Named) -> str:
         for name, (value, unit, lower, upper) in shown.items()
     )
     more = len(one.parameters) - len(shown)
-    return (
-        f"effect: {one.name} ({one.equation}): {values}"
-        + (f" and {more} more coefficients (gap.json)" if more else "")
-        + f"; evidence {one.evidence:.0f}"
-    )
+    rest = f" and {more} more coefficients (gap.json)" if more else in_all(outcome.system, one)
+    return f"effect: {one.name} ({one.equation}): {values}{rest}; evidence {one.evidence:.0f}"
 
 
 def _wrong(system: System, one: Named) -> str:

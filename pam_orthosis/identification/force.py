@@ -129,7 +129,10 @@ def fit_force(s: Samples, damping: float = 0.0, degrees: tuple[int, int] = (3, 4
     """
     count = sum(degrees) + 2
     if len(s) <= count:
-        raise OrthosisError(f"{len(s)} taut samples are too few for {count} coefficients")
+        raise OrthosisError(
+            f"{len(s)} taut samples are too few for {count} coefficients: give more than {count}, or ask for"
+            " fewer with --degrees"
+        )
     weights = balanced_weights(s)
     kind, member = clusters(s)
     each = (member == one for one in range(member.max() + 1))

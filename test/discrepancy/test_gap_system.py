@@ -149,7 +149,7 @@ def test_a_table_is_read_by_columns_in_other_units(tables):
     other = replace(system, sources={"position": Source(column="encoder", factor=1e-3)})
     with pytest.raises(OrthosisError, match="no column encoder for position; there are: time, encoder_mm"):
         from_csv(Path(tables[0]), other)
-    with pytest.raises(OrthosisError, match="no signal position"):
+    with pytest.raises(OrthosisError, match=r"no column position; there are: time, .* --columns position="):
         from_csv(Path(tables[0]), replace(system, sources={}))
 
 

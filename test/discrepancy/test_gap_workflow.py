@@ -34,6 +34,7 @@ from pam_orthosis.discrepancy.data import (
     from_csv,
     is_table,
 )
+from pam_orthosis.discrepancy.findings import Named, in_all
 from pam_orthosis.discrepancy.identifiability import Identifiability, identifiability
 from pam_orthosis.discrepancy.measure import Gap
 from pam_orthosis.discrepancy.replay import Replay
@@ -203,6 +204,15 @@ def test_without_voltages_the_torque_is_judged_and_the_rest_is_said(bench, tmp_p
     assert [one.name for one in outcome.effects] == ["joint_friction"]
     assert any("extensor_voltage" in remark for remark in outcome.remarks)
     assert set(outcome.after.units) == {"angle"}
+
+
+def test_one_voltage_alone_is_not_called_absent(bench):
+    arrays = {name: bench.arrays(1)[name] for name in COLUMNS if name != "extensor_voltage"}
+    (told, *rest) = check.check(bench.system, [from_arrays("x", bench.system, arrays)], 2.0)
+    assert told.endswith(
+        "no extensor_voltage: what it drives cannot be judged, nor what flexor_voltage drives"
+    )
+    assert not any("has no flexor_voltage" in one for one in rest)
 
 
 def test_the_verb_writes_json_model_and_page(bench, tmp_path, capsys, page_fits):
@@ -385,6 +395,35 @@ def test_unfit_data_stop_with_the_reason(bench, reason, change):
     arrays = change({name: bench.arrays(1)[name] for name in COLUMNS})
     with pytest.raises(OrthosisError, match=reason):
         find_gap(bench.system, [from_arrays("x", bench.system, arrays)], [], bench.parameters.gap)
+
+
+def test_a_copy_of_what_is_fitted_does_not_judge(bench):
+    """By another name, another clock, at a lower rate, or a part of it."""
+    fitted = bench.recording(1)
+    arrays = {name: bench.arrays(1)[name] for name in COLUMNS}
+    copies = [
+        {**arrays, "time": arrays["time"] + 100.0},
+        {name: values[::5] for name, values in arrays.items()},
+        {name: values[:5000] for name, values in arrays.items()},
+        {name: np.array([float(f"{value:.9g}") for value in values]) for name, values in arrays.items()},
+    ]
+    for one in copies:
+        copy = from_arrays("copy", bench.system, one)
+        with pytest.raises(OrthosisError, match=r"copy: .* of its samples are those of run 1; what was"):
+            check.check_unseen(bench.system, [bench.recording(2), fitted], [copy])
+    check.check_unseen(bench.system, [fitted], [bench.recording(2)])
+    with pytest.raises(OrthosisError, match="cannot judge"):
+        find_gap(bench.system, [fitted], [from_arrays("copy", bench.system, arrays)], bench.parameters.gap)
+
+
+def test_a_delay_beside_the_models_is_told_with_both(bench):
+    """Alone, a negative one reads as nonsense."""
+    late = replace(bench.system, late=0.0099)
+    one = Named("valve_delay", "gas", {"delay": (-0.0098, "s", -0.0099, -0.0097)}, 1e5)
+    assert in_all(late, one) == " beside the 9.9 ms that the model has (0.10 ms in all)"
+    assert in_all(bench.system, one) == ""
+    other = Named("joint_friction", "torque", {"coulomb": (0.4, "N m", 0.3, 0.5)}, 1e5)
+    assert in_all(late, other) == ""
 
 
 def test_the_second_of_a_round_is_compared_with_the_others_not_with_itself(bench):
