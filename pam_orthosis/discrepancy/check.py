@@ -73,13 +73,14 @@ def check_unseen(system: System, training: Sequence[Recording], held_out: Sequen
     Raises:
         OrthosisError: most samples of one are those of a training recording.
     """
+    fitted = [(other.name, _samples(system, other)) for other in training]
     for one in held_out:
         judged = _samples(system, one)
-        for other in training:
-            share = float(np.isin(judged, _samples(system, other)).mean())
+        for name, samples in fitted:
+            share = float(np.isin(judged, samples).mean())
             if share > SEEN:
                 raise OrthosisError(
-                    f"{one.name}: {share:.0%} of its samples are those of {other.name}; what was fitted"
+                    f"{one.name}: {share:.0%} of its samples are those of {name}; what was fitted"
                     " cannot judge: hold out another recording, or none (the last quarters judge then)"
                 )
 
