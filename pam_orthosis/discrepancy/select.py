@@ -58,20 +58,11 @@ def _added(found: Selection, step: Step, progress: Progress) -> bool:
     if step.accepted is None or step.problem is None or step.fit is None:
         return False
     progress(f"added {step.accepted} (evidence {step.evidence:.0f}, held-out t {step.held_out_t:.1f})")
-    shares = _shares(step.problem, found.final, step.fit)
     for name in step.fit.effects[len(found.final.effects) :]:
         found.evidence[name] = found.entered[name] = step.evidence
-        found.alike[name], found.shares[name] = _alike(step), shares
+        found.alike[name] = _alike(step)
     found.final_problem, found.final = at_best_level(*with_details(step.problem, step.fit, progress))
     return True
-
-
-def _shares(problem: Problem, smaller: Fit, larger: Fit) -> dict[str, float]:
-    """Return the shares of equations in what a larger model explains; whole ones where that is nothing."""
-    before, after = (problem.residuals(one.effects, one.values) for one in (smaller, larger))
-    falls = {name: max(0.0, float(row @ row - after[name] @ after[name])) for name, row in before.items()}
-    total = sum(falls.values())
-    return {name: fall / total if total else 1.0 for name, fall in falls.items()}
 
 
 def _beside(found: Selection, held_out: Problem, last: Step, candidate: Candidate, settings: Section) -> Step:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a search has found so far, and what evidence it asks of a further effect."""
 
-from collections.abc import Collection
 from dataclasses import dataclass, field
 
 from pam_orthosis.discrepancy.candidates import Candidate, penalty
@@ -43,7 +42,6 @@ class Selection:
         steps: rounds in order.
         evidence: effect -> difference of BIC when it alone is taken away (or was added).
         entered: effect -> the same when it was added.
-        shares: effect -> equation -> its share in what the effect explained then.
         alike: effect -> other one -> share of its gain that the other one had where it was added.
         apart: effect -> others, larger ones, in whose silence it was seen too.
         present: effect that the model had before -> the same, and the equations that it changes.
@@ -56,7 +54,6 @@ class Selection:
     steps: list[Step] = field(default_factory=list)
     evidence: dict[str, float] = field(default_factory=dict)
     entered: dict[str, float] = field(default_factory=dict)
-    shares: dict[str, Values] = field(default_factory=dict)
     alike: dict[str, Values] = field(default_factory=dict)
     apart: dict[str, frozenset[str]] = field(default_factory=dict)
     present: dict[str, tuple[float, frozenset[str]]] = field(default_factory=dict)
@@ -82,28 +79,30 @@ def _asked_beside(found: Selection, name: str, settings: Section) -> dict[str, f
     """Return the evidence that an effect needs for each other one, if it was not seen in its silence."""
     touched = found.problem.replay.touched
     return {
-        # its evidence beside the others is an upper limit: without it the model is not fitted to the end
-        other: min(evidence, found.entered.get(other, evidence))
-        * _inside(found, other, touched(name))
-        * _share(found, other, name, settings)
-        for other, evidence in found.evidence.items()
+        other: _evidence(found, other) * _share(found, other, name, settings)
+        for other in found.evidence
         if other != name and other not in found.apart.get(name, ()) and touched(other) & touched(name)
     }
 
 
-def _inside(found: Selection, name: str, equations: Collection[str]) -> float:
-    """Return the share of some equations in an effect's evidence: its form is off by as much there."""
-    shares = found.shares.get(name)
-    return 1.0 if shares is None else sum(shares[one] for one in shares if one in equations)
+def _evidence(found: Selection, name: str) -> float:
+    """Return the evidence of an effect that a smaller one is measured by.
+
+    Its evidence beside the others is an upper limit: without it the model is not fitted to the end. It counts
+    where chance decides a part of the prediction, which may look like anything.
+    """
+    evidence = found.evidence[name]
+    return evidence if _by_chance(found, name) else min(evidence, found.entered.get(name, evidence))
+
+
+def _by_chance(found: Selection, name: str) -> bool:
+    """Return whether chance decides where a state of an effect comes to rest, as that of a play."""
+    return bool(found.problem.system.catalogue[name].held)
 
 
 def _share(found: Selection, other: str, name: str, settings: Section) -> float:
-    """Return the share of another effect's evidence that an effect needs beside it.
-
-    What chance does to the state of a play looks like anything.
-    """
-    chance = bool(found.problem.system.catalogue[other].held)
-    alike = 1.0 if chance else min(1.0, found.alike[other].get(name, 0.0))
+    """Return the share of another effect's evidence that an effect needs beside it."""
+    alike = 1.0 if _by_chance(found, other) else min(1.0, found.alike[other].get(name, 0.0))
     return float(max(settings.least_share, settings.share * alike))
 
 
