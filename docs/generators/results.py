@@ -48,6 +48,7 @@ BLIND = (
     "278193",
     *LATEST,
     "389573",
+    "485121",
 )  # sets of cases, newest last
 BAGS = {"walk": "default", "person": "person"}  # reference bag -> its scenario
 TASKS = ("gait 2 s", "gait 2 s, 75 kg", "gait 2 s, 75 kg, supply of 7 bar")
