@@ -74,7 +74,7 @@ def begin(
     """
     progress("checking the recordings")
     remarks = check.check(system, [*training, *held_out], settings.replay.warm_up)
-    check.check_unseen(system, training, held_out)
+    check.check_unseen(training, held_out)
     remarks += remarks_on_stamps(system, [*training, *held_out])
     missing = check.missing_inputs(system, [*training, *held_out])
     if missing:

@@ -67,15 +67,16 @@ def check_divisible(recordings: Sequence[Recording], share: float, warm_up: floa
             )
 
 
-def check_unseen(system: System, training: Sequence[Recording], held_out: Sequence[Recording]) -> None:
+def check_unseen(training: Sequence[Recording], held_out: Sequence[Recording]) -> None:
     """Check that no recording which judges holds samples that are fitted, whatever its name and its clock.
 
     Raises:
         OrthosisError: most samples of one are those of a training recording.
     """
-    fitted = [(other.name, _samples(system, other)) for other in training]
+    names = sorted(set.intersection(*(set(one.signals) for one in (*training, *held_out))))
+    fitted = [(other.name, _samples(other, names)) for other in training]
     for one in held_out:
-        judged = _samples(system, one)
+        judged = _samples(one, names)
         for name, samples in fitted:
             share = float(np.isin(judged, samples).mean())
             if share > SEEN:
@@ -85,12 +86,12 @@ def check_unseen(system: System, training: Sequence[Recording], held_out: Sequen
                 )
 
 
-def _samples(system: System, one: Recording) -> np.ndarray:
-    """Return the different samples of a recording's channels, each as one number of many bytes.
+def _samples(one: Recording, names: Sequence[str]) -> np.ndarray:
+    """Return a recording's different samples of some signals, each as one number of many bytes.
 
     In single precision: a table may have fewer digits than the bag that it was made of.
     """
-    rows = np.column_stack([one.signals[channel.name] for channel in system.channels]).astype(np.float32)
+    rows = np.column_stack([one.signals[name] for name in names]).astype(np.float32)
     return np.unique(np.ascontiguousarray(rows).view(np.dtype((np.void, rows.itemsize * rows.shape[1]))))
 
 

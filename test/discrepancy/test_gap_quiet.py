@@ -107,10 +107,10 @@ def test_a_way_down_that_is_not_there_does_not_hide_an_effect(bench, monkeypatch
     """What the base's fit could not gain must not be lost by a candidate: along that way there is a wall."""
     plant = {"plant__effects__flexor_leak__enabled": True, "plant__effects__flexor_leak__coefficient": 1e-10}
     problem, base = fitted(bench, (), **plant)
-    block = base.blocks["torque"]
-    slope = block.slopes[:, block.names.index("moving_mass")]
+    block = base.blocks["gas"]
+    slope = block.slopes[:, block.names.index("conductance")]
     sticking = replace(block, residual=block.residual + 0.05 * slope)
-    projection = Projection(problem, replace(base, blocks={**base.blocks, "torque": sticking}))
+    projection = Projection(problem, replace(base, blocks={**base.blocks, "gas": sticking}))
     way = projection.levels[0].solve(projection.stuck(projection.levels[0]))
     point = candidates._point
 

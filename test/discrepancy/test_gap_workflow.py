@@ -410,8 +410,8 @@ def test_a_copy_of_what_is_fitted_does_not_judge(bench):
     for one in copies:
         copy = from_arrays("copy", bench.system, one)
         with pytest.raises(OrthosisError, match=r"copy: .* of its samples are those of run 1; what was"):
-            check.check_unseen(bench.system, [bench.recording(2), fitted], [copy])
-    check.check_unseen(bench.system, [fitted], [bench.recording(2)])
+            check.check_unseen([bench.recording(2), fitted], [copy])
+    check.check_unseen([fitted], [bench.recording(2)])
     with pytest.raises(OrthosisError, match="cannot judge"):
         find_gap(bench.system, [fitted], [from_arrays("copy", bench.system, arrays)], bench.parameters.gap)
 
