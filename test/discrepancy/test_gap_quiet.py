@@ -109,7 +109,7 @@ def test_a_way_down_that_is_not_there_does_not_hide_an_effect(bench, monkeypatch
     problem, base = fitted(bench, (), **plant)
     block = base.blocks["gas"]
     slope = block.slopes[:, block.names.index("conductance")]
-    sticking = replace(block, residual=block.residual + 0.05 * slope)
+    sticking = replace(block, residual=block.residual + 0.5 * slope)
     projection = Projection(problem, replace(base, blocks={**base.blocks, "gas": sticking}))
     way = projection.levels[0].solve(projection.stuck(projection.levels[0]))
     point = candidates._point
