@@ -92,14 +92,16 @@ def read(path: Path, machine: Machine | None = None) -> dict[str, Any]:
         machine: of another file than the shipped ones, whose parameters these are.
 
     Raises:
-        OrthosisError: missing, empty, malformed, not a mapping, a value that its parameter cannot have, a row
-            of the hardware, or one of an effect that the file does not switch.
+        OrthosisError: missing, empty, malformed, not a mapping, an answer of `gap`, a value that its
+            parameter cannot have, a row of the hardware, or one of an effect that the file does not switch.
     """
     content = read_yaml(path)
     if content is None:
         raise OrthosisError(f"{path} is empty: it changes nothing; leave --model out")
     if not isinstance(content, dict):
         raise OrthosisError(f"{path} is not a mapping of parameters to values")
+    if {"verdict", "closure"} <= set(content):
+        raise OrthosisError(f"{path} is an answer of gap and no model; the model.yaml beside it is one")
     known = load(machine=machine)
     muscles = {name for name, _ in known.muscle.items()}
     # a file of `identify` has the rows of config/muscle.yaml

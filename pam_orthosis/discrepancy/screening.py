@@ -15,13 +15,15 @@ from pam_orthosis.progress import Progress
 LEAST_SCREEN = 6.0  # gain of a score test below which a fit is not worth its time
 LEAST_OF_THRESHOLD = 0.15  # the same, of the evidence that is asked for
 LEAST_SHARE = 0.02  # the same, of the best candidate's gain
+KEPT = 0.1  # of a score test's gain, that a fit must reach to take one of the places
+MOST_FITTED = 3  # fits for each place
 POLISHED = 3
 POLISHED_SHARE = 0.4  # of the best projected gain: worth a full fit
 NEAR_THRESHOLD = 0.3  # of the evidence that is asked for: a projection may be that far off
 SLACK = 20.0  # the same where little is asked for
 FAR = 10.0  # power density of residuals over noise, and
 FAR_STRAIN = 3.0  # deviation of a free parameter over its tolerance, that let parameters be suspected
-RIVAL = 0.5  # of the gain of an effect with enough evidence: a wrong parameter may be what it is
+RIVAL = 0.5  # of the gain of the best effect, or of what its score test promised: may be what it is
 SECOND_START = 0.3  # of the best start's gain: a second start is tried
 
 Screened = tuple[float, str, list[np.ndarray]]  # gain of a score test, effect, starts worth a fit
@@ -67,14 +69,36 @@ class _Look:
         screened = together(self._screened, able, replay, progress, "screening effects")
         screened = sorted(screened, key=lambda one: -one[0])
         best = screened[0][0] if screened else 0.0  # a small catalogue may be used up
-        kept = [
+        worth = [
             one
-            for place, one in enumerate(screened)
-            if one[1] in self.strained
-            or (place < self._most and one[0] > max(least, LEAST_SHARE * best) and self._is_enough(one))
+            for one in screened
+            if one[1] in self.strained or (one[0] > max(least, LEAST_SHARE * best) and self._is_enough(one))
         ]
-        fitted = together(self._fitted, kept, replay, progress, "fitting candidates")
-        return {name: gain for gain, name, _ in screened}, fitted
+        return {name: gain for gain, name, _ in screened}, self._fitted_in_order(worth)
+
+    def _fitted_in_order(self, able: list[Screened]) -> list[Candidate]:
+        """Return fits in the order of what the score tests promise, until enough of them have kept it.
+
+        Where the model bends, most promises come to nothing, and what is there may promise less. What
+        promised nearly as much as the best one is fitted in any case.
+        """
+        replay, places = self._problem.replay, self._most
+        fitted: list[tuple[Candidate, float]] = []
+        while len(fitted) < MOST_FITTED * self._most:
+            _, least = max(fitted, key=lambda one: one[0].gain, default=(None, np.inf))
+            now = [
+                one
+                for i, one in enumerate(able)
+                if i < places or one[0] > RIVAL * least or one[1] in self.strained
+            ]
+            if not now:
+                break
+            able = [one for one in able if one not in now]
+            found = replay.workers.together(self._fitted, now, replay, self._progress, "fitting candidates")
+            tried = [(one, gain) for one, (gain, *_) in zip(found, now, strict=True)]
+            places -= sum(one.gain > KEPT * gain for one, gain in tried)
+            fitted += tried
+        return [one for one, _ in fitted]
 
     def _screened(self, name: str) -> Screened:
         trial = Trial(self.projection, name)

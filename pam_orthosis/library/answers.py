@@ -146,10 +146,9 @@ def gap(
     from pam_orthosis.discrepancy.workflow import find_gap
 
     training, held_out = _listed(training), _listed(held_out)
-    if any(
-        one is other or (one == other and not isinstance(one, Run)) for one in training for other in held_out
-    ):
-        raise OrthosisError("a recording is both training and held out; what was fitted cannot judge")
+    if both := [one for one in training for other in held_out if _is_same(one, other)]:
+        name = "a run" if isinstance(both[0], Run) else str(both[0])
+        raise OrthosisError(f"{name} is both training and held out; what was fitted cannot judge")
     with _bags() as bags:
         fitted, judged = bags.of(training, "training run"), bags.of(held_out, "held-out run")
         paths, file = [*fitted, *judged], None if model is None else Path(model)
@@ -161,6 +160,10 @@ def gap(
         replay = Replay(system, Workers(jobs))
         outcome = find_gap(system, every[: len(fitted)], every[len(fitted) :], nominal.gap, replay=replay)
     return Gap(outcome, describe(outcome), nominal)
+
+
+def _is_same(one: Recorded, other: Recorded) -> bool:
+    return one is other or (one == other and not isinstance(one, Run))
 
 
 def _listed(runs: Iterable[Recorded]) -> list[Recorded]:

@@ -6,6 +6,7 @@ import csv
 import numpy as np
 import pytest
 
+import pam_orthosis.discrepancy.workflow  # noqa: F401  takes `begin` before a test replaces it
 from pam_orthosis.cli import main as entry
 from pam_orthosis.cli import run
 from pam_orthosis.discrepancy import beginning, knee, patch
@@ -140,6 +141,7 @@ def test_a_file_that_identify_updates_is_read_as_a_whole():
     ("text", "said"),
     [
         ("", "is empty: it changes nothing; leave --model out"),
+        ("verdict: none\nclosure: {}\n", "is an answer of gap and no model; the model.yaml beside it is one"),
         ("plant.deviation.moving_mass: 1.1\n", "plant.deviation.moving_mass is not of the nominal model"),
         ("effects.joint_friction.coulomb: 0.5\n", "give effects.joint_friction.enabled: true too"),
     ],

@@ -2,12 +2,14 @@
 """Parameters of the apparatus that are wrong are candidates: the search names them with their values."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.discrepancy import beginning, patch, refit, workflow
+from pam_orthosis.discrepancy import beginning, patch, refit, screening, workflow
+from pam_orthosis.discrepancy.candidates import Candidate
 from pam_orthosis.discrepancy.contract import as_dict
 from pam_orthosis.discrepancy.data import from_arrays
 from pam_orthosis.discrepancy.knee import SUSPECTS, knee
@@ -100,6 +102,26 @@ def test_a_wrong_parameter_is_the_rival_of_an_effect_that_resembles_it(bench, he
     assert not is_far(problem)
     assert {one.name for one in found} & set(few.wrong) == rivals
     assert not rivals or max(found, key=lambda one: one.gain).name in rivals
+
+
+PROMISED = {"bends": 100.0, "bends too": 90.0, "is there": 50.0, "helps": 45.0, "rival": 26.0, "less": 24.0}
+KEPT = {"bends": 2.0, "bends too": -9.0, "is there": 400.0, "helps": 10.0, "rival": 300.0, "less": 20.0}
+
+
+@pytest.mark.parametrize("strained", [set(), {"less"}])
+def test_an_effect_whose_promise_comes_to_nothing_takes_no_place_of_another(monkeypatch, strained):
+    """Two places: the fits go on until two were worth it, and to what promised half of what the best did."""
+
+    def fitted(_, one):
+        return Candidate(one[1], KEPT[one[1]], {}, 0.0, {}, (one[1],))
+
+    workers = SimpleNamespace(together=lambda act, ones, *_: [act(one) for one in ones])
+    look = object.__new__(screening._Look)
+    look.strained, look._most, look._progress = strained, 2, silent
+    look._problem = SimpleNamespace(replay=SimpleNamespace(workers=workers))
+    monkeypatch.setattr(screening._Look, "_fitted", fitted)
+    found = look._fitted_in_order([(gain, name, []) for name, gain in PROMISED.items()])
+    assert {one.name for one in found} == set(PROMISED) - ({"less"} - strained)
 
 
 def test_a_wrong_valve_is_named_although_recalibration_hides_it(bench):

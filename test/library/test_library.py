@@ -189,7 +189,7 @@ def test_bash_completes_a_verb_and_its_options(tmp_path, capsys):
         (lambda run: po.check([run, run]), "run 1: give a run, a bag or a table, not list"),
         (po.gap, "such as po.gap"),
         (lambda run: po.gap([run], [run]), "both training and held out"),
-        (lambda _: po.gap([str(WALK)], [str(WALK)]), "both training and held out"),
+        (lambda _: po.gap([str(WALK)], [str(WALK)]), f"{WALK} is both training and held out"),
         (
             lambda _: po.parameters(changes={"plant.effects.backlash.half_width": 0.01}, exact=True),
             "give plant.effects.backlash.enabled: True too",
