@@ -35,6 +35,7 @@ actuators:
 sensor: {noise: 1.0e-4}
 """,
 }
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # tests share the cores; set before numpy is loaded
 os.environ.setdefault(OFF, "1")  # what a command prints must not depend on how fast the machine is
 
 

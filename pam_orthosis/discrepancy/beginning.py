@@ -75,11 +75,12 @@ def begin(
     progress("checking the recordings")
     remarks = check.check(system, [*training, *held_out], settings.replay.warm_up)
     check.check_unseen(training, held_out)
-    remarks += remarks_on_stamps(system, [*training, *held_out])
+    replay = replay or Replay(system)
+    remarks += remarks_on_stamps(system, [*training, *held_out], replay.workers)
     missing = check.missing_inputs(system, [*training, *held_out])
     if missing:
         system = _without(system, missing)
-        replay = Replay(system, replay.workers) if replay else None
+        replay = Replay(system, replay.workers)
     if not held_out:
         check.check_divisible(training, HELD_SHARE, settings.replay.warm_up)
         training, held_out = _split(training)
@@ -87,7 +88,7 @@ def begin(
     check.check_motion(system, training, "the fit")
     check.check_motion(system, held_out, "the judgement")
     progress("compiling the model")
-    problem, judge, floor = prepared(replay or Replay(system), training, held_out, settings)
+    problem, judge, floor = prepared(replay, training, held_out, settings)
     return Beginning(system, *refit.recalibrated(problem, progress), judge, floor, tuple(remarks))
 
 

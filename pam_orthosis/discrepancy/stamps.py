@@ -17,10 +17,11 @@ import numpy as np
 
 from pam_orthosis.discrepancy.data import Recording, smoothed
 from pam_orthosis.discrepancy.system import Assembled, System
+from pam_orthosis.discrepancy.together import Workers
 from pam_orthosis.identification.damping import slip_element
 
 REACH, STEP = 0.025, 0.0025  # s: shifts that are tried
-MOST_SAMPLES = 2500  # that are compared, evenly taken
+MOST_SAMPLES = 1500  # that are compared, evenly taken
 SLOW = 0.05, 0.5  # of the usual velocity: where friction that may be missing has turned round
 SLIPS = 0.03, 0.1, 0.3  # of the coordinate's range: hysteresis that may be missing
 ORDERS = 1, 2, 3  # of the coordinate's range: elasticity that may be missing
@@ -42,12 +43,15 @@ class Skew(NamedTuple):
     gain: float
 
 
-def remarks_on_stamps(system: System, recordings: Sequence[Recording]) -> list[str]:
+def remarks_on_stamps(
+    system: System, recordings: Sequence[Recording], workers: Workers | None = None
+) -> list[str]:
     """Return remarks on signals that are stamped late or early against a coordinate: one on each recording.
 
     Where the motion of one shows nothing clearly, those of the others do.
     """
-    found = [(one.name, skews(system, one)) for one in recordings]
+    every = (workers or Workers()).together(lambda one: skews(system, one), recordings)
+    found = [(one.name, many) for one, many in zip(recordings, every, strict=True)]
     if not any(many for _, many in found):
         return []
     unclear = "does not show by itself whether its stamps are off as those of the others are"
