@@ -21,7 +21,7 @@ from gap_table import SETS, SIZES, beside, keep, read, table, which, work_off
 
 SHAPES = ("force_map_misfit", "valve_curve_misfit", "volume_misfit")
 NULLS = 50
-PAIRS = 30
+PAIRS = 40
 OUTSIDE_ROUNDS = 4
 # cases of a set that are asked for: in these shares the sets take turns
 ASKED = {"clean": 100, "realistic": 100, "clean-none": 50, "realistic-none": 50, "pairs": 40, "outside": 40}

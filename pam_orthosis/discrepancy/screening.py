@@ -23,7 +23,7 @@ NEAR_THRESHOLD = 0.3  # of the evidence that is asked for: a projection may be t
 SLACK = 20.0  # the same where little is asked for
 FAR = 10.0  # power density of residuals over noise, and
 FAR_STRAIN = 3.0  # deviation of a free parameter over its tolerance, that let parameters be suspected
-RIVAL = 0.5  # of the gain of the best effect, or of what its score test promised: may be what it is
+RIVAL = 0.5  # of a gain: what reaches it may be what the best effect is
 SECOND_START = 0.3  # of the best start's gain: a second start is tried
 
 Screened = tuple[float, str, list[np.ndarray]]  # gain of a score test, effect, starts worth a fit
@@ -79,13 +79,16 @@ class _Look:
     def _fitted_in_order(self, able: list[Screened]) -> list[Candidate]:
         """Return fits in the order of what the score tests promise, until enough of them have kept it.
 
-        Where the model bends, most promises come to nothing, and what is there may promise less. What
-        promised nearly as much as the best one is fitted in any case.
+        Where the model bends, promises come to nothing, and what is there may promise less: further ones are
+        fitted until one keeps half of the largest promise, and what promised half as much as the best one.
         """
         replay, places = self._problem.replay, self._most
+        largest = max((gain for gain, *_ in able), default=0.0)
         fitted: list[tuple[Candidate, float]] = []
         while len(fitted) < MOST_FITTED * self._most:
-            _, least = max(fitted, key=lambda one: one[0].gain, default=(None, np.inf))
+            best, least = max(((one.gain, gain) for one, gain in fitted), default=(0.0, np.inf))
+            if best > RIVAL * largest:
+                places = 0
             now = [
                 one
                 for i, one in enumerate(able)
