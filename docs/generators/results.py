@@ -49,6 +49,7 @@ BLIND = (
     *LATEST,
     "389573",
     "485121",
+    "984900",
 )  # sets of cases, newest last
 BAGS = {"walk": "default", "person": "person"}  # reference bag -> its scenario
 TASKS = ("gait 2 s", "gait 2 s, 75 kg", "gait 2 s, 75 kg, supply of 7 bar")
