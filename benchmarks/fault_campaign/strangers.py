@@ -142,13 +142,14 @@ def suffer(forgery: Forgery, folder: Path) -> Ending:
     with launch.free_domain() as domain:
         environment = {**launch.environment(folder, domain), "TMPDIR": str(folder)}
     stranger = _spoken(forgery.command(), environment) if forgery.early else None
+    word = stranger.stdout.readline() if stranger else ""  # else he may come when the run is there
     command = [*RUN, "--out", str(bag), *QUICK, *MODES[forgery.mode]]
     run = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
     try:
         if stranger is None:
             _wait(lambda: run.poll() is not None or _holds_messages(bag / "bag_0.mcap"))
             stranger = _spoken(forgery.command(), environment)
-        if not (word := stranger.stdout.readline()):  # it has ended: its stderr says why
+        if not (word := word or stranger.stdout.readline()):  # it has ended: its stderr says why
             run.terminate()
             run.communicate()
             return Ending(forgery, run.poll(), "", 0.0, os.getloadavg()[0], ["the stranger was not heard"])
