@@ -2,6 +2,7 @@
 """What the system says of a process: whether somebody has stopped it, how long it has done nothing."""
 
 import ctypes
+import gc
 import os
 import signal
 import time
@@ -152,6 +153,19 @@ def deaf_children() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def garbage_left_to_parent() -> Iterator[None]:
+    """Let processes that are forked meanwhile never collect what this one has let go.
+
+    Some of it ends threads that a fork does not copy, as a ROS 2 context's; the process would crash.
+    """
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 def go_on_without_parent() -> None:

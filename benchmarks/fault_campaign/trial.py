@@ -8,6 +8,7 @@ traceback, a warning of a library, or anything that the input smuggled in.
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import os
 import resource
@@ -144,6 +145,7 @@ def _forked(trial: Trial, arguments: list[str], folder: Path, out, err) -> int:
     pid = os.fork()
     if pid:
         return pid
+    gc.freeze()  # the parent's garbage may need threads that a fork does not copy
     status = 99
     try:
         os.setsid()

@@ -17,7 +17,14 @@ from typing import Any, Protocol, TypeVar
 from threadpoolctl import threadpool_limits
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.processes import Idleness, deaf_children, end_with_parent, how_it_ended, turns_of_tree
+from pam_orthosis.processes import (
+    Idleness,
+    deaf_children,
+    end_with_parent,
+    garbage_left_to_parent,
+    how_it_ended,
+    turns_of_tree,
+)
 from pam_orthosis.progress import Progress, silent
 
 LOOK_SECONDS = 0.2
@@ -85,7 +92,7 @@ class Workers:
         """Yield number and result of items as they come; no more of them if a process hangs."""
         team: list[_Worker] = []
         try:
-            with deaf_children():
+            with deaf_children(), garbage_left_to_parent():
                 for _ in range(min(self.jobs, len(items))):
                     team.append(_Worker(lambda number: function(items[number]), memory, self))
             yield from _work_off(team, len(items), memory)

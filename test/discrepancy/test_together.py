@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits in several processes: the same answers, whatever happens to one of them is said, none is left."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -63,6 +64,25 @@ def test_what_one_raises_is_raised(jobs):
 
     with pytest.raises(OrthosisError, match="mine"):
         Workers(jobs).together(work, [1, 2, 3])
+
+
+def test_garbage_of_this_process_is_not_collected_in_others():
+    class Loud:
+        def __init__(self):
+            self.me = self
+
+        def __del__(self):
+            if os.getpid() != mine:
+                os._exit(1)
+
+    mine = os.getpid()
+    gc.disable()
+    try:
+        Loud()
+        assert Workers(2).together(lambda item: gc.collect() * 0 + item, [1, 2]) == [1, 2]
+        assert gc.get_freeze_count() == 0
+    finally:
+        gc.enable()
 
 
 def test_one_that_is_killed_is_said():
