@@ -25,6 +25,7 @@ MOST_SAMPLES = 1500  # that are compared, evenly taken
 SLOW = 0.05, 0.5  # of the usual velocity: where friction that may be missing has turned round
 SLIPS = 0.03, 0.1, 0.3  # of the coordinate's range: hysteresis that may be missing
 ORDERS = 1, 2, 3  # of the coordinate's range: elasticity that may be missing
+ALIKE = 0.003  # s: within it recordings of one clock show the same skew
 LEAST = 0.0025  # s, of a skew that is worth a remark: sound recordings have shown up to 1.2 ms
 CUTOFF = 15.0  # Hz, of both accelerations
 SETTLING = 0.2  # s at both ends, which smoothing and shifts spoil
@@ -48,10 +49,13 @@ def remarks_on_stamps(
 ) -> list[str]:
     """Return remarks on signals that are stamped late or early against a coordinate: one on each recording.
 
-    Where the motion of one shows nothing clearly, those of the others do.
+    At least half of the recordings have to show the same skew: a missing effect may look like one in some.
     """
     every = (workers or Workers()).together(lambda one: skews(system, one), recordings)
-    found = [(one.name, many) for one, many in zip(recordings, every, strict=True)]
+    found = [
+        (one.name, [skew for skew in many if 2 * _count(skew, every) >= len(every)])
+        for one, many in zip(recordings, every, strict=True)
+    ]
     if not any(many for _, many in found):
         return []
     unclear = "does not show by itself whether its stamps are off as those of the others are"
@@ -62,6 +66,14 @@ def remarks_on_stamps(
         for name, many in found
         for skew in many
     ] + [f"{name} {unclear}" for name, many in found if not many]
+
+
+def _count(skew: Skew, every: Sequence[Sequence[Skew]]) -> int:
+    """Return how many recordings show a skew, or nearly."""
+    return sum(
+        any(one[:2] == skew[:2] and abs(one.seconds - skew.seconds) <= ALIKE for one in many)
+        for many in every
+    )
 
 
 def skews(system: System, one: Recording) -> list[Skew]:

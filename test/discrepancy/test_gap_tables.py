@@ -219,6 +219,7 @@ def test_one_pressure_stamped_late_is_found_and_each_recording_has_its_remark(do
     told = remarks_on_stamps(system, [stamped_late(one, 0.006, (name,)), other])
     assert f"{one.name}: {name} stamped" in told[0]
     assert told[1].startswith(f"{other.name} does not show by itself")
+    assert not remarks_on_stamps(system, [stamped_late(one, 0.006, (name,)), other, other])
 
 
 @pytest.mark.parametrize(
