@@ -99,7 +99,7 @@ def test_a_wide_table_scrolls_inside(site, browser):
 def test_the_search_works_from_a_folder(site, browser):
     with opened(browser, site / "index.html") as (page, _):
         page.locator(".md-search__input").fill("backlash")
-        page.wait_for_function(KEY_UP_AND_LOOK, polling=500)  # by keys: what is filled in after the index came is not seen
+        page.wait_for_function(KEY_UP_AND_LOOK, polling=500)  # text alone is not seen once the index is there
         found = page.locator(".md-search-result__link").evaluate_all("all => all.map(e => e.href)")
     assert any("effects/backlash.html" in link for link in found)
 
