@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.run import Run
 from pam_orthosis.discrepancy.system import Equation, Names, Values
 from pam_orthosis.discrepancy.whitening import Whitener
+
+Piece = TypeVar("Piece")
 
 
 @dataclass(frozen=True)
@@ -70,14 +73,8 @@ class Problem:
 
     def residuals(self, effects: Names, values: Values) -> dict[str, np.ndarray]:
         """Return the whitened residuals of all equations."""
-        tasks = [(equation, one) for equation in self.system.equations for one in self.scored]
-        pieces = self.replay.workers.map(lambda t: self._whitened(t[0], t[1], effects, values), tasks)
-        return {
-            equation.name: self._joined(
-                equation, [piece for task, piece in zip(tasks, pieces, strict=True) if task[0] is equation]
-            )
-            for equation in self.system.equations
-        }
+        pieces = self._of_each(lambda equation, one: self._whitened(equation, one, effects, values))
+        return {e.name: self._joined(e, own) for e, own in zip(self.system.equations, pieces, strict=True)}
 
     def by_run(self, equation: Equation, row: np.ndarray) -> Iterator[tuple[Scored, np.ndarray]]:
         """Yield each run with its part, (channels, samples, ...), of a row of an equation's residuals."""
@@ -89,13 +86,9 @@ class Problem:
 
     def blocks(self, effects: Names, values: Values, names: Names) -> dict[str, Block]:
         """Return residuals and derivatives by those of `names` that matter, of every equation."""
-        tasks = [(equation, one) for equation in self.system.equations for one in self.scored]
-        pieces = self.replay.workers.map(
-            lambda t: self._linearised(t[0], t[1], effects, values, names), tasks
-        )
+        pieces = self._of_each(lambda equation, one: self._linearised(equation, one, effects, values, names))
         blocks = {}
-        for equation in self.system.equations:
-            own = [piece for task, piece in zip(tasks, pieces, strict=True) if task[0] is equation]
+        for equation, own in zip(self.system.equations, pieces, strict=True):
             weight = self.weights[equation.name]
             blocks[equation.name] = Block(
                 weight * self._chosen(equation, [row for piece in own for row in piece[0]]),
@@ -104,6 +97,15 @@ class Problem:
                 weight,
             )
         return blocks
+
+    def _of_each(self, work: Callable[[Equation, Scored], Piece]) -> list[list[Piece]]:
+        """Return what `work` gives for each run of each equation; the longest ones are begun first."""
+        tasks = [(equation, one) for equation in self.system.equations for one in self.scored]
+        sizes = [len(equation.channels) * one.samples for equation, one in tasks]
+        order = sorted(range(len(tasks)), key=lambda i: -sizes[i])
+        found = dict(zip(order, self.replay.workers.map(lambda i: work(*tasks[i]), order), strict=True))
+        runs = len(self.scored)
+        return [[found[i] for i in range(at, at + runs)] for at in range(0, len(tasks), runs)]
 
     def _chosen(self, equation: Equation, pieces: Sequence[np.ndarray]) -> np.ndarray:
         """Return the samples that are shown of an equation's pieces, joined."""

@@ -21,7 +21,7 @@ def recalibrated(problem: Problem, progress: Progress) -> tuple[Problem, Fit]:
     progress("recalibrating the nuisance parameters within their tolerances")
     start = problem.replay.defaults(())
     fits = [fit_tempered(problem, (), one, free) for one in (start, *_from_simpler(problem, start))]
-    return at_best_level(*_better(problem, fits))
+    return at_best_level(*better(problem, fits))
 
 
 def _from_simpler(problem: Problem, start: Values) -> list[dict[str, float]]:
@@ -36,7 +36,7 @@ def _from_simpler(problem: Problem, start: Values) -> list[dict[str, float]]:
     return [{**start} | {key: value for key, value in fitted.values.items() if key in start}]
 
 
-def _better(problem: Problem, fits: list[tuple[Problem, Fit]]) -> tuple[Problem, Fit]:
+def better(problem: Problem, fits: list[tuple[Problem, Fit]]) -> tuple[Problem, Fit]:
     """Return the fit with the better score at common weights, with its own."""
     common = problem.weighted(
         {name: max(weighted.weights[name] for weighted, _ in fits) for name in problem.weights}

@@ -12,7 +12,7 @@ from pam_orthosis.discrepancy.elimination import eliminate_weak
 from pam_orthosis.discrepancy.fit import Fit, fit, score
 from pam_orthosis.discrepancy.free import scales_of
 from pam_orthosis.discrepancy.problem import Problem
-from pam_orthosis.discrepancy.refit import at_best_level, refitted, with_details
+from pam_orthosis.discrepancy.refit import at_best_level, better, refitted, with_details
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.screening import fitted_candidates, is_far, shapes_astray, worth_polishing
 from pam_orthosis.discrepancy.second_chance import or_for_details, or_in_silence
@@ -153,6 +153,8 @@ def _seen_from(
     """Return the step with the best effect as seen from a model, judged beside what was found."""
     near, start = around
     problem, base = found.final_problem, found.final
+    if found.evidence or found.present:  # the thresholds ask which equations each effect changes
+        problem.replay.touching(problem.system.catalogue, progress)
     thresholds = {name: selection.threshold(found, name, settings) for name in problem.system.catalogue}
     fitted, gains = fitted_candidates(near, start, settings.screened, thresholds, progress)
     if not fitted:
@@ -199,10 +201,19 @@ def _better_base(found: Selection, best: tuple[float, Problem, Fit], progress: P
 def _refitted_all(
     problem: Problem, base: Fit, worth: Sequence[Candidate], progress: Progress
 ) -> list[tuple[Problem, Fit]]:
-    """Return the model with each of some candidates: see `refitted`."""
+    """Return the model with each of some candidates: see `refitted`.
+
+    Shape corrections that went astray for what was missing can hold a fit fast: it starts anew without.
+    """
+    unnamed = set(problem.system.shapes) - set(base.effects)
+    plain = {key: 0.0 for key in base.values if key.partition(".")[0] in unnamed}
 
     def one(candidate: Candidate) -> tuple[Values, Fit]:
         weighted, model = refitted(problem, base, candidate, silent)
+        if is_far(weighted) and shapes_astray(problem.system, model):
+            unshaped = replace(candidate, values={**candidate.values, **plain})
+            again = refitted(problem, base, unshaped, silent)
+            weighted, model = better(problem, [(weighted, model), again])
         return weighted.weights, model
 
     names = ", ".join(candidate.name for candidate in worth)

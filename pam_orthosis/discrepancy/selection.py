@@ -70,8 +70,8 @@ def threshold(found: Selection, name: str, settings: Section) -> float:
 
 def least(found: Selection, name: str, settings: Section) -> float:
     """Return the evidence that an effect needs in any case: more beside what the model had before."""
-    touched = found.problem.replay.touched(name)
-    present = [evidence for evidence, equations in found.present.values() if equations & touched]
+    touched = found.problem.replay.touched
+    present = [evidence for evidence, equations in found.present.values() if equations & touched(name)]
     return float(max([settings.threshold, *(settings.share * evidence for evidence in present)]))
 
 

@@ -9,7 +9,7 @@ that leaves least is the skew: of stamps, or of a sensor that lags by as much.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import casadi as ca
@@ -125,7 +125,7 @@ def _left(
     drivers: tuple[str, ...],
     late: tuple[str, ...],
 ) -> np.ndarray:
-    """Return what remains of the acceleration (sum of squares) at each shift of those that may be `late`."""
+    """Return what remains of the acceleration (sum of squares) by the shift of those that may be `late`."""
     time = np.arange(one.samples) * one.period
     ends = round(SETTLING / one.period)
     places = np.unique(np.linspace(ends, one.samples - ends - 1, MOST_SAMPLES).astype(int))
@@ -134,8 +134,9 @@ def _left(
     measured = np.gradient(velocity, one.period)[places]
     missing = _missing(smooth[channel], velocity, [smooth[name] for name in drivers])[places]
     law = _law(assembled, rate, len(places), _right(system, assembled))
-    beside, result = _beside(system, one, places), []
-    for shift in _shifts():
+    beside = _beside(system, one, places)
+
+    def remainder(shift: float) -> float:
         lead = {n: shift * (n in late) - system.late * (n in system.inputs) for n in drivers}
         at = {name: np.clip(time[places] + lead[name], 0.0, time[-1]) for name in drivers}
         values = {name: np.interp(at[name], time, smooth[name]) for name in drivers}
@@ -149,8 +150,20 @@ def _left(
         u = np.array([values.get(name, np.zeros(len(places))) for name in system.inputs])
         model, slopes = law(x, u.reshape(len(system.inputs), -1), time[None, places])
         columns = np.asarray(slopes).reshape(assembled.theta.shape[0], -1, order="F")
-        result.append(_remainder(measured - np.asarray(model)[0], np.column_stack([columns.T, missing])))
-    return np.array(result)
+        return _remainder(measured - np.asarray(model)[0], np.column_stack([columns.T, missing]))
+
+    return _near_the_least(remainder)
+
+
+def _near_the_least(remainder: Callable[[float], float]) -> np.ndarray:
+    """Return a function at every other shift and on both sides of the best of these; infinity elsewhere."""
+    shifts = _shifts()
+    found = np.full(len(shifts), np.inf)
+    found[::2] = [remainder(shift) for shift in shifts[::2]]
+    best = int(np.argmin(found))
+    for i in {max(best - 1, 0), min(best + 1, len(shifts) - 1)} - {best}:
+        found[i] = remainder(shifts[i])
+    return found
 
 
 def _beside(system: System, one: Recording, places: np.ndarray) -> dict[str, np.ndarray]:

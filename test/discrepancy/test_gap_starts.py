@@ -26,11 +26,14 @@ def sound(bench):
     return begun(bench)
 
 
-def with_torque(problem, base):
+def torque(problem, base):
     projection = Projection(problem, base)
     trial = Trial(projection, "constant_torque")
-    one = candidate(projection, trial, trial.starts())
-    return refit.refitted(problem, base, one, silent)
+    return candidate(projection, trial, trial.starts())
+
+
+def with_torque(problem, base):
+    return refit.refitted(problem, base, torque(problem, base), silent)
 
 
 def test_equations_that_an_effect_leaves_alone_follow_the_nuisance_parameters(sound):
@@ -110,3 +113,27 @@ def test_a_second_look_leaves_all_unnamed_shape_corrections_out(sound):
     assert plain.values["force_map_misfit.extensor_c00"] == 0.0
     _, named = refit.unshaped(problem, replace(lost, effects=("force_map_misfit",)), silent)
     assert any(one.name == "force_map_misfit.extensor_c00" for one in named.free)
+
+
+@pytest.mark.parametrize("named", [(), ("force_map_misfit",)])
+def test_a_fit_that_shape_corrections_hold_fast_starts_anew_without_those_that_have_no_name(
+    sound, monkeypatch, named
+):
+    problem, null, _ = sound
+    key, fitted, starts = "force_map_misfit.extensor_c00", refit.refitted, []
+
+    def held_fast(problem, base, one, progress):
+        starts.append(one.values[key])
+        weighted, model = fitted(problem, base, one, progress)
+        if not one.values[key]:
+            return weighted, model
+        lost = replace(model, effects=(), values={**model.values, key: 40.0})
+        return problem.weighted(dict.fromkeys(problem.weights, 0.1)), lost
+
+    monkeypatch.setattr(select, "refitted", held_fast)
+    one = torque(problem, null)
+    one = replace(one, values={**one.values, key: 40.0})
+    ((weighted, model),) = select._refitted_all(problem, replace(null, effects=named), [one], silent)
+    assert starts == ([40.0, 40.0] if named else [40.0, 0.0])
+    assert (model.values[key] == 40.0) == bool(named)
+    assert (min(weighted.weights.values()) > 0.5) != bool(named)
