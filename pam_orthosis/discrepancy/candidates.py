@@ -17,7 +17,7 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from pam_orthosis.discrepancy.fit import Fit, bounded_step
-from pam_orthosis.discrepancy.free import WIDE, of_effect
+from pam_orthosis.discrepancy.free import WIDE, of_effect, scales_of
 from pam_orthosis.discrepancy.projection import Level, Projection
 from pam_orthosis.discrepancy.system import Names, Values
 
@@ -112,6 +112,7 @@ MOST_STEPS = 8
 TRIES = 4  # of a step, ever shorter
 ENOUGH = 0.5
 SHAPE_WIDTHS = (2.0, 4.0, 8.0, 16.0)  # multiples of a shape correction's priors
+TWIN_STARTS = 2
 SMALL_SHARE = 1e-3  # of the gain: what a further step must bring
 
 
@@ -253,6 +254,22 @@ def candidate(
     evidence = gain - penalty(projection.base, len(trial.free))
     values = trial.values(best.own, best.nuisance)
     return Candidate(trial.name, gain, values, evidence, best.level.scales, trial.added)
+
+
+def twins(projection: Projection, model: Fit) -> list[Candidate]:
+    """Return what a model's last effect is at the other actuators, from nuisance parameters at rest.
+
+    An effect of one muscle's sensor, and all else off by as much, is what that of the other one is by itself.
+    """
+    system, base = projection.problem.system, projection.base
+    rest = {one.name: one.centre for one in base.free if one.name.partition(".")[0] not in base.effects}
+    scales, found = scales_of(system, model.free), []
+    for name in system.twins(model.effects[-1]):
+        trial = Trial(projection, name)
+        for start in trial.starts()[:TWIN_STARTS]:
+            values = {**trial.values(start), **rest}
+            found.append(Candidate(name, 0.0, values, 0.0, scales, trial.added))
+    return found if model.effects[-1] not in base.effects else []
 
 
 def penalty(base: Fit, parameters: int) -> float:

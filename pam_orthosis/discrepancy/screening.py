@@ -58,7 +58,7 @@ class _Look:
     """Score tests of effects at a fit, and fits of those that promise something."""
 
     def __init__(self, problem: Problem, base: Fit, most: int, thresholds: Values, progress: Progress):
-        self.projection, self.strained = Projection(problem, base), _strained(base)
+        self.projection, self.strained = Projection(problem, base), strained(base)
         self._problem, self._most, self._thresholds, self._progress = problem, most, thresholds, progress
 
     def at(self, names: Sequence[str], least: float) -> tuple[dict[str, float], list[Candidate]]:
@@ -128,10 +128,10 @@ def is_far(problem: Problem) -> bool:
 def shapes_astray(system: System, base: Fit) -> bool:
     """Return whether a shape correction that is not named is far off its tolerance."""
     unnamed = set(system.shapes) - set(base.effects)
-    return any(name.partition(".")[0] in unnamed for name in _strained(base))
+    return any(name.partition(".")[0] in unnamed for name in strained(base))
 
 
-def _strained(base: Fit) -> set[str]:
+def strained(base: Fit) -> set[str]:
     """Return the free parameters that are far off their tolerance; what is called so too may be the cause."""
     return {one.name for one in base.free if abs(one.deviation(base.values)) > FAR_STRAIN}
 

@@ -6,15 +6,22 @@ from dataclasses import replace
 
 from pam_orthosis.discrepancy import refit, selection
 from pam_orthosis.discrepancy.acceptance import accepted
-from pam_orthosis.discrepancy.candidates import Candidate
+from pam_orthosis.discrepancy.candidates import Candidate, twins
 from pam_orthosis.discrepancy.confirmation import ranking, weighed
 from pam_orthosis.discrepancy.elimination import eliminate_weak
 from pam_orthosis.discrepancy.fit import Fit, fit, score
 from pam_orthosis.discrepancy.free import scales_of
 from pam_orthosis.discrepancy.problem import Problem
+from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.refit import at_best_level, better, refitted, with_details
 from pam_orthosis.discrepancy.replay import Replay
-from pam_orthosis.discrepancy.screening import fitted_candidates, is_far, shapes_astray, worth_polishing
+from pam_orthosis.discrepancy.screening import (
+    fitted_candidates,
+    is_far,
+    shapes_astray,
+    strained,
+    worth_polishing,
+)
 from pam_orthosis.discrepancy.second_chance import or_for_details, or_in_silence
 from pam_orthosis.discrepancy.selection import Ranking, Selection, Step
 from pam_orthosis.discrepancy.system import Values
@@ -161,8 +168,7 @@ def _seen_from(
         blocked = selection.blocked(found, thresholds, gains, (), settings)
         return Step(None, None, None, 0.0, 0.0, (), "no effect gains anything", gains, tuple(blocked))
     worth = worth_polishing(near, fitted, thresholds)
-    models = _refitted_all(near, start, worth, progress)
-    judged = sorted(weighed(problem, base, models), key=lambda item: -item[0])
+    judged = _judged(problem, base, around, worth, progress)
     ranked = ranking(judged, fitted)
     blocked = selection.blocked(found, thresholds, gains, ranked, settings)
     able = [one for one in judged if one[0] >= thresholds[one[2].effects[-1]]]
@@ -178,6 +184,27 @@ def _seen_from(
     rivals = tuple(name for name, promised in blocked.items() if promised > step.evidence)
     enough = [one for one in worth if one.name in {model.effects[-1] for _, _, model in able}]
     return replace(step, blocked=rivals, apart=_apart(problem, step.fit, enough, ranked))
+
+
+def _judged(
+    problem: Problem,
+    base: Fit,
+    around: tuple[Problem, Fit],
+    worth: Sequence[Candidate],
+    progress: Progress,
+) -> list[tuple[float, Problem, Fit]]:
+    """Return the models with some candidates as seen from a model, most evident first, beside a base.
+
+    Where the best one strains tolerances, what it is at another actuator is tried too.
+    """
+    models = _refitted_all(*around, worth, progress)
+    best = max(weighed(problem, base, models), key=lambda item: item[0], default=None)
+    others = twins(Projection(*around), best[2]) if best and strained(best[2]) else []
+    models += _refitted_all(*around, others, progress) if others else []
+    found: dict[str, tuple[float, Problem, Fit]] = {}
+    for item in sorted(weighed(problem, base, models), key=lambda item: -item[0]):
+        found.setdefault(item[2].effects[-1], item)
+    return list(found.values())
 
 
 def _better_base(found: Selection, best: tuple[float, Problem, Fit], progress: Progress) -> bool:

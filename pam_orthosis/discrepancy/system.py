@@ -271,6 +271,12 @@ class System:
     def _place(self, effect: str) -> str:
         return self.places[effect] if effect in self.places else self.catalogue[effect].equation
 
+    def twins(self, effect: str) -> tuple[str, ...]:
+        """Return what an effect of one actuator is called at the others."""
+        one = self.catalogue[effect]
+        alike = (n for n, other in self.catalogue.items() if other.on and other.expression is one.expression)
+        return tuple(name for name in alike if name != effect)
+
     def unit(self, name: str) -> str:
         """Return the unit of a channel, its rate, an input or `time`; empty if none is known."""
         of_state = {channel.state: channel.unit for channel in self.channels}

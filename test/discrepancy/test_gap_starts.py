@@ -9,7 +9,7 @@ from pam_orthosis.discrepancy import beginning, refit, select
 from pam_orthosis.discrepancy.candidates import Trial, candidate
 from pam_orthosis.discrepancy.fit import score
 from pam_orthosis.discrepancy.projection import Projection
-from pam_orthosis.discrepancy.screening import shapes_astray
+from pam_orthosis.discrepancy.screening import shapes_astray, strained
 from pam_orthosis.discrepancy.selection import Selection, Step
 from pam_orthosis.model.parameters import load
 from pam_orthosis.progress import silent
@@ -137,3 +137,24 @@ def test_a_fit_that_shape_corrections_hold_fast_starts_anew_without_those_that_h
     assert starts == ([40.0, 40.0] if named else [40.0, 0.0])
     assert (model.values[key] == 40.0) == bool(named)
     assert (min(weighted.weights.values()) > 0.5) != bool(named)
+
+
+def test_a_sensor_that_only_strained_tolerances_give_to_the_other_muscle_is_that_of_its_own(bench):
+    name = "extensor_pressure_gain"
+    hidden = {"enabled": True, "gain": 1.1}
+    problem, null, _ = begun(bench, **{f"plant__effects__{name}__{key}": v for key, v in hidden.items()})
+    projection = Projection(problem, null)
+    trial = Trial(projection, "flexor_pressure_gain")
+    other = candidate(projection, trial, trial.starts())
+    judged = select._judged(problem, null, (problem, null), [other], silent)
+    assert [model.effects for *_, model in judged] == [(name,), (other.name,)]
+    assert judged[0][2].values[f"{name}.gain"] == pytest.approx(1.1, abs=0.005)
+    assert strained(judged[1][2])
+    assert not strained(judged[0][2])
+
+
+def test_twins_are_the_same_effect_of_another_actuator(bench):
+    twins = bench.system.twins
+    assert twins("extensor_leak") == ("flexor_leak",)
+    assert twins("flexor_pressure_delay") == ("extensor_pressure_delay",)
+    assert not any(twins(name) for name in ("joint_friction", "angle_gain", "valve_delay", "leg_masses"))
