@@ -11,6 +11,7 @@ import argparse
 import json
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -101,6 +102,8 @@ def execute(arguments: argparse.Namespace) -> int:
         case = _begun(arguments, progress)
         if not arguments.until:
             outcome = search(case.start, case.parameters.gap, progress)
+            if case.mistaken and outcome.verdict in GOOD:  # what explains a mistake of the recordings is none
+                outcome = replace(outcome, verdict="partial" if outcome.effects else "unexplained")
     if arguments.until:
         print(case.heading + _stages(case.start, case.data, arguments.until))
         if arguments.next:
@@ -121,7 +124,8 @@ def execute(arguments: argparse.Namespace) -> int:
 class Case(NamedTuple):
     """What was asked: parameters, stages before the search, parameters of --model, what records lack.
 
-    `assumed`: bags without a record; `unrecorded`: rows that the others lack, and the values taken.
+    `assumed`: bags without a record; `unrecorded`: rows that the others lack, and the values taken;
+    `mistaken`: whether the recordings seem to have a mistake.
     """
 
     parameters: Any
@@ -131,6 +135,7 @@ class Case(NamedTuple):
     assumed: Sequence[Path]
     unrecorded: Mapping[str, Any]
     heading: str
+    mistaken: bool
 
 
 def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
@@ -177,10 +182,10 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     training, held_out = every[: len(arguments.measured)], every[len(arguments.measured) :]
     replay = Replay(system, Workers(arguments.jobs))
     start = begin(system, training, held_out, parameters.gap, progress, replay)
-    heading += mistake_words(start, parameters.gap.replay.cross_cutoff)
+    mistaken = mistake_words(start, parameters.gap.replay.cross_cutoff)
     progress("computing what these data can show")
     data = identifiability(start.problem, start.null, parameters.gap.evidence.threshold, progress)
-    return Case(parameters, start, data, given, assumed, rows, heading)
+    return Case(parameters, start, data, given, assumed, rows, heading + mistaken, bool(mistaken))
 
 
 def _search_rows(model: Path | None) -> dict[str, Any]:

@@ -4,6 +4,7 @@
 from collections.abc import Sequence
 
 from pam_orthosis.discrepancy.confirmation import (
+    EMPTY,
     LEAST_T,
     LEAST_TRANSFER,
     WORST_T,
@@ -42,7 +43,7 @@ def accepted(
         if is_too_small(problem.system, name, model):
             reason = f"{name} is smaller than what is worth a name"
         elif empty := emptied(problem.system, name, model):
-            reason = f"{name} would not be what its name says: {at_values(model, empty)}"
+            reason = f"{name} {EMPTY}: {at_values(model, empty)}"
         elif t > LEAST_T or transfer > LEAST_TRANSFER or (strained and t > WORST_T):
             return Step(name, model, weighted, evidence, t, ranked, "accepted", gains)
         else:

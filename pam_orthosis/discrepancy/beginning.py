@@ -9,6 +9,7 @@ import numpy as np
 from pam_orthosis.discrepancy import check, measure, refit, structure
 from pam_orthosis.discrepancy.data import Recording
 from pam_orthosis.discrepancy.fit import Fit
+from pam_orthosis.discrepancy.glitches import without_glitches
 from pam_orthosis.discrepancy.measure import Samples
 from pam_orthosis.discrepancy.problem import Problem, Scored
 from pam_orthosis.discrepancy.replay import Replay
@@ -73,6 +74,7 @@ def begin(
     Arguments and errors are those of `find_gap`.
     """
     progress("checking the recordings")
+    training, held_out = ([without_glitches(system, one) for one in many] for many in (training, held_out))
     remarks = check.check(system, [*training, *held_out], settings.replay.warm_up)
     check.check_unseen(training, held_out)
     replay = replay or Replay(system)

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Do a system's inputs run between rows as it says: held, or straight to the next row? A table cannot say.
+"""Are inputs stamped late? Do they run between rows as the system says: held, or straight to the next row?
 
 What is wrong by half a row is small beside a gap, and large beside the intervals of what explains it.
 """
 
 from dataclasses import replace
 
+from pam_orthosis.discrepancy.confirmation import EMPTY
 from pam_orthosis.discrepancy.fit import fit, score
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.replay import Replay
@@ -18,6 +19,22 @@ STEPS = 3
 
 
 def remarks_on_inputs(found: Selection, settings: Section) -> list[str]:
+    """Return remarks on inputs that are stamped late, or run otherwise between rows than the system says."""
+    return [*_late(found), *_between_rows(found, settings)]
+
+
+def _late(found: Selection) -> list[str]:
+    """Return a remark where the best effect was one that would have acted before its input."""
+    inputs = " and ".join(found.problem.system.inputs)
+    return [
+        f"{step.reason}: it acts before its input, as if {inputs} were stamped late"
+        for step in found.steps
+        for name, one in found.problem.system.catalogue.items()
+        if one.late is not None and step.reason.startswith(f"{name} {EMPTY}") and " = -" in step.reason
+    ]
+
+
+def _between_rows(found: Selection, settings: Section) -> list[str]:
     """Return a remark on each input with which recordings and final model agree better the other way.
 
     The voltages of machines are known to be held: they come from a control loop.

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.signal import welch
 
 from pam_orthosis.discrepancy.data import Recording
-from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.system import Channel, System
 from pam_orthosis.discrepancy.whitening import SEGMENT, noise_levels
 from pam_orthosis.errors import OrthosisError
 
@@ -19,6 +19,8 @@ WINDOW = 20  # samples, over which motion is looked for
 PARTS, FILTERED = 8, 10.0  # of the upper half of the band: power of the largest over the smallest
 COARSE = 0.4  # noise over the step of a signal: that of rounding alone is 0.29
 SEEN = 0.5  # of the different samples of a recording that judges: they are those of a fitted one
+STILL = 5  # steps without a change, which noise does not allow
+LEAST_CLIPPED = 0.01  # of the samples, that are at one end
 NO_NOISE = 1e-7  # noise over the range of a signal
 
 
@@ -33,7 +35,8 @@ def check(system: System, recordings: Sequence[Recording], warm_up: float) -> li
         _check_length(one, warm_up)
         for channel in system.channels:
             _check_channel(one, channel.name)
-        doubts = (_doubt_on_noise(one, channel.name) for channel in system.channels)
+        doubts = [_doubt_on_noise(one, channel.name) for channel in system.channels]
+        doubts += [_saturated(one, channel) for channel in system.channels]
         remarks += [*one.remarks, *_remarks_on_inputs(system, one), *filter(None, doubts)]
     return remarks
 
@@ -165,6 +168,21 @@ def _doubt_on_noise(one: Recording, name: str) -> str:
     else:
         return ""
     return f"{one.name}: {name} {why}; its noise floor is not how well it was measured"
+
+
+def _saturated(one: Recording, channel: Channel) -> str:
+    """Return that a channel seems to end at a value, if noise is seen everywhere but there."""
+    values = one.signals[channel.name]
+    still = np.convolve(np.diff(values) == 0, np.ones(STILL), "valid") == STILL
+    for end in (values.min(), values.max()):
+        at_end = still & (values[: len(still)] == end)
+        share = float(np.mean(values == end))
+        if at_end.any() and share > LEAST_CLIPPED and (still & ~at_end).mean() < LEAST_CLIPPED * share:
+            return (
+                f"{one.name}: {share:.0%} of the samples of {channel.name} are {end:.6g} {channel.unit}"
+                " exactly and none is beyond: does the sensor saturate? The search takes them as they are"
+            )
+    return ""
 
 
 def _remarks_on_inputs(system: System, one: Recording) -> list[str]:

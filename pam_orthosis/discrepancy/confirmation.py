@@ -2,6 +2,7 @@
 """Evidence of fitted models at common weights, and whether held-out recordings confirm them."""
 
 from collections.abc import Sequence
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -15,6 +16,8 @@ LEAST_T = 3.0  # of these differences
 LEAST_TRANSFER = 0.3  # of the training's fall, where one block holds most of it
 LEAST_FALL = 1.0  # in training, a block: below it there is nothing to compare
 WORST_T = -3.0  # an effect known by its broken tolerance alone must not make held-out data worse
+EARLIEST = -1e-3  # s: what acts earlier, acts before its input
+EMPTY = "would not be what its name says"
 MOST_SHOWN = 3  # parameters in one line
 REFIT_NULL = 10.0  # the smaller model is refitted with the larger one's weights below this ratio
 
@@ -105,8 +108,11 @@ def is_too_small(system: System, name: str, model: Fit) -> bool:
 
 def emptied(system: System, name: str, model: Fit) -> tuple[str, ...]:
     """Return the parameters (as `EFFECT.PARAMETER`) at which an effect is not what its name says."""
-    quantities = system.catalogue[name].parameters
-    return tuple(f"{name}.{q.name}" for q in quantities if q.is_empty(model.values[f"{name}.{q.name}"]))
+    effect = system.catalogue[name]
+    own = {q.name: model.values[f"{name}.{q.name}"] for q in effect.parameters}
+    if effect.late is not None and system.late + effect.late(SimpleNamespace(**own)) < EARLIEST:
+        return tuple(f"{name}.{q}" for q in own)
+    return tuple(f"{name}.{q.name}" for q in effect.parameters if q.is_empty(own[q.name]))
 
 
 def at_values(model: Fit, keys: Sequence[str]) -> str:

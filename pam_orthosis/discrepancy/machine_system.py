@@ -85,7 +85,9 @@ def graph_view(machine: Machine, nominal: Parameters) -> View:
     c, replay = machine.coordinate, nominal.gap.replay
     low, high = machine.mechanism(nominal).limits
     reach, supply = MARGIN * (high - low), nominal.valve.supply_pressure
-    pressures = [f"{name}_pressure" for name in machine.names]
+    pressures, voltages = ([f"{name}_{kind}" for name in machine.names] for kind in ("pressure", "voltage"))
+    lowest, highest = nominal.valve.minimum_voltage, nominal.valve.maximum_voltage
+    volts = MARGIN * (highest - lowest)
     return View(
         title=machine.meaning,
         equation=c.effort,
@@ -93,11 +95,15 @@ def graph_view(machine: Machine, nominal: Parameters) -> View:
             Channel(c.name, c.name, c.unit, c.shown_unit, c.shown_factor),
             *(Channel(name, name, "Pa", "mbar", 0.01) for name in pressures),
         ),
-        inputs=tuple(f"{name}_voltage" for name in machine.names),
+        inputs=tuple(voltages),
         calibrations=(),
         multiplied=DEVIATIONS,
         gains=(replay.angle_gain, replay.velocity_gain),
-        limits={c.name: (low - reach, high + reach), **dict.fromkeys(pressures, (0.0, MOST_SUPPLY * supply))},
+        limits={
+            c.name: (low - reach, high + reach),
+            **dict.fromkeys(pressures, (0.0, MOST_SUPPLY * supply)),
+            **dict.fromkeys(voltages, (lowest - volts, highest + volts)),
+        },
     )
 
 

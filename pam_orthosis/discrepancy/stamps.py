@@ -30,7 +30,8 @@ LEAST = 0.0025  # s, of a skew that is worth a remark: sound recordings have sho
 CUTOFF = 15.0  # Hz, of both accelerations
 SETTLING = 0.2  # s at both ends, which smoothing and shifts spoil
 ALONE = 1.01  # of its remainder: by so much less has to be left with one signal late than with all
-LEAST_GAIN = 0.05  # of what no shift leaves, that the best shift takes away
+LEAST_GAIN, SMALL = 0.05, 0.005  # of what no shift leaves, that a skew up to `SMALL`, s, takes away; and
+MOST_ASKED = 0.5  # that a large one must
 FEWEST = 200  # samples
 RAREST = 0.01  # s between samples: farther apart, sound recordings of 20 ms have shown skews of 5 ms
 
@@ -224,8 +225,10 @@ def _least(left: np.ndarray) -> tuple[float, float] | None:
     shifts, best = _shifts(), int(np.argmin(left))
     none = left[len(left) // 2]
     gain = float(1 - left[best] / none) if none > 0 else 0.0
-    if best in (0, len(left) - 1) or gain < LEAST_GAIN:
+    if best in (0, len(left) - 1):
         return None
     before, here, after = left[best - 1 : best + 2]
     place = float(shifts[best]) + STEP * float(before - after) / (2 * float(before - 2 * here + after))
-    return (place, gain) if abs(place) >= LEAST else None
+    # what a skew leaves grows with its square: a large one that explains little is none
+    least = min(MOST_ASKED, LEAST_GAIN * max(1.0, (place / SMALL) ** 2))
+    return (place, gain) if abs(place) >= LEAST and gain >= least else None

@@ -2,10 +2,11 @@
 """A fit that went astray: neither does an effect get the credit for it, nor does it hide one."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
-from pam_orthosis.discrepancy import beginning, refit, select
+from pam_orthosis.discrepancy import beginning, refit, second_chance, select
 from pam_orthosis.discrepancy.candidates import Trial, candidate
 from pam_orthosis.discrepancy.fit import score
 from pam_orthosis.discrepancy.projection import Projection
@@ -158,3 +159,12 @@ def test_twins_are_the_same_effect_of_another_actuator(bench):
     assert twins("extensor_leak") == ("flexor_leak",)
     assert twins("flexor_pressure_delay") == ("extensor_pressure_delay",)
     assert not any(twins(name) for name in ("joint_friction", "angle_gain", "valve_delay", "leg_masses"))
+
+
+def test_no_shape_correction_takes_the_place_of_an_effects_details(bench):
+    alike = {"joint_friction": {"force_map_misfit": 0.9, "muscle_hysteresis": 0.6}}
+    found = SimpleNamespace(
+        problem=bench.problem, final=SimpleNamespace(effects=("joint_friction",)), alike=alike
+    )
+    pairs = second_chance._alike_pairs(found, ["joint_friction"])
+    assert pairs == [("joint_friction", "muscle_hysteresis")]

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of any apparatus: columns and units, missing rows, stamps against each other."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import motor_bench
 import numpy as np
@@ -12,8 +14,9 @@ from pam_orthosis.bag.examples import write_example
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.discrepancy import beginning, check
+from pam_orthosis.discrepancy import beginning, between, check, mistakes, stamps
 from pam_orthosis.discrepancy.columns import read_mapping, signals_of, with_columns
+from pam_orthosis.discrepancy.confirmation import emptied
 from pam_orthosis.discrepancy.data import (
     from_arrays,
     from_csv,
@@ -320,3 +323,78 @@ def test_gauge_pressures_and_mixed_up_columns_are_named(friction, tmp_path, caps
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("CHECK THE RECORDINGS")]
     assert len(lines) == bool(said)
     assert all(line.endswith(said) for line in lines)
+
+
+def test_what_explains_recordings_that_seem_mistaken_is_no_explanation(bench, tmp_path, capsys, monkeypatch):
+    files = []
+    for seed in (1, 2):
+        arrays = bench.arrays(seed)
+        files.append(str(write(tmp_path / f"{seed}.csv", {name: arrays[name] for name in SI})))
+    (tmp_path / "model.yaml").write_text("valve.dead_band: 0.0\nvalve.delay: 0.0\n", encoding="utf-8")
+    asked = ["gap", files[0], "--held-out", files[1], "--model", str(tmp_path / "model.yaml"), "--json"]
+    assert main(asked) == 0
+    assert json.loads(capsys.readouterr().out)["verdict"] in {"none", "recalibrated"}
+    monkeypatch.setattr(mistakes, "mistake_words", lambda *_: "CHECK THE RECORDINGS: gauge, it seems\n")
+    assert main(asked) == 1
+    assert json.loads(capsys.readouterr().out)["verdict"] == "unexplained"
+    assert main([*asked[:-1]]) == 1
+    told = capsys.readouterr().out
+    assert told.startswith("CHECK THE RECORDINGS: gauge") or "\nCHECK THE RECORDINGS: gauge" in told
+
+
+def test_a_large_skew_that_explains_little_is_none():
+    shifts = stamps._shifts()
+
+    def left(skew, gain):
+        return 1.0 - gain + gain * ((shifts - skew) / skew) ** 2
+
+    assert stamps._least(left(0.006, 0.1)) == pytest.approx((0.006, 0.1), rel=0.03)
+    assert stamps._least(left(0.014, 0.52)) == pytest.approx((0.014, 0.52), rel=0.03)
+    assert stamps._least(left(0.014, 0.3)) is None
+    assert stamps._least(left(0.006, 0.04)) is None
+
+
+@pytest.mark.parametrize(
+    ("nominal", "delay", "empty"), [(0.0, -0.006, True), (0.0, -0.0005, False), (0.0099, -0.006, False)]
+)
+def test_a_valve_that_acts_before_its_command_is_none(nominal, delay, empty):
+    system = knee(load({"valve.delay": nominal}))
+    model = SimpleNamespace(values={"valve_delay.delay": delay})
+    assert bool(emptied(system, "valve_delay", model)) == empty
+
+
+def test_a_voltage_of_the_other_sign_is_refused_with_what_turns_it_round(bench, tmp_path):
+    arrays = bench.arrays(1)
+    table = {name: arrays[name] for name in SI} | {"extensor_voltage": -arrays["extensor_voltage"]}
+    with pytest.raises(OrthosisError, match=r"leaves -2 to 12 V.*--columns extensor_voltage=-COLUMN"):
+        recording(write(tmp_path / "minus.csv", table), bench.system)
+
+
+@pytest.mark.parametrize(
+    ("reason", "told"),
+    [
+        ("valve_delay would not be what its name says: valve_delay.delay = -0.006", True),
+        ("valve_delay would not be what its name says: valve_delay.delay = 0.05", False),
+        ("creep would not be what its name says: creep.time_constant = 30", False),
+        ("held-out recordings do not confirm valve_delay", False),
+    ],
+)
+def test_inputs_that_seem_stamped_late_are_told(bench, reason, told):
+    found = SimpleNamespace(problem=bench.problem, steps=[SimpleNamespace(reason=reason)])
+    remarks = between._late(found)
+    assert len(remarks) == told
+    assert all("as if extensor_voltage and flexor_voltage were stamped late" in one for one in remarks)
+
+
+def test_a_lost_cell_is_bridged_before_all_else(bench, tmp_path, capsys):
+    files = []
+    for seed in (1, 2):
+        arrays = bench.arrays(seed)
+        table = {name: arrays[name].copy() for name in SI}
+        table["angle"][2000] = 0.0
+        files.append(str(write(tmp_path / f"{seed}.csv", table)))
+    assert main(["gap", files[0], "--held-out", files[1], "--until", "replay"]) == 0
+    told = capsys.readouterr().out
+    assert told.count("angle jumps by up to") == 2
+    noise = next(line for line in told.splitlines() if line.startswith("angle [deg]")).split()[-1]
+    assert float(noise) < 0.06

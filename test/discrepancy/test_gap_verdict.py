@@ -19,6 +19,7 @@ from pam_orthosis.discrepancy.apparatus import without_record
 from pam_orthosis.discrepancy.contract import as_dict
 from pam_orthosis.discrepancy.data import from_arrays
 from pam_orthosis.discrepancy.events import Event
+from pam_orthosis.discrepancy.glitches import glitches, without_glitches
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.measure import Gap, closure, over_noise
 from pam_orthosis.discrepancy.unknown import Unknown
@@ -299,6 +300,46 @@ def test_a_noise_floor_that_is_no_measure_of_the_sensor_is_said(bench, changed, 
     remarks = [line for line in check.check(bench.system, [one], 2.0) if "noise floor" in line]
     assert all(line.startswith("run: angle ") and said in line for line in remarks)
     assert bool(remarks) == bool(said)
+
+
+@pytest.mark.parametrize(
+    ("changed", "seen"),
+    [
+        (lambda v: np.minimum(v, np.quantile(v, 0.9)), True),
+        (lambda v: np.maximum(v, np.quantile(v, 0.1)), True),
+        (lambda v: np.round(v, -4), False),  # coarse everywhere
+        (lambda v: v, False),
+    ],
+)
+def test_a_sensor_that_saturates_is_told(bench, changed, seen):
+    arrays = bench.arrays(1)
+    one = from_arrays(
+        "run", bench.system, {**arrays, "extensor_pressure": changed(arrays["extensor_pressure"])}
+    )
+    remarks = [line for line in check.check(bench.system, [one], 2.0) if "saturate" in line]
+    assert len(remarks) == seen
+    assert all("10% of the samples of extensor_pressure are" in line for line in remarks)
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3])
+def test_samples_that_jump_and_are_back_are_bridged_and_told(bench, samples):
+    one = bench.recording(1)
+    at = [1500, 4000]
+    places = np.concatenate([np.arange(start, start + samples) for start in at])
+    broken = {**one.signals, "angle": one.signals["angle"].copy()}
+    broken["angle"][places] = 0.0
+    mended = without_glitches(bench.system, replace(one, signals=broken))
+    assert np.abs(mended.signals["angle"] - one.signals["angle"]).max() < 0.02
+    (told,) = mended.remarks
+    assert told.startswith("run 1: angle jumps by up to")
+    assert f"in {2 * samples} of {one.samples} samples, the first at 3.000 s: bridged" in told
+
+
+@pytest.mark.parametrize("changed", [lambda v: v, lambda v: np.round(v, 2), lambda v: v + 0.3 * (v > 0.6)])
+@pytest.mark.parametrize("every", [1, 10])
+def test_what_moves_by_itself_is_no_glitch(bench, changed, every):
+    one = bench.recording(1)
+    assert all(not glitches(changed(values[::every])).any() for values in one.signals.values())
 
 
 @pytest.mark.parametrize(

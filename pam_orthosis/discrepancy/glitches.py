@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Single samples of a channel that jump and are back at once: no mechanism does so, a transmission does.
+
+They are few, and what they do to the noise hides all that is to be found: they are bridged, and said.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from pam_orthosis.discrepancy.data import Recording
+from pam_orthosis.discrepancy.system import System
+
+LONGEST = 3  # samples
+TIMES = 10.0  # the deviation from the neighbours that all but a hundredth stay below, and the signal's step
+SHARE = 0.99
+BACK = 0.3  # of the jump: by so much at most the samples on both sides differ
+
+
+def without_glitches(system: System, one: Recording) -> Recording:
+    """Return a recording whose channels have no glitches, with a remark on each that had."""
+    signals, remarks = dict(one.signals), list(one.remarks)
+    for channel in system.channels:
+        values = signals[channel.name]
+        found = glitches(values)
+        if not found.any():
+            continue
+        places = np.flatnonzero(found)
+        kept = np.flatnonzero(~found)
+        signals[channel.name] = np.interp(np.arange(len(values)), kept, values[kept])
+        most = float(np.abs(values - signals[channel.name]).max())
+        remarks.append(
+            f"{one.name}: {channel.name} jumps by up to {most:.3g} {channel.unit} and back in {len(places)}"
+            f" of {len(values)} samples, the first at {places[0] * one.period:.3f} s: bridged"
+        )
+    return replace(one, signals=signals, remarks=tuple(remarks))
+
+
+def glitches(values: np.ndarray) -> np.ndarray:
+    """Return which samples (n,) are part of a glitch."""
+    found = np.zeros(len(values), dtype=bool)
+    steps = np.abs(np.diff(values))
+    if len(values) < LONGEST + 2 or not steps.any():
+        return found
+    usual = np.quantile(np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:])), SHARE)
+    least = TIMES * max(float(usual), float(steps[steps > 0].min()))
+    for width in range(1, LONGEST + 1):
+        before, after = values[: -width - 1], values[width + 1 :]
+        inside = np.lib.stride_tricks.sliding_window_view(values[1:-1], width)
+        jumps = inside - 0.5 * (before + after)[:, None]
+        jump = np.where((jumps > 0).all(1) | (jumps < 0).all(1), np.abs(jumps).min(1), 0.0)
+        for start in np.flatnonzero((jump > least) & (np.abs(after - before) < BACK * jump)) + 1:
+            found[start : start + width] = True
+    return found
