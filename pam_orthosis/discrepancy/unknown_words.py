@@ -4,10 +4,11 @@
 from typing import Any
 
 from pam_orthosis.discrepancy.description import Description, holder
-from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.system import System, Values
 from pam_orthosis.discrepancy.unknown import Unknown
 
 MOST_EVENTS = 4  # in one line
+DRIFTING = 0.5  # of the gap, that time explains
 
 
 def short(system: System, unknown: Unknown) -> str:
@@ -24,8 +25,8 @@ def _short(system: System, one: Description) -> str:
     return f"{_name(one)} of {one.coordinate.replace('_', ' ')} ({period}{one.amplitude[0]:.3g} {one.unit})"
 
 
-def unknown_words(system: System, unknown: Unknown) -> list[str]:
-    """Return lines on what is left in an equation."""
+def unknown_words(system: System, unknown: Unknown, shares: Values | None = None) -> list[str]:
+    """Return lines on what is left in an equation; `shares` of its gap are explained by signals."""
     where = f"in the {unknown.equation} equation"
     if unknown.descriptions:
         return [line for one in unknown.descriptions for line in _words(system, one, where)]
@@ -37,6 +38,8 @@ def unknown_words(system: System, unknown: Unknown) -> list[str]:
             for event in unknown.events[:MOST_EVENTS]
         ]
         return [f"unknown {where}: of nothing that was measured; pushes at {', '.join(pushes)}"]
+    if (shares or {}).get("time", 0.0) >= DRIFTING:
+        return [f"unknown {where}: it changes with time: a sensor's zero that drifts, what wears or warms?"]
     return [f"unknown {where}: it depends on nothing that was measured, alone"]
 
 

@@ -127,7 +127,8 @@ def describe(outcome: Outcome) -> str:
     lines += [f"remark: {remark}" for remark in outcome.remarks]
     lines += _left(outcome)
     if outcome.unknown is not None:
-        lines += unknown_words(outcome.system, outcome.unknown)
+        shares = {one.equation: one.coordinates for one in outcome.where}
+        lines += unknown_words(outcome.system, outcome.unknown, shares.get(outcome.unknown.equation))
     lines.append(_answer(outcome))
     return "\n".join(lines)
 

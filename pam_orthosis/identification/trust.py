@@ -57,7 +57,7 @@ def check_slack_pressure(model: ForceModel, s: Samples, nominal: float) -> str:
             f"{text}; check --nominal-length-m ({nominal:g} m), and gauge or absolute pressure"
         )
     mixed = "absolute and named gauge" if pressure > 0 and not far else "gauge and named absolute"
-    return f"{text}: is the pressure {mixed}, or the nominal length not {nominal:g} m?"
+    return f"{text}: is the pressure {mixed}, the nominal length not {nominal:g} m, or the force's zero off?"
 
 
 def _slack_pressure(model: ForceModel, contraction: float) -> float:

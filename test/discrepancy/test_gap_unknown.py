@@ -145,6 +145,9 @@ def test_pushes_at_instants_of_their_own_are_events(bench, reported):
     assert short(bench.system, found) == "3 pushes (4.0 s, 7.3 s, 10.1 s)"
     bare = replace(found, events=())
     assert unknown_words(bench.system, bare)[0].endswith("depends on nothing that was measured, alone")
+    (drifting,) = unknown_words(bench.system, bare, {"time": 0.6, "angle": 0.1})
+    assert "it changes with time: a sensor's zero that drifts" in drifting
+    assert unknown_words(bench.system, bare, {"angle": 0.6, "time": 0.1}) == unknown_words(bench.system, bare)
 
 
 def test_a_model_file_carries_a_description(bench, reported, tmp_path):
