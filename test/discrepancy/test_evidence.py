@@ -86,7 +86,7 @@ def judged(monkeypatch, models, strained=False):
     monkeypatch.setattr(acceptance, "confirmed", lambda *args: seen[args[-1].effects[-1]])
     monkeypatch.setattr(acceptance, "is_visible", lambda *_: not strained)
     size = SimpleNamespace(name="size", neutral=0.0)
-    effect = SimpleNamespace(parameters=(), fitted=[size], shape=False, minimum_effect=1.0)
+    effect = SimpleNamespace(parameters=(), fitted=[size], shape=False, minimum_effect=1.0, late=None)
     weighted = SimpleNamespace(weights={}, weighted=lambda _: None)
     problem = SimpleNamespace(
         system=SimpleNamespace(catalogue=dict.fromkeys(models, effect)), weighted=lambda _: None

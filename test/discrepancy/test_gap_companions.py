@@ -110,7 +110,9 @@ def test_delays_count_from_the_sensor_that_is_taken_away():
 
 def test_an_effect_is_tried_for_the_details_of_one_that_it_resembles_and_no_other():
     alike = {"joint_friction": {"joint_friction": 1.0, "muscle_hysteresis": 0.9, "viscous_friction": 0.1}}
-    found = SimpleNamespace(alike=alike, final=SimpleNamespace(effects=("joint_friction",)))
+    alike["joint_friction"]["force_map_misfit"] = 0.95  # a shape correction is no other effect
+    problem = SimpleNamespace(system=SimpleNamespace(shapes=("force_map_misfit",)))
+    found = SimpleNamespace(alike=alike, final=SimpleNamespace(effects=("joint_friction",)), problem=problem)
     assert second_chance._alike_pairs(found, ["joint_friction"]) == [("joint_friction", "muscle_hysteresis")]
     found.final.effects = ("joint_friction", "muscle_hysteresis")
     assert second_chance._alike_pairs(found, ["joint_friction"]) == []
@@ -142,7 +144,7 @@ def test_what_is_called_as_a_strained_parameter_is_fitted_whatever_its_score_say
     one = next(one for one in free if one.name == "extensor_pressure_offset")
     for multiple, strained in ((2.9, set()), (3.1, {one.name})):
         values = {each.name: 0.0 for each in free} | {one.name: multiple * one.sd}
-        assert screening._strained(SimpleNamespace(free=free, values=values)) == strained
+        assert screening.strained(SimpleNamespace(free=free, values=values)) == strained
 
 
 def test_a_model_that_follows_worse_shows_nothing(monkeypatch):

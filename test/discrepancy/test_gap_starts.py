@@ -2,11 +2,10 @@
 """A fit that went astray: neither does an effect get the credit for it, nor does it hide one."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 
-from pam_orthosis.discrepancy import beginning, refit, second_chance, select
+from pam_orthosis.discrepancy import beginning, refit, select
 from pam_orthosis.discrepancy.candidates import Trial, candidate
 from pam_orthosis.discrepancy.fit import score
 from pam_orthosis.discrepancy.projection import Projection
@@ -128,14 +127,14 @@ def test_a_fit_that_shape_corrections_hold_fast_starts_anew_without_those_that_h
         weighted, model = fitted(problem, base, one, progress)
         if not one.values[key]:
             return weighted, model
-        lost = replace(model, effects=(), values={**model.values, key: 40.0})
+        lost = replace(model, values={**model.values, key: 40.0})
         return problem.weighted(dict.fromkeys(problem.weights, 0.1)), lost
 
     monkeypatch.setattr(select, "refitted", held_fast)
     one = torque(problem, null)
     one = replace(one, values={**one.values, key: 40.0})
     ((weighted, model),) = select._refitted_all(problem, replace(null, effects=named), [one], silent)
-    assert starts == ([40.0, 40.0] if named else [40.0, 0.0])
+    assert starts == ([40.0] if named else [40.0, 0.0])
     assert (model.values[key] == 40.0) == bool(named)
     assert (min(weighted.weights.values()) > 0.5) != bool(named)
 
@@ -159,12 +158,3 @@ def test_twins_are_the_same_effect_of_another_actuator(bench):
     assert twins("extensor_leak") == ("flexor_leak",)
     assert twins("flexor_pressure_delay") == ("extensor_pressure_delay",)
     assert not any(twins(name) for name in ("joint_friction", "angle_gain", "valve_delay", "leg_masses"))
-
-
-def test_no_shape_correction_takes_the_place_of_an_effects_details(bench):
-    alike = {"joint_friction": {"force_map_misfit": 0.9, "muscle_hysteresis": 0.6}}
-    found = SimpleNamespace(
-        problem=bench.problem, final=SimpleNamespace(effects=("joint_friction",)), alike=alike
-    )
-    pairs = second_chance._alike_pairs(found, ["joint_friction"])
-    assert pairs == [("joint_friction", "muscle_hysteresis")]
