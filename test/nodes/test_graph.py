@@ -214,6 +214,7 @@ def test_settings_that_are_refused_together_change_nothing(tmp_path, monkeypatch
             assert node.parameters.control.position.c1 == before == node.get_parameter(key).value
         assert node.set_parameters_atomically(both[:1]).successful
         assert node.parameters.control.position.c1 == 33.0
+        node.destroy_node()
     finally:
         rclpy.shutdown()
 

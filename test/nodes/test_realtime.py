@@ -7,7 +7,6 @@ import sys
 
 import numpy as np
 import pytest
-from own_domain import own_domain
 from rosbags.highlevel import AnyReader
 
 from pam_orthosis.bag.read import read_bag
@@ -17,6 +16,7 @@ from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import config_folder, load
 
 pytest.importorskip("rclpy")
+from pam_orthosis.nodes.launch import free_domain
 from pam_orthosis.nodes.pace import MAX_PERIODS_AT_ONCE
 
 TABLE, CLOSED = Topics(KNEE), 0.0
@@ -239,13 +239,14 @@ def test_more_than_any_machine_can_do_costs_samples_not_the_run(run_graph):
 @pytest.mark.parametrize("every", [1, 2])
 def test_a_driver_stands_in_for_the_plant(run_graph, monkeypatch, every):
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_folder() / "loopback.xml"))
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(own_domain()))
-    driver = subprocess.Popen([sys.executable, "-m", "pam_orthosis.nodes.dummy_driver"])
-    try:
-        rates = ["--param", f"control.position.every={every}"]
-        done, bag = run_graph("--realtime", "--no-plant", "--duration", "2", "--json", *rates)
-    finally:
-        driver.terminate()
+    with free_domain() as domain:  # nodes of earlier tests may linger in this process's own
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        driver = subprocess.Popen([sys.executable, "-m", "pam_orthosis.nodes.dummy_driver"])
+        try:
+            rates = ["--param", f"control.position.every={every}"]
+            done, bag = run_graph("--realtime", "--no-plant", "--duration", "2", "--json", *rates)
+        finally:
+            driver.terminate()
     assert driver.wait(30) == 0
     assert done.returncode in (0, 1), done.stderr
     timing = json.loads(done.stdout)["timing"]
