@@ -8,6 +8,7 @@ from pam_orthosis.discrepancy import refit, selection
 from pam_orthosis.discrepancy.acceptance import accepted
 from pam_orthosis.discrepancy.candidates import Candidate, twins
 from pam_orthosis.discrepancy.confirmation import ranking, weighed
+from pam_orthosis.discrepancy.delays import or_for_delays
 from pam_orthosis.discrepancy.elimination import eliminate_weak
 from pam_orthosis.discrepancy.fit import Fit, fit, score
 from pam_orthosis.discrepancy.free import scales_of
@@ -51,6 +52,8 @@ def extended(
             step = or_in_silence(found, held_out, step, settings, progress)
         if step.accepted is None:
             step = or_for_details(found, held_out, step, settings, progress)
+        if step.accepted is None:
+            step = or_for_delays(found, held_out, step, settings, progress)
         if not _added(found, step, progress):
             break
         if step.apart and len(found.final.effects) < settings.effects:
@@ -65,7 +68,9 @@ def _added(found: Selection, step: Step, progress: Progress) -> bool:
     if step.accepted is None or step.problem is None or step.fit is None:
         return False
     progress(f"added {step.accepted} (evidence {step.evidence:.0f}, held-out t {step.held_out_t:.1f})")
-    for name in step.fit.effects[len(found.final.effects) :]:
+    for name in set(found.evidence) - set(step.fit.effects):
+        found.forget(name)
+    for name in set(step.fit.effects) - set(found.evidence):
         found.evidence[name] = found.entered[name] = step.evidence
         found.alike[name] = _alike(step)
     found.final_problem, found.final = at_best_level(*with_details(step.problem, step.fit, progress))

@@ -58,6 +58,11 @@ class Selection:
     apart: dict[str, frozenset[str]] = field(default_factory=dict)
     present: dict[str, tuple[float, frozenset[str]]] = field(default_factory=dict)
 
+    def forget(self, name: str) -> None:
+        """Drop what is known of an effect that is no longer there."""
+        for known in (self.evidence, self.entered, self.alike, self.apart):
+            known.pop(name, None)
+
 
 def threshold(found: Selection, name: str, settings: Section) -> float:
     """Return the evidence that an effect needs: more beside another one in its equation that has much.

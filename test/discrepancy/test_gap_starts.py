@@ -7,6 +7,7 @@ import pytest
 
 from pam_orthosis.discrepancy import beginning, refit, select
 from pam_orthosis.discrepancy.candidates import Trial, candidate
+from pam_orthosis.discrepancy.delays import or_for_delays
 from pam_orthosis.discrepancy.fit import score
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.screening import shapes_astray, strained
@@ -158,3 +159,44 @@ def test_twins_are_the_same_effect_of_another_actuator(bench):
     assert twins("extensor_leak") == ("flexor_leak",)
     assert twins("flexor_pressure_delay") == ("extensor_pressure_delay",)
     assert not any(twins(name) for name in ("joint_friction", "angle_gain", "valve_delay", "leg_masses"))
+
+
+LATE = ("angle_delay", "extensor_pressure_delay")
+NOTHING = Step(None, None, None, 0.0, 0.0, (), "no effect gains anything")
+
+
+def with_delay_of_the_valve(problem, null):
+    projection = Projection(problem, null)
+    trial = Trial(projection, "valve_delay")
+    one = candidate(projection, trial, trial.starts())
+    weighted, model = refit.refitted(problem, null, one, silent)
+    evidence = {"valve_delay": 500.0}
+    return Selection(
+        problem, null, weighted, model, evidence=evidence, entered=evidence, alike={"valve_delay": {}}
+    )
+
+
+def test_sensors_that_are_late_together_are_found_at_once_in_place_of_what_hid_them(bench):
+    late = {f"plant__effects__{name}__enabled": True for name in LATE}
+    late |= {f"plant__effects__{name}__delay": 4e-3 for name in LATE}
+    problem, null, held_out = begun(bench, **late)
+    found = with_delay_of_the_valve(problem, null)
+    step = or_for_delays(found, held_out, NOTHING, load().gap.evidence, silent)
+    assert set(LATE) <= set(step.fit.effects)
+    assert found.steps == [NOTHING]
+    assert select._added(found, step, silent)
+    assert "valve_delay" not in found.evidence
+    assert set(found.evidence) == set(found.final.effects)
+    for name in LATE:
+        assert found.final.values[f"{name}.delay"] == pytest.approx(4e-3, abs=5e-4)
+
+
+def test_a_valve_that_is_late_stays_one_and_what_fits_is_let_be(bench):
+    settings = load().gap.evidence
+    late = {"plant__effects__valve_delay__enabled": True, "plant__effects__valve_delay__delay": 4e-3}
+    problem, null, held_out = begun(bench, **late)
+    found = with_delay_of_the_valve(problem, null)
+    left = found.final_problem.weighted(dict.fromkeys(problem.weights, 0.5))
+    for posed in (found.final_problem, left):
+        found.final_problem = posed
+        assert or_for_delays(found, held_out, NOTHING, settings, silent) is NOTHING

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several sensors that are late: alone, each makes worse what the other drives, so all are tried at once."""
+
+from pam_orthosis.discrepancy.acceptance import accepted
+from pam_orthosis.discrepancy.confirmation import is_too_small, ranking, weighed
+from pam_orthosis.discrepancy.fit import Fit, fit_tempered
+from pam_orthosis.discrepancy.free import free_parameters, scales_of
+from pam_orthosis.discrepancy.problem import Problem
+from pam_orthosis.discrepancy.refit import refined_in
+from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.selection import Selection, Step
+from pam_orthosis.discrepancy.system import System
+from pam_orthosis.model.parameters import Section
+from pam_orthosis.progress import Progress
+
+LEFT_OVER = 1.1  # power density over noise, of the equation with most of it
+
+
+def or_for_delays(
+    found: Selection, held_out: Problem, step: Step, settings: Section, progress: Progress
+) -> Step:
+    """Return the step with delays of the sensors in place of those that were found, where that is better."""
+    problem, base = found.final_problem, found.final
+    sensors = _sensors(problem.replay)
+    left = max(1 / weight**2 for weight in problem.weights.values())
+    if left < LEFT_OVER or len(sensors) < 2 or set(sensors) <= set(base.effects):
+        return step
+    progress(f"trying {', '.join(sensors)} at once")
+    weighted, model = _with(problem, base, sensors)
+    late = [name for name in sensors if not is_too_small(problem.system, name, model)]
+    if len(late) < 2:
+        return step
+    weighted, model = _with(
+        weighted, model, sorted(late, key=lambda name: abs(_delay(problem.system, model, name)))
+    )
+    judged = weighed(problem, base, [(weighted, model)])
+    evidence, name = judged[0][0], model.effects[-1]
+    if evidence < settings.threshold:
+        return step
+    other = accepted(problem, base, held_out, judged, ranking(judged, ()), {name: evidence})
+    if other.accepted:
+        found.steps.append(step)
+    return other if other.accepted else step
+
+
+def _sensors(replay: Replay) -> list[str]:
+    """Return the effects that make a channel late."""
+    system = replay.system
+    late = [name for name in system.candidates if system.catalogue[name].advance is not None]
+    return replay.touching(late)
+
+
+def _with(problem: Problem, base: Fit, sensors: list[str]) -> tuple[Problem, Fit]:
+    """Return the model with some sensors late and nothing else: inputs that act late are as good as all."""
+    system = problem.system
+    kept = tuple(name for name in base.effects if not _is_delay(system, name))
+    effects = (*kept, *sensors)
+    typical = problem.replay.defaults(effects)
+    values = {key: base.values.get(key, value) for key, value in typical.items()}
+    free = free_parameters(system, effects, refined_in(system, base), scales_of(system, base.free))
+    return fit_tempered(problem, effects, values, free)
+
+
+def _is_delay(system: System, name: str) -> bool:
+    effect = system.catalogue[name]
+    return effect.advance is not None or effect.late is not None
+
+
+def _delay(system: System, model: Fit, name: str) -> float:
+    return model.values[f"{name}.{system.catalogue[name].fitted[0].name}"]
