@@ -13,7 +13,15 @@ from pam_orthosis.identification.data import Data
 from pam_orthosis.identification.force import ForceFit, fit_force, leave_one_out, rms_and_max
 from pam_orthosis.identification.groups import lengths
 from pam_orthosis.identification.samples import Samples
-from pam_orthosis.identification.trust import Hysteresis, check_slack_pressure, clipped, hysteresis, taut
+from pam_orthosis.identification.trust import (
+    Hysteresis,
+    astray,
+    check_slack_pressure,
+    clipped,
+    copied,
+    hysteresis,
+    taut,
+)
 from pam_orthosis.identification.volume import VolumeFit, fit_volume
 from pam_orthosis.progress import Progress, silent
 
@@ -138,7 +146,8 @@ def identify(
     progress("fitting the force")
     force = fit_force(training, d, degrees)
     caution = check_slack_pressure(force.model, training, data.length)
-    remarks += [f"caution: {caution}"] if caution else []
+    cautions = (caution, astray(force.model, training))
+    remarks += [f"caution: {one}" for one in cautions if one]
     left_out = {
         kind: leave_one_out(training, group, lambda s: fit_force(s, d, degrees), progress)
         for kind, group in _groups(data, training).items()
@@ -156,6 +165,12 @@ def identify(
 def usable(data: Data, damping: float, degrees: tuple[int, int]) -> tuple[Samples, list[str]]:
     """Return the samples that Eq. (14) holds for, and what was left out, in words."""
     s, remarks = data.samples, [*data.assumed]
+    copies = copied(s)
+    if copies.any():
+        remarks.append(
+            f"{copies.sum()} of {len(s)} rows left out: they repeat an earlier one in every column"
+        )
+        s = s.where(~copies)
     end = clipped(s, data.length)
     if end.any():
         remarks.append(

@@ -32,6 +32,32 @@ def clipped(s: Samples, nominal: float) -> np.ndarray:
     return top if top.sum() >= least_clipped and not same else np.zeros(len(s), bool)
 
 
+def copied(s: Samples) -> np.ndarray:
+    """Return which rows hold in every column what an earlier one holds: they are no further measurement."""
+    table = np.column_stack(list(vars(s).values()))
+    _, first = np.unique(table, axis=0, return_index=True)
+    copies = np.ones(len(s), bool)
+    copies[first] = False
+    return copies & (s.serial < 0)  # of samples that follow each other in time none is one
+
+
+def astray(model: ForceModel, s: Samples) -> str:
+    """Return a caution on rows far from what all others say; empty if there are none."""
+    far, share = 12.0, 0.1  # times the usual scatter, and of the largest force: no form error is both
+    residual = model.residual(s)
+    distance = np.abs(residual - np.median(residual))
+    usual = 1.4826 * float(np.median(distance))
+    rows = np.flatnonzero((distance > far * usual) & (distance > share * s.force.max()))
+    if not len(rows):
+        return ""
+    worst = rows[np.argmax(distance[rows])]
+    return (
+        f"{len(rows)} of {len(s)} rows lie far from the rest (usually within {usual:.1f} N), most of all"
+        f" {s.force[worst]:g} N at {s.pressure[worst] / 1e5:.4g} bar gauge and a contraction of"
+        f" {s.contraction[worst] * 1e3:.4g} mm, off by {residual[worst]:.0f} N: check them"
+    )
+
+
 def check_slack_pressure(model: ForceModel, s: Samples, nominal: float) -> str:
     """Return a caution if the muscle would begin to pull at a pressure at which none does; empty if not.
 

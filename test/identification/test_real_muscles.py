@@ -202,3 +202,27 @@ def test_decay_and_volume_come_from_tables_too(static, tmp_path):
     found = identify(read_data(paths, "dmsp_20", LENGTH))
     assert found.damping.decrement == pytest.approx(damping, rel=0.03)
     assert found.volume.v == pytest.approx(94e-6 * np.array([1, 14, -60]), rel=0.01)
+
+
+def as_they_are(*rows):
+    return np.column_stack(rows)
+
+
+def test_a_row_far_from_the_rest_is_named(static):
+    def off(p, length, force):
+        force[20] += 600.0
+        return np.column_stack([p, length, force])
+
+    (remark,) = (one for one in identify(read(static(off))).remarks if "far from the rest" in one)
+    assert remark.startswith("caution: 1 of ")
+    assert float(remark.split("off by ")[1].split(" N")[0]) > 300
+    assert not any("far from" in one for one in identify(read(static(as_they_are))).remarks)
+
+
+def test_rows_that_are_copies_count_once(static):
+    once = identify(read(static(as_they_are)))
+    twice = identify(read(static(lambda *rows: np.tile(np.column_stack(rows), (2, 1)))))
+    rows = len(once.training)
+    assert f"{rows} of {2 * rows} rows left out: they repeat an earlier one" in "\n".join(twice.remarks)
+    assert twice.force.half_width == pytest.approx(once.force.half_width)
+    assert not any("repeat an earlier" in one for one in once.remarks)
