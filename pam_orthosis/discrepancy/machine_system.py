@@ -13,6 +13,7 @@ import casadi as ca
 from pam_orthosis.discrepancy.suspects import common, corrected, meant, name_of, suspects
 from pam_orthosis.discrepancy.system import Assembled, Calibration, Channel, Entry, Equation, Source, System
 from pam_orthosis.model.assembly import Hardware, assemble
+from pam_orthosis.model.components.actuator import Actuator
 from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.effects.base import Effect, enabled
 from pam_orthosis.model.machine import Machine
@@ -27,6 +28,7 @@ MOTION = "angle", "velocity", "acceleration"
 PUSH = "constant_torque.torque"  # by which an unknown torque enters
 VOLTS, SHARE = 0.02, 0.05  # changes of a voltage and of a valve's gain that show what they do
 SMALL = 0.2  # of a typical size, which is a knee's: where a search starts too
+ONSET = 0.5  # N, up to which a muscle's damping grows
 MARGIN = 0.2  # of the range between the stops: farther out the unit or the zero is another
 
 
@@ -305,7 +307,7 @@ class _Described:
             machine,
             mechanism,
             true.valve,
-            {one.name: one.built(true).scaled(1 + symbols[f"{one.name}_force"]) for one in machine.actuators},
+            {one.name: _smooth(one.built(true), symbols[f"{one.name}_force"]) for one in machine.actuators},
             Section(machine.branch, self._effect_settings(effects, symbols)),
         )
 
@@ -321,6 +323,11 @@ class _Described:
             tried = {q.name: symbols[f"{name}.{q.name}"] for q in self._machine.catalogue[name].parameters}
             settings[name] = Section(f"{branch}.{name}", {"enabled": True, **tried})
         return settings
+
+
+def _smooth(actuator: Actuator, deviation: Expression) -> Actuator:
+    """Return an actuator whose force is off; at a leap a fit would see no way down."""
+    return replace(actuator.scaled(1 + deviation), onset=ONSET)
 
 
 def _deviations(effect: Effect) -> dict[str, str]:

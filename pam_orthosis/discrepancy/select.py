@@ -184,8 +184,10 @@ def _seen_from(
     if _better_base(found, able[0], progress):
         return _round(found, held_out, settings, progress)
     step = accepted(problem, base, held_out, able[:TRIED], ranked, gains, tuple(blocked))
-    if step.fit is None:
+    if step.problem is None or step.fit is None:
         return step
+    if step.fit is not able[0][2] and _better_base(found, (step.evidence, step.problem, step.fit), progress):
+        return _round(found, held_out, settings, progress)
     rivals = tuple(name for name, promised in blocked.items() if promised > step.evidence)
     enough = [one for one in worth if one.name in {model.effects[-1] for _, _, model in able}]
     return replace(step, blocked=rivals, apart=_apart(problem, step.fit, enough, ranked))

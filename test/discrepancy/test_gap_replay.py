@@ -344,3 +344,21 @@ def test_a_part_keeps_the_clock_of_its_recording(bench, name):
         difference = np.abs(end[settled:] - whole[cut + settled :]).max(axis=0)
         if equation.name in bench.replay.touched(name):
             assert (difference < 0.02 * np.abs(whole - plain)[cut + settled :].max(axis=0)).all()
+
+
+def test_a_muscle_that_becomes_slack_lets_no_rate_leap(bench):
+    """A leap of the force has no slope: fits stuck beside it, and effects had the credit for getting off."""
+    whole = bench.system.assemble(())
+    rates = ca.Function("rates", [whole.x, whole.u, whole.time, whole.theta], [whole.rates])
+    # the extensor's pressure rises until it is taut, while the joint turns so that it is stretched
+    pressures = np.arange(1.0e5, 5.0e5, 10.0)
+    states = np.tile(np.array([0.9, 0.0, 2.0e5, 1.0e5])[:, None], len(pressures))
+    assert whole.states == ("angle", "velocity", "extensor_pressure", "flexor_pressure")
+    states[2] = pressures
+    leaps = []
+    for velocity in (-1.0, 1.0):
+        states[1] = velocity
+        found = np.array(rates(states, np.full(2, 5.0), 0.0, np.zeros(len(whole.parameters))))[1]
+        assert np.ptp(found) > 10.0, "it becomes taut"
+        leaps.append(np.abs(np.diff(found)).max())
+    assert max(leaps) < 0.5

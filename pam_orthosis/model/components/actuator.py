@@ -23,6 +23,8 @@ class Actuator:
         damping: N s/m.
         length: nominal, m, to which relative contractions refer.
         pulls_only: it hangs slack where the static force is negative.
+        onset: static force, N, up to which the damping of such an actuator grows to its size; 0: it is there
+            at once, and the force leaps where the actuator becomes slack.
         affine: contraction -> area m^2 and counterforce N of a force that is area * gauge - counterforce;
             None: the pressure enters otherwise.
         outside: (contraction, gauge pressure) -> 1 where the laws are not identified, else 0.
@@ -33,12 +35,16 @@ class Actuator:
     damping: Expression
     length: Expression
     pulls_only: bool = True
+    onset: float = 0.0
     affine: Callable[[Expression], tuple[Expression, Expression]] | None = None
     outside: Law = lambda _contraction, _gauge: 0
 
     def tension(self, elastic: Expression, rate: Expression) -> Expression:
         """Return the force of Eq. (13), N; a slack muscle (no elastic force) pulls nothing."""
-        return taut(elastic, rate, self.damping) if self.pulls_only else elastic - self.damping * rate
+        if not self.pulls_only:
+            return elastic - self.damping * rate
+        grown = ca.fmin(ca.fmax(elastic / self.onset, 0), 1) if self.onset else 1.0
+        return taut(elastic, rate, grown * self.damping)
 
     def times(self, count: int) -> Actuator:
         """Return so many of these side by side, fed by one valve."""
