@@ -13,7 +13,7 @@ from pam_orthosis.discrepancy.system import System
 from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress
 
-LEFT_OVER = 1.1  # power density over noise, of the equation with most of it
+LEFT_OVER, HOPELESS = 1.1, 100.0  # power density over noise, of the equation with most of it
 
 
 def or_for_delays(
@@ -23,7 +23,7 @@ def or_for_delays(
     problem, base = found.final_problem, found.final
     sensors = _sensors(problem.replay)
     left = max(1 / weight**2 for weight in problem.weights.values())
-    if left < LEFT_OVER or len(sensors) < 2 or set(sensors) <= set(base.effects):
+    if not LEFT_OVER < left < HOPELESS or len(sensors) < 2 or set(sensors) <= set(base.effects):
         return step
     progress(f"trying {', '.join(sensors)} at once")
     weighted, model = _with(problem, base, sensors)

@@ -56,10 +56,10 @@ def test_the_held_out_gap_is_the_same_with_the_model_that_is_written(bench, fric
 
 def test_another_joint_read_as_the_default_knee_is_not_explained(tmp_path, capsys):
     """It names nothing, and says that this is not the machine that was given."""
-    files = [foreign_joint.write(tmp_path / f"{seed}.csv", seed) for seed in (1, 2, 3)]
+    files = [foreign_joint.write(tmp_path / f"{seed}.csv", seed) for seed in (1, 3)]
     out = tmp_path / "out"
     with_next = ["--next", str(tmp_path / "next.csv")]
-    status = main(["gap", *files[:2], "--held-out", files[2], "--out", str(out), *with_next])
+    status = main(["gap", files[0], "--held-out", files[1], "--out", str(out), *with_next])
     said, reported = capsys.readouterr().out.splitlines(), json.loads((out / "gap.json").read_text())
     assert status == 1
     assert (reported["verdict"], reported["effects"], reported["unknown"]) == ("unexplained", [], None)
@@ -68,7 +68,7 @@ def test_another_joint_read_as_the_default_knee_is_not_explained(tmp_path, capsy
     assert not (tmp_path / "next.csv").exists()
     assert said[-1].startswith("UNEXPLAINED: nothing I know, this is not the machine that was given; in the ")
     assert not any(line.startswith(("wrong parameter", "effect", "unknown")) for line in said)
-    assert said[0].startswith(f"the apparatus is assumed: {files[0]} and 2 more")
+    assert said[0].startswith(f"the apparatus is assumed: {files[0]} and 1 more")
     assert said[0].endswith("read as the default knee")
     assert reported["apparatus_assumed"] == files
 
