@@ -11,7 +11,7 @@ exact as the integration and no false delay appears.
 import ctypes
 import math
 from collections.abc import Mapping
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from pam_orthosis.discrepancy import source as source_module
 from pam_orthosis.discrepancy.cut import Part
+from pam_orthosis.discrepancy.lanes import LANES, Lanes
+from pam_orthosis.discrepancy.source import source
 from pam_orthosis.discrepancy.system import Names
 from pam_orthosis.model import compiled
 from pam_orthosis.model.compiled import best_library, pointer, processor, remember, remembered, taken_out
@@ -27,63 +30,12 @@ from pam_orthosis.model.compiled import best_library, pointer, processor, rememb
 NAME = "replay"  # of the libraries
 # what is fitted may differ in its last digits from one processor to the next; not a number stays what it is
 FLAGS = (
-    "-O2", "-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math",
-    "-freciprocal-math", "-ffp-contract=fast", "-fPIC", "-shared", "-Wl,-Bsymbolic",
+    "-O2", "-fopenmp-simd", "-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros",
+    "-fassociative-math", "-freciprocal-math", "-ffp-contract=fast", "-fPIC", "-shared", "-Wl,-Bsymbolic",
+    "-Wl,-z,defs",
 )  # fmt: skip
-OPTIONS = (("-march=native",), ())  # not every compiler knows its processor
-# those of the library are calls; these also keep what is not a number in the second argument
-EXTREMES = """
-#include <math.h>
-#define fmax(x, y) ((x) > (y) ? (x) : (y))
-#define fmin(x, y) ((x) < (y) ? (x) : (y))
-"""
-LOOP = """
-static void rk4(double* x, const double* z, const double* theta, const double* period,
-                const double* held, double at, double h) {{
-  double k[4][{states}], y[{states}], f = at, part = h / *period;
-  const double* seen[] = {{y, z, theta, period, &f, held}};
-  for (int i = 0; i < {states}; i++) y[i] = x[i];
-  for (int s = 0; s < 4; s++) {{
-    double* results[] = {{k[s]}};
-    f = at + (s == 0 ? 0 : s == 3 ? part : 0.5 * part);
-    orthosis_rates(seen, results, 0, 0, 0);
-    double w = s == 2 ? h : 0.5 * h;
-    if (s < 3) for (int i = 0; i < {states}; i++) y[i] = x[i] + w * k[s][i];
-  }}
-  for (int i = 0; i < {states}; i++) x[i] += h / 6 * (k[0][i] + 2 * k[1][i] + 2 * k[2][i] + k[3][i]);
-}}
-
-static void phase(double* x, const double* z, const double* theta, const double* period,
-                  const double* fixed, double from, double to, long steps) {{
-  double held[{held}], share = (to - from) / steps;
-  const double* given[] = {{z, theta, period, fixed}};
-  double* got[] = {{held}};
-  orthosis_held(given, got, 0, 0, 0);
-  for (long j = 0; j < steps; j++) rk4(x, z, theta, period, held, from + j * share, share * *period);
-}}
-
-void orthosis_replay(long n, long first, long rest, double period, const double* z, const double* theta,
-                     const double* start, double* result) {{
-  double x[{states}], next[{states}], fixed[{fixed}], before[{data}];
-  const double* once[] = {{theta, &period}};
-  double* kept[] = {{fixed}};
-  orthosis_fixed(once, kept, 0, 0, 0);
-  for (int i = 0; i < {states}; i++) x[i] = start[i];
-  for (long k = 0; k < n; k++) {{
-    const double* seen[] = {{x, z + k * {data}, theta, &period}};
-    double* results[] = {{next, result + k * {results}}};
-    orthosis_observe(seen, results, 0, 0, 0);
-    for (int i = 0; i < {states}; i++) x[i] = next[i];
-    double at = first ? z[(k + 1) * {data} - 1] : 0;
-    if (first) {{
-      for (int i = 0; i < {data}; i++) before[i] = z[k * {data} + i];
-      {switched}
-      phase(x, before, theta, &period, fixed, 0, at, first);
-    }}
-    phase(x, z + k * {data}, theta, &period, fixed, at, 1, rest);
-  }}
-}}
-"""
+# not every library has functions of vectors, and not every compiler knows its processor
+OPTIONS = (("-march=native", "-DVECTOR_MATHEMATICS"), ("-march=native",), ())
 
 
 class Kernel:
@@ -98,35 +50,60 @@ class Kernel:
         self.part, self.wrt = part, wrt
         self.states, self.channels = len(part.own), part.observe.size1_out(1)
         self._size, self._results = ((1 + len(wrt)) * count for count in (self.states, self.channels))
-        self._width = part.observe.size1_in(1)
+        self._width = part.observe.size1_in(1)  # of the rows
         self._library: ctypes.CDLL | None = None
         self._key = _key(part, wrt)
         self._path = remembered(NAME, self._key)
         self._source = "" if self._path else self._write_source()
 
     def __call__(
-        self, z: np.ndarray, theta: np.ndarray, start: np.ndarray, period: float, substeps: int
+        self, rows: Lanes, theta: np.ndarray, starts: np.ndarray, period: float, substeps: int
     ) -> np.ndarray:
         """Return residuals (n, channels) or, with sensitivities, (n, channels, 1 + len(wrt)).
 
         The inputs of all rows change at the same fraction of the period, which their last column holds.
+
+        Args:
+            rows: `z`.
+            theta: values of the part's parameters.
+            starts: (stretches, states), where each stretch of the rows begins.
+            period: s.
+            substeps: integration steps a period.
         """
-        state = np.zeros(self._size)
-        state[: self.states] = start
-        at = float(z[0, -1]) if self.part.switches else 0.0
+        state = np.zeros((self._size, LANES))
+        state[: self.states] = starts.T
+        at = float(rows.z[0, -1, 0]) if self.part.switches else 0.0
         steps = math.ceil(at * substeps), max(1, math.ceil((1 - at) * substeps))
         if self._library is None:
-            flat: np.ndarray = self._run_virtual(z, theta, state, period, steps)
+            z = rows.at(np.arange(rows.rows))
+            flat = self._run_virtual(z, theta, np.ascontiguousarray(state[:, 0]), period, steps)
         else:
-            flat = np.empty((len(z), self._results))
-            self._library.orthosis_replay(
-                ctypes.c_long(len(z)), *map(ctypes.c_long, steps), ctypes.c_double(period),
-                pointer(z), pointer(theta), pointer(state), pointer(flat),
-            )  # fmt: skip
+            one_pass = partial(self._passed, rows, theta, period, steps)
+            flat = rows.replayed(one_pass, state, self._results, self._size - self.states)
         if not self.wrt:
             return flat
-        table: np.ndarray = flat.reshape(len(z), 1 + len(self.wrt), self.channels).transpose(0, 2, 1)
+        table: np.ndarray = flat.reshape(rows.rows, 1 + len(self.wrt), self.channels).transpose(0, 2, 1)
         return table
+
+    def _passed(
+        self,
+        rows: Lanes,
+        theta: np.ndarray,
+        period: float,
+        steps: tuple[int, int],
+        first: np.ndarray,
+        results: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Fill the results of all stretches: see `Lanes.replayed`."""
+        assert self._library is not None
+        start = np.ascontiguousarray(first)
+        begun, passed, ended = (np.empty_like(start) for _ in range(3))
+        counts = (rows.warm + rows.length, rows.warm, rows.length, *steps)
+        arrays = (rows.z, theta, start, results, begun, passed, ended)
+        self._library.orthosis_replay(
+            *map(ctypes.c_long, counts), ctypes.c_double(period), *map(pointer, arrays)
+        )
+        return begun, passed, ended
 
     @property
     def built(self) -> bool:
@@ -157,16 +134,7 @@ class Kernel:
         return observe, *_hoisted(rates)
 
     def _write_source(self) -> str:
-        generator = ca.CodeGenerator("replay.c")
-        *_, held, fixed = self._functions
-        for function in self._functions:
-            generator.add(function)
-        loop = LOOP.format(
-            states=self._size, data=self._width, results=self._results,
-            fixed=max(1, fixed.size1_out(0)), held=max(1, held.size1_out(0)),
-            switched=" ".join(f"before[{now}] = before[{old}];" for old, now in self.part.switches),
-        )  # fmt: skip
-        return f"/* {processor()} */\n" + EXTREMES + generator.dump() + loop
+        return f"/* {processor()} */\n" + source(self._functions, self.part.switches)
 
     def _run_virtual(
         self, z: np.ndarray, theta: np.ndarray, state: np.ndarray, period: float, steps: tuple[int, int]
@@ -207,7 +175,10 @@ class Kernel:
 
 def _key(part: Part, wrt: Names) -> str:
     """Return what the source of a kernel follows from: cheaper than the source."""
-    code = [Path(file).read_text(encoding="utf-8") for file in (__file__, compiled.__file__)]
+    code = [
+        Path(file).read_text(encoding="utf-8")
+        for file in (__file__, source_module.__file__, compiled.__file__)
+    ]
     # the functions know parameters by their place alone
     names = repr((part.parameters, wrt, part.switches))
     return "\n".join(

@@ -7,13 +7,14 @@ from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import replace
 from threading import Lock
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
 
 from pam_orthosis.discrepancy.cut import Part, cut, divided
 from pam_orthosis.discrepancy.kernel import Kernel
+from pam_orthosis.discrepancy.lanes import WARM_SECONDS, Lanes
 from pam_orthosis.discrepancy.run import Run, Shift
 from pam_orthosis.discrepancy.system import Assembled, Equation, Names, System, Values
 from pam_orthosis.discrepancy.together import Workers
@@ -24,6 +25,7 @@ EXACT, FEW = 0.7, 4  # the same where so many steps do: a lag of the valve is fo
 MOST_SUBSTEPS = 64
 PROBED = 6  # samples of each kind at which the fastest eigenvalue is looked for
 REMEMBERED, PREPARED = 144, 36  # results; recordings as kernels read them, an equation and a shift each
+Kept = TypeVar("Kept")
 _CASADI = Lock()  # expression graphs are built by one thread at a time
 
 
@@ -41,7 +43,7 @@ class Replay:
         self._kernels: dict[Hashable, Kernel] = {}
         self._touched: dict[str, frozenset[str]] = {}
         self._memory: OrderedDict[tuple[Any, ...], np.ndarray] = OrderedDict()
-        self._data: OrderedDict[tuple[Any, ...], np.ndarray] = OrderedDict()
+        self._data: OrderedDict[tuple[Any, ...], Lanes] = OrderedDict()
         self._latest: tuple[tuple[str, ...], Assembled, Assembled] | None = None
         self._shared: set[tuple[str, Hashable]] = set()
         self._tidying = Lock()
@@ -181,24 +183,21 @@ class Replay:
         # the base states of most models are slow; states of an effect need not be
         fast = equation.stiff or not set(part.own) <= set(equation.states)
         substeps = self._substeps(run, part, data, theta) if fast else 1
-        result = kernel(data, theta, run.start(part), run.period, substeps)
+        result = kernel(data, theta, run.states(part, data.starts), run.period, substeps)
         return result if wrt else self._kept(self._memory, key, result, REMEMBERED)
 
-    def _rows(self, run: Run, part: Part, shift: Shift) -> np.ndarray:
+    def _rows(self, run: Run, part: Part, shift: Shift) -> Lanes:
         # seen by an own channel that is on time, all channels are alike
         key = (run.serial, part.channels if shift.own else (), shift.key())
         known = self._data.get(key)
-        return (
-            self._kept(self._data, key, run.data(part.channels, shift), PREPARED) if known is None else known
-        )
+        if known is not None:
+            return known
+        rows = Lanes.cut(run.data(part.channels, shift), round(WARM_SECONDS / run.period))
+        return self._kept(self._data, key, rows, PREPARED)
 
     def _kept(
-        self,
-        store: OrderedDict[tuple[Any, ...], np.ndarray],
-        key: tuple[Any, ...],
-        value: np.ndarray,
-        most: int,
-    ) -> np.ndarray:
+        self, store: OrderedDict[tuple[Any, ...], Kept], key: tuple[Any, ...], value: Kept, most: int
+    ) -> Kept:
         """Return a value that is remembered; of many the ones that were computed last are."""
         with self._tidying:
             store[key] = value
@@ -267,7 +266,7 @@ class Replay:
             self._kernels[key] = kernel
         return self._kernels[key]
 
-    def _substeps(self, run: Run, part: Part, data: np.ndarray, theta: np.ndarray) -> int:
+    def _substeps(self, run: Run, part: Part, data: Lanes, theta: np.ndarray) -> int:
         """Return the steps a period that the fastest state needs.
 
         Looked for with effect states at rest and deflected, and at standstill, where friction is stiffest.
@@ -278,7 +277,7 @@ class Replay:
         still = rest * [name not in self.system.derived for name in part.own]
         states = np.concatenate([rest, rest + deflected, rest - deflected, still])
         with _CASADI:  # the first call for so many rows builds a graph
-            fastest = part.fastest(np.tile(data[places], (4, 1)), theta, states, run.period)
+            fastest = part.fastest(np.tile(data.at(places), (4, 1)), theta, states, run.period)
         needed = run.period * fastest / STEP_TIMES_RATE
         needed *= STEP_TIMES_RATE / EXACT if needed <= FEW else 1.0
         return min(max(1, math.ceil(needed)), MOST_SUBSTEPS) if math.isfinite(needed) else 1

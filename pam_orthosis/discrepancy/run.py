@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import count
 from typing import Any
 
@@ -98,17 +99,13 @@ class Run:
         slopes = [np.gradient(neighbours[:, i], self.period) for i in places]
         return [np.append(np.diff(one), 0.0) / self.period for one in slopes]
 
-    def start(self, part: Part) -> np.ndarray:
-        """Return the first state: as measured, effect states at rest."""
-        first: np.ndarray = self.states(part, np.zeros(1, int))[0]
-        return first
-
     def states(self, part: Part, places: np.ndarray) -> np.ndarray:
         """Return the states at some samples, (k, states): as measured, effect states at rest."""
-        signals = self.base_states()
+        signals = self.base_states
         rest = np.zeros(len(places))
         return np.column_stack([signals[name][places] if name in signals else rest for name in part.own])
 
+    @cached_property
     def base_states(self) -> dict[str, np.ndarray]:
         """Return the base states as smoothed recordings and their difference quotients show them."""
         signals = {c.state: self._smooth[c.name] for c in self._system.channels if c.state is not None}
@@ -121,7 +118,7 @@ class Run:
 
     def probing(self, count: int) -> np.ndarray:
         """Return samples at which the base states are extreme, and some in between."""
-        extreme = [end for row in self.base_states().values() for end in (np.argmin(row), np.argmax(row))]
+        extreme = [end for row in self.base_states.values() for end in (np.argmin(row), np.argmax(row))]
         between = np.linspace(0, self.recording.samples - 1, count).astype(int)
         return np.unique([*extreme, *between])
 

@@ -18,6 +18,7 @@ from pam_orthosis.discrepancy.data import Recording
 from pam_orthosis.discrepancy.fit import _descended, bounded_step, fit_tempered
 from pam_orthosis.discrepancy.free import Free, free_parameters
 from pam_orthosis.discrepancy.kernel import Kernel, _key
+from pam_orthosis.discrepancy.lanes import Lanes
 from pam_orthosis.discrepancy.problem import Block
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.replay import Replay
@@ -77,7 +78,8 @@ def test_compiled_replay_is_that_of_the_virtual_machine(bench, run):
         for part in bench.replay._parts_of(equation, ("muscle_hysteresis", "valve_lag")):
             theta = np.array([values[name] for name in part.parameters])
             late = Shift(inputs=1.4 * run.period)  # inputs change within each period
-            rows, start = run.data(part.channels, late)[:60], run.start(part)
+            rows = Lanes.cut(run.data(part.channels, late)[:60], 60)
+            start = run.states(part, rows.starts)
             fast, slow = Kernel(part, part.parameters[:3]), Kernel(part, part.parameters[:3])
             fast.build()
             a, b = (one(rows, theta, start, run.period, 4) for one in (fast, slow))
@@ -108,9 +110,9 @@ def test_muscles_that_do_not_feel_each_other_are_replayed_apart_as_together(benc
     assert known == wrt
     kernel = Kernel(part, wrt)
     kernel.build()
-    rows = run.data(gas.channels)
+    rows = Lanes.cut(run.data(gas.channels), 1500)
     steps = bench.replay._substeps(run, part, rows, theta)
-    together = kernel(rows, theta, run.start(part), run.period, steps)
+    together = kernel(rows, theta, run.states(part, rows.starts), run.period, steps)
     assert residuals == pytest.approx(together[:, :, 0], rel=1e-9, abs=1e-6)
     assert np.abs(slopes - together[:, :, 1:]).max() < 1e-9 * np.abs(slopes).max()
 
