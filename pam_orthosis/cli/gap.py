@@ -26,7 +26,7 @@ from pam_orthosis.files import (
     write_files,
     write_text,
 )
-from pam_orthosis.progress import Progress, counted, shown
+from pam_orthosis.progress import Progress, shown
 
 if TYPE_CHECKING:
     from pam_orthosis.discrepancy.beginning import Beginning
@@ -172,7 +172,8 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
         rows = unrecorded(paths, parameters, apparatus.keys, given, namespace)
     system = with_columns(system, read_mapping(arguments.columns))
     heading = assumed_words(assumed, len(paths), arguments.model) + unrecorded_words(rows, parameters)
-    every = [read(path, system, namespace) for path in counted(paths, progress, "reading")]
+    workers = Workers(arguments.jobs)
+    every = workers.together(lambda path: read(path, system, namespace), paths, None, progress, "reading")
     if system.input_period:
         changed, stated = float(parameters.at(system.input_period)), system.input_period in given
         every = [
@@ -180,7 +181,7 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
             for path, one in zip(paths, every, strict=True)
         ]
     training, held_out = every[: len(arguments.measured)], every[len(arguments.measured) :]
-    replay = Replay(system, Workers(arguments.jobs))
+    replay = Replay(system, workers)
     start = begin(system, training, held_out, parameters.gap, progress, replay)
     mistaken = mistake_words(start, parameters.gap.replay.cross_cutoff)
     progress("computing what these data can show")

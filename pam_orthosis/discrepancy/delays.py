@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several sensors that are late: alone, each makes worse what the other drives, so all are tried at once."""
 
+import numpy as np
+
 from pam_orthosis.discrepancy.acceptance import accepted
+from pam_orthosis.discrepancy.candidates import Trial
 from pam_orthosis.discrepancy.confirmation import is_too_small, ranking, weighed
 from pam_orthosis.discrepancy.fit import Fit, fit_tempered
 from pam_orthosis.discrepancy.free import free_parameters, scales_of
 from pam_orthosis.discrepancy.problem import Problem
+from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.refit import refined_in
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.selection import Selection, Step
@@ -13,6 +17,7 @@ from pam_orthosis.discrepancy.system import System
 from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress
 
+LEAST_PROMISED = 0.5  # of the evidence that is asked for, in a linear estimate of what delays may gain
 LEFT_OVER, HOPELESS = 1.1, 100.0  # power density over noise, of the equation with most of it
 
 
@@ -26,6 +31,10 @@ def or_for_delays(
     if not LEFT_OVER < left < HOPELESS or len(sensors) < 2 or set(sensors) <= set(base.effects):
         return step
     progress(f"trying {', '.join(sensors)} at once")
+    if not any(_is_delay(problem.system, name) for name in base.effects) and (
+        _promised(Projection(problem, base), sensors) < LEAST_PROMISED * settings.threshold
+    ):
+        return step
     weighted, model = _with(problem, base, sensors)
     late = [name for name in sensors if not is_too_small(problem.system, name, model)]
     if len(late) < 2:
@@ -41,6 +50,25 @@ def or_for_delays(
     if other.accepted:
         found.steps.append(step)
     return other if other.accepted else step
+
+
+def _promised(projection: Projection, sensors: list[str]) -> float:
+    """Return by how much the cost would fall with some sensors late, were it linear."""
+    blocks = projection.base.blocks
+    late = [Trial(projection, name) for name in sensors]
+    moved = [trial.residuals(trial.starts()[-1]) for trial in late]
+    slopes = {
+        name: np.column_stack([row.get(name, block.residual) - block.residual for row in moved])
+        for name, block in blocks.items()
+    }
+    level = projection.best(*projection.state({}))[1]
+    right = projection.state({})[0] + level.gradient(projection.position)
+    shared = sum(
+        (projection.correlated(name, d) for name, d in slopes.items()), np.zeros((len(right), len(late)))
+    )
+    hessian = sum(d.T @ d for d in slopes.values()) - shared.T @ level.solve(shared)
+    gradient = sum(d.T @ blocks[name].residual for name, d in slopes.items()) - shared.T @ level.solve(right)
+    return float(gradient @ np.linalg.lstsq(hessian, gradient, rcond=None)[0])
 
 
 def _sensors(replay: Replay) -> list[str]:

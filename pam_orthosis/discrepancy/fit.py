@@ -195,7 +195,7 @@ def scaled_slopes(block: Block, free: Sequence[Free]) -> tuple[np.ndarray, np.nd
     scale = np.array([one.scale for one in free])
     kept = [i for i, name in enumerate(block.names) if name in index]
     place = np.array([index[block.names[i]] for i in kept], dtype=int)
-    return np.ascontiguousarray((block.slopes[:, kept] * scale[place]).T), place
+    return np.ascontiguousarray(block.slopes.T[kept]) * scale[place][:, None], place
 
 
 class _Normal:

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from pam_orthosis.discrepancy import beginning, refit, select
+from pam_orthosis.discrepancy import beginning, delays, refit, select
 from pam_orthosis.discrepancy.candidates import Trial, candidate
-from pam_orthosis.discrepancy.delays import or_for_delays
+from pam_orthosis.discrepancy.delays import _with, or_for_delays
 from pam_orthosis.discrepancy.fit import score
 from pam_orthosis.discrepancy.projection import Projection
 from pam_orthosis.discrepancy.screening import shapes_astray, strained
@@ -189,6 +189,20 @@ def test_sensors_that_are_late_together_are_found_at_once_in_place_of_what_hid_t
     assert set(found.evidence) == set(found.final.effects)
     for name in LATE:
         assert found.final.values[f"{name}.delay"] == pytest.approx(4e-3, abs=5e-4)
+
+
+@pytest.mark.parametrize(("late", "tried"), [(LATE, True), ((), False)])
+def test_delays_are_tried_where_they_promise_something(bench, monkeypatch, late, tried):
+    changed = {f"plant__effects__{name}__enabled": True for name in late}
+    changed |= {f"plant__effects__{name}__delay": 4e-3 for name in late}
+    problem, null, held_out = begun(bench, **changed)
+    asked = []
+    monkeypatch.setattr(delays, "LEFT_OVER", 1.0)
+    monkeypatch.setattr(delays, "HOPELESS", 1000.0)
+    monkeypatch.setattr(delays, "_with", lambda *args: asked.append(args) or _with(*args))
+    found = Selection(problem, null, problem, null)
+    or_for_delays(found, held_out, NOTHING, load().gap.evidence, silent)
+    assert bool(asked) == tried
 
 
 def test_a_valve_that_is_late_stays_one_and_what_fits_is_let_be(bench):
