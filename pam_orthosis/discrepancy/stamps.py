@@ -10,13 +10,14 @@ that leaves least is the skew: of stamps, or of a sensor that lags by as much.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from pam_orthosis.discrepancy.data import Recording, smoothed
-from pam_orthosis.discrepancy.system import Assembled, System
+from pam_orthosis.discrepancy.system import Assembled, Names, System
 from pam_orthosis.discrepancy.together import Workers
 from pam_orthosis.identification.damping import slip_element
 
@@ -90,7 +91,8 @@ def skews(system: System, one: Recording) -> list[Skew]:
         if not drivers or any(name not in one.signals for name in drivers) or one.samples < FEWEST:
             continue
         groups = dict.fromkeys([drivers, *((name,) for name in drivers)])
-        left = {late: _left(system, assembled, one, rate, channel, drivers, late) for late in groups}
+        left_by = _remainders(system, assembled, one, rate, channel, drivers)
+        left = {late: left_by(late) for late in groups}
         late = min(left, key=lambda names: left[names].min() * (1.0 if names == drivers else ALONE))
         skew = _least(left[late])
         if skew is not None:
@@ -118,16 +120,10 @@ def _depends(expression: ca.SX, symbol: ca.SX) -> bool:
     return bool(ca.depends_on(expression, symbol))
 
 
-def _left(
-    system: System,
-    assembled: Assembled,
-    one: Recording,
-    rate: str,
-    channel: str,
-    drivers: tuple[str, ...],
-    late: tuple[str, ...],
-) -> np.ndarray:
-    """Return what remains of the acceleration (sum of squares) by the shift of those that may be `late`."""
+def _remainders(
+    system: System, assembled: Assembled, one: Recording, rate: str, channel: str, drivers: tuple[str, ...]
+) -> Callable[[Names], np.ndarray]:
+    """Return what gives, for signals that may be late, what remains of the acceleration by their shift."""
     time = np.arange(one.samples) * one.period
     ends = round(SETTLING / one.period)
     places = np.unique(np.linspace(ends, one.samples - ends - 1, MOST_SAMPLES).astype(int))
@@ -138,7 +134,7 @@ def _left(
     law = _law(assembled, rate, len(places), _right(system, assembled))
     beside = _beside(system, one, places)
 
-    def remainder(shift: float) -> float:
+    def remainder(late: Names, shift: float) -> float:
         lead = {n: shift * (n in late) - system.late * (n in system.inputs) for n in drivers}
         at = {name: np.clip(time[places] + lead[name], 0.0, time[-1]) for name in drivers}
         values = {name: np.interp(at[name], time, smooth[name]) for name in drivers}
@@ -154,7 +150,7 @@ def _left(
         columns = np.asarray(slopes).reshape(assembled.theta.shape[0], -1, order="F").T
         return _remainder(measured - np.asarray(model)[0], np.column_stack([_tame(columns), missing]))
 
-    return _near_the_least(remainder)
+    return lambda late: _near_the_least(partial(remainder, late))
 
 
 def _tame(slopes: np.ndarray) -> np.ndarray:
