@@ -85,6 +85,8 @@ def or_for_details(
     problem, base = found.final_problem, found.final
     details = {one: refit.details_of(problem.system, one) for one in refit.refined_in(problem.system, base)}
     for refined, name in _alike_pairs(found, details):
+        if _is_clean(problem, name):
+            continue
         progress(f"trying {name} in place of the details of {refined}")
         weighted, model = refit.without_details(problem, base, details[refined], name)
         judged = weighed(problem, base, [(weighted, model)])
@@ -105,6 +107,11 @@ def _alike_pairs(found: Selection, refined: Collection[str]) -> list[tuple[str, 
     others = {one: {n: s for n, s in found.alike[one].items() if n not in known} for one in refined}
     best = {one: max(shares, key=lambda name: shares[name]) for one, shares in others.items() if shares}
     return [(one, name) for one, name in best.items() if others[one][name] > ALIKE]
+
+
+def _is_clean(problem: Problem, name: str) -> bool:
+    """Return whether nothing could leave much less in each of an effect's equations: noise alone is left."""
+    return max(problem.weights[n] ** 2 for n in problem.replay.touched(name)) >= CLEANER
 
 
 def _cleaner(problem: Problem, weighted: Problem, name: str) -> bool:

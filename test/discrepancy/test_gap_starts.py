@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from pam_orthosis.discrepancy import beginning, delays, refit, select
+from pam_orthosis.discrepancy import beginning, delays, refit, second_chance, select
 from pam_orthosis.discrepancy.candidates import Trial, candidate
 from pam_orthosis.discrepancy.delays import _with, or_for_delays
 from pam_orthosis.discrepancy.fit import score
@@ -202,6 +202,21 @@ def test_delays_are_tried_where_they_promise_something(bench, monkeypatch, late,
     monkeypatch.setattr(delays, "_with", lambda *args: asked.append(args) or _with(*args))
     found = Selection(problem, null, problem, null)
     or_for_delays(found, held_out, NOTHING, load().gap.evidence, silent)
+    assert bool(asked) == tried
+
+
+@pytest.mark.parametrize(("left", "tried"), [(1.2, False), (4.0, True)])
+def test_details_are_doubted_only_where_something_is_left(bench, sound, monkeypatch, left, tried):
+    problem, null, held_out = sound
+    posed = problem.weighted(dict.fromkeys(problem.weights, left**-0.5))
+    found, asked = Selection(posed, null, posed, null), []
+    without = second_chance.refit.without_details
+    monkeypatch.setattr(second_chance.refit, "refined_in", lambda *_: ["joint_friction"])
+    monkeypatch.setattr(second_chance, "_alike_pairs", lambda *_: [("joint_friction", "parallel_elasticity")])
+    monkeypatch.setattr(
+        second_chance.refit, "without_details", lambda *args: asked.append(args) or without(*args)
+    )
+    second_chance.or_for_details(found, held_out, NOTHING, load().gap.evidence, silent)
     assert bool(asked) == tried
 
 
