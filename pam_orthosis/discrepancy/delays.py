@@ -31,9 +31,8 @@ def or_for_delays(
     if not LEFT_OVER < left < HOPELESS or len(sensors) < 2 or set(sensors) <= set(base.effects):
         return step
     progress(f"trying {', '.join(sensors)} at once")
-    if not any(_is_delay(problem.system, name) for name in base.effects) and (
-        _promised(Projection(problem, base), sensors) < LEAST_PROMISED * settings.threshold
-    ):
+    missing = [name for name in sensors if name not in base.effects]
+    if _promised(Projection(problem, base), missing) < LEAST_PROMISED * settings.threshold:
         return step
     weighted, model = _with(problem, base, sensors)
     late = [name for name in sensors if not is_too_small(problem.system, name, model)]
