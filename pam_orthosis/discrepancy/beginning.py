@@ -13,6 +13,7 @@ from pam_orthosis.discrepancy.glitches import without_glitches
 from pam_orthosis.discrepancy.measure import Samples
 from pam_orthosis.discrepancy.problem import Problem, Scored
 from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.room import check_room
 from pam_orthosis.discrepancy.run import Run
 from pam_orthosis.discrepancy.stamps import remarks_on_stamps
 from pam_orthosis.discrepancy.system import Names, System, Values
@@ -78,6 +79,7 @@ def begin(
     remarks = check.check(system, [*training, *held_out], settings.replay.warm_up)
     check.check_unseen(training, held_out)
     replay = replay or Replay(system)
+    check_room([*training, *held_out], replay.workers.jobs)
     remarks += remarks_on_stamps(system, [*training, *held_out], replay.workers)
     missing = check.missing_inputs(system, [*training, *held_out])
     if missing:

@@ -54,6 +54,11 @@ class Lanes:
         """The row at which each stretch begins."""
         return np.minimum(np.arange(LANES) * self.length, self.rows - 1)
 
+    @property
+    def nbytes(self) -> int:
+        """Of the memory that it takes."""
+        return self.z.nbytes
+
     def at(self, places: np.ndarray) -> np.ndarray:
         """Return some of the rows, (k, columns)."""
         lane = np.maximum(places - self.warm, 0) // max(self.length, 1)

@@ -25,7 +25,8 @@ EXACT, FEW = 0.7, 4  # the same where so many steps do: a lag of the valve is fo
 MOST_SUBSTEPS = 64
 PROBED = 6  # samples of each kind at which the fastest eigenvalue is looked for
 REMEMBERED, PREPARED = 144, 36  # results; recordings as kernels read them, an equation and a shift each
-Kept = TypeVar("Kept")
+MOST_BYTES = 256_000_000  # of each of them: recordings may be long
+Kept = TypeVar("Kept", np.ndarray, Lanes)
 _CASADI = Lock()  # expression graphs are built by one thread at a time
 
 
@@ -198,10 +199,10 @@ class Replay:
     def _kept(
         self, store: OrderedDict[tuple[Any, ...], Kept], key: tuple[Any, ...], value: Kept, most: int
     ) -> Kept:
-        """Return a value that is remembered; of many the ones that were computed last are."""
+        """Return a value that is remembered; of many, or of large ones, those computed last are."""
         with self._tidying:
             store[key] = value
-            while len(store) > most:
+            while len(store) > most or (len(store) > 1 and _bytes(store) > MOST_BYTES):
                 store.popitem(last=False)
         return value
 
@@ -281,6 +282,10 @@ class Replay:
         needed = run.period * fastest / STEP_TIMES_RATE
         needed *= STEP_TIMES_RATE / EXACT if needed <= FEW else 1.0
         return min(max(1, math.ceil(needed)), MOST_SUBSTEPS) if math.isfinite(needed) else 1
+
+
+def _bytes(store: Mapping[tuple[Any, ...], Kept]) -> int:
+    return sum(one.nbytes for one in store.values())
 
 
 def _parameters(parts: tuple[Part, ...]) -> set[str]:

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Long recordings are refused in words before they fill the memory."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from pam_orthosis.discrepancy import replay, room
+from pam_orthosis.discrepancy.beginning import begin
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import load
+
+LONG = [SimpleNamespace(samples=1_000_000), SimpleNamespace(samples=800_000)]
+
+
+@pytest.fixture
+def told(tmp_path, monkeypatch):
+    monkeypatch.setattr(room, "MEMORY", tmp_path / "meminfo")
+    return (tmp_path / "meminfo").write_text
+
+
+@pytest.mark.parametrize(("free_kb", "said"), [(8_000_000, "every other row$"), (20_000_000, "--jobs 1$")])
+def test_what_needs_more_than_is_free_is_refused(told, free_kb, said):
+    told(f"MemTotal: 32000000 kB\nMemAvailable: {free_kb} kB\n")
+    with pytest.raises(OrthosisError, match=rf"1,800,000 rows needs about 25\.2 GB .*{said}"):
+        room.check_room(LONG, 2)
+    room.check_room([SimpleNamespace(samples=60_000)], 2)
+
+
+def test_a_system_that_does_not_say_is_not_asked_again(told):
+    room.check_room(LONG, 2)
+    told("MemTotal: 16000000 kB\n")
+    room.check_room(LONG, 2)
+
+
+def test_a_search_asks(bench, told):
+    told("MemAvailable: 1000 kB\n")
+    with pytest.raises(OrthosisError, match="GB of memory"):
+        begin(bench.system, [bench.recording(1)], [bench.recording(2)], load().gap)
+
+
+def test_what_is_remembered_is_bounded_in_bytes(bench, monkeypatch):
+    monkeypatch.setattr(replay, "MOST_BYTES", 100)
+    kept, store = bench.replay._kept, replay.OrderedDict()
+    for key in range(5):
+        kept(store, (key,), SimpleNamespace(nbytes=60), 3)
+    assert list(store) == [(4,)]
+    monkeypatch.setattr(replay, "MOST_BYTES", 1000)
+    for key in range(5):
+        kept(store, (key,), SimpleNamespace(nbytes=60), 3)
+    assert len(store) == 3
