@@ -17,7 +17,7 @@ LEAST_OF_THRESHOLD = 0.15  # the same, of the evidence that is asked for
 LEAST_SHARE = 0.02  # the same, of the best candidate's gain
 KEPT = 0.1  # of a score test's gain, that a fit must reach to take one of the places
 MOST_FITTED = 3  # fits for each place
-POLISHED = 3
+POLISHED, MOST_POLISHED = 3, 9  # full fits at a time, and in all where none keeps its promise
 POLISHED_SHARE = 0.4  # of the best projected gain: worth a full fit
 NEAR_THRESHOLD = 0.3  # of the evidence that is asked for: a projection may be that far off
 SLACK = 20.0  # the same where little is asked for
@@ -155,3 +155,11 @@ def worth_polishing(problem: Problem, ranked: list[Candidate], thresholds: Value
     ready = [one for one in near if one.evidence >= thresholds[one.name]][:1]
     kept = [one for one in near[:POLISHED] if one.gain > POLISHED_SHARE * near[0].gain]
     return kept + [one for one in ready if one not in kept]
+
+
+def promising(ranked: Sequence[Candidate], tried: Sequence[Candidate], thresholds: Values) -> list[Candidate]:
+    """Return the next candidates that promise what is asked of them, where none of those tried kept it."""
+    if len(tried) >= MOST_POLISHED:
+        return []
+    rest = [one for one in ranked if one not in tried and one.evidence >= thresholds[one.name]]
+    return rest[:POLISHED]

@@ -19,6 +19,7 @@ from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.screening import (
     fitted_candidates,
     is_far,
+    promising,
     shapes_astray,
     strained,
     worth_polishing,
@@ -28,6 +29,8 @@ from pam_orthosis.discrepancy.selection import Ranking, Selection, Step
 from pam_orthosis.discrepancy.system import Values
 from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress, silent
+
+Judged = tuple[float, Problem, Fit]  # evidence, weighted problem and fit of a model
 
 BETTER = 0.3  # of a candidate's evidence, that the model without it gains from where the candidate's fit went
 TRIED = 3  # effects of a round, the most evident ones, that held-out recordings are asked about
@@ -174,9 +177,14 @@ def _seen_from(
         return Step(None, None, None, 0.0, 0.0, (), "no effect gains anything", gains, tuple(blocked))
     worth = worth_polishing(near, fitted, thresholds)
     judged = _judged(problem, base, around, worth, progress)
+    while not _able(judged, thresholds) and (others := promising(fitted, worth, thresholds)):
+        # a projection is worth little far off: what promised more was not there
+        worth += others
+        judged += _judged(problem, base, around, others, progress)
+    judged.sort(key=lambda item: -item[0])
     ranked = ranking(judged, fitted)
     blocked = selection.blocked(found, thresholds, gains, ranked, settings)
-    able = [one for one in judged if one[0] >= thresholds[one[2].effects[-1]]]
+    able = _able(judged, thresholds)
     if not able:
         name, evidence = ranked[0]
         reason = f"{name} has evidence {evidence:.0f}, it would need {thresholds[name]:.0f}"
@@ -193,13 +201,18 @@ def _seen_from(
     return replace(step, blocked=rivals, apart=_apart(problem, step.fit, enough, ranked))
 
 
+def _able(judged: Sequence[Judged], thresholds: Values) -> list[Judged]:
+    """Return the models whose last effect has the evidence that is asked of it."""
+    return [one for one in judged if one[0] >= thresholds[one[2].effects[-1]]]
+
+
 def _judged(
     problem: Problem,
     base: Fit,
     around: tuple[Problem, Fit],
     worth: Sequence[Candidate],
     progress: Progress,
-) -> list[tuple[float, Problem, Fit]]:
+) -> list[Judged]:
     """Return the models with some candidates as seen from a model, most evident first, beside a base.
 
     Where the best one strains tolerances, what it is at another actuator is tried too.
@@ -208,13 +221,13 @@ def _judged(
     best = max(weighed(problem, base, models), key=lambda item: item[0], default=None)
     others = twins(Projection(*around), best[2]) if best and strained(best[2]) else []
     models += _refitted_all(*around, others, progress) if others else []
-    found: dict[str, tuple[float, Problem, Fit]] = {}
+    found: dict[str, Judged] = {}
     for item in sorted(weighed(problem, base, models), key=lambda item: -item[0]):
         found.setdefault(item[2].effects[-1], item)
     return list(found.values())
 
 
-def _better_base(found: Selection, best: tuple[float, Problem, Fit], progress: Progress) -> bool:
+def _better_base(found: Selection, best: Judged, progress: Progress) -> bool:
     """Return whether the model so far does much better from where the best candidate's fit went; take it.
 
     Else a fit that had not come to its end would give the candidate the credit for what parameters do.

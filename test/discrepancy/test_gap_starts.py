@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from pam_orthosis.discrepancy import beginning, delays, refit, second_chance, select
-from pam_orthosis.discrepancy.candidates import Trial, candidate
+from pam_orthosis.discrepancy.candidates import Candidate, Trial, candidate
 from pam_orthosis.discrepancy.delays import _with, or_for_delays
 from pam_orthosis.discrepancy.fit import score
 from pam_orthosis.discrepancy.projection import Projection
@@ -189,6 +189,25 @@ def test_sensors_that_are_late_together_are_found_at_once_in_place_of_what_hid_t
     assert set(found.evidence) == set(found.final.effects)
     for name in LATE:
         assert found.final.values[f"{name}.delay"] == pytest.approx(4e-3, abs=5e-4)
+
+
+def test_where_no_fit_keeps_its_promise_the_next_ones_are_fitted(sound, monkeypatch):
+    problem, null, held_out = sound
+    names = ["constant_torque", "parallel_elasticity", "joint_friction", "viscous_friction"]
+    promise = [Candidate(name, 100.0, null.values, 90.0, {}, (name,)) for name in names]
+    promise.append(Candidate("creep", 10.0, null.values, -1.0, {}, ("creep",)))
+    asked = []
+
+    def none_keeps_it(_problem, _base, _around, worth, _progress):
+        asked.append([one.name for one in worth])
+        return [(-1.0, problem, replace(null, effects=(one.name,))) for one in worth]
+
+    monkeypatch.setattr(select, "fitted_candidates", lambda *_: (promise, {}))
+    monkeypatch.setattr(select, "_judged", none_keeps_it)
+    found = Selection(problem, null, problem, null)
+    step = select._seen_from((problem, null), found, held_out, load().gap.evidence, silent)
+    assert step.accepted is None
+    assert asked == [names[:3], names[3:]]
 
 
 @pytest.mark.parametrize(("late", "tried"), [(LATE, True), ((), False)])
