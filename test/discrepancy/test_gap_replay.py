@@ -72,6 +72,7 @@ def test_an_effect_of_the_model_is_replayed_as_one_that_was_just_found(bench, ru
         assert known.residuals(own, equation, (), known.defaults(())) == pytest.approx(found, abs=1e-9)
 
 
+@pytest.mark.usefixtures("compiler")
 def test_compiled_replay_is_that_of_the_virtual_machine(bench, run):
     for equation in bench.system.equations:
         values = bench.replay.defaults(("muscle_hysteresis", "valve_lag"))
@@ -82,6 +83,8 @@ def test_compiled_replay_is_that_of_the_virtual_machine(bench, run):
             start = run.states(part, rows.starts)
             fast, slow = Kernel(part, part.parameters[:3]), Kernel(part, part.parameters[:3])
             fast.build()
+            assert fast.built
+            assert not slow.built
             a, b = (one(rows, theta, start, run.period, 4) for one in (fast, slow))
             assert np.abs(a - b).max() <= 1e-9 * max(1.0, np.abs(b).max())
 
