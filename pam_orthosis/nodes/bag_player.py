@@ -6,7 +6,6 @@ to topics under `replayed/`. The next instant is fed when all that is due for th
 that the answers depend on the bag and on the nodes alone.
 """
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -24,6 +23,7 @@ from pam_orthosis.nodes import graph, messages, process, transport
 from pam_orthosis.nodes.launch import PLAYER, REPLAYED
 from pam_orthosis.nodes.pace import MAX_UNRECORDED_NS
 from pam_orthosis.nodes.parameters import Setting
+from pam_orthosis.nodes.silence import Silence
 
 
 class BagPlayer(graph.GraphNode):
@@ -63,7 +63,7 @@ class BagPlayer(graph.GraphNode):
         self.listen_to("ready", self._on_ready, latched=True)
         # the nodes wait for a listener; the player waits for none of them, since it may feed a few only
         self.create_subscription(DiagnosticArray, DIAGNOSTICS, lambda _report: None, transport.qos())
-        self._progress = time.monotonic()
+        self._silence = Silence()
         self.wall_timer(0.25, self._watch)
 
     def started(self) -> None:
@@ -126,7 +126,7 @@ class BagPlayer(graph.GraphNode):
         return [topic for topic in self._now.due if (topic, self._now.stamp_ns) not in self._answers]
 
     def _feed(self) -> None:
-        self._progress = time.monotonic()
+        self._silence.heard()
         self._now = next(self._instants, None) or self._over()
         if self._count % self._acknowledged == 0:
             self._recorded.publish(messages.time(self._now.stamp_ns))
@@ -147,7 +147,7 @@ class BagPlayer(graph.GraphNode):
 
     def _watch(self) -> None:
         limit = self.settings["answer_timeout"]
-        if self._now and not self.ended and time.monotonic() - self._progress > limit:
+        if self._now and not self.ended and self._silence.look() > limit:
             topics = self._missing()
             producers = sorted({self.topics[topic].producers[0] for topic in topics})
             who, what = " and ".join(producers), " and ".join(topics)

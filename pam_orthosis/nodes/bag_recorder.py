@@ -262,7 +262,7 @@ class BagRecorder(graph.GraphNode):
     def _has_gaps(self, leg: RecordedLeg) -> bool:
         """Whether in lockstep all wait for this node, and it for what somebody who left did not say."""
         lost = leg.joined_late or self.barrier.anew()
-        return lost and not self.realtime and leg.silence > 1.0
+        return lost and not self.realtime and leg.silence() > 1.0
 
     def _finish(self) -> None:
         for steps in self._collectors():

@@ -16,6 +16,7 @@ from pam_orthosis.nodes import messages
 from pam_orthosis.nodes.barrier import Notice
 from pam_orthosis.nodes.graph import GraphNode
 from pam_orthosis.nodes.join import Join
+from pam_orthosis.nodes.silence import Silence
 from pam_orthosis.nodes.topic_node import Numbers
 
 MAX_UNRECORDED_STEPS, MAX_UNRECORDED_NS = 50, 250_000_000  # and the recorder keeps a chunk in memory
@@ -77,7 +78,7 @@ class Lockstep:
         self._begun, self._begun_ns = False, 0
         self._anew: dict[str, str] = {}  # when it began, if a run was on
         self._early: tuple[Any, ...] = ()
-        self._progress = time.monotonic()
+        self._silence = Silence()
         self._notice = Notice(plant)
         self._join = Join(plant.commands, self._answered)
         for name, (leg, topic) in plant.commands.items():
@@ -106,7 +107,7 @@ class Lockstep:
 
     def resume(self) -> None:
         """Go on: the plant is active again."""
-        self._progress = time.monotonic()
+        self._silence.heard()
         self._go_on()
 
     def _reached_ns(self) -> int:
@@ -123,7 +124,7 @@ class Lockstep:
         return {"dropped_inputs": self._join.dropped, **self._anew}
 
     def _publish(self) -> None:
-        self._progress = time.monotonic()
+        self._silence.heard()
         self._plant.publish_sample(self._stamp_ns)
 
     def _answered(self, stamp_ns: int, *spools: Numbers) -> None:
@@ -133,7 +134,7 @@ class Lockstep:
             return
         self._plant.advance(*(spool for (spool,) in spools))
         self._plant.step_done(stamp_ns)
-        self._progress = time.monotonic()
+        self._silence.heard()
         self._stamp_ns = stamp_ns + self._plant.period_ns
         self._waits = True
         self._go_on()
@@ -155,7 +156,7 @@ class Lockstep:
         """Say what is missing when nothing has moved for too long; fail if somebody ends the others."""
         limit = self._plant.settings["answer_timeout"]
         steps = self._begun and self._plant.active and not self._plant.ended
-        if not steps or time.monotonic() - self._progress < limit:
+        if not steps or self._silence.look() < limit:
             return
         at = f"at {self._stamp_ns / 1e9:.3f} s"
         if self._plant.supervised:

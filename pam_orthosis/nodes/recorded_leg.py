@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One leg as the recorder sees it: how far its run is, when it is over, what its plant has to know."""
 
-import time
-
 from rclpy.duration import Duration
 
 from pam_orthosis.bag.steps import StepCollector
@@ -11,6 +9,7 @@ from pam_orthosis.errors import RunFailed
 from pam_orthosis.nodes import messages
 from pam_orthosis.nodes.barrier import Notice
 from pam_orthosis.nodes.graph import GraphNode
+from pam_orthosis.nodes.silence import Silence
 
 GRACE_NS = SECOND_NS // 2
 
@@ -24,7 +23,7 @@ class RecordedLeg:
         self.steps = steps
         self._node = node
         self.end_ns = None if node.realtime else run_ns
-        self._sampled = time.monotonic()
+        self._silence = Silence()
         self._newest_ns: int | None = None
         self._acknowledged_ns = -1
         self._answered = True
@@ -35,12 +34,13 @@ class RecordedLeg:
 
     def begin(self) -> None:
         """Note that all peers are there: from now on samples are due."""
-        self._sampled = time.monotonic()
+        self._silence.heard()
 
     def sampled(self, stamp_ns: int) -> None:
         """Note that the leg has taken a sample; in real time the run begins with its first."""
         self.joined_late = self.joined_late or (self._newest_ns is None and stamp_ns > 0)
-        self._sampled, self._newest_ns = time.monotonic(), stamp_ns
+        self._silence.heard()
+        self._newest_ns = stamp_ns
         if self.end_ns is None:
             self.end_ns = stamp_ns + self._run_ns
 
@@ -73,7 +73,7 @@ class RecordedLeg:
         """Whether all is recorded, or in real time all that will ever come; RunFailed if no samples come."""
         if self.end_ns is None:
             # the plant waits for all others, and its process is watched; a driver waits for nobody
-            if self._node.active and not self._node.settings["with_plant"] and self.silence > self._limit:
+            if self._node.active and not self._node.settings["with_plant"] and self.silence() > self._limit:
                 self._report_silence()
             return False
         return self._complete() or (self._node.realtime and self._nothing_more())
@@ -94,7 +94,7 @@ class RecordedLeg:
 
         The clock is no proof: on a busy machine much may have arrived that nobody has looked at yet.
         """
-        silent = self.silence > self._limit
+        silent = self.silence() > self._limit
         if silent and self._newest_ns < self.end_ns - self._node.period_ns:
             self._report_silence()
             return False
@@ -104,10 +104,9 @@ class RecordedLeg:
     def _limit(self) -> float:
         return self._node.settings["sample_timeout"]
 
-    @property
     def silence(self) -> float:
-        """The wall time without a sample, s."""
-        return time.monotonic() - self._sampled
+        """Return the wall time without a sample, s."""
+        return self._silence.look()
 
     def _report_silence(self) -> None:
         """Raise RunFailed; where nobody would end the others, say it: what is gone may come again."""

@@ -37,11 +37,22 @@ def test_a_driver_that_never_sends_a_sample_fails_the_run(leg, monkeypatch):
     assert not leg.over()
     leg.begin()
     leg._node.active = True
-    now += 4.9
-    assert not leg.over()
+    for _ in range(49):
+        now += 0.1
+        assert not leg.over()
     now += 0.2
     with pytest.raises(RunFailed, match="no sample on joint_states for 5 s: does the driver run"):
         leg.over()
+
+
+def test_time_in_which_the_machine_stood_still_is_no_silence(leg, monkeypatch):
+    now = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+    leg.begin()
+    leg._node.active = True
+    for _ in range(4):
+        now += 100.0
+        assert not leg.over()
 
 
 def test_the_plant_may_wait_for_the_others(leg, monkeypatch):
