@@ -126,7 +126,7 @@ class BagPlayer(graph.GraphNode):
         return [topic for topic in self._now.due if (topic, self._now.stamp_ns) not in self._answers]
 
     def _feed(self) -> None:
-        self._silence.heard()
+        self._silence.broken = True
         self._now = next(self._instants, None) or self._over()
         if self._count % self._acknowledged == 0:
             self._recorded.publish(messages.time(self._now.stamp_ns))

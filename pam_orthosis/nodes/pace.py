@@ -107,7 +107,7 @@ class Lockstep:
 
     def resume(self) -> None:
         """Go on: the plant is active again."""
-        self._silence.heard()
+        self._silence.broken = True
         self._go_on()
 
     def _reached_ns(self) -> int:
@@ -124,7 +124,7 @@ class Lockstep:
         return {"dropped_inputs": self._join.dropped, **self._anew}
 
     def _publish(self) -> None:
-        self._silence.heard()
+        self._silence.broken = True
         self._plant.publish_sample(self._stamp_ns)
 
     def _answered(self, stamp_ns: int, *spools: Numbers) -> None:
@@ -134,7 +134,7 @@ class Lockstep:
             return
         self._plant.advance(*(spool for (spool,) in spools))
         self._plant.step_done(stamp_ns)
-        self._silence.heard()
+        self._silence.broken = True
         self._stamp_ns = stamp_ns + self._plant.period_ns
         self._waits = True
         self._go_on()

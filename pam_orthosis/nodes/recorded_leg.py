@@ -34,12 +34,12 @@ class RecordedLeg:
 
     def begin(self) -> None:
         """Note that all peers are there: from now on samples are due."""
-        self._silence.heard()
+        self._silence.broken = True
 
     def sampled(self, stamp_ns: int) -> None:
         """Note that the leg has taken a sample; in real time the run begins with its first."""
         self.joined_late = self.joined_late or (self._newest_ns is None and stamp_ns > 0)
-        self._silence.heard()
+        self._silence.broken = True
         self._newest_ns = stamp_ns
         if self.end_ns is None:
             self.end_ns = stamp_ns + self._run_ns

@@ -7,18 +7,19 @@ MOST_SECONDS = 1.0  # a look counts for: it is due several times in that
 
 
 class Silence:
-    """The wall time since something was heard, as a timer that looks now and then has seen it."""
+    """The wall time in which nothing came, as a timer that looks now and then has seen it.
+
+    Attributes:
+        broken: whether something has come since the last look; set at each message, it is no call.
+    """
 
     def __init__(self) -> None:
-        self.heard()
-
-    def heard(self) -> None:
-        """Begin anew."""
-        self._looked, self._seconds = time.monotonic(), 0.0
+        self.broken = True
+        self._looked = self._seconds = 0.0
 
     def look(self) -> float:
-        """Return the time without a word up to this look, s."""
+        """Return the time up to this look since the one before which something came last, s."""
         now = time.monotonic()
-        self._seconds += min(now - self._looked, MOST_SECONDS)
-        self._looked = now
+        self._seconds = 0.0 if self.broken else self._seconds + min(now - self._looked, MOST_SECONDS)
+        self.broken, self._looked = False, now
         return self._seconds

@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("rclpy")
 from pam_orthosis.bag.topics import ANEW
 from pam_orthosis.nodes.pace import Lockstep
+from pam_orthosis.nodes.silence import Silence
 
 MS = 1_000_000
 
@@ -23,6 +24,7 @@ def test_hardware_that_comes_into_a_run_that_is_on_says_when_it_begins(recorded_
         publish_sample=stamps.append,
         get_logger=lambda: SimpleNamespace(warning=told.append),
     )
+    pace._silence = Silence()
     pace._join, pace._anew, pace._early = SimpleNamespace(dropped=0), {}, ()
     pace._stamp_ns, pace._last_ns, pace._longest_lead_ns = 0, 10_000 * MS, 250 * MS
     pace._recorded_ns = recorded_ns

@@ -40,7 +40,7 @@ def test_a_driver_that_never_sends_a_sample_fails_the_run(leg, monkeypatch):
     for _ in range(49):
         now += 0.1
         assert not leg.over()
-    now += 0.2
+    now += 0.3
     with pytest.raises(RunFailed, match="no sample on joint_states for 5 s: does the driver run"):
         leg.over()
 
