@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Single samples of a channel that jump and are back at once: no mechanism does so, a transmission does.
 
-They are few, and what they do to the noise hides all that is to be found: they are bridged, and said.
+They are few, and what they do to the noise hides all that is to be found: they are bridged, and said. A pulse
+of an input may do so too, where a hose drops pressure: what follows at once upon one is kept.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,14 +17,17 @@ LONGEST = 3  # samples
 TIMES = 10.0  # the deviation from the neighbours that all but a hundredth stay below, and the signal's step
 SHARE = 0.99
 BACK = 0.3  # of the jump: by so much at most the samples on both sides differ
+DRIVEN = 0.1  # of its range, by which an input that moves may drive a channel
+LEAD = 4  # samples after which it may do so
 
 
 def without_glitches(system: System, one: Recording) -> Recording:
     """Return a recording whose channels have no glitches, with a remark on each that had."""
     signals, remarks = dict(one.signals), list(one.remarks)
+    driven = _driven([signals[name] for name in system.inputs if name in signals], one.samples)
     for channel in system.channels:
         values = signals[channel.name]
-        found = glitches(values)
+        found = glitches(values, driven)
         if not found.any():
             continue
         places = np.flatnonzero(found)
@@ -36,8 +41,19 @@ def without_glitches(system: System, one: Recording) -> Recording:
     return replace(one, signals=signals, remarks=tuple(remarks))
 
 
-def glitches(values: np.ndarray) -> np.ndarray:
-    """Return which samples (n,) are part of a glitch."""
+def _driven(inputs: Sequence[np.ndarray], samples: int) -> np.ndarray:
+    """Return which samples (n,) come at once after one at which any input has moved far."""
+    moved = np.zeros(samples, dtype=bool)
+    for values in inputs:
+        moved[1:] |= np.abs(np.diff(values)) > DRIVEN * np.ptp(values)
+    driven = np.zeros(samples, dtype=bool)
+    for lead in range(1, LEAD + 1):
+        driven[lead:] |= moved[:-lead]
+    return driven
+
+
+def glitches(values: np.ndarray, driven: np.ndarray) -> np.ndarray:
+    """Return which samples (n,) are part of a glitch; none begins where a channel may be driven."""
     found = np.zeros(len(values), dtype=bool)
     steps = np.abs(np.diff(values))
     if len(values) < LONGEST + 2 or not steps.any():
@@ -49,6 +65,7 @@ def glitches(values: np.ndarray) -> np.ndarray:
         inside = np.lib.stride_tricks.sliding_window_view(values[1:-1], width)
         jumps = inside - 0.5 * (before + after)[:, None]
         jump = np.where((jumps > 0).all(1) | (jumps < 0).all(1), np.abs(jumps).min(1), 0.0)
-        for start in np.flatnonzero((jump > least) & (np.abs(after - before) < BACK * jump)) + 1:
+        back = np.abs(after - before) < BACK * jump
+        for start in np.flatnonzero((jump > least) & back & ~driven[1:-width]) + 1:
             found[start : start + width] = True
     return found

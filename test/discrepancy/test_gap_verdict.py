@@ -338,8 +338,21 @@ def test_samples_that_jump_and_are_back_are_bridged_and_told(bench, samples):
 @pytest.mark.parametrize("changed", [lambda v: v, lambda v: np.round(v, 2), lambda v: v + 0.3 * (v > 0.6)])
 @pytest.mark.parametrize("every", [1, 10])
 def test_what_moves_by_itself_is_no_glitch(bench, changed, every):
+    signals = [changed(values[::every]) for values in bench.recording(1).signals.values()]
+    assert all(not glitches(values, np.zeros(len(values), dtype=bool)).any() for values in signals)
+
+
+@pytest.mark.parametrize(("lead", "kept"), [(0, False), (1, True), (4, True), (7, False)])
+def test_a_jump_that_follows_upon_a_pulse_of_a_voltage_is_kept(bench, lead, kept):
+    """A hose drops pressure while air flows: its sensor does jump, and is back."""
     one = bench.recording(1)
-    assert all(not glitches(changed(values[::every])).any() for values in one.signals.values())
+    broken = {name: one.signals[name].copy() for name in ("extensor_pressure", "extensor_voltage")}
+    broken["extensor_pressure"][1500:1502] += 1e5
+    broken["extensor_voltage"][1500 - lead : 1502 - lead] = 10.0
+    mended = without_glitches(bench.system, replace(one, signals={**one.signals, **broken}))
+    same = np.array_equal(mended.signals["extensor_pressure"], broken["extensor_pressure"])
+    assert same == kept
+    assert bool(mended.remarks) != kept
 
 
 @pytest.mark.parametrize(

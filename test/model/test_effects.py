@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every effect of the catalogue: it acts, it can be neutral, it keeps its bounds, it documents itself."""
 
+from types import SimpleNamespace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from pam_orthosis.model import integrate
 from pam_orthosis.model.assembly import assemble
 from pam_orthosis.model.effects import pade, valves
 from pam_orthosis.model.effects.base import STAGES
+from pam_orthosis.model.effects.muscles import WHOLE_PRESSURE
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load, scenario_names
 from pam_orthosis.model.plant import Plant, true_hardware
@@ -228,3 +231,41 @@ def test_a_leak_through_a_hole_passes_what_a_gap_does_at_3_bar_and_chokes_above(
     (low_gap, low_hole), (high_gap, high_hole) = leaks(1e5), leaks(5e5)
     assert low_hole > 1.2 * low_gap
     assert high_hole < 0.95 * high_gap
+
+
+def slid(contraction):
+    """Force (n,), of unit half width, of elements that stick over 0.2 to 2.2 mm, as muscles show them."""
+    lengths = 2.0e-4 * 1.82 ** np.arange(5)
+    anchors, forces = np.full(5, contraction[0]), []
+    for x in contraction:
+        anchors = np.clip(anchors, x - lengths, x + lengths)
+        forces.append(np.mean((x - anchors) / lengths))
+    return np.array(forces)
+
+
+def wound(rate, period, distance, far_share):
+    """Return the force (n,), of unit half width, that the catalogue has for a rate of contraction (n,)."""
+    z, v = ca.SX.sym("z", 2), ca.SX.sym("v")
+    values = {"half_width": -1.0, "offset_share": 0.4}
+    section = SimpleNamespace(**values, sliding_distance=distance, far_share=far_share)
+    signals = SimpleNamespace(rate=v, gauge=WHOLE_PRESSURE)
+    made = KNEE.catalogue["muscle_hysteresis"].expression(signals, section, ca.vertsplit(z))
+    step = ca.Function("step", [z, v], [z + period * ca.vertcat(*made.rates), made.add["force"]])
+    return np.array(step.mapaccum(len(rate))(np.zeros(2), rate[None, :])[1]).ravel()
+
+
+def test_a_hysteresis_comes_near_to_fibres_that_slide_one_after_another():
+    """What the form of a large one leaves over was named a friction of the joint."""
+    time, period = np.arange(0.0, 4.0, 2e-4), 2e-4
+    contraction = 5e-3 * np.sin(5.0 * time) + 1e-3 * np.sin(17.0 * time) + 3e-4 * np.sin(41.0 * time)
+    rate, wanted = np.gradient(contraction, period), slid(contraction)
+
+    def left(distance, far_share):
+        force = wound(rate, period, distance, far_share)
+        force *= (force @ wanted) / (force @ force)
+        return np.sqrt(np.mean((force - wanted) ** 2) / np.mean(wanted**2))
+
+    one = min(left(distance, 0.0) for distance in np.geomspace(2e-4, 2e-3, 12))
+    two = min(left(distance, 0.45) for distance in np.geomspace(2e-4, 2e-3, 12))
+    assert two < 0.5 * one
+    assert two < 0.08

@@ -151,7 +151,7 @@ def test_effects_follow_from_what_a_machine_has(read):
     assert not {"joint_friction", "muscle_hysteresis", "extra_foot_mass", "angle_offset"} & set(slide)
     assert {"joint_friction", "biceps_leak", "muscle_hysteresis", "angle_offset"} <= set(arm)
     assert not {"carriage_friction", "backlash"} & set(arm)
-    assert arm["muscle_hysteresis"].states == ("biceps_hysteresis",)
+    assert arm["muscle_hysteresis"].states == ("biceps_hysteresis", "biceps_hysteresis_far")
 
 
 def test_its_file_may_change_other_parameters_and_an_override_is_above_it(read):

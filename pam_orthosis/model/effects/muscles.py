@@ -8,6 +8,7 @@ from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import ActuatorSignals, Expression
 
 WHOLE_PRESSURE = 6.0e5  # Pa gauge, the upper end of the maps; `asymmetry`, `damping`, `half_width` hold there
+FAR = 5.0  # times the contraction after which the first fibres slide, the others do
 WHOLE_STROKE = 0.25  # relative contraction, the upper end of the maps
 FORCE_TERMS = tuple((i, j) for i in range(4) for j in range(4) if i + j <= 3)
 VOLUME_TERMS = {
@@ -61,12 +62,14 @@ def _force_coefficient(i: int, j: int) -> Quantity:
 
 
 def _muscle_hysteresis(s: ActuatorSignals, p: Section, states: tuple[Expression, ...]) -> Contribution:
-    """A muscle that shortens pulls less: Bouc-Wen operator, unit saturation (A = beta + gamma = 1, n = 2)."""
-    (z,) = states
+    """A muscle that shortens pulls less: two Bouc-Wen operators (A = beta + gamma = 1, n = 2)."""
+    near, far = states
     smooth = ca.sqrt(s.rate**2 + 1e-12)
-    winding = (s.rate - 0.5 * (smooth * z * ca.fabs(z) + s.rate * z**2)) / p.sliding_distance
+    winding = [s.rate - 0.5 * (smooth * z * ca.fabs(z) + s.rate * z**2) for z in states]
     level = p.offset_share + (1 - p.offset_share) * s.gauge / WHOLE_PRESSURE
-    return Contribution({"force": -p.half_width * level * z}, (winding,))
+    slid = near + p.far_share * (far - near)
+    rates = (winding[0] / p.sliding_distance, winding[1] / (FAR * p.sliding_distance))
+    return Contribution({"force": -p.half_width * level * slid}, rates)
 
 
 def _damping_by_pressure(s: ActuatorSignals, p: Section, _states: tuple[Expression, ...]) -> Contribution:
@@ -177,10 +180,12 @@ EFFECTS = [
                      fitted=False, meaningful=(0.0, 1.0)),
             Quantity("sliding_distance", 1.0e-3, "m", 5.0e-5, 0.02, "contraction until the fibres slide",
                      meaningful=(1.0e-4, 0.01)),  # shorter, the load rubs; wider, it is an elasticity
+            Quantity("far_share", 0.0, "-", 0.0, 1.0, f"share that slides after {FAR:g} times of it",
+                     fitted=False, meaningful=(0.0, 1.0)),
         ),
         expression=_muscle_hysteresis,
         physics="The fibres of the braid rub on each other and on the rubber. They stick over a short "
-        "distance, then slide; the friction grows with the pressure that presses them together.",
+        "distance, some over a longer one, then slide; the friction grows with the pressure on them.",
         source="Bouc-Wen operator; half width 8 to 15 N for a 20 mm muscle, extrapolated from a measured "
         "loop of a DMSP-10-250",
         minimum_effect=2.0,
@@ -188,8 +193,8 @@ EFFECTS = [
         coordinate="{actuator}_rate",
         confounded_with=("joint_friction", "creep"),
         separated_by=("diagnostic-decay", "diagnostic-cocontraction"),
-        states=("{actuator}_hysteresis",),
-        scales=(1.0,),
+        states=("{actuator}_hysteresis", "{actuator}_hysteresis_far"),
+        scales=(1.0, 1.0),
     ),
     Effect(
         name="pressure_dependent_damping",
