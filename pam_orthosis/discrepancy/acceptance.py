@@ -7,10 +7,12 @@ from pam_orthosis.discrepancy.confirmation import (
     EMPTY,
     LEAST_T,
     LEAST_TRANSFER,
+    SURE,
     WORST_T,
     at_values,
     confirmed,
     emptied,
+    has_nothing_to_show,
     is_too_small,
     is_visible,
 )
@@ -31,6 +33,8 @@ def accepted(
 ) -> Step:
     """Return the step with the first of some models that held-out recordings confirm, or why none is.
 
+    Held-out recordings can confirm no effect that broken tolerances alone show, nor one without which the
+    recalibrated model predicts them as well: they must not speak against it then.
     What is refused is the first one: its evidence, its t value and the reason belong together.
     """
     refused = []
@@ -39,12 +43,14 @@ def accepted(
         t, transfer = confirmed(
             problem.weighted(weighted.weights), held_out.weighted(weighted.weights), base, model
         )
-        strained = not is_visible(problem, base, model)
+        shown = t > LEAST_T or transfer > LEAST_TRANSFER
+        sure = evidence > SURE * len(model.effects) and has_nothing_to_show(held_out, base, name)
+        known = t > WORST_T and (sure or not is_visible(problem, base, model))
         if is_too_small(problem.system, name, model):
             reason = f"{name} is smaller than what is worth a name"
         elif empty := emptied(problem.system, name, model):
             reason = f"{name} {EMPTY}: {at_values(model, empty)}"
-        elif t > LEAST_T or transfer > LEAST_TRANSFER or (strained and t > WORST_T):
+        elif shown or known:
             return Step(name, model, weighted, evidence, t, ranked, "accepted", gains)
         else:
             reason = f"held-out recordings do not confirm {name}"

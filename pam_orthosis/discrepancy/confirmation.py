@@ -16,6 +16,8 @@ LEAST_T = 3.0  # of these differences
 LEAST_TRANSFER = 0.3  # of the training's fall, where one block holds most of it
 LEAST_FALL = 1.0  # in training, a block: below it there is nothing to compare
 WORST_T = -3.0  # an effect known by its broken tolerance alone must not make held-out data worse
+SURE = 30.0  # evidence, for each effect of a model, of training alone where held-out recordings show nothing
+SILENT = 1.2  # mean square of whitened residuals: noise alone is left
 EARLIEST = -1e-3  # s: what acts earlier, acts before its input
 EMPTY = "would not be what its name says"
 MOST_SHOWN = 3  # parameters in one line
@@ -64,6 +66,14 @@ def confirmed(training: Problem, held_out: Problem, smaller: Fit, larger: Fit) -
     spread = unseen.std(ddof=1) / np.sqrt(len(unseen)) if len(unseen) > 1 else np.inf
     t = float(unseen.mean() / max(spread, 1e-12))
     return t, float(unseen.mean() / seen.mean()) if seen.mean() > LEAST_FALL else 0.0
+
+
+def has_nothing_to_show(held_out: Problem, base: Fit, name: str) -> bool:
+    """Whether a model leaves noise alone of held-out recordings in all equations that an effect changes."""
+    plain = held_out.weighted(dict.fromkeys(held_out.weights, 1.0))
+    own = [one for one in held_out.system.equations if one.name in held_out.replay.touched(name)]
+    left = [np.mean(plain.residual(one, base.effects, base.values) ** 2) for one in own]
+    return all(level < SILENT for level in left)
 
 
 def _falls(problem: Problem, smaller: Fit, larger: Fit) -> np.ndarray:

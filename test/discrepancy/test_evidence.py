@@ -80,11 +80,12 @@ def test_a_parameter_of_an_effect_costs_the_log_of_the_samples():
     assert penalty(base, 3) == pytest.approx(3 * math.log(SAMPLES))
 
 
-def judged(monkeypatch, models, strained=False):
+def judged(monkeypatch, models, strained=False, nothing=False):
     """Return the step in which held-out recordings see models: name -> (evidence, t, transfer, size)."""
     seen = {name: (t, transfer) for name, (_, t, transfer, _) in models.items()}
     monkeypatch.setattr(acceptance, "confirmed", lambda *args: seen[args[-1].effects[-1]])
     monkeypatch.setattr(acceptance, "is_visible", lambda *_: not strained)
+    monkeypatch.setattr(acceptance, "has_nothing_to_show", lambda *_: nothing)
     size = SimpleNamespace(name="size", neutral=0.0)
     effect = SimpleNamespace(parameters=(), fitted=[size], shape=False, minimum_effect=1.0, late=None)
     weighted = SimpleNamespace(weights={}, weighted=lambda _: None)
@@ -113,6 +114,17 @@ def test_held_out_recordings_decide(monkeypatch, t, transfer, strained, accepted
     step = judged(monkeypatch, {"leak": (90.0, t, transfer, 5.0)}, strained)
     assert step.accepted == ("leak" if accepted else None)
     assert accepted or step.reason == "held-out recordings do not confirm leak"
+
+
+@pytest.mark.parametrize(
+    ("evidence", "t", "nothing", "accepted"),
+    [(31.0, 0.5, True, True), (31.0, 0.5, False, False), (31.0, -4.0, True, False), (29.0, 0.5, True, False)],
+)
+def test_where_held_out_recordings_have_nothing_to_show_the_others_decide(
+    monkeypatch, evidence, t, nothing, accepted
+):
+    step = judged(monkeypatch, {"leak": (evidence, t, 0.0, 5.0)}, nothing=nothing)
+    assert step.accepted == ("leak" if accepted else None)
 
 
 def test_what_is_too_small_is_not_called_unconfirmed(monkeypatch):

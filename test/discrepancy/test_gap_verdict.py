@@ -14,7 +14,7 @@ from scipy.signal import butter, lfilter
 from pam_orthosis.bag.arrays import write_arrays
 from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.cli.main import main
-from pam_orthosis.discrepancy import acceptance, beginning, check, judgement, patch, workflow
+from pam_orthosis.discrepancy import acceptance, beginning, check, confirmation, judgement, patch, workflow
 from pam_orthosis.discrepancy.apparatus import without_record
 from pam_orthosis.discrepancy.contract import as_dict
 from pam_orthosis.discrepancy.data import from_arrays
@@ -267,6 +267,12 @@ def test_an_effect_that_would_be_another_one_is_not_added(friction):
     assert step.reason.endswith("not be what its name says: joint_friction.transition_velocity = 0.76")
     able = [(1e4, found.final_problem, found.final)]
     assert acceptance.accepted(start.problem, start.null, start.held_out, able, (), {}).accepted
+
+
+def test_held_out_recordings_have_nothing_to_show_where_noise_alone_is_left(friction):
+    start, outcome, _ = friction
+    for base, nothing in ((start.null, False), (outcome.selection.final, True)):
+        assert confirmation.has_nothing_to_show(start.held_out, base, "viscous_friction") == nothing
 
 
 def test_values_at_a_bound_and_the_coefficients_of_a_map_are_marked(friction):
