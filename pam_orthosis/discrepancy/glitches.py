@@ -17,7 +17,7 @@ LONGEST = 3  # samples
 TIMES = 10.0  # the deviation from the neighbours that all but a hundredth stay below, and the signal's step
 SHARE = 0.99
 BACK = 0.3  # of the jump: by so much at most the samples on both sides differ
-DRIVEN = 0.1  # of its range, by which an input that moves may drive a channel
+DRIVEN = 0.1, 3.0  # of its range, of what all but a hundredth of its steps stay below: an input drives
 LEAD = 4  # samples after which it may do so
 
 
@@ -45,7 +45,8 @@ def _driven(inputs: Sequence[np.ndarray], samples: int) -> np.ndarray:
     """Return which samples (n,) come at once after one at which any input has moved far."""
     moved = np.zeros(samples, dtype=bool)
     for values in inputs:
-        moved[1:] |= np.abs(np.diff(values)) > DRIVEN * np.ptp(values)
+        steps = np.abs(np.diff(values))
+        moved[1:] |= steps > max(DRIVEN[0] * np.ptp(values), DRIVEN[1] * np.quantile(steps, SHARE))
     driven = np.zeros(samples, dtype=bool)
     for lead in range(1, LEAD + 1):
         driven[lead:] |= moved[:-lead]
