@@ -16,6 +16,7 @@ LONG = [SimpleNamespace(samples=1_000_000), SimpleNamespace(samples=800_000)]
 @pytest.fixture
 def told(tmp_path, monkeypatch):
     monkeypatch.setattr(room, "MEMORY", tmp_path / "meminfo")
+    monkeypatch.setattr(room, "CONTAINER", tmp_path)
     return (tmp_path / "meminfo").write_text
 
 
@@ -31,6 +32,18 @@ def test_a_system_that_does_not_say_is_not_asked_again(told):
     room.check_room(LONG, 2)
     told("MemTotal: 16000000 kB\n")
     room.check_room(LONG, 2)
+
+
+@pytest.mark.parametrize("group", room.GROUPS)
+def test_the_limit_of_a_container_counts_where_it_is_lower(told, tmp_path, group):
+    told("MemAvailable: 16000000 kB\n")
+    limit, used, statistics, dropped = group
+    (tmp_path / limit).parent.mkdir(exist_ok=True)
+    for name, text in ((limit, "4000000000"), (used, "3000000000"), (statistics, f"anon 7\n{dropped} 500")):
+        (tmp_path / name).write_text(f"{text}\n")
+    assert room.available() == 1_000_000_500
+    (tmp_path / limit).write_text("max\n")
+    assert room.available() == 16_384_000_000
 
 
 def test_a_search_asks(bench, told):
