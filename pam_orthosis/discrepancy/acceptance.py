@@ -12,9 +12,9 @@ from pam_orthosis.discrepancy.confirmation import (
     at_values,
     confirmed,
     emptied,
-    has_nothing_to_show,
     is_too_small,
     is_visible,
+    leaves_noise_alone,
 )
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.problem import Problem
@@ -33,8 +33,8 @@ def accepted(
 ) -> Step:
     """Return the step with the first of some models that held-out recordings confirm, or why none is.
 
-    Held-out recordings can confirm no effect that broken tolerances alone show, nor one without which the
-    recalibrated model predicts them as well: they must not speak against it then.
+    Held-out recordings can confirm no effect that broken tolerances alone show, nor one without which a
+    model leaves noise alone: they must not speak against it then.
     What is refused is the first one: its evidence, its t value and the reason belong together.
     """
     refused = []
@@ -44,7 +44,9 @@ def accepted(
             problem.weighted(weighted.weights), held_out.weighted(weighted.weights), base, model
         )
         shown = t > LEAST_T or transfer > LEAST_TRANSFER
-        sure = evidence > SURE * len(model.effects) and has_nothing_to_show(held_out, base, name)
+        sure = evidence > SURE * len(model.effects) and all(
+            leaves_noise_alone(one, base, name) for one in (problem, held_out)
+        )
         known = t > WORST_T and (sure or not is_visible(problem, base, model))
         if is_too_small(problem.system, name, model):
             reason = f"{name} is smaller than what is worth a name"

@@ -16,7 +16,7 @@ LEAST_T = 3.0  # of these differences
 LEAST_TRANSFER = 0.3  # of the training's fall, where one block holds most of it
 LEAST_FALL = 1.0  # in training, a block: below it there is nothing to compare
 WORST_T = -3.0  # an effect known by its broken tolerance alone must not make held-out data worse
-SURE = 30.0  # evidence, for each effect of a model, of training alone where held-out recordings show nothing
+SURE = 30.0  # evidence, for each effect of a model, of training alone where nothing is left to be shown
 SILENT = 1.2  # mean square of whitened residuals: noise alone is left
 EARLIEST = -1e-3  # s: what acts earlier, acts before its input
 EMPTY = "would not be what its name says"
@@ -68,10 +68,10 @@ def confirmed(training: Problem, held_out: Problem, smaller: Fit, larger: Fit) -
     return t, float(unseen.mean() / seen.mean()) if seen.mean() > LEAST_FALL else 0.0
 
 
-def has_nothing_to_show(held_out: Problem, base: Fit, name: str) -> bool:
-    """Whether a model leaves noise alone of held-out recordings in all equations that an effect changes."""
-    plain = held_out.weighted(dict.fromkeys(held_out.weights, 1.0))
-    own = [one for one in held_out.system.equations if one.name in held_out.replay.touched(name)]
+def leaves_noise_alone(problem: Problem, base: Fit, name: str) -> bool:
+    """Whether a model leaves noise alone of recordings in all equations that an effect changes."""
+    plain = problem.weighted(dict.fromkeys(problem.weights, 1.0))
+    own = [one for one in problem.system.equations if one.name in problem.replay.touched(name)]
     left = [np.mean(plain.residual(one, base.effects, base.values) ** 2) for one in own]
     return all(level < SILENT for level in left)
 

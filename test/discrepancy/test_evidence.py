@@ -80,12 +80,12 @@ def test_a_parameter_of_an_effect_costs_the_log_of_the_samples():
     assert penalty(base, 3) == pytest.approx(3 * math.log(SAMPLES))
 
 
-def judged(monkeypatch, models, strained=False, nothing=False):
+def judged(monkeypatch, models, strained=False, silent=(False, False)):
     """Return the step in which held-out recordings see models: name -> (evidence, t, transfer, size)."""
     seen = {name: (t, transfer) for name, (_, t, transfer, _) in models.items()}
     monkeypatch.setattr(acceptance, "confirmed", lambda *args: seen[args[-1].effects[-1]])
     monkeypatch.setattr(acceptance, "is_visible", lambda *_: not strained)
-    monkeypatch.setattr(acceptance, "has_nothing_to_show", lambda *_: nothing)
+    monkeypatch.setattr(acceptance, "leaves_noise_alone", lambda one, *_: silent[one is weighted])
     size = SimpleNamespace(name="size", neutral=0.0)
     effect = SimpleNamespace(parameters=(), fitted=[size], shape=False, minimum_effect=1.0, late=None)
     weighted = SimpleNamespace(weights={}, weighted=lambda _: None)
@@ -117,13 +117,19 @@ def test_held_out_recordings_decide(monkeypatch, t, transfer, strained, accepted
 
 
 @pytest.mark.parametrize(
-    ("evidence", "t", "nothing", "accepted"),
-    [(31.0, 0.5, True, True), (31.0, 0.5, False, False), (31.0, -4.0, True, False), (29.0, 0.5, True, False)],
+    ("evidence", "t", "silent", "accepted"),
+    [
+        (31.0, 0.5, (True, True), True),
+        (31.0, 0.5, (True, False), False),
+        (31.0, 0.5, (False, True), False),
+        (31.0, -4.0, (True, True), False),
+        (29.0, 0.5, (True, True), False),
+    ],
 )
-def test_where_held_out_recordings_have_nothing_to_show_the_others_decide(
-    monkeypatch, evidence, t, nothing, accepted
+def test_where_noise_alone_is_left_the_recordings_that_were_fitted_decide(
+    monkeypatch, evidence, t, silent, accepted
 ):
-    step = judged(monkeypatch, {"leak": (evidence, t, 0.0, 5.0)}, nothing=nothing)
+    step = judged(monkeypatch, {"leak": (evidence, t, 0.0, 5.0)}, silent=silent)
     assert step.accepted == ("leak" if accepted else None)
 
 

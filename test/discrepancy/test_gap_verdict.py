@@ -272,7 +272,7 @@ def test_an_effect_that_would_be_another_one_is_not_added(friction):
 def test_held_out_recordings_have_nothing_to_show_where_noise_alone_is_left(friction):
     start, outcome, _ = friction
     for base, nothing in ((start.null, False), (outcome.selection.final, True)):
-        assert confirmation.has_nothing_to_show(start.held_out, base, "viscous_friction") == nothing
+        assert confirmation.leaves_noise_alone(start.held_out, base, "viscous_friction") == nothing
 
 
 def test_values_at_a_bound_and_the_coefficients_of_a_map_are_marked(friction):
