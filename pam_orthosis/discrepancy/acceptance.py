@@ -5,10 +5,9 @@ from collections.abc import Sequence
 
 from pam_orthosis.discrepancy.confirmation import (
     EMPTY,
-    LEAST_T,
-    LEAST_TRANSFER,
     SURE,
     WORST_T,
+    Seen,
     at_values,
     confirmed,
     emptied,
@@ -33,28 +32,30 @@ def accepted(
 ) -> Step:
     """Return the step with the first of some models that held-out recordings confirm, or why none is.
 
-    Held-out recordings can confirm no effect that broken tolerances alone show, nor one without which a
-    model leaves noise alone: they must not speak against it then.
     What is refused is the first one: its evidence, its t value and the reason belong together.
     """
     refused = []
     for evidence, weighted, model in able:
         name = model.effects[-1]
-        t, transfer = confirmed(
-            problem.weighted(weighted.weights), held_out.weighted(weighted.weights), base, model
-        )
-        shown = t > LEAST_T or transfer > LEAST_TRANSFER
-        sure = evidence > SURE * len(model.effects) and all(
-            leaves_noise_alone(one, base, name) for one in (problem, held_out)
-        )
-        known = t > WORST_T and (sure or not is_visible(problem, base, model))
+        seen = confirmed(problem.weighted(weighted.weights), held_out.weighted(weighted.weights), base, model)
         if is_too_small(problem.system, name, model):
             reason = f"{name} is smaller than what is worth a name"
         elif empty := emptied(problem.system, name, model):
             reason = f"{name} {EMPTY}: {at_values(model, empty)}"
-        elif shown or known:
-            return Step(name, model, weighted, evidence, t, ranked, "accepted", gains)
+        elif seen.shows or _is_known(problem, base, (evidence, weighted, model), seen):
+            return Step(name, model, weighted, evidence, seen.t, ranked, "accepted", gains)
         else:
             reason = f"held-out recordings do not confirm {name}"
-        refused.append(Step(None, None, None, evidence, t, ranked, reason, gains, blocked))
+        refused.append(Step(None, None, None, evidence, seen.t, ranked, reason, gains, blocked))
     return refused[0]
+
+
+def _is_known(problem: Problem, base: Fit, judged: tuple[float, Problem, Fit], seen: Seen) -> bool:
+    """Whether an effect needs no confirmation: broken tolerances alone show it, or held-out data cannot.
+
+    Then the training recordings have to give much evidence, and to be without any other gap.
+    """
+    evidence, _, model = judged
+    sure = seen.cannot_show and evidence > SURE * len(model.effects)
+    bent = seen.t > WORST_T and not is_visible(problem, base, model)
+    return bent or (sure and leaves_noise_alone(problem, base))

@@ -3,6 +3,7 @@
 
 from collections.abc import Sequence
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,8 +17,10 @@ LEAST_T = 3.0  # of these differences
 LEAST_TRANSFER = 0.3  # of the training's fall, where one block holds most of it
 LEAST_FALL = 1.0  # in training, a block: below it there is nothing to compare
 WORST_T = -3.0  # an effect known by its broken tolerance alone must not make held-out data worse
-SURE = 30.0  # evidence, for each effect of a model, of training alone where nothing is left to be shown
+SURE = 30.0  # evidence, for each effect of a model, that training alone must give where held-out data cannot
 SILENT = 1.2  # mean square of whitened residuals: noise alone is left
+LEAST_DUE = 36.0  # fall of squared residuals that gives a t of 3 if the model is right
+MOST_AGAINST = 9.0  # their rise that speaks against it
 EARLIEST = -1e-3  # s: what acts earlier, acts before its input
 EMPTY = "would not be what its name says"
 MOST_SHOWN = 3  # parameters in one line
@@ -55,36 +58,61 @@ def ranking(
     return (*full, *rest)
 
 
-def confirmed(training: Problem, held_out: Problem, smaller: Fit, larger: Fit) -> tuple[float, float]:
-    """Return how recordings that were not fitted see a larger model.
+class Seen(NamedTuple):
+    """How recordings that were not fitted see a larger model.
 
-    Two figures, since blocks of time are few and one may hold most of the gap: the t value of the fall
-    of squared residuals over blocks, and the fall a sample over that in training.
+    Attributes:
+        t: t value of the fall of squared residuals over blocks of time.
+        transfer: that fall a sample over the one in training: blocks are few, one may hold most of the gap.
+        fall: the fall itself.
+        due: what it would be if the larger model were right, with a standard deviation of 2 sqrt(due).
     """
-    unseen, seen = (_falls(problem, smaller, larger) for problem in (held_out, training))
+
+    t: float
+    transfer: float
+    fall: float
+    due: float
+
+    @property
+    def shows(self) -> bool:
+        """Whether they confirm the larger model."""
+        return self.t > LEAST_T or self.transfer > LEAST_TRANSFER
+
+    @property
+    def cannot_show(self) -> bool:
+        """Whether they could not confirm it if it were right, and do not speak against it."""
+        return self.due < LEAST_DUE and self.fall > -MOST_AGAINST
+
+
+def confirmed(training: Problem, held_out: Problem, smaller: Fit, larger: Fit) -> Seen:
+    """Return how recordings that were not fitted see a larger model."""
+    (unseen, due), (seen, _) = (_falls(problem, smaller, larger) for problem in (held_out, training))
     # one block shows nothing of its own spread
     spread = unseen.std(ddof=1) / np.sqrt(len(unseen)) if len(unseen) > 1 else np.inf
     t = float(unseen.mean() / max(spread, 1e-12))
-    return t, float(unseen.mean() / seen.mean()) if seen.mean() > LEAST_FALL else 0.0
+    transfer = float(unseen.mean() / seen.mean()) if seen.mean() > LEAST_FALL else 0.0
+    return Seen(t, transfer, float(unseen.sum()), due)
 
 
-def leaves_noise_alone(problem: Problem, base: Fit, name: str) -> bool:
-    """Whether a model leaves noise alone of recordings in all equations that an effect changes."""
-    plain = problem.weighted(dict.fromkeys(problem.weights, 1.0))
-    own = [one for one in problem.system.equations if one.name in problem.replay.touched(name)]
-    left = [np.mean(plain.residual(one, base.effects, base.values) ** 2) for one in own]
-    return all(level < SILENT for level in left)
+def leaves_noise_alone(problem: Problem, base: Fit) -> bool:
+    """Whether a model leaves noise alone of recordings, in each channel of each."""
+    for equation in problem.system.equations:
+        row = problem.residual(equation, base.effects, base.values) / problem.weights[equation.name]
+        if any(np.mean(part**2, axis=1).max() > SILENT for _, part in problem.by_run(equation, row)):
+            return False
+    return True
 
 
-def _falls(problem: Problem, smaller: Fit, larger: Fit) -> np.ndarray:
-    """Return by how much squared residuals fall, block by block."""
-    falls = []
+def _falls(problem: Problem, smaller: Fit, larger: Fit) -> tuple[np.ndarray, float]:
+    """Return by how much squared residuals fall, block by block, and `Seen.due`."""
+    falls, due = [], 0.0
     for equation in problem.system.equations:
         before = problem.residual(equation, smaller.effects, smaller.values)
         after = problem.residual(equation, larger.effects, larger.values)
         falls.append(block_sums(problem, equation, before**2 - after**2))
+        due += float(np.sum((before - after) ** 2))
     total: np.ndarray = np.sum(falls, axis=0)
-    return total
+    return total, due
 
 
 def block_sums(problem: Problem, equation: Equation, values: np.ndarray) -> np.ndarray:

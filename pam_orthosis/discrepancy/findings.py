@@ -81,7 +81,8 @@ def named_effect(system: System, found: Selection, spread: np.ndarray, name: str
     alike = _look_alikes(found, name, settings)
     tests = (test for one in (name, *alike) for test in system.experiments(one))  # its own first
     apart = tuple(dict.fromkeys(tests)) if alike else ()
-    bound = tuple(q.name for q in effect.parameters if q.at_bound(final.values[f"{name}.{q.name}"]))
+    fitted = [q for q in effect.parameters if q.name in parameters]
+    bound = tuple(q.name for q in fitted if q.at_bound(final.values[f"{name}.{q.name}"]))
     return Named(name, system.equation_of(name), parameters, found.evidence[name], bound, alike, apart)
 
 

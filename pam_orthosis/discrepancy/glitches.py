@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from pam_orthosis.discrepancy.data import Recording
+from pam_orthosis.discrepancy.structure import order
 from pam_orthosis.discrepancy.system import System
 
 LONGEST = 3  # samples
@@ -18,6 +19,7 @@ TIMES = 10.0  # the deviation from the neighbours that all but a hundredth stay 
 SHARE = 0.99
 BACK = 0.3  # of the jump: by so much at most the samples on both sides differ
 DRIVEN = 0.1, 3.0  # of its range, of what all but a hundredth of its steps stay below: an input drives
+POSITION = 2  # see `order`
 LEAD = 4  # samples after which it may do so
 
 
@@ -25,9 +27,10 @@ def without_glitches(system: System, one: Recording) -> Recording:
     """Return a recording whose channels have no glitches, with a remark on each that had."""
     signals, remarks = dict(one.signals), list(one.remarks)
     driven = _driven([signals[name] for name in system.inputs if name in signals], one.samples)
+    never = np.zeros_like(driven)  # a position cannot leap, whatever drives it
     for channel in system.channels:
         values = signals[channel.name]
-        found = glitches(values, driven)
+        found = glitches(values, driven if order(system, channel.name) < POSITION else never)
         if not found.any():
             continue
         places = np.flatnonzero(found)

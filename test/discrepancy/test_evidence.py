@@ -9,6 +9,7 @@ import pytest
 
 from pam_orthosis.discrepancy import acceptance
 from pam_orthosis.discrepancy.candidates import penalty
+from pam_orthosis.discrepancy.confirmation import Seen
 from pam_orthosis.discrepancy.fit import Fit, score
 from pam_orthosis.discrepancy.free import Free
 from pam_orthosis.discrepancy.problem import Block, Problem, Scored
@@ -80,12 +81,12 @@ def test_a_parameter_of_an_effect_costs_the_log_of_the_samples():
     assert penalty(base, 3) == pytest.approx(3 * math.log(SAMPLES))
 
 
-def judged(monkeypatch, models, strained=False, silent=(False, False)):
+def judged(monkeypatch, models, strained=False, silent=False, due=100.0, fall=0.0):
     """Return the step in which held-out recordings see models: name -> (evidence, t, transfer, size)."""
-    seen = {name: (t, transfer) for name, (_, t, transfer, _) in models.items()}
+    seen = {name: Seen(t, transfer, fall, due) for name, (_, t, transfer, _) in models.items()}
     monkeypatch.setattr(acceptance, "confirmed", lambda *args: seen[args[-1].effects[-1]])
     monkeypatch.setattr(acceptance, "is_visible", lambda *_: not strained)
-    monkeypatch.setattr(acceptance, "leaves_noise_alone", lambda one, *_: silent[one is weighted])
+    monkeypatch.setattr(acceptance, "leaves_noise_alone", lambda *_: silent)
     size = SimpleNamespace(name="size", neutral=0.0)
     effect = SimpleNamespace(parameters=(), fitted=[size], shape=False, minimum_effect=1.0, late=None)
     weighted = SimpleNamespace(weights={}, weighted=lambda _: None)
@@ -117,19 +118,19 @@ def test_held_out_recordings_decide(monkeypatch, t, transfer, strained, accepted
 
 
 @pytest.mark.parametrize(
-    ("evidence", "t", "silent", "accepted"),
+    ("evidence", "silent", "due", "fall", "accepted"),
     [
-        (31.0, 0.5, (True, True), True),
-        (31.0, 0.5, (True, False), False),
-        (31.0, 0.5, (False, True), False),
-        (31.0, -4.0, (True, True), False),
-        (29.0, 0.5, (True, True), False),
+        (31.0, True, 35.0, 0.0, True),
+        (29.0, True, 35.0, 0.0, False),
+        (31.0, False, 35.0, 0.0, False),  # something else is in the training recordings
+        (31.0, True, 37.0, 0.0, False),  # held-out ones could have shown it
+        (31.0, True, 35.0, -10.0, False),  # they speak against it
     ],
 )
-def test_where_noise_alone_is_left_the_recordings_that_were_fitted_decide(
-    monkeypatch, evidence, t, silent, accepted
+def test_what_held_out_recordings_cannot_show_training_alone_decides(
+    monkeypatch, evidence, silent, due, fall, accepted
 ):
-    step = judged(monkeypatch, {"leak": (evidence, t, 0.0, 5.0)}, silent=silent)
+    step = judged(monkeypatch, {"leak": (evidence, 0.5, 0.0, 5.0)}, silent=silent, due=due, fall=fall)
     assert step.accepted == ("leak" if accepted else None)
 
 

@@ -269,10 +269,25 @@ def test_an_effect_that_would_be_another_one_is_not_added(friction):
     assert acceptance.accepted(start.problem, start.null, start.held_out, able, (), {}).accepted
 
 
-def test_held_out_recordings_have_nothing_to_show_where_noise_alone_is_left(friction):
+def test_noise_alone_is_left_where_each_channel_of_each_recording_is_clean(friction):
     start, outcome, _ = friction
-    for base, nothing in ((start.null, False), (outcome.selection.final, True)):
-        assert confirmation.leaves_noise_alone(start.held_out, base, "viscous_friction") == nothing
+    for base, clean in ((start.null, False), (outcome.selection.final, True)):
+        assert confirmation.leaves_noise_alone(start.held_out, base) == clean
+
+
+def test_what_is_due_of_a_right_model_falls(friction):
+    """Of friction, in recordings that were not fitted; nothing is of a model that is the same."""
+    start, outcome, _ = friction
+    final = outcome.selection.final
+    problem = start.problem.weighted(outcome.selection.final_problem.weights)
+    held_out = start.held_out.weighted(problem.weights)
+    seen = confirmation.confirmed(problem, held_out, start.null, final)
+    assert seen.due > 1000
+    assert abs(seen.fall - seen.due) < 0.5 * seen.due
+    assert not seen.cannot_show
+    same = confirmation.confirmed(problem, held_out, final, final)
+    assert (same.fall, same.due) == (0.0, 0.0)
+    assert same.cannot_show
 
 
 def test_values_at_a_bound_and_the_coefficients_of_a_map_are_marked(friction):
@@ -346,6 +361,15 @@ def test_samples_that_jump_and_are_back_are_bridged_and_told(bench, samples):
 def test_what_moves_by_itself_is_no_glitch(bench, changed, every):
     signals = [changed(values[::every]) for values in bench.recording(1).signals.values()]
     assert all(not glitches(values, np.zeros(len(values), dtype=bool)).any() for values in signals)
+
+
+def test_a_position_that_leaps_behind_a_voltage_is_bridged_all_the_same(bench):
+    one = bench.recording(1)
+    broken = {name: one.signals[name].copy() for name in ("angle", "extensor_voltage")}
+    broken["angle"][1500] = 0.0
+    broken["extensor_voltage"][1498:1500] = 10.0
+    mended = without_glitches(bench.system, replace(one, signals={**one.signals, **broken}))
+    assert np.abs(mended.signals["angle"] - one.signals["angle"]).max() < 0.02
 
 
 @pytest.mark.parametrize(("lead", "kept"), [(0, False), (1, True), (4, True), (7, False)])

@@ -505,10 +505,10 @@ def test_a_recording_that_is_too_short_to_divide_is_refused(bench):
 
 @pytest.mark.filterwarnings("error")
 def test_one_block_of_held_out_time_has_no_t_value(monkeypatch):
-    monkeypatch.setattr(confirmation, "_falls", lambda falls, *_: np.array(falls))
-    assert confirmation.confirmed([2.0, 2.0], [3.0], None, None) == (0.0, 1.5)
-    t, _ = confirmation.confirmed([2.0, 2.0], [3.0, 3.5, 2.5], None, None)
-    assert t == pytest.approx(3.0 / (0.5 / np.sqrt(3)))
+    monkeypatch.setattr(confirmation, "_falls", lambda falls, *_: (np.array(falls), 7.0))
+    assert confirmation.confirmed([2.0, 2.0], [3.0], None, None) == (0.0, 1.5, 3.0, 7.0)
+    seen = confirmation.confirmed([2.0, 2.0], [3.0, 3.5, 2.5], None, None)
+    assert seen.t == pytest.approx(3.0 / (0.5 / np.sqrt(3)))
 
 
 def spoilt(name, said, change):

@@ -16,6 +16,7 @@ LONG = [SimpleNamespace(samples=1_000_000), SimpleNamespace(samples=800_000)]
 @pytest.fixture
 def told(tmp_path, monkeypatch):
     monkeypatch.setattr(room, "MEMORY", tmp_path / "meminfo")
+    monkeypatch.setattr(room, "OWN", tmp_path / "own")
     monkeypatch.setattr(room, "CONTAINER", tmp_path)
     return (tmp_path / "meminfo").write_text
 
@@ -34,15 +35,23 @@ def test_a_system_that_does_not_say_is_not_asked_again(told):
     room.check_room(LONG, 2)
 
 
-@pytest.mark.parametrize("group", room.GROUPS)
-def test_the_limit_of_a_container_counts_where_it_is_lower(told, tmp_path, group):
+@pytest.mark.parametrize("group", ["", "slice/own"])
+@pytest.mark.parametrize(("line", "folder", "limit", "used", "dropped"), room.GROUPS)
+def test_the_limit_of_a_container_counts_where_it_is_lower(
+    told, tmp_path, line, folder, limit, used, dropped, group
+):
+    """Be it the process's own, or one around it."""
     told("MemAvailable: 16000000 kB\n")
-    limit, used, statistics, dropped = group
-    (tmp_path / limit).parent.mkdir(exist_ok=True)
-    for name, text in ((limit, "4000000000"), (used, "3000000000"), (statistics, f"anon 7\n{dropped} 500")):
-        (tmp_path / name).write_text(f"{text}\n")
-    assert room.available() == 1_000_000_500
-    (tmp_path / limit).write_text("max\n")
+    (tmp_path / "own").write_text(f"9:pids:/\n{line if line == '0::' else f'4{line}'}/slice/own\n")
+    place = tmp_path / folder / group
+    place.mkdir(parents=True, exist_ok=True)
+    statistics = "".join(f"{key} 500\n" for key in dropped)
+    for name, text in ((limit, "4000000000"), (used, "3000000000"), ("memory.stat", f"anon 7\n{statistics}")):
+        (place / name).write_text(f"{text}\n")
+    assert room.available() == 1_000_000_000 + 500 * len(dropped)
+    (place / used).write_text("5000000000\n")
+    assert room.available() == 0
+    (place / limit).write_text("max\n")
     assert room.available() == 16_384_000_000
 
 
