@@ -233,10 +233,9 @@ def test_a_leak_through_a_hole_passes_what_a_gap_does_at_3_bar_and_chokes_above(
     assert high_hole < 0.95 * high_gap
 
 
-def slid(contraction):
-    """Force (n,), of unit half width, of elements that stick over 0.2 to 2.2 mm, as muscles show them."""
-    lengths = 2.0e-4 * 1.82 ** np.arange(5)
-    anchors, forces = np.full(5, contraction[0]), []
+def slid(contraction, lengths):
+    """Return the force (n,), of unit half width, of elements that stick over lengths (k,), m."""
+    anchors, forces = np.full(len(lengths), contraction[0]), []
     for x in contraction:
         anchors = np.clip(anchors, x - lengths, x + lengths)
         forces.append(np.mean((x - anchors) / lengths))
@@ -254,11 +253,17 @@ def wound(rate, period, distance, far_share):
     return np.array(step.mapaccum(len(rate))(np.zeros(2), rate[None, :])[1]).ravel()
 
 
-def test_a_hysteresis_comes_near_to_fibres_that_slide_one_after_another():
+@pytest.mark.parametrize(
+    ("shortest", "longest", "fibres"), [(2e-4, 2.2e-3, 5), (1e-4, 2e-3, 20), (3e-4, 2e-3, 3)]
+)
+def test_a_hysteresis_comes_near_to_fibres_that_slide_one_after_another(shortest, longest, fibres):
     """What the form of a large one leaves over was named a friction of the joint."""
     time, period = np.arange(0.0, 4.0, 2e-4), 2e-4
     contraction = 5e-3 * np.sin(5.0 * time) + 1e-3 * np.sin(17.0 * time) + 3e-4 * np.sin(41.0 * time)
-    rate, wanted = np.gradient(contraction, period), slid(contraction)
+    rate, wanted = (
+        np.gradient(contraction, period),
+        slid(contraction, np.geomspace(shortest, longest, fibres)),
+    )
 
     def left(distance, far_share):
         force = wound(rate, period, distance, far_share)

@@ -180,8 +180,8 @@ EFFECTS = [
                      fitted=False, meaningful=(0.0, 1.0)),
             Quantity("sliding_distance", 1.0e-3, "m", 5.0e-5, 0.02, "contraction until the fibres slide",
                      meaningful=(1.0e-4, 0.01)),  # shorter, the load rubs; wider, it is an elasticity
-            Quantity("far_share", 0.0, "-", 0.0, 1.0, f"share that slides after {FAR:g} times of it",
-                     fitted=False, meaningful=(0.0, 1.0)),
+            Quantity("far_share", 0.0, "-", 0.0, 0.8, f"share that slides after {FAR:g} times of it",
+                     fitted=False, meaningful=(0.0, 0.8)),
         ),
         expression=_muscle_hysteresis,
         physics="The fibres of the braid rub on each other and on the rubber. They stick over a short "
