@@ -52,6 +52,7 @@ BLIND = (
     "984900",
     "268208",
     "274523",
+    "600960",
 )  # sets of cases, newest last
 BAGS = {"walk": "default", "person": "person"}  # reference bag -> its scenario
 TASKS = ("gait 2 s", "gait 2 s, 75 kg", "gait 2 s, 75 kg, supply of 7 bar")
