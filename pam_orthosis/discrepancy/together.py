@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several fits at once, in processes that are forked from this one: each has all that this one knows.
 
-What comes back does not depend on how many there are: each starts from the same state and has one thread.
+What comes back does not depend on how many there are: each starts from the same state. Cores that the others
+leave free, since nothing is left to begin, help the last ones along.
 """
 
+import mmap
 import os
 import pickle
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -55,15 +57,17 @@ class Workers:
 
     def __init__(self, jobs: int | None = None):
         self.jobs = jobs or cores()
-        self._threads: ThreadPoolExecutor | None = None
+        self._free: Callable[[], int] = lambda: self.jobs
+        self._threads: tuple[int, ThreadPoolExecutor] | None = None
 
     def map(self, function: Callable[[One], Result], items: Iterable[One]) -> list[Result]:
         """Return what a short function gives for each item: in threads, since it leaves the interpreter."""
-        if self.jobs == 1:
+        count = self._free()
+        if count == 1:
             return list(map(function, items))
-        if self._threads is None:
-            self._threads = ThreadPoolExecutor(self.jobs)
-        return list(self._threads.map(function, items))
+        if self._threads is None or self._threads[0] < count:
+            self._threads = count, ThreadPoolExecutor(count)
+        return list(self._threads[1].map(function, items))
 
     def together(
         self,
@@ -91,18 +95,22 @@ class Workers:
     ) -> Iterator[tuple[int, Result]]:
         """Yield number and result of items as they come; no more of them if a process hangs."""
         team: list[_Worker] = []
+        busy = _Count(min(self.jobs, len(items)))
         try:
             with deaf_children(), garbage_left_to_parent():
-                for _ in range(min(self.jobs, len(items))):
-                    team.append(_Worker(lambda number: function(items[number]), memory, self))
-            yield from _work_off(team, len(items), memory)
+                for _ in range(busy.value):
+                    begin = partial(self._share, busy)
+                    team.append(_Worker(lambda number: function(items[number]), memory, begin))
+            yield from _work_off(team, len(items), memory, busy)
         finally:
             for worker in team:
                 worker.end()
 
-    def alone(self) -> None:
-        """Use one core from now on: what is forked has one."""
+    def _share(self, busy: "_Count") -> None:
+        """Be one of several processes from now on: fork no more, and use what the others leave free."""
+        all_cores = self.jobs
         self.jobs, self._threads = 1, None
+        self._free = lambda: max(1, all_cores // max(1, busy.value))
 
 
 def cores() -> int:
@@ -110,14 +118,31 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+class _Count:
+    """A small number that forked processes see: one writes it."""
+
+    def __init__(self, value: int):
+        self._shared = mmap.mmap(-1, 8)
+        self.value = value
+
+    @property
+    def value(self) -> int:
+        """The number."""
+        return int.from_bytes(self._shared[:], "little")
+
+    @value.setter
+    def value(self, value: int) -> None:
+        self._shared[:] = value.to_bytes(8, "little")
+
+
 class _Worker:
     """A forked process that answers one number after the other."""
 
-    def __init__(self, function: Callable[[int], Any], memory: Memory | None, workers: Workers):
+    def __init__(self, function: Callable[[int], Any], memory: Memory | None, begin: Callable[[], None]):
         context = get_context("fork")
         self.connection, other = context.Pipe()
         self._process: BaseProcess = context.Process(
-            target=_answer, args=(other, function, memory, workers), daemon=True
+            target=_answer, args=(other, function, memory, begin), daemon=True
         )
         self._process.start()
         self._idleness = Idleness(self._process.pid or 0, of=turns_of_tree)
@@ -155,11 +180,11 @@ class _Worker:
 
 
 def _answer(
-    connection: Connection, function: Callable[[int], Any], memory: Memory | None, workers: Workers
+    connection: Connection, function: Callable[[int], Any], memory: Memory | None, begin: Callable[[], None]
 ) -> None:
     """Answer numbers until nobody asks."""
     end_with_parent()
-    workers.alone()
+    begin()
     if memory:
         memory.news()  # what was known before
     with alone():
@@ -179,7 +204,9 @@ def _packed(answer: Any) -> bytes:
         return pickle.dumps(RuntimeError(f"{type(answer).__name__}: {answer} ({error})"))
 
 
-def _work_off(team: Sequence[_Worker], count: int, memory: Memory | None) -> Iterator[tuple[int, Any]]:
+def _work_off(
+    team: Sequence[_Worker], count: int, memory: Memory | None, busy: _Count
+) -> Iterator[tuple[int, Any]]:
     """Yield numbers and their answers until all are there or a process hangs; who is free gets the next."""
     by_connection: dict[Any, _Worker] = {worker.connection: worker for worker in team}
     rest = iter(range(count))
@@ -199,6 +226,8 @@ def _work_off(team: Sequence[_Worker], count: int, memory: Memory | None) -> Ite
             if memory:
                 memory.learn(news)
             answered += 1
-            yield number, result
             if (following := next(rest, None)) is not None:
                 worker.ask(following)
+            else:
+                busy.value -= 1
+            yield number, result

@@ -6,7 +6,9 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from contextlib import suppress
+from threading import Barrier, BrokenBarrierError
 
 import pytest
 
@@ -41,7 +43,7 @@ def test_results_come_in_the_order_of_their_items(jobs):
     assert Workers(jobs).together(abs, []) == []
 
 
-def test_they_are_other_processes_with_one_core_each_and_what_they_learn_is_kept():
+def test_they_are_other_processes_that_fork_no_more_and_what_they_learn_is_kept():
     workers, memory = Workers(2), Memory()
     memory.known, mine = ["before"], os.getpid()
 
@@ -54,6 +56,25 @@ def test_they_are_other_processes_with_one_core_each_and_what_they_learn_is_kept
     assert all(one[1:] == (1, [1, 2]) for one in found)
     assert memory.known[0] == "before"
     assert sorted(memory.known[1:]) == [1, 2, 3]
+
+
+def test_cores_that_nothing_is_left_for_help_the_last_one_along():
+    workers = Workers(2)
+
+    def at_once():
+        both = Barrier(2)  # a thread alone waits in vain
+        with suppress(BrokenBarrierError):
+            return workers.map(lambda _: both.wait(0.1), [1, 2])
+
+    def work(item):
+        end, met = time.monotonic() + PATIENCE_S, None
+        while item == 1 and not met and time.monotonic() < end:
+            met = at_once()
+        return met
+
+    found = workers.together(work, [1, 2, 3])
+    assert found[0]
+    assert found[1:] == [None, None]
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
