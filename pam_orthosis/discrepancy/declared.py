@@ -7,7 +7,7 @@ from dataclasses import replace
 from pam_orthosis.bag.topics import Topics
 from pam_orthosis.discrepancy.knee import SUSPECTS
 from pam_orthosis.discrepancy.machine_system import View, from_rows, graph_view, machine_system
-from pam_orthosis.discrepancy.suspects import VALVE
+from pam_orthosis.discrepancy.suspects import ARMS, VALVE, Suspects, each
 from pam_orthosis.discrepancy.system import Channel, Source, System
 from pam_orthosis.model.deviations import DEVIATIONS, GAS
 from pam_orthosis.model.effects.base import Effect
@@ -59,15 +59,26 @@ def coupled_joint(
 
 
 def _view(machine: Machine, nominal: Parameters) -> View:
-    own = {name: (f"{machine.parameters}.{name}",) for name in ("inertia", "damping")}
+    own = {name: (f"{machine.parameters}.{name}",) for name in ("inertia", "damping", "weight")}
     return replace(
         graph_view(machine, nominal),
         calibrations=from_rows(nominal, *_tolerances(machine, nominal)),
         multiplied={**DEVIATIONS, **own},
-        suspects=(*VALVE, *(MASSES if machine.kind == "ankle" else ())),
+        suspects={**each(*VALVE), **_suspects(machine, nominal)},
         usual=False,
         sources=_sources(machine),
     )
+
+
+def _suspects(machine: Machine, nominal: Parameters) -> Suspects:
+    """Return what of a machine's own mechanism may be wrong: what it moves, and arms by one factor."""
+    if machine.parameters == "leg":
+        return each(*(MASSES if machine.kind == "ankle" else ()))
+    values = nominal.flat()
+    loads = (f"{machine.parameters}.{name}" for name in ("inertia", "weight"))
+    arms = tuple(f"{one.transmission}.arm" for one in machine.actuators)
+    turns = machine.coordinate.unit == "rad" and all(values.get(key) for key in arms)
+    return each(*(key for key in loads if values[key])) | ({ARMS: arms} if turns else {})
 
 
 def _tolerances(machine: Machine, nominal: Parameters) -> tuple[dict[str, str], dict[str, str]]:
@@ -90,6 +101,8 @@ def _tolerances(machine: Machine, nominal: Parameters) -> tuple[dict[str, str], 
         add("inertia", "tolerance.moving_mass", "the inertia, relative")
         if nominal.flat()[f"{machine.parameters}.damping"]:
             add("damping", "tolerance.muscle_damping", "the damping, relative")
+        if nominal.flat()[f"{machine.parameters}.weight"]:
+            add("weight", "tolerance.moving_mass", "the weight, relative")
     add_each("force", "the {}'s static force, relative")
     for name in GAS:
         add(name, f"tolerance.{name}", f"the {name.replace('_', ' ')}, relative")

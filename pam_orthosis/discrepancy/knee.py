@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from pam_orthosis.discrepancy.machine_system import Symbols, View, from_rows, graph_view, machine_system
 from pam_orthosis.discrepancy.suspects import MASSES as ALL_MASSES
-from pam_orthosis.discrepancy.suspects import VALVE, symbol
+from pam_orthosis.discrepancy.suspects import OF_MASSES, VALVE, each, symbol
 from pam_orthosis.discrepancy.system import System
 from pam_orthosis.model.components.muscle import polynomial
 from pam_orthosis.model.deviations import DEVIATIONS
@@ -29,10 +29,10 @@ LEG = {
     "leg.thigh.length": LENGTHS, "leg.shank.length": LENGTHS, "leg.bearing_height": HEIGHTS,
     "leg.thigh.mass": MASSES, "leg.shank.mass": MASSES, "leg.knee_mass": MASSES,
 }  # fmt: skip
-SUSPECTS = (
+GEOMETRY = (
     "leg.cogwheel_diameter", "leg.symmetric_angle", "leg.symmetric_contraction", "muscle.dmsp_20.length",
-    ALL_MASSES, *LEG, *VALVE,
 )  # fmt: skip
+SUSPECTS = each(*GEOMETRY) | OF_MASSES | each(*LEG, *VALVE)
 LOCKED = "diagnostic-locked"  # the angle does not move, which leaves the torque equation nothing to fit
 TABLE_ORDER, TABLE_NODES = 16, 200
 

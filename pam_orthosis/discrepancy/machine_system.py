@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi as ca
 
-from pam_orthosis.discrepancy.suspects import common, corrected, meant, name_of, suspects
+from pam_orthosis.discrepancy.suspects import Suspects, common, corrected, meant, suspects
 from pam_orthosis.discrepancy.system import Assembled, Calibration, Channel, Entry, Equation, Source, System
 from pam_orthosis.model.assembly import Hardware, assemble
 from pam_orthosis.model.components.actuator import Actuator
@@ -53,7 +53,7 @@ class View:
         beside: (signals, calibrations) -> what is measured beside coordinate and pressures, by channel.
         neighbour: the coupled joint, whose angle is the last channel and drives the mechanism.
         mechanism: (parameters, calibrations) -> the mechanism, where it is not the machine's own.
-        suspects: keys of parameters that may be wrong.
+        suspects: parameters that may be wrong.
         limits, unusable, sources: as for `System`.
     """
 
@@ -71,7 +71,7 @@ class View:
     beside: Callable[[Signals, Symbols], Mapping[str, Expression]] = lambda signals, symbols: {}
     neighbour: str = ""
     mechanism: Callable[[Parameters, Symbols], Mechanism] | None = None
-    suspects: tuple[str, ...] = ()
+    suspects: Suspects = field(default_factory=dict)
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     unusable: tuple[str, ...] = ()
     sources: Mapping[str, Source] = field(default_factory=dict)
@@ -164,7 +164,7 @@ class _Described:
             calibrations=self._calibrations,
             catalogue={n: effect for n, effect in known.items() if n not in self.present} | wrong,
             entries=self._entries(),
-            wrong={name_of(key): meant(key) for key in view.suspects if name_of(key) in wrong},
+            wrong=meant(view.suspects) if wrong else {},
             common=common(self._nominal, view.suspects) if wrong else {},
             assemble=self._assemble,
             needs=dict.fromkeys(("gas", "valve", "supply"), view.inputs),

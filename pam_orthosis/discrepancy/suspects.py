@@ -5,7 +5,7 @@ A nuisance parameter is off by its tolerance. A sprocket of another size, or a s
 is a mistake in the nominal model; the search names it, with the value that the recordings ask for.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import cast
 
 from pam_orthosis.model.deviations import DEVIATIONS
@@ -19,11 +19,19 @@ TYPICAL = 0.2  # of the nominal value, or of `SPANS`: a mistake to look for
 REACH = 3.0  # times as small or as large as the nominal value, within the row's bounds
 LEAST = 0.03  # of the nominal value, or of the span: a smaller mistake is not worth a name
 SPANS = {"rad": 1.0, "m": 0.2}  # of the values that may be zero or of any sign
-MASSES = "leg.masses"
-COMMON = {MASSES: DEVIATIONS["moving_mass"]}  # parameters that may be wrong by one factor
+MASSES, ARMS = "leg.masses", "machine.arms"
+OF_MASSES = {MASSES: DEVIATIONS["moving_mass"]}
 WITHIN = {"valve.conductance": "valve_curve_misfit", "valve.hose.volume": "volume_misfit"}
 ABSOLUTE = ("leg.symmetric_angle", "leg.bearing_height")
 VALUE = "value"
+
+# what may be wrong -> keys of the parameters that it multiplies; none: it is the key of the one
+Suspects = Mapping[str, Sequence[str]]
+
+
+def each(*keys: str) -> dict[str, tuple[str, ...]]:
+    """Return suspects that are one parameter each."""
+    return dict.fromkeys(keys, ())
 
 
 def name_of(key: str) -> str:
@@ -31,34 +39,35 @@ def name_of(key: str) -> str:
     return key.replace(".", "_")
 
 
-def suspects(nominal: Parameters, keys: Iterable[str]) -> dict[str, Effect]:
+def suspects(nominal: Parameters, wrong: Suspects) -> dict[str, Effect]:
     """Return candidates by name for parameters that may be wrong."""
-    return {name_of(key): _suspect(nominal, key) for key in keys}
+    return {name_of(key): _suspect(nominal, key, of) for key, of in wrong.items()}
 
 
-def meant(key: str) -> str:
-    """Return what a candidate takes to be wrong, in words."""
-    if key not in COMMON:
-        return key
-    *most, last = COMMON[key]
-    return f"common factor of {', '.join(most)} and {last}"
+def meant(wrong: Suspects) -> dict[str, str]:
+    """Return what each candidate takes to be wrong, in words."""
+
+    def several(of: Sequence[str]) -> str:
+        return f"common factor of {', '.join(of[:-1])} and {of[-1]}"
+
+    return {name_of(key): several(of) if of else key for key, of in wrong.items()}
 
 
-def common(nominal: Parameters, keys: Iterable[str]) -> dict[str, dict[str, float]]:
+def common(nominal: Parameters, wrong: Suspects) -> dict[str, dict[str, float]]:
     """Return the nominal values of the parameters of each candidate that multiplies several."""
     values = nominal.flat()
-    return {name_of(key): {one: float(values[one]) for one in COMMON[key]} for key in keys if key in COMMON}
+    return {name_of(key): {one: float(values[one]) for one in of} for key, of in wrong.items() if of}
 
 
 def corrected(
-    values: Mapping[str, float], symbols: Mapping[str, Expression], keys: Iterable[str]
+    values: Mapping[str, float], symbols: Mapping[str, Expression], wrong: Suspects
 ) -> dict[str, Expression]:
     """Return key -> expression of the parameters that are taken to be wrong."""
     found: dict[str, Expression] = {}
-    for key in keys:
-        wrong = symbol(symbols, key)
-        if wrong is not None:
-            found |= {one: wrong * values[one] for one in COMMON[key]} if key in COMMON else {key: wrong}
+    for key, of in wrong.items():
+        value = symbol(symbols, key)
+        if value is not None:
+            found |= {one: value * values[one] for one in of} if of else {key: value}
     return found
 
 
@@ -67,19 +76,19 @@ def symbol(symbols: Mapping[str, Expression], key: str) -> Expression | None:
     return symbols.get(f"{name_of(key)}.{VALUE}")
 
 
-def _row(nominal: Parameters, key: str) -> Row:
+def _row(nominal: Parameters, key: str, of: Sequence[str]) -> Row:
     """Return the row of a parameter, or of the factor of several."""
-    if key not in COMMON:
+    if not of:
         return nominal.row(key)
-    source = nominal.row(COMMON[key][0]).source
+    source = nominal.row(of[0]).source
     return Row(key, 1.0, "-", None, None, "by which all of them are larger", source)
 
 
-def _suspect(nominal: Parameters, key: str) -> Effect:
-    row = _row(nominal, key)
+def _suspect(nominal: Parameters, key: str, of: Sequence[str]) -> Effect:
+    row = _row(nominal, key, of)
     value = cast(float, row.value)
     size = SPANS[row.unit] if key in ABSOLUTE else abs(value)
-    low, high = (value - size, value + size) if key in ABSOLUTE else (value / REACH, value * REACH)
+    low, high = (value - size, value + size) if key in ABSOLUTE else sorted((value / REACH, value * REACH))
     quantity = Quantity(
         VALUE,
         value + TYPICAL * size,
@@ -92,7 +101,7 @@ def _suspect(nominal: Parameters, key: str) -> Effect:
     shrunk = {VALUE: value - TYPICAL * size}
     return Effect(
         name_of(key),
-        "torque" if key.startswith(("leg.", "muscle.")) else "gas",
+        "torque" if key.startswith(("leg.", "muscle.", "machine.")) else "gas",
         (quantity,),
         lambda *_: Contribution({}),  # it enters as a parameter
         physics=f"The nominal model has another value of {key}: {row.meaning}.",

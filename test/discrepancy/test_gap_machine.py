@@ -2,6 +2,7 @@
 """A machine of a user's file is searched as the knee is: its system follows from the declaration."""
 
 import csv
+import json
 import math
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from pam_orthosis.discrepancy.beginning import begin
 from pam_orthosis.discrepancy.data import from_csv
 from pam_orthosis.discrepancy.declared import declared_machine
 from pam_orthosis.discrepancy.soundness import check_system
+from pam_orthosis.discrepancy.suspects import VALVE
 from pam_orthosis.model.machines import read_machine
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.plant import Plant
@@ -88,6 +90,43 @@ def test_the_system_of_a_file_fits_together_and_is_the_emulated_machine(machine,
     resisted = from_csv(_write(tmp_path / "friction.csv", declared, 3, friction=8.0), system)
     start = begin(system, recorded[:1], [resisted], parameters.gap)
     assert start.recalibrated().white["position"] > 5
+
+
+@pytest.mark.parametrize(
+    ("arms", "weight", "named"),
+    [
+        ((0.04, -0.04), 4.0, {"machine.mechanism.weight", "arms"}),
+        ((0.04, -0.04), 0.0, {"arms"}),
+        (None, 0.0, set()),
+    ],
+)
+def test_what_a_machine_moves_and_its_arms_may_be_wrong(tmp_path, arms, weight, named):
+    text = SLIDE
+    if arms:
+        text = text.replace("translation", "rotation").replace("damping: 40.0", f"weight: {weight}")
+        text = text.replace("arm: 1.0", f"arm: {arms[0]}").replace("arm: -1.0", f"arm: {arms[1]}")
+    (tmp_path / "own.yaml").write_text(text, encoding="utf-8")
+    own = read_machine(tmp_path / "own.yaml")
+    system = declared_machine(own, load(machine=own))
+    check_system(system)
+    both = "common factor of machine.push.transmission.arm and machine.pull.transmission.arm"
+    expected = {both if one == "arms" else one for one in named} | {"machine.mechanism.inertia"}
+    assert {what for what in system.wrong.values() if what not in VALVE} == expected
+    assert ("weight" in {one.name for one in system.calibrations}) == bool(weight)
+
+
+def test_a_wrong_mass_is_named_and_not_two_forces(machine, tmp_path, capsys):
+    """Both forces by one factor would do as well; a mass is one parameter."""
+    path, _ = machine
+    heavy = tmp_path / "slide.yaml"
+    heavy.write_text(SLIDE.replace("inertia: 5.0", "inertia: 7.0"), encoding="utf-8")
+    tables = [_write(tmp_path / f"{seed}.csv", read_machine(heavy), seed) for seed in (1, 2)]
+    main(["gap", str(tables[0]), "--held-out", str(tables[1]), "--machine", str(path), "--json"])
+    # and the delay, which the file does not say to be none
+    delay, named = json.loads(capsys.readouterr().out)["effects"]
+    assert delay["name"] == "valve_delay"
+    assert named["wrong_parameter"] == "machine.mechanism.inertia"
+    assert named["parameters"]["value"]["value"] == pytest.approx(7.0, rel=0.05)
 
 
 def test_gap_takes_the_file_of_a_machine(machine, tmp_path, capsys):

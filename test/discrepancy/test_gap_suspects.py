@@ -16,7 +16,7 @@ from pam_orthosis.discrepancy.knee import SUSPECTS, knee
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.run import Run
 from pam_orthosis.discrepancy.screening import fitted_candidates, is_far
-from pam_orthosis.discrepancy.suspects import COMMON, MASSES, name_of
+from pam_orthosis.discrepancy.suspects import MASSES, OF_MASSES, name_of
 from pam_orthosis.discrepancy.verdict import describe
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
@@ -40,7 +40,7 @@ def test_a_candidate_is_the_model_with_that_parameter(bench, key, factor, equati
     nominal = bench.parameters.flat()
     value = factor * nominal.get(key, 1.0)
     changed = patch.overrides(bench.system, [name_of(key)], {f"{name_of(key)}.value": value})
-    assert changed == {one: pytest.approx(factor * nominal[one]) for one in COMMON.get(key, (key,))}
+    assert changed == {one: pytest.approx(factor * nominal[one]) for one in OF_MASSES.get(key, (key,))}
     right = knee(bench.parameters.changed(changed))
     run, name = Run(bench.system, bench.recording(1), 40.0), name_of(key)
     values = {**bench.replay.defaults((name,)), f"{name}.value": value}
