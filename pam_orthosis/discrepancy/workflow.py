@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from pam_orthosis.discrepancy import select
+from pam_orthosis.discrepancy.agreement import remarks_on_agreement
 from pam_orthosis.discrepancy.beginning import Beginning, begin
 from pam_orthosis.discrepancy.between import remarks_on_inputs
 from pam_orthosis.discrepancy.data import Recording
@@ -47,7 +48,8 @@ def search(start: Beginning, settings: Section, progress: Progress = silent) -> 
     found = select.extended(start.problem, start.null, start.held_out, settings.evidence, progress)
     start = replace(start, problem=found.problem, null=found.null)
     progress("measuring the gap on held-out recordings")
-    outcome = outcome_of(start, found, settings, remarks_on_inputs(found, settings))
+    remarks = remarks_on_agreement(found.final_problem, start.held_out, found.final)
+    outcome = outcome_of(start, found, settings, [*remarks, *remarks_on_inputs(found, settings)])
     if outcome.verdict not in OPEN:
         return outcome
     if outcome.foreign:

@@ -10,6 +10,7 @@ import pytest
 
 from pam_orthosis.bag.simulated import record_run
 from pam_orthosis.cli.main import main
+from pam_orthosis.discrepancy.agreement import remarks_on_agreement
 from pam_orthosis.discrepancy.beginning import begin
 from pam_orthosis.discrepancy.data import from_csv
 from pam_orthosis.discrepancy.declared import declared_machine
@@ -87,9 +88,13 @@ def test_the_system_of_a_file_fits_together_and_is_the_emulated_machine(machine,
     recorded = [from_csv(_write(tmp_path / f"{seed}.csv", declared, seed), system) for seed in (1, 2)]
     start = begin(system, recorded[:1], recorded[1:], parameters.gap)
     assert all(white < 1.3 for white in start.recalibrated().white.values())
+    assert not remarks_on_agreement(start.problem, start.held_out, start.null)
     resisted = from_csv(_write(tmp_path / "friction.csv", declared, 3, friction=8.0), system)
     start = begin(system, recorded[:1], [resisted], parameters.gap)
     assert start.recalibrated().white["position"] > 5
+    (remark,) = remarks_on_agreement(start.problem, start.held_out, start.null)
+    assert "friction.csv: is that of another apparatus" in remark
+    assert not remarks_on_agreement(start.held_out, start.problem, start.null)  # it fits neither
 
 
 @pytest.mark.parametrize(
