@@ -35,6 +35,7 @@ from pam_orthosis.discrepancy.api import (
 )
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.rig import test_rig as rig_system
+from pam_orthosis.discrepancy.system import Entry
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report.gap_figures import _stand_ins
@@ -192,6 +193,9 @@ def test_reading_bags_knows_the_rig_without_changing_the_knee():
 
 def test_a_system_by_hand_and_ours_fit_together():
     check_system(_by_hand())
+    check_system(_leaking())
+    entries = {"x": (Entry("m/s", "leak", "leak.size"),)}
+    check_system(replace(_leaking(), entries=entries, needs={"all": ("u",)}))
     check_system(knee(load()))
     check_system(rig_system(load(), "dmsp_10"))
 
@@ -207,11 +211,36 @@ def test_a_system_by_hand_and_ours_fit_together():
         ({"limits": {"y": (0.0, 1.0)}}, "limits: 'y' is none of x"),
         ({"input_noise": {"u": float("nan")}}, "noise of u: nan is no finite number"),
         ({"equations": (Equation("all", ("x",), ("x",), {}),)}, "it needs the state x and its gain"),
+        ({"places": {"leek": "all"}}, "places: 'leek' is none of leak"),
+        ({"places": {"leak": "al"}}, "place of leak: 'al' is none of all"),
+        ({"places": {}}, "effect leak without one of `places`: stage: 'x' is none of body"),
+        ({"needs": {"al": ("u",)}}, "needs: 'al' is none of "),
+        ({"needs": {"all": ("v",)}}, "needs of all: 'v' is none of u"),
+        ({"derived_twice": {"bent": "y"}}, "derived_twice: 'bent' has to be a state .* 'y' one that one"),
+        ({"derived_twice": {"bent": "x"}}, "with one rate in `derived`"),
+        ({"entries": {"y": (Entry("m"),)}}, "entries: 'y' is none of x"),
+        ({"entries": {"x": ("m",)}}, "entries of x: 'm' is no Entry"),
+        ({"entries": {"x": (Entry("m", size=0.0),)}}, "entries of x: size is 0"),
+        ({"entries": {"x": (Entry("m", parameter="leak.a"),)}}, "parameter of leak: 'a' is none of size"),
     ],
 )
 def test_a_system_that_does_not_fit_together_is_refused(changed, said):
     with pytest.raises(OrthosisError, match=said):
-        check_system(replace(_by_hand(), **changed))
+        check_system(replace(_leaking(), **changed))
+
+
+def _leaking():
+    """The tank by hand, with an effect."""
+    tank, size = _by_hand(), ca.SX.sym("leak.size")
+
+    def assemble(effects):
+        plain, added = tank.assemble(()), "leak" in effects
+        leaking = {"rates": plain.rates - size, "theta": ca.vertcat(plain.theta, size)}
+        return replace(plain, parameters=("decay", "leak.size"), **leaking) if added else plain
+
+    quantity = Quantity("size", 0.1, "m/s", 0.0, 1.0, "leak", 0.0)
+    leak = Effect("leak", "x", (quantity,), None, "A leak.", "test")
+    return replace(tank, catalogue={"leak": leak}, places={"leak": "all"}, assemble=assemble)
 
 
 def test_a_forgotten_symbol_is_named():
