@@ -53,6 +53,7 @@ def _check_signals(system: System) -> None:
         _known("input_noise", name, system.inputs)
         _finite(f"noise of {name}", sd, 0.0)
     _finite("late", system.late)
+    _finite("ambient", system.ambient, math.ulp(0.0))
     for name in system.gradual:
         _known("gradual", name, system.inputs)
     for name, (low, high) in system.limits.items():

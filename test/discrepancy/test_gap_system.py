@@ -29,6 +29,7 @@ from pam_orthosis.discrepancy.api import (
     Source,
     System,
     check_system,
+    from_arrays,
     from_bag,
     from_csv,
     load_system,
@@ -308,6 +309,45 @@ def test_the_builder_finds_out_what_the_engine_has_to_know():
     passed = (0.5 + 0.1) * (3.0 - 2.0) - 0.3 * 1.0
     assert np.array(rates)[:, 0] == pytest.approx([0.7 - passed, passed - 0.2 * 2.0, 3.0 - 1.0])
     assert float(outflow) == pytest.approx(0.2 * 2.0 + 0.3)
+
+
+def test_an_apparatus_at_altitude_has_the_pressure_of_its_air(tmp_path):
+    channels = [Channel("second", "second", "Pa", "Pa", 1.0), Channel("outflow", None, "m/s", "m/s", 1.0)]
+    place = _two_tanks(channels=channels).system()
+    high = _two_tanks(channels=channels, ambient=6.0e4).system()
+    rows = (f"{0.01 * i:.2f},{6.0e4 + i},0.1,0.2" for i in range(100))
+    table = tmp_path / "bolivia.csv"
+    table.write_text("\n".join(["time,second,outflow,pump", *rows]))
+    with pytest.raises(
+        OrthosisError, match=r"At altitude give the ambient pressure .* as `ambient` of a --sy"
+    ):
+        from_csv(table, place)
+    assert from_csv(table, high).signals["second"][0] == pytest.approx(6.0e4, abs=1.0)
+    check_system(high)
+    with pytest.raises(OrthosisError, match=r"ambient: -1\.0 is not above 0"):
+        check_system(replace(high, ambient=-1.0))
+
+
+@pytest.mark.parametrize(
+    ("unit", "limits", "absolute"),
+    [
+        ("Pa", {}, True),
+        ("Pa", {"second": (0.0, 1e6)}, True),
+        ("Pa", {"second": (-1e5, 1e6)}, False),
+        ("m", {}, False),
+    ],
+)
+def test_a_pressure_is_absolute_unless_its_limits_begin_below_0(unit, limits, absolute):
+    channels = [Channel("second", "second", unit, unit, 1.0), Channel("outflow", None, "m/s", "m/s", 1.0)]
+    assert _two_tanks(channels=channels, limits=limits).system().is_absolute("second") is absolute
+
+
+@pytest.mark.parametrize("at", [0, 3])
+def test_a_stamp_that_is_no_number_is_refused(at):
+    arrays = {name: np.arange(9.0) for name in ("time", "second", "outflow")}
+    arrays["time"][at] = np.nan
+    with pytest.raises(OrthosisError, match=f"run: time is not finite at sample {at}"):
+        from_arrays("run", _two_tanks().system(), arrays)
 
 
 def test_parts_are_driven_by_recorded_neighbours():
