@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from pam_orthosis.identification.identify import Identified
 
 PAGE = "identify.html"
-REPEATS = "repeats"  # of `identification.clusters`
 SHOWN = {"level": (1e-5, "bar gauge"), "length": (1e3, "mm"), "repeat": (1.0, "")}
 
 
@@ -187,6 +186,8 @@ def _errors(name: str, errors: dict) -> list[str]:
 
 
 def _intervals(fit: ForceFit) -> str:
+    from pam_orthosis.identification.force import REPEATS
+
     if not fit.clustered:
         return "the intervals hold for rows that are independent: give a column repeat, or direction"
     if fit.clustered == REPEATS:

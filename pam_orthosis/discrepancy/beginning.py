@@ -182,7 +182,7 @@ def _whitened(
     replay: Replay, run: Run, noise: Values, settings: Section, seed: int
 ) -> tuple[Whitener, dict[str, float]]:
     cutoff, warm_up = settings.replay.cross_cutoff, _warm_up(run, settings)
-    return noise_whitener(replay, run, (), replay.defaults(()), noise, cutoff, warm_up, seed)
+    return noise_whitener(replay, run, noise, cutoff, warm_up, seed)
 
 
 def strained_parameters(final: Fit) -> dict[str, float]:

@@ -70,6 +70,7 @@ class Model:
         limits: signal -> values that it cannot leave.
         late: s, by which inputs act later than recorded.
         sources: signal -> where recordings have it.
+        ambient: absolute pressure, Pa, from which gauge pressures in a table count.
     """
 
     name: str
@@ -84,6 +85,7 @@ class Model:
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     late: float = 0.0
     sources: Mapping[str, Source] = field(default_factory=dict)
+    ambient: float = System.ambient
 
     def system(self) -> System:
         """Return the system.
@@ -112,6 +114,7 @@ class Model:
             input_noise={one.name: one.noise for one in self.inputs},
             gradual=tuple(one.name for one in self.inputs if not one.held),
             sources=self.sources,
+            ambient=self.ambient,
         )
         equations = self._equations(plain.derived)
         places = {one.name: _place(plain, traced, equations, one) for one in self.effects}

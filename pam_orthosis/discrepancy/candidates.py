@@ -264,12 +264,12 @@ def twins(projection: Projection, model: Fit) -> list[Candidate]:
     system, base = projection.problem.system, projection.base
     rest = {one.name: one.centre for one in base.free if one.name.partition(".")[0] not in base.effects}
     scales, found = scales_of(system, model.free), []
-    for name in system.twins(model.effects[-1]):
+    for name in (one for one in system.twins(model.effects[-1]) if one not in base.effects):
         trial = Trial(projection, name)
         for start in trial.starts()[:TWIN_STARTS]:
             values = {**trial.values(start), **rest}
             found.append(Candidate(name, 0.0, values, 0.0, scales, trial.added))
-    return found if model.effects[-1] not in base.effects else []
+    return found
 
 
 def penalty(base: Fit, parameters: int) -> float:

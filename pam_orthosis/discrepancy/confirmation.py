@@ -87,11 +87,15 @@ class Seen(NamedTuple):
 def confirmed(training: Problem, held_out: Problem, smaller: Fit, larger: Fit) -> Seen:
     """Return how recordings that were not fitted see a larger model."""
     (unseen, due), (seen, _) = (_falls(problem, smaller, larger) for problem in (held_out, training))
-    # one block shows nothing of its own spread
-    spread = unseen.std(ddof=1) / np.sqrt(len(unseen)) if len(unseen) > 1 else np.inf
-    t = float(unseen.mean() / max(spread, 1e-12))
     transfer = float(unseen.mean() / seen.mean()) if seen.mean() > LEAST_FALL else 0.0
-    return Seen(t, transfer, float(unseen.sum()), due)
+    return Seen(t_value(unseen), transfer, float(unseen.sum()), due)
+
+
+def t_value(values: np.ndarray) -> float:
+    """Return the t value of a mean."""
+    # one value shows nothing of its own spread
+    spread = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.inf
+    return float(values.mean() / max(spread, 1e-12))
 
 
 def leaves_noise_alone(problem: Problem, base: Fit) -> bool:

@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from pam_orthosis.discrepancy.confirmation import LEAST_T, block_sums
+from pam_orthosis.discrepancy.confirmation import LEAST_T, block_sums, t_value
 from pam_orthosis.discrepancy.fit import Fit, scaled_slopes
 from pam_orthosis.discrepancy.injection import Injection, injection
 from pam_orthosis.discrepancy.problem import Problem, Scored
@@ -122,8 +122,7 @@ class CurveFit:
             block_sums(group, self._equation, before**2 - after**2)
             for group, before, after in zip(self._groups, fewer.left, found.left, strict=True)
         )
-        spread = unseen.std(ddof=1) / np.sqrt(len(unseen)) if len(unseen) > 1 else np.inf
-        t = float(unseen.mean() / max(spread, 1e-12))
+        t = t_value(unseen)
         return t > LEAST_T or (t > FEW_BLOCKS_T and unseen.mean() > TRANSFERRED * seen.mean())
 
     def curve(self, found: Fitted, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -80,7 +80,7 @@ def from_arrays(name: str, system: System, arrays: Mapping[str, np.ndarray]) -> 
         raise OrthosisError(f"{name}: no signal {', '.join(missing)}; there are: {', '.join(arrays)}; {hint}")
     time = np.asarray(arrays["time"], dtype=float)
     signals = {key: np.asarray(arrays[key], dtype=float) for key in wanted if key in arrays}
-    for key, values in signals.items():
+    for key, values in {"time": time, **signals}.items():
         if len(values) != len(time):
             raise OrthosisError(f"{name}: {key} has {len(values)} samples, time has {len(time)}")
         if not np.isfinite(values).all():
@@ -206,15 +206,15 @@ def _check_units(one: Recording, system: System) -> None:
             f" most {LONGEST_PERIOD:g} s apart"
         )
     for name, values in one.signals.items():
-        unit, low, high = system.unit(name), float(values.min()), float(values.max())
+        low, high = float(values.min()), float(values.max())
         said = f"{one.name}: {name} from {low:g} to {high:g}"
-        absolute = unit == "Pa" and system.limits.get(name, (0.0, 0.0))[0] >= 0.0
-        if absolute and low < (bound := LEAST_SHARE * system.ambient):
+        if system.is_absolute(name) and low < (bound := LEAST_SHARE * system.ambient):
             raise OrthosisError(
                 f"{said} is no absolute pressure in Pa, which is {bound:g} or more where the ambient one is"
                 f" {system.ambient:g}: in bar, or gauge? At altitude give the ambient pressure as"
                 " valve.ambient_pressure in --model, as `ambient` of a --system"
             )
+        unit = system.unit(name)
         least, most = system.limits.get(name) or PLAUSIBLE.get(unit, (-np.inf, np.inf))
         if low < least or high > most:
             flipped = least <= -high and -low <= most

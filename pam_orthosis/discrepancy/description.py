@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pam_orthosis.discrepancy.curve_fit import SIMPLER, CurveFit, Fitted, Spline, Term, without_parabola
+from pam_orthosis.discrepancy.findings import QUANTILE
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.structure import signals_of
@@ -27,7 +28,6 @@ NEAR = 0.05  # of that gap: signals that differ by less are told apart by the eq
 CYCLES, FITS = 1.8, 0.7  # a curve is periodic if so many waves are in its range and explain so much of it
 UNSURE = 3.0  # times the median standard deviation: places that were hardly visited
 ROUNDING = 1e-9  # of a curve's squares: what is smaller is a line
-QUANTILE = 1.96  # two-sided 95 % of a normal distribution
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,10 @@ MOST_OF_TIME, LEAST_OF_POWER = 0.3, 0.6  # events are rare, and most of what is 
 
 @dataclass(frozen=True)
 class Event:
-    """A push: recording, instant by its clock s, size at its peak, seconds above half of it."""
+    """A push: recording, channel, instant by its clock s, size at its peak, seconds above half of it."""
 
     recording: str
+    channel: str
     time: float
     size: float
     seconds: float
@@ -35,7 +36,7 @@ def events(problem: Problem, model: Fit, equation: Equation, channel: str) -> li
         unknown = _unknown(problem, one, model, equation, channel)
         if unknown is None:
             return []
-        own = _in_run(one, unknown)
+        own = _in_run(one, channel, unknown)
         squares = unknown**2
         power, whole = power + float(squares.sum()) * one.run.period, whole + len(unknown) * one.run.period
         for event, part in own:
@@ -60,7 +61,7 @@ def _unknown(
     return missing[one.warm_up :]
 
 
-def _in_run(one: Scored, unknown: np.ndarray) -> list[tuple[Event, slice]]:
+def _in_run(one: Scored, channel: str, unknown: np.ndarray) -> list[tuple[Event, slice]]:
     usual = NORMAL * float(np.median(np.abs(unknown)))
     regions, count = label(np.abs(unknown) > 0.5 * ABOVE * usual)
     found = []
@@ -72,5 +73,5 @@ def _in_run(one: Scored, unknown: np.ndarray) -> list[tuple[Event, slice]]:
         seconds = float(np.sum(np.abs(unknown[part]) > 0.5 * abs(size))) * one.run.period
         if abs(size) > ABOVE * usual and seconds > SHORTEST:
             time = one.run.recording.start + (one.warm_up + peak) * one.run.period
-            found.append((Event(one.run.recording.name, time, size, seconds), part))
+            found.append((Event(one.run.recording.name, channel, time, size, seconds), part))
     return found

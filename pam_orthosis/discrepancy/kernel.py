@@ -3,9 +3,9 @@
 
 The expressions are those of the system's assembly; neighbours are read from the recording. At each
 sample the prediction is compared and the state corrected weakly (innovation form); then one period
-is integrated with the recorded inputs held, by the classical Runge-Kutta method of fourth order. Inputs
-that act late change within the period: it is integrated up to there and on from there, so that a lag is as
-exact as the integration and no false delay appears.
+is integrated with the recorded inputs, held (`gradual` ones interpolated), by the classical
+Runge-Kutta method of fourth order. Inputs that act late change within the period: it is integrated up to
+there and on from there, so that a lag is as exact as the integration and no false delay appears.
 """
 
 import ctypes

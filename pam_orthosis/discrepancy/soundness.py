@@ -13,9 +13,9 @@ import casadi as ca
 from pam_orthosis.bag.fields import check_field
 from pam_orthosis.bag.topics import Signal
 from pam_orthosis.discrepancy.cut import closure
-from pam_orthosis.discrepancy.system import Assembled, Calibration, Channel, Equation, System
+from pam_orthosis.discrepancy.system import Assembled, Calibration, Channel, Entry, Equation, System
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model.effects.base import Effect, Quantity
+from pam_orthosis.model.effects.base import EQUATIONS, Effect, Quantity
 
 
 def check_system(system: System) -> None:
@@ -29,6 +29,13 @@ def check_system(system: System) -> None:
     for name, effect in system.catalogue.items():
         _check_effect(system, name, effect)
     _check_equations(system)
+    _check_places(system)
+    _check_derived_twice(system)
+    for channel, entries in system.entries.items():
+        _known("entries", channel, [one.name for one in system.channels if one.state is not None])
+        _all(entries, Entry, f"entries of {channel}")
+        for entry in entries:
+            _check_entry(system, f"entries of {channel}", entry)
     _check_expressions(system, ())
     for name in system.catalogue:
         _check_shows(system, name, _check_expressions(system, (name,)))
@@ -46,6 +53,7 @@ def _check_signals(system: System) -> None:
         _known("input_noise", name, system.inputs)
         _finite(f"noise of {name}", sd, 0.0)
     _finite("late", system.late)
+    _finite("ambient", system.ambient, math.ulp(0.0))
     for name in system.gradual:
         _known("gradual", name, system.inputs)
     for name, (low, high) in system.limits.items():
@@ -129,6 +137,41 @@ def _check_equations(system: System) -> None:
             _known(f"equation {equation.name}: states", state, [*measured, *system.derived])
 
 
+def _check_places(system: System) -> None:
+    equations = [one.name for one in system.equations]
+    called = {*equations, *system.equation_names, *EQUATIONS.values()}
+    for name, place in system.places.items():
+        _known("places", name, system.catalogue)
+        _known(f"place of {name}", place, [*equations, *system.equation_names])
+    for name, effect in system.catalogue.items():
+        if name not in system.places:
+            _known(f"effect {name} without one of `places`: stage", effect.stage, EQUATIONS)
+    for name, inputs in system.needs.items():
+        _known("needs", name, called)
+        for one in inputs:
+            _known(f"needs of {name}", one, system.inputs)
+
+
+def _check_derived_twice(system: System) -> None:
+    measured = Counter(one.state for one in system.channels)
+    rates = Counter(system.derived.values())
+    for bent, state in system.derived_twice.items():
+        if bent in measured or bent in system.derived or not measured[state] == rates[state] == 1:
+            raise OrthosisError(
+                f"derived_twice: {bent!r} has to be a state that is neither measured nor derived,"
+                f" {state!r} one that one channel measures, with one rate in `derived`"
+            )
+
+
+def _check_entry(system: System, where: str, entry: Entry) -> None:
+    _finite(f"{where}: size", entry.size)
+    if entry.size == 0:
+        raise OrthosisError(f"{where}: size is 0")
+    name, _, own = entry.parameter.partition(".")
+    if name in system.catalogue:
+        _known(f"{where}: parameter of {name}", own, [q.name for q in system.catalogue[name].parameters])
+
+
 def _check_gains(system: System, equation: Equation, channel: Channel) -> None:
     if channel.state is None:
         return
@@ -164,8 +207,8 @@ def _check_expressions(system: System, effects: tuple[str, ...]) -> Assembled:
     for channel in system.channels:
         if channel.name not in found.measured:
             raise OrthosisError(f"{where}: nothing is measured as {channel.name}")
-    needed = [one.state for one in system.channels if one.state is not None] + list(system.derived)
-    for state in needed:
+    measured = [one.state for one in system.channels if one.state is not None]
+    for state in (*measured, *system.derived, *system.derived_twice):
         _known(f"{where}: states", state, found.states)
     results = ca.vertcat(found.rates, *found.measured.values())
     given = ca.vertcat(found.x, found.u, found.time, found.theta)

@@ -150,7 +150,7 @@ class System:
         equation_names: what effects call an equation -> its name here, where that differs.
         branch: of the parameters that switches effects on in the model.
         simpler: effects that the model has already -> makes the system without that one.
-        limits: channel -> values that it cannot leave, in its unit.
+        limits: channel or input -> values that it cannot leave, in its unit.
         input_period: parameter in a bag's metadata that says how often the inputs changed, s.
         late: s, by which the model's inputs act later than recorded; effects with `late` count from there.
         unusable: experiments that effects name and whose recordings cannot be searched.
@@ -284,6 +284,10 @@ class System:
         units |= {rate: f"{of_state[state]}/s" for rate, state in self.derived.items() if state in of_state}
         units |= {"time": "s", **dict.fromkeys(self.inputs, "V"), **self.input_units}
         return units.get(name, "")
+
+    def is_absolute(self, name: str) -> bool:
+        """Return whether a signal is a pressure that counts from vacuum: its limits do not begin below 0."""
+        return self.unit(name) == "Pa" and self.limits.get(name, (0.0, 0.0))[0] >= 0.0
 
     def experiments(self, effect: str) -> tuple[str, ...]:
         """Return the experiments that would show an effect, or part it from others, and can be searched."""

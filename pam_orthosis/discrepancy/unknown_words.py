@@ -4,6 +4,7 @@
 from typing import Any
 
 from pam_orthosis.discrepancy.description import Description, holder
+from pam_orthosis.discrepancy.events import Event
 from pam_orthosis.discrepancy.system import System, Values
 from pam_orthosis.discrepancy.unknown import Unknown
 
@@ -32,15 +33,17 @@ def unknown_words(system: System, unknown: Unknown, shares: Values | None = None
         return [line for one in unknown.descriptions for line in _words(system, one, where)]
     if unknown.events:
         (equation,) = (one for one in system.equations if one.name == unknown.equation)
-        unit = system.entries_of(equation.channels[0])[0].unit
-        pushes = [
-            f"{event.time:.1f} s ({event.size:+.2g} {unit} for {event.seconds:.1f} s)"
-            for event in unknown.events[:MOST_EVENTS]
-        ]
-        return [f"unknown {where}: of nothing that was measured; pushes at {', '.join(pushes)}"]
+        several = len(equation.channels) > 1
+        pushes = ", ".join(_push(system, event, several) for event in unknown.events[:MOST_EVENTS])
+        return [f"unknown {where}: of nothing that was measured; pushes at {pushes}"]
     if (shares or {}).get("time", 0.0) >= DRIFTING:
         return [f"unknown {where}: it changes with time: a sensor's zero that drifts, what wears or warms?"]
     return [f"unknown {where}: it depends on nothing that was measured, alone"]
+
+
+def _push(system: System, event: Event, named: bool) -> str:
+    unit, of = system.entries_of(event.channel)[0].unit, f" of {event.channel}" if named else ""
+    return f"{event.time:.1f} s ({event.size:+.2g} {unit}{of} for {event.seconds:.1f} s)"
 
 
 def _words(system: System, one: Description, where: str) -> list[str]:

@@ -15,7 +15,7 @@ from scipy.signal import welch
 
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.run import Run
-from pam_orthosis.discrepancy.system import Names, Values
+from pam_orthosis.discrepancy.system import Values
 
 DRAWS = 5
 NEIGHBOURS = 5  # frequencies that are averaged above the lowest ones
@@ -66,29 +66,24 @@ def _upper_power(residual: np.ndarray, period: float) -> float:
 
 
 def noise_whitener(
-    replay: Replay,
-    run: Run,
-    effects: Names,
-    values: Values,
-    noise: Values,
-    cutoff: float,
-    warm_up: int,
-    seed: int = 0,
+    replay: Replay, run: Run, noise: Values, cutoff: float, warm_up: int, seed: int
 ) -> tuple[Whitener, dict[str, float]]:
     """Return the whitener of one run and each channel's rms of noise alone, from replays with noise added.
+
+    The model has no effects.
 
     Args:
         noise: channel or input -> standard deviation.
         warm_up: samples at the start to leave out.
     """
-    rng = np.random.default_rng(seed)
+    rng, values = np.random.default_rng(seed), replay.defaults(())
     spectra: dict[str, list[np.ndarray]] = {}
     for _ in range(DRAWS):
         added = {key: sd * rng.standard_normal(run.recording.samples) for key, sd in noise.items()}
         noisy = Run(replay.system, run.recording, cutoff, added)
         for equation in replay.system.equations:
-            change = replay.residuals(noisy, equation, effects, values)
-            change = change - replay.residuals(run, equation, effects, values)
+            change = replay.residuals(noisy, equation, (), values)
+            change = change - replay.residuals(run, equation, (), values)
             for i, channel in enumerate(equation.channels):
                 spectra.setdefault(channel, []).append(_density(change[warm_up:, i]))
         replay.forget(noisy)

@@ -130,7 +130,7 @@ def _with_pressure(pressure: np.ndarray, x: np.ndarray) -> list[np.ndarray]:
 
 
 def slip_element(position: np.ndarray, distance: float) -> np.ndarray:
-    """Return the state, -1 .. 1, of an elastic element that slides beyond a distance (m)."""
+    """Return the state, -1 .. 1, of an elastic element that slides beyond a distance (as the position)."""
     state, states = 0.0, np.zeros_like(position)
     for index, step in enumerate(np.diff(position) / distance, start=1):
         state = min(max(state + step, -1.0), 1.0)

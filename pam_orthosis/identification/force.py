@@ -14,6 +14,7 @@ them alike. Intervals are those of whole clusters, each left out in turn (the de
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
 import numpy as np
 from scipy import fft, stats
@@ -246,13 +247,20 @@ def cluster_spread(parts: Sequence[np.ndarray], kind: str) -> np.ndarray | None:
     count = len(parts)
     if count < LEAST_REPEATS:
         return None
-    solved = [_solved(np.vstack([*parts[:i], *parts[i + 1 :]])) for i in range(count)]
+    before, after = _folded_up(parts), _folded_up(parts[::-1])[::-1]
+    solved = [_solved(np.vstack([before[i], after[i]])) for i in range(count)]
     if any(one is None for one in solved):
         return None
     deviation = np.array(solved) - np.mean(solved, axis=0)
     variance = (count - 1) / count * np.sum(deviation**2, axis=0)
     # a single repeat scatters `count` times as much as the fit to all, which scatters too
     return np.sqrt(variance * (count + 1 if kind == REPEATS else 1))
+
+
+def _folded_up(parts: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return the triangle of what is before each part."""
+    none = np.zeros((0, parts[0].shape[1]))
+    return list(accumulate(parts[:-1], lambda r, one: triangle([np.vstack([r, one])]), initial=none))
 
 
 def _solved(rows: np.ndarray) -> np.ndarray | None:

@@ -12,7 +12,7 @@ def grouped(values: np.ndarray, gap: float, widest: float, most: int) -> np.ndar
     """Return the mean of each value's group: values nearer than a gap belong together.
 
     What was swept, so that a group would be wider than `widest` or there are more than `most`, is cut into
-    `BINS` equal parts.
+    equal parts.
     """
     order = np.argsort(values, kind="stable")
     member = np.empty(len(values), int)

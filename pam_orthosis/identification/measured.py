@@ -22,6 +22,7 @@ from pam_orthosis.identification.samples import (
 from pam_orthosis.identification.table import Table, read_table
 
 BREAK = 10.0  # times the usual step: the recording was stopped in between
+MOST = 300  # runs of a table, and repeats: each is left out in turn
 
 
 class Parts(NamedTuple):
@@ -44,9 +45,10 @@ def table_parts(path: Path, nominal: float, ambient: float, serial: int) -> Part
     _check_lengths(path, contraction, nominal)
     if table.volume is not None:
         return Parts(volumes=Volumes(table.pressure, contraction, table.volume))
+    _check_time(path, table.time)
     if table.mass is not None:
         return Parts(decay=_decay(path, table, contraction))
-    return Parts(_samples(table, contraction, serial), marked=table.marked)
+    return Parts(_samples(path, table, contraction, serial), marked=table.marked)
 
 
 def _check_lengths(path: Path, contraction: np.ndarray, nominal: float) -> None:
@@ -57,6 +59,19 @@ def _check_lengths(path: Path, contraction: np.ndarray, nominal: float) -> None:
             f"{path}: lengths do not fit a nominal length of {nominal:g} m;"
             " give --nominal-length-m or --muscle, and check the unit"
         )
+
+
+def _check_time(path: Path, time: np.ndarray | None) -> None:
+    if time is not None and not (steps := np.diff(time)).all():
+        raise OrthosisError(
+            f"{path}: two rows have the time {time[np.argmin(steps != 0)]:g} s; write it with more digits, or"
+            " leave its column out"
+        )
+
+
+def _check_count(path: Path, what: str, numbers: np.ndarray, advice: str) -> None:
+    if (count := len(np.unique(numbers))) > MOST:
+        raise OrthosisError(f"{path}: {count} {what}, {MOST} at most; {advice}")
 
 
 def _decay(path: Path, table: Table, contraction: np.ndarray) -> Decay:
@@ -70,12 +85,15 @@ def _decay(path: Path, table: Table, contraction: np.ndarray) -> Decay:
     return Decay(table.time - table.time[0], contraction, table.pressure, table.force, float(table.mass[0]))
 
 
-def _samples(table: Table, contraction: np.ndarray, serial: int) -> Samples:
+def _samples(path: Path, table: Table, contraction: np.ndarray, serial: int) -> Samples:
     zero = np.zeros(len(table.force))
     sigma = table.sigma if table.sigma is not None else zero + 1.0
     rate, sense, run = table.rate, table.direction, zero - 1
+    if table.repeat is not None:
+        _check_count(path, "repeats", table.repeat, "number whole measurements, not their rows")
     if table.time is not None:
         run = serial + _runs(table.time)
+        _check_count(path, "runs (the time goes back or leaps)", run, "sort the rows, or drop the time")
         rate, sense = _moved(table, contraction, run, rate, sense)
     return Samples(
         table.pressure, contraction, zero if rate is None else rate, table.force, sigma,
@@ -87,7 +105,7 @@ def _runs(time: np.ndarray) -> np.ndarray:
     """Return a number for each row, another one after the time goes back or leaps."""
     steps = np.diff(time)
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
-    return np.concatenate([[0], np.cumsum((steps <= 0) | (steps > BREAK * usual))])
+    return np.concatenate([[0], np.cumsum((steps < 0) | (steps > BREAK * usual))])
 
 
 def _moved(

@@ -88,7 +88,8 @@ class LiveView(Node):
         self.create_subscription(kind, self._name(topic, leg), callback, qos(latched=True))
 
     def _on_stop(self, leg: str, report: DiagnosticArray) -> None:
-        self._stopped[leg] = report.status[0].level == DiagnosticStatus.ERROR
+        if report.status:
+            self._stopped[leg] = report.status[0].level == DiagnosticStatus.ERROR
 
     def _turn(self) -> None:
         """Do what is due some 20 times a second."""

@@ -29,6 +29,7 @@ from pam_orthosis.bag.topics import CLOCK, DIAGNOSTICS, PLANT, POSITION, SAFETY,
 from pam_orthosis.control.limits import Trip, trips_in
 from pam_orthosis.control.programme import Programme, Stage, read_programme
 from pam_orthosis.control.session import Course, Leg, as_led
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import process
 from pam_orthosis.nodes.layout import PACE, RESTING
@@ -162,6 +163,8 @@ def main() -> int:
     signals, parent = process.caught_signals(), os.getppid()
 
     def lead() -> None:
+        if len(sys.argv) < 2:
+            raise OrthosisError("no programme is given: name its file, session_conductor PROGRAMME")
         node = SessionConductor(read_programme(Path(sys.argv[1])))
         process.spin_while(node, lambda: not (signals or node.over) and os.getppid() == parent)
         course = node.course

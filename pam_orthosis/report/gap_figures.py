@@ -8,7 +8,8 @@ import numpy as np
 
 from pam_orthosis.discrepancy import structure
 from pam_orthosis.discrepancy.curves import Curve
-from pam_orthosis.discrepancy.description import QUANTILE, Description
+from pam_orthosis.discrepancy.description import Description
+from pam_orthosis.discrepancy.findings import QUANTILE
 from pam_orthosis.discrepancy.judgement import Outcome
 from pam_orthosis.discrepancy.structure import missing_rate, order
 from pam_orthosis.report.plots import AFTER, BEFORE, OF_ACTUATORS, REFERENCE, Plot, Trace, bars, dots, line

@@ -2,11 +2,12 @@
 """A fit that went astray: neither does an effect get the credit for it, nor does it hide one."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 from pam_orthosis.discrepancy import beginning, delays, refit, second_chance, select
-from pam_orthosis.discrepancy.candidates import Candidate, Trial, candidate
+from pam_orthosis.discrepancy.candidates import Candidate, Trial, candidate, twins
 from pam_orthosis.discrepancy.delays import _with, or_for_delays
 from pam_orthosis.discrepancy.fit import score
 from pam_orthosis.discrepancy.projection import Projection
@@ -155,10 +156,21 @@ def test_a_sensor_that_only_strained_tolerances_give_to_the_other_muscle_is_that
 
 
 def test_twins_are_the_same_effect_of_another_actuator(bench):
-    twins = bench.system.twins
-    assert twins("extensor_leak") == ("flexor_leak",)
-    assert twins("flexor_pressure_delay") == ("extensor_pressure_delay",)
-    assert not any(twins(name) for name in ("joint_friction", "angle_gain", "valve_delay", "leg_masses"))
+    named = bench.system.twins
+    assert named("extensor_leak") == ("flexor_leak",)
+    assert named("flexor_pressure_delay") == ("extensor_pressure_delay",)
+    assert not any(named(name) for name in ("joint_friction", "angle_gain", "valve_delay", "leg_masses"))
+
+
+def test_a_twin_that_the_model_has_already_is_not_tried_again(sound):
+    problem, null, _ = sound
+
+    def tried(*known):
+        around = SimpleNamespace(problem=problem, base=replace(null, effects=known))
+        return [one.name for one in twins(around, replace(null, effects=(*known, "extensor_leak")))]
+
+    assert set(tried()) == {"flexor_leak"}
+    assert not tried("flexor_leak")
 
 
 LATE = ("angle_delay", "extensor_pressure_delay")

@@ -29,12 +29,14 @@ from pam_orthosis.discrepancy.api import (
     Source,
     System,
     check_system,
+    from_arrays,
     from_bag,
     from_csv,
     load_system,
 )
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.rig import test_rig as rig_system
+from pam_orthosis.discrepancy.system import Entry
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report.gap_figures import _stand_ins
@@ -192,6 +194,9 @@ def test_reading_bags_knows_the_rig_without_changing_the_knee():
 
 def test_a_system_by_hand_and_ours_fit_together():
     check_system(_by_hand())
+    check_system(_leaking())
+    entries = {"x": (Entry("m/s", "leak", "leak.size"),)}
+    check_system(replace(_leaking(), entries=entries, needs={"all": ("u",)}))
     check_system(knee(load()))
     check_system(rig_system(load(), "dmsp_10"))
 
@@ -207,11 +212,36 @@ def test_a_system_by_hand_and_ours_fit_together():
         ({"limits": {"y": (0.0, 1.0)}}, "limits: 'y' is none of x"),
         ({"input_noise": {"u": float("nan")}}, "noise of u: nan is no finite number"),
         ({"equations": (Equation("all", ("x",), ("x",), {}),)}, "it needs the state x and its gain"),
+        ({"places": {"leek": "all"}}, "places: 'leek' is none of leak"),
+        ({"places": {"leak": "al"}}, "place of leak: 'al' is none of all"),
+        ({"places": {}}, "effect leak without one of `places`: stage: 'x' is none of body"),
+        ({"needs": {"al": ("u",)}}, "needs: 'al' is none of "),
+        ({"needs": {"all": ("v",)}}, "needs of all: 'v' is none of u"),
+        ({"derived_twice": {"bent": "y"}}, "derived_twice: 'bent' has to be a state .* 'y' one that one"),
+        ({"derived_twice": {"bent": "x"}}, "with one rate in `derived`"),
+        ({"entries": {"y": (Entry("m"),)}}, "entries: 'y' is none of x"),
+        ({"entries": {"x": ("m",)}}, "entries of x: 'm' is no Entry"),
+        ({"entries": {"x": (Entry("m", size=0.0),)}}, "entries of x: size is 0"),
+        ({"entries": {"x": (Entry("m", parameter="leak.a"),)}}, "parameter of leak: 'a' is none of size"),
     ],
 )
 def test_a_system_that_does_not_fit_together_is_refused(changed, said):
     with pytest.raises(OrthosisError, match=said):
-        check_system(replace(_by_hand(), **changed))
+        check_system(replace(_leaking(), **changed))
+
+
+def _leaking():
+    """The tank by hand, with an effect."""
+    tank, size = _by_hand(), ca.SX.sym("leak.size")
+
+    def assemble(effects):
+        plain, added = tank.assemble(()), "leak" in effects
+        leaking = {"rates": plain.rates - size, "theta": ca.vertcat(plain.theta, size)}
+        return replace(plain, parameters=("decay", "leak.size"), **leaking) if added else plain
+
+    quantity = Quantity("size", 0.1, "m/s", 0.0, 1.0, "leak", 0.0)
+    leak = Effect("leak", "x", (quantity,), None, "A leak.", "test")
+    return replace(tank, catalogue={"leak": leak}, places={"leak": "all"}, assemble=assemble)
 
 
 def test_a_forgotten_symbol_is_named():
@@ -279,6 +309,45 @@ def test_the_builder_finds_out_what_the_engine_has_to_know():
     passed = (0.5 + 0.1) * (3.0 - 2.0) - 0.3 * 1.0
     assert np.array(rates)[:, 0] == pytest.approx([0.7 - passed, passed - 0.2 * 2.0, 3.0 - 1.0])
     assert float(outflow) == pytest.approx(0.2 * 2.0 + 0.3)
+
+
+def test_an_apparatus_at_altitude_has_the_pressure_of_its_air(tmp_path):
+    channels = [Channel("second", "second", "Pa", "Pa", 1.0), Channel("outflow", None, "m/s", "m/s", 1.0)]
+    place = _two_tanks(channels=channels).system()
+    high = _two_tanks(channels=channels, ambient=6.0e4).system()
+    rows = (f"{0.01 * i:.2f},{6.0e4 + i},0.1,0.2" for i in range(100))
+    table = tmp_path / "bolivia.csv"
+    table.write_text("\n".join(["time,second,outflow,pump", *rows]))
+    with pytest.raises(
+        OrthosisError, match=r"At altitude give the ambient pressure .* as `ambient` of a --sy"
+    ):
+        from_csv(table, place)
+    assert from_csv(table, high).signals["second"][0] == pytest.approx(6.0e4, abs=1.0)
+    check_system(high)
+    with pytest.raises(OrthosisError, match=r"ambient: -1\.0 is not above 0"):
+        check_system(replace(high, ambient=-1.0))
+
+
+@pytest.mark.parametrize(
+    ("unit", "limits", "absolute"),
+    [
+        ("Pa", {}, True),
+        ("Pa", {"second": (0.0, 1e6)}, True),
+        ("Pa", {"second": (-1e5, 1e6)}, False),
+        ("m", {}, False),
+    ],
+)
+def test_a_pressure_is_absolute_unless_its_limits_begin_below_0(unit, limits, absolute):
+    channels = [Channel("second", "second", unit, unit, 1.0), Channel("outflow", None, "m/s", "m/s", 1.0)]
+    assert _two_tanks(channels=channels, limits=limits).system().is_absolute("second") is absolute
+
+
+@pytest.mark.parametrize("at", [0, 3])
+def test_a_stamp_that_is_no_number_is_refused(at):
+    arrays = {name: np.arange(9.0) for name in ("time", "second", "outflow")}
+    arrays["time"][at] = np.nan
+    with pytest.raises(OrthosisError, match=f"run: time is not finite at sample {at}"):
+        from_arrays("run", _two_tanks().system(), arrays)
 
 
 def test_parts_are_driven_by_recorded_neighbours():

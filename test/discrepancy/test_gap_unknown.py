@@ -10,13 +10,14 @@ import pytest
 from pam_orthosis.control import effects
 from pam_orthosis.discrepancy import beginning, curve_fit, description, patch, unknown
 from pam_orthosis.discrepancy.data import from_arrays
+from pam_orthosis.discrepancy.events import Event
 from pam_orthosis.discrepancy.injection import Injection, injection
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.measure import over_noise
 from pam_orthosis.discrepancy.problem import Problem, Scored
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.run import Run
-from pam_orthosis.discrepancy.system import Entry
+from pam_orthosis.discrepancy.system import Channel, Entry, Equation, System
 from pam_orthosis.discrepancy.unknown import Unknown
 from pam_orthosis.discrepancy.unknown_words import short, unknown_as_dict, unknown_words
 from pam_orthosis.discrepancy.whitening import Whitener
@@ -142,12 +143,22 @@ def test_pushes_at_instants_of_their_own_are_events(bench, reported):
     assert [event.size for event in found.events] == pytest.approx([1.5] * 3, rel=0.35)
     (line,) = unknown_words(bench.system, found)
     assert "of nothing that was measured; pushes at 4.0 s (+1." in line
+    assert " N m for 0." in line
+    assert {event.channel for event in found.events} == {"angle"}
     assert short(bench.system, found) == "3 pushes (4.0 s, 7.3 s, 10.1 s)"
     bare = replace(found, events=())
     assert unknown_words(bench.system, bare)[0].endswith("depends on nothing that was measured, alone")
     (drifting,) = unknown_words(bench.system, bare, {"time": 0.6, "angle": 0.1})
     assert "it changes with time: a sensor's zero that drifts" in drifting
     assert unknown_words(bench.system, bare, {"angle": 0.6, "time": 0.1}) == unknown_words(bench.system, bare)
+
+
+def test_a_push_has_the_unit_of_its_channel():
+    channels = tuple(Channel(name, name, unit, unit, 1.0) for name, unit in (("place", "m"), ("gas", "Pa")))
+    equation = Equation("both", ("place", "gas"), ("place", "gas"), {})
+    system = System("two", channels, (), {}, (equation,), (), {}, lambda effects: None)
+    (line,) = unknown_words(system, Unknown("both", (), (Event("run", "gas", 3.1, 200.0, 0.2),)))
+    assert line.endswith("pushes at 3.1 s (+2e+02 Pa/s of gas for 0.2 s)")
 
 
 def test_a_model_file_carries_a_description(bench, reported, tmp_path):

@@ -148,7 +148,8 @@ def _swapped(arrays):
 def test_pushes_are_no_description(friction):
     """No model can carry what comes at instants of its own, however much of the gap it is."""
     _, outcome, _ = friction
-    pushes = Unknown("torque", (), (Event("run", 3.1, 1.5, 0.2), Event("run", 7.4, -1.2, 0.3)))
+    events = Event("run", "angle", 3.1, 1.5, 0.2), Event("run", "angle", 7.4, -1.2, 0.3)
+    pushes = Unknown("torque", (), events)
     white = {**outcome.after.white, "angle": 25.0}
     open_ = replace(outcome, verdict="unexplained", effects=(), after=Gap(outcome.after.units, white))
     reported = open_.described(pushes)

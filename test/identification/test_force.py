@@ -10,9 +10,11 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.data import Samples
 from pam_orthosis.identification.force import (
     BLOCK,
+    RUNS,
     autocorrelation_time,
     balanced_weights,
     blocks,
+    cluster_spread,
     design,
     fit_force,
     leave_one_out,
@@ -173,3 +175,11 @@ def test_runs_are_told_apart_however_they_are_mixed_with_each_other_and_with_a_t
     alone = [autocorrelation_time(run, np.zeros(900)) for run in runs]
     mixed = np.column_stack([*runs, random.standard_normal(900)]).ravel()
     assert autocorrelation_time(mixed, np.tile([0.0, 1.0, -1.0], 900)) == pytest.approx(np.mean(alone))
+
+
+def test_the_spread_between_clusters_is_that_of_fits_without_each():
+    random = np.random.default_rng(0)
+    parts = [random.standard_normal((7, 4)) for _ in range(5)]
+    without = [np.vstack(parts[:i] + parts[i + 1 :]) for i in range(5)]
+    solved = [np.linalg.lstsq(one[:, :3], one[:, 3])[0] for one in without]
+    assert cluster_spread(parts, RUNS) == pytest.approx(np.std(solved, axis=0) * 2)

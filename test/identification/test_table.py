@@ -139,3 +139,24 @@ def test_data_that_cannot_be_fitted_are_named(tmp_path, capsys):
     path = table(tmp_path, lines)
     assert main(["identify", str(path), "--muscle", "dmsp_20", "--damping", "240"]) == 2
     assert capsys.readouterr().err.splitlines()[-1].startswith(f"pam-orthosis: error: {path}: ")
+
+
+HELD = "t_s,p_Pa_gauge,L_m,F_N,repeat"
+
+
+@pytest.mark.parametrize(
+    ("time", "repeat", "message"),
+    [
+        (lambda i: i // 5 * 0.5, lambda i: 0, "two rows have the time 0 s; write it with more digits"),
+        (lambda i: i % 2, lambda i: 0, r"600 runs .*, 300 at most; sort the rows"),
+        (lambda i: i, lambda i: i, "1200 repeats, 300 at most; number whole measurements"),
+    ],
+)
+def test_a_time_or_repeats_that_give_each_row_a_run_are_refused(tmp_path, time, repeat, message):
+    def read(time, repeat):
+        rows = [f"{time(i)},{200000 + i},{0.29 - 1e-5 * i},300,{repeat(i)}" for i in range(1200)]
+        return read_data([table(tmp_path, [HELD, *rows])], "dmsp_20")
+
+    with pytest.raises(OrthosisError, match=message):
+        read(time, repeat)
+    assert len(read(lambda i: i, lambda i: i // 600).samples) == 1200
