@@ -13,7 +13,7 @@ from scipy.signal import butter, sosfiltfilt
 from pam_orthosis.bag.fields import check_field
 from pam_orthosis.bag.read import KNOWN, PLAUSIBLE, aligned, read_bag
 from pam_orthosis.bag.topics import Signal
-from pam_orthosis.discrepancy.columns import signals_of
+from pam_orthosis.discrepancy.columns import places_of, signals_of
 from pam_orthosis.discrepancy.even import even
 from pam_orthosis.discrepancy.system import Source, System
 from pam_orthosis.errors import OrthosisError
@@ -192,8 +192,13 @@ def from_csv(path: Path, system: System) -> Recording:
         OrthosisError: as `tables.read_numbers`, signals missing, not uniform in time, or values that cannot
             be in the unit that is asked for.
     """
-    signals = signals_of(str(path), system, read_numbers(path), system.ambient)
-    recording = from_arrays(str(path), system, signals)
+    name = str(path)
+
+    def used(columns: Sequence[str]) -> set[str]:
+        return {place.column for place in places_of(name, system, columns).values()}
+
+    signals = signals_of(name, system, read_numbers(path, used), system.ambient)
+    recording = from_arrays(name, system, signals)
     _check_units(recording, system)
     return recording
 

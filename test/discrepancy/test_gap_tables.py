@@ -80,6 +80,18 @@ def test_a_column_may_count_the_other_way_round(system):
     assert (found["angle"] == SI["angle"]).all()
 
 
+def test_a_column_of_remarks_beside_the_signals_is_not_read(system, tmp_path):
+    lines = write(tmp_path / "x.csv", SI).read_text().splitlines()
+    words = ["remark", *("" if row % 2 else "valve sticks, 5.0 V" for row in range(len(TIME)))]
+    file = tmp_path / "remarks.csv"
+    german = (line.replace(",", ";").replace(".", ",") for line in lines)
+    file.write_text("\n".join(f"{line};{word}" for line, word in zip(german, words, strict=True)))
+    found = from_csv(file, system)
+    assert not found.remarks
+    for name, values in found.signals.items():
+        np.testing.assert_allclose(values, SI[name], rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("mapping", "words"),
     [
