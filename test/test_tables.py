@@ -81,9 +81,8 @@ def second_cell(rows, text):
 
 
 BROKEN = {
-    "line 3, column {second}: the cell is empty; write a number": lambda rows: second_cell(rows, " "),
     "line 3, column {second}: 'one' is no number": lambda rows: second_cell(rows, "one"),
-    "line 3, column {second}: 'nan' is not finite": lambda rows: second_cell(rows, "nan"),
+    "line 3, column {second}: 'inf' is not finite": lambda rows: second_cell(rows, "inf"),
     "line 2: {more} cells below {count} names": lambda rows: [rows[0], f"{rows[1]},1"],
     "two columns give '{first}'; leave one": lambda rows: [f"{rows[0]},{rows[0].split(',')[0]}", *rows[1:]],
     "line 2, column {second}: '0,6' is no number; write a point in place of the comma": lambda rows: [
@@ -114,6 +113,18 @@ def test_both_verbs_give_the_same_hint(verb, rows, said, tmp_path, capsys):
     told = capsys.readouterr().err.splitlines()[-1]
     assert str(file) in told
     assert wanted in told
+
+
+@pytest.mark.parametrize(
+    ("cell", "said"), [(" ", "the cell is empty; write a number"), ("nan", "not finite")]
+)
+def test_a_cell_without_a_number_is_nan_only_where_that_is_asked_for(cell, said, tmp_path, capsys):
+    file = tmp_path / "dmsp20.csv"
+    file.write_text("\n".join(second_cell(MUSCLE, cell)))
+    assert main(["identify", str(file)]) == 2
+    assert said in capsys.readouterr().err
+    lengths = read_numbers(file, lost=True)["L_m"]
+    assert np.isnan(lengths).tolist() == [False, True, False, False, False, False]
 
 
 def test_names_are_checked_before_a_long_table_is_read(tmp_path):
