@@ -132,8 +132,8 @@ def from_json(text: str, name: str) -> Any:
         raise OrthosisError(f"{name} is not valid JSON: {_reason(error)}") from error
 
 
-def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield line number and cells of each row of a CSV table, one after the other.
+def csv_rows(path: Path) -> Iterator[tuple[int, list[str], str]]:
+    """Yield line number and cells of each row of a CSV table, one after the other, and what parts cells.
 
     Commas, semicolons or tabs part its columns, as its row of names says.
 
@@ -149,7 +149,7 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
             parting = next((one for one in "\t;" if begun and one in begun[-1]), ",")
             reader = csv.reader(itertools.chain(begun, lines), delimiter=parting)
             for row in reader:
-                yield reader.line_num, row
+                yield reader.line_num, row, parting
         except UnicodeDecodeError as error:
             raise _not_utf8(path, error) from error
         except csv.Error as error:

@@ -4,7 +4,7 @@
 import math
 from array import array
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,31 +12,41 @@ import numpy as np
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.reading import COMMENT, csv_rows, shown
 
+Choose = Callable[[Sequence[str]], Collection[str] | None]
+MARKS = {",": "comma", ".": "point"}
+
 
 def is_table(path: Path) -> bool:
     """Return whether a file is a table, by its name."""
     return path.suffix.lower() == ".csv"
 
 
-def read_numbers(path: Path, check: Callable[[Sequence[str]], None] | None = None) -> dict[str, np.ndarray]:
+def read_numbers(path: Path, choose: Choose | None = None, lost: bool = False) -> dict[str, np.ndarray]:
     """Return name -> column of a table. Comments and rows of empty cells are left out.
 
-    `check` is called with the names before the rows are read.
+    Args:
+        path: of the table.
+        choose: called with the names before the rows are read; it returns which columns are (None: all).
+        lost: an empty cell, or NaN, is NaN; else it is refused.
 
     Raises:
         OrthosisError: unreadable, without names or rows, doubled names, a cell that is no finite number.
     """
     rows = (one for one in csv_rows(path) if _holds_something(one[1]))
-    names = [name.strip() for name in next(rows, (0, []))[1]]
+    _, cells, parting = next(rows, (0, [], ","))
+    names = [name.strip() for name in cells]
     _check_names(path, names)
-    if check:
-        check(names)
-    numbers = array("d")  # row by row: as texts they would take ten times as much
-    for line, row in rows:
-        numbers.extend(_numbers(path, names, line, row))
+    chosen = choose(names) if choose else None
+    wanted = [(at, name) for at, name in enumerate(names) if chosen is None or name in chosen]
+    read, numbers = _Cells(parting, lost), array("d")  # as texts they would take ten times as much
+    for line, row, _ in rows:
+        if len(row) != len(names):
+            raise OrthosisError(f"{path}, line {line}: {len(row)} cells below {len(names)} names")
+        numbers.extend(read.number(row[at], f"{path}, line {line}, column {name}") for at, name in wanted)
     if not numbers:
         raise OrthosisError(f"{path} holds no rows of numbers below its row of names")
-    return dict(zip(names, np.frombuffer(numbers).reshape(-1, len(names)).T, strict=True))
+    columns = np.frombuffer(numbers).reshape(-1, len(wanted)).T
+    return {name: values for (_, name), values in zip(wanted, columns, strict=True)}
 
 
 def _holds_something(row: Sequence[str]) -> bool:
@@ -46,27 +56,39 @@ def _holds_something(row: Sequence[str]) -> bool:
 def _check_names(path: Path, names: Sequence[str]) -> None:
     if not names:
         raise OrthosisError(f"{path} is empty")
-    doubled = [name for name, count in Counter(names).items() if count > 1]
+    doubled = [name for name, count in Counter(names).items() if name and count > 1]
     if doubled:
         raise OrthosisError(f"{path}: two columns give {shown(doubled[0])}; leave one")
 
 
-def _numbers(path: Path, names: Sequence[str], line: int, row: Sequence[str]) -> list[float]:
-    if len(row) != len(names):
-        raise OrthosisError(f"{path}, line {line}: {len(row)} cells below {len(names)} names")
-    return [
-        _number(cell, f"{path}, line {line}, column {name}") for name, cell in zip(names, row, strict=True)
-    ]
+class _Cells:
+    """What cells hold as numbers: with decimal commas where no commas part the columns."""
 
+    def __init__(self, parting: str, lost: bool):
+        self.commas, self.lost, self.mark = parting != ",", lost, ""
 
-def _number(cell: str, where: str) -> float:
-    if not cell.strip():
-        raise OrthosisError(f"{where}: the cell is empty; write a number or leave the row out")
-    try:
-        number = float(cell)
-    except ValueError as error:
-        point = "; write a point in place of the comma" if "," in cell else ""
-        raise OrthosisError(f"{where}: {shown(cell)} is no number{point}") from error
-    if not math.isfinite(number):
-        raise OrthosisError(f"{where}: {shown(cell)} is not finite")
-    return number
+    def number(self, cell: str, where: str) -> float:
+        """Return the number of a cell; OrthosisError if it has none."""
+        text = cell.strip()
+        if not text and not self.lost:
+            raise OrthosisError(f"{where}: the cell is empty; write a number or leave the row out")
+        try:
+            number = float((text.replace(",", ".") if self.commas else text) or "nan")
+        except ValueError as error:
+            what = "no sign between thousands" if self.commas else "a point in place of the comma"
+            hint = f"; write {what}" if "," in cell else ""
+            raise OrthosisError(f"{where}: {shown(cell)} is no number{hint}") from error
+        if not (math.isfinite(number) or (self.lost and math.isnan(number))):
+            raise OrthosisError(f"{where}: {shown(cell)} is not finite")
+        self._check_mark(text, where)
+        return number
+
+    def _check_mark(self, text: str, where: str) -> None:
+        """Check that a table has decimal points or commas: beside the other, one parts thousands."""
+        mark = "," if "," in text else "." if "." in text else self.mark
+        if self.mark and mark != self.mark:
+            raise OrthosisError(
+                f"{where}: {shown(text)} has a {MARKS[mark]}, numbers before it have a {MARKS[self.mark]};"
+                " write decimals with one of them, and no sign between thousands"
+            )
+        self.mark = mark

@@ -44,6 +44,26 @@ def test_semicolons_and_tabs_part_columns_as_commas_do(lines, parting, tmp_path)
     assert all(np.array_equal(one[name], same[name]) for name in one)
 
 
+@pytest.mark.parametrize("parting", [";", "\t"])
+@pytest.mark.parametrize("lines", [MUSCLE, KNEE])
+def test_decimal_commas_are_read_where_no_commas_part_the_columns(lines, parting, tmp_path):
+    plain, german = tmp_path / "plain.csv", tmp_path / "german.csv"
+    plain.write_text("\n".join(lines))
+    german.write_text("\n".join(line.replace(",", parting).replace(".", ",") for line in lines))
+    one, same = read_numbers(plain), read_numbers(german)
+    assert list(one) == list(same)
+    assert all(np.array_equal(one[name], same[name]) for name in one)
+
+
+def test_columns_that_nobody_chooses_hold_what_they_like(tmp_path):
+    file = tmp_path / "remarks.csv"
+    file.write_text("t;remark;q;;\n0;;1,5;;\n1;valve opened, 5.0 V;2;;\n")
+    found = read_numbers(file, lambda names: [name for name in names if name in {"t", "q"}])
+    assert {name: values.tolist() for name, values in found.items()} == {"t": [0.0, 1.0], "q": [1.5, 2.0]}
+    with pytest.raises(OrthosisError, match="line 2, column remark: the cell is empty"):
+        read_numbers(file)
+
+
 def test_identify_reads_what_a_spreadsheet_wrote(tmp_path):
     plain = tmp_path / "plain.csv"
     plain.write_text("\n".join(MUSCLE))
@@ -61,14 +81,21 @@ def second_cell(rows, text):
 
 
 BROKEN = {
-    "line 3, column {second}: the cell is empty; write a number": lambda rows: second_cell(rows, " "),
     "line 3, column {second}: 'one' is no number": lambda rows: second_cell(rows, "one"),
-    "line 3, column {second}: 'nan' is not finite": lambda rows: second_cell(rows, "nan"),
+    "line 3, column {second}: 'inf' is not finite": lambda rows: second_cell(rows, "inf"),
     "line 2: {more} cells below {count} names": lambda rows: [rows[0], f"{rows[1]},1"],
     "two columns give '{first}'; leave one": lambda rows: [f"{rows[0]},{rows[0].split(',')[0]}", *rows[1:]],
     "line 2, column {second}: '0,6' is no number; write a point in place of the comma": lambda rows: [
+        rows[0],
+        ",".join(["0", '"0,6"', *rows[1].split(",")[2:]]),
+    ],
+    "line 2, column {second}: '1.234,5' is no number; write no sign between thousands": lambda rows: [
         rows[0].replace(",", ";"),
-        ";".join(["0", "0,6", *rows[1].split(",")[2:]]),
+        ";".join(["0", "1.234,5", *rows[1].split(",")[2:]]),
+    ],
+    "line 3, column {second}: '0,6' has a comma, numbers before it have a point; write": lambda rows: [
+        *(row.replace(",", ";") for row in rows[:2]),
+        ";".join(["0", "0,6", *rows[2].split(",")[2:]]),
     ],
     "no rows of numbers below its row of names": lambda rows: rows[:1],
     "is empty": lambda _: [],
@@ -86,6 +113,18 @@ def test_both_verbs_give_the_same_hint(verb, rows, said, tmp_path, capsys):
     told = capsys.readouterr().err.splitlines()[-1]
     assert str(file) in told
     assert wanted in told
+
+
+@pytest.mark.parametrize(
+    ("cell", "said"), [(" ", "the cell is empty; write a number"), ("nan", "not finite")]
+)
+def test_a_cell_without_a_number_is_nan_only_where_that_is_asked_for(cell, said, tmp_path, capsys):
+    file = tmp_path / "dmsp20.csv"
+    file.write_text("\n".join(second_cell(MUSCLE, cell)))
+    assert main(["identify", str(file)]) == 2
+    assert said in capsys.readouterr().err
+    lengths = read_numbers(file, lost=True)["L_m"]
+    assert np.isnan(lengths).tolist() == [False, True, False, False, False, False]
 
 
 def test_names_are_checked_before_a_long_table_is_read(tmp_path):

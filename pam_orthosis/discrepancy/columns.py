@@ -7,7 +7,7 @@ signal is; `SIGNAL=-COLUMN` turns its sign round, `SIGNAL=COLUMN:UNIT` gives a u
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -62,6 +62,14 @@ class Unit(NamedTuple):
     gauge: bool = False
 
 
+class Place(NamedTuple):
+    """The column of a signal, +1 or -1 for its direction, and its unit if there is one."""
+
+    column: str
+    sign: float
+    unit: Unit | None
+
+
 def read_mapping(texts: Iterable[str]) -> dict[str, str]:
     """Return signal -> column from texts SIGNAL=COLUMN; OrthosisError for another text or a double."""
     found: dict[str, str] = {}
@@ -87,16 +95,13 @@ def with_columns(system: System, mapping: Mapping[str, str]) -> System:
     return replace(system, sources={**system.sources, **sources})
 
 
-def signals_of(
-    path: str, system: System, columns: Mapping[str, np.ndarray], ambient: float
-) -> dict[str, np.ndarray]:
-    """Return a system's signals, in its units, from the columns of a table.
+def places_of(path: str, system: System, columns: Collection[str]) -> dict[str, Place]:
+    """Return where a table with these columns has a system's signals.
 
     Args:
         path: of the table, for messages.
         system: its sources name columns; another signal is the column of its name, with or without unit.
-        columns: name -> values.
-        ambient: pressure, Pa, which gauge pressures count from.
+        columns: their names.
 
     Raises:
         OrthosisError: no column for a signal that is needed, or not that column, one for two signals, an
@@ -117,10 +122,10 @@ def signals_of(
             raise OrthosisError(
                 f"{path}: column {column} would be {other} and {name}; say by --columns which one it is"
             )
-        unit = _unit(path, given or ("" if column == name or _scales(source) else _split(column)[1]))
-        values = sign * columns[column]
-        scaled = source.factor * values + source.offset
-        found[name] = scaled if unit is None else _in_si(path, system, name, values, unit, ambient)
+        unit = _unit(
+            path, system, name, given or ("" if column == name or _scales(source) else _split(column)[1])
+        )
+        found[name] = Place(column, sign, unit)
     missing = [name for name in ("time", *(channel.name for channel in system.channels)) if name not in found]
     if missing:
         raise OrthosisError(
@@ -130,12 +135,28 @@ def signals_of(
     return found
 
 
+def signals_of(
+    path: str, system: System, columns: Mapping[str, np.ndarray], ambient: float
+) -> dict[str, np.ndarray]:
+    """Return a system's signals, in its units, from the columns of a table; `ambient`, Pa, is gauge 0.
+
+    Raises:
+        OrthosisError: as `places_of`.
+    """
+    found = {}
+    for name, (column, sign, unit) in places_of(path, system, columns).items():
+        source, values = system.sources.get(name, Source()), sign * columns[column]
+        scaled = source.factor * values + source.offset
+        found[name] = scaled if unit is None else _in_si(system, name, values, unit, ambient)
+    return found
+
+
 def _scales(source: Source) -> bool:
     """Return whether a source says itself what leads from the column to the signal."""
     return (source.factor, source.offset) != (1.0, 0.0)
 
 
-def _specified(text: str, columns: Mapping[str, np.ndarray]) -> tuple[str, float, str]:
+def _specified(text: str, columns: Collection[str]) -> tuple[str, float, str]:
     """Return column, sign and unit of what a mapping gives."""
     if text in columns:
         return text, 1.0, ""
@@ -179,23 +200,21 @@ def _known(text: str) -> Unit | None:
     return None
 
 
-def _unit(path: str, text: str) -> Unit | None:
+def _unit(path: str, system: System, name: str, text: str) -> Unit | None:
+    """Return the unit in which a signal is given; None if no text names one."""
     if not text:
         return None
     unit = _known(text)
     if unit is None:
         raise OrthosisError(f"{path}: unknown unit {text}; there are: {', '.join(UNITS)}, and bar gauge")
+    if unit.si != (expected := system.unit(name)):
+        raise OrthosisError(f"{path}: {name} is given in {unit.si}, and needs {expected or 'no unit'}")
     return unit
 
 
-def _in_si(
-    path: str, system: System, name: str, values: np.ndarray, unit: Unit, ambient: float
-) -> np.ndarray:
+def _in_si(system: System, name: str, values: np.ndarray, unit: Unit, ambient: float) -> np.ndarray:
     """Return values in the system's unit; pressures are absolute, unless its limits begin below 0."""
-    expected = system.unit(name)
-    if unit.si != expected:
-        raise OrthosisError(f"{path}: {name} is given in {unit.si}, and needs {expected or 'no unit'}")
-    absolute = system.limits.get(name, (0.0, 0.0))[0] >= 0.0
+    absolute = system.is_absolute(name)
     return unit.factor * values + (ambient if unit.gauge and absolute else 0.0)
 
 

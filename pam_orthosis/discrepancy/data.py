@@ -11,10 +11,11 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from pam_orthosis.bag.fields import check_field
-from pam_orthosis.bag.read import KNOWN, PLAUSIBLE, aligned, read_bag
+from pam_orthosis.bag.read import KNOWN, aligned, read_bag
 from pam_orthosis.bag.topics import Signal
-from pam_orthosis.discrepancy.columns import signals_of
+from pam_orthosis.discrepancy.columns import places_of, signals_of
 from pam_orthosis.discrepancy.even import even
+from pam_orthosis.discrepancy.ranges import in_range
 from pam_orthosis.discrepancy.system import Source, System
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.tables import is_table, read_numbers
@@ -23,7 +24,6 @@ HIGHEST_CUTOFF = 0.4  # of the sampling rate
 LONGEST_PERIOD = 0.5  # s, of samples: above it the time is in another unit
 RARELY = 1.5  # times the period in which inputs change: at it and above, samples are missing between
 LONGEST_LOOP = 0.05  # s: inputs that are held for longer are steps of an experiment
-LEAST_SHARE = 0.79  # of the ambient pressure, below which no actuator open to the air can fall
 
 
 @dataclass(frozen=True)
@@ -68,10 +68,10 @@ def recording(path: Path, system: System, namespace: str = "") -> Recording:
 
 
 def from_arrays(name: str, system: System, arrays: Mapping[str, np.ndarray]) -> Recording:
-    """Return a recording from arrays by signal name, with `time` in s.
+    """Return a recording from arrays by signal name, with `time` in s; a row with a NaN is a missing one.
 
     Raises:
-        OrthosisError: signals missing, not finite, or with too many rows missing.
+        OrthosisError: signals missing, infinite, or with too many rows missing.
     """
     wanted = [*(channel.name for channel in system.channels), *system.inputs]
     missing = [key for key in ("time", *(c.name for c in system.channels)) if key not in arrays]
@@ -83,10 +83,8 @@ def from_arrays(name: str, system: System, arrays: Mapping[str, np.ndarray]) -> 
     for key, values in {"time": time, **signals}.items():
         if len(values) != len(time):
             raise OrthosisError(f"{name}: {key} has {len(values)} samples, time has {len(time)}")
-        if not np.isfinite(values).all():
-            raise OrthosisError(
-                f"{name}: {key} is not finite at sample {int(np.argmin(np.isfinite(values)))}"
-            )
+        if np.isinf(values).any():
+            raise OrthosisError(f"{name}: {key} is infinite at sample {int(np.argmax(np.isinf(values)))}")
     held = set(system.inputs) - set(system.gradual)
     found = even(name, time, signals, held)
     remarks = tuple(f"{name}: {remark}" for remark in found.remarks)
@@ -110,8 +108,7 @@ def from_bag(path: Path, system: System, namespace: str = "") -> Recording:
         raise OrthosisError(f"{path}: {', '.join(names)} have no common stamps")
     scaled = [_scaled(system, name, one) for name, one in zip(names, values, strict=True)]
     arrays = {"time": (stamps - stamps[0]) * 1e-9, **dict(zip(names, scaled, strict=True))}
-    recording = from_arrays(str(path), system, arrays)
-    _check_units(recording, system)
+    recording = _in_range(str(path), system, arrays)
     return with_prompt_inputs(recording, system, bag.parameters.get(system.input_period, recording.period))
 
 
@@ -192,36 +189,25 @@ def from_csv(path: Path, system: System) -> Recording:
         OrthosisError: as `tables.read_numbers`, signals missing, not uniform in time, or values that cannot
             be in the unit that is asked for.
     """
-    signals = signals_of(str(path), system, read_numbers(path), system.ambient)
-    recording = from_arrays(str(path), system, signals)
-    _check_units(recording, system)
-    return recording
+    name = str(path)
+
+    def used(columns: Sequence[str]) -> set[str]:
+        return {place.column for place in places_of(name, system, columns).values()}
+
+    columns = read_numbers(path, used, lost=True)
+    return _in_range(name, system, signals_of(name, system, columns, system.ambient))
 
 
-def _check_units(one: Recording, system: System) -> None:
-    """Check that values can be in SI: neither a table nor a driver's bag names its units."""
+def _in_range(name: str, system: System, arrays: Mapping[str, np.ndarray]) -> Recording:
+    """Return the recording of arrays whose values can be in SI."""
+    inside, remarks = in_range(name, system, arrays)
+    one = from_arrays(name, system, inside)
     if one.period > LONGEST_PERIOD:
         raise OrthosisError(
-            f"{one.name}: its samples are {one.period:g} apart; time must be in s (is it in ms?), samples at"
+            f"{name}: its samples are {one.period:g} apart; time must be in s (is it in ms?), samples at"
             f" most {LONGEST_PERIOD:g} s apart"
         )
-    for name, values in one.signals.items():
-        low, high = float(values.min()), float(values.max())
-        said = f"{one.name}: {name} from {low:g} to {high:g}"
-        if system.is_absolute(name) and low < (bound := LEAST_SHARE * system.ambient):
-            raise OrthosisError(
-                f"{said} is no absolute pressure in Pa, which is {bound:g} or more where the ambient one is"
-                f" {system.ambient:g}: in bar, or gauge? At altitude give the ambient pressure as"
-                " valve.ambient_pressure in --model, as `ambient` of a --system"
-            )
-        unit = system.unit(name)
-        least, most = system.limits.get(name) or PLAUSIBLE.get(unit, (-np.inf, np.inf))
-        if low < least or high > most:
-            flipped = least <= -high and -low <= most
-            sign = f", or turn its sign round by --columns {name}=-COLUMN" if flipped else ""
-            raise OrthosisError(
-                f"{said} leaves {least:g} to {most:g} {unit}; check its unit and its zero{sign}"
-            )
+    return replace(one, remarks=(*remarks, *one.remarks))
 
 
 def smoothed(values: np.ndarray, period: float, cutoff: float) -> np.ndarray:

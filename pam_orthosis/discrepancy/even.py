@@ -13,6 +13,7 @@ UNIFORM = 0.01  # of the period: stamps nearer to it are uniform
 ON_GRID = 0.2  # of the period: rows are missing between stamps that are this near to whole periods
 MOST_BRIDGED = 5  # rows in succession; a longer gap cuts
 MOST_MISSING = 0.05  # of all rows
+MOST_EMPTY = 0.5  # of all rows, with an empty cell
 UNEVEN_SHARE = 0.2  # of the steps: beyond it the stamps say nothing of a period
 _REPEATED = "repeats", "leave out rows that are there twice, or write stamps with more digits"
 _BACK = "goes back behind", "sort the rows, or give what follows as a recording of its own"
@@ -35,26 +36,45 @@ def even(name: str, time: np.ndarray, signals: Signals, held: Collection[str]) -
     Args:
         name: of the recording.
         time: stamps, s.
-        signals: name -> samples.
+        signals: name -> samples. A row in which one is NaN is missing.
         held: names of inputs, which keep their value until the next sample; others are interpolated.
 
     Raises:
         OrthosisError: too few samples, time that does not increase, or too many rows missing.
     """
-    if len(time) < 2:
-        raise OrthosisError(f"{name}: a recording needs more than {len(time)} samples")
-    steps = np.diff(time)
+    stamps = time[~np.isnan(time)]
+    if len(stamps) < 2:
+        raise OrthosisError(f"{name}: a recording needs more than {len(stamps)} samples")
+    steps = np.diff(stamps)
     period = float(np.median(steps))
     if period <= 0 or (steps <= 0).any():
         at = int(np.argmax(steps <= 0))
         told, remedy = _REPEATED if steps[at] == 0 else _BACK
-        raise OrthosisError(f"{name}: time {told} {time[at]:.6g} s, in row {at + 2} of numbers; {remedy}")
+        raise OrthosisError(f"{name}: time {told} {stamps[at]:.6g} s, in row {at + 2} of numbers; {remedy}")
+    time, signals, lost = _complete(name, time, signals)
+    steps = np.diff(time)
     if (np.abs(steps - period) <= UNIFORM * period).all():
-        return Even(float((time[-1] - time[0]) / len(steps)), signals, 0.0)
+        return Even(float((time[-1] - time[0]) / len(steps)), signals, 0.0, lost)
     first, last, words = _longest(time, steps, period)
     part = {key: values[first:last] for key, values in signals.items()}
     whole, more = _filled(name, time[first:last], part, held, period)
-    return Even(whole.period, whole.signals, float(time[first] - time[0]), (*words, *more))
+    return Even(whole.period, whole.signals, float(time[first] - time[0]), (*lost, *words, *more))
+
+
+def _complete(name: str, time: np.ndarray, signals: Signals) -> tuple[np.ndarray, Signals, tuple[str, ...]]:
+    """Return the rows without NaN, and how many have one."""
+    empty = {key: np.isnan(values) for key, values in {"time": time, **signals}.items()}
+    rows = np.any(list(empty.values()), axis=0)
+    if not rows.any():
+        return time, signals, ()
+    most = max(empty, key=lambda key: int(empty[key].sum()))
+    words = (
+        f"{rows.sum()} of {len(rows)} rows have an empty cell or NaN, most in {most}, the first in row"
+        f" {int(np.argmax(rows)) + 1} of numbers"
+    )
+    if rows.mean() > MOST_EMPTY:
+        raise OrthosisError(f"{name}: {words}; at most half may have: fill them, or leave that column out")
+    return time[~rows], {key: values[~rows] for key, values in signals.items()}, (f"{words}: missing rows",)
 
 
 def _longest(time: np.ndarray, steps: np.ndarray, period: float) -> tuple[int, int, list[str]]:

@@ -11,12 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from pam_orthosis.discrepancy.data import Recording
+from pam_orthosis.discrepancy.ranges import LONGEST, SHARE, TIMES
 from pam_orthosis.discrepancy.structure import order
 from pam_orthosis.discrepancy.system import System
 
-LONGEST = 3  # samples
-TIMES = 10.0  # the deviation from the neighbours that all but a hundredth stay below, and the signal's step
-SHARE = 0.99
 BACK = 0.3  # of the jump: by so much at most the samples on both sides differ
 DRIVEN = 0.1, 3.0  # of its range, of what all but a hundredth of its steps stay below: an input drives
 POSITION = 2  # see `order`

@@ -80,6 +80,18 @@ def test_a_column_may_count_the_other_way_round(system):
     assert (found["angle"] == SI["angle"]).all()
 
 
+def test_a_column_of_remarks_beside_the_signals_is_not_read(system, tmp_path):
+    lines = write(tmp_path / "x.csv", SI).read_text().splitlines()
+    words = ["remark", *("" if row % 2 else "valve sticks, 5.0 V" for row in range(len(TIME)))]
+    file = tmp_path / "remarks.csv"
+    german = (line.replace(",", ";").replace(".", ",") for line in lines)
+    file.write_text("\n".join(f"{line};{word}" for line, word in zip(german, words, strict=True)))
+    found = from_csv(file, system)
+    assert not found.remarks
+    for name, values in found.signals.items():
+        np.testing.assert_allclose(values, SI[name], rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("mapping", "words"),
     [
@@ -111,6 +123,77 @@ def test_missing_rows_are_bridged_and_counted():
     expected = np.floor(np.arange(1000) / 10.0)
     expected[[100, 101, 400, 700]] -= 1  # an input keeps its value
     np.testing.assert_array_equal(found.signals["volts"], expected)
+
+
+def with_cells(path, cells):
+    """Write a table with other texts in some cells: (row of numbers, signal) -> text."""
+    lines = [line.split(",") for line in write(path, SI).read_text().splitlines()]
+    for (row, name), text in cells.items():
+        lines[row][list(SI).index(name)] = text
+    path.write_text("\n".join(map(",".join, lines)), encoding="utf-8")
+    return path
+
+
+def test_rows_with_cells_that_hold_nothing_are_missing_rows(system, tmp_path):
+    cells = {(50, "angle"): "", (51, "time"): "", (200, "flexor_pressure"): "NaN", (600, "angle"): "nan"}
+    found = from_csv(with_cells(tmp_path / "x.csv", cells), system)
+    first, second = found.remarks
+    assert "4 of 600 rows have an empty cell or NaN, most in angle, the first in row 50 of numbers" in first
+    assert "3 of 599 rows are missing, at most 2 in a row: interpolated" in second
+    np.testing.assert_allclose(found.signals["angle"], SI["angle"][:-1], atol=1e-5)
+
+
+def test_a_long_stretch_of_empty_cells_cuts(system, tmp_path):
+    cells = {(row, "extensor_pressure"): "" for row in range(101, 301)}
+    found = from_csv(with_cells(tmp_path / "x.csv", cells), system)
+    assert "200 of 600 rows have an empty cell or NaN" in found.remarks[0]
+    assert "rows are missing after 0.198 s: of 2 parts the longest, 300 of 400 rows" in found.remarks[1]
+    np.testing.assert_allclose(found.signals["angle"], SI["angle"][300:], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (
+            range(1, 601),
+            "600 of 600 rows have an empty cell or NaN, most in flexor_voltage, the first in row 1",
+        ),
+        (range(2, 601, 2), "x.csv is not uniform in time: 299 of 599 rows are missing"),
+    ],
+)
+def test_a_signal_that_is_hardly_recorded_is_refused(system, tmp_path, rows, said):
+    with pytest.raises(OrthosisError, match=said):
+        from_csv(with_cells(tmp_path / "x.csv", {(row, "flexor_voltage"): "" for row in rows}), system)
+
+
+@pytest.mark.parametrize("name", ["flexor_pressure", "angle"])
+def test_a_logger_that_drops_out_is_bridged_before_its_range_is_judged(system, tmp_path, name):
+    table = with_cells(tmp_path / "x.csv", dict.fromkeys([(1, name), (100, name), (101, name)], "-9"))
+    found = from_csv(table, system)
+    (remark,) = found.remarks
+    assert f"{name} leaves " in remark
+    assert "in 3 of 600 samples, the first in row 1 of numbers: bridged" in remark
+    np.testing.assert_allclose(found.signals[name], SI[name], rtol=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "rows"),
+    [
+        ("flexor_pressure", range(40, 600, 40)),  # too many
+        ("flexor_pressure", range(100, 104)),  # too long
+        ("flexor_voltage", [100]),  # an input does jump
+    ],
+)
+def test_samples_out_of_range_that_are_no_dropouts_are_counted(system, tmp_path, name, rows):
+    said = f"{name} from -9 .* in {len(rows)} of 600 samples, the first in row {rows[0]} of numbers"
+    with pytest.raises(OrthosisError, match=said):
+        from_csv(with_cells(tmp_path / "x.csv", dict.fromkeys([(row, name) for row in rows], "-9")), system)
+
+
+def test_a_peak_beyond_the_range_is_no_dropout(system, tmp_path):
+    table = {**SI, "angle": SI["angle"] + 1.8001 - SI["angle"].max()}
+    with pytest.raises(OrthosisError, match=r"leaves -0.3 to 1.8 rad in . of 600 samples, the first in row"):
+        from_csv(write(tmp_path / "x.csv", {**table, "time": 5 * TIME}), system)
 
 
 def test_a_long_gap_cuts_and_the_longest_part_is_used():

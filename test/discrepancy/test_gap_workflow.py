@@ -582,14 +582,18 @@ def test_what_spreadsheets_write_is_read(bench, tmp_path):
     assert recorded_nominal(excel) == {}
 
 
+FOUR = "time,angle,extensor_pressure,flexor_pressure\n"
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("time,angle\n0,1\n0.1,\n", "line 3, column angle: the cell is empty"),
-        ("time,angle\n0,1\n\n0.1,one\n", "line 4, column angle: 'one' is no number"),
-        ("time,angle\n0,1,2\n", "line 2: 3 cells below 2 names"),
+        (f"{FOUR}0,1,1,1\n\n0.1,one,1,1\n", "line 4, column angle: 'one' is no number"),
+        (f"{FOUR}0,1,1,1\n0.1,inf,1,1\n", "line 3, column angle: 'inf' is not finite"),
+        (f"{FOUR}0,1,2,1,1\n", "line 2: 5 cells below 4 names"),
         ("time,angle,angle\n0,1,2\n0.1,1,2\n", "two columns give 'angle'"),
-        ("time,angle\n", "no rows of numbers"),
+        ("time,angle\n0,1\n", "no column extensor_pressure, flexor_pressure; there are: time, angle; say"),
+        (FOUR, "no rows of numbers"),
         ("", "is empty"),
     ],
 )
