@@ -262,7 +262,7 @@ def _write(arguments: argparse.Namespace, outcome, data, case: Case, words: str)
     added |= {} if arguments.system else patch.limits(case.parameters, added)
     texts = (
         json.dumps(data, indent=2) + "\n",
-        patch.text({**case.given, **added}),
+        patch.text(patch.kept(case.given) | added),
         page(outcome, words, case.data.experiments),
     )
     made = dict(zip(FILES, texts, strict=True))

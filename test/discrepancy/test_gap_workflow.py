@@ -218,6 +218,9 @@ def test_one_voltage_alone_is_not_called_absent(bench):
 def test_the_verb_writes_json_model_and_page(bench, tmp_path, capsys, page_fits):
     files = [str(table(tmp_path / f"{seed}.csv", bench.arrays(seed, **FRICTION))) for seed in (1, 2)]
     out, nominal = tmp_path / "out", without_delay(tmp_path)
+    for_gap = {"scenario.control_period": 0.002, "gap.evidence.effects": 1}
+    with open(nominal[1], "a", encoding="utf-8") as stream:
+        stream.writelines(f"{key}: {value}\n" for key, value in {**for_gap, "scenario.seed": 3}.items())
     written = ["--out", str(out), "--next", str(tmp_path / "next.csv"), "--json"]
     status = cli.main(["gap", files[0], "--held-out", files[1], *nominal, *written])
     reported = json.loads(capsys.readouterr().out)
@@ -236,7 +239,10 @@ def test_the_verb_writes_json_model_and_page(bench, tmp_path, capsys, page_fits)
     assert f"{reported['effects'][0]['parameters']['coulomb']['value']:.4g} N m" in page
     assert "missing in angle" in page
     model = out / "model.yaml"
-    assert load(patch.read(model)).effects.joint_friction.enabled
+    found = patch.read(model)
+    assert for_gap.items() <= found.items()
+    assert patch.read_nominal(model).keys() == found.keys() - for_gap.keys()  # any verb can take it
+    assert load(found).effects.joint_friction.enabled
     assert cli.main(["gap", *files, "--model", str(model), "--until", "check"]) == 0
     page_fits(out / "gap.html")
 
