@@ -49,7 +49,7 @@ def search(start: Beginning, settings: Section, progress: Progress = silent) -> 
     progress("measuring the gap on held-out recordings")
     outcome = outcome_of(start, found, settings, remarks_on_inputs(found, settings))
     if outcome.verdict not in OPEN:
-        return outcome
+        return outcome.of_mistaken() if start.mistaken else outcome
     if outcome.foreign:
         return outcome.described(None)
     progress("describing what is left")

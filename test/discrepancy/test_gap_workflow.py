@@ -37,9 +37,10 @@ from pam_orthosis.discrepancy.data import (
 from pam_orthosis.discrepancy.findings import Named, in_all
 from pam_orthosis.discrepancy.identifiability import Identifiability, identifiability
 from pam_orthosis.discrepancy.measure import Gap
+from pam_orthosis.discrepancy.recordings import unrecorded_words
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.together import Workers
-from pam_orthosis.discrepancy.verdict import _answer, describe, unrecorded_words
+from pam_orthosis.discrepancy.verdict import _answer, describe
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machines import KNEE
@@ -783,12 +784,11 @@ def test_a_page_that_cannot_be_written_does_not_take_the_verdict_with_it(
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    nothing = SimpleNamespace(problem=None, null=None)
+    nothing = SimpleNamespace(problem=None, null=None, mistaken=False)
     monkeypatch.setattr(beginning, "begin", lambda *_: nothing)
     monkeypatch.setattr(
         "pam_orthosis.discrepancy.identifiability.identifiability", lambda *_: Identifiability({}, (), (), ())
     )
-    monkeypatch.setattr("pam_orthosis.discrepancy.mistakes.mistake_words", lambda *_: "")
     monkeypatch.setattr(workflow, "search", lambda *_: friction)
     monkeypatch.setattr(gap_page, "page", full)
     file = table(tmp_path / "x.csv", bench.arrays(1))
