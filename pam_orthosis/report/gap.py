@@ -16,7 +16,7 @@ from pam_orthosis.report.page import BAD, GOOD, NEUTRAL, Page, Part, listed
 TONES = {"none": GOOD, "recalibrated": GOOD, "explained": GOOD, "unexplained": BAD}
 MEANINGS = {
     "none": "Recalibrated within its tolerances, the model explains the recordings down to their noise.",
-    "recalibrated": "Recalibration leaves noise, but moves parameters far beyond tolerances; no effect is named.",
+    "recalibrated": "Recalibration leaves noise, but moves parameters far; no effect is named.",
     "explained": "Model and recordings differ by more than noise, and what is named below accounts for it.",
     "partial": "The effects below account for a part of the difference; the rest has no name.",
     "described": "A curve describes the difference; the catalogue has no name for its cause.",
