@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which files hold the data that a path stands for, and whether some are given twice."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from pam_orthosis.errors import OrthosisError
@@ -25,3 +25,13 @@ def check_once(paths: Iterable[Path]) -> None:
                 problem = f"{path} is given twice" if path == known[file] else same
                 raise OrthosisError(f"{problem}, and would count twice; give it once")
         known |= dict.fromkeys(data_files(path), path)
+
+
+def check_apart(fitted: Sequence[Path], judging: Sequence[Path]) -> None:
+    """Refuse, by OrthosisError, data that are given twice among or between those to fit and to judge by."""
+    check_once(fitted)
+    check_once(judging)
+    known = {file for path in fitted for file in data_files(path)}
+    for path in judging:
+        if data_files(path) & known:
+            raise OrthosisError(f"{path} is given to fit and to judge by; leave it out of one of the two")

@@ -10,8 +10,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -32,6 +30,7 @@ if TYPE_CHECKING:
     from pam_orthosis.discrepancy.beginning import Beginning
     from pam_orthosis.discrepancy.identifiability import Identifiability
     from pam_orthosis.discrepancy.judgement import Outcome
+    from pam_orthosis.discrepancy.recordings import Recordings
 
 MODEL = "model.yaml"
 FILES = "gap.json", MODEL, "gap.html"
@@ -95,17 +94,14 @@ def execute(arguments: argparse.Namespace) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _check_out(arguments)
     with shown("loading the search") as progress:
-        _check_apart(arguments.measured, arguments.held_out)
         from pam_orthosis.discrepancy.judgement import GOOD
         from pam_orthosis.discrepancy.workflow import search
 
         case = _begun(arguments, progress)
         if not arguments.until:
-            outcome = search(case.start, case.parameters.gap, progress)
-            if case.mistaken and outcome.verdict in GOOD:  # what explains a mistake of the recordings is none
-                outcome = replace(outcome, verdict="partial" if outcome.effects else "unexplained")
+            outcome = search(case.start, case.read.nominal.parameters.gap, progress)
     if arguments.until:
-        print(case.heading + _stages(case.start, case.data, arguments.until))
+        print(case.read.heading + _stages(case.start, case.data, arguments.until))
         if arguments.next:
             _write_next(arguments, None, case)
         return 0
@@ -122,81 +118,30 @@ def execute(arguments: argparse.Namespace) -> int:
 
 
 class Case(NamedTuple):
-    """What was asked: parameters, stages before the search, parameters of --model, what records lack.
+    """What was asked: recordings with their nominal model, stages before the search, what they can show."""
 
-    `assumed`: bags without a record; `unrecorded`: rows that the others lack, and the values taken;
-    `mistaken`: whether the recordings seem to have a mistake.
-    """
-
-    parameters: Any
+    read: Recordings
     start: Beginning
     data: Identifiability
-    given: Mapping[str, Any]
-    assumed: Sequence[Path]
-    unrecorded: Mapping[str, Any]
-    heading: str
-    mistaken: bool
 
 
 def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     """Read the recordings and pass the stages before the search."""
     # scipy and CasADi take a second to load
-    from pam_orthosis.discrepancy import patch
-    from pam_orthosis.discrepancy.apparatus import apparatus_of, unrecorded, without_record
     from pam_orthosis.discrepancy.beginning import begin
-    from pam_orthosis.discrepancy.columns import read_mapping, with_columns
-    from pam_orthosis.discrepancy.data import recording, with_loop_of_table
     from pam_orthosis.discrepancy.identifiability import identifiability
-    from pam_orthosis.discrepancy.mistakes import mistake_words
+    from pam_orthosis.discrepancy.recordings import Asked, read_recordings
     from pam_orthosis.discrepancy.replay import Replay
     from pam_orthosis.discrepancy.together import Workers
-    from pam_orthosis.discrepancy.user_file import load_system
-    from pam_orthosis.discrepancy.verdict import assumed_words, unrecorded_words
-    from pam_orthosis.model.machines import machine_named
-    from pam_orthosis.model.parameters import load
-    from pam_orthosis.tables import is_table
 
-    paths, namespace = [*arguments.measured, *arguments.held_out], arguments.namespace
-    assumed, rows, read = [], {}, recording
-    if arguments.system:
-        given = _search_rows(arguments.model)
-        parameters, system = load(given), load_system(arguments.system)
-    else:
-        machine = machine_named(arguments.machine) if arguments.machine else None
-        apparatus = apparatus_of(paths, machine, namespace)
-        given = patch.read(arguments.model, apparatus.machine) if arguments.model else {}
-        parameters = apparatus.nominal(paths, given, namespace, arguments.model)
-        read = apparatus.read
-        system = apparatus.system(parameters, None)
-        assumed = [] if arguments.machine else without_record(paths, namespace)
-        rows = unrecorded(paths, parameters, apparatus.keys, given, namespace)
-    system = with_columns(system, read_mapping(arguments.columns))
-    heading = assumed_words(assumed, len(paths), arguments.model) + unrecorded_words(rows, parameters)
     workers = Workers(arguments.jobs)
-    every = workers.together(lambda path: read(path, system, namespace), paths, None, progress, "reading")
-    if system.input_period:
-        changed, stated = float(parameters.at(system.input_period)), system.input_period in given
-        every = [
-            with_loop_of_table(one, system, changed, stated) if is_table(path) else one
-            for path, one in zip(paths, every, strict=True)
-        ]
-    training, held_out = every[: len(arguments.measured)], every[len(arguments.measured) :]
-    replay = Replay(system, workers)
-    start = begin(system, training, held_out, parameters.gap, progress, replay)
-    mistaken = mistake_words(start, parameters.gap.replay.cross_cutoff)
+    asked = Asked(**{name: getattr(arguments, name) for name in Asked._fields})
+    read = read_recordings(asked, workers, progress)
+    system, gap = read.nominal.system, read.nominal.parameters.gap
+    start = begin(system, read.training, read.held_out, gap, progress, Replay(system, workers))
     progress("computing what these data can show")
-    data = identifiability(start.problem, start.null, parameters.gap.evidence.threshold, progress)
-    return Case(parameters, start, data, given, assumed, rows, heading + mistaken, bool(mistaken))
-
-
-def _search_rows(model: Path | None) -> dict[str, Any]:
-    """Return what --model changes of the search for a system of the user's."""
-    from pam_orthosis.discrepancy import patch
-
-    given = patch.read(model) if model else {}
-    if foreign := [key for key in given if not key.startswith("gap.")]:
-        raise OrthosisError(f"{foreign[0]} is of a machine; beside --system, --model takes gap.* alone")
-    return given
+    data = identifiability(start.problem, start.null, gap.evidence.threshold, progress)
+    return Case(read, start, data)
 
 
 def _described(case: Case, outcome: Outcome) -> tuple[dict[str, Any], str]:
@@ -204,34 +149,23 @@ def _described(case: Case, outcome: Outcome) -> tuple[dict[str, Any], str]:
     from pam_orthosis.discrepancy.contract import as_dict, identifiability_as_dict
     from pam_orthosis.discrepancy.verdict import describe, describe_data
 
-    assumed = [str(path) for path in case.assumed]
-    known = {"apparatus_assumed": assumed, "parameters_assumed": dict(case.unrecorded)}
+    nominal = case.read.nominal
+    assumed = [str(path) for path in nominal.assumed]
+    known = {"apparatus_assumed": assumed, "parameters_assumed": dict(nominal.unrecorded)}
     data = {**as_dict(outcome), **known, "data": identifiability_as_dict(case.data)}
-    return data, f"{case.heading}{describe_data(case.data)}\n{describe(outcome)}"
+    return data, f"{case.read.heading}{describe_data(case.data)}\n{describe(outcome)}"
 
 
 def _stages(start, data, last: str) -> str:
     """Return in words what the stages before the search found."""
-    from pam_orthosis.discrepancy.verdict import describe_data, describe_replay, describe_where
+    from pam_orthosis.discrepancy.verdict import describe_data, describe_replay, describe_where, remark_lines
 
-    parts = [*(f"remark: {remark}" for remark in start.remarks), describe_data(data)]
+    parts = [*remark_lines(start.remarks), describe_data(data)]
     if last != "check":
         parts.append(describe_replay(start))
     if last == "where":
         parts.append(describe_where(start))
     return "\n".join(parts)
-
-
-def _check_apart(measured: list[Path], held_out: list[Path]) -> None:
-    """Check that no recording is given twice, be it as a bag's folder and as the file in it."""
-    from pam_orthosis.bag.sources import check_once, data_files
-
-    check_once(measured)
-    check_once(held_out)
-    fitted = {file for path in measured for file in data_files(path)}
-    for path in held_out:
-        if data_files(path) & fitted:
-            raise OrthosisError(f"{path} is given to fit and to judge by; leave it out of one of the two")
 
 
 def _check_out(arguments: argparse.Namespace) -> None:
@@ -258,11 +192,11 @@ def _write(arguments: argparse.Namespace, outcome, data, case: Case, words: str)
     from pam_orthosis.discrepancy import patch
     from pam_orthosis.report.gap import page
 
-    added = patch.changes_of(outcome)
-    added |= {} if arguments.system else patch.limits(case.parameters, added)
+    nominal, added = case.read.nominal, patch.changes_of(outcome)
+    added |= {} if arguments.system else patch.limits(nominal.parameters, added)
     texts = (
         json.dumps(data, indent=2) + "\n",
-        patch.text({**case.given, **added}),
+        patch.text(patch.kept(nominal.given) | added),
         page(outcome, words, case.data.experiments),
     )
     made = dict(zip(FILES, texts, strict=True))
@@ -272,10 +206,10 @@ def _write(arguments: argparse.Namespace, outcome, data, case: Case, words: str)
 def _write_next(arguments: argparse.Namespace, outcome, case: Case) -> None:
     from pam_orthosis.cli.gap_next import advice, next_experiment, references
 
-    name = next_experiment(outcome, case.data.experiments)
+    name, parameters = next_experiment(outcome, case.data.experiments), case.read.nominal.parameters
     if name:
         with instead_of_out("--next"):
-            write_text(arguments.next, references(name, case.parameters))
+            write_text(arguments.next, references(name, parameters))
     if not arguments.json:
         none = f"next: no experiment is known that would show more; {arguments.next} is not written"
-        print(advice(name, case.parameters) if name else none)
+        print(advice(name, parameters) if name else none)

@@ -11,6 +11,7 @@ from pam_orthosis.discrepancy.data import Recording
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.glitches import without_glitches
 from pam_orthosis.discrepancy.measure import Samples
+from pam_orthosis.discrepancy.mistakes import mistake_words
 from pam_orthosis.discrepancy.problem import Problem, Scored
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.room import check_room
@@ -36,6 +37,7 @@ class Beginning:
         held_out: recordings that judge.
         floor: what noise alone leaves in them.
         remarks: on the recordings.
+        mistaken: whether one of these says that they seem to have a mistake.
     """
 
     system: System
@@ -44,6 +46,7 @@ class Beginning:
     held_out: Problem
     floor: measure.Gap
     remarks: tuple[str, ...]
+    mistaken: bool = False
 
     def configured(self, judged: Samples | None = None) -> measure.Gap:
         """Return the gap of the model as configured; `judged`: the samples that count (all)."""
@@ -93,7 +96,10 @@ def begin(
     check.check_motion(system, held_out, "the judgement")
     progress("compiling the model")
     problem, judge, floor = prepared(replay, training, held_out, settings)
-    return Beginning(system, *refit.recalibrated(problem, progress), judge, floor, tuple(remarks))
+    recalibrated = refit.recalibrated(problem, progress)
+    mistake = mistake_words(judge, settings.replay.cross_cutoff)
+    remarks += [mistake] * bool(mistake)
+    return Beginning(system, *recalibrated, judge, floor, tuple(remarks), bool(mistake))
 
 
 def _without(system: System, missing: Sequence[str]) -> System:

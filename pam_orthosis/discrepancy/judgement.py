@@ -60,7 +60,8 @@ class Outcome:
     `look_alikes` and `separated_by` are those of the first effect. `from_configured` names the closures that
     count from the configured model, since recalibration closed the gap already. `surrogates` are effects of
     the model that are no explanation; `empty` the parameters (as `EFFECT.PARAMETER`) at values where effects
-    are not what their names say. `unknown` describes what is left.
+    are not what their names say. `unknown` describes what is left. `mistaken`: the verdict would be a better
+    one, but the recordings seem to have a mistake.
     """
 
     system: System
@@ -86,6 +87,12 @@ class Outcome:
     held_out: Problem = field(repr=False)
     unknown: Unknown | None = None
     foreign: bool = False
+    mistaken: bool = False
+
+    def of_mistaken(self) -> Outcome:
+        """Return the outcome of recordings that seem mistaken: what explains a mistake is no explanation."""
+        verdict = "partial" if self.effects else "unexplained"
+        return replace(self, verdict=verdict, mistaken=True)
 
     def described(self, left: Unknown | None) -> Outcome:
         """Return the outcome with what can be said of what is left."""

@@ -10,41 +10,43 @@ from dataclasses import replace
 import numpy as np
 
 from pam_orthosis.discrepancy import measure
-from pam_orthosis.discrepancy.beginning import Beginning
 from pam_orthosis.discrepancy.problem import Problem, Scored
 from pam_orthosis.discrepancy.run import Run
 from pam_orthosis.discrepancy.system import System
 
 Signals = Mapping[str, np.ndarray]
+CHECK = "CHECK THE RECORDINGS"
 SUSPECT, BETTER = 20.0, 4.0  # times the noise that a mistake leaves; the factor by which mending it must help
 
 
-def mistake_words(start: Beginning, cutoff: float) -> str:
-    """Return the line on the mistake that the recordings seem to have; empty if none.
+def mistake_words(held_out: Problem, cutoff: float) -> str:
+    """Return what is said of the mistake that held-out recordings seem to have; empty if none.
 
     `cutoff`: with which neighbouring signals are smoothed, Hz.
     """
-    own = start.configured().white[measure.OVERALL]
+    own = _gap(held_out)
     if own < SUSPECT:
         return ""
-    fits = {words: _fit(start, changed, cutoff) for words, changed in _mistakes(start)}
+    fits = {words: _fit(held_out, changed, cutoff) for words, changed in _mistakes(held_out)}
     words = min(fits, key=lambda one: fits[one], default="")
     if not words or not fits[words] * BETTER <= own:
         return ""
-    times = own / fits[words]
-    return f"CHECK THE RECORDINGS: the model as configured fits them {times:.1f} times better {words}\n"
+    return f"{CHECK}: the model as configured fits them {own / fits[words]:.1f} times better {words}"
 
 
-def _fit(start: Beginning, changed: list[Signals], cutoff: float) -> float:
+def _gap(held_out: Problem) -> float:
+    """Return the gap of the model as configured."""
+    return measure.gap_at(held_out, (), held_out.replay.defaults(())).white[measure.OVERALL]
+
+
+def _fit(held_out: Problem, changed: list[Signals], cutoff: float) -> float:
     """Return the gap of the model as configured to held-out recordings with other signals."""
-    held_out = start.held_out
     scored = [
-        Scored(_run(start.system, one, signals, cutoff), one.whiten, one.warm_up)
+        Scored(_run(held_out.system, one, signals, cutoff), one.whiten, one.warm_up)
         for one, signals in zip(held_out.scored, changed, strict=True)
     ]
-    values = held_out.replay.defaults(())
     with np.errstate(all="ignore"):
-        overall = measure.gap_at(Problem(held_out.replay, scored), (), values).white[measure.OVERALL]
+        overall = _gap(Problem(held_out.replay, scored))
     for one in scored:
         held_out.replay.forget(one.run)
     return overall if np.isfinite(overall) else np.inf
@@ -55,10 +57,10 @@ def _run(system: System, one: Scored, signals: Signals, cutoff: float) -> Run:
     return Run(system, replace(recording, signals={**recording.signals, **signals}), cutoff)
 
 
-def _mistakes(start: Beginning) -> Iterator[tuple[str, list[Signals]]]:
+def _mistakes(held_out: Problem) -> Iterator[tuple[str, list[Signals]]]:
     """Yield each mistake that there may be, and the signals of the held-out recordings without it."""
-    system = start.system
-    recorded = [one.run.recording.signals for one in start.held_out.scored]
+    system = held_out.system
+    recorded = [one.run.recording.signals for one in held_out.scored]
     pressures = [one.name for one in system.channels if one.unit == "Pa" and _absolute(system, one.name)]
     voltages = [name for name in system.inputs if system.unit(name) == "V"]
     for gauge in dict.fromkeys([tuple(pressures), *((name,) for name in pressures)] if pressures else ()):

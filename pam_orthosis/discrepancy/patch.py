@@ -26,6 +26,7 @@ DESCRIBED = "described"  # verdict
 HEADING = "# Model of the gap workflow: overrides by dotted key, for `--model` and `parameters.load`.\n"
 OF_NOMINAL = tuple(f"{branch}." for branch in NOMINAL if branch != "scenario")
 PLANNED = "scenario.plan."
+OF_GAP = "gap.", "scenario.control_period"  # how recordings are to be read: nothing to a run
 SUPPLY, HIGHEST = "valve.supply_pressure", "control.position.maximum_pressure"
 REACH = 0.97  # of a supply pressure: what a controller asks of a muscle at most
 
@@ -79,6 +80,12 @@ def text(changed: Mapping[str, Any]) -> str:
     return HEADING + str(yaml.safe_dump(dict(changed), sort_keys=False))
 
 
+def kept(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what was given for a search without what is of a run, which verbs that run refuse in a file."""
+    of_run = [key for key in given if key.startswith("scenario.") and not key.startswith((PLANNED, *OF_GAP))]
+    return {key: value for key, value in given.items() if key not in of_run}
+
+
 def write(path: Path, changed: Mapping[str, Any]) -> None:
     """Write a model file; OrthosisError if it exists or cannot be written."""
     write_text(path, text(changed))
@@ -126,10 +133,12 @@ def _check_modelled(changed: Mapping[str, Any]) -> None:
 def read_nominal(path: Path, machine: Machine | None = None) -> dict[str, Any]:
     """Return the overrides of a file that holds the controllers' nominal model, a plan included; see `read`.
 
+    What the file has for `gap` is left out.
+
     Raises:
         OrthosisError: as `read`; it has a parameter of the hardware or of the run.
     """
-    changed = read(path, machine)
+    changed = {key: value for key, value in read(path, machine).items() if not key.startswith(OF_GAP)}
     for key in changed:
         if not key.startswith((*OF_NOMINAL, PLANNED)):
             raise OrthosisError(f"{path}: {key} is not of the nominal model; give it by --param")

@@ -2,8 +2,6 @@
 """What the workflow found, as words."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
 
 from pam_orthosis.discrepancy.beginning import Beginning
 from pam_orthosis.discrepancy.confirmation import at_values
@@ -12,34 +10,14 @@ from pam_orthosis.discrepancy.findings import Named, in_all
 from pam_orthosis.discrepancy.identifiability import Identifiability
 from pam_orthosis.discrepancy.judgement import FAR_STRAIN, Outcome, beyond, moved_beyond
 from pam_orthosis.discrepancy.measure import OVERALL, over_noise
+from pam_orthosis.discrepancy.mistakes import CHECK
 from pam_orthosis.discrepancy.structure import Where, clean
 from pam_orthosis.discrepancy.system import Channel, System, Values
 from pam_orthosis.discrepancy.unknown_words import short, unknown_words
-from pam_orthosis.model.parameters import Parameters, experiments, scenario_names
+from pam_orthosis.model.parameters import experiments, scenario_names
 
 LABEL = 25  # characters of the first column, at least
 MOST_NAMED, MOST_SHOWN = 3, 8  # parameters in one line: of many, and else
-
-
-def assumed_words(files: Sequence[Path], count: int, model: Path | None) -> str:
-    """Return the line on files, of `count`, without a record of their apparatus; empty if all do."""
-    if not files:
-        return ""
-    more = f" and {len(files) - 1} more" if len(files) > 1 else ""
-    taken = "the default knee" if len(files) == count else "the apparatus of the other recordings"
-    changed = f" with what {model} changes" if model else ""
-    listed = f"{files[0]}{more} without a record of parameters, read as {taken}{changed}"
-    return f"the apparatus is assumed: {listed}\n"
-
-
-def unrecorded_words(rows: Mapping[str, Any], parameters: Parameters) -> str:
-    """Return the line on the apparatus' rows that are missing in a record, with the values taken, or none."""
-    if not rows:
-        return ""
-    first = [f"{key} = {rows[key]} {parameters.row(key).unit}" for key in list(rows)[:MOST_NAMED]]
-    more = f" and {len(rows) - len(first)} more" if len(rows) > len(first) else ""
-    taken = f"{', '.join(first)}{more}; give what is right with --model"
-    return f"recorded by a version without these parameters; taken: {taken}\n"
 
 
 def describe_data(data: Identifiability) -> str:
@@ -63,6 +41,11 @@ def _experiment(purpose: str, scenario: str) -> list[str]:
     if scenario not in known:
         return [f"{purpose}: {emulated}"]
     return [f"{purpose}: {known[scenario]}", f"  emulated by: {emulated}"]
+
+
+def remark_lines(remarks: Sequence[str]) -> list[str]:
+    """Return a line for each remark; one on a mistake of the recordings speaks for itself."""
+    return [one if one.startswith(CHECK) else f"remark: {one}" for one in remarks]
 
 
 def describe_replay(start: Beginning) -> str:
@@ -124,7 +107,7 @@ def describe(outcome: Outcome) -> str:
     ]
     lines += [f"best surrogate, no explanation: {one.name}" for one in outcome.surrogates]
     lines += _others(outcome)
-    lines += [f"remark: {remark}" for remark in outcome.remarks]
+    lines += remark_lines(outcome.remarks)
     lines += _left(outcome)
     if outcome.unknown is not None:
         shares = {one.equation: one.coordinates for one in outcome.where}
@@ -271,6 +254,9 @@ def _answer(outcome: Outcome) -> str:
     worst = max(kept, key=lambda name: kept[name])
     left = f"in the {worst} equation {kept[worst]:.1f} times the noise is left{_emptied(outcome)}"
     bent = ", and nuisance parameters are far outside their tolerance" if _far(outcome.strained) else ""
+    if outcome.mistaken:
+        maybe = f"{names or 'recalibration'} may only make up for it"
+        return f"{outcome.verdict.upper()}: the recordings seem to have a mistake ({CHECK}); {maybe}"
     words = {
         "none": _none(outcome) if outcome.verdict == "none" else "",
         "recalibrated": _recalibrated(outcome, names) if outcome.verdict == "recalibrated" else "",

@@ -51,7 +51,7 @@ def search(start: Beginning, settings: Section, progress: Progress = silent) -> 
     remarks = remarks_on_agreement(found.final_problem, start.held_out, found.final)
     outcome = outcome_of(start, found, settings, [*remarks, *remarks_on_inputs(found, settings)])
     if outcome.verdict not in OPEN:
-        return outcome
+        return outcome.of_mistaken() if start.mistaken else outcome
     if outcome.foreign:
         return outcome.described(None)
     progress("describing what is left")

@@ -62,7 +62,7 @@ class Gap:
 
     Attributes:
         outcome: all of it.
-        words: what the verb `gap` prints.
+        words: what the verb `gap` prints of it.
         nominal: the model that was searched.
     """
 
@@ -136,34 +136,22 @@ def gap(
         jobs: processes at a time (number of cores); the answer does not depend on it.
 
     Raises:
-        OrthosisError: a recording is unfit, or they are of different machines.
+        OrthosisError: a recording is unfit or given twice, or they are of different machines.
     """
-    from pam_orthosis.discrepancy import patch
-    from pam_orthosis.discrepancy.apparatus import apparatus_of
+    from pam_orthosis.discrepancy.recordings import Asked, read_recordings
     from pam_orthosis.discrepancy.replay import Replay
     from pam_orthosis.discrepancy.together import Workers
     from pam_orthosis.discrepancy.verdict import describe
     from pam_orthosis.discrepancy.workflow import find_gap
 
-    training, held_out = _listed(training), _listed(held_out)
-    if both := [one for one in training for other in held_out if _is_same(one, other)]:
-        name = "a run" if isinstance(both[0], Run) else str(both[0])
-        raise OrthosisError(f"{name} is both training and held out; what was fitted cannot judge")
+    training, held_out, workers = _listed(training), _listed(held_out), Workers(jobs)
     with _bags() as bags:
         fitted, judged = bags.of(training, "training run"), bags.of(held_out, "held-out run")
-        paths, file = [*fitted, *judged], None if model is None else Path(model)
-        apparatus = apparatus_of(paths)
-        given = patch.read(file, apparatus.machine) if file else {}
-        nominal = apparatus.nominal(paths, given, "", file)
-        system = apparatus.system(nominal, None)
-        every = [bags.recording(apparatus.read(path, system, "")) for path in paths]
-        replay = Replay(system, Workers(jobs))
-        outcome = find_gap(system, every[: len(fitted)], every[len(fitted) :], nominal.gap, replay=replay)
-    return Gap(outcome, describe(outcome), nominal)
-
-
-def _is_same(one: Recorded, other: Recorded) -> bool:
-    return one is other or (one == other and not isinstance(one, Run))
+        read = read_recordings(Asked(fitted, judged, None if model is None else Path(model)), workers)
+        learnt, judging = ([*map(bags.recording, some)] for some in (read.training, read.held_out))
+        system, nominal = read.nominal.system, read.nominal.parameters
+        outcome = find_gap(system, learnt, judging, nominal.gap, replay=Replay(system, workers))
+    return Gap(outcome, read.heading + describe(outcome), nominal)
 
 
 def _listed(runs: Iterable[Recorded]) -> list[Recorded]:
@@ -241,6 +229,7 @@ class _Bags:
     def __init__(self, folder: Path):
         self._folder = folder
         self._called: dict[str, str] = {}
+        self._written: dict[int, Path] = {}  # by the run's identity: one that is given twice is one bag
 
     def of(self, runs: Iterable[Recorded], called: str) -> list[Path]:
         """Return the bags of runs, called `called` and their number.
@@ -252,12 +241,13 @@ class _Bags:
 
     def _bag(self, one: Recorded, called: str) -> Path:
         if isinstance(one, Run):
-            return self._written(one, called)
+            known = self._written.get(id(one))
+            return known or self._written.setdefault(id(one), self._save(one, called))
         if isinstance(one, str | Path):
             return Path(one)
         raise OrthosisError(f"{called}: give a run, a bag or a table, not {type(one).__name__}")
 
-    def _written(self, run: Run, called: str) -> Path:
+    def _save(self, run: Run, called: str) -> Path:
         path = self._folder / f"{len(self._called) + 1:04d}"
         self._called[str(path)] = called
         return run.save(path)

@@ -16,12 +16,14 @@ from pam_orthosis.report.page import BAD, GOOD, NEUTRAL, Page, Part, listed
 TONES = {"none": GOOD, "recalibrated": GOOD, "explained": GOOD, "unexplained": BAD}
 MEANINGS = {
     "none": "Recalibrated within its tolerances, the model explains the recordings down to their noise.",
-    "recalibrated": "Recalibration alone leaves noise; what is named below explains it better.",
+    "recalibrated": "Recalibration leaves noise, but moves parameters far; no effect is named.",
     "explained": "Model and recordings differ by more than noise, and what is named below accounts for it.",
     "partial": "The effects below account for a part of the difference; the rest has no name.",
     "described": "A curve describes the difference; the catalogue has no name for its cause.",
     "unexplained": "Model and recordings differ, and nothing in the catalogue accounts for it.",
 }
+NAMED = "Recalibration alone leaves noise; what is named below explains it better."
+MISTAKEN = "The recordings seem to have a mistake; what explains a mistake is no explanation."
 FOREIGN = "The recordings are of another machine than the model, or their columns, signs or units are wrong."
 GAP = (
     "The gap is what remains between recordings and model, above the noise, when parameters are recalibrated"
@@ -49,18 +51,24 @@ def page(outcome: Outcome, words: str, next_experiments: Sequence[str] = ()) -> 
              plots=gap_figures.traces(outcome)),
         Part("All numbers", pre=words, more="as gap prints them"),
     ]  # fmt: skip
-    meant = FOREIGN if outcome.foreign else MEANINGS.get(outcome.verdict)
-    meaning = [text for text in (meant, GAP) if text]
     tone = TONES.get(outcome.verdict, NEUTRAL)
     return Page(
         "gap",
         answer.split()[0].strip(":"),
         tone,
         _headline(outcome, answer),
-        meaning,
+        [_verdict(outcome), GAP],
         parts,
         f"gap search, {outcome.system.name}",
     ).html()
+
+
+def _verdict(outcome: Outcome) -> str:
+    """Return what the verdict means."""
+    if outcome.foreign or outcome.mistaken:
+        return FOREIGN if outcome.foreign else MISTAKEN
+    named = outcome.verdict == "recalibrated" and outcome.effects
+    return NAMED if named else MEANINGS[outcome.verdict]
 
 
 def _headline(outcome: Outcome, answer: str) -> str:

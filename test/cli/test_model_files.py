@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import pam_orthosis.discrepancy.workflow  # noqa: F401  takes `begin` before a test replaces it
+from pam_orthosis.batch import margin
 from pam_orthosis.cli import main as entry
 from pam_orthosis.cli import run
 from pam_orthosis.discrepancy import beginning, knee, patch
@@ -22,6 +23,7 @@ from pam_orthosis.planning import plan as planning
 SCENARIO = "person"
 EFFECTS = ("joint_friction", "creep")
 SWITCH = "effects.joint_friction.enabled"
+FOR_GAP = {"gap.tolerance.extensor_force": 0.03, "scenario.control_period": 0.001}
 
 
 def of_identify(folder):
@@ -46,10 +48,11 @@ def of_plan(folder):
 
 
 def of_gap(folder):
-    """As the verb writes it, beside a plan that was given."""
+    """As the verb writes it, beside what was given for the search of tables, which it keeps."""
     system, out = knee.knee(load()), folder / "model.yaml"
     values = {f"{e}.{q.name}": q.typical for e in EFFECTS for q in system.catalogue[e].parameters}
-    patch.write(out, {"valve.conductance": 2.6e-8, **patch.overrides(system, EFFECTS, values)})
+    given = {"valve.conductance": 2.6e-8, **FOR_GAP, "scenario.cycle_time": 3.0}
+    patch.write(out, patch.kept(given) | patch.overrides(system, EFFECTS, values))
     return out, {SWITCH: True, "valve.conductance": 2.6e-8}
 
 
@@ -84,6 +87,7 @@ def taken(expected, parameters):
 def test_gap_reads_it(written, tmp_path, monkeypatch, capsys):
     file, expected = written
     expected = {key: value for key, value in expected.items() if not key.startswith(patch.PLANNED)}
+    expected |= FOR_GAP if FOR_GAP.keys() & patch.read(file).keys() else {}
     table = tmp_path / "x.csv"  # a recording of another motion than the plan's, without a record of any
     table.write_text("time,angle,extensor_pressure,flexor_pressure\n0,0.5,2e5,2e5\n0.002,0.5,2e5,2e5\n")
     seen, whole = [], knee.knee
@@ -101,6 +105,14 @@ def test_run_reads_it_and_the_hardware_stays(written, tmp_path, monkeypatch, cap
     monkeypatch.setattr(run, "_run", lambda parameters, *_: taken(expected, parameters))
     out = str(tmp_path / "walk")
     assert entry.main(["run", "--scenario", SCENARIO, "--model", str(file), "--out", out]) == 2
+    assert "read and taken" in capsys.readouterr().err
+
+
+def test_margin_reads_it_and_a_run_keeps_its_own_period(written, monkeypatch, capsys):
+    file, expected = written
+    expected = expected | {key: load().flat()[key] for key in FOR_GAP}
+    monkeypatch.setattr(margin, "measure", lambda parameters, *_: taken(expected, parameters))
+    assert entry.main(["margin", "--scenario", SCENARIO, "--model", str(file)]) == 2
     assert "read and taken" in capsys.readouterr().err
 
 

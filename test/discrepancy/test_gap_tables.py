@@ -14,7 +14,7 @@ from pam_orthosis.bag.examples import write_example
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.discrepancy import beginning, between, check, mistakes, stamps
+from pam_orthosis.discrepancy import beginning, between, check, stamps, workflow
 from pam_orthosis.discrepancy.columns import read_mapping, signals_of, with_columns
 from pam_orthosis.discrepancy.confirmation import emptied
 from pam_orthosis.discrepancy.data import (
@@ -30,7 +30,9 @@ from pam_orthosis.discrepancy.mistakes import mistake_words
 from pam_orthosis.discrepancy.stamps import STEP, remarks_on_stamps, skews
 from pam_orthosis.discrepancy.user_file import load_system
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.library import answers
 from pam_orthosis.model.parameters import load, scenario_overrides
+from pam_orthosis.report import gap as gap_page
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TIME = np.arange(600) * 0.002
@@ -236,8 +238,9 @@ def test_a_coordinate_of_the_other_sign_that_nothing_forbids_is_named(tmp_path):
     table, gap = Path(motor_bench.write(tmp_path / "carriage.csv", 1, 0.0)), load().gap
     for one, said in ((system, ""), (turned, "with position of the other sign: turn it round by --columns")):
         start = beginning.begin(one, [from_csv(table, one)], [], gap)
-        assert said in (words := mistake_words(start, gap.replay.cross_cutoff))
-        assert bool(words) == bool(said)
+        assert said in (words := mistake_words(start.held_out, gap.replay.cross_cutoff))
+        assert start.mistaken == bool(words) == bool(said)
+        assert words in ("", *start.remarks)
 
 
 def test_too_many_missing_rows_are_refused():
@@ -337,9 +340,13 @@ def test_voltages_of_a_loop_faster_than_the_table_are_left_out_by_name(
         raise OrthosisError(f"read: {' '.join(one.remarks)}")
 
     monkeypatch.setattr(beginning, "begin", begun)
+    monkeypatch.setattr(workflow, "begin", begun)
+    with pytest.raises(OrthosisError, match="read:") as of_library:
+        answers.gap([table], model=model)
     assert main(["gap", str(table), "--model", str(model)]) == 2
     words = "extensor_voltage, flexor_voltage changed every 1 ms and were recorded every 5 ms: left out"
     told = capsys.readouterr().err
+    assert str(of_library.value) in told
     assert (words in told) != kept
     assert ("record faster, or correct scenario.control_period (of tables by --model)" in told) != kept
 
@@ -413,16 +420,24 @@ def test_what_explains_recordings_that_seem_mistaken_is_no_explanation(bench, tm
     for seed in (1, 2):
         arrays = bench.arrays(seed)
         files.append(str(write(tmp_path / f"{seed}.csv", {name: arrays[name] for name in SI})))
-    (tmp_path / "model.yaml").write_text("valve.dead_band: 0.0\nvalve.delay: 0.0\n", encoding="utf-8")
-    asked = ["gap", files[0], "--held-out", files[1], "--model", str(tmp_path / "model.yaml"), "--json"]
-    assert main(asked) == 0
+    model, mistake = tmp_path / "model.yaml", "CHECK THE RECORDINGS: gauge, it seems"
+    model.write_text("valve.dead_band: 0.0\nvalve.delay: 0.0\n", encoding="utf-8")
+    asked = ["gap", files[0], "--held-out", files[1], "--model", str(model)]
+    assert main([*asked, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["verdict"] in {"none", "recalibrated"}
-    monkeypatch.setattr(mistakes, "mistake_words", lambda *_: "CHECK THE RECORDINGS: gauge, it seems\n")
-    assert main(asked) == 1
-    assert json.loads(capsys.readouterr().out)["verdict"] == "unexplained"
-    assert main([*asked[:-1]]) == 1
-    told = capsys.readouterr().out
-    assert told.startswith("CHECK THE RECORDINGS: gauge") or "\nCHECK THE RECORDINGS: gauge" in told
+    monkeypatch.setattr(beginning, "mistake_words", lambda *_: mistake)
+    assert main([*asked, "--json"]) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert (said["verdict"], mistake in said["remarks"]) == ("unexplained", True)
+    assert main([*asked, "--out", str(tmp_path / "found")]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    last = "UNEXPLAINED: the recordings seem to have a mistake (CHECK THE RECORDINGS); recalibration may only"
+    assert lines[-1].startswith(last)
+    assert lines.count(mistake) == 1
+    assert gap_page.MISTAKEN in (tmp_path / "found" / "gap.html").read_text(encoding="utf-8")
+    found = answers.gap(files[:1], files[1:], model)  # the library says the same
+    assert found.words.splitlines()[-1] == lines[-1]
+    assert found.words.startswith(f"the apparatus is assumed: {files[0]} and 1 more")
 
 
 def test_a_large_skew_that_explains_little_is_none():

@@ -22,10 +22,12 @@ from pam_orthosis.discrepancy.events import Event
 from pam_orthosis.discrepancy.glitches import glitches, without_glitches
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.measure import Gap, closure, over_noise
+from pam_orthosis.discrepancy.recordings import assumed_words
 from pam_orthosis.discrepancy.unknown import Unknown
-from pam_orthosis.discrepancy.verdict import _share, assumed_words, describe
+from pam_orthosis.discrepancy.verdict import _share, describe
 from pam_orthosis.model.machines import KNEE, RIG
 from pam_orthosis.model.parameters import load
+from pam_orthosis.report import gap as gap_page
 
 FRICTION = {"plant__effects__joint_friction__enabled": True, "plant__effects__joint_friction__coulomb": 0.6}
 
@@ -189,6 +191,10 @@ def test_a_parameter_that_is_recalibrated_beyond_its_tolerance_is_said(friction)
             "noise only; it moved furthest: muscle_damping 1.36 times as large (1.8 times its tolerance)"
         )
     )
+    named = replace(reported, effects=outcome.effects)
+    pages = [gap_page.page(one, describe(one)) for one in (reported, named)]
+    for meant, told in ((gap_page.MEANINGS["recalibrated"], [True, False]), (gap_page.NAMED, [False, True])):
+        assert [meant in page for page in pages] == told
     last = describe(reported).splitlines()[-1]
     assert last.startswith(
         "RECALIBRATED: the model leaves noise only with muscle_damping 1.9 times as large (4.5 "

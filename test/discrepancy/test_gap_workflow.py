@@ -37,9 +37,10 @@ from pam_orthosis.discrepancy.data import (
 from pam_orthosis.discrepancy.findings import Named, in_all
 from pam_orthosis.discrepancy.identifiability import Identifiability, identifiability
 from pam_orthosis.discrepancy.measure import Gap
+from pam_orthosis.discrepancy.recordings import unrecorded_words
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.together import Workers
-from pam_orthosis.discrepancy.verdict import _answer, describe, unrecorded_words
+from pam_orthosis.discrepancy.verdict import _answer, describe
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machines import KNEE
@@ -218,6 +219,9 @@ def test_one_voltage_alone_is_not_called_absent(bench):
 def test_the_verb_writes_json_model_and_page(bench, tmp_path, capsys, page_fits):
     files = [str(table(tmp_path / f"{seed}.csv", bench.arrays(seed, **FRICTION))) for seed in (1, 2)]
     out, nominal = tmp_path / "out", without_delay(tmp_path)
+    for_gap = {"scenario.control_period": 0.002, "gap.evidence.effects": 1}
+    with open(nominal[1], "a", encoding="utf-8") as stream:
+        stream.writelines(f"{key}: {value}\n" for key, value in {**for_gap, "scenario.seed": 3}.items())
     written = ["--out", str(out), "--next", str(tmp_path / "next.csv"), "--json"]
     status = cli.main(["gap", files[0], "--held-out", files[1], *nominal, *written])
     reported = json.loads(capsys.readouterr().out)
@@ -236,7 +240,10 @@ def test_the_verb_writes_json_model_and_page(bench, tmp_path, capsys, page_fits)
     assert f"{reported['effects'][0]['parameters']['coulomb']['value']:.4g} N m" in page
     assert "missing in angle" in page
     model = out / "model.yaml"
-    assert load(patch.read(model)).effects.joint_friction.enabled
+    found = patch.read(model)
+    assert for_gap.items() <= found.items()
+    assert patch.read_nominal(model).keys() == found.keys() - for_gap.keys()  # any verb can take it
+    assert load(found).effects.joint_friction.enabled
     assert cli.main(["gap", *files, "--model", str(model), "--until", "check"]) == 0
     page_fits(out / "gap.html")
 
@@ -781,12 +788,11 @@ def test_a_page_that_cannot_be_written_does_not_take_the_verdict_with_it(
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    nothing = SimpleNamespace(problem=None, null=None)
+    nothing = SimpleNamespace(problem=None, null=None, mistaken=False)
     monkeypatch.setattr(beginning, "begin", lambda *_: nothing)
     monkeypatch.setattr(
         "pam_orthosis.discrepancy.identifiability.identifiability", lambda *_: Identifiability({}, (), (), ())
     )
-    monkeypatch.setattr("pam_orthosis.discrepancy.mistakes.mistake_words", lambda *_: "")
     monkeypatch.setattr(workflow, "search", lambda *_: friction)
     monkeypatch.setattr(gap_page, "page", full)
     file = table(tmp_path / "x.csv", bench.arrays(1))

@@ -188,8 +188,10 @@ def test_bash_completes_a_verb_and_its_options(tmp_path, capsys):
         (lambda _: po.simulate("default"), "give parameters, such as po.parameters"),
         (lambda run: po.check([run, run]), "run 1: give a run, a bag or a table, not list"),
         (po.gap, "such as po.gap"),
-        (lambda run: po.gap([run], [run]), "both training and held out"),
-        (lambda _: po.gap([str(WALK)], [str(WALK)]), f"{WALK} is both training and held out"),
+        (lambda run: po.gap([run], [run]), "^training run 1 is given to fit and to judge by"),
+        (lambda _: po.gap([str(WALK)], [str(WALK)]), f"{WALK} is given to fit and to judge by"),
+        (lambda run: po.gap([run, run]), "^training run 1 is given twice"),
+        (lambda _: po.gap([WALK, WALK / "walk_0.mcap"]), "walk_0.mcap and .* are the same recording"),
         (
             lambda _: po.parameters(changes={"plant.effects.backlash.half_width": 0.01}, exact=True),
             "give plant.effects.backlash.enabled: True too",
