@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from pam_orthosis.discrepancy import findings, measure, structure
 from pam_orthosis.discrepancy.beginning import Beginning, strained_parameters
 from pam_orthosis.discrepancy.confirmation import emptied
@@ -99,7 +97,7 @@ class Outcome:
         kept = measure.over_noise(self.system, self.after, self.floor)
         known = left is not None and bool(left.descriptions)
         if left is not None:
-            kept[left.equation] = np.sqrt(1 + (kept[left.equation] ** 2 - 1) * (1 - left.reduced))
+            kept[left.equation] = measure.reduced(kept[left.equation], left.reduced)
         pushed = left is not None and bool(left.events)  # it is moved by what is no part of it
         if self.foreign or (max(kept.values()) > MOST_KEPT and not pushed):
             nothing: dict[str, Any] = dict.fromkeys(

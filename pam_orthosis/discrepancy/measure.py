@@ -66,5 +66,10 @@ def closure(before: float, after: float, floor: float) -> float | None:
     return min((before - after) / (before - floor), 1.0)
 
 
+def reduced(times: float, share: float) -> float:
+    """Return how many times the noise a gap is of which a share of the squares above the noise is removed."""
+    return float(np.sqrt(1 + (times**2 - 1) * (1 - share)))
+
+
 def _rms(pieces: Sequence[np.ndarray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(pieces) ** 2)))

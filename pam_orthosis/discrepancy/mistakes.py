@@ -61,7 +61,7 @@ def _mistakes(held_out: Problem) -> Iterator[tuple[str, list[Signals]]]:
     """Yield each mistake that there may be, and the signals of the held-out recordings without it."""
     system = held_out.system
     recorded = [one.run.recording.signals for one in held_out.scored]
-    pressures = [one.name for one in system.channels if one.unit == "Pa" and _absolute(system, one.name)]
+    pressures = [one.name for one in system.channels if system.is_absolute(one.name)]
     voltages = [name for name in system.inputs if system.unit(name) == "V"]
     for gauge in dict.fromkeys([tuple(pressures), *((name,) for name in pressures)] if pressures else ()):
         added = f"with {system.ambient / 1e5:.3f} bar added to {' and '.join(gauge)}"
@@ -80,7 +80,3 @@ def _mistakes(held_out: Problem) -> Iterator[tuple[str, list[Signals]]]:
                 f"with {asked} exchanged: are these columns mixed up?",
                 [{name: signals[other] for name, other in swapped.items()} for signals in recorded],
             )
-
-
-def _absolute(system: System, name: str) -> bool:
-    return system.limits.get(name, (0.0, 0.0))[0] >= 0.0

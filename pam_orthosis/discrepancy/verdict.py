@@ -9,7 +9,7 @@ from pam_orthosis.discrepancy.curves import curves, in_words
 from pam_orthosis.discrepancy.findings import Named, in_all
 from pam_orthosis.discrepancy.identifiability import Identifiability
 from pam_orthosis.discrepancy.judgement import FAR_STRAIN, Outcome, beyond, moved_beyond
-from pam_orthosis.discrepancy.measure import OVERALL, over_noise
+from pam_orthosis.discrepancy.measure import OVERALL, over_noise, reduced
 from pam_orthosis.discrepancy.mistakes import CHECK
 from pam_orthosis.discrepancy.structure import Where, clean
 from pam_orthosis.discrepancy.system import Channel, System, Values
@@ -301,8 +301,10 @@ def _moved(outcome: Outcome, moved: Values) -> str:
 def _described(outcome: Outcome, names: str) -> str:
     if outcome.unknown is None:
         return names
-    what = short(outcome.system, outcome.unknown)
-    return f"{names + ', and ' if names else ''}{what}; a description, no cause"
+    what, equation = short(outcome.system, outcome.unknown), outcome.unknown.equation
+    kept = over_noise(outcome.system, outcome.after, outcome.floor)[equation]
+    left = f"leaves {reduced(kept, outcome.unknown.reduced):.1f} times the noise in the {equation} equation"
+    return f"{names + ', and ' if names else ''}{what}; a description, no cause, which {left}"
 
 
 def _title(system: System, name: str) -> str:
