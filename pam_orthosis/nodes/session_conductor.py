@@ -21,6 +21,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -163,9 +164,10 @@ def main() -> int:
     signals, parent = process.caught_signals(), os.getppid()
 
     def lead() -> None:
-        if len(sys.argv) < 2:
+        given = remove_ros_args(sys.argv)[1:]
+        if not given:
             raise OrthosisError("no programme is given: name its file, session_conductor PROGRAMME")
-        node = SessionConductor(read_programme(Path(sys.argv[1])))
+        node = SessionConductor(read_programme(Path(given[0])))
         process.spin_while(node, lambda: not (signals or node.over) and os.getppid() == parent)
         course = node.course
         ended = course.ended or ("" if course.over else "the run was over before the programme")

@@ -37,6 +37,7 @@ def _started(tmp_path, node, *arguments):
         ("bag_recorder", ["-p", "legs:='left'"], "legs is not valid JSON"),
         ("bag_recorder", ["-p", "sample_timeout:=-1.0"], "sample_timeout must be a positive number"),
         ("plant_simulator", ["-p", "answer_timeout:=.nan"], "answer_timeout must be a positive number"),
+        ("session_conductor", [], "no programme is given: name its file"),
         ("composed", ["-p", "autostart:=false"], "with autostart:=false name the nodes"),
     ],
 )
