@@ -193,7 +193,7 @@ def test_samples_out_of_range_that_are_no_dropouts_are_counted(system, tmp_path,
 
 
 def test_a_peak_beyond_the_range_is_no_dropout(system, tmp_path):
-    table = {**SI, "angle": SI["angle"] + 1.8001 - SI["angle"].max()}
+    table = {**SI, "angle": SI["angle"] + 1.80001 - SI["angle"].max()}
     with pytest.raises(OrthosisError, match=r"leaves -0.3 to 1.8 rad in . of 600 samples, the first in row"):
         from_csv(write(tmp_path / "x.csv", {**table, "time": 5 * TIME}), system)
 

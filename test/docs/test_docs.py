@@ -16,6 +16,7 @@ from pam_orthosis.discrepancy import check
 from pam_orthosis.discrepancy.beginning import HELD_SHARE
 from pam_orthosis.discrepancy.data import Recording
 from pam_orthosis.discrepancy.knee import knee
+from pam_orthosis.discrepancy.user_file import load_system
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import machines, parameters
 from pam_orthosis.model.machines import KNEE
@@ -231,6 +232,15 @@ def test_a_new_effect_is_one_file(monkeypatch):
         monkeypatch.undo()
         parameters._shipped_rows.cache_clear()
     assert abs(moved[0] - moved[1]) > 1e-3
+
+
+def test_a_system_of_ones_own_is_one_file(tmp_path):
+    file = tmp_path / "own.py"
+    file.write_text(examples()[2], encoding="utf-8")
+    system = load_system(file)
+    assert (system.inputs, list(system.catalogue)) == (("current",), ["friction"])
+    assert [equation.name for equation in system.equations] == ["dynamics"]
+    assert system.places["friction"]
 
 
 def test_another_controller_stands_in(capsys):
