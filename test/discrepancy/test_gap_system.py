@@ -343,10 +343,12 @@ def test_a_pressure_is_absolute_unless_its_limits_begin_below_0(unit, limits, ab
 
 
 @pytest.mark.parametrize("at", [0, 3])
-def test_a_stamp_that_is_no_number_is_refused(at):
-    arrays = {name: np.arange(9.0) for name in ("time", "second", "outflow")}
+def test_a_stamp_that_is_no_number_is_a_row_that_is_missing_an_infinite_one_is_refused(at):
+    arrays = {name: np.arange(40.0) for name in ("time", "second", "outflow")}
     arrays["time"][at] = np.nan
-    with pytest.raises(OrthosisError, match=f"run: time is not finite at sample {at}"):
+    assert "1 of 40 rows" in from_arrays("run", _two_tanks().system(), arrays).remarks[0]
+    arrays["time"][at] = np.inf
+    with pytest.raises(OrthosisError, match=f"run: time is infinite at sample {at}"):
         from_arrays("run", _two_tanks().system(), arrays)
 
 

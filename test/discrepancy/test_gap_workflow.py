@@ -4,6 +4,7 @@
 import csv
 import json
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -61,6 +62,9 @@ def search(bench, replay=None, **plant):
 @pytest.fixture(scope="module")
 def friction(bench):
     return search(bench, **FRICTION)
+
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def without_delay(folder):
@@ -227,6 +231,8 @@ def test_the_verb_writes_json_model_and_page(bench, tmp_path, capsys, page_fits)
     reported = json.loads(capsys.readouterr().out)
     assert status == 0
     assert reported == json.loads((out / "gap.json").read_text())
+    reference = (DOCS / "reference" / "files.md").read_text(encoding="utf-8")
+    assert [key for key in reported if f"`{key}`" not in reference] == []
     assert reported["apparatus_assumed"] == files  # a table does not say of what it is
     assert reported["effects"][0]["name"] == "joint_friction"
     assert (
