@@ -140,7 +140,7 @@ def test_an_answer_without_a_name_says_why(ranked, reason, said):
     torque = SimpleNamespace(name="torque", channels=("angle",))
     outcome = SimpleNamespace(
         verdict="unexplained", effects=(), surrogates=(), empty=(), left=[place], steps=[step],
-        closure={"overall": 0.0}, unknown=None, strained={}, foreign=False,
+        closure={"overall": 0.0}, unknown=None, strained={}, foreign=False, mistaken=False,
         system=SimpleNamespace(equations=[torque], wrong={}), after=Gap({}, {"angle": 9.0}),
         floor=Gap({}, {"angle": 1.0}),
     )  # fmt: skip
@@ -643,7 +643,8 @@ def test_a_gap_that_is_left_is_not_called_none(effects, closed, after, verdict):
     outcome = SimpleNamespace(
         verdict=reported, effects=[SimpleNamespace(name=name) for name in effects], surrogates=(), left=left,
         after=gaps[0], floor=gaps[1], empty=(), closure={"overall": closed}, system=system, steps=(),
-        unknown=None, strained={}, foreign=False, selection=SimpleNamespace(final=SimpleNamespace(free=())),
+        unknown=None, strained={}, foreign=False, mistaken=False,
+        selection=SimpleNamespace(final=SimpleNamespace(free=())),
     )  # fmt: skip
     said = _answer(outcome)
     if verdict == "unexplained":
