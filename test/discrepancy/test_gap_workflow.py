@@ -392,7 +392,7 @@ def broken(name, change):
     [
         broken("not uniform", lambda a: {k: np.delete(v, np.s_[3000::9]) for k, v in a.items()}),
         broken(
-            "not finite", lambda a: {**a, "angle": np.where(a["time"] == a["time"][9], np.nan, a["angle"])}
+            "is infinite", lambda a: {**a, "angle": np.where(a["time"] == a["time"][9], np.inf, a["angle"])}
         ),
         broken("hardly changes", lambda a: {**a, "flexor_pressure": np.full_like(a["time"], 3e5)}),
         broken("lower rate", lambda a: {**a, "angle": np.repeat(a["angle"][::20], 20)[: len(a["time"])]}),
