@@ -17,7 +17,7 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from pam_orthosis.discrepancy.fit import Fit, bounded_step
-from pam_orthosis.discrepancy.free import WIDE, of_effect, scales_of
+from pam_orthosis.discrepancy.free import WIDTHS, of_effect, scales_of
 from pam_orthosis.discrepancy.projection import Level, Projection
 from pam_orthosis.discrepancy.system import Names, Values
 
@@ -111,7 +111,6 @@ PROMISED = 0.5  # of the score test's gain: a fit that finds less is tried with 
 MOST_STEPS = 8
 TRIES = 4  # of a step, ever shorter
 ENOUGH = 0.5
-SHAPE_WIDTHS = (2.0, 4.0, 8.0, 16.0)  # multiples of a shape correction's priors
 TWIN_STARTS = 2
 SMALL_SHARE = 1e-3  # of the gain: what a further step must bring
 
@@ -286,11 +285,11 @@ def widened_shape(projection: Projection, name: str) -> Candidate:
     right, squares = projection.state({})
     around = projection.best(right, squares)[1].scales
     found = []
-    for width in SHAPE_WIDTHS:
+    for width in WIDTHS:
         level = projection.level({**around, name: width})
         gain = projection.floor - projection.cost_at(level, right, squares)
         followed = projection.position - level.solve(right + level.gradient(projection.position))
         values = {**projection.base.values, **projection.values(followed)}
         price = penalty(projection.base, 1)
-        found.append(Candidate(name, gain, values, gain - price, {**around, name: WIDE}, (name,)))
+        found.append(Candidate(name, gain, values, gain - price, {**around, name: width}, (name,)))
     return max(found, key=lambda one: one.evidence)

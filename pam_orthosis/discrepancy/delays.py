@@ -32,7 +32,8 @@ def or_for_delays(
         return step
     progress(f"trying {', '.join(sensors)} at once")
     missing = [name for name in sensors if name not in base.effects]
-    if _promised(Projection(problem, base), missing) < LEAST_PROMISED * settings.threshold:
+    least = LEAST_PROMISED * settings.threshold
+    if not _has_dead_time(problem.system, base) and _promised(Projection(problem, base), missing) < least:
         return step
     weighted, model = _with(problem, base, sensors)
     late = [name for name in sensors if not is_too_small(problem.system, name, model)]
@@ -86,6 +87,11 @@ def _with(problem: Problem, base: Fit, sensors: list[str]) -> tuple[Problem, Fit
     values = {key: base.values.get(key, value) for key, value in typical.items()}
     free = free_parameters(system, effects, refined_in(system, base), scales_of(system, base.free))
     return fit_tempered(problem, effects, values, free)
+
+
+def _has_dead_time(system: System, model: Fit) -> bool:
+    """Whether inputs act late in a model: it hides what sensors that are late in its place would gain."""
+    return any(system.catalogue[name].late is not None for name in model.effects)
 
 
 def _is_delay(system: System, name: str) -> bool:

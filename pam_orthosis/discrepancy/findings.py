@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pam_orthosis.discrepancy.fit import Fit, scaled_slopes
+from pam_orthosis.discrepancy.free import with_wider_shapes
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.selection import Selection
 from pam_orthosis.discrepancy.system import Equation, System
@@ -34,11 +35,26 @@ def covariance(problem: Problem, model: Fit) -> np.ndarray:
     return inverse * np.outer(widening, widening)
 
 
-def interval(model: Fit, spread: np.ndarray, name: str) -> tuple[float, float]:
-    """Return the 95 % interval of a parameter, inside its bounds."""
+def deviations(system: System, model: Fit, spread: np.ndarray) -> np.ndarray:
+    """Return the standard deviations of the free parameters, in their units; `spread`: their covariance.
+
+    Shape corrections count with the next wider priors: what recordings do not show of them, they may hide.
+    """
+    priors = [
+        np.array([one.scale / one.sd for one in free])
+        for free in (model.free, with_wider_shapes(system, model.free))
+    ]
+    wider = np.linalg.pinv(model.hessian + np.diag(priors[1] ** 2 - priors[0] ** 2))
+    ratio = np.diag(wider) / np.maximum(np.diag(np.linalg.pinv(model.hessian)), 1e-300)
+    scale = np.array([one.scale for one in model.free])
+    found: np.ndarray = scale * np.sqrt(np.diag(spread) * np.maximum(ratio, 1.0))
+    return found
+
+
+def interval(model: Fit, deviation: np.ndarray, name: str) -> tuple[float, float]:
+    """Return the 95 % interval of a parameter, inside its bounds; `deviation`: of each free parameter."""
     index = [one.name for one in model.free].index(name)
-    one = model.free[index]
-    half = QUANTILE * float(np.sqrt(spread[index, index])) * one.scale
+    one, half = model.free[index], QUANTILE * float(deviation[index])
     value = model.values[name]
     return max(value - half, one.lower), min(value + half, one.upper)
 
@@ -68,8 +84,10 @@ class Named:
     separated_by: tuple[str, ...] = ()
 
 
-def named_effect(system: System, found: Selection, spread: np.ndarray, name: str, settings: Section) -> Named:
-    """Return what is said of an effect of the final model; `spread`: covariance of its free parameters."""
+def named_effect(
+    system: System, found: Selection, deviation: np.ndarray, name: str, settings: Section
+) -> Named:
+    """Return what is said of an effect of the final model; `deviation`: as in `interval`."""
     effect, final = system.catalogue[name], found.final
     parameters = {}
     known = {one.name for one in final.free}
@@ -77,7 +95,7 @@ def named_effect(system: System, found: Selection, spread: np.ndarray, name: str
         key = f"{name}.{q.name}"
         if key not in known:
             continue
-        parameters[q.name] = (final.values[key], q.unit, *interval(final, spread, key))
+        parameters[q.name] = (final.values[key], q.unit, *interval(final, deviation, key))
     alike = _look_alikes(found, name, settings)
     tests = (test for one in (name, *alike) for test in system.experiments(one))  # its own first
     apart = tuple(dict.fromkeys(tests)) if alike else ()

@@ -10,7 +10,9 @@ from pam_orthosis.discrepancy.system import System, Values
 from pam_orthosis.model.effects.base import Quantity
 
 LOOSE = 2.0  # typical values: sd of an effect's details about them
-WIDE = 10.0  # times its priors: what a shape correction may be once it is named
+SHAPE_SCALES = (0.05, 0.3, 1.0)  # of the shape corrections' priors: how good may the maps be?
+WIDTHS = (2.0, 4.0, 8.0, 16.0)  # times its priors: what a shape correction may be once it is named
+MORE = 1.01  # what is equal but for rounding is not wider
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,18 @@ def scales_of(system: System, free: Sequence[Free]) -> dict[str, float]:
         if shape in system.shapes:
             scales[shape] = one.sd / _prior(system, shape, quantity)
     return scales
+
+
+def with_wider_shapes(system: System, free: Sequence[Free]) -> list[Free]:
+    """Return free parameters with the next wider priors of shape corrections, where there are any.
+
+    How wide they are is estimated from the coefficients that recordings show; others may be larger.
+    """
+    wider = {
+        name: next((one for one in SHAPE_SCALES if one > MORE * scale), scale)
+        for name, scale in scales_of(system, free).items()
+    }
+    return with_scales(system, free, wider)
 
 
 def nuisance(system: System) -> list[Free]:

@@ -12,7 +12,7 @@ from pam_orthosis.discrepancy.beginning import Beginning, strained_parameters
 from pam_orthosis.discrepancy.confirmation import emptied
 from pam_orthosis.discrepancy.findings import Named, first_accepted, named_effect, runner_up_of
 from pam_orthosis.discrepancy.fit import Fit
-from pam_orthosis.discrepancy.free import WIDE, scales_of
+from pam_orthosis.discrepancy.free import scales_of
 from pam_orthosis.discrepancy.noise_floor import decided_and_floor, remark_on_left_out
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.selection import Selection, Step
@@ -25,6 +25,7 @@ MOST_LEFT = 1.3  # gap after over the noise floor above which the residual is no
 NEAR = 1.5  # gap of an equation over the noise floor above which it is not explained, whatever was closed
 LEAST_NAMED = 0.5  # closure of a model below which it names nothing
 FAR_STRAIN = 5.0  # tolerances: less likely hardware than a wrong zero, unit or mechanism
+WIDE = 10.0  # times its priors: the same of a shape correction that is named
 MOVED = 3.0  # tolerances that recalibration moves a parameter: a finding, whatever is left
 MANY_STRAINED = 3  # nuisance parameters so far off: they bend a model to another machine
 MOST_KEPT = 20.0  # gap of an equation over the noise floor, whatever is described, of the machine given
@@ -132,7 +133,8 @@ def outcome_of(start: Beginning, found: Selection, settings: Section, remarks: S
         moved=bool(moved_beyond(system, final)),
     )
     verdict = verdict_on(final.effects, closed[measure.OVERALL], rest, empty)
-    every = tuple(named_effect(system, found, spread, name, settings.evidence) for name in final.effects)
+    deviation = findings.deviations(system, final, spread)
+    every = tuple(named_effect(system, found, deviation, name, settings.evidence) for name in final.effects)
     first = first_accepted(found, every)
     # a name that leaves most of the gap open is no name
     trusted = _trusted(closed[measure.OVERALL]) and not rest.foreign

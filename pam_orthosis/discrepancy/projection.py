@@ -10,12 +10,10 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from pam_orthosis.discrepancy.fit import Fit, scaled_slopes
-from pam_orthosis.discrepancy.free import WIDE, with_scales
+from pam_orthosis.discrepancy.free import SHAPE_SCALES, WIDTHS, with_scales
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.system import Values
 from pam_orthosis.errors import OrthosisError
-
-SHAPE_SCALES = (0.05, 0.3, 1.0)  # of the shape corrections' priors: how good may the maps be?
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,7 @@ class Projection:
         """Return combinations of scales of the shape corrections that matter; named ones are wide."""
         system, replay = self.problem.system, self.problem.replay
         shapes = [name for name in system.shapes if replay.touched(name)]
-        options = [(WIDE,) if name in self.base.effects else SHAPE_SCALES for name in shapes]
+        options = [WIDTHS if name in self.base.effects else SHAPE_SCALES for name in shapes]
         return [dict(zip(shapes, chosen, strict=True)) for chosen in product(*options)]
 
     def level(self, scales: Values) -> Level:

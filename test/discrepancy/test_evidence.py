@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from pam_orthosis.discrepancy import acceptance
-from pam_orthosis.discrepancy.candidates import penalty
+from pam_orthosis.discrepancy.candidates import penalty, widened_shape
 from pam_orthosis.discrepancy.confirmation import Seen
+from pam_orthosis.discrepancy.findings import deviations, interval
 from pam_orthosis.discrepancy.fit import Fit, score
-from pam_orthosis.discrepancy.free import Free
+from pam_orthosis.discrepancy.free import SHAPE_SCALES, WIDTHS, Free
 from pam_orthosis.discrepancy.problem import Block, Problem, Scored
-from pam_orthosis.discrepancy.projection import SHAPE_SCALES, Projection
+from pam_orthosis.discrepancy.projection import Projection
 
 SAMPLES = 400
 RNG = np.random.default_rng(29)
@@ -72,6 +73,25 @@ def test_the_projection_takes_the_prior_of_largest_marginal_likelihood():
     assert known.index(min(known)) > 0, "what is bent must ask for a wider prior than what is straight"
 
 
+@pytest.mark.parametrize("bend", [3.0, 14.0])
+def test_a_shape_that_is_named_is_as_wide_as_is_most_likely(bend):
+    row = recorded(bend)
+
+    def unlikely(width):
+        return minus_twice_log_likelihood(row, SD | {"map.bend": width * SD["map.bend"]})
+
+    likely = min(WIDTHS, key=unlikely)
+    problem, base = best_fit(row, SD)
+    found = widened_shape(Projection(problem, base), "map")
+    assert found.scales["map"] == likely
+    price = penalty(base, 1)
+    assert found.evidence == pytest.approx(unlikely(SHAPE_SCALES[-1]) - unlikely(likely) - price, rel=1e-6)
+    wide = SD | {"map.bend": likely * SD["map.bend"]}
+    assert score(*best_fit(row, wide, ("map",))) == pytest.approx(unlikely(likely) + price, rel=1e-9)
+    projection = Projection(*best_fit(row, wide, ("map",)))
+    assert projection.best(*projection.state({}))[1].scales["map"] == likely
+
+
 def test_a_parameter_of_an_effect_costs_the_log_of_the_samples():
     size = Free("slip.size", 1.0, -INFINITE, INFINITE, INFINITE)
     row = recorded(0.5)
@@ -79,6 +99,28 @@ def test_a_parameter_of_an_effect_costs_the_log_of_the_samples():
     assert more - plain == pytest.approx(math.log(SAMPLES))
     _, base = best_fit(row, SD)
     assert penalty(base, 3) == pytest.approx(3 * math.log(SAMPLES))
+
+
+@pytest.mark.parametrize(("scale", "counted"), [(0.05, 0.3), (0.3, 1.0), (1.0, 1.0), (8.0, 8.0)])
+def test_an_interval_counts_with_what_shape_corrections_may_hide(scale, counted):
+    columns = np.column_stack([COLUMNS["map.bend"] + 0.1 * COLUMNS["mass"], COLUMNS["map.bend"]])
+
+    def known(width):
+        return columns.T @ columns + np.diag([0.0, 1 / (width * SD["map.bend"]) ** 2])
+
+    steps = np.array([0.2, 0.5])
+    free = (
+        Free("slip.size", steps[0], -INFINITE, INFINITE, INFINITE),
+        Free("map.bend", steps[1], -INFINITE, INFINITE, scale * SD["map.bend"]),
+    )
+    problem, _ = best_fit(recorded(0.0), SD)
+    hessian = known(scale) * np.outer(steps, steps)
+    model = Fit(("slip",), {"slip.size": 0.7, "map.bend": 0.0}, 0.0, hessian, free, SAMPLES, {})
+    found = deviations(problem.system, model, np.linalg.inv(hessian))
+    assert found == pytest.approx(np.sqrt(np.diag(np.linalg.inv(known(counted)))), rel=1e-9)
+    low, high = interval(model, found, "slip.size")
+    assert (low + high) / 2 == pytest.approx(0.7)
+    assert high - low == pytest.approx(2 * 1.96 * found[0])
 
 
 def judged(monkeypatch, models, strained=False, silent=False, due=100.0, fall=0.0):

@@ -8,7 +8,8 @@ import pytest
 
 from pam_orthosis.discrepancy import confirmation, elimination, judgement, screening, second_chance, select
 from pam_orthosis.discrepancy.candidates import Candidate, Trial
-from pam_orthosis.discrepancy.free import WIDE, nuisance, with_scales
+from pam_orthosis.discrepancy.free import nuisance, with_scales
+from pam_orthosis.discrepancy.judgement import WIDE
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.model.parameters import load

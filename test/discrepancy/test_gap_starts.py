@@ -188,11 +188,12 @@ def with_delay_of_the_valve(problem, null):
     )
 
 
-def test_sensors_that_are_late_together_are_found_at_once_in_place_of_what_hid_them(bench):
+def test_sensors_that_are_late_together_are_found_at_once_in_place_of_what_hid_them(bench, monkeypatch):
     late = {f"plant__effects__{name}__enabled": True for name in LATE}
     late |= {f"plant__effects__{name}__delay": 4e-3 for name in LATE}
     problem, null, held_out = begun(bench, **late)
     found = with_delay_of_the_valve(problem, null)
+    monkeypatch.setattr(delays, "_promised", lambda *_: 0.0)  # a dead time may hide all that they would gain
     step = or_for_delays(found, held_out, NOTHING, load().gap.evidence, silent)
     assert set(LATE) <= set(step.fit.effects)
     assert found.steps == [NOTHING]
