@@ -80,13 +80,13 @@ def record(path, seed, seconds=20.0):
 def drive():
     """Be the driver of a run: a sample each period, the newest voltages, none for 20 periods vents."""
     import rclpy
-    from rclpy.executors import ExternalShutdownException
     from rclpy.node import Node
     from rclpy.qos import qos_profile_sensor_data as sensor
+    from rclpy.signals import SignalHandlerOptions
     from rclpy.time import Time
     from sensor_msgs.msg import FluidPressure, JointState
 
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # its own may end the context in mid-spin
     node, device, silent = Node("hidden_cylinder"), Cylinder(), np.full(2, -np.inf)
     joint = node.create_publisher(JointState, "joint_states", sensor)
     gauges = [node.create_publisher(FluidPressure, f"{name}/pressure", sensor) for name in NAMES]
@@ -120,7 +120,7 @@ def drive():
     for side, name in enumerate(NAMES):
         node.create_subscription(JointState, f"{name}/valve_command", lambda m, s=side: take(s, m), 10)
     node.create_timer(PERIOD, tick)
-    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+    with contextlib.suppress(KeyboardInterrupt):
         rclpy.spin(node)
 
 
