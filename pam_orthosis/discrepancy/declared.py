@@ -71,14 +71,15 @@ def _view(machine: Machine, nominal: Parameters) -> View:
 
 
 def _suspects(machine: Machine, nominal: Parameters) -> Suspects:
-    """Return what of a machine's own mechanism may be wrong: what it moves, and arms by one factor."""
+    """Return what of a machine's own mechanism may be wrong: what it moves, each arm, all by one factor."""
     if machine.parameters == "leg":
         return each(*(MASSES if machine.kind == "ankle" else ()))
     values = nominal.flat()
     loads = (f"{machine.parameters}.{name}" for name in ("inertia", "weight"))
     arms = tuple(f"{one.transmission}.arm" for one in machine.actuators)
     turns = machine.coordinate.unit == "rad" and all(values.get(key) for key in arms)
-    return each(*(key for key in loads if values[key])) | ({ARMS: arms} if turns else {})
+    found = each(*(key for key in loads if values[key]), *(arms if turns else ()))
+    return {**found, **({ARMS: arms} if turns and len(arms) > 1 else {})}
 
 
 def _tolerances(machine: Machine, nominal: Parameters) -> tuple[dict[str, str], dict[str, str]]:

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Samples at uniform instants: a few missing rows are bridged, jitter is resampled, a longer gap cuts."""
+"""Samples at uniform instants: a few missing rows are bridged, jitter is resampled, a longer gap cuts.
+
+Rows in which an input leaps cannot be bridged: nothing says when it did, and pressures follow at once.
+"""
 
 import itertools
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +17,7 @@ ON_GRID = 0.2  # of the period: rows are missing between stamps that are this ne
 MOST_BRIDGED = 5  # rows in succession; a longer gap cuts
 MOST_MISSING = 0.05  # of all rows
 MOST_EMPTY = 0.5  # of all rows, with an empty cell
+LEAP = 0.1, 3.0  # of an input's range, of what all but a hundredth of its steps stay below
 UNEVEN_SHARE = 0.2  # of the steps: beyond it the stamps say nothing of a period
 _REPEATED = "repeats", "leave out rows that are there twice, or write stamps with more digits"
 _BACK = "goes back behind", "sort the rows, or give what follows as a recording of its own"
@@ -37,7 +41,7 @@ def even(name: str, time: np.ndarray, signals: Signals, held: Collection[str]) -
         name: of the recording.
         time: stamps, s.
         signals: name -> samples. A row in which one is NaN is missing.
-        held: names of inputs, which keep their value until the next sample; others are interpolated.
+        held: names of inputs, which keep their value until the next sample where stamps jitter.
 
     Raises:
         OrthosisError: too few samples, time that does not increase, or too many rows missing.
@@ -55,7 +59,8 @@ def even(name: str, time: np.ndarray, signals: Signals, held: Collection[str]) -
     steps = np.diff(time)
     if (np.abs(steps - period) <= UNIFORM * period).all():
         return Even(float((time[-1] - time[0]) / len(steps)), signals, 0.0, lost)
-    first, last, words = _longest(time, steps, period)
+    holes = _long_holes(steps / period, [signals[key] for key in held if key in signals])
+    first, last, words = _longest(time, np.flatnonzero(holes) + 1)
     part = {key: values[first:last] for key, values in signals.items()}
     whole, more = _filled(name, time[first:last], part, held, period)
     return Even(whole.period, whole.signals, float(time[first] - time[0]), (*lost, *words, *more))
@@ -77,18 +82,30 @@ def _complete(name: str, time: np.ndarray, signals: Signals) -> tuple[np.ndarray
     return time[~rows], {key: values[~rows] for key, values in signals.items()}, (f"{words}: missing rows",)
 
 
-def _longest(time: np.ndarray, steps: np.ndarray, period: float) -> tuple[int, int, list[str]]:
-    """Return the longest part without a long gap, and what was left out."""
-    cuts = np.flatnonzero(steps > (MOST_BRIDGED + 1.5) * period) + 1
+def _long_holes(steps: np.ndarray, inputs: Sequence[np.ndarray]) -> np.ndarray:
+    """Return which steps (n,), in periods, are no bridge: too long, or an input leaps meanwhile."""
+    whole = np.round(steps)
+    missing = (whole > 1) & (np.abs(steps - whole) <= ON_GRID)
+    long: np.ndarray = steps > MOST_BRIDGED + 1.5
+    for values in inputs:
+        moved = np.abs(np.diff(values))
+        long |= missing & (moved > max(LEAP[0] * np.ptp(values), LEAP[1] * np.quantile(moved, 0.99)))
+    return long
+
+
+def _longest(time: np.ndarray, cuts: np.ndarray) -> tuple[int, int, list[str]]:
+    """Return the longest part between cuts, and what was left out."""
     ends = [0, *cuts.tolist(), len(time)]
     parts = list(itertools.pairwise(ends))
     first, last = max(parts, key=lambda part: part[1] - part[0])
     if len(parts) == 1:
         return first, last, []
     gaps = ", ".join(f"{time[at - 1]:.3f}" for at in cuts[:3].tolist())
+    later = " and later" if len(cuts) > 3 else ""
     remarks = (
-        f"rows are missing after {gaps} s{' and later' if len(cuts) > 3 else ''}: of {len(parts)} parts the"
-        f" longest, {last - first} of {len(time)} rows, is used; give the others as recordings of their own"
+        f"rows are missing after {gaps} s{later}, more than {MOST_BRIDGED} or while an input leaps: of"
+        f" {len(parts)} parts the longest, {last - first} of {len(time)} rows, is used; give the others as"
+        " recordings of their own"
     )
     return first, last, [remarks]
 
@@ -119,7 +136,7 @@ def _filled(
     grid = np.arange(int(places[-1] + 1e-6) + 1.0)
     latest = np.searchsorted(places, grid + 1e-6) - 1
     filled = {
-        key: values[latest] if key in held else np.interp(grid, places, values)
+        key: values[latest] if key in held and not on_grid else np.interp(grid, places, values)
         for key, values in signals.items()
     }
     exact = float((time[-1] - time[0]) / places[-1])

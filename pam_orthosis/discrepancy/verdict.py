@@ -98,7 +98,7 @@ def describe(outcome: Outcome) -> str:
     if outcome.from_configured:
         lines.append("* of the nominal model's gap, which recalibration alone explains")
     worst, wrong = outcome.where[0], outcome.system.wrong
-    if outcome.verdict != "none":
+    if not worst.clean:
         seen = ", ".join(f"{name} {share:.0%}" for name, share in list(worst.coordinates.items())[:3])
         lines.append(f"gap: {worst.equation} equation; residual explained by {seen}")
     lines += [

@@ -114,8 +114,11 @@ def test_what_a_machine_moves_and_its_arms_may_be_wrong(tmp_path, arms, weight, 
     own = read_machine(tmp_path / "own.yaml")
     system = declared_machine(own, load(machine=own))
     check_system(system)
+    each = {f"machine.{name}.transmission.arm" for name in ("push", "pull")}
     both = "common factor of machine.push.transmission.arm and machine.pull.transmission.arm"
-    expected = {both if one == "arms" else one for one in named} | {"machine.mechanism.inertia"}
+    expected = (
+        (named - {"arms"}) | (each | {both} if "arms" in named else set()) | {"machine.mechanism.inertia"}
+    )
     assert {what for what in system.wrong.values() if what not in VALVE} == expected
     assert ("weight" in {one.name for one in system.calibrations}) == bool(weight)
 

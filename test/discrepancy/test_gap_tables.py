@@ -123,8 +123,8 @@ def test_missing_rows_are_bridged_and_counted():
     assert found.period == pytest.approx(0.002)
     np.testing.assert_allclose(found.signals["angle"], np.sin(np.arange(1000) / 50.0), atol=4.5e-4)
     expected = np.floor(np.arange(1000) / 10.0)
-    expected[[100, 101, 400, 700]] -= 1  # an input keeps its value
-    np.testing.assert_array_equal(found.signals["volts"], expected)
+    expected[[100, 101, 400, 700]] -= [2 / 3, 1 / 3, 0.5, 0.5]  # nothing says where in between it changed
+    np.testing.assert_allclose(found.signals["volts"], expected)
 
 
 def with_cells(path, cells):
@@ -149,7 +149,8 @@ def test_a_long_stretch_of_empty_cells_cuts(system, tmp_path):
     cells = {(row, "extensor_pressure"): "" for row in range(101, 301)}
     found = from_csv(with_cells(tmp_path / "x.csv", cells), system)
     assert "200 of 600 rows have an empty cell or NaN" in found.remarks[0]
-    assert "rows are missing after 0.198 s: of 2 parts the longest, 300 of 400 rows" in found.remarks[1]
+    assert "rows are missing after 0.198 s, more than 5" in found.remarks[1]
+    assert "of 2 parts the longest, 300 of 400 rows" in found.remarks[1]
     np.testing.assert_allclose(found.signals["angle"], SI["angle"][300:], atol=1e-9)
 
 
@@ -203,6 +204,17 @@ def test_a_long_gap_cuts_and_the_longest_part_is_used():
     found = even("x", time, {"angle": time}, [])
     assert (len(found.signals["angle"]), found.start) == (600, pytest.approx(0.8))
     assert "missing after 0.598 s" in found.remarks[0]
+
+
+@pytest.mark.parametrize(("size", "kept"), [(0.02, 1000), (1.0, 699)])
+def test_rows_in_which_an_input_leaps_are_no_bridge(size, kept):
+    rows = np.arange(1000)
+    volts = np.where(rows < 300, 0.0, size) + np.sin(rows / 50.0)
+    left = np.delete(rows, [299, 300])
+    found = even("x", 0.002 * left, {"angle": left, "volts": volts[left]}, ["volts"])
+    assert len(found.signals["angle"]) == kept
+    assert found.start == pytest.approx(0.0 if kept == 1000 else 0.602)
+    assert ("after 0.596 s, more than 5 or while an input leaps" in found.remarks[0]) == (kept < 1000)
 
 
 def test_uniform_stamps_change_nothing():
