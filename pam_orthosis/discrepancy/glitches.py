@@ -18,6 +18,7 @@ from pam_orthosis.discrepancy.system import System
 BACK = 0.3  # of the jump: by so much at most the samples on both sides differ
 DRIVEN = 0.1, 3.0  # of its range, of what all but a hundredth of its steps stay below: an input drives
 POSITION = 2  # see `order`
+OF_POSITIONS = 0.9  # as `SHARE`, of what moves smoothly: many glitches do not hide themselves
 LEAD = 4  # samples after which it may do so
 
 
@@ -28,7 +29,8 @@ def without_glitches(system: System, one: Recording) -> Recording:
     never = np.zeros_like(driven)  # a position cannot leap, whatever drives it
     for channel in system.channels:
         values = signals[channel.name]
-        found = glitches(values, driven if order(system, channel.name) < POSITION else never)
+        position = order(system, channel.name) >= POSITION
+        found = glitches(values, never, OF_POSITIONS) if position else glitches(values, driven)
         if not found.any():
             continue
         places = np.flatnonzero(found)
@@ -54,13 +56,16 @@ def _driven(inputs: Sequence[np.ndarray], samples: int) -> np.ndarray:
     return driven
 
 
-def glitches(values: np.ndarray, driven: np.ndarray) -> np.ndarray:
-    """Return which samples (n,) are part of a glitch; none begins where a channel may be driven."""
+def glitches(values: np.ndarray, driven: np.ndarray, share: float = SHARE) -> np.ndarray:
+    """Return which samples (n,) are part of a glitch; none begins where a channel may be driven.
+
+    A glitch is far beyond what a share of the deviations from the neighbours stay below.
+    """
     found = np.zeros(len(values), dtype=bool)
     steps = np.abs(np.diff(values))
     if len(values) < LONGEST + 2 or not steps.any():
         return found
-    usual = np.quantile(np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:])), SHARE)
+    usual = np.quantile(np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:])), share)
     least = TIMES * max(float(usual), float(steps[steps > 0].min()))
     for width in range(1, LONGEST + 1):
         before, after = values[: -width - 1], values[width + 1 :]

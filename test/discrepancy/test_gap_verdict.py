@@ -19,7 +19,7 @@ from pam_orthosis.discrepancy.apparatus import without_record
 from pam_orthosis.discrepancy.contract import as_dict
 from pam_orthosis.discrepancy.data import from_arrays
 from pam_orthosis.discrepancy.events import Event
-from pam_orthosis.discrepancy.glitches import glitches, without_glitches
+from pam_orthosis.discrepancy.glitches import OF_POSITIONS, glitches, without_glitches
 from pam_orthosis.discrepancy.knee import knee
 from pam_orthosis.discrepancy.measure import Gap, closure, over_noise
 from pam_orthosis.discrepancy.recordings import assumed_words
@@ -363,11 +363,21 @@ def test_samples_that_jump_and_are_back_are_bridged_and_told(bench, samples):
     assert f"in {2 * samples} of {one.samples} samples, the first at 3.000 s: bridged" in told
 
 
+def test_many_glitches_of_a_position_do_not_hide_each_other(bench):
+    one = bench.recording(1)
+    broken = {**one.signals, "angle": one.signals["angle"].copy()}
+    broken["angle"][::150] = 0.0
+    mended = without_glitches(bench.system, replace(one, signals=broken))
+    assert np.abs(mended.signals["angle"] - one.signals["angle"])[1:-1].max() < 0.02
+
+
 @pytest.mark.parametrize("changed", [lambda v: v, lambda v: np.round(v, 2), lambda v: v + 0.3 * (v > 0.6)])
 @pytest.mark.parametrize("every", [1, 10])
 def test_what_moves_by_itself_is_no_glitch(bench, changed, every):
-    signals = [changed(values[::every]) for values in bench.recording(1).signals.values()]
-    assert all(not glitches(values, np.zeros(len(values), dtype=bool)).any() for values in signals)
+    signals = {name: changed(values[::every]) for name, values in bench.recording(1).signals.items()}
+    never = np.zeros(len(signals["angle"]), dtype=bool)
+    assert not any(glitches(values, never).any() for values in signals.values())
+    assert not glitches(signals["angle"], never, OF_POSITIONS).any()
 
 
 def test_a_position_that_leaps_behind_a_voltage_is_bridged_all_the_same(bench):
