@@ -70,10 +70,15 @@ class Place(NamedTuple):
     unit: Unit | None
 
 
-def read_mapping(texts: Iterable[str]) -> dict[str, str]:
-    """Return signal -> column from texts SIGNAL=COLUMN; OrthosisError for another text or a double."""
+def read_mapping(given: Mapping[str, str] | Iterable[str]) -> dict[str, str]:
+    """Return signal -> column from such a mapping, or from texts SIGNAL=COLUMN.
+
+    Raises:
+        OrthosisError: another text, a signal without a column or twice.
+    """
+    pairs = given.items() if isinstance(given, Mapping) else ()
     found: dict[str, str] = {}
-    for text in texts:
+    for text in [f"{signal}={column}" for signal, column in pairs] or given:
         signal, equals, column = text.partition("=")
         if not equals or not column.lstrip("-"):
             raise OrthosisError(f"--columns {text}: give SIGNAL=COLUMN")
