@@ -2,6 +2,7 @@
 """Tables of numbers: CSV files below one row of names, as spreadsheets and scripts write them."""
 
 import math
+import re
 from array import array
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
@@ -14,6 +15,8 @@ from pam_orthosis.reading import COMMENT, csv_rows, shown
 
 Choose = Callable[[Sequence[str]], Collection[str] | None]
 MARKS = {",": "comma", ".": "point"}
+CLOCK = re.compile(r"\d:\d\d|\d{4}-\d\d-\d\d")  # in dates and times of the day
+NUMBER = re.compile(r"[-+]?([.,]?\d|nan|inf)", re.IGNORECASE)  # how numbers begin, and no units
 
 
 def is_table(path: Path) -> bool:
@@ -42,6 +45,8 @@ def read_numbers(path: Path, choose: Choose | None = None, lost: bool = False) -
     for line, row, _ in rows:
         if len(row) != len(names):
             raise OrthosisError(f"{path}, line {line}: {len(row)} cells below {len(names)} names")
+        if not numbers:
+            read.check_units([row[at] for at, _ in wanted], f"{path}, line {line}")
         numbers.extend(read.number(row[at], f"{path}, line {line}, column {name}") for at, name in wanted)
     if not numbers:
         raise OrthosisError(f"{path} holds no rows of numbers below its row of names")
@@ -67,6 +72,17 @@ class _Cells:
     def __init__(self, parting: str, lost: bool):
         self.commas, self.lost, self.mark = parting != ",", lost, ""
 
+    def check_units(self, cells: Sequence[str], where: str) -> None:
+        """Refuse a first row that is words alone, by OrthosisError: they may be units."""
+        words = [text for text in map(str.strip, cells) if text]
+        if not words or any(map(NUMBER.match, words)):
+            return
+        example = ", as `time [ms]`," if self.lost else ""
+        raise OrthosisError(
+            f"{where}: {shown(words[0])} is no number; if this is a row of units, leave it out and write them"
+            f" in the names{example} above"
+        )
+
     def number(self, cell: str, where: str) -> float:
         """Return the number of a cell; OrthosisError if it has none."""
         text = cell.strip()
@@ -75,13 +91,20 @@ class _Cells:
         try:
             number = float((text.replace(",", ".") if self.commas else text) or "nan")
         except ValueError as error:
-            what = "no sign between thousands" if self.commas else "a point in place of the comma"
-            hint = f"; write {what}" if "," in cell else ""
-            raise OrthosisError(f"{where}: {shown(cell)} is no number{hint}") from error
+            raise OrthosisError(f"{where}: {shown(cell)} is no number; {self._hint(text)}") from error
         if not (math.isfinite(number) or (self.lost and math.isnan(number))):
             raise OrthosisError(f"{where}: {shown(cell)} is not finite")
         self._check_mark(text, where)
         return number
+
+    def _hint(self, text: str) -> str:
+        """Return what to write in place of a text that is no number."""
+        if CLOCK.search(text):
+            return "write time in seconds, as a number such as 0.002"
+        if "," in text:
+            return f"write {'no sign between thousands' if self.commas else 'a point in place of the comma'}"
+        missing = "leave the cell empty, or write NaN," if self.lost else "leave the row out"
+        return f"{missing} if the value is missing"
 
     def _check_mark(self, text: str, where: str) -> None:
         """Check that a table has decimal points or commas: beside the other, one parts thousands."""

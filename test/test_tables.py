@@ -127,6 +127,56 @@ def test_a_cell_without_a_number_is_nan_only_where_that_is_asked_for(cell, said,
     assert np.isnan(lengths).tolist() == [False, True, False, False, False, False]
 
 
+MISSING = "'n/a' is no number; leave the cell empty, or write NaN, if the value is missing"
+STAMP = "2026-11-02T10:00:00.000000"
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ("0.002,n/a,1e5", f"line 3, column angle [deg]: {MISSING}"),
+        (
+            f"{STAMP},30,1e5",
+            f"line 3, column time: '{STAMP}' is no number; write time in seconds, as a number",
+        ),
+        ("10:00:00,30,1e5", "'10:00:00' is no number; write time in seconds"),
+        ("2026-11-02 10:00:00,30,1e5", "write time in seconds"),
+    ],
+)
+@pytest.mark.parametrize("first", ["0,30,1e5", ""])
+def test_a_cell_that_is_no_number_says_what_to_write(first, row, said, tmp_path):
+    file = tmp_path / "x.csv"
+    file.write_text(f"time,angle [deg],p\n{first or '#'}\n{row}\n", encoding="utf-8")
+    with pytest.raises(OrthosisError) as refused:
+        read_numbers(file, lost=True)
+    assert said in str(refused.value)
+
+
+def test_a_value_that_is_missing_where_none_may_be_leaves_the_row_out(tmp_path):
+    file = tmp_path / "x.csv"
+    file.write_text("a,b\n1,n/a\n", encoding="utf-8")
+    with pytest.raises(OrthosisError, match="'n/a' is no number; leave the row out if the value is missing"):
+        read_numbers(file)
+
+
+@pytest.mark.parametrize("units", ["ms,deg,bar", "[ms],°,bar gauge", ",deg,", "s,rad,m/s^2"])
+@pytest.mark.parametrize(("lost", "example"), [(True, ", as `time [ms]`,"), (False, "")])
+def test_a_row_of_units_is_told_from_numbers(units, lost, example, tmp_path):
+    file, first = tmp_path / "x.csv", units.strip(",").partition(",")[0]
+    file.write_text(f"time,angle,p\n{units}\n0,30,1\n", encoding="utf-8")
+    with pytest.raises(OrthosisError) as refused:
+        read_numbers(file, lost=lost)
+    told = f"if this is a row of units, leave it out and write them in the names{example} above"
+    assert str(refused.value) == f"{file}, line 2: '{first}' is no number; {told}"
+
+
+@pytest.mark.parametrize("first", ["nan,NaN,nan", ",,0", "-1,.5,+.5", ",nan,"])
+def test_a_first_row_of_numbers_is_no_row_of_units(first, tmp_path):
+    file = tmp_path / "x.csv"
+    file.write_text(f"time,angle,p\n{first}\n0,30,1\n", encoding="utf-8")
+    assert len(read_numbers(file, lost=True)["time"]) == 2
+
+
 def test_names_are_checked_before_a_long_table_is_read(tmp_path):
     file = tmp_path / "x.csv"
     file.write_text("a,b\nno,numbers\n")

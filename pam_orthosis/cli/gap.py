@@ -43,7 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="+",
         metavar="MEASURED",
-        help="recordings to fit: bags of a machine or the test rig, .csv tables of the knee; or of --system",
+        help="recordings to fit: bags of a machine or the test rig; .csv tables of the knee, of --machine or"
+        " of --system",
     )
     parser.add_argument(
         "--held-out", type=Path, nargs="+", default=[], metavar="BAG",

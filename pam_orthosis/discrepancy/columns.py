@@ -55,11 +55,12 @@ ABSOLUTE = re.compile(r"[ _]?(absolute|abs|a)$")
 
 
 class Unit(NamedTuple):
-    """What leads to SI: value * factor, plus the ambient pressure if it is `gauge`."""
+    """What leads to SI: value * factor, plus the ambient pressure if it is `gauge`; `text` calls it."""
 
     si: str
     factor: float
     gauge: bool = False
+    text: str = ""
 
 
 class Place(NamedTuple):
@@ -70,10 +71,15 @@ class Place(NamedTuple):
     unit: Unit | None
 
 
-def read_mapping(texts: Iterable[str]) -> dict[str, str]:
-    """Return signal -> column from texts SIGNAL=COLUMN; OrthosisError for another text or a double."""
+def read_mapping(given: Mapping[str, str] | Iterable[str]) -> dict[str, str]:
+    """Return signal -> column from such a mapping, or from texts SIGNAL=COLUMN.
+
+    Raises:
+        OrthosisError: another text, a signal without a column or twice.
+    """
+    pairs = given.items() if isinstance(given, Mapping) else ()
     found: dict[str, str] = {}
-    for text in texts:
+    for text in [f"{signal}={column}" for signal, column in pairs] or given:
         signal, equals, column = text.partition("=")
         if not equals or not column.lstrip("-"):
             raise OrthosisError(f"--columns {text}: give SIGNAL=COLUMN")
@@ -151,6 +157,15 @@ def signals_of(
     return found
 
 
+def as_written(path: str, system: System, columns: Mapping[str, np.ndarray]) -> dict[str, str]:
+    """Return signal -> the range of its column in the unit that the table gives, for those with a unit."""
+    return {
+        name: f"{np.nanmin(columns[at]):g} to {np.nanmax(columns[at]):g} {unit.text} in column {at}"
+        for name, (at, _, unit) in places_of(path, system, columns).items()
+        if unit is not None and not np.isnan(columns[at]).all()
+    }
+
+
 def _scales(source: Source) -> bool:
     """Return whether a source says itself what leads from the column to the signal."""
     return (source.factor, source.offset) != (1.0, 0.0)
@@ -192,11 +207,11 @@ def _split(column: str) -> tuple[str, str]:
 def _known(text: str) -> Unit | None:
     """Return a unit; None if there is no such unit."""
     if text in UNITS:
-        return Unit(*UNITS[text])
+        return Unit(*UNITS[text], text=text)
     for ending, gauge in ((GAUGE, True), (ABSOLUTE, False)):
         plain = ending.sub("", text)
         if plain != text and plain in UNITS and UNITS[plain][0] == "Pa":
-            return Unit(*UNITS[plain], gauge)
+            return Unit(*UNITS[plain], gauge, text)
     return None
 
 

@@ -13,7 +13,7 @@ from scipy.signal import butter, sosfiltfilt
 from pam_orthosis.bag.fields import check_field
 from pam_orthosis.bag.read import KNOWN, aligned, read_bag
 from pam_orthosis.bag.topics import Signal
-from pam_orthosis.discrepancy.columns import places_of, signals_of
+from pam_orthosis.discrepancy.columns import as_written, places_of, signals_of
 from pam_orthosis.discrepancy.even import even
 from pam_orthosis.discrepancy.ranges import in_range
 from pam_orthosis.discrepancy.system import Source, System
@@ -195,12 +195,15 @@ def from_csv(path: Path, system: System) -> Recording:
         return {place.column for place in places_of(name, system, columns).values()}
 
     columns = read_numbers(path, used, lost=True)
-    return _in_range(name, system, signals_of(name, system, columns, system.ambient))
+    written = as_written(name, system, columns)
+    return _in_range(name, system, signals_of(name, system, columns, system.ambient), written)
 
 
-def _in_range(name: str, system: System, arrays: Mapping[str, np.ndarray]) -> Recording:
-    """Return the recording of arrays whose values can be in SI."""
-    inside, remarks = in_range(name, system, arrays)
+def _in_range(
+    name: str, system: System, arrays: Mapping[str, np.ndarray], written: Mapping[str, str] | None = None
+) -> Recording:
+    """Return the recording of arrays whose values can be in SI; `written`: as `ranges.in_range`."""
+    inside, remarks = in_range(name, system, arrays, written or {})
     one = from_arrays(name, system, inside)
     if one.period > LONGEST_PERIOD:
         raise OrthosisError(

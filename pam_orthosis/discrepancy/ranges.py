@@ -20,9 +20,11 @@ SHARE = 0.99
 
 
 def in_range(
-    name: str, system: System, signals: Mapping[str, np.ndarray]
+    name: str, system: System, signals: Mapping[str, np.ndarray], written: Mapping[str, str]
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """Return signals with a few samples of channels bridged that are out of range, and remarks on them.
+
+    `written`: signal -> its range in the unit that a table gives, if it gives one.
 
     Raises:
         OrthosisError: many samples are out of range, or some of an input; they may be in another unit.
@@ -37,7 +39,7 @@ def in_range(
         first = int(np.argmax(outside)) + 1
         at = f"in {outside.sum()} of {len(values)} samples, the first in row {first} of numbers"
         if key in system.inputs or not _drops_out(values, outside):
-            raise OrthosisError(f"{name}: {_refusal(system, key, values, at)}")
+            raise OrthosisError(f"{name}: {_refusal(system, key, values, at, written.get(key, ''))}")
         inside[key] = _bridged(values, outside)
         remarks.append(f"{name}: {key} leaves {least:g} to {most:g} {system.unit(key)} {at}: bridged")
     return inside, tuple(remarks)
@@ -72,14 +74,15 @@ def _bridged(values: np.ndarray, outside: np.ndarray) -> np.ndarray:
     return bridged
 
 
-def _refusal(system: System, key: str, values: np.ndarray, at: str) -> str:
+def _refusal(system: System, key: str, values: np.ndarray, at: str, written: str) -> str:
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    said = f"{key} from {low:g} to {high:g}"
+    said = f"{key} from {low:g} to {high:g}" + (f" {system.unit(key)} ({written})" if written else "")
+    meant = "in another unit than that" if written else "in bar"
     if low < (bound := _least_pressure(system, key)):
         return (
             f"{said} is no absolute pressure in Pa {at}; it is {bound:g} or more where the ambient one is"
-            f" {system.ambient:g}: in bar, or gauge, or does the logger drop out? At altitude give the"
-            " ambient pressure as valve.ambient_pressure in --model, as `ambient` of a --system"
+            f" {system.ambient:g}: {meant}, or gauge, or does the logger drop out? At altitude give the"
+            " ambient pressure as valve.ambient_pressure in --model, as `ambient` of a system of your own"
         )
     least, most = _range(system, key)
     flipped = least <= -high and -low <= most

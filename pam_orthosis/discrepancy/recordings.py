@@ -16,6 +16,7 @@ from pam_orthosis.discrepancy.system import System
 from pam_orthosis.discrepancy.together import Workers
 from pam_orthosis.discrepancy.user_file import load_system
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.machines import machine_named
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.progress import Progress, silent
@@ -30,9 +31,9 @@ class Asked(NamedTuple):
     measured: Sequence[Path]
     held_out: Sequence[Path]
     model: Path | None = None
-    machine: Path | None = None
+    machine: Path | Machine | None = None
     system: Path | None = None
-    columns: Sequence[str] = ()
+    columns: Mapping[str, str] | Sequence[str] = ()
     namespace: str = ""
 
     @property
@@ -92,7 +93,7 @@ def _of_system(file: Path, model: Path | None) -> Nominal:
 
 
 def _of_apparatus(asked: Asked) -> Nominal:
-    machine = machine_named(asked.machine) if asked.machine else None
+    machine = machine_named(asked.machine) if isinstance(asked.machine, Path) else asked.machine
     paths, namespace = asked.paths, asked.namespace
     apparatus = apparatus_of(paths, machine, namespace)
     given = patch.read(asked.model, apparatus.machine) if asked.model else {}

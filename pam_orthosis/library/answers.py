@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from pam_orthosis.bag.verdict import Bound, Verdict, judge
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import as_text, write_files
+from pam_orthosis.library.options import in_python
 from pam_orthosis.library.run import Picture, Run
 from pam_orthosis.markup import Shown, table
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from pam_orthosis.discrepancy.data import Recording
     from pam_orthosis.discrepancy.judgement import Outcome
     from pam_orthosis.identification.identify import Identified
+    from pam_orthosis.model.machine import Machine
     from pam_orthosis.model.parameters import Parameters
 
 Recorded = Run | str | Path
@@ -62,7 +64,7 @@ class Gap:
 
     Attributes:
         outcome: all of it.
-        words: what the verb `gap` prints of it.
+        words: what the verb `gap` prints of it, with its options as arguments of Python.
         nominal: the model that was searched.
     """
 
@@ -126,6 +128,9 @@ def gap(
     held_out: Iterable[Recorded] = (),
     model: str | Path | None = None,
     jobs: int | None = None,
+    machine: Machine | str | Path | None = None,
+    columns: Mapping[str, str] | Sequence[str] = (),
+    namespace: str = "",
 ) -> Gap:
     """Find which physical effect is missing in the nominal model, as the verb `gap` does.
 
@@ -134,9 +139,15 @@ def gap(
         held_out: those that judge and are not fitted; if empty, the last quarter of each of `training`.
         model: YAML file with parameters of the nominal model that differ from those recorded.
         jobs: processes at a time (number of cores); the answer does not depend on it.
+        machine: tables, or bags that do not say so, are of this machine: its YAML file, or what
+            `machine(path)` returned.
+        columns: signal -> column of tables, such as `{"angle": "knee [deg]", "time": "t:ms"}`, or a list of
+            texts `SIGNAL=COLUMN`; `-COLUMN` counts the other way round.
+        namespace: of the leg in the bags.
 
     Raises:
-        OrthosisError: a recording is unfit or given twice, or they are of different machines.
+        OrthosisError: a recording is unfit or given twice, or they are of different machines; no column for
+            a signal, or a file is unusable.
     """
     from pam_orthosis.discrepancy.recordings import Asked, read_recordings
     from pam_orthosis.discrepancy.replay import Replay
@@ -147,11 +158,19 @@ def gap(
     training, held_out, workers = _listed(training), _listed(held_out), Workers(jobs)
     with _bags() as bags:
         fitted, judged = bags.of(training, "training run"), bags.of(held_out, "held-out run")
-        read = read_recordings(Asked(fitted, judged, None if model is None else Path(model)), workers)
+        asked = Asked(
+            fitted,
+            judged,
+            None if model is None else Path(model),
+            Path(machine) if isinstance(machine, str) else machine,
+            columns=[columns] if isinstance(columns, str) else columns,
+            namespace=namespace,
+        )
+        read = read_recordings(asked, workers)
         learnt, judging = ([*map(bags.recording, some)] for some in (read.training, read.held_out))
         system, nominal = read.nominal.system, read.nominal.parameters
         outcome = find_gap(system, learnt, judging, nominal.gap, replay=Replay(system, workers))
-    return Gap(outcome, read.heading + describe(outcome), nominal)
+    return Gap(outcome, in_python(read.heading + describe(outcome)), nominal)
 
 
 def _listed(runs: Iterable[Recorded]) -> list[Recorded]:
@@ -253,10 +272,10 @@ class _Bags:
         return run.save(path)
 
     def said(self, words: str) -> str:
-        """Return words with what the user gave instead of the bags that were written of it."""
+        """Return words for Python, with what the user gave instead of the bags that were written of it."""
         for path, called in self._called.items():
             words = words.replace(path, called)
-        return words
+        return in_python(words)
 
     def recording(self, one: Recording) -> Recording:
         """Return a recording that is called as the user gave it."""

@@ -8,14 +8,17 @@ from pathlib import Path
 
 import pytest
 
+import pam_orthosis as po
 from pam_orthosis.bag.simulated import record_run
 from pam_orthosis.cli.main import main
+from pam_orthosis.discrepancy import beginning, workflow
 from pam_orthosis.discrepancy.agreement import remarks_on_agreement
 from pam_orthosis.discrepancy.beginning import begin
 from pam_orthosis.discrepancy.data import from_csv
 from pam_orthosis.discrepancy.declared import declared_machine
 from pam_orthosis.discrepancy.soundness import check_system
 from pam_orthosis.discrepancy.suspects import VALVE
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machines import read_machine
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.plant import Plant
@@ -149,6 +152,59 @@ def test_gap_takes_the_file_of_a_machine(machine, tmp_path, capsys):
     assert "give one" in capsys.readouterr().err
     assert main(["gap", str(table), "--machine", str(tmp_path / "none.yaml")]) == 2
     assert "none.yaml" in capsys.readouterr().err
+
+
+def test_the_help_says_that_tables_may_be_of_a_machine(capsys):
+    with pytest.raises(SystemExit):
+        main(["gap", "--help"])
+    assert ".csv tables of the knee, of --machine or of --system" in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_library_reads_tables_of_a_machine_as_the_verb_does(machine, tmp_path, monkeypatch):
+    path, declared = machine
+    table = _write(tmp_path / "run.csv", declared, 1)
+    own = table.read_text(encoding="utf-8").replace("time,position", "t,x", 1)
+    table.write_text(own, encoding="utf-8")
+    begun = []
+
+    def begin_with(system, recordings, *_):
+        begun.append((system.name, recordings[0]))
+        raise OrthosisError("read")
+
+    monkeypatch.setattr(beginning, "begin", begin_with)
+    monkeypatch.setattr(workflow, "begin", begin_with)
+    columns = {"time": "t:s", "position": "x"}
+    texts = [f"{signal}={column}" for signal, column in columns.items()]
+    assert main(["gap", str(table), "--machine", str(path), "--columns", *texts]) == 2
+    for given in ({"machine": str(path), "columns": columns}, {"machine": declared, "columns": texts}):
+        with pytest.raises(OrthosisError, match=r"^read$"):
+            po.gap([table], **given)
+    (name, said), *found = begun
+    assert len(found) == 2
+    for system, one in found:
+        assert (system, one.period, one.remarks) == (name, pytest.approx(PERIOD), said.remarks)
+        assert one.signals.keys() == said.signals.keys()
+        assert all((one.signals[key] == said.signals[key]).all() for key in said.signals)
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({}, r'no column time; .* as in `columns={"time": "COLUMN"}`, or by `machine` of what other machine'),
+        ({"time": "t", "place": "x"}, "`columns` place: no such signal"),
+        ({"time": ""}, "`columns` time=: give SIGNAL=COLUMN"),
+        ("time=position", "column position would be time and position; say by `columns` which one it is"),
+        (["time=t"], "a recording needs more than 1 samples"),
+    ],
+)
+def test_the_library_refuses_tables_in_words_of_python(machine, tmp_path, columns, said):
+    path, declared = machine
+    table = tmp_path / "run.csv"
+    table.write_text(",".join(["t", *COLUMNS[1:]]) + "\n0,0.1,1e5,1e5,5,5\n", encoding="utf-8")
+    for given in (path, str(path), declared):
+        with pytest.raises(OrthosisError, match=said) as refused:
+            po.gap([table], machine=given, columns=columns)
+        assert "--" not in str(refused.value)
 
 
 @pytest.fixture(scope="module")
