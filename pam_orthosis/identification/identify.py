@@ -12,6 +12,7 @@ from pam_orthosis.identification.damping import Damping, fit_damping
 from pam_orthosis.identification.data import Data
 from pam_orthosis.identification.force import ForceFit, fit_force, leave_one_out, rms_and_max
 from pam_orthosis.identification.groups import lengths
+from pam_orthosis.identification.kept import not_identified
 from pam_orthosis.identification.samples import Samples
 from pam_orthosis.identification.trust import (
     Hysteresis,
@@ -67,6 +68,12 @@ class Identified:
     hysteresis: Hysteresis | None = None
     remarks: tuple[str, ...] = ()
 
+    @property
+    def not_identified(self) -> str:
+        """What was not identified, and what counts then, in words; empty if all was."""
+        damping = self.damping is not None or self.given_damping is not None
+        return not_identified(self.data, self.volume is not None, damping)
+
     def errors(self, held_out: bool) -> dict[str, Any]:
         """Return RMS and maximum error, N: overall, by level (bar gauge) and by direction."""
         s = self.held_out if held_out else self.training
@@ -98,6 +105,7 @@ class Identified:
             "damping": _plain(self.damping),
             "damping_used": model.damping,
             "volume": _plain(self.volume),
+            "not_identified": self.not_identified or None,
             "rank": fit.rank,
             "condition_scaled": fit.condition,
             "condition_unscaled": fit.condition_raw,
