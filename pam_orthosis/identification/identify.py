@@ -17,6 +17,8 @@ from pam_orthosis.identification.samples import Samples
 from pam_orthosis.identification.trust import (
     Hysteresis,
     astray,
+    check_direction,
+    check_repeats,
     check_slack_pressure,
     clipped,
     copied,
@@ -153,8 +155,13 @@ def identify(
         raise OrthosisError("all data are held out: nothing is left to fit")
     progress("fitting the force")
     force = fit_force(training, d, degrees)
-    caution = check_slack_pressure(force.model, training, data.length)
-    cautions = (caution, astray(force.model, training))
+    friction = hysteresis(force.model, training)
+    cautions = (
+        check_slack_pressure(force.model, training, data.length),
+        astray(force.model, training),
+        check_direction(force.model, training, friction),
+        check_repeats(training, data.length) if data.static else "",
+    )
     remarks += [f"caution: {one}" for one in cautions if one]
     left_out = {
         kind: leave_one_out(training, group, lambda s: fit_force(s, d, degrees), progress)
@@ -166,7 +173,7 @@ def identify(
     return Identified(
         data, training, samples.where(judged), force, decay,
         fit_volume(data.volumes, degree) if data.volumes else None,
-        left_out, box, _stiff(force, box), damping, hysteresis(force.model, training), tuple(remarks),
+        left_out, box, _stiff(force, box), damping, friction, tuple(remarks),
     )  # fmt: skip
 
 
