@@ -37,7 +37,8 @@ BRACKETS = re.compile(r"[ _]*[\[(]([^\])]+)[\])]$")
 
 def _spellings() -> dict[str, tuple[str, float, bool]]:
     """Return column -> quantity, factor to SI, whether it counts from vacuum."""
-    found = {name: (name, 1.0, False) for name in ("direction", "repeat", "slack")}
+    plain_names = ("direction", "repeat", "slack")
+    found = {text: (name, 1.0, False) for name in plain_names for text in (name, name.capitalize())}
     for quantity, (symbol, word, units) in MEASURED.items():
         for name, unit in product((symbol, word, word.capitalize()), units):
             found[f"{name}_{unit}"] = (quantity, units[unit], False)

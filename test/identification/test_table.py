@@ -75,6 +75,11 @@ def test_units_may_be_spelled_as_for_gap(tmp_path, names, rows):
     assert read.force == pytest.approx([300, 250])
 
 
+def test_marks_may_begin_with_a_capital(tmp_path):
+    read = read_table(table(tmp_path, ["p_bar_g,L_m,F_N,Direction,Slack", "2,0.29,300,-1,0"]), AMBIENT)
+    assert (read.direction.tolist(), read.marked) == ([-1], True)
+
+
 def test_a_column_that_holds_no_quantity_is_left_unread_and_named(tmp_path):
     remarked = [f"{line},{text}" for line, text in zip(GOOD[:3], ("remark", "cold", ""), strict=True)]
     path = table(tmp_path, remarked)
