@@ -147,6 +147,8 @@ def describe(found: Identified) -> str:
         v = found.volume
         lines.append(f"  v = {_numbers(v.v)}, w = {_numbers(v.w)}")
         lines.append(f"  volume error {v.rms * 1e6:.2f} cm^3 RMS, {v.largest * 1e6:.2f} cm^3 maximum")
+    if found.not_identified:
+        lines.append(f"  {found.not_identified}")
     lines.append(
         f"rank {fit.rank} of {len(fit.half_width)}, condition {fit.condition:.3g} (unscaled"
         f" {fit.condition_raw:.3g}), {len(found.training)} samples, {fit.effective:.0f} independent"

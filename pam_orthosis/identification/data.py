@@ -64,7 +64,7 @@ class Data:
         static: from tables, in which samples need not follow each other.
         marked: the tables say where the muscle hangs slack.
         own: keys below its section that a file of its own gave.
-        assumed: what was taken because nothing was given, for users.
+        assumed: what was taken because nothing was given, and columns that were not read, for users.
     """
 
     specimen: str
@@ -119,7 +119,8 @@ def read_data(
         specimen, parameters, nominal, joined(Samples, numbered_repeats(samples)), not bags,
         [one.decay for one in parts if one.decay],
         joined(Volumes, [one.volumes for one in parts if one.volumes]),
-        any(one.marked for one in parts), own, _assumed(tables, length, specimen, nominal, own),
+        any(one.marked for one in parts), own,
+        (*_assumed(tables, length, specimen, nominal, own), *_unread(parts)),
     )  # fmt: skip
 
 
@@ -154,6 +155,12 @@ def _assumed(
     return (
         f"the nominal length, {nominal:g} m, is that of the {specimen} in config/: give --nominal-length-m",
     )
+
+
+def _unread(parts: Sequence[Parts]) -> tuple[str, ...]:
+    """Return which columns of tables were not read."""
+    names = ", ".join(dict.fromkeys(name for one in parts for name in one.unread))
+    return (f"columns not read, as their names give no known quantity and unit: {names}",) if names else ()
 
 
 def _sources(paths: Iterable[Path]) -> tuple[list[Path], list[Path]]:

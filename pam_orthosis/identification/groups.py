@@ -14,15 +14,21 @@ def grouped(values: np.ndarray, gap: float, widest: float, most: int) -> np.ndar
     What was swept, so that a group would be wider than `widest` or there are more than `most`, is cut into
     equal parts.
     """
-    order = np.argsort(values, kind="stable")
-    member = np.empty(len(values), int)
-    member[order] = np.concatenate([[0], np.cumsum(np.diff(values[order]) > gap)])
+    member = _gathered(values, gap)
     bins = 8  # of what was swept
     if member.max() >= most or _widths(values, member).max() > widest:
         edges = np.linspace(values.min(), values.max(), bins + 1)[1:-1]
         member = np.unique(np.searchsorted(edges, values), return_inverse=True)[1]
     mean = np.bincount(member, values) / np.bincount(member)
     return mean[member]
+
+
+def _gathered(values: np.ndarray, gap: float) -> np.ndarray:
+    """Return the number of each value's group, in which neighbours are nearer than a gap."""
+    order = np.argsort(values, kind="stable")
+    member = np.empty(len(values), int)
+    member[order] = np.concatenate([[0], np.cumsum(np.diff(values[order]) > gap)])
+    return member
 
 
 def _widths(values: np.ndarray, member: np.ndarray) -> np.ndarray:
@@ -40,6 +46,17 @@ def levels(pressure: np.ndarray) -> np.ndarray:
 def lengths(contraction: np.ndarray, nominal: float) -> np.ndarray:
     """Return the contraction, m, at which each row was held; of a sweep the part that it is in."""
     return grouped(contraction, LENGTH_GAP * nominal, WIDEST_LENGTH * nominal, MOST_LENGTHS)
+
+
+def points(pressure: np.ndarray, contraction: np.ndarray, nominal: float) -> np.ndarray | None:
+    """Return a number for each row, the same at the same pressure and length; None if either was swept."""
+    level = _gathered(pressure, LEVEL_GAP)
+    length = _gathered(contraction, LENGTH_GAP * nominal)
+    if _widths(pressure, level).max() > WIDEST_LEVEL:
+        return None
+    if _widths(contraction, length).max() > WIDEST_LENGTH * nominal:
+        return None
+    return numbered(level, length)
 
 
 def numbered(*keys: np.ndarray) -> np.ndarray:

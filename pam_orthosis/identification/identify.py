@@ -12,10 +12,13 @@ from pam_orthosis.identification.damping import Damping, fit_damping
 from pam_orthosis.identification.data import Data
 from pam_orthosis.identification.force import ForceFit, fit_force, leave_one_out, rms_and_max
 from pam_orthosis.identification.groups import lengths
+from pam_orthosis.identification.kept import not_identified
 from pam_orthosis.identification.samples import Samples
 from pam_orthosis.identification.trust import (
     Hysteresis,
     astray,
+    check_direction,
+    check_repeats,
     check_slack_pressure,
     clipped,
     copied,
@@ -67,6 +70,12 @@ class Identified:
     hysteresis: Hysteresis | None = None
     remarks: tuple[str, ...] = ()
 
+    @property
+    def not_identified(self) -> str:
+        """What was not identified, and what counts then, in words; empty if all was."""
+        damping = self.damping is not None or self.given_damping is not None
+        return not_identified(self.data, self.volume is not None, damping)
+
     def errors(self, held_out: bool) -> dict[str, Any]:
         """Return RMS and maximum error, N: overall, by level (bar gauge) and by direction."""
         s = self.held_out if held_out else self.training
@@ -98,6 +107,7 @@ class Identified:
             "damping": _plain(self.damping),
             "damping_used": model.damping,
             "volume": _plain(self.volume),
+            "not_identified": self.not_identified or None,
             "rank": fit.rank,
             "condition_scaled": fit.condition,
             "condition_unscaled": fit.condition_raw,
@@ -145,8 +155,13 @@ def identify(
         raise OrthosisError("all data are held out: nothing is left to fit")
     progress("fitting the force")
     force = fit_force(training, d, degrees)
-    caution = check_slack_pressure(force.model, training, data.length)
-    cautions = (caution, astray(force.model, training))
+    friction = hysteresis(force.model, training)
+    cautions = (
+        check_slack_pressure(force.model, training, data.length),
+        astray(force.model, training),
+        check_direction(force.model, training, friction),
+        check_repeats(training, data.length) if data.static else "",
+    )
     remarks += [f"caution: {one}" for one in cautions if one]
     left_out = {
         kind: leave_one_out(training, group, lambda s: fit_force(s, d, degrees), progress)
@@ -158,7 +173,7 @@ def identify(
     return Identified(
         data, training, samples.where(judged), force, decay,
         fit_volume(data.volumes, degree) if data.volumes else None,
-        left_out, box, _stiff(force, box), damping, hysteresis(force.model, training), tuple(remarks),
+        left_out, box, _stiff(force, box), damping, friction, tuple(remarks),
     )  # fmt: skip
 
 

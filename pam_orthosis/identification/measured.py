@@ -26,12 +26,13 @@ MOST = 300  # runs of a table, and repeats: each is left out in turn
 
 
 class Parts(NamedTuple):
-    """What a table holds; `marked`: it says where the muscle hangs slack."""
+    """What a table holds; `marked`: it says where the muscle hangs slack; `unread`: its other columns."""
 
     samples: Samples | None = None
     decay: Decay | None = None
     volumes: Volumes | None = None
     marked: bool = False
+    unread: tuple[str, ...] = ()
 
 
 def table_parts(path: Path, nominal: float, ambient: float, serial: int) -> Parts:
@@ -44,11 +45,12 @@ def table_parts(path: Path, nominal: float, ambient: float, serial: int) -> Part
     contraction = table.contraction if table.contraction is not None else nominal - table.length
     _check_lengths(path, contraction, nominal)
     if table.volume is not None:
-        return Parts(volumes=Volumes(table.pressure, contraction, table.volume))
+        return Parts(volumes=Volumes(table.pressure, contraction, table.volume), unread=table.unread)
     _check_time(path, table.time)
     if table.mass is not None:
-        return Parts(decay=_decay(path, table, contraction))
-    return Parts(_samples(path, table, contraction, serial), marked=table.marked)
+        return Parts(decay=_decay(path, table, contraction), unread=table.unread)
+    samples = _samples(path, table, contraction, serial)
+    return Parts(samples, marked=table.marked, unread=table.unread)
 
 
 def _check_lengths(path: Path, contraction: np.ndarray, nominal: float) -> None:

@@ -17,7 +17,8 @@ def own_bench(path: Path) -> Bench:
     """Return parameters in which the knee's muscle has the geometry of a file.
 
     The file gives `length` (nominal) and `diameter` in m, and may give `fibre_angle` in rad and `wall` in m.
-    Until force and volume are identified, they are those of the DMSP-20 in proportion to the cross-section.
+    Until force and volume are identified, they are those of the DMSP-20 in proportion to the cross-section,
+    the volume to the length too; it counts as given.
 
     Raises:
         OrthosisError: unreadable, another or a missing key, or a value that no muscle has.
@@ -43,7 +44,7 @@ def own_bench(path: Path) -> Bench:
             "force.b": [share * b / stretched**i for i, b in enumerate(shipped.force.b)],
             "volume.v": [share * v * stretched ** (1 - i) for i, v in enumerate(shipped.volume.v)],
         }
-        own = tuple(key for key in changed if not key.startswith(("force.", "volume.")))
+        own = tuple(key for key in changed if not key.startswith("force."))
         return Bench(load({f"muscle.{SECTION}.{k}": v for k, v in changed.items()}), (SECTION,), own)
 
 

@@ -15,6 +15,7 @@ import yaml
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import write_text
 from pam_orthosis.identification.identify import Identified
+from pam_orthosis.identification.kept import VOLUME
 from pam_orthosis.model.rows import Row
 from pam_orthosis.reading import from_yaml, read_text
 
@@ -71,7 +72,7 @@ def as_yaml(found: Identified, source: str) -> str:
         node = tree
         for step in path:
             node = node.setdefault(step, {})
-        node[leaf] = _fields(row, source)
+        node[leaf] = _fields(row, _source(found, key, source))
     return yaml.safe_dump({found.data.specimen: tree}, sort_keys=False, width=1000)
 
 
@@ -85,9 +86,17 @@ def update(file: Path, found: Identified, source: str) -> None:
     muscle, fields = found.data.specimen, {}
     for key, value in values(found).items():
         parameters.row(f"muscle.{muscle}.{key}").with_value(value)
-        fields |= {f"{muscle}.{key}.value": _text(value), f"{muscle}.{key}.source": json.dumps(source)}
+        origin = json.dumps(_source(found, key, source))
+        fields |= {f"{muscle}.{key}.value": _text(value), f"{muscle}.{key}.source": origin}
     edited = replaced(read_text(file), fields, str(file))
     write_text(file.resolve(), edited, overwrite=True)  # it is asked for
+
+
+def _source(found: Identified, key: str, source: str) -> str:
+    """Return where a value comes from: a muscle's own file scales a volume that was not measured."""
+    if key != VOLUME or found.volume:
+        return source
+    return f"that of {found.data.specimen} in proportion to length and cross-section"
 
 
 def _fields(row: Row, source: str) -> dict[str, Any]:

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measured tables: CSV files whose columns name their unit.
 
-`p_Pa_gauge,L_m,F_N,slack` for example. Quantity, unit and (for a pressure) reference stand in the
-name; other columns are refused, so that no unit is ever guessed.
+`p_Pa_gauge,L_m,F_N,slack` for example, or `pressure [bar gauge]`. Quantity, unit and (for a pressure)
+reference stand in the name, so that no unit is ever guessed; other columns are not read, and that is said.
 """
 
+import re
 from collections.abc import Sequence
-from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,22 +17,39 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.reading import shown
 from pam_orthosis.tables import read_numbers
 
-# column -> quantity, factor to SI, whether it counts from vacuum
-COLUMNS = {
-    **{f"p_{u}_gauge": ("pressure", f, False) for u, f in (("Pa", 1.0), ("kPa", 1e3), ("bar", 1e5))},
-    **{f"p_{u}_abs": ("pressure", f, True) for u, f in (("Pa", 1.0), ("kPa", 1e3), ("bar", 1e5))},
-    **{f"L_{u}": ("length", f, False) for u, f in (("m", 1.0), ("mm", 1e-3))},
-    **{f"dL_{u}": ("contraction", f, False) for u, f in (("m", 1.0), ("mm", 1e-3))},
-    **{f"F_{u}": ("force", f, False) for u, f in (("N", 1.0), ("kN", 1e3))},
-    **{f"sigma_F_{u}": ("sigma", f, False) for u, f in (("N", 1.0), ("kN", 1e3))},
-    **{f"v_{u}": ("rate", f, False) for u, f in (("m_s", 1.0), ("mm_s", 1e-3))},
-    **{f"t_{u}": ("time", f, False) for u, f in (("s", 1.0), ("ms", 1e-3))},
-    **{f"V_{u}": ("volume", f, False) for u, f in (("m3", 1.0), ("l", 1e-3), ("cm3", 1e-6))},
-    "m_kg": ("mass", 1.0, False),
-    "direction": ("direction", 1.0, False),
-    "repeat": ("repeat", 1.0, False),
-    "slack": ("slack", 1.0, False),
+# quantity -> symbol and word in a column's name, unit -> factor to SI
+PRESSURES = {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": 6894.757}
+LENGTHS, FORCES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}, {"N": 1.0, "kN": 1e3}
+MEASURED = {
+    "length": ("L", "length", LENGTHS),
+    "contraction": ("dL", "contraction", LENGTHS),
+    "force": ("F", "force", FORCES),
+    "sigma": ("sigma_F", "sigma", FORCES),
+    "rate": ("v", "rate", {"m_s": 1.0, "mm_s": 1e-3}),
+    "time": ("t", "time", {"s": 1.0, "ms": 1e-3, "us": 1e-6}),
+    "volume": ("V", "volume", {"m3": 1.0, "l": 1e-3, "cm3": 1e-6}),
+    "mass": ("m", "mass", {"kg": 1.0}),
 }
+GAUGE, ABSOLUTE = ("_gauge", "_gage", "_rel", "_g", "g"), ("_abs", "_absolute", "_a", "a")
+UNCERTAIN = {f"{name}_{unit}" for name in ("p", "pressure", "Pressure") for unit in PRESSURES}
+BRACKETS = re.compile(r"[ _]*[\[(]([^\])]+)[\])]$")
+
+
+def _spellings() -> dict[str, tuple[str, float, bool]]:
+    """Return column -> quantity, factor to SI, whether it counts from vacuum."""
+    plain_names = ("direction", "repeat", "slack")
+    found = {text: (name, 1.0, False) for name in plain_names for text in (name, name.capitalize())}
+    for quantity, (symbol, word, units) in MEASURED.items():
+        for name, unit in product((symbol, word, word.capitalize()), units):
+            found[f"{name}_{unit}"] = (quantity, units[unit], False)
+    for plain, ending in product(sorted(UNCERTAIN), (*GAUGE, *ABSOLUTE)):
+        unit = PRESSURES[plain.rpartition("_")[2]]
+        found[plain + ending] = ("pressure", unit, ending in ABSOLUTE)
+    return found
+
+
+COLUMNS = _spellings()
+EXAMPLES = {"pressure": "p_Pa_gauge", "force": "F_N"}
 # what a column in the right unit cannot exceed
 PLAUSIBLE = {
     "pressure": (-1.0e3, 1.5e6, "Pa gauge"),
@@ -50,7 +68,7 @@ MIXED = {"pressure": 100.0, "length": 3.0}
 class Table(NamedTuple):
     """Rows of a taut muscle in SI, (n,) each; None where the file has no such column.
 
-    `marked`: the file says where the muscle hangs slack.
+    `marked`: the file says where the muscle hangs slack. `unread`: names of columns that hold none of these.
     """
 
     pressure: np.ndarray
@@ -65,6 +83,7 @@ class Table(NamedTuple):
     mass: np.ndarray | None
     volume: np.ndarray | None
     marked: bool = False
+    unread: tuple[str, ...] = ()
 
 
 def read_table(path: Path, ambient: float) -> Table:
@@ -76,13 +95,13 @@ def read_table(path: Path, ambient: float) -> Table:
     carries information, those below do not.
 
     Raises:
-        OrthosisError: unreadable, unknown or doubled column, not a number, implausible values.
+        OrthosisError: unreadable, ambiguous, missing or doubled column, not a number, implausible values.
     """
-    columns = _columns(path, ambient)
+    columns, unread = _columns(path, ambient)
     for needed in ("pressure",) if "volume" in columns else ("pressure", "force"):
         if needed not in columns:
-            example = next(column for column, (name, *_) in COLUMNS.items() if name == needed)
-            raise OrthosisError(f"{path}: no column for the {needed}; name it e.g. {example}")
+            there = f"; not read: {', '.join(unread)}" if unread else ""
+            raise OrthosisError(f"{path}: no column for the {needed}; name it e.g. {EXAMPLES[needed]}{there}")
     if ("length" in columns) == ("contraction" in columns):
         raise OrthosisError(f"{path}: give either the length (L_m) or the contraction (dL_m)")
     for name, values in columns.items():
@@ -92,9 +111,9 @@ def read_table(path: Path, ambient: float) -> Table:
     if slack.all():
         raise OrthosisError(f"{path}: the muscle hangs slack in every row; measure at more pressure")
     kept = ~slack | _force_free_end(slack, columns)
-    names = (name for name in Table._fields if name != "marked")
+    names = (name for name in Table._fields if name not in ("marked", "unread"))
     rows = {name: columns[name][kept] if name in columns else None for name in names}
-    return Table(**rows, marked=marked)
+    return Table(**rows, marked=marked, unread=unread)
 
 
 def _force_free_end(slack: np.ndarray, columns) -> np.ndarray:
@@ -108,22 +127,42 @@ def _force_free_end(slack: np.ndarray, columns) -> np.ndarray:
     return mark
 
 
-def _columns(path: Path, ambient: float) -> dict[str, np.ndarray]:
+def _columns(path: Path, ambient: float) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """Return quantity -> values in SI, and the names of the columns that were not read."""
     result: dict[str, np.ndarray] = {}
-    for name, values in read_numbers(path, partial(_check_names, path)).items():
-        quantity, factor, absolute = COLUMNS[name]
+    unread: list[str] = []
+
+    def choose(names: Sequence[str]) -> list[str]:
+        _check_names(path, names)
+        unread.extend(name for name in names if name and _spelled(name) not in COLUMNS)
+        return [name for name in names if _spelled(name) in COLUMNS]
+
+    for name, values in read_numbers(path, choose).items():
+        quantity, factor, absolute = COLUMNS[_spelled(name)]
         result[quantity] = factor * values - (ambient if absolute else 0.0)
-    return result
+    return result, tuple(unread)
+
+
+def _spelled(name: str) -> str:
+    """Return a column's name as `COLUMNS` has it: `pressure [bar gauge]` is `pressure_bar_gauge`."""
+    return BRACKETS.sub(r"_\1", name).replace(" ", "_").replace("/", "_")
 
 
 def _check_names(path: Path, names: Sequence[str]) -> None:
     quantities = set()
     for name in names:
-        if name not in COLUMNS:
-            raise OrthosisError(f"{path}: column {shown(name)} is unknown; there are {', '.join(COLUMNS)}")
-        if COLUMNS[name][0] in quantities:
-            raise OrthosisError(f"{path}: two columns give the {COLUMNS[name][0]}; leave one, in one unit")
-        quantities.add(COLUMNS[name][0])
+        if _spelled(name) in UNCERTAIN:
+            written = _spelled(name)
+            raise OrthosisError(
+                f"{path}: column {shown(name)} does not say from where the pressure counts: write"
+                f" {written}_gauge or {written}_abs"
+            )
+        quantity = COLUMNS.get(_spelled(name), ("",))[0]
+        if quantity in quantities:
+            raise OrthosisError(f"{path}: two columns give the {quantity}; leave one, in one unit")
+        quantities |= {quantity} if quantity else set()
+    if not any(_spelled(name) in COLUMNS for name in names):
+        raise OrthosisError(f"{path}: no column names a quantity and its unit, as p_Pa_gauge,L_m,F_N do")
 
 
 def _check(path: Path, name: str, values: np.ndarray) -> None:

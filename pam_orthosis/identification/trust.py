@@ -7,7 +7,7 @@ import numpy as np
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.force import ForceModel, fit_force, rms_and_max
-from pam_orthosis.identification.groups import LENGTH_GAP, LEVEL_GAP
+from pam_orthosis.identification.groups import LENGTH_GAP, LEVEL_GAP, numbered, points
 from pam_orthosis.identification.samples import Samples
 from pam_orthosis.model.components.muscle import polynomial
 
@@ -104,6 +104,41 @@ def hysteresis(model: ForceModel, s: Samples) -> Hysteresis | None:
         if min(map(len, ways)):
             found.append(float(ways[0].mean() - ways[1].mean()))
     return Hysteresis(float(np.mean(found)), min(found), max(found)) if found else None
+
+
+def check_direction(model: ForceModel, s: Samples, found: Hysteresis | None) -> str:
+    """Return a caution if the hysteresis is negative beyond doubt; empty if not."""
+    if found is None:
+        return ""
+    residual, way = model.residual(s), numbered(s.level, s.direction)
+    mean = np.bincount(way, residual) / np.bincount(way)
+    scatter = rms_and_max(residual - mean[way])[0]
+    doubt = 3 * 2 * scatter / len(s) ** 0.5  # three standard errors of a difference between halves
+    least = 0.005  # of the largest force
+    if -found.mean <= max(doubt, least * s.force.max()):
+        return ""
+    return (
+        f"the hysteresis is negative ({found.mean:.1f} N), but a muscle pulls more while it is stretched or"
+        " vented: is the direction reversed?"
+    )
+
+
+def check_repeats(s: Samples, nominal: float) -> str:
+    """Return a caution if the same points were measured again and no repeat tells it; empty if not."""
+    place = points(s.pressure, s.contraction, nominal)
+    if place is None or np.ptp(s.repeat):
+        return ""
+    place = numbered(place, s.direction)
+    came = (s.serial < 0) | (np.diff(place, prepend=-1) != 0)  # rows that follow each other are one visit
+    times = np.bincount(place[came])
+    again, share = times > 1, 0.5  # of all visits, at points that have several
+    if times[again].sum() < share * times.sum():
+        return ""
+    ways = "" if s.direction.any() else ", or direction (1, -1) if they are two ways"
+    return (
+        f"{again.sum()} points were measured up to {times.max()} times, and no column repeat tells the runs"
+        f" apart: the intervals are too narrow; give repeat (number of the run){ways}"
+    )
 
 
 def taut(s: Samples, damping: float, degrees: tuple[int, int]) -> np.ndarray:

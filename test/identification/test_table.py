@@ -57,6 +57,38 @@ def test_absolute_pressures_are_reduced_by_the_ambient_one(tmp_path):
     assert read_table(table(tmp_path, lines), 9.0e4).pressure == pytest.approx([211300, 311300])
 
 
+@pytest.mark.parametrize(
+    ("names", "rows"),
+    [
+        ("pressure [bar gauge],length [mm],force [kN]", ["2,290,0.3", "3,270,0.25"]),
+        ("Pressure (psi abs),Contraction (cm),Force (N)", ["43.7003,1,300", "58.2041,3,250"]),
+        ("p [MPa a],L (cm),F [N]", ["0.3013,29,300", "0.4013,27,250"]),
+        ("p_mbar_rel,L_m,F_N", ["2000,0.29,300", "3000,0.27,250"]),
+        ("p [barg],L_m,F_N", ["2,0.29,300", "3,0.27,250"]),
+    ],
+)
+def test_units_may_be_spelled_as_for_gap(tmp_path, names, rows):
+    read = read_table(table(tmp_path, [names, *rows]), AMBIENT)
+    contraction = 0.3 - read.length if read.contraction is None else read.contraction
+    assert read.pressure == pytest.approx([2e5, 3e5], rel=1e-4)
+    assert contraction == pytest.approx([0.01, 0.03])
+    assert read.force == pytest.approx([300, 250])
+
+
+def test_marks_may_begin_with_a_capital(tmp_path):
+    read = read_table(table(tmp_path, ["p_bar_g,L_m,F_N,Direction,Slack", "2,0.29,300,-1,0"]), AMBIENT)
+    assert (read.direction.tolist(), read.marked) == ([-1], True)
+
+
+def test_a_column_that_holds_no_quantity_is_left_unread_and_named(tmp_path):
+    remarked = [f"{line},{text}" for line, text in zip(GOOD[:3], ("remark", "cold", ""), strict=True)]
+    path = table(tmp_path, remarked)
+    assert read_table(path, AMBIENT).force.tolist() == [300, 250]
+    (said,) = read_data([path], "dmsp_20", 0.3).assumed
+    assert said.endswith(": remark")
+    assert not read_data([table(tmp_path, GOOD)], "dmsp_20", 0.3).assumed
+
+
 def test_slack_rows_are_left_out_but_for_the_force_free_end(tmp_path):
     lines = [*GOOD, "300000,0.22,0,1", "200000,0.25,0,1"]
     read = read_table(table(tmp_path, lines), AMBIENT)
@@ -68,7 +100,11 @@ def test_slack_rows_are_left_out_but_for_the_force_free_end(tmp_path):
     ("lines", "message"),
     [
         (["p_Pa_gauge,L_m,F_N,slack", "200000,0.29,0,1", "300000,0.28,0,1"], "slack in every row"),
-        (["p,L_m,F_N", "2,0.29,0"], "column 'p' is unknown"),
+        (["p,L_m,F_N", "2,0.29,0"], "no column for the pressure; name it e.g. p_Pa_gauge; not read: p"),
+        (["p,L,F", "2,0.29,0"], "no column names a quantity and its unit"),
+        (["p_bar,L_m,F_N", "2,0.29,0"], "write p_bar_gauge or p_bar_abs"),
+        (["pressure [bar],L_m,F_N", "2,0.29,0"], "write pressure_bar_gauge or pressure_bar_abs"),
+        (["p_bar_abs,p (bar gauge),L_m,F_N", "3,2,0.29,0"], "two columns give the pressure"),
         (["p_Pa_gauge,p_bar_gauge,L_m,F_N", "200000,2,0.29,0"], "two columns"),
         (["p_Pa_gauge,L_m,F_N", "2,0.29,300", "3,0.29,400"], "is the unit bar"),
         (["p_Pa_gauge,L_m,F_N", "200000,0.29,300", "3,0.29,400"], "different units"),
