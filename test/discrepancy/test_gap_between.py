@@ -98,12 +98,19 @@ def test_the_wrong_way_is_said(really, way):
     assert f"held={really} " in remark
 
 
-def test_missing_rows_of_a_gradual_input_are_interpolated():
+@pytest.mark.parametrize("held", [True, False])
+def test_missing_rows_of_an_input_are_interpolated(held):
     time = np.delete(np.arange(600) * PERIOD, 300)
     arrays = {"time": time, "level": np.sin(time), "inflow": time}
-    held, gradual = (from_arrays("a", tank(way), arrays).signals["inflow"] for way in (True, False))
-    assert held[300] == pytest.approx(299 * PERIOD)
-    assert gradual[300] == pytest.approx(300 * PERIOD)
+    assert from_arrays("a", tank(held), arrays).signals["inflow"][300] == pytest.approx(300 * PERIOD)
+
+
+@pytest.mark.parametrize(("held", "value"), [(True, 299.0), (False, 299 + 1 / 1.4)])
+def test_between_stamps_that_jitter_an_input_keeps_its_value_unless_it_is_gradual(held, value):
+    rows = np.arange(600.0)
+    time = PERIOD * np.where(rows == 300, 300.4, rows)
+    arrays = {"time": time, "level": np.sin(time), "inflow": rows}
+    assert from_arrays("a", tank(held), arrays).signals["inflow"][300] == pytest.approx(value)
 
 
 def test_a_gradual_input_that_is_none_is_refused():

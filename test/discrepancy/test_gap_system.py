@@ -319,7 +319,7 @@ def test_an_apparatus_at_altitude_has_the_pressure_of_its_air(tmp_path):
     table = tmp_path / "bolivia.csv"
     table.write_text("\n".join(["time,second,outflow,pump", *rows]))
     with pytest.raises(
-        OrthosisError, match=r"At altitude give the ambient pressure .* as `ambient` of a --sy"
+        OrthosisError, match=r"At altitude give the ambient pressure .* as `ambient` of a system of your own"
     ):
         from_csv(table, place)
     assert from_csv(table, high).signals["second"][0] == pytest.approx(6.0e4, abs=1.0)
