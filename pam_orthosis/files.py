@@ -325,4 +325,5 @@ def writing(path: Path) -> Iterator[None]:
     except FileExistsError as error:
         raise OrthosisError(f"{error.filename or path} exists; choose another --out") from error
     except OSError as error:
-        raise OrthosisError(f"cannot write {path}: {error.strerror or error}") from error
+        link = "it is a link, and links are not followed" if error.errno == errno.ELOOP else ""
+        raise OrthosisError(f"cannot write {path}: {link or error.strerror or error}") from error

@@ -89,7 +89,8 @@ class _Cells:
         if not text and not self.lost:
             raise OrthosisError(f"{where}: the cell is empty; write a number or leave the row out")
         try:
-            number = float((text.replace(",", ".") if self.commas else text) or "nan")
+            plain = text.replace("_", "?")  # Python would read 1_5 as 15
+            number = float((plain.replace(",", ".") if self.commas else plain) or "nan")
         except ValueError as error:
             raise OrthosisError(f"{where}: {shown(cell)} is no number; {self._hint(text)}") from error
         if not (math.isfinite(number) or (self.lost and math.isnan(number))):

@@ -82,6 +82,7 @@ def second_cell(rows, text):
 
 BROKEN = {
     "line 3, column {second}: 'one' is no number": lambda rows: second_cell(rows, "one"),
+    "line 3, column {second}: '1_5' is no number": lambda rows: second_cell(rows, "1_5"),
     "line 3, column {second}: 'inf' is not finite": lambda rows: second_cell(rows, "inf"),
     "line 2: {more} cells below {count} names": lambda rows: [rows[0], f"{rows[1]},1"],
     "two columns give '{first}'; leave one": lambda rows: [f"{rows[0]},{rows[0].split(',')[0]}", *rows[1:]],
