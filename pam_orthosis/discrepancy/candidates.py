@@ -265,6 +265,8 @@ def twins(projection: Projection, model: Fit) -> list[Candidate]:
     scales, found = scales_of(system, model.free), []
     for name in (one for one in system.twins(model.effects[-1]) if one not in base.effects):
         trial = Trial(projection, name)
+        if set(trial.effects) == set(model.effects):  # several sensors moved together
+            continue
         for start in trial.starts()[:TWIN_STARTS]:
             values = {**trial.values(start), **rest}
             found.append(Candidate(name, 0.0, values, 0.0, scales, trial.added))

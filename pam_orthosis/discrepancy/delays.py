@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several sensors that are late: alone, each makes worse what the other drives, so all are tried at once."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from pam_orthosis.discrepancy.acceptance import accepted
@@ -28,22 +30,24 @@ def or_for_delays(
     problem, base = found.final_problem, found.final
     sensors = _sensors(problem.replay)
     left = max(1 / weight**2 for weight in problem.weights.values())
-    if not LEFT_OVER < left < HOPELESS or len(sensors) < 2 or set(sensors) <= set(base.effects):
-        return step
-    progress(f"trying {', '.join(sensors)} at once")
     missing = [name for name in sensors if name not in base.effects]
-    least = LEAST_PROMISED * settings.threshold
-    if not _has_dead_time(problem.system, base) and _promised(Projection(problem, base), missing) < least:
+    dead_time = _has_dead_time(problem.system, base)
+    if not LEFT_OVER < left < HOPELESS or len(sensors) < 2 or len(missing) <= dead_time:
+        return step  # a dead time and all sensors but one are all sensors, counted from that one
+    progress(f"trying {', '.join(sensors)} at once")
+    if not dead_time and _promised(Projection(problem, base), missing) < LEAST_PROMISED * settings.threshold:
         return step
     weighted, model = _with(problem, base, sensors)
     late = [name for name in sensors if not is_too_small(problem.system, name, model)]
     if len(late) < 2:
         return step
-    weighted, model = _with(
-        weighted, model, sorted(late, key=lambda name: abs(_delay(problem.system, model, name)))
-    )
+    late.sort(key=lambda name: abs(_delay(problem.system, model, name)))
+    if len(late) < len(sensors):
+        weighted, model = _with(weighted, model, late)
+    rest = (name for name in model.effects if name not in late)
+    model = replace(model, effects=(*rest, *late))  # it is called by the latest one
     judged = weighed(problem, base, [(weighted, model)])
-    evidence, name = judged[0][0], model.effects[-1]
+    evidence, name = judged[0][0], late[-1]
     if evidence < settings.threshold:
         return step
     other = accepted(problem, base, held_out, judged, ranking(judged, ()), {name: evidence})

@@ -3,7 +3,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import welch
@@ -105,13 +105,11 @@ def fit(problem: Problem, effects: Names, start: Values, free: Sequence[Free], m
     names = tuple(one.name for one in free)
     blocks = problem.blocks(effects, values, names)
     for _ in range(most):
-        moved, gained = _descended(problem, effects, values, free, blocks)
-        if gained <= 0.0:
-            break
-        values = moved
-        blocks = problem.blocks(effects, values, names)
+        values, gained, residuals = _descended(problem, effects, values, free, blocks)
         if gained < ENOUGH:
+            blocks = _with(blocks, residuals)
             break
+        blocks = problem.blocks(effects, values, names)
     return _finished(problem, effects, values, free, blocks)
 
 
@@ -129,11 +127,13 @@ def fit_tempered(
         settled = bool(weights) and all(0.85 < wanted[n] / weights[n] < 1.18 for n in wanted)
         weights = weights if settled else wanted
         problem = plain.weighted(weights)
-        moved, gained = _descended(problem, effects, values, free, _weighted(blocks, weights))
-        if gained > 0.0:
-            values = moved
+        weighted = _weighted(blocks, weights)
+        values, gained, residuals = _descended(problem, effects, values, free, weighted)
+        if gained >= ENOUGH:
             blocks = plain.blocks(effects, values, names)
-        if settled and gained < ENOUGH:
+            continue
+        blocks = _with(blocks, {name: row / weights[name] for name, row in residuals.items()})
+        if settled:
             break
     return problem, _finished(problem, effects, values, free, _weighted(blocks, weights))
 
@@ -150,6 +150,11 @@ def _weighted(blocks: Mapping[str, Block], weights: Values) -> dict[str, Block]:
     }
 
 
+def _with(blocks: Mapping[str, Block], residuals: Mapping[str, np.ndarray]) -> dict[str, Block]:
+    """Return a linearisation a small step later: derivatives are costly, and the same there."""
+    return {name: replace(block, residual=residuals[name]) for name, block in blocks.items()}
+
+
 def _finished(
     problem: Problem, effects: Names, values: Values, free: Sequence[Free], blocks: Mapping[str, Block]
 ) -> Fit:
@@ -161,8 +166,8 @@ def _finished(
 
 def _descended(
     problem: Problem, effects: Names, values: Values, free: Sequence[Free], blocks: Mapping[str, Block]
-) -> tuple[Values, float]:
-    """Return values of lower cost and by how much, reusing one set of derivatives for a few steps."""
+) -> tuple[Values, float, dict[str, np.ndarray]]:
+    """Return values of lower cost, by how much, and residuals there; a few steps share derivatives."""
     names = [one.name for one in free]
     scale = np.array([one.scale for one in free])
     lower, upper = (np.array([getattr(one, side) for one in free]) / scale for side in ("lower", "upper"))
@@ -186,7 +191,7 @@ def _descended(
         gained, cost, values, residuals = cost - trial, trial, moved, fresh
         if gained < max(ENOUGH, CHORD_SHARE * (first - cost)):
             break
-    return values, first - cost
+    return values, first - cost, residuals
 
 
 def scaled_slopes(block: Block, free: Sequence[Free]) -> tuple[np.ndarray, np.ndarray]:

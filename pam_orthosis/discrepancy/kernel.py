@@ -34,8 +34,13 @@ FLAGS = (
     "-fassociative-math", "-freciprocal-math", "-ffp-contract=fast", "-fPIC", "-shared", "-Wl,-Bsymbolic",
     "-Wl,-z,defs",
 )  # fmt: skip
-# not every library has functions of vectors, and not every compiler knows its processor
-OPTIONS = (("-march=native", "-DVECTOR_MATHEMATICS"), ("-march=native",), ())
+# not every library has functions of vectors, and not every compiler knows its processor; for some of these it
+# would take short vectors, whose functions take as long
+OPTIONS = (
+    ("-march=native", "-mprefer-vector-width=256", "-DVECTOR_MATHEMATICS"),
+    ("-march=native",),
+    (),
+)
 
 
 class Kernel:

@@ -51,7 +51,16 @@ def fitted_candidates(
     shapes = [name for name in system.shapes if name not in base.effects and problem.replay.touched(name)]
     found += [widened_shape(look.projection, name) for name in shapes]
     gains |= {one.name: one.gain for one in found}
-    return sorted((one for one in found if one.gain > least), key=lambda one: -one.evidence), gains
+    best_first = sorted((one for one in found if one.gain > least), key=lambda one: -one.evidence)
+    return _different(best_first), gains
+
+
+def _different(ranked: Sequence[Candidate]) -> list[Candidate]:
+    """Return the first of those candidates that add the same effects, as sensors that move together do."""
+    first: dict[frozenset[str], Candidate] = {}
+    for one in ranked:
+        first.setdefault(frozenset(one.added), one)
+    return list(first.values())
 
 
 class _Look:

@@ -14,7 +14,8 @@ import casadi as ca
 from pam_orthosis.discrepancy.lanes import LANES
 from pam_orthosis.errors import OrthosisError
 
-# the library's extremes are calls; these also keep what is not a number in the second argument
+# the library's extremes are calls, and these keep what is not a number in the second argument; a cubic root is
+# cheaper than a power
 HEAD = """
 #include <math.h>
 #define LANES {lanes}
@@ -25,6 +26,8 @@ HEAD = """
 VECTOR exp(double); VECTOR log(double); VECTOR sin(double); VECTOR cos(double); VECTOR tanh(double);
 VECTOR asinh(double); VECTOR cbrt(double); VECTOR pow(double, double);
 #endif
+static inline double power(double a, double b) {{ return b == 1.0 / 3 ? cbrt(a) : pow(a, b); }}
+#define pow power
 """
 # the arguments that differ from stretch to stretch
 BESIDE = {

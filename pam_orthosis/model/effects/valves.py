@@ -25,10 +25,13 @@ def knot_name(index: int) -> str:
 def relative_error(opening: Expression, coefficients: list[Expression]) -> Expression:
     """Return the sum of bumps exp(-(place - knot)^2); `coefficients` from the widest vent on.
 
-    exp(-(x - k)^2) = exp(-x^2) exp(2 x)^k exp(-k^2): two exponentials for all knots.
+    exp(-(x - k)^2) = exp(-x^2) exp(2 x)^k exp(-k^2): one exponential for all knots, and with asinh as a
+    logarithm exp(2 x) is a power of its argument.
     """
-    place = ca.asinh(opening / SMALL_OPENING) / SPACING
-    growth = ca.exp(2 * place)
+    whole = opening / SMALL_OPENING
+    ratio = whole + ca.sqrt(whole**2 + 1)
+    place = ca.log(ratio) / SPACING
+    growth = ratio**2 * ca.sqrt(ratio)  # exp(2 place): 2 / SPACING = 2.5
     upper = _series(coefficients[SIDE:], growth)
     lower = _series(coefficients[SIDE::-1], 1 / growth)
     return ca.exp(-(place**2)) * (upper + lower - coefficients[SIDE])
