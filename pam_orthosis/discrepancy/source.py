@@ -14,8 +14,8 @@ import casadi as ca
 from pam_orthosis.discrepancy.lanes import LANES
 from pam_orthosis.errors import OrthosisError
 
-# the library's extremes are calls, and these keep what is not a number in the second argument; a cubic root is
-# cheaper than a power
+# the library's extremes are calls, and these keep what is not a number in the second argument; a cubic root
+# is cheaper than a power
 HEAD = """
 #include <math.h>
 #define LANES {lanes}
