@@ -197,14 +197,15 @@ def refine(projection: Projection, trial: Trial, start: np.ndarray, difference: 
         if not math.isfinite(now.cost):
             break
         shared, hessian, gradient = _projected(projection, trial, now, difference)
-        best = now
-        for attempt in range(2 * TRIES):
+        best, stuck = now, projection.stuck(now.level)
+        follows = float(stuck @ now.level.solve(stuck)) < ENOUGH  # all the way: without it nothing is other
+        for attempt in range(TRIES if follows else 2 * TRIES):
             step = bounded_step(hessian, gradient, now.own, lower, upper, damping)
             step = np.clip(step, -2.0 - np.abs(now.own), 2.0 + np.abs(now.own))
             own = np.clip(now.own + step, lower, upper)
             pull = now.right + now.level.gradient(now.nuisance) + shared @ (own - now.own)
             if attempt >= TRIES:
-                pull -= projection.stuck(now.level)
+                pull -= stuck
             nuisance = projection.inside(now.nuisance - now.level.solve(pull))
             best = _point(projection, trial, own, nuisance)
             if best.cost < now.cost:

@@ -20,6 +20,7 @@ STEPS = ((0.0, 1.0), (0.0, 0.3), (0.0, 0.05), (0.01, 1.0), (0.1, 1.0), (1.0, 1.0
 SEGMENT = 512  # samples, of the density of residuals
 ORDINARY_PEAK = 1.25  # of that density for white noise
 ENOUGH = 1.0  # a fit ends when a step lowers the cost by less than this
+AT_REST = 0.1  # below it the derivatives, which are costly, are the same after the step
 
 
 @dataclass(frozen=True)
@@ -106,10 +107,10 @@ def fit(problem: Problem, effects: Names, start: Values, free: Sequence[Free], m
     blocks = problem.blocks(effects, values, names)
     for _ in range(most):
         values, gained, residuals = _descended(problem, effects, values, free, blocks)
+        at_rest = gained < AT_REST
+        blocks = _with(blocks, residuals) if at_rest else problem.blocks(effects, values, names)
         if gained < ENOUGH:
-            blocks = _with(blocks, residuals)
             break
-        blocks = problem.blocks(effects, values, names)
     return _finished(problem, effects, values, free, blocks)
 
 
@@ -129,11 +130,11 @@ def fit_tempered(
         problem = plain.weighted(weights)
         weighted = _weighted(blocks, weights)
         values, gained, residuals = _descended(problem, effects, values, free, weighted)
-        if gained >= ENOUGH:
+        if gained < AT_REST:
+            blocks = _with(blocks, {name: row / weights[name] for name, row in residuals.items()})
+        else:
             blocks = plain.blocks(effects, values, names)
-            continue
-        blocks = _with(blocks, {name: row / weights[name] for name, row in residuals.items()})
-        if settled:
+        if settled and gained < ENOUGH:
             break
     return problem, _finished(problem, effects, values, free, _weighted(blocks, weights))
 
@@ -151,7 +152,7 @@ def _weighted(blocks: Mapping[str, Block], weights: Values) -> dict[str, Block]:
 
 
 def _with(blocks: Mapping[str, Block], residuals: Mapping[str, np.ndarray]) -> dict[str, Block]:
-    """Return a linearisation a small step later: derivatives are costly, and the same there."""
+    """Return a linearisation a small step later."""
     return {name: replace(block, residual=residuals[name]) for name, block in blocks.items()}
 
 

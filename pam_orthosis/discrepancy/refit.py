@@ -96,17 +96,17 @@ def at_best_level(problem: Problem, model: Fit) -> tuple[Problem, Fit]:
 def refitted(problem: Problem, base: Fit, one: Candidate, progress: Progress) -> tuple[Problem, Fit]:
     """Return the model with a candidate, all parameters fitted, its details too if it leaves much."""
     progress(f"refitting everything with {one.name}")
-    return finished(*added(problem, base, one), one.name, progress)
+    return refined(*fitted_with(problem, base, one), one.name, progress)
 
 
-def added(problem: Problem, base: Fit, one: Candidate) -> tuple[Problem, Fit]:
+def fitted_with(problem: Problem, base: Fit, one: Candidate) -> tuple[Problem, Fit]:
     """Return the model with a candidate, all parameters fitted but its details."""
     effects = (*base.effects, *one.added)
     free = free_parameters(problem.system, effects, refined_in(problem.system, base), one.scales)
     return fit_tempered(problem, effects, one.values, free)
 
 
-def finished(problem: Problem, model: Fit, name: str, progress: Progress) -> tuple[Problem, Fit]:
+def refined(problem: Problem, model: Fit, name: str, progress: Progress) -> tuple[Problem, Fit]:
     """Return a model with the details of its effects free where one of these leaves much."""
     left = max(1 / problem.weights[equation] ** 2 for equation in problem.replay.touched(name))
     return with_details(problem, model, progress) if left > LEFT_OVER else (problem, model)

@@ -14,7 +14,7 @@ from pam_orthosis.discrepancy.fit import Fit, fit, score
 from pam_orthosis.discrepancy.free import scales_of
 from pam_orthosis.discrepancy.problem import Problem
 from pam_orthosis.discrepancy.projection import Projection
-from pam_orthosis.discrepancy.refit import added, at_best_level, better, finished, refitted, with_details
+from pam_orthosis.discrepancy.refit import at_best_level, better, fitted_with, refined, refitted, with_details
 from pam_orthosis.discrepancy.replay import Replay
 from pam_orthosis.discrepancy.screening import (
     fitted_candidates,
@@ -256,11 +256,11 @@ def _refitted_all(
     plain = {key: 0.0 for key in base.values if key.partition(".")[0] in unnamed}
 
     def one(candidate: Candidate) -> tuple[Values, Fit]:
-        weighted, model = added(problem, base, candidate)
+        weighted, model = fitted_with(problem, base, candidate)
         unshaped = replace(candidate, values={**candidate.values, **plain})
         if unshaped != candidate and is_far(weighted) and shapes_astray(problem.system, model):
-            weighted, model = better(problem, [(weighted, model), added(problem, base, unshaped)])
-        weighted, model = finished(weighted, model, candidate.name, silent)
+            weighted, model = better(problem, [(weighted, model), fitted_with(problem, base, unshaped)])
+        weighted, model = refined(weighted, model, candidate.name, silent)
         return weighted.weights, model
 
     names = ", ".join(candidate.name for candidate in worth)

@@ -266,9 +266,10 @@ def test_where_the_old_way_leads_up_a_fit_takes_a_damped_step():
     free = [Free(name, 1.0, -9.0, 9.0, np.inf) for name in ("x", "y")]
     start = {"x": 0.0, "y": 0.0}
     blocks = {"torque": Block(np.array([1.0, 1.0]), -np.eye(2), ("x", "y"))}
-    moved, gained = _descended(Sticking(), (), start, free, blocks)
+    moved, gained, residuals = _descended(Sticking(), (), start, free, blocks)
     assert gained > 0
     assert 0 < moved["x"] < 0.05
+    np.testing.assert_array_equal(residuals["torque"], Sticking().residuals((), moved)["torque"])
 
 
 def test_parameters_without_influence_do_not_stop_a_step():

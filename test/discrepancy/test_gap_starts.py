@@ -11,7 +11,7 @@ from pam_orthosis.discrepancy.candidates import Candidate, Trial, candidate, twi
 from pam_orthosis.discrepancy.delays import _with, or_for_delays
 from pam_orthosis.discrepancy.fit import score
 from pam_orthosis.discrepancy.projection import Projection
-from pam_orthosis.discrepancy.screening import shapes_astray, strained
+from pam_orthosis.discrepancy.screening import _different, shapes_astray, strained
 from pam_orthosis.discrepancy.selection import Selection, Step
 from pam_orthosis.model.parameters import load
 from pam_orthosis.progress import silent
@@ -122,23 +122,31 @@ def test_a_fit_that_shape_corrections_hold_fast_starts_anew_without_those_that_h
     sound, monkeypatch, named
 ):
     problem, null, _ = sound
-    key, fitted, starts = "force_map_misfit.extensor_c00", refit.refitted, []
+    key, fitted, starts = "force_map_misfit.extensor_c00", refit.fitted_with, []
 
-    def held_fast(problem, base, one, progress):
+    def held_fast(problem, base, one):
         starts.append(one.values[key])
-        weighted, model = fitted(problem, base, one, progress)
+        weighted, model = fitted(problem, base, one)
         if not one.values[key]:
             return weighted, model
         lost = replace(model, values={**model.values, key: 40.0})
         return problem.weighted(dict.fromkeys(problem.weights, 0.1)), lost
 
-    monkeypatch.setattr(select, "refitted", held_fast)
+    monkeypatch.setattr(select, "fitted_with", held_fast)
     one = torque(problem, null)
     one = replace(one, values={**one.values, key: 40.0})
     ((weighted, model),) = select._refitted_all(problem, replace(null, effects=named), [one], silent)
     assert starts == ([40.0] if named else [40.0, 0.0])
     assert (model.values[key] == 40.0) == bool(named)
     assert (min(weighted.weights.values()) > 0.5) != bool(named)
+    starts.clear()
+    shapes = [name for name in one.values if name.partition(".")[0] in problem.system.shapes]
+    plain = replace(one, values={**one.values, **dict.fromkeys(shapes, 0.0)})
+    posed = problem.weighted(dict.fromkeys(problem.weights, 0.1))
+    monkeypatch.setattr(select, "is_far", lambda _problem: True)
+    monkeypatch.setattr(select, "shapes_astray", lambda *_: True)
+    select._refitted_all(posed, replace(null, effects=named), [plain], silent)
+    assert starts == [0.0]  # it has begun without them
 
 
 def test_a_sensor_that_only_strained_tolerances_give_to_the_other_muscle_is_that_of_its_own(bench):
@@ -171,6 +179,40 @@ def test_a_twin_that_the_model_has_already_is_not_tried_again(sound):
 
     assert set(tried()) == {"flexor_leak"}
     assert not tried("flexor_leak")
+
+
+def test_effects_that_move_together_are_fitted_once(sound):
+    problem, null, _ = sound
+    known = (*null.effects, "valve_delay")
+    around = SimpleNamespace(problem=problem, base=replace(null, effects=known, values=null.values))
+    both = replace(null, effects=(*known, "flexor_pressure_delay", "extensor_pressure_delay"))
+    assert not twins(around, both)
+    alone = replace(null, effects=(*known, "extensor_pressure_delay"))
+    assert {one.name for one in twins(around, alone)} == {"flexor_pressure_delay"}
+    pair = ("extensor_pressure_delay", "flexor_pressure_delay")
+    ranked = [
+        Candidate(name, 9.0, {}, 9.0, {}, names)
+        for name, names in zip((*pair, "creep"), (pair, pair[::-1], ("creep",)), strict=True)
+    ]
+    assert _different(ranked) == [ranked[0], ranked[2]]
+
+
+def test_all_sensors_are_not_tried_beside_a_dead_time_and_all_but_one(sound, monkeypatch):
+    """They are the same model, counted from the one that is left out."""
+    problem, null, held_out = sound
+    asked = []
+    sensors = delays._sensors(problem.replay)
+    late = replace(null, values={**null.values, **{f"{name}.delay": 1e-3 for name in sensors}})
+    monkeypatch.setattr(delays, "LEFT_OVER", 0.0)
+    monkeypatch.setattr(delays, "_with", lambda *args: asked.append(args) or (problem, late))
+    for known in (sensors[1:], sensors[2:]):
+        final = replace(
+            null, effects=("valve_delay", *known), values={**late.values, "valve_delay.delay": 0.0}
+        )
+        or_for_delays(
+            Selection(problem, null, problem, final), held_out, NOTHING, load().gap.evidence, silent
+        )
+        assert bool(asked) == (len(known) == 1)
 
 
 LATE = ("angle_delay", "extensor_pressure_delay")

@@ -77,23 +77,17 @@ def relative_opening(voltage: Expression, valve: Section) -> Expression:
 
 
 def series_conductance(first: Expression, second: Expression) -> Expression:
-    """Return the sonic conductance of two restrictions in series, 1/C^3 = 1/C1^3 + 1/C2^3.
-
-    It has the sign of the first one.
-    """
+    """Return the sonic conductance of two restrictions in series, 1/C^3 = 1/C1^3 + 1/C2^3."""
     small = 1e-30  # a closed valve has conductance zero: keeps the quotient finite
-    return first * second / (ca.fabs(first) ** 3 + second**3 + small**3) ** (1 / 3)
+    return first * second / (first**3 + second**3 + small**3) ** (1 / 3)
 
 
 def valve_flow(
     opening: Expression, pressure: Expression, supply_pressure: Expression, valve: Section
 ) -> Expression:
-    """Return the mass flow into a muscle through valve and hose at a relative opening, kg/s.
-
-    It comes from the supply or, at a negative opening, goes to the air.
-    """
-    conductance = series_conductance(opening * valve.conductance, valve.hose.conductance)
-    fills = opening >= 0
-    upstream = ca.if_else(fills, supply_pressure, pressure)
-    downstream = ca.if_else(fills, pressure, valve.ambient_pressure)
-    return orifice_flow(conductance, upstream, downstream, valve)
+    """Return the mass flow into a muscle through valve and hose at a relative opening, kg/s."""
+    fill = series_conductance(ca.fmax(opening, 0) * valve.conductance, valve.hose.conductance)
+    vent = series_conductance(ca.fmax(-opening, 0) * valve.conductance, valve.hose.conductance)
+    return orifice_flow(fill, supply_pressure, pressure, valve) - orifice_flow(
+        vent, pressure, valve.ambient_pressure, valve
+    )
