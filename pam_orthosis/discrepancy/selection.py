@@ -3,6 +3,8 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from pam_orthosis.discrepancy.candidates import Candidate, penalty
 from pam_orthosis.discrepancy.fit import Fit
 from pam_orthosis.discrepancy.problem import Problem
@@ -84,10 +86,23 @@ def _asked_beside(found: Selection, name: str, settings: Section) -> dict[str, f
     """Return the evidence that an effect needs for each other one, if it was not seen in its silence."""
     touched = found.problem.replay.touched
     return {
-        other: _evidence(found, other) * _share(found, other, name, settings)
+        other: max(
+            _evidence(found, other) * _share(found, other, name, settings),
+            settings.share * _taken_over(found, other, name),
+        )
         for other in found.evidence
         if other != name and other not in found.apart.get(name, ()) and touched(other) & touched(name)
     }
+
+
+def _taken_over(found: Selection, other: str, name: str) -> float:
+    """Return how much of what an effect was added for a larger one, added later, would have explained.
+
+    What the larger one's exact form leaves over may be all that holds the first one, and look like it.
+    """
+    if found.evidence[other] <= found.evidence.get(name, np.inf):
+        return 0.0
+    return found.entered[name] * min(1.0, found.alike[name].get(other, 0.0))
 
 
 def _evidence(found: Selection, name: str) -> float:

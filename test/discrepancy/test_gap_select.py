@@ -47,6 +47,25 @@ def test_what_could_pass_for_a_large_effect_needs_more_evidence_beside_it():
     assert asked(same, "joint_friction") == pytest.approx(0.1 * 60_000)
 
 
+@pytest.mark.parametrize(
+    ("small", "large", "alike", "needed"),
+    [
+        (80.0, 4500.0, 0.98, 0.1 * 0.98 * 29_000),
+        (80.0, 4500.0, 0.01, 0.1 * 0.01 * 29_000),
+        (4600.0, 4500.0, 0.98, 0.003 * 3000),
+    ],
+)
+def test_what_was_added_for_a_larger_effect_needs_more_beside_it(small, large, alike, needed):
+    """Friction stood for the hysteresis that was added later; what its exact form leaves held it."""
+    found = found_so_far(
+        {"joint_friction": small, "muscle_hysteresis": large},
+        {"joint_friction": {"muscle_hysteresis": alike}, "muscle_hysteresis": {}},
+    )
+    found.entered = {"joint_friction": 29_000.0, "muscle_hysteresis": 3000.0}
+    assert asked(found, "joint_friction") == pytest.approx(max(needed, SETTINGS.threshold))
+    assert asked(found, "muscle_hysteresis") == pytest.approx(max(0.1 * alike * small, SETTINGS.threshold))
+
+
 def test_what_a_model_had_before_is_taken_for_alike():
     found = found_so_far({}, {}, {"muscle_hysteresis": (60_000.0, frozenset({"torque"}))})
     assert asked(found, "extra_foot_mass") == pytest.approx(0.1 * 60_000)
