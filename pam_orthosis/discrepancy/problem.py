@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -31,8 +32,19 @@ class Scored:
         return self.run.recording.samples - self.warm_up
 
     def white(self, channel: str, columns: np.ndarray) -> np.ndarray:
-        """Return whitened columns (n, ...) without the warm-up."""
-        return self.whiten(channel, columns)[self.warm_up :]
+        """Return whitened columns (n, ...) without the warm-up.
+
+        They are faded in over it: a whitener's memory may be longer, and the start's error is large.
+        """
+        faded = columns.copy()
+        faded[: self.warm_up] *= self._fade.reshape(-1, *[1] * (columns.ndim - 1))
+        return self.whiten(channel, faded)[self.warm_up :]
+
+    @cached_property
+    def _fade(self) -> np.ndarray:
+        """Factors of the warm-up: nought in its first half, rising to one in its second."""
+        place = np.arange(self.warm_up) / max(self.warm_up, 1)
+        return np.where(place < 0.5, 0.0, 0.5 + 0.5 * np.cos(2 * np.pi * place))
 
 
 @dataclass(frozen=True)
