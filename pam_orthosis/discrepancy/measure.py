@@ -67,8 +67,11 @@ def closure(before: float, after: float, floor: float) -> float | None:
 
 
 def reduced(times: float, share: float) -> float:
-    """Return how many times the noise a gap is of which a share of the squares above the noise is removed."""
-    return float(np.sqrt(1 + (times**2 - 1) * (1 - share)))
+    """Return how many times the noise a gap is of which a share of the squares above the noise is removed.
+
+    By chance a share may be above 1.
+    """
+    return float(np.sqrt(1 + (times**2 - 1) * max(1 - share, 0.0)))
 
 
 def _rms(pieces: Sequence[np.ndarray]) -> float:

@@ -21,7 +21,7 @@ from pam_orthosis.discrepancy.data import from_arrays
 from pam_orthosis.discrepancy.events import Event
 from pam_orthosis.discrepancy.glitches import OF_POSITIONS, glitches, without_glitches
 from pam_orthosis.discrepancy.knee import knee
-from pam_orthosis.discrepancy.measure import Gap, closure, over_noise
+from pam_orthosis.discrepancy.measure import Gap, closure, over_noise, reduced
 from pam_orthosis.discrepancy.recordings import assumed_words
 from pam_orthosis.discrepancy.unknown import Unknown
 from pam_orthosis.discrepancy.verdict import _share, describe
@@ -217,6 +217,12 @@ def test_no_more_than_the_whole_gap_is_explained():
     assert closure(5.0, 0.97, 1.0) == 1.0
     assert closure(5.0, 3.0, 1.0) == 0.5
     assert closure(1.02, 0.97, 1.0) is None
+
+
+def test_a_description_that_by_chance_removes_more_than_the_gap_leaves_noise():
+    assert reduced(3.0, 0.0) == pytest.approx(3.0)
+    assert reduced(3.0, 0.5) == pytest.approx(5.0**0.5)
+    assert reduced(1.5, 2.0) == 1.0
 
 
 def test_what_is_left_has_one_measure(friction):
