@@ -11,6 +11,7 @@ import yaml
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import integrate
 from pam_orthosis.model.assembly import assemble
+from pam_orthosis.model.components import pneumatics
 from pam_orthosis.model.effects import pade, valves
 from pam_orthosis.model.effects.base import STAGES
 from pam_orthosis.model.effects.muscles import WHOLE_PRESSURE
@@ -160,6 +161,18 @@ def test_a_delay_is_late_by_its_value(effect, plain):
     assert np.abs(late[12:] - plain[12:, column]).max() > 0.02 * whole
 
 
+def test_a_late_sensor_shows_the_drop_of_its_hose_late_too():
+    def measured(**more):
+        settings = switched_on(KNEE.catalogue["hose_resistance"], resistance=2e7) | more
+        return simulate(settings)[:, 1]
+
+    delay = {"plant.effects.extensor_pressure_delay.delay": 2 * PERIOD}
+    late = measured(**{"plant.effects.extensor_pressure_delay.enabled": True, **delay})
+    on_time, drop = measured(), measured() - simulate({})[:, 1]
+    assert np.ptp(drop[12:]) > 2e4
+    assert np.abs(late[12:] - on_time[10:-2]).max() < 0.02 * np.ptp(drop[12:])
+
+
 @pytest.mark.parametrize("turn", [0.1, 0.5, 1.0, 2.0, 2.5])
 def test_the_delays_approximation_has_its_phase(turn):
     """Response of the chain at the frequency where the delay is `turn` radians."""
@@ -209,6 +222,27 @@ def test_the_valves_correction_reaches_from_wide_vent_to_wide_fill():
     ones = [1.0] * (2 * valves.SIDE + 1)
     weight = np.array([float(valves.relative_error(o, ones)) for o in openings])
     assert weight.min() > 0.8 * weight.max()
+
+
+@pytest.mark.parametrize(("resistance", "turbulent", "off"), [(4e6, 0.0, 1e-4), (1.4e6, 0.3, 1e-3)])
+@pytest.mark.parametrize("opening", [-1.0, 0.2, 0.5])
+def test_valve_and_hose_agree_upon_a_flow(resistance, turbulent, off, opening):
+    """m = flow(p + drop(m)); at 2 g/s the drop is the resistance's, whatever its kind."""
+    valve, p = load().valve, ca.SX.sym("p")
+    alone = pneumatics.valve_flow(opening, p, valve.supply_pressure, valve)
+    air = SimpleNamespace(supply_pressure=valve.supply_pressure)
+    signals = SimpleNamespace(opening=ca.SX(opening), pressure=p, valve=valve, air=air, flow=alone)
+    section = Section("hose", {"resistance": resistance, "turbulent": turbulent})
+    on = KNEE.catalogue["hose_resistance"].expression(signals, section, ()).add
+    pressures = np.linspace(1.2e5, valve.supply_pressure - 1e3, 9)
+    flow, drop, unhindered = (
+        ca.Function("f", [p], [one])(pressures[None]).full()[0]
+        for one in (alone + on["flow"], on["line_drop"], alone)
+    )
+    at_valve = ca.Function("f", [p], [alone])((pressures + drop)[None]).full()[0]
+    assert flow == pytest.approx(at_valve, rel=off)
+    assert drop == pytest.approx(resistance * flow * (1 - turbulent + turbulent * np.abs(flow) / 2e-3))
+    assert np.abs(flow - unhindered).max() > 3 * off * np.abs(flow).max()
 
 
 def test_a_leak_through_a_hole_passes_what_a_gap_does_at_3_bar_and_chokes_above():

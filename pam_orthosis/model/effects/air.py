@@ -9,20 +9,37 @@ from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import ActuatorSignals, Expression, Signals
 
 LEAK_AT = 3.0e5  # Pa gauge, where a gap and a hole pass the same
+HOSE_AT = 2.0e-3  # kg/s, about 100 l/min of free air, where a laminar and a turbulent drop are the same
 
 
-def throttled(s: ActuatorSignals, resistance: Expression) -> Expression:
-    """Return the flow m that fulfils m = flow(p + R m), by one Newton step from the flow without hose."""
+def throttled(s: ActuatorSignals, resistance: Expression, turbulent: Expression) -> Expression:
+    """Return the flow m that fulfils m = flow(p + drop(m)).
+
+    The first guess is exact where the square of a valve's flow falls in proportion to the pressure behind
+    it, as it does for small drops; one Newton step follows.
+    """
     pressure = ca.SX.sym("p")
     flow = pneumatics.valve_flow(s.opening, pressure, s.air.supply_pressure, s.valve)
-    slope = ca.substitute(ca.gradient(flow, pressure), pressure, s.pressure)
-    return s.flow / (1 - resistance * slope)
+    slope = ca.gradient(flow, pressure)
+    per_flow = _drop_over_flow(s.flow, resistance, turbulent)
+    steep = -per_flow * ca.substitute(slope, pressure, s.pressure)
+    guess = s.flow / (steep + ca.sqrt(1 + steep**2))
+    per_flow = _drop_over_flow(guess, resistance, turbulent)
+    behind = s.pressure + per_flow * guess
+    wrong, slope = (ca.substitute(one, pressure, behind) for one in (flow - guess, slope))
+    growth = per_flow + resistance * turbulent * ca.fabs(guess) / HOSE_AT
+    return guess + wrong / (1 - slope * growth)
+
+
+def _drop_over_flow(flow: Expression, resistance: Expression, turbulent: Expression) -> Expression:
+    return resistance * (1 - turbulent + turbulent * ca.fabs(flow) / HOSE_AT)
 
 
 def _hose_resistance(s: ActuatorSignals, p: Section, _states: tuple[Expression, ...]) -> Contribution:
-    """The hose throttles the flow, and the sensor at its valve end reads p + R m."""
-    flow = throttled(s, p.resistance)
-    return Contribution({"flow": flow - s.flow, "line_drop": p.resistance * flow})
+    """The hose throttles the flow, and the sensor at its valve end reads p + drop(m)."""
+    flow = throttled(s, p.resistance, p.turbulent)
+    drop = _drop_over_flow(flow, p.resistance, p.turbulent) * flow
+    return Contribution({"flow": flow - s.flow, "line_drop": drop})
 
 
 def _leak(s: ActuatorSignals, p: Section, _states: tuple[Expression, ...]) -> Contribution:
@@ -66,11 +83,14 @@ EFFECTS = [
         of="actuators",
         stage="flow",
         parameters=(
-            Quantity("resistance", 1.5e6, "Pa s/kg", 0.0, 1.0e8, "pressure drop per mass flow", 0.0),
+            Quantity("resistance", 1.5e6, "Pa s/kg", 0.0, 1.0e8, "pressure drop per mass flow at 2 g/s", 0.0),
+            Quantity("turbulent", 0.0, "-", 0.0, 1.0, "share of that drop that grows with the flow's square",
+                     fitted=False, meaningful=(0.0, 1.0)),
         ),
         expression=_hose_resistance,
-        physics="A long, thin or kinked hose drops pressure in proportion to the flow. The sensor sits at "
-        "the valve: while air flows, it reads more or less than the muscle has.",
+        physics="A long, thin or kinked hose drops pressure: in proportion to the flow where it is laminar, "
+        "with its square where it is turbulent. The sensor sits at the valve: while air flows, it reads "
+        "more or less than the muscle has.",
         source="hose formula of ISO 6358 linearised: 1 m of 4 mm bore about 0.01 bar/(g/s) (assumption)",
         minimum_effect=1.0e5,
         coordinate="{actuator}_flow",

@@ -8,9 +8,9 @@ from pam_orthosis.model.signals import ActuatorSignals, Expression
 
 
 def _pressure_delay(s: ActuatorSignals, p: Section, states: tuple[Expression, ...]) -> Contribution:
-    return Contribution(
-        {"measured": -pade.lost(states, p.delay)}, pade.chain(states, s.pressure_rate, p.delay)
-    )
+    a, b, c = states
+    seen = a, b, c + s.line_drop / p.delay  # its rate is not known: it enters the chain as a step does
+    return Contribution({"measured": -pade.lost(seen, p.delay)}, pade.chain(seen, s.pressure_rate, p.delay))
 
 
 EFFECTS = [
