@@ -78,7 +78,7 @@ def test_where_chance_does_not_decide_a_model_with_play_leaves_noise(experiments
     assert reported > 1.15
     assert seen > 1.3
     assert alone_there < 1.15
-    assert seen_there < 1.1
+    assert seen_there < alone_there  # no more than the model expects
     assert 0.2 < decided.mean() < 0.8
 
 
