@@ -15,7 +15,6 @@ from pam_orthosis.model.specimens import SPECIMENS
 from pam_orthosis.progress import Progress, shown
 
 if TYPE_CHECKING:
-    from pam_orthosis.identification.data import Bench, Data
     from pam_orthosis.identification.force import ForceFit
     from pam_orthosis.identification.identify import Identified
 
@@ -68,8 +67,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Identify, write what was asked for, print the result."""
-    if min(arguments.degrees) < 0 or arguments.degrees[0] > 3 or arguments.degrees[1] > 4:
-        raise OrthosisError("--degrees: Eq. (14) has at most degrees 3 and 4")
     if arguments.out:
         refuse_existing([arguments.out])
     if arguments.figures:
@@ -86,13 +83,16 @@ def execute(arguments: argparse.Namespace) -> int:
 def _identified(arguments: argparse.Namespace, progress: Progress) -> Identified:
     """Identify, write what was asked for."""
     from pam_orthosis.identification import rows  # scipy takes a second to load
+    from pam_orthosis.identification.asked import bench_and_muscle, check_degrees, held_out_gauge
     from pam_orthosis.identification.data import read_data
     from pam_orthosis.identification.identify import identify
 
-    bench, muscle = _bench(arguments)
+    check_degrees(arguments.degrees)
+    bench, muscle = bench_and_muscle(arguments.muscle, arguments.machine)
     length = arguments.nominal_length_m
     data = read_data(arguments.data, muscle, length, progress, bench)
-    held_out = _held_out(arguments, data)
+    asked = arguments.held_out_bar
+    held_out = held_out_gauge(data, None if asked is None else [bar * 1e5 for bar in asked])
     with naming(arguments.data[0]):
         found = identify(data, held_out, tuple(arguments.degrees), arguments.damping, progress)
     rows.check(found)
@@ -109,21 +109,6 @@ def _identified(arguments: argparse.Namespace, progress: Progress) -> Identified
         written |= {arguments.figures / name: write for name, write in made.items()}
     write_files(written)
     return found
-
-
-def _bench(arguments: argparse.Namespace) -> tuple[Bench, str | None]:
-    """Return where it was measured, and the name of the muscle, if given."""
-    from pam_orthosis.identification.data import bench_of
-    from pam_orthosis.identification.own import SECTION, own_bench
-    from pam_orthosis.model.machines import machine_named
-
-    muscle = arguments.muscle
-    if muscle and Path(muscle).suffix in (".yaml", ".yml"):
-        if arguments.machine:
-            raise OrthosisError("--machine and --muscle FILE each say what the muscle is: give one")
-        return own_bench(Path(muscle)), SECTION
-    with naming(arguments.machine):
-        return bench_of(machine_named(arguments.machine) if arguments.machine else None), muscle
 
 
 def describe(found: Identified) -> str:
@@ -212,18 +197,6 @@ def _left_out(found: Identified) -> list[str]:
             error = "not determined by the others" if e is None else f"{e[0]:6.1f} N RMS {e[1]:6.1f} N max"
             lines.append(f"  {at * factor:6.2f} {unit:9s} {error}")
     return lines
-
-
-def _held_out(arguments: argparse.Namespace, data: Data) -> list[float]:
-    """Return gauge pressures, Pa; those that were asked for must be in the data."""
-    from pam_orthosis.identification.identify import check_levels
-
-    parameters = data.parameters
-    absolute = parameters.rig.procedure.held_out_pressures
-    if arguments.held_out_bar is not None:
-        absolute = [bar * 1e5 for bar in arguments.held_out_bar]
-        check_levels(data, absolute, parameters.valve.ambient_pressure)
-    return [p - parameters.valve.ambient_pressure for p in absolute]
 
 
 def _numbers(values) -> str:
