@@ -8,13 +8,13 @@ file may give the parameters of its parts itself: they become rows below `machin
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.markup import table
+from pam_orthosis.markup import Shown
 from pam_orthosis.model.components import cylinder, muscle
 from pam_orthosis.model.components.actuator import Actuator
 from pam_orthosis.model.effects import KINDS
@@ -61,8 +61,8 @@ class ActuatorOf:
         return ACTUATORS[self.kind](parameters.at(self.parameters)).times(self.parallel)
 
 
-@dataclass(frozen=True)
-class Machine:
+@dataclass(frozen=True, repr=False)
+class Machine(Shown):
     """What a file declares.
 
     Attributes:
@@ -226,9 +226,9 @@ class Machine:
         made: Mechanism = built(parameters.at(self.parameters), mechanics)
         return made
 
-    def _repr_html_(self) -> str:
+    def _shown(self) -> tuple[Sequence[str], list[tuple[str, str, str]], str]:
         rows = [(one.name, one.kind, one.parameters) for one in self.actuators]
-        return table(("actuator", "kind", "parameters"), rows, f"{self.name}: {self.meaning}")
+        return ("actuator", "kind", "parameters"), rows, f"{self.name}: {self.meaning}"
 
     def with_parts(self, **branches: str) -> Machine:
         """Return the machine with other branches of parameters for some actuators (name -> branch)."""

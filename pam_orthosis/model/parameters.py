@@ -119,11 +119,16 @@ class Parameters(Section):
         symbols = ca.SX.sym("live", len(keys))
         return self.substituted(dict(zip(keys, ca.vertsplit(symbols), strict=True))), symbols
 
+    def __repr__(self) -> str:
+        return f"{self._counted(len(self.changes()))}\n{super().__repr__()}"
+
     def _repr_html_(self) -> str:
         changed = [self._rows[key] for key in self.changes()]
         rows = [(row.key, f"{self._values[row.key]}", row.unit, row.meaning) for row in changed]
-        words = f"{self._declared.name}: {len(self._rows)} parameters, {len(rows)} of them changed"
-        return table(("parameter", "value", "unit", "meaning"), rows, words)
+        return table(("parameter", "value", "unit", "meaning"), rows, self._counted(len(rows)))
+
+    def _counted(self, changed: int) -> str:
+        return f"{self._declared.name}: {len(self._rows)} parameters, {changed} of them changed"
 
 
 def load(overrides: Mapping[str, Any] | None = None, machine: Machine | None = None) -> Parameters:

@@ -159,7 +159,11 @@ def test_objects_print_themselves(short, run):
     low, high = map(float, next(row.split()[1:] for row in rows if row.startswith("angle ")))
     assert (low, high) == pytest.approx((run["angle"].min(), run["angle"].max()), rel=1e-3)
     assert f"control.position.c1 = {short.control.position.c1}" in repr(short.control.position).splitlines()
-    assert repr(short).splitlines()[0] == "parameters.muscle"
+    assert repr(short).splitlines()[:2] == [
+        f"knee: {len(short.flat())} parameters, 1 of them changed",
+        "parameters.muscle",
+    ]
+    assert repr(run.machine).splitlines()[0] == f"knee: {run.machine.meaning}"
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
