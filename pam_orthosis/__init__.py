@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         Check,
         Gap,
         Muscle,
+        OrthosisError,
         Picture,
         Run,
         Runs,
@@ -34,8 +35,8 @@ if TYPE_CHECKING:
 
 LIBRARY = "pam_orthosis.library"
 __all__ = [
-    "Check", "Gap", "Muscle", "Picture", "Run", "Runs", "check", "example", "gap", "identify", "machine",
-    "parameters", "read", "simulate",
+    "Check", "Gap", "Muscle", "OrthosisError", "Picture", "Run", "Runs", "check", "example", "gap",
+    "identify", "machine", "parameters", "read", "simulate",
 ]  # fmt: skip
 
 

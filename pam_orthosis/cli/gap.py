@@ -171,8 +171,6 @@ def _stages(start, data, last: str) -> str:
 
 def _check_out(arguments: argparse.Namespace) -> None:
     folder = arguments.out
-    if arguments.system and arguments.machine:
-        raise OrthosisError("--system and --machine each say what the recordings are of: give one")
     if arguments.until and (folder or arguments.json):
         raise OrthosisError("--until prints words only; leave --out and --json out")
     if arguments.system and arguments.next:

@@ -72,6 +72,8 @@ def read_recordings(asked: Asked, workers: Workers, progress: Progress = silent)
     Raises:
         OrthosisError: one is unfit or given twice, they are of different machines, or a file is unusable.
     """
+    if asked.system and asked.machine:
+        raise OrthosisError("--system and --machine each say what the recordings are of: give one")
     check_apart(asked.measured, asked.held_out)
     known = _of_system(asked.system, asked.model) if asked.system else _of_apparatus(asked)
     known = known._replace(system=with_columns(known.system, read_mapping(asked.columns)))

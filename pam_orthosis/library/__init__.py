@@ -3,14 +3,16 @@
 
 SI units, pressures absolute, error = reference - measured. What a run holds are arrays by the names of the
 [topics' signals](topics.md); every object shows itself in a notebook. Unusable input raises
-`pam_orthosis.errors.OrthosisError` with one line that says what to do.
+`OrthosisError` with one line that says what to do.
 """
 
-from pam_orthosis.library.answers import Check, Gap, Muscle, check, gap, identify
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.library.answers import Check, Gap, check, gap
+from pam_orthosis.library.muscles import Muscle, identify
 from pam_orthosis.library.run import Picture, Run, Runs, example, read
 from pam_orthosis.library.simulation import machine, parameters, simulate
 
 __all__ = [
-    "Check", "Gap", "Muscle", "Picture", "Run", "Runs", "check", "example", "gap", "identify", "machine",
-    "parameters", "read", "simulate",
+    "Check", "Gap", "Muscle", "OrthosisError", "Picture", "Run", "Runs", "check", "example", "gap",
+    "identify", "machine", "parameters", "read", "simulate",
 ]  # fmt: skip

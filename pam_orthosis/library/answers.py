@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What `check`, `identify` and `gap` answer, for programs and notebooks."""
+"""What `check` and `gap` answer, for programs and notebooks."""
 
 from __future__ import annotations
 
@@ -13,18 +13,20 @@ from typing import TYPE_CHECKING, Any
 from pam_orthosis.bag.verdict import Bound, Verdict, judge
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import as_text, write_files
-from pam_orthosis.library.options import in_python
-from pam_orthosis.library.run import Picture, Run
+from pam_orthosis.library import given
+from pam_orthosis.library.options import arguments_named, in_python
+from pam_orthosis.library.run import Run
 from pam_orthosis.markup import Shown, table
 
 if TYPE_CHECKING:
     from pam_orthosis.discrepancy.data import Recording
     from pam_orthosis.discrepancy.judgement import Outcome
-    from pam_orthosis.identification.identify import Identified
     from pam_orthosis.model.machine import Machine
     from pam_orthosis.model.parameters import Parameters
 
 Recorded = Run | str | Path
+LISTS = "gap: give lists of runs, bags or tables, such as po.gap([run])"
+MOST_JOBS = 10_000
 
 
 class Check(Shown, Verdict):
@@ -53,24 +55,25 @@ def check(run: Recorded, bound: float = 3.0, skip_s: float = 0.0, namespace: str
     Raises:
         OrthosisError: the bag is unusable, or there is nothing to judge.
     """
+    most, skipped = Bound(given.number(bound, "bound")), given.number(skip_s, "skip_s")
     with _bags() as bags:
         (bag,) = bags.of([run], "run")
-        return Check(**vars(judge(bag, Bound(bound), skip_s, namespace)))
+        return Check(**vars(judge(bag, most, skipped, given.text(namespace, "namespace"))))
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Gap:
     """What a gap search found.
 
     Attributes:
         outcome: all of it.
         words: what the verb `gap` prints of it, with its options as arguments of Python.
-        nominal: the model that was searched.
+        nominal: parameters of the model that was searched; None of a system of your own.
     """
 
     outcome: Outcome
     words: str
-    nominal: Parameters
+    nominal: Parameters | None
 
     @property
     def verdict(self) -> str:
@@ -89,12 +92,19 @@ class Gap:
         return as_dict(self.outcome)
 
     def changes(self) -> dict[str, Any]:
-        """Return what was found as changes of the nominal model, for `simulate(..., model=...)`."""
+        """Return what was found as changes of the nominal model, for `simulate(..., model=...)`.
+
+        Raises:
+            OrthosisError: a system of your own was searched.
+        """
         from pam_orthosis.discrepancy import patch
 
+        if self.nominal is None:
+            raise OrthosisError("a system of your own has no parameters to change; see `effects`")
         changed = patch.changes_of(self.outcome)
         return changed | patch.limits(self.nominal, changed)
 
+    @arguments_named()
     def save_page(self, path: str | Path) -> None:
         """Write the page `gap.html`.
 
@@ -103,7 +113,7 @@ class Gap:
         """
         from pam_orthosis.report.gap import page
 
-        write_files({Path(path): as_text(page(self.outcome, self.words))})
+        write_files({given.path(path, "path"): as_text(page(self.outcome, self.words))})
 
     def __repr__(self) -> str:
         return self.words
@@ -131,6 +141,7 @@ def gap(
     machine: Machine | str | Path | None = None,
     columns: Mapping[str, str] | Sequence[str] = (),
     namespace: str = "",
+    system: str | Path | None = None,
 ) -> Gap:
     """Find which physical effect is missing in the nominal model, as the verb `gap` does.
 
@@ -144,6 +155,7 @@ def gap(
         columns: signal -> column of tables, such as `{"angle": "knee [deg]", "time": "t:ms"}`, or a list of
             texts `SIGNAL=COLUMN`; `-COLUMN` counts the other way round.
         namespace: of the leg in the bags.
+        system: the recordings are of a system of your own: its Python file with `system()`, which is run.
 
     Raises:
         OrthosisError: a recording is unfit or given twice, or they are of different machines; no column for
@@ -155,91 +167,26 @@ def gap(
     from pam_orthosis.discrepancy.verdict import describe
     from pam_orthosis.discrepancy.workflow import find_gap
 
-    training, held_out, workers = _listed(training), _listed(held_out), Workers(jobs)
+    fitted, judged = given.several(training, LISTS), given.several(held_out, LISTS)
+    if not fitted:
+        raise OrthosisError("gap: there is no recording to fit; give one or more in a list")
+    workers = Workers(None if jobs is None else given.whole(jobs, "jobs", 1, MOST_JOBS))
     with _bags() as bags:
-        fitted, judged = bags.of(training, "training run"), bags.of(held_out, "held-out run")
         asked = Asked(
-            fitted,
-            judged,
-            None if model is None else Path(model),
-            Path(machine) if isinstance(machine, str) else machine,
-            columns=[columns] if isinstance(columns, str) else columns,
-            namespace=namespace,
+            bags.of(fitted, "training run"),
+            bags.of(judged, "held-out run"),
+            given.file(model, "model"),
+            given.machine(machine),
+            given.file(system, "system"),
+            given.columns(columns),
+            given.text(namespace, "namespace"),
         )
         read = read_recordings(asked, workers)
         learnt, judging = ([*map(bags.recording, some)] for some in (read.training, read.held_out))
-        system, nominal = read.nominal.system, read.nominal.parameters
-        outcome = find_gap(system, learnt, judging, nominal.gap, replay=Replay(system, workers))
-    return Gap(outcome, in_python(read.heading + describe(outcome)), nominal)
-
-
-def _listed(runs: Iterable[Recorded]) -> list[Recorded]:
-    if isinstance(runs, Run | str | Path):
-        raise OrthosisError("gap: give lists of runs, bags or tables, such as po.gap([run])")
-    return list(runs)
-
-
-@dataclass(frozen=True)
-class Muscle:
-    """An identified muscle.
-
-    Attributes:
-        found: coefficients of Eq. (14), their intervals, errors, the box in which they hold.
-    """
-
-    found: Identified
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return all as plain data, SI."""
-        return self.found.as_dict()
-
-    def save(self, path: str | Path) -> None:
-        """Write the rows for a nominal model, as `identify --out` does.
-
-        Raises:
-            OrthosisError: the file exists, or the coefficients are no muscle's.
-        """
-        from pam_orthosis.identification import rows
-
-        rows.check(self.found)
-        write_files({Path(path): as_text(rows.as_yaml(self.found, "identified by pam_orthosis.identify"))})
-
-    def plot(self) -> Picture:
-        """Return measured and calculated force against the contraction."""
-        from pam_orthosis.report.identification import force_figure
-
-        return Picture(force_figure(self.found))
-
-    def _repr_html_(self) -> str:
-        held = {"fitted": self.found.errors(False), "held out": self.found.errors(True)}
-        rows = [
-            (name, f"{one['rms']:.2f}", f"{one['max']:.2f}", str(one["samples"]))
-            for name, one in held.items()
-            if one
-        ]
-        head = ("data", "RMS error / N", "maximum / N", "samples")
-        return table(head, rows, f"muscle {self.found.data.specimen}")
-
-
-def identify(
-    data: Sequence[str | Path], muscle: str | None = None, nominal_length: float | None = None
-) -> Muscle:
-    """Identify a muscle, Eqs. (18)-(23), as the verb `identify` does.
-
-    Args:
-        data: rig bags, `.csv` tables, or folders of them.
-        muscle: which, if bags and names of files do not say.
-        nominal_length: of the muscle of a table, m.
-
-    Raises:
-        OrthosisError: the data do not determine the parameters.
-    """
-    from pam_orthosis.identification.data import read_data
-    from pam_orthosis.identification.identify import identify as identified
-
-    read = read_data([Path(one) for one in data], muscle, nominal_length)
-    rig, ambient = read.parameters.rig, read.parameters.valve.ambient_pressure
-    return Muscle(identified(read, [p - ambient for p in rig.procedure.held_out_pressures]))
+        searched, nominal = read.nominal.system, read.nominal.parameters
+        outcome = find_gap(searched, learnt, judging, nominal.gap, replay=Replay(searched, workers))
+    words = in_python(read.heading + describe(outcome))
+    return Gap(outcome, words, nominal if system is None else None)
 
 
 class _Bags:

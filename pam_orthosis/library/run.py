@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +24,9 @@ from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.bag.sampled import sampled, since_first
 from pam_orthosis.bag.simulated import recorded_signals
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.files import write_files
+from pam_orthosis.library import given
+from pam_orthosis.library.options import arguments_named
 from pam_orthosis.markup import Shown
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import Parameters, load
@@ -43,9 +48,18 @@ class Picture:
     def __init__(self, figure: Figure):
         self.figure = figure
 
+    @arguments_named()
     def save(self, path: str | Path) -> None:
-        """Write the picture; the ending decides on the format (`.png`, `.svg`, `.pdf`)."""
-        self.figure.savefig(path)
+        """Write the picture; the ending decides on the format (`.png`, `.svg`, `.pdf`).
+
+        Raises:
+            OrthosisError: another ending, or the file cannot be written.
+        """
+        file, known = given.path(path, "path"), self.figure.canvas.get_supported_filetypes()
+        kind = file.suffix.lower().removeprefix(".")
+        if kind not in known:
+            raise OrthosisError(f"{file}: its ending is none of a picture; give .png, .svg or .pdf")
+        write_files({file: lambda stream: self.figure.savefig(stream, format=kind)}, {file})
 
     def _repr_png_(self) -> bytes:
         stream = io.BytesIO()
@@ -106,6 +120,7 @@ class Run(Shown):
         Raises:
             OrthosisError: there are no two samples.
         """
+        start, end = (given.number(one, "between", -math.inf, math.inf) for one in (start, end))
         part = (self.time >= start) & (self.time <= end)
         if np.count_nonzero(part) < 2:
             raise OrthosisError(f"no two samples between {start:g} and {end:g} s of {self.time[-1]:g} s")
@@ -124,22 +139,30 @@ class Run(Shown):
 
         return DataFrame(dict(self.signals), index=Index(self.time, name="time"))
 
+    @arguments_named()
     def save(self, folder: str | Path) -> Path:
         """Write a bag of what a recorder would see of the run into a new folder; return it.
 
         Raises:
             OrthosisError: the folder is used.
         """
-        path, every = Path(folder), self.parameters.control.position.every
+        path, every = given.path(folder, "folder"), self.parameters.control.position.every
         written = {name: self[name] for name in recorded_signals(self.machine) if name in self.signals}
         write_arrays(path, self.stamps_ns, written, run_metadata(self.parameters, self.scenario), every)
         return path
 
+    @arguments_named()
     def save_mat(self, path: str | Path) -> None:
-        """Write a file for MATLAB: `time` and all signals, a column vector each, SI."""
+        """Write a file for MATLAB, `.mat`: `time` and all signals, a column vector each, SI.
+
+        Raises:
+            OrthosisError: the file cannot be written.
+        """
         from scipy.io import savemat  # takes its time to load
 
-        savemat(path, {"time": self.time, **self.signals}, oned_as="column")
+        file, signals = given.path(path, "path"), {"time": self.time, **self.signals}
+        file = file if file.suffix == ".mat" else file.with_name(f"{file.name}.mat")
+        write_files({file: lambda stream: savemat(stream, signals, oned_as="column")}, {file})
 
     def plot(self, bound: float = 3.0) -> Picture:
         """Return the picture of `report`: machine, coordinate, error with its bound (deg or mm), pressures.
@@ -150,7 +173,7 @@ class Run(Shown):
         from pam_orthosis.report.run_data import run_data
         from pam_orthosis.report.walk import drawn
 
-        return Picture(drawn(run_data(self._bag()), bound))
+        return Picture(drawn(run_data(self._bag()), given.number(bound, "bound")))
 
     def _bag(self) -> Bag:
         series = {name: _known(self.stamps_ns, value) for name, value in self.signals.items()}
@@ -187,10 +210,11 @@ class Runs(Shown, Sequence[Run]):
         return self._runs[0].time
 
     def _shown(self) -> tuple[Sequence[str], list[tuple[str, ...]], str]:
-        rows = [tuple(f"{value:g}" for value in values) for values in zip(*self.cases.values(), strict=True)]
+        rows = [tuple(_plain(value) for value in values) for values in zip(*self.cases.values(), strict=True)]
         return tuple(self.cases), rows, f"{len(self)} runs of {self.time[-1]:.3f} s"
 
 
+@arguments_named()
 def read(path: str | Path, namespace: str = "") -> Run:
     """Read a bag: ours, or one that was recorded on the same topics.
 
@@ -201,13 +225,15 @@ def read(path: str | Path, namespace: str = "") -> Run:
     Raises:
         OrthosisError: the bag is unusable.
     """
-    bag, stamps, signals = sampled(Path(path), namespace)
+    folder = given.path(path, "path")
+    bag, stamps, signals = sampled(folder, given.text(namespace, "namespace"))
     shipped = load(machine=bag.machine)
     known = shipped.flat()
     recorded = {key: value for key, value in bag.parameters.items() if key in known}
-    return Run(shipped.changed(recorded), bag.run.get("scenario", Path(path).name), stamps, signals)
+    return Run(shipped.changed(recorded), bag.run.get("scenario", folder.name), stamps, signals)
 
 
+@arguments_named()
 def example(name: str, folder: str | Path) -> dict[str, Path]:
     """Write recordings that come with the package into a new folder; return its bags by name.
 
@@ -218,8 +244,13 @@ def example(name: str, folder: str | Path) -> dict[str, Path]:
     Raises:
         OrthosisError: no such example, or the folder cannot be written.
     """
-    bags = write_example(name, Path(folder))
+    bags = write_example(given.text(name, "name"), given.path(folder, "folder"))
     return {name: bags[0]} if name in BAGS else {bag.name: bag for bag in bags}
+
+
+def _plain(value: Any) -> str:
+    """Return a case's value as text: a number, or one of several words."""
+    return f"{value:g}" if isinstance(value, Real) else str(value)
 
 
 def _known(stamps_ns: NDArray[np.int64], value: Array) -> Series:

@@ -12,6 +12,8 @@ from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.control.load import check_load
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.library import given
+from pam_orthosis.library.options import arguments_named
 from pam_orthosis.library.run import Array, Run, Runs
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.machines import machine_named
@@ -24,19 +26,21 @@ DRIVEN = "given voltages"
 EFFECTS = "plant.effects."
 
 
+@arguments_named()
 def machine(path: str | Path | None = None) -> Machine:
     """Return the machine of a [file](machine-file.md), or the knee.
 
     Raises:
         OrthosisError: the file is unusable.
     """
-    return machine_named(None if path is None else Path(path))
+    return machine_named(given.file(path, "path"))
 
 
+@arguments_named()
 def parameters(
     scenario: str = "default",
     changes: Mapping[str, Any] | None = None,
-    machine: Machine | None = None,
+    machine: Machine | str | Path | None = None,
     exact: bool = False,
 ) -> Parameters:
     """Return the parameters of a machine in a [scenario](scenarios.md).
@@ -44,16 +48,17 @@ def parameters(
     Args:
         scenario: what the machine does.
         changes: dotted key -> value, such as `{"control.position.c1": 30.0}`.
-        machine: of `machine(path)`; the knee if None.
+        machine: its YAML file, or what `machine(path)` returned; the knee if None.
         exact: the emulated hardware is the nominal model, but for the scenario and `changes`. Otherwise it
             has effects of its own, which `gap` finds beside one that is hidden.
 
     Raises:
         OrthosisError: an unknown scenario or key, or an unusable value.
     """
-    shipped = as_modelled(load({}, machine)) if exact else {}
-    made = load(shipped | scenario_overrides(scenario) | dict(changes or {}), machine)
-    for effect in {key.rpartition(".")[0] for key in changes or () if key.startswith(EFFECTS)}:
+    declared, own = given.machine(machine), given.changes(changes or {}, "changes")
+    shipped = as_modelled(load({}, declared)) if exact else {}
+    made = load(shipped | scenario_overrides(given.text(scenario, "scenario")) | own, declared)
+    for effect in {key.rpartition(".")[0] for key in own if key.startswith(EFFECTS)}:
         if exact and not made.flat().get(f"{effect}.enabled", True):
             raise OrthosisError(f"{effect} is off in exact hardware; give {effect}.enabled: True too")
     return made
@@ -74,6 +79,7 @@ def simulate(
 ) -> Runs: ...
 
 
+@arguments_named()
 def simulate(
     parameters: Parameters,
     cases: Mapping[str, ArrayLike] | None = None,
@@ -98,21 +104,30 @@ def simulate(
     """
     if not isinstance(parameters, Parameters):
         raise OrthosisError(f"simulate: give parameters, such as po.parameters(), not {parameters!r}")
-    parameters = with_nominal(parameters, model) if model else parameters
-    given = None if voltages is None else _checked(voltages, parameters)
+    parameters = with_nominal(parameters, given.changes(model, "model")) if model else parameters
+    driving = None if voltages is None else _checked(voltages, parameters)
     if cases is None:
-        return _simulated(parameters, given)
-    columns = {key: np.atleast_1d(np.asarray(values)) for key, values in cases.items()}
-    if len({len(column) for column in columns.values()}) != 1:
-        raise OrthosisError("cases: give each key as many values as the others, one or more")
+        return _simulated(parameters, driving)
+    columns = _columns(given.changes(cases, "cases"))
     every = [parameters.changed(one) for one in _rows(columns)]
-    if given is None or parameters.declared is not machine_named() or len(every) == 1:
-        return Runs([_simulated(one, given) for one in every], columns)
-    return Runs(_together(parameters, every, columns, given), columns)
+    if driving is None or parameters.declared is not machine_named() or len(every) == 1:
+        return Runs([_simulated(one, driving) for one in every], columns)
+    return Runs(_together(parameters, every, columns, driving), columns)
 
 
 def _simulated(parameters: Parameters, voltages: Array | None) -> Run:
     return _followed(parameters) if voltages is None else _driven(parameters, voltages)
+
+
+def _columns(cases: Mapping[str, ArrayLike]) -> dict[str, Any]:
+    """Return the values of each key, (cases,); OrthosisError if they are not as many, or none."""
+    try:
+        columns = {key: np.atleast_1d(np.asarray(values)) for key, values in cases.items()}
+    except ValueError:  # rows of different lengths
+        columns = {}
+    if len(lengths := {len(column) for column in columns.values()}) != 1 or lengths == {0}:
+        raise OrthosisError("cases: give each key as many values as the others, one or more")
+    return columns
 
 
 def _rows(columns: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
@@ -121,10 +136,10 @@ def _rows(columns: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def _checked(voltages: ArrayLike, parameters: Parameters) -> Array:
-    given, names = np.asarray(voltages, dtype=float), parameters.declared.names
-    if given.ndim != 2 or given.shape[1] != len(names) or not len(given) or not np.isfinite(given).all():
+    rows, names = given.numbers(voltages, "voltages"), parameters.declared.names
+    if rows.ndim != 2 or rows.shape[1] != len(names) or not len(rows) or not np.isfinite(rows).all():
         raise OrthosisError(f"voltages: give finite numbers, a row a control period: {', '.join(names)}")
-    return given
+    return rows
 
 
 def _stamps(parameters: Parameters, samples: int) -> Any:

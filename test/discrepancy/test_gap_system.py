@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
+import pam_orthosis as po
 from pam_orthosis.bag.record import BagWriter
 from pam_orthosis.bag.topics import JOINT, SECOND_NS, Topics
 from pam_orthosis.cli.main import main
@@ -72,6 +73,10 @@ def test_a_hidden_friction_of_a_foreign_carriage_is_named(tables, tmp_path, caps
     assert "fits better" not in words  # its current is held between rows, as its system says
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["gap.html", "gap.json"]
     assert sorted(CARRIAGE.parent.iterdir()) == before  # nothing is written beside a user's file
+    found = po.gap(tables[:2], tables[2:], system=CARRIAGE)
+    assert found.as_dict().items() <= reported.items()
+    with pytest.raises(OrthosisError, match="no parameters to change; see `effects`"):
+        found.changes()
 
 
 def test_without_friction_nothing_is_named(tmp_path, capsys):
