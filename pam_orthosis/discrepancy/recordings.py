@@ -17,8 +17,9 @@ from pam_orthosis.discrepancy.together import Workers
 from pam_orthosis.discrepancy.user_file import load_system
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machine import Machine
-from pam_orthosis.model.machines import machine_named
+from pam_orthosis.model.machines import KNEE, machine_named
 from pam_orthosis.model.parameters import Parameters, load
+from pam_orthosis.model.specimens import BRANCH as MUSCLE
 from pam_orthosis.progress import Progress, silent
 from pam_orthosis.tables import is_table
 
@@ -99,6 +100,7 @@ def _of_apparatus(asked: Asked) -> Nominal:
     paths, namespace = asked.paths, asked.namespace
     apparatus = apparatus_of(paths, machine, namespace)
     given = patch.read(asked.model, apparatus.machine) if asked.model else {}
+    _check_meant(asked.model, given, apparatus.machine)
     parameters = apparatus.nominal(paths, given, namespace, asked.model)
     return Nominal(
         parameters,
@@ -108,6 +110,14 @@ def _of_apparatus(asked: Asked) -> Nominal:
         [] if machine else without_record(paths, namespace),
         unrecorded(paths, parameters, apparatus.keys, given, namespace),
     )
+
+
+def _check_meant(file: Path | None, given: Mapping[str, Any], machine: Machine) -> None:
+    """Refuse, by OrthosisError, a file with muscles alone, none of which a machine beside the knee has."""
+    own = tuple(f"{one.parameters}." for one in machine.actuators)
+    strange = [key for key in given if key.startswith(MUSCLE) and not key.startswith(own)]
+    if machine is not KNEE and strange and len(strange) == len(given):
+        raise OrthosisError(f"{file} is of a muscle that the {machine.name} does not have; leave --model out")
 
 
 def _read(path: Path, known: Nominal, namespace: str) -> Recording:

@@ -188,6 +188,24 @@ def test_the_library_reads_tables_of_a_machine_as_the_verb_does(machine, tmp_pat
 
 
 @pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (
+            "dmsp_20: {map_length: 0.3}",
+            "model.yaml is of a muscle that the slide does not have; leave `model` out",
+        ),
+        ("{dmsp_20: {map_length: 0.3}, valve.delay: 0.0}", "a recording needs more than 1 samples"),
+    ],
+)
+def test_a_model_file_of_a_muscle_alone_is_refused_where_there_is_none(machine, tmp_path, rows, said):
+    table, model = tmp_path / "run.csv", tmp_path / "model.yaml"
+    table.write_text(",".join(COLUMNS) + "\n0,0.1,1e5,1e5,5,5\n", encoding="utf-8")
+    model.write_text(rows, encoding="utf-8")
+    with pytest.raises(OrthosisError, match=said):
+        po.gap([table], machine=machine[0], model=model)
+
+
+@pytest.mark.parametrize(
     ("columns", "said"),
     [
         ({}, r'no column time; .* as in `columns={"time": "COLUMN"}`, or by `machine` of what other machine'),
