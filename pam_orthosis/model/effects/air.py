@@ -10,36 +10,29 @@ from pam_orthosis.model.signals import ActuatorSignals, Expression, Signals
 
 LEAK_AT = 3.0e5  # Pa gauge, where a gap and a hole pass the same
 HOSE_AT = 2.0e-3  # kg/s, about 100 l/min of free air, where a laminar and a turbulent drop are the same
+SECANTS, NO_FLOW = 2, 1e-9  # steps; kg/s
 
 
 def throttled(s: ActuatorSignals, resistance: Expression, turbulent: Expression) -> Expression:
-    """Return the flow m that fulfils m = flow(p + drop(m)).
-
-    The first guess is exact where the square of a valve's flow falls in proportion to the pressure behind
-    it, as it does for small drops; one Newton step follows.
-    """
+    """Return the flow m that fulfils m = flow(p + drop(m)), by secants from no flow to the last guess."""
     pressure = ca.SX.sym("p")
     flow = pneumatics.valve_flow(s.opening, pressure, s.air.supply_pressure, s.valve)
-    slope = ca.gradient(flow, pressure)
-    per_flow = _drop_over_flow(s.flow, resistance, turbulent)
-    steep = -per_flow * ca.substitute(slope, pressure, s.pressure)
-    guess = s.flow / (steep + ca.sqrt(1 + steep**2))
-    per_flow = _drop_over_flow(guess, resistance, turbulent)
-    behind = s.pressure + per_flow * guess
-    wrong, slope = (ca.substitute(one, pressure, behind) for one in (flow - guess, slope))
-    growth = per_flow + resistance * turbulent * ca.fabs(guess) / HOSE_AT
-    return guess + wrong / (1 - slope * growth)
+    guess = s.flow
+    for _ in range(SECANTS):
+        behind = s.pressure + _drop(guess, resistance, turbulent)
+        wrong = ca.substitute(flow, pressure, behind) - guess
+        guess /= 1 - wrong * s.flow / (s.flow**2 + NO_FLOW**2)
+    return guess
 
 
-def _drop_over_flow(flow: Expression, resistance: Expression, turbulent: Expression) -> Expression:
-    return resistance * (1 - turbulent + turbulent * ca.fabs(flow) / HOSE_AT)
+def _drop(flow: Expression, resistance: Expression, turbulent: Expression) -> Expression:
+    return resistance * flow * (1 - turbulent + turbulent * ca.fabs(flow) / HOSE_AT)
 
 
 def _hose_resistance(s: ActuatorSignals, p: Section, _states: tuple[Expression, ...]) -> Contribution:
     """The hose throttles the flow, and the sensor at its valve end reads p + drop(m)."""
     flow = throttled(s, p.resistance, p.turbulent)
-    drop = _drop_over_flow(flow, p.resistance, p.turbulent) * flow
-    return Contribution({"flow": flow - s.flow, "line_drop": drop})
+    return Contribution({"flow": flow - s.flow, "line_drop": _drop(flow, p.resistance, p.turbulent)})
 
 
 def _leak(s: ActuatorSignals, p: Section, _states: tuple[Expression, ...]) -> Contribution:
