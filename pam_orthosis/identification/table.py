@@ -61,8 +61,8 @@ PLAUSIBLE = {
     "mass": (1.0e-3, 1.0e4, "kg"),
     "direction": (-1.0, 1.0, "(1 shortening or filling, -1 stretching or venting)"),
 }
-# largest / smallest typical value beyond which a column must hold two units
-MIXED = {"pressure": 100.0, "length": 3.0}
+OTHER_UNIT = 100.0  # times a pressure, and none between: the rows below are in another unit
+LONGEST = 3.0  # times the shortest length, beyond which a column must hold two units
 
 
 class Table(NamedTuple):
@@ -106,6 +106,7 @@ def read_table(path: Path, ambient: float) -> Table:
         raise OrthosisError(f"{path}: give either the length (L_m) or the contraction (dL_m)")
     for name, values in columns.items():
         _check(path, name, values)
+    _check_units(path, columns)
     marked = "slack" in columns
     slack = columns.pop("slack", np.zeros(len(columns["pressure"]))) != 0
     if slack.all():
@@ -175,11 +176,33 @@ def _check(path: Path, name: str, values: np.ndarray) -> None:
                 f"{path}: {name} from {values.min():g} to {values.max():g} {unit} is implausible;"
                 " check the unit in the column's name"
             )
-    positive = values[values > 0]
-    if name in MIXED and len(positive) and positive.max() > MIXED[name] * positive.min():
-        raise OrthosisError(
-            f"{path}: {name} from {positive.min():g} to {positive.max():g} {PLAUSIBLE[name][2]}:"
-            " rows in different units?"
-        )
     if name == "pressure" and values.max() < 1.0e3:
         raise OrthosisError(f"{path}: the highest pressure is {values.max():g} Pa; is the unit bar?")
+
+
+def _check_units(path: Path, columns: dict[str, np.ndarray]) -> None:
+    """Refuse rows in different units: bar among Pa, mm among m."""
+    pressure, length = columns["pressure"], columns.get("length", np.ones(1))
+    force = np.abs(columns.get("force", np.ones(len(pressure))))
+    below = _in_other_unit(pressure)
+    at_rest = 0.1  # of the largest force: a muscle that pulls less may well have no pressure
+    if force[below].max(initial=0.0) > at_rest * force.max():
+        _refuse_units(path, "pressure", pressure[pressure > 0])
+    if length.max() > LONGEST * length.min():
+        _refuse_units(path, "length", length)
+
+
+def _in_other_unit(pressure: np.ndarray) -> np.ndarray:
+    """Return which rows lie far below all others; a ramp has rows between, a sensor's noise is about zero."""
+    noise = 5 * max(0.0, -float(pressure.min()))
+    order = np.sort(pressure[pressure > noise])
+    gaps = np.flatnonzero(order[1:] > OTHER_UNIT * order[:-1])
+    highest = order[gaps[-1]] if len(gaps) else 0.0
+    return (pressure > noise) & (pressure <= highest)
+
+
+def _refuse_units(path: Path, name: str, values: np.ndarray) -> None:
+    unit = PLAUSIBLE[name][2]
+    raise OrthosisError(
+        f"{path}: {name} from {values.min():g} to {values.max():g} {unit}: rows in different units?"
+    )

@@ -123,6 +123,33 @@ def test_an_unusable_table_says_why(tmp_path, lines, message):
         read_table(table(tmp_path, lines), AMBIENT)
 
 
+RAMP = np.linspace(0.0, 6.0e5, 50)
+
+
+@pytest.mark.parametrize(
+    "pressure",
+    [
+        RAMP + 300.0 * np.random.default_rng(0).standard_normal(50),
+        np.concatenate([[1.5], RAMP[1:]]),
+        np.concatenate([[40.0, 250.0, 310.0], RAMP[20:]]),
+    ],
+    ids=["noise", "one near zero", "steps from a zero that is off"],
+)
+def test_a_ramp_from_zero_is_in_one_unit(tmp_path, pressure):
+    rows = [f"{p:.3f},0.29,{max(p - 3e4, 0) * 1e-3:.3f}" for p in pressure]
+    assert len(read_table(table(tmp_path, ["p_Pa_gauge,L_m,F_N", *rows]), AMBIENT).pressure) == len(pressure)
+
+
+@pytest.mark.parametrize("factor", [1e-5, 1e-3])
+@pytest.mark.parametrize("names", ["p_Pa_gauge,L_m,F_N", "p_Pa_gauge,dL_m,V_l"])
+def test_rows_in_different_units_are_refused(tmp_path, factor, names):
+    pressure = np.linspace(1e5, 6e5, 12)
+    pressure[::3] *= factor
+    rows = [f"{p:.8g},0.29,0.3" for p in pressure]
+    with pytest.raises(OrthosisError, match=r"pressure from .* rows in different units"):
+        read_table(table(tmp_path, [names, *rows]), AMBIENT)
+
+
 def test_a_table_of_another_nominal_length_is_refused(tmp_path):
     path = table(tmp_path, ["p_Pa_gauge,L_m,F_N", "200000,0.20,300", "300000,0.19,200"])
     with pytest.raises(OrthosisError, match="nominal length"):
