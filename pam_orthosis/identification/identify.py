@@ -20,9 +20,11 @@ from pam_orthosis.identification.trust import (
     check_direction,
     check_repeats,
     check_slack_pressure,
+    check_zero,
     clipped,
     copied,
     hysteresis,
+    levelled_off,
     taut,
 )
 from pam_orthosis.identification.volume import VolumeFit, fit_volume
@@ -193,14 +195,24 @@ def usable(data: Data, damping: float, degrees: tuple[int, int]) -> tuple[Sample
             " states; the load cell or its amplifier ends there"
         )
         s = s.where(~end)
+    end = levelled_off(s, data.length, damping, degrees)
+    if end.any():
+        remarks.append(
+            f"{end.sum()} rows left out: all hold about {np.median(s.force[end]):.1f} N, the largest one, in"
+            " different states where the rest says more; the load cell or its amplifier ends there"
+        )
+        s = s.where(~end)
     if data.static and not data.marked:
-        kept = taut(s, damping, degrees)
+        kept, zero = taut(s, damping, degrees)
         if not kept.all():
             loose = s.force[~kept]
             remarks.append(
-                f"{len(loose)} of {len(s)} rows left out: the muscle hangs slack or is buckled (it shows"
-                f" {loose.min():.1f} to {loose.max():.1f} N); a column slack decides instead"
+                f"{len(loose)} of {len(s)} rows left out: the muscle hangs slack, is buckled or all but"
+                f" force-free (it shows {loose.min():.1f} to {loose.max():.1f} N); a column slack decides"
+                " instead"
             )
+            off = check_zero(loose, zero, float(s.force.max()))
+            remarks += [f"caution: {off}"] if off else []
             s = s.where(kept)
     return s, remarks
 

@@ -32,6 +32,28 @@ def clipped(s: Samples, nominal: float) -> np.ndarray:
     return top if top.sum() >= least_clipped and not same else np.zeros(len(s), bool)
 
 
+def levelled_off(s: Samples, nominal: float, damping: float, degrees: tuple[int, int]) -> np.ndarray:
+    """Return which rows hold the end of the load cell's range, which noise hides from `clipped`.
+
+    They are many more than those just below, and the rest says that the muscle pulls more: a weight that
+    hangs on it makes as many rows of one force.
+    """
+    band, many, large = 0.01, 3, 0.08  # of the largest force; times the rows just below; surely taut
+    none, largest = np.zeros(len(s), bool), s.force.max()
+    top = s.force > (1 - band) * largest
+    below = (s.force > (1 - 2 * band) * largest) & ~top
+    states = np.ptp(s.pressure[top]) > LEVEL_GAP or np.ptp(s.contraction[top]) > LENGTH_GAP * nominal
+    if not states or top.sum() < many * (1 + below.sum()):
+        return none
+    rest = s.where(~top & (s.force > large * largest))
+    try:
+        model = fit_force(rest, damping, degrees).model
+    except OrthosisError:  # the rest cannot say it
+        return none
+    missing = np.median(-model.residual(s.where(top)))
+    return top if missing > 2 * rms_and_max(model.residual(rest))[0] + band * largest else none
+
+
 def copied(s: Samples) -> np.ndarray:
     """Return which rows hold in every column what an earlier one holds: they are no further measurement."""
     table = np.column_stack(list(vars(s).values()))
@@ -141,26 +163,48 @@ def check_repeats(s: Samples, nominal: float) -> str:
     )
 
 
-def taut(s: Samples, damping: float, degrees: tuple[int, int]) -> np.ndarray:
-    """Return which rows are of a taut muscle.
+def taut(s: Samples, damping: float, degrees: tuple[int, int]) -> tuple[np.ndarray, float]:
+    """Return which rows are of a taut muscle, and what the load cell shows of a slack one, N (0: not seen).
 
     A slack muscle shows the same small force whatever the pressure, and where it buckles even pushes. Rows of
-    large force are fitted; a row is slack where their model or the load cell shows no more than the scatter.
-    This is repeated with what is taut by then.
+    large force are fitted; where their model is below zero the muscle is slack, and what the load cell shows
+    there is what it shows of every slack row. This is repeated with what is taut by then.
     """
-    largest = float(s.force.max())
-    start_share = 0.08  # of the largest force: what is above it is taut, whatever the model
-    large = s.force >= start_share * largest
-    least_share = 2.0e-3  # of the largest force, that a taut muscle shows at least
-    kept, least = large, least_share * largest
-    rounds = 20
+    least_share, start_share = 2.0e-3, 0.08  # of the range: what a taut muscle shows at least; surely shows
+    lowest, span = max(float(s.force.min()), 0.0), np.ptp(np.maximum(s.force, 0.0))
+    large = s.force >= lowest + start_share * span
+    kept, zero, rounds = large, 0.0, 20
     for _ in range(rounds):
         try:
             model = fit_force(s.where(kept), damping, degrees).model
         except OrthosisError:  # the fit of what is left will say what is missing
-            return s.force >= least
-        scatter = max(least, rms_and_max(model.residual(s.where(large)))[0])
-        before, kept = kept, large | (np.minimum(model.force(s), s.force) >= scatter)
+            return s.force >= least_share * s.force.max(), 0.0
+        zero, noise = _slack_force(model, s, large, zero)
+        before, kept = kept, large | (s.force >= zero + max(least_share * span, 3 * noise))
         if (before == kept).all():
             break
-    return kept
+    return kept, zero
+
+
+def _slack_force(model: ForceModel, s: Samples, large: np.ndarray, zero: float) -> tuple[float, float]:
+    """Return what the load cell shows of a slack muscle, N: median and scatter; zeros if none is surely so.
+
+    The model is off by hysteresis and form: surely slack is where it is below `zero` by half of that.
+    """
+    off = rms_and_max(model.residual(s.where(large)))[0]
+    shown = s.force[(model.force(s) < zero - off / 2) & ~large]
+    least_rows = 3
+    if len(shown) < least_rows:
+        return 0.0, 0.0
+    middle = float(np.median(shown))
+    return middle, 1.4826 * float(np.median(np.abs(shown - middle)))
+
+
+def check_zero(slack: np.ndarray, zero: float, largest: float) -> str:
+    """Return a caution if slack rows, N, show nearly one force, and that is not zero; empty if not."""
+    share, times = 0.02, 5.0  # of the largest force, and of the slack rows' scatter: a buckled one shows less
+    if not len(slack) or abs(zero) < max(share * largest, times * float(np.std(slack))):
+        return ""
+    return (
+        f"the load cell shows {zero:.1f} N of the slack muscle: is its zero off? Subtract it from the force"
+    )

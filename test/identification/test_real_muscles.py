@@ -15,6 +15,7 @@ from pam_orthosis.identification.force import fit_force, rms_and_max
 from pam_orthosis.identification.groups import grouped
 from pam_orthosis.identification.identify import identify, usable
 from pam_orthosis.identification.own import own_bench
+from pam_orthosis.identification.trust import taut
 from pam_orthosis.model.parameters import load
 
 
@@ -58,6 +59,39 @@ def test_rows_of_the_slack_muscle_are_found_and_left_out(three):
     every = read(three).samples
     slack_too = rms_and_max(fit_force(every).model.residual(every))[0]
     assert found.errors(held_out=False)["rms"] < 0.5 * slack_too
+
+
+@pytest.fixture(scope="module")
+def rubbing(tmp_path_factory):
+    """Three repeats with much friction: the model is off by far more than the load cell's noise."""
+    random = np.random.default_rng(8)
+    rows = np.vstack([repeat(number, random, hysteresis=90.0, buckling=0.0) for number in range(3)])
+    return write(tmp_path_factory.mktemp("rig") / "rubbing.csv", rows)
+
+
+def test_rows_that_pull_are_not_slack_however_far_off_the_model_is(rubbing):
+    data = read(rubbing)
+    kept, zero = taut(data.samples, 0.0, (3, 4))
+    pulling = data.samples.where(kept)
+    assert rms_and_max(fit_force(pulling).model.residual(pulling))[0] > 30
+    noise_and_zeros = 12.0  # N: a load cell's noise of 1 N, zeros of the repeats some 3 N apart
+    assert data.samples.force[~kept].max() < noise_and_zeros
+    assert abs(zero) < noise_and_zeros
+    assert (static_force(*_states(rubbing))[~kept] < 100).all()
+
+
+def test_a_load_cell_whose_zero_is_off_is_a_caution(rubbing, three, tmp_path):
+    def zero_off(path, newtons):
+        rows = np.loadtxt(path, delimiter=",", skiprows=1)
+        rows[:, 3] += newtons
+        remarks = identify(read(write(tmp_path / "off.csv", rows))).remarks
+        return [one for one in remarks if "is its zero off?" in one]
+
+    (caution,) = zero_off(rubbing, 60.0)
+    assert float(caution.split("shows ")[1].split(" N")[0]) == pytest.approx(60.0, abs=4.0)
+    assert zero_off(rubbing, -60.0)
+    assert not zero_off(rubbing, 0.0)
+    assert not zero_off(three, 0.0)
 
 
 def _states(path):
@@ -115,6 +149,29 @@ def test_rows_that_the_load_cell_clipped_are_left_out(static):
     assert not clean.remarks
     spoilt, kept, true = (one.model.a[0] for one in (fit_force(found.data.samples), found.force, clean.force))
     assert abs(kept - true) < 0.2 * abs(spoilt - true)
+
+
+def test_a_clipped_load_cell_with_noise_is_seen(three, tmp_path):
+    rows = np.loadtxt(three, delimiter=",", skiprows=1)
+    noise = 0.3 * np.random.default_rng(9).standard_normal(len(rows))
+    ends = rows[:, 3] > 900
+    rows[ends, 3] = 900 + noise[ends]
+    found = identify(read(write(tmp_path / "clipped.csv", rows)))
+    (remark,) = (one for one in found.remarks if "the load cell or its amplifier ends there" in one)
+    assert float(remark.split("about ")[1].split(" N")[0]) == pytest.approx(900, abs=0.1)
+    assert ends.sum() <= int(remark.split()[0]) < 1.1 * ends.sum()
+    assert not any("amplifier ends" in one for one in identify(read(three)).remarks)
+
+
+def test_weights_that_hang_on_the_muscle_are_no_end_of_the_load_cell(tmp_path):
+    random = np.random.default_rng(10)
+    p, x = (one.ravel() for one in np.meshgrid(np.linspace(1e5, 6e5, 400), np.linspace(0.001, 0.075, 300)))
+    force = static_force(x, p)
+    weights = np.array([100.0, 250.0, 400.0, 550.0, 700.0, 850.0])
+    held = np.abs(force[:, None] - weights).min(axis=1) < 1.0
+    rows = np.column_stack([p, LENGTH - x, force + 0.3 * random.standard_normal(len(p))])[held]
+    remarks = identify(read(write(tmp_path / "weights.csv", rows, "p_Pa_gauge,L_m,F_N"))).remarks
+    assert not any("amplifier ends" in one for one in remarks)
 
 
 @pytest.mark.parametrize(
