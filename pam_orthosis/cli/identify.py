@@ -122,10 +122,10 @@ def describe(found: Identified) -> str:
         ]
     if found.damping:
         d = found.damping
-        lines.append(
-            f"  D = {d.value:.1f} +- {d.half_width:.1f} N s/m, dry friction apart"
-            f" (Eq. 18 counts all losses: {d.decrement:.1f}; T_d = {d.period:.3f} s)"
-        )
+        losses = f"dry friction apart (Eq. 18 counts all losses: {d.decrement:.1f}; T_d = {d.period:.3f} s)"
+        if not d.apart:
+            losses = f"all losses, Eq. 18 (T_d = {d.period:.3f} s); with F_N dry friction would be told apart"
+        lines.append(f"  D = {d.value:.1f} +- {d.half_width:.1f} N s/m, {losses}")
     if found.given_damping is not None:
         lines.append(f"  D = {found.given_damping:g} N s/m was given, and counts")
     if found.volume:

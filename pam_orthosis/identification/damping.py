@@ -24,25 +24,30 @@ LEFT = 0.01  # of the first swing: beyond it the mass has left its hold
 
 @dataclass(frozen=True)
 class Damping:
-    """D of Eq. (13), N s/m, with half its 95 % interval; `decrement` is D by Eq. (18), all losses."""
+    """D of Eq. (13), N s/m, with half its 95 % interval; `decrement` is D by Eq. (18), all losses.
+
+    `apart`: a load cell told the braid's dry friction apart; else `value` is `decrement`.
+    """
 
     value: float
     half_width: float
     decrement: float
     period: float
     residual: float
+    apart: bool = True
 
 
 def fit_damping(decays: list[Decay]) -> Damping:
     """Return the damping from free decays; OrthosisError if one has no oscillation or is too short."""
     decrements, periods = zip(*(decrement(d) for d in decays), strict=True)
-    values, errors = zip(*(viscous_part(d) for d in decays), strict=True)
+    parts = [viscous_part(d) for d in decays if d.force is not None]
+    values, errors = zip(*parts, strict=True) if parts else (decrements, (0.0,))
     spread = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
     # between the decays, or, for a single one, what is usual between them
     half = stats.t.ppf(0.975, len(values) - 1) * spread / len(values) ** 0.5 if spread else 0.1 * values[0]
     return Damping(
         float(np.mean(values)), float(half), float(np.mean(decrements)), float(np.mean(periods)),
-        float(np.mean(errors)),
+        float(np.mean(errors)), bool(parts),
     )  # fmt: skip
 
 
@@ -99,14 +104,14 @@ def _release(smooth: np.ndarray, turn: int) -> int:
 def _released(decay: Decay) -> Decay:
     """Return a decay from its release on."""
     start = turning_points(decay)[0]
-    return replace(
-        decay, **{name: getattr(decay, name)[start:] for name in ("time", "position", "pressure", "force")}
-    )
+    return replace(decay, **{name: getattr(decay, name)[start:] for name in ("time", "position", "pressure")})
 
 
 def viscous_part(decay: Decay) -> tuple[float, float]:
-    """Return D, N s/m, freed of dry friction, and the RMS residual, N; OrthosisError if too short."""
-    decay = _released(decay)
+    """Return D, N s/m, freed of dry friction by the force, and the RMS residual, N; else OrthosisError."""
+    if decay.force is None:
+        raise OrthosisError("a decay without a force does not tell dry friction apart")
+    decay, force = _released(decay), decay.force[turning_points(decay)[0] :]
     stamps = np.round(decay.time * 1e9)
     position = signal.savgol_filter(decay.position, FILTER_SAMPLES, 3)
     rate = differentiated(decay.position, stamps)
@@ -118,8 +123,8 @@ def viscous_part(decay: Decay) -> tuple[float, float]:
     scale = np.linalg.norm(matrix, axis=0)
     free = np.concatenate([np.full(len(smooth), -np.inf), np.zeros(1 + len(friction))])
     inner = slice(FILTER_SAMPLES, -FILTER_SAMPLES)
-    fit = optimize.lsq_linear((matrix / scale)[inner], decay.force[inner], (free, np.inf))
-    residual = matrix[inner] @ (fit.x / scale) - decay.force[inner]
+    fit = optimize.lsq_linear((matrix / scale)[inner], force[inner], (free, np.inf))
+    residual = matrix[inner] @ (fit.x / scale) - force[inner]
     return float(fit.x[len(smooth)] / scale[len(smooth)]), float(np.std(residual))
 
 

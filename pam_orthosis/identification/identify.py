@@ -19,6 +19,7 @@ from pam_orthosis.identification.trust import (
     astray,
     check_direction,
     check_repeats,
+    check_size,
     check_slack_pressure,
     check_zero,
     clipped,
@@ -158,8 +159,11 @@ def identify(
     progress("fitting the force")
     force = fit_force(training, d, degrees)
     friction = hysteresis(force.model, training)
+    geometry = data.parameters.at(f"muscle.{data.specimen}.geometry")
+    angle = geometry.fibre_angle + geometry.fibre_angle_correction
     cautions = (
         check_slack_pressure(force.model, training, data.length),
+        check_size(force.model, training, data.length, geometry.diameter, angle),
         astray(force.model, training),
         check_direction(force.model, training, friction),
         check_repeats(training, data.length) if data.static else "",

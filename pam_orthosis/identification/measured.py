@@ -43,7 +43,7 @@ def table_parts(path: Path, nominal: float, ambient: float, serial: int) -> Part
     """
     table = read_table(path, ambient)
     contraction = table.contraction if table.contraction is not None else nominal - table.length
-    _check_lengths(path, contraction, nominal)
+    _check_lengths(path, contraction, nominal, begins=table.length is not None and table.mass is None)
     if table.volume is not None:
         return Parts(volumes=Volumes(table.pressure, contraction, table.volume), unread=table.unread)
     _check_time(path, table.time)
@@ -53,10 +53,14 @@ def table_parts(path: Path, nominal: float, ambient: float, serial: int) -> Part
     return Parts(samples, marked=table.marked, unread=table.unread)
 
 
-def _check_lengths(path: Path, contraction: np.ndarray, nominal: float) -> None:
-    lengths = (-0.05, 0.1, 0.4)  # shares of the nominal length: least contraction (two bounds), largest one
-    low, first, last = (share * nominal for share in lengths)
-    if contraction.min() < low or contraction.min() > first or contraction.max() > last:
+def _check_lengths(path: Path, contraction: np.ndarray, nominal: float, begins: bool) -> None:
+    """Refuse contractions that no muscle has; `begins`: the least one must be small, too.
+
+    A decay swings about any contraction, and one that was measured as such needs no nominal length.
+    """
+    shares = (-0.05, 0.1, 0.4)  # of the nominal length: least contraction (two bounds), largest one
+    low, first, last = (share * nominal for share in shares)
+    if contraction.min() < low or (begins and contraction.min() > first) or contraction.max() > last:
         raise OrthosisError(
             f"{path}: lengths do not fit a nominal length of {nominal:g} m;"
             " give --nominal-length-m or --muscle, and check the unit"
@@ -84,7 +88,9 @@ def _decay(path: Path, table: Table, contraction: np.ndarray) -> Decay:
     if len(table.time) < DERIVATIVE_SAMPLES:
         raise OrthosisError(f"{path} is too short: {len(table.time)} samples")
     check_even(path, np.round(table.time * SECOND_NS))
-    return Decay(table.time - table.time[0], contraction, table.pressure, table.force, float(table.mass[0]))
+    shown = table.force is not None and np.ptp(table.force) > 0  # one force, written in, is none measured
+    force = table.force if shown else None
+    return Decay(table.time - table.time[0], contraction, table.pressure, force, float(table.mass[0]))
 
 
 def _samples(path: Path, table: Table, contraction: np.ndarray, serial: int) -> Samples:

@@ -65,12 +65,15 @@ class Samples:
 
 @dataclass(frozen=True)
 class Decay:
-    """A free oscillation after release: time s, position m, gauge pressure Pa, force N, moved mass kg."""
+    """A free oscillation after release: time s, position m, gauge pressure Pa, force N, moved mass kg.
+
+    The force is None where no load cell showed it.
+    """
 
     time: np.ndarray
     position: np.ndarray
     pressure: np.ndarray
-    force: np.ndarray
+    force: np.ndarray | None
     mass: float
 
 

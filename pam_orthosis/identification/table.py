@@ -98,7 +98,8 @@ def read_table(path: Path, ambient: float) -> Table:
         OrthosisError: unreadable, ambiguous, missing or doubled column, not a number, implausible values.
     """
     columns, unread = _columns(path, ambient)
-    for needed in ("pressure",) if "volume" in columns else ("pressure", "force"):
+    forceless = "volume" in columns or "mass" in columns
+    for needed in ("pressure",) if forceless else ("pressure", "force"):
         if needed not in columns:
             there = f"; not read: {', '.join(unread)}" if unread else ""
             raise OrthosisError(f"{path}: no column for the {needed}; name it e.g. {EXAMPLES[needed]}{there}")

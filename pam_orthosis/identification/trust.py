@@ -9,7 +9,7 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.force import ForceModel, fit_force, rms_and_max
 from pam_orthosis.identification.groups import LENGTH_GAP, LEVEL_GAP, numbered, points
 from pam_orthosis.identification.samples import Samples
-from pam_orthosis.model.components.muscle import polynomial
+from pam_orthosis.model.components.muscle import braid_area, polynomial
 
 # Pa gauge, at which a muscle begins to pull: at nominal length 0 by definition, fits of measured ones give 0
 # to 0.5 bar; where the data begin contracted, measured ones need 1.4 bar and more
@@ -106,6 +106,25 @@ def check_slack_pressure(model: ForceModel, s: Samples, nominal: float) -> str:
         )
     mixed = "absolute and named gauge" if pressure > 0 and not far else "gauge and named absolute"
     return f"{text}: is the pressure {mixed}, the nominal length not {nominal:g} m, or the force's zero off?"
+
+
+def check_size(model: ForceModel, s: Samples, nominal: float, diameter: float, angle: float) -> str:
+    """Return a caution if the muscle pulls as none of its size does; empty if not.
+
+    Where the data begin, as near to no contraction as they come, the force by the pressure is compared with
+    that of an ideal braid.
+    """
+    usual = (0.55, 1.35)  # measured muscles: 0.7 to 1.1
+    x = min(max(float(s.contraction.min()), 0.0), float(s.contraction.max()))
+    ideal = braid_area(diameter, angle, x / nominal)
+    times = float(polynomial(model.a, x)) / ideal
+    if ideal <= 0 or usual[0] < times < usual[1]:
+        return ""
+    return (
+        f"the force grows {times:.3g} times as fast with the pressure as that of a braid of"
+        f" {diameter * 1e3:.3g} mm diameter (usual: {usual[0]:g} to {usual[1]:g}): check the units of force"
+        " and pressure; a muscle of another size or fibre angle is given by --muscle FILE"
+    )
 
 
 def _slack_pressure(model: ForceModel, contraction: float) -> float:

@@ -13,6 +13,7 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification import damping
 from pam_orthosis.identification import data as reading
 from pam_orthosis.identification.data import Decay
+from pam_orthosis.identification.measured import table_parts
 from pam_orthosis.model import parameters
 
 MASS, STIFFNESS, D = 70.0, 25e3, 150.0
@@ -105,6 +106,27 @@ def test_a_decay_at_constant_pressure_needs_no_terms_of_the_pressure():
     decay = oscillation()
     constant = replace(decay, pressure=np.full_like(decay.pressure, 3e5))
     assert damping.viscous_part(constant)[0] == pytest.approx(D, rel=0.02)
+
+
+def test_a_decay_without_a_force_gives_all_losses_together():
+    decay = oscillation(dry=12.0)
+    found = damping.fit_damping([replace(decay, force=None)])
+    assert (found.value, found.apart) == (found.decrement, False)
+    assert found.decrement == damping.fit_damping([decay]).decrement
+    assert damping.fit_damping([decay]).apart
+
+
+@pytest.mark.parametrize("column", ["", ",F_N"])
+def test_a_table_of_a_decay_needs_no_force_and_swings_about_any_contraction(tmp_path, column):
+    time, mass = 0.002 * np.arange(600), 20.0
+    x = 0.048 + 0.008 * np.exp(-3.0 * time) * np.cos(15.0 * time)
+    rows = [time, np.full(600, 3e5), 0.3 - x, np.full(600, mass), *([np.full(600, 196.0)] if column else [])]
+    path = tmp_path / "decay.csv"
+    header = f"t_s,p_Pa_gauge,L_m,m_kg{column}"
+    np.savetxt(path, np.column_stack(rows), delimiter=",", header=header, comments="")
+    decay = table_parts(path, 0.3, 1.013e5, 0).decay
+    assert decay.force is None
+    assert damping.fit_damping([decay]).value == pytest.approx(2 * mass * 3.0, rel=0.03)
 
 
 @pytest.mark.parametrize("samples", [10, 99])

@@ -223,6 +223,18 @@ def test_a_muscle_of_any_size_by_its_own_geometry(static, tmp_path, capsys):
     assert (read_back.geometry.diameter, read_back.length) == (0.04, 0.3)
 
 
+@pytest.mark.parametrize("nearest", [0.0, 0.02])
+@pytest.mark.parametrize("times", [0.5, 1.0, 2.0])
+def test_a_force_that_no_muscle_of_the_size_has_is_a_caution(static, nearest, times):
+    def scaled(p, length, f):
+        rows = np.column_stack([p, length, times * f])
+        return rows[length < LENGTH - nearest]
+
+    said = [one for one in identify(read(static(scaled))).remarks if "of a braid of 20 mm" in one]
+    assert len(said) == (times != 1.0)
+    assert all("units of force" in one and "--muscle FILE" in one for one in said)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -123,6 +123,15 @@ def test_an_unusable_table_says_why(tmp_path, lines, message):
         read_table(table(tmp_path, lines), AMBIENT)
 
 
+def test_contractions_that_begin_far_off_are_no_wrong_nominal_length(tmp_path):
+    rows = ["200000,{},300", "300000,{},250"]
+    given = table(tmp_path, ["p_Pa_gauge,dL_m,F_N", *(row.format(0.05) for row in rows)])
+    assert read_data([given], "dmsp_20", 0.3).samples.contraction.tolist() == [0.05, 0.05]
+    lengths = table(tmp_path, ["p_Pa_gauge,L_m,F_N", *(row.format(0.25) for row in rows)])
+    with pytest.raises(OrthosisError, match="do not fit a nominal length"):
+        read_data([lengths], "dmsp_20", 0.3)
+
+
 RAMP = np.linspace(0.0, 6.0e5, 50)
 
 

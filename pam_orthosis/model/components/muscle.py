@@ -32,9 +32,8 @@ def broken_rules(values: Mapping[str, Any]) -> Iterator[str]:
 def _braid_rule(values: Mapping[str, Any], muscle: str) -> Iterator[str]:
     """Compare what the coefficients give at no contraction with the ideal braid and its cylinder."""
     diameter, angle = (values[f"{muscle}.geometry.{name}"] for name in ("diameter", "fibre_angle"))
-    section = math.pi / 4 * diameter**2
-    area = section * (3 * math.cos(angle) ** 2 - 1) / math.sin(angle) ** 2
-    volume = section * values[f"{muscle}.map_length"]
+    area = braid_area(diameter, angle)
+    volume = math.pi / 4 * diameter**2 * values[f"{muscle}.map_length"]
     braid_share = (0.3, 5.0)  # what identified coefficients and the braid's geometry differ by at most
     for name, ideal, unit in (("force.a", area, "m^2"), ("volume.v", volume, "m^3")):
         first = values[f"{muscle}.{name}"][0]
@@ -43,6 +42,12 @@ def _braid_rule(values: Mapping[str, Any], muscle: str) -> Iterator[str]:
                 f"{muscle}.{name} gives {first:g} {unit} at no contraction, the geometry in"
                 f" {muscle}.geometry {ideal:.3g} {unit}; has a decimal point slipped?"
             )
+
+
+def braid_area(diameter: float, angle: float, shortened: float = 0.0) -> float:
+    """Return the force of an ideal braid by its gauge pressure, m^2, shortened by a share of its length."""
+    cosine = (1 - shortened) * math.cos(angle)
+    return math.pi / 4 * diameter**2 * (3 * cosine**2 - 1) / math.sin(angle) ** 2
 
 
 def actuator(m: Section) -> Actuator:
