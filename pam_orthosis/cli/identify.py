@@ -93,7 +93,7 @@ def _identified(arguments: argparse.Namespace, progress: Progress) -> Identified
     data = read_data(arguments.data, muscle, length, progress, bench)
     asked = arguments.held_out_bar
     held_out = held_out_gauge(data, None if asked is None else [bar * 1e5 for bar in asked])
-    with naming(arguments.data[0]):
+    with naming(arguments.data[0] if len(arguments.data) == 1 else None):
         found = identify(data, held_out, tuple(arguments.degrees), arguments.damping, progress)
     rows.check(found)
     origin = "a measured table" if found.data.static else "the emulated test rig"

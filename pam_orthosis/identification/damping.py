@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize, signal, stats
 
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.identification.data import Decay, differentiated
 
 CONTRACTION_POWERS, PRESSURE_POWERS = range(5), range(4)
@@ -39,8 +39,12 @@ class Damping:
 
 def fit_damping(decays: list[Decay]) -> Damping:
     """Return the damping from free decays; OrthosisError if one has no oscillation or is too short."""
-    decrements, periods = zip(*(decrement(d) for d in decays), strict=True)
-    parts = [viscous_part(d) for d in decays if d.force is not None]
+    found, parts = [], []
+    for one in decays:
+        with naming(one.source):
+            found.append(decrement(one))
+            parts += [viscous_part(one)] if one.force is not None else []
+    decrements, periods = zip(*found, strict=True)
     values, errors = zip(*parts, strict=True) if parts else (decrements, (0.0,))
     spread = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
     # between the decays, or, for a single one, what is usual between them

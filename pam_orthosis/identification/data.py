@@ -62,6 +62,7 @@ class Data:
         specimen: its section in config/.
         length: its nominal length, m.
         static: from tables, in which samples need not follow each other.
+        volume_source: the file, or the first of them, that holds the volumes.
         marked: the tables say where the muscle hangs slack.
         own: keys below its section that a file of its own gave.
         assumed: what was taken because nothing was given, and columns that were not read, for users.
@@ -74,6 +75,7 @@ class Data:
     static: bool
     decays: list[Decay] = field(default_factory=list)
     volumes: Volumes | None = None
+    volume_source: str = ""
     marked: bool = False
     own: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()
@@ -119,6 +121,7 @@ def read_data(
         specimen, parameters, nominal, joined(Samples, numbered_repeats(samples)), not bags,
         [one.decay for one in parts if one.decay],
         joined(Volumes, [one.volumes for one in parts if one.volumes]),
+        next((str(path) for path, one in zip([*bags, *tables], parts, strict=True) if one.volumes), ""),
         any(one.marked for one in parts), own,
         (*_assumed(tables, length, specimen, nominal, own), *_unread(parts)),
     )  # fmt: skip
@@ -248,7 +251,7 @@ def _decay(path: Path, specimen: str, parameters: Parameters) -> Decay:
     position, pressure, force = values
     weight = _value(bag, f"rig.decay.{specimen}.weight", parameters)
     mass = _value(bag, "rig.carriage_mass", parameters) + weight
-    return Decay((stamps - stamps[0]) / SECOND_NS, position, pressure - ambient, force, mass)
+    return Decay((stamps - stamps[0]) / SECOND_NS, position, pressure - ambient, force, mass, str(path))
 
 
 def _volumes(path: Path, specimen: str, parameters: Parameters) -> Volumes:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.identification.damping import Damping, fit_damping
 from pam_orthosis.identification.data import Data
 from pam_orthosis.identification.force import ForceFit, fit_force, leave_one_out, rms_and_max
@@ -176,10 +176,11 @@ def identify(
     box = _box(training)
     progress("fitting the volume")
     degree = len(data.parameters.at(f"muscle.{data.specimen}.volume.v")) - 1
+    with naming(data.volume_source):
+        volume = fit_volume(data.volumes, degree) if data.volumes else None
     return Identified(
         data, training, samples.where(judged), force, decay,
-        fit_volume(data.volumes, degree) if data.volumes else None,
-        left_out, box, _stiff(force, box), damping, friction, tuple(remarks),
+        volume, left_out, box, _stiff(force, box), damping, friction, tuple(remarks),
     )  # fmt: skip
 
 

@@ -90,7 +90,8 @@ def _decay(path: Path, table: Table, contraction: np.ndarray) -> Decay:
     check_even(path, np.round(table.time * SECOND_NS))
     shown = table.force is not None and np.ptp(table.force) > 0  # one force, written in, is none measured
     force = table.force if shown else None
-    return Decay(table.time - table.time[0], contraction, table.pressure, force, float(table.mass[0]))
+    time, mass = table.time - table.time[0], float(table.mass[0])
+    return Decay(time, contraction, table.pressure, force, mass, str(path))
 
 
 def _samples(path: Path, table: Table, contraction: np.ndarray, serial: int) -> Samples:

@@ -67,7 +67,7 @@ class Samples:
 class Decay:
     """A free oscillation after release: time s, position m, gauge pressure Pa, force N, moved mass kg.
 
-    The force is None where no load cell showed it.
+    The force is None where no load cell showed it; `source` is the file that refusals name.
     """
 
     time: np.ndarray
@@ -75,6 +75,7 @@ class Decay:
     pressure: np.ndarray
     force: np.ndarray | None
     mass: float
+    source: str = ""
 
 
 @dataclass(frozen=True)

@@ -109,7 +109,7 @@ def _check_spread(kind: str, there: int, degree: int) -> None:
     if there <= degree:
         raise OrthosisError(
             f"the volume was measured at too few {kind} ({there}): a polynomial of degree {degree} needs"
-            f" {degree + 1}; measure more, or leave the volume's bags out"
+            f" {degree + 1}; measure more, or leave the volume out"
         )
 
 
@@ -121,5 +121,5 @@ def _check_rank(jacobian: np.ndarray) -> None:
     if rank < count:
         raise OrthosisError(
             f"the measuring points determine only {rank} of {count} coefficients of the volume: measure each"
-            " contraction at several pressures, or leave the volume's bags out"
+            " contraction at several pressures, or leave the volume out"
         )

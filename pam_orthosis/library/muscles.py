@@ -105,7 +105,7 @@ def identify(
     polynomials, judging = _degrees(degrees), _pressures(held_out)
     read = read_data(paths, name, length, bench=bench)
     gauge = held_out_gauge(read, judging)
-    with naming(paths[0]):
+    with naming(paths[0] if len(paths) == 1 else None):
         found = identified(read, gauge, polynomials, used)
     return Muscle(replace(found, remarks=tuple(map(in_python, found.remarks))))
 

@@ -213,6 +213,25 @@ def test_data_that_cannot_be_fitted_are_named(tmp_path, capsys):
     assert capsys.readouterr().err.splitlines()[-1].startswith(f"pam-orthosis: error: {path}: ")
 
 
+@pytest.mark.parametrize(
+    ("names", "rows", "words"),
+    [
+        ("t_s,p_Pa_gauge,dL_m,m_kg", [f"{i / 100:g},3e5,0.03,40" for i in range(200)], "swings; at least"),
+        ("p_Pa_gauge,dL_m,V_l", [f"{p}e5,{x / 100},0.1" for p in (1, 2) for x in range(4)], "few pressures"),
+    ],
+)
+def test_of_several_tables_the_one_that_is_refused_is_named(tmp_path, capsys, names, rows, words):
+    force, other = tmp_path / "force.csv", tmp_path / "other.csv"
+    p, x = (one.ravel() for one in np.meshgrid(np.linspace(1e5, 6e5, 6), np.linspace(0.001, 0.05, 9)))
+    fitted = np.column_stack([p, x, p * 2.7e-3 * (1 - 7 * x) - 9e3 * x + 1e5 * x**2])
+    np.savetxt(force, fitted, delimiter=",", header="p_Pa_gauge,dL_m,F_N", comments="")
+    other.write_text("\n".join([names, *rows]) + "\n")
+    assert main(["identify", str(force), str(other), "--muscle", "dmsp_20"]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith(f"pam-orthosis: error: {other}: ")
+    assert words in said
+
+
 HELD = "t_s,p_Pa_gauge,L_m,F_N,repeat"
 
 
