@@ -148,8 +148,9 @@ def describe(found: Identified) -> str:
             f" ({h.low:.1f} .. {h.high:.1f} N by level)"
         )
     lines += _left_out(found)
+    first = min(box.minimum_contraction, float(found.training.contraction.min()))  # stretched, too
     lines.append(
-        f"box of validity: contraction {box.minimum_contraction * 1e3:.1f} .."
+        f"box of validity: contraction {first * 1e3:.1f} .."
         f" {box.maximum_contraction * 1e3:.1f} mm, up to {box.maximum_pressure_gauge / 1e5:.2f} bar"
         " gauge; do not extrapolate beyond its ends"
     )
@@ -163,7 +164,7 @@ def _errors(name: str, errors: dict) -> list[str]:
         return []
     lines = [f"{name}: {errors['rms']:.2f} N RMS, {errors['max']:.2f} N maximum, {errors['samples']} samples"]
     for kind, unit in (("by_pressure_bar_gauge", " bar gauge"), ("by_direction", "")):
-        if len(errors[kind]) > 12:  # the sum says enough
+        if len(errors[kind]) > 12 or list(errors[kind]) == ["rest"]:  # the sum says enough
             continue
         lines += [
             f"  {key + unit:18s} {e['rms']:6.2f} RMS {e['max']:6.2f} max {e['mean']:+6.2f} mean"

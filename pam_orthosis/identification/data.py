@@ -123,7 +123,7 @@ def read_data(
         joined(Volumes, [one.volumes for one in parts if one.volumes]),
         next((str(path) for path, one in zip([*bags, *tables], parts, strict=True) if one.volumes), ""),
         any(one.marked for one in parts), own,
-        (*_assumed(tables, length, specimen, nominal, own), *_unread(parts)),
+        (*_assumed(tables, length, specimen, nominal, own), *_unread(parts), *_copies(parts)),
     )  # fmt: skip
 
 
@@ -164,6 +164,14 @@ def _unread(parts: Sequence[Parts]) -> tuple[str, ...]:
     """Return which columns of tables were not read."""
     names = ", ".join(dict.fromkeys(name for one in parts for name in one.unread))
     return (f"columns not read, as their names give no known quantity and unit: {names}",) if names else ()
+
+
+def _copies(parts: Sequence[Parts]) -> tuple[str, ...]:
+    """Return how many rows were left out as copies."""
+    count = sum(one.copies for one in parts)
+    return (f"{count} rows left out: they repeat an earlier one in every column, time included",) * (
+        count > 0
+    )
 
 
 def _sources(paths: Iterable[Path]) -> tuple[list[Path], list[Path]]:

@@ -26,13 +26,18 @@ MOST = 300  # runs of a table, and repeats: each is left out in turn
 
 
 class Parts(NamedTuple):
-    """What a table holds; `marked`: it says where the muscle hangs slack; `unread`: its other columns."""
+    """What a table holds.
+
+    `marked`: it says where the muscle hangs slack; `unread`: its other columns; `copies`: rows left out, as
+    they repeat an earlier one, time included.
+    """
 
     samples: Samples | None = None
     decay: Decay | None = None
     volumes: Volumes | None = None
     marked: bool = False
     unread: tuple[str, ...] = ()
+    copies: int = 0
 
 
 def table_parts(path: Path, nominal: float, ambient: float, serial: int) -> Parts:
@@ -41,7 +46,7 @@ def table_parts(path: Path, nominal: float, ambient: float, serial: int) -> Part
     Raises:
         OrthosisError: as `read_table`, lengths that do not fit the nominal one, a decay with gaps.
     """
-    table = read_table(path, ambient)
+    table, copies = _without_copies(read_table(path, ambient))
     contraction = table.contraction if table.contraction is not None else nominal - table.length
     _check_lengths(path, contraction, nominal, begins=table.length is not None and table.mass is None)
     if table.volume is not None:
@@ -50,7 +55,17 @@ def table_parts(path: Path, nominal: float, ambient: float, serial: int) -> Part
     if table.mass is not None:
         return Parts(decay=_decay(path, table, contraction), unread=table.unread)
     samples = _samples(path, table, contraction, serial)
-    return Parts(samples, marked=table.marked, unread=table.unread)
+    return Parts(samples, marked=table.marked, unread=table.unread, copies=copies)
+
+
+def _without_copies(table: Table) -> tuple[Table, int]:
+    """Return a table without rows that repeat an earlier one at the same time, and how many those are."""
+    if table.time is None or len(np.unique(table.time)) == len(table.time):
+        return table, 0
+    columns = {name: one for name, one in table._asdict().items() if isinstance(one, np.ndarray)}
+    first = np.unique(np.column_stack(list(columns.values())), axis=0, return_index=True)[1]
+    kept = np.sort(first)
+    return table._replace(**{name: one[kept] for name, one in columns.items()}), len(table.time) - len(kept)
 
 
 def _check_lengths(path: Path, contraction: np.ndarray, nominal: float, begins: bool) -> None:

@@ -173,12 +173,34 @@ def _check(path: Path, name: str, values: np.ndarray) -> None:
     if name in PLAUSIBLE:
         low, high, unit = PLAUSIBLE[name]
         if values.min() < low or values.max() > high:
+            cause = _cause(name, values)
             raise OrthosisError(
-                f"{path}: {name} from {values.min():g} to {values.max():g} {unit} is implausible;"
-                " check the unit in the column's name"
+                f"{path}: {name} from {values.min():g} to {values.max():g} {unit} is implausible; {cause}"
             )
+    if name == "direction" and set(values.tolist()) == {0.0, 1.0}:
+        raise OrthosisError(
+            f"{path}: direction is 1 or 0: write -1 where the muscle is stretched or vents, and leave rows at"
+            " rest out"
+        )
     if name == "pressure" and values.max() < 1.0e3:
         raise OrthosisError(f"{path}: the highest pressure is {values.max():g} Pa; is the unit bar?")
+
+
+def _cause(name: str, values: np.ndarray) -> str:
+    """Return what makes a column implausible, and what to do."""
+    low, high, _ = PLAUSIBLE[name]
+    if name == "force" and low <= -values.max() and -values.min() <= high:
+        return "it has the other sign: a pull is positive"
+    out = np.flatnonzero((values < low) | (values > high))
+    few = 0.02  # of all rows: glitches rather than another unit
+    if len(out) <= few * len(values):
+        return (
+            f"{len(out)} of {len(values)} rows, first row {out[0] + 1} ({values[out[0]]:g}): leave them out"
+        )
+    vacuum = -1.1e5  # Pa gauge
+    if name == "pressure" and vacuum <= values.min() and values.max() <= high:
+        return "it is below the ambient one: does a column named absolute hold gauge values?"
+    return "check the unit in the column's name"
 
 
 def _check_units(path: Path, columns: dict[str, np.ndarray]) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from muscle_rig import LENGTH, LEVELS, repeat, static_force, write
 
+from pam_orthosis.cli.identify import describe
 from pam_orthosis.cli.main import main
 from pam_orthosis.discrepancy import patch
 from pam_orthosis.errors import OrthosisError
@@ -286,6 +287,27 @@ def test_a_row_far_from_the_rest_is_named(static):
     assert remark.startswith("caution: 1 of ")
     assert float(remark.split("off by ")[1].split(" N")[0]) > 300
     assert not any("far from" in one for one in identify(read(static(as_they_are))).remarks)
+
+
+@pytest.mark.parametrize("appended", [True, False])
+def test_copies_that_have_a_time_count_once_too(three, tmp_path, appended):
+    rows = np.loadtxt(three, delimiter=",", skiprows=1)
+    twice = np.tile(rows, (2, 1)) if appended else np.repeat(rows, 2, axis=0)
+    found = read(write(tmp_path / "twice.csv", twice))
+    assert len(found.samples) == len(rows)
+    assert f"{len(rows)} rows left out: they repeat an earlier one" in found.assumed[-1]
+    assert not read(three).assumed
+
+
+def test_a_table_without_directions_tells_no_errors_of_rows_at_rest(static):
+    assert "  rest " not in describe(identify(read(static(as_they_are))))
+
+
+def test_the_printed_box_begins_where_the_data_do(static):
+    def stretched(p, length, force):
+        return np.column_stack([p, length + 0.007, force])
+
+    assert "contraction -6.0 .. " in describe(identify(read(static(stretched))))
 
 
 def test_rows_that_are_copies_count_once(static):

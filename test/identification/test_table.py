@@ -232,6 +232,39 @@ def test_of_several_tables_the_one_that_is_refused_is_named(tmp_path, capsys, na
     assert words in said
 
 
+STEPS = range(1, 101)
+
+
+@pytest.mark.parametrize(
+    ("pressure_name", "row", "words"),
+    [
+        ("p_Pa_gauge", lambda i: (1e5 + i, 0.29, -10.0 * i), "other sign: a pull is positive"),
+        ("p_Pa_abs", lambda i: (6e4 + 1e3 * i, 0.29, 3.0 * i), "named absolute hold gauge values"),
+        (
+            "p_Pa_gauge",
+            lambda i: (1e5, 0.29, 9e9 if i in (7, 80) else 300),
+            r"2 of 100 rows, first row 7 \(9e",
+        ),
+        ("p_Pa_gauge", lambda i: (1e5, 0.29, 3e4 * i), "check the unit in the column's name"),
+    ],
+)
+def test_what_makes_a_column_implausible_is_said(tmp_path, pressure_name, row, words):
+    rows = [",".join(f"{one:g}" for one in row(i)) for i in STEPS]
+    with pytest.raises(OrthosisError, match=f"is implausible; .*{words}"):
+        read_table(table(tmp_path, [f"{pressure_name},L_m,F_N", *rows]), AMBIENT)
+
+
+def test_a_direction_of_ones_and_zeros_is_refused(tmp_path):
+    def read(codes):
+        rows = [f"2e5,0.29,300,{codes[i % 2]}" for i in STEPS]
+        return read_table(table(tmp_path, ["p_Pa_gauge,L_m,F_N,direction", *rows]), AMBIENT).direction
+
+    with pytest.raises(OrthosisError, match="direction is 1 or 0: write -1 where"):
+        read((1, 0))
+    for codes in ((1, -1), (0, -1), (1, 1)):
+        assert set(read(codes)) == set(codes)
+
+
 HELD = "t_s,p_Pa_gauge,L_m,F_N,repeat"
 
 
