@@ -19,16 +19,17 @@ from pam_orthosis.tables import read_numbers
 
 # quantity -> symbol and word in a column's name, unit -> factor to SI
 PRESSURES = {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": 6894.757}
-LENGTHS, FORCES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}, {"N": 1.0, "kN": 1e3}
+LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254}
+FORCES = {"N": 1.0, "kN": 1e3, "kgf": 9.80665, "lbf": 4.448222}
 MEASURED = {
     "length": ("L", "length", LENGTHS),
     "contraction": ("dL", "contraction", LENGTHS),
     "force": ("F", "force", FORCES),
     "sigma": ("sigma_F", "sigma", FORCES),
     "rate": ("v", "rate", {"m_s": 1.0, "mm_s": 1e-3}),
-    "time": ("t", "time", {"s": 1.0, "ms": 1e-3, "us": 1e-6}),
-    "volume": ("V", "volume", {"m3": 1.0, "l": 1e-3, "cm3": 1e-6}),
-    "mass": ("m", "mass", {"kg": 1.0}),
+    "time": ("t", "time", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}),
+    "volume": ("V", "volume", {"m3": 1.0, "l": 1e-3, "ml": 1e-6, "cm3": 1e-6, "mm3": 1e-9}),
+    "mass": ("m", "mass", {"kg": 1.0, "g": 1e-3, "lb": 0.45359237}),
 }
 GAUGE, ABSOLUTE = ("_gauge", "_gage", "_rel", "_g", "g"), ("_abs", "_absolute", "_a", "a")
 UNCERTAIN = {f"{name}_{unit}" for name in ("p", "pressure", "Pressure") for unit in PRESSURES}
@@ -164,7 +165,10 @@ def _check_names(path: Path, names: Sequence[str]) -> None:
             raise OrthosisError(f"{path}: two columns give the {quantity}; leave one, in one unit")
         quantities |= {quantity} if quantity else set()
     if not any(_spelled(name) in COLUMNS for name in names):
-        raise OrthosisError(f"{path}: no column names a quantity and its unit, as p_Pa_gauge,L_m,F_N do")
+        known = ", ".join(dict.fromkeys((*PRESSURES, *LENGTHS, *FORCES)))
+        raise OrthosisError(
+            f"{path}: no column names a quantity and its unit, as p_Pa_gauge,L_m,F_N do; units are {known}"
+        )
 
 
 def _check(path: Path, name: str, values: np.ndarray) -> None:

@@ -60,8 +60,15 @@ def _product(data: Volumes, degree: int) -> VolumeFit:
     def error(theta: np.ndarray) -> np.ndarray:
         return polynomial(theta[: degree + 1], x) * polynomial([1.0, *theta[degree + 1 :]], p) - volume
 
+    def slopes(theta: np.ndarray) -> np.ndarray:  # exact: differences would blur the rank
+        v, w = polynomial(theta[: degree + 1], x), polynomial([1.0, *theta[degree + 1 :]], p)
+        return np.column_stack([
+            np.vander(x, degree + 1, increasing=True) * w[:, None],
+            np.vander(p, PRESSURE_DEGREE + 1, increasing=True)[:, 1:] * v[:, None],
+        ])  # fmt: skip
+
     start = np.concatenate([np.polynomial.polynomial.polyfit(x, volume, degree), np.zeros(PRESSURE_DEGREE)])
-    fit = optimize.least_squares(error, start, method="lm", xtol=1e-14, ftol=1e-14)
+    fit = optimize.least_squares(error, start, slopes, method="lm", xtol=1e-14, ftol=1e-14)
     _check_rank(fit.jac)
     scale = np.concatenate([
         size / length ** np.arange(degree + 1), 1 / level ** np.arange(1, PRESSURE_DEGREE + 1)

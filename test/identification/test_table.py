@@ -24,9 +24,16 @@ def table(tmp_path, lines):
     return path
 
 
-def test_the_same_data_in_other_units_are_the_same(tmp_path):
+@pytest.mark.parametrize(
+    "other",
+    [
+        ["p_bar_abs,L_mm,F_kN", "3.013,290,0.3", "4.013,270,0.25"],
+        ["p [psig],L [in],F [lbf]", "29.007548,11.4173228,67.4426827", "43.5113220,10.6299213,56.2022356"],
+        ["p_MPa_gauge,L_cm,F_kgf", "0.2,29,30.5914865", "0.3,27,25.4929054"],
+    ],
+)
+def test_the_same_data_in_other_units_are_the_same(tmp_path, other):
     si = read_table(table(tmp_path, GOOD), AMBIENT)
-    other = ["p_bar_abs,L_mm,F_kN", "3.013,290,0.3", "4.013,270,0.25"]
     read = read_table(table(tmp_path, other), AMBIENT)
     assert read.pressure == pytest.approx(si.pressure[:2])
     assert read.length == pytest.approx(si.length[:2])
@@ -101,7 +108,10 @@ def test_slack_rows_are_left_out_but_for_the_force_free_end(tmp_path):
     [
         (["p_Pa_gauge,L_m,F_N,slack", "200000,0.29,0,1", "300000,0.28,0,1"], "slack in every row"),
         (["p,L_m,F_N", "2,0.29,0"], "no column for the pressure; name it e.g. p_Pa_gauge; not read: p"),
-        (["p,L,F", "2,0.29,0"], "no column names a quantity and its unit"),
+        (
+            ["p,L,F", "2,0.29,0"],
+            "units are Pa, hPa, kPa, MPa, bar, mbar, psi, m, mm, cm, in, N, kN, kgf, lbf",
+        ),
         (["p_bar,L_m,F_N", "2,0.29,0"], "write p_bar_gauge or p_bar_abs"),
         (["pressure [bar],L_m,F_N", "2,0.29,0"], "write pressure_bar_gauge or pressure_bar_abs"),
         (["p_bar_abs,p (bar gauge),L_m,F_N", "3,2,0.29,0"], "two columns give the pressure"),
