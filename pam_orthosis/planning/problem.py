@@ -108,7 +108,7 @@ def nearest_cycle(
 
 
 def _solved(opti: ca.Opti) -> ca.OptiSol:
-    seconds = 60.0  # of processor time
+    seconds = 600.0  # of processor time: iterations come first, on a slow machine too
     iterations = 1000
     limits = {"max_iter": iterations, "max_cpu_time": seconds, "tol": 1e-5, "mu_strategy": "adaptive"}
     opti.solver("ipopt", {"print_time": False}, {**limits, "print_level": 0, "sb": "yes"})
