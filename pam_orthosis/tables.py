@@ -6,6 +6,7 @@ import re
 from array import array
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,10 @@ from pam_orthosis.reading import COMMENT, csv_rows, shown
 Choose = Callable[[Sequence[str]], Collection[str] | None]
 MARKS = {",": "comma", ".": "point"}
 CLOCK = re.compile(r"\d:\d\d|\d{4}-\d\d-\d\d")  # in dates and times of the day
+STAMP = re.compile(
+    r"((?P<day>\d{4}-\d\d-\d\d)[T ])?(?P<clock>\d\d:\d\d:\d\d)([.,](?P<fraction>\d+))?"
+    r"(?P<zone>Z|[-+]\d\d:\d\d)?"
+)
 NUMBER = re.compile(r"[-+]?([.,]?\d|nan|inf)", re.IGNORECASE)  # how numbers begin, and no units
 
 
@@ -24,13 +29,16 @@ def is_table(path: Path) -> bool:
     return path.suffix.lower() == ".csv"
 
 
-def read_numbers(path: Path, choose: Choose | None = None, lost: bool = False) -> dict[str, np.ndarray]:
+def read_numbers(
+    path: Path, choose: Choose | None = None, lost: bool = False, dated: Choose | None = None
+) -> dict[str, np.ndarray]:
     """Return name -> column of a table. Comments and rows of empty cells are left out.
 
     Args:
         path: of the table.
         choose: called with the names before the rows are read; it returns which columns are (None: all).
         lost: an empty cell, or NaN, is NaN; else it is refused.
+        dated: as `choose`; columns that may hold dates or times of the day, read as s since the first one.
 
     Raises:
         OrthosisError: unreadable, without names or rows, doubled names, a cell that is no finite number.
@@ -42,12 +50,16 @@ def read_numbers(path: Path, choose: Choose | None = None, lost: bool = False) -
     chosen = choose(names) if choose else None
     wanted = [(at, name) for at, name in enumerate(names) if chosen is None or name in chosen]
     read, numbers = _Cells(parting, lost), array("d")  # as texts they would take ten times as much
+    readers: dict[str, _Stamps] = {name: _Stamps(read) for name in (dated and dated(names)) or ()}
     for line, row, _ in rows:
         if len(row) != len(names):
             raise OrthosisError(f"{path}, line {line}: {len(row)} cells below {len(names)} names")
         if not numbers:
             read.check_units([row[at] for at, _ in wanted], f"{path}, line {line}")
-        numbers.extend(read.number(row[at], f"{path}, line {line}, column {name}") for at, name in wanted)
+        numbers.extend(
+            readers.get(name, read).number(row[at], f"{path}, line {line}, column {name}")
+            for at, name in wanted
+        )
     if not numbers:
         raise OrthosisError(f"{path} holds no rows of numbers below its row of names")
     columns = np.frombuffer(numbers).reshape(-1, len(wanted)).T
@@ -116,3 +128,36 @@ class _Cells:
                 " write decimals with one of them, and no sign between thousands"
             )
         self.mark = mark
+
+
+class _Stamps:
+    """Cells of a column that may hold dates or times of the day: s since the first one, to 1 us."""
+
+    def __init__(self, cells: _Cells):
+        self._cells, self._numbers = cells, False
+        self._first: tuple[datetime, tuple[bool, bool]] | None = None  # and whether it has day and zone
+
+    def number(self, cell: str, where: str) -> float:
+        """Return the s of a cell; OrthosisError if it is not written as those before it."""
+        found = STAMP.fullmatch(cell.strip())
+        if found is None or self._numbers:
+            number = self._cells.number(cell, where)
+            self._numbers |= not math.isnan(number)
+            if self._numbers and self._first:
+                raise OrthosisError(f"{where}: {shown(cell)} is a number below dates; write one or the other")
+            return number
+        instant, form = _instant(found, where), (found["day"] is None, found["zone"] is None)
+        first, first_form = self._first = self._first or (instant, form)
+        if form != first_form:
+            raise OrthosisError(f"{where}: {shown(cell)} is not written as the dates above; write all alike")
+        return (instant - first).total_seconds()
+
+
+def _instant(found: re.Match[str], where: str) -> datetime:
+    """Return the instant of a stamp; OrthosisError if there is none."""
+    day, zone = found["day"] or "2000-01-01", (found["zone"] or "").replace("Z", "+00:00")
+    fraction = (found["fraction"] or "")[:6].ljust(6, "0")
+    try:
+        return datetime.fromisoformat(f"{day} {found['clock']}.{fraction}{zone}")
+    except ValueError as error:
+        raise OrthosisError(f"{where}: {shown(found[0])}: there is no such time: {error}") from error

@@ -153,6 +153,49 @@ def test_a_cell_that_is_no_number_says_what_to_write(first, row, said, tmp_path)
     assert said in str(refused.value)
 
 
+def _dates(file, *stamps):
+    rows = "\n".join(f'"{one}";1' for one in stamps)
+    file.write_text(f"t;a\n{rows}\n", encoding="utf-8")
+    return read_numbers(file, lost=True, dated=lambda names: names[:1])["t"]
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [
+        ("2026-11-02T10:00:59.998", "2026-11-02T10:01:00", "2026-11-02T10:01:00.002"),
+        ("2026-12-31 23:59:59,9980", "2027-01-01 00:00:00,0000", "2027-01-01 00:00:00,0020"),
+        ("10:00:59.998000", "10:01:00.000000", "10:01:00.002000"),
+        ("2026-10-25T02:59:59.998+02:00", "2026-10-25T02:00:00+01:00", "2026-10-25T02:00:00.002+01:00"),
+        ("2026-11-02T10:00:59.998Z", "2026-11-02T10:01:00Z", "2026-11-02T10:01:00.002Z"),
+    ],
+)
+def test_dates_and_times_of_the_day_are_seconds_since_the_first(stamps, tmp_path):
+    assert _dates(tmp_path / "x.csv", *stamps) == pytest.approx([0.0, 0.002, 0.004], abs=1e-9)
+
+
+def test_a_stamp_that_is_missing_is_nan(tmp_path):
+    read = _dates(tmp_path / "x.csv", "", "10:00:00", "nan", "10:00:01")
+    assert read == pytest.approx([np.nan, 0, np.nan, 1], nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "said"),
+    [
+        (("10:00:00", "1.5"), "line 3, column t: '1.5' is a number below dates"),
+        (("1.5", "", "10:00:00"), "'10:00:00' is no number; write time in seconds"),
+        (("10:00:00", STAMP), f"'{STAMP}' is not written as the dates above"),
+        ((STAMP, f"{STAMP}Z"), f"'{STAMP}Z' is not written as the dates above"),
+        (("2026-13-02 10:00:00",), "there is no such time: month must be in 1..12"),
+        (("10:60:00",), "there is no such time: minute must be in 0..59"),
+        (("10:00:00 Uhr",), "is no number; write time in seconds"),
+    ],
+)
+def test_stamps_that_are_unlike_those_before_them_are_refused(stamps, said, tmp_path):
+    with pytest.raises(OrthosisError) as refused:
+        _dates(tmp_path / "x.csv", *stamps)
+    assert said in str(refused.value)
+
+
 def test_a_value_that_is_missing_where_none_may_be_leaves_the_row_out(tmp_path):
     file = tmp_path / "x.csv"
     file.write_text("a,b\n1,n/a\n", encoding="utf-8")

@@ -185,6 +185,8 @@ def _held_rows(inputs: Sequence[np.ndarray]) -> int:
 def from_csv(path: Path, system: System) -> Recording:
     """Return the recording of a CSV table whose first row names the columns (`time`, signal names; SI).
 
+    `time` may be dates or times of the day.
+
     Raises:
         OrthosisError: as `tables.read_numbers`, signals missing, not uniform in time, or values that cannot
             be in the unit that is asked for.
@@ -194,7 +196,11 @@ def from_csv(path: Path, system: System) -> Recording:
     def used(columns: Sequence[str]) -> set[str]:
         return {place.column for place in places_of(name, system, columns).values()}
 
-    columns = read_numbers(path, used, lost=True)
+    def dated(columns: Sequence[str]) -> set[str]:
+        time = places_of(name, system, columns)["time"]
+        return set() if time.unit else {time.column}
+
+    columns = read_numbers(path, used, lost=True, dated=dated)
     written = as_written(name, system, columns)
     return _in_range(name, system, signals_of(name, system, columns, system.ambient), written)
 

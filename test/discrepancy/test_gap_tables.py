@@ -77,6 +77,20 @@ def test_units_in_the_columns_names_are_converted(system, tmp_path):
         np.testing.assert_allclose(values, SI[name], rtol=1e-9)
 
 
+def test_time_may_be_dates_unless_its_unit_is_given(system, tmp_path):
+    whole, *rows = write(tmp_path / "x.csv", SI).read_text().splitlines()
+    start = np.datetime64("2026-12-31T23:59:59.500000")
+    dates = start + np.round(1e6 * TIME).astype("timedelta64[us]")
+    cells = [f"{date},{row.partition(',')[2]}" for date, row in zip(dates, rows, strict=True)]
+    file = tmp_path / "dates.csv"
+    file.write_text("\n".join([whole, *cells]))
+    found = from_csv(file, system)
+    assert (found.period, found.start) == (pytest.approx(0.002), 0.0)
+    file.write_text("\n".join([whole.replace("time", "time [ms]"), *cells]))
+    with pytest.raises(OrthosisError, match="is no number; write time in seconds"):
+        from_csv(file, system)
+
+
 def test_a_column_may_count_the_other_way_round(system):
     columns = {**SI, "q": -SI["angle"]}
     del columns["angle"]
