@@ -81,10 +81,10 @@ def _pair(rng, names: list[str]) -> list[str]:
 
 def solve(case: dict, tools: dict) -> dict:
     """Make a case, search it, and return what was found beside what was hidden."""
-    from pam_orthosis.discrepancy.contract import as_dict
-    from pam_orthosis.discrepancy.data import from_arrays
-    from pam_orthosis.discrepancy.knee import knee
-    from pam_orthosis.discrepancy.replay import Replay
+    from pam_orthosis.discrepancy.answer.contract import as_dict
+    from pam_orthosis.discrepancy.recordings.data import from_arrays
+    from pam_orthosis.discrepancy.replay.replay import Replay
+    from pam_orthosis.discrepancy.systems.knee import knee
     from pam_orthosis.discrepancy.workflow import find_gap
     from pam_orthosis.testing.case import make_case, nominal
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from gap_table import read, work_off
 
 import pam_orthosis as po
-from pam_orthosis.discrepancy.suspects import name_of
+from pam_orthosis.discrepancy.systems.suspects import name_of
 from pam_orthosis.model.machines import machine_named
 from pam_orthosis.testing import case as cases
 from pam_orthosis.testing.write import write_case

@@ -23,17 +23,17 @@ from unittest.mock import patch
 import numpy as np
 from gap_table import names, read
 
-from pam_orthosis.discrepancy.beginning import prepared
-from pam_orthosis.discrepancy.candidates import widened_shape
-from pam_orthosis.discrepancy.data import Recording, from_arrays
-from pam_orthosis.discrepancy.fit import Fit, fit
-from pam_orthosis.discrepancy.knee import knee
-from pam_orthosis.discrepancy.problem import Problem, Scored
-from pam_orthosis.discrepancy.projection import Projection
-from pam_orthosis.discrepancy.quiet import beside as fitted_beside
-from pam_orthosis.discrepancy.refit import recalibrated, refitted
-from pam_orthosis.discrepancy.replay import Replay
-from pam_orthosis.discrepancy.run import Run
+from pam_orthosis.discrepancy.fitting.candidates import widened_shape
+from pam_orthosis.discrepancy.fitting.fit import Fit, fit
+from pam_orthosis.discrepancy.fitting.projection import Projection
+from pam_orthosis.discrepancy.fitting.refit import recalibrated, refitted
+from pam_orthosis.discrepancy.preparation.beginning import prepared
+from pam_orthosis.discrepancy.recordings.data import Recording, from_arrays
+from pam_orthosis.discrepancy.replay.problem import Problem, Scored
+from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.replay.run import Run
+from pam_orthosis.discrepancy.search.quiet import beside as fitted_beside
+from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.progress import silent
 from pam_orthosis.testing import case as cases
 from pam_orthosis.testing import plant

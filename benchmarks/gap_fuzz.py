@@ -19,9 +19,9 @@ from gap_table import read, work_off
 from gate_gap import record
 from numpy.random import Generator
 
-from pam_orthosis.discrepancy.data import from_arrays
-from pam_orthosis.discrepancy.knee import knee
-from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.recordings.data import from_arrays
+from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.testing import case as cases

@@ -53,10 +53,10 @@ class Regression:
 
 def solve(case: dict, tools: dict) -> dict:
     """Make a case again, regress what the model misses, and return the names beside what was hidden."""
-    from pam_orthosis.discrepancy.beginning import begin
-    from pam_orthosis.discrepancy.data import from_arrays
-    from pam_orthosis.discrepancy.knee import knee
-    from pam_orthosis.discrepancy.replay import Replay
+    from pam_orthosis.discrepancy.preparation.beginning import begin
+    from pam_orthosis.discrepancy.recordings.data import from_arrays
+    from pam_orthosis.discrepancy.replay.replay import Replay
+    from pam_orthosis.discrepancy.systems.knee import knee
     from pam_orthosis.testing.case import make_case, nominal
 
     if not tools:
@@ -85,8 +85,8 @@ def regression(problem, base, noise, columns_of=None) -> Regression:
         noise: channel -> sd of its residual without a gap, SI.
         columns_of: the problem whose residuals give the frequency of the periodic torque (this one).
     """
-    from pam_orthosis.discrepancy.candidates import Trial
-    from pam_orthosis.discrepancy.projection import Projection
+    from pam_orthosis.discrepancy.fitting.candidates import Trial
+    from pam_orthosis.discrepancy.fitting.projection import Projection
 
     projection = Projection(columns_of or problem, base)
     nothing = {one.run.serial: _residuals(problem, one, base.effects, base.values) for one in problem.scored}
@@ -160,7 +160,7 @@ def _residuals(problem, one, effects, values) -> dict[str, np.ndarray]:
 
 def _rates(problem, residuals, noise) -> np.ndarray:
     """Return what residuals are in rates and accelerations, thinned, in multiples of the noise."""
-    from pam_orthosis.discrepancy.structure import missing_rate
+    from pam_orthosis.discrepancy.fitting.structure import missing_rate
 
     pieces = []
     for one in problem.scored:

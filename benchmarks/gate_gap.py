@@ -16,13 +16,13 @@ import numpy as np
 
 from pam_orthosis.control import diagnostic
 from pam_orthosis.control.trajectory import make_trajectory
-from pam_orthosis.discrepancy.data import Recording, from_arrays
-from pam_orthosis.discrepancy.findings import Named
-from pam_orthosis.discrepancy.judgement import Outcome
-from pam_orthosis.discrepancy.knee import knee
-from pam_orthosis.discrepancy.replay import Replay
-from pam_orthosis.discrepancy.rig import test_rig
-from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.answer.judgement import Outcome
+from pam_orthosis.discrepancy.recordings.data import Recording, from_arrays
+from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.search.findings import Named
+from pam_orthosis.discrepancy.systems.knee import knee
+from pam_orthosis.discrepancy.systems.rig import test_rig
+from pam_orthosis.discrepancy.systems.system import System
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.model.compiled import processor
 from pam_orthosis.model.parameters import Parameters

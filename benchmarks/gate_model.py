@@ -15,9 +15,9 @@ import numpy as np
 
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.rig_loop import Rig
-from pam_orthosis.discrepancy.knee import knee
-from pam_orthosis.discrepancy.rig import test_rig
-from pam_orthosis.discrepancy.system import Assembled, System
+from pam_orthosis.discrepancy.systems.knee import knee
+from pam_orthosis.discrepancy.systems.rig import test_rig
+from pam_orthosis.discrepancy.systems.system import Assembled, System
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import Parameters, load, scenario_overrides
 from pam_orthosis.model.plant import Plant

@@ -11,12 +11,12 @@ from __future__ import annotations
 from typing import Any
 
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.discrepancy import beginning
-from pam_orthosis.discrepancy.data import from_arrays
-from pam_orthosis.discrepancy.fit import fit_tempered, score
-from pam_orthosis.discrepancy.free import free_parameters
-from pam_orthosis.discrepancy.knee import knee
-from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.fitting.fit import fit_tempered, score
+from pam_orthosis.discrepancy.fitting.free import free_parameters
+from pam_orthosis.discrepancy.preparation import beginning
+from pam_orthosis.discrepancy.recordings.data import from_arrays
+from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.improvement import learned
 from pam_orthosis.improvement.rounds import experiments
 from pam_orthosis.model.machines import KNEE

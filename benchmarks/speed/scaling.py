@@ -22,10 +22,10 @@ import numpy as np
 
 from pam_orthosis.bag.rig_record import record_rig
 from pam_orthosis.control.rig_loop import Rig, force_procedure
-from pam_orthosis.discrepancy.data import Recording, from_arrays
-from pam_orthosis.discrepancy.knee import knee
-from pam_orthosis.discrepancy.replay import Replay
-from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.recordings.data import Recording, from_arrays
+from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.systems.knee import knee
+from pam_orthosis.discrepancy.systems.system import System
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.identification.data import Data, Samples, read_data
 from pam_orthosis.identification.identify import identify

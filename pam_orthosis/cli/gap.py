@@ -27,10 +27,10 @@ from pam_orthosis.files import (
 from pam_orthosis.progress import Progress, shown
 
 if TYPE_CHECKING:
-    from pam_orthosis.discrepancy.beginning import Beginning
-    from pam_orthosis.discrepancy.identifiability import Identifiability
-    from pam_orthosis.discrepancy.judgement import Outcome
-    from pam_orthosis.discrepancy.recordings import Recordings
+    from pam_orthosis.discrepancy.answer.judgement import Outcome
+    from pam_orthosis.discrepancy.preparation.beginning import Beginning
+    from pam_orthosis.discrepancy.preparation.identifiability import Identifiability
+    from pam_orthosis.discrepancy.request import Recordings
 
 MODEL = "model.yaml"
 FILES = "gap.json", MODEL, "gap.html"
@@ -95,7 +95,7 @@ def execute(arguments: argparse.Namespace) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _check_out(arguments)
     with shown("loading the search") as progress:
-        from pam_orthosis.discrepancy.judgement import GOOD
+        from pam_orthosis.discrepancy.answer.judgement import GOOD
         from pam_orthosis.discrepancy.workflow import search
 
         case = _begun(arguments, progress)
@@ -129,10 +129,10 @@ class Case(NamedTuple):
 def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     """Read the recordings and pass the stages before the search."""
     # scipy and CasADi take a second to load
-    from pam_orthosis.discrepancy.beginning import begin
-    from pam_orthosis.discrepancy.identifiability import identifiability
-    from pam_orthosis.discrepancy.recordings import Asked, read_recordings
-    from pam_orthosis.discrepancy.replay import Replay
+    from pam_orthosis.discrepancy.preparation.beginning import begin
+    from pam_orthosis.discrepancy.preparation.identifiability import identifiability
+    from pam_orthosis.discrepancy.replay.replay import Replay
+    from pam_orthosis.discrepancy.request import Asked, read_recordings
     from pam_orthosis.discrepancy.together import Workers
 
     workers = Workers(arguments.jobs)
@@ -147,8 +147,8 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
 
 def _described(case: Case, outcome: Outcome) -> tuple[dict[str, Any], str]:
     """Return the outcome as plain data and in words."""
-    from pam_orthosis.discrepancy.contract import as_dict, identifiability_as_dict
-    from pam_orthosis.discrepancy.verdict import describe, describe_data
+    from pam_orthosis.discrepancy.answer.contract import as_dict, identifiability_as_dict
+    from pam_orthosis.discrepancy.answer.verdict import describe, describe_data
 
     nominal = case.read.nominal
     assumed = [str(path) for path in nominal.assumed]
@@ -159,7 +159,12 @@ def _described(case: Case, outcome: Outcome) -> tuple[dict[str, Any], str]:
 
 def _stages(start, data, last: str) -> str:
     """Return in words what the stages before the search found."""
-    from pam_orthosis.discrepancy.verdict import describe_data, describe_replay, describe_where, remark_lines
+    from pam_orthosis.discrepancy.answer.verdict import (
+        describe_data,
+        describe_replay,
+        describe_where,
+        remark_lines,
+    )
 
     parts = [*remark_lines(start.remarks), describe_data(data)]
     if last != "check":
@@ -188,7 +193,7 @@ def _files(arguments: argparse.Namespace) -> tuple[str, ...]:
 
 
 def _write(arguments: argparse.Namespace, outcome, data, case: Case, words: str) -> None:
-    from pam_orthosis.discrepancy import patch
+    from pam_orthosis.discrepancy.answer import patch
     from pam_orthosis.report.gap import page
 
     nominal, added = case.read.nominal, patch.changes_of(outcome)

@@ -13,7 +13,7 @@ from pam_orthosis.control.trajectory import make_trajectory
 from pam_orthosis.model.parameters import Parameters, experiments, scenario_overrides
 
 if TYPE_CHECKING:
-    from pam_orthosis.discrepancy.judgement import Outcome
+    from pam_orthosis.discrepancy.answer.judgement import Outcome
 
 
 def next_experiment(outcome: Outcome | None, useful: Sequence[str]) -> str:

@@ -70,7 +70,7 @@ def _improved(arguments: argparse.Namespace, progress: Shown) -> tuple[Sequence[
 
 def _write(folder: Path, rounds: Sequence[Round]) -> str:
     """Write model, rounds, table and figure; return the table."""
-    from pam_orthosis.discrepancy import patch
+    from pam_orthosis.discrepancy.answer import patch
     from pam_orthosis.report import improvement
     from pam_orthosis.report.picture import draw
 

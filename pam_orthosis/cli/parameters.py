@@ -101,7 +101,7 @@ def with_model(parameters: Parameters, arguments: argparse.Namespace) -> Paramet
     if arguments.model is None:
         return parameters
     from pam_orthosis.control.loop import ClosedLoop  # casadi takes a second to load
-    from pam_orthosis.discrepancy import patch
+    from pam_orthosis.discrepancy.answer import patch
     from pam_orthosis.model.truth import with_nominal
 
     model, given = arguments.model, assignments(arguments.param)

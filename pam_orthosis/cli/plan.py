@@ -72,7 +72,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
 def _planned(arguments: argparse.Namespace, progress: Progress) -> tuple[Machine, Plan, Recorded | None]:
     """Plan and write it; return the plan and the recorded run that it was made after, if there is one."""
-    from pam_orthosis.discrepancy import patch
+    from pam_orthosis.discrepancy.answer import patch
     from pam_orthosis.planning.plan import make_plan
     from pam_orthosis.planning.recorded import recorded_in
 

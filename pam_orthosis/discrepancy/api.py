@@ -15,14 +15,14 @@ engine takes, `check_system` whether all fits together. Values are in SI units, 
 CasADi.
 """
 
-from pam_orthosis.discrepancy.builder import Input, Model, Parameter
-from pam_orthosis.discrepancy.contract import as_dict
-from pam_orthosis.discrepancy.data import Recording, from_arrays, from_bag, from_csv
-from pam_orthosis.discrepancy.judgement import Outcome
-from pam_orthosis.discrepancy.soundness import check_system
-from pam_orthosis.discrepancy.system import Assembled, Calibration, Channel, Equation, Source, System
-from pam_orthosis.discrepancy.user_file import load_system
-from pam_orthosis.discrepancy.verdict import describe
+from pam_orthosis.discrepancy.answer.contract import as_dict
+from pam_orthosis.discrepancy.answer.judgement import Outcome
+from pam_orthosis.discrepancy.answer.verdict import describe
+from pam_orthosis.discrepancy.recordings.data import Recording, from_arrays, from_bag, from_csv
+from pam_orthosis.discrepancy.systems.builder import Input, Model, Parameter
+from pam_orthosis.discrepancy.systems.soundness import check_system
+from pam_orthosis.discrepancy.systems.system import Assembled, Calibration, Channel, Equation, Source, System
+from pam_orthosis.discrepancy.systems.user_file import load_system
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.effects.base import Contribution, Effect, Quantity

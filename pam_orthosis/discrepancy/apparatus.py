@@ -12,10 +12,11 @@ from pam_orthosis.bag.bounded import check_bag
 from pam_orthosis.bag.legs import check_named, joint_beside
 from pam_orthosis.bag.read import machine_of, recorded_parameters, run_record
 from pam_orthosis.bag.topics import JOINT
-from pam_orthosis.discrepancy import declared, knee, rig
-from pam_orthosis.discrepancy.data import Recording, recording
-from pam_orthosis.discrepancy.patch import PLANNED
-from pam_orthosis.discrepancy.system import Source, System
+from pam_orthosis.discrepancy.answer.patch import PLANNED
+from pam_orthosis.discrepancy.recordings import rig_bags
+from pam_orthosis.discrepancy.recordings.data import Recording, recording
+from pam_orthosis.discrepancy.systems import declared, knee, rig
+from pam_orthosis.discrepancy.systems.system import Source, System
 from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.machine import Machine
@@ -110,11 +111,14 @@ def _apparatus(path: Path, given: Machine | None, namespace: str) -> Apparatus:
             declared.APPARATUS,
             machine=machine,
         )
-    specimen = rig.specimen_of(path)
+    specimen = rig_bags.specimen_of(path)
     if specimen is None:
         return Apparatus("the knee", knee.knee, knee.APPARATUS, knee.ALONE)
     return Apparatus(
-        f"a rig with a {specimen}", lambda p, _: rig.test_rig(p, specimen), rig.APPARATUS, read=rig.recording
+        f"a rig with a {specimen}",
+        lambda p, _: rig.test_rig(p, specimen),
+        rig.APPARATUS,
+        read=rig_bags.recording,
     )
 
 

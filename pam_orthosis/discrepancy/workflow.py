@@ -4,16 +4,16 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pam_orthosis.discrepancy import select
-from pam_orthosis.discrepancy.agreement import remarks_on_agreement
-from pam_orthosis.discrepancy.beginning import Beginning, begin
-from pam_orthosis.discrepancy.between import remarks_on_inputs
-from pam_orthosis.discrepancy.data import Recording
-from pam_orthosis.discrepancy.judgement import OPEN, Outcome, outcome_of
-from pam_orthosis.discrepancy.replay import Replay
-from pam_orthosis.discrepancy.system import System
+from pam_orthosis.discrepancy.answer.agreement import remarks_on_agreement
+from pam_orthosis.discrepancy.answer.between import remarks_on_inputs
+from pam_orthosis.discrepancy.answer.judgement import OPEN, Outcome, outcome_of
+from pam_orthosis.discrepancy.preparation.beginning import Beginning, begin
+from pam_orthosis.discrepancy.recordings.data import Recording
+from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.search import select
+from pam_orthosis.discrepancy.systems.system import System
 from pam_orthosis.discrepancy.together import alone
-from pam_orthosis.discrepancy.unknown import unknown
+from pam_orthosis.discrepancy.unknown.unknown import unknown
 from pam_orthosis.model.parameters import Section, load
 from pam_orthosis.progress import Progress, silent
 

@@ -4,7 +4,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pam_orthosis.discrepancy import patch
+from pam_orthosis.discrepancy.answer import patch
 from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.machine import Machine

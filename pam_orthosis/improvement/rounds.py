@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 from pam_orthosis.bag.simulated import record_run
 from pam_orthosis.bag.verdict import Verdict, judge
+from pam_orthosis.discrepancy.answer.contract import as_dict
 from pam_orthosis.discrepancy.apparatus import apparatus_of
-from pam_orthosis.discrepancy.contract import as_dict
-from pam_orthosis.discrepancy.data import from_bag
+from pam_orthosis.discrepancy.recordings.data import from_bag
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.files import placed
 from pam_orthosis.improvement import learned

@@ -19,8 +19,8 @@ from pam_orthosis.library.run import Run
 from pam_orthosis.markup import Shown, table
 
 if TYPE_CHECKING:
-    from pam_orthosis.discrepancy.data import Recording
-    from pam_orthosis.discrepancy.judgement import Outcome
+    from pam_orthosis.discrepancy.answer.judgement import Outcome
+    from pam_orthosis.discrepancy.recordings.data import Recording
     from pam_orthosis.model.machine import Machine
     from pam_orthosis.model.parameters import Parameters
 
@@ -87,7 +87,7 @@ class Gap:
 
     def as_dict(self) -> dict[str, Any]:
         """Return what `gap.json` holds on the search."""
-        from pam_orthosis.discrepancy.contract import as_dict
+        from pam_orthosis.discrepancy.answer.contract import as_dict
 
         return as_dict(self.outcome)
 
@@ -97,7 +97,7 @@ class Gap:
         Raises:
             OrthosisError: a system of your own was searched.
         """
-        from pam_orthosis.discrepancy import patch
+        from pam_orthosis.discrepancy.answer import patch
 
         if self.nominal is None:
             raise OrthosisError("a system of your own has no parameters to change; see `effects`")
@@ -161,10 +161,10 @@ def gap(
         OrthosisError: a recording is unfit or given twice, or they are of different machines; no column for
             a signal, or a file is unusable.
     """
-    from pam_orthosis.discrepancy.recordings import Asked, read_recordings
-    from pam_orthosis.discrepancy.replay import Replay
+    from pam_orthosis.discrepancy.answer.verdict import describe
+    from pam_orthosis.discrepancy.replay.replay import Replay
+    from pam_orthosis.discrepancy.request import Asked, read_recordings
     from pam_orthosis.discrepancy.together import Workers
-    from pam_orthosis.discrepancy.verdict import describe
     from pam_orthosis.discrepancy.workflow import find_gap
 
     fitted, judged = given.several(training, LISTS), given.several(held_out, LISTS)

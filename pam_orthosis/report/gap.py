@@ -3,11 +3,11 @@
 
 from collections.abc import Sequence
 
-from pam_orthosis.discrepancy.curves import curves
-from pam_orthosis.discrepancy.findings import Named
-from pam_orthosis.discrepancy.judgement import Outcome
-from pam_orthosis.discrepancy.measure import OVERALL
-from pam_orthosis.discrepancy.verdict import runner_up_words
+from pam_orthosis.discrepancy.answer.curves import curves
+from pam_orthosis.discrepancy.answer.judgement import Outcome
+from pam_orthosis.discrepancy.answer.verdict import runner_up_words
+from pam_orthosis.discrepancy.fitting.measure import OVERALL
+from pam_orthosis.discrepancy.search.findings import Named
 from pam_orthosis.model.parameters import experiments, scenario_names
 from pam_orthosis.report import gap_figures
 from pam_orthosis.report.gap_figures import spoken

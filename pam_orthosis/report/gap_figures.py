@@ -6,12 +6,12 @@ from itertools import takewhile
 
 import numpy as np
 
-from pam_orthosis.discrepancy import structure
-from pam_orthosis.discrepancy.curves import Curve
-from pam_orthosis.discrepancy.description import Description
-from pam_orthosis.discrepancy.findings import QUANTILE
-from pam_orthosis.discrepancy.judgement import Outcome
-from pam_orthosis.discrepancy.structure import missing_rate, order
+from pam_orthosis.discrepancy.answer.curves import Curve
+from pam_orthosis.discrepancy.answer.judgement import Outcome
+from pam_orthosis.discrepancy.fitting import structure
+from pam_orthosis.discrepancy.fitting.structure import missing_rate, order
+from pam_orthosis.discrepancy.search.findings import QUANTILE
+from pam_orthosis.discrepancy.unknown.description import Description
 from pam_orthosis.report.plots import AFTER, BEFORE, OF_ACTUATORS, REFERENCE, Plot, Trace, bars, dots, line
 from pam_orthosis.report.run_data import thinned
 

@@ -14,8 +14,8 @@ from speed import scaling
 from speed.curves import CURVES, GAP_CATALOGUE, GAP_LENGTH, draw, points, told
 from speed.rows import row
 
-from pam_orthosis.discrepancy.data import from_arrays
-from pam_orthosis.discrepancy.knee import knee
+from pam_orthosis.discrepancy.recordings.data import from_arrays
+from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.model.parameters import load
 
 

@@ -10,7 +10,9 @@ import pam_orthosis.discrepancy.workflow  # noqa: F401  takes `begin` before a t
 from pam_orthosis.batch import margin
 from pam_orthosis.cli import main as entry
 from pam_orthosis.cli import run
-from pam_orthosis.discrepancy import beginning, knee, patch
+from pam_orthosis.discrepancy.answer import patch
+from pam_orthosis.discrepancy.preparation import beginning
+from pam_orthosis.discrepancy.systems import knee
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.improvement import learned
 from pam_orthosis.model.components import muscle

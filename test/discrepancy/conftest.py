@@ -4,10 +4,10 @@
 import pytest
 
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.discrepancy.data import from_arrays
-from pam_orthosis.discrepancy.knee import knee
-from pam_orthosis.discrepancy.problem import Problem
-from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.recordings.data import from_arrays
+from pam_orthosis.discrepancy.replay.problem import Problem
+from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.discrepancy.together import Workers
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load

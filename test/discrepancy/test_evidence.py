@@ -7,14 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy import acceptance
-from pam_orthosis.discrepancy.candidates import penalty, widened_shape
-from pam_orthosis.discrepancy.confirmation import Seen
-from pam_orthosis.discrepancy.findings import deviations, interval
-from pam_orthosis.discrepancy.fit import Fit, score
-from pam_orthosis.discrepancy.free import SHAPE_SCALES, WIDTHS, Free
-from pam_orthosis.discrepancy.problem import Block, Problem, Scored
-from pam_orthosis.discrepancy.projection import Projection
+from pam_orthosis.discrepancy.fitting.candidates import penalty, widened_shape
+from pam_orthosis.discrepancy.fitting.fit import Fit, score
+from pam_orthosis.discrepancy.fitting.free import SHAPE_SCALES, WIDTHS, Free
+from pam_orthosis.discrepancy.fitting.projection import Projection
+from pam_orthosis.discrepancy.replay.problem import Block, Problem, Scored
+from pam_orthosis.discrepancy.search import acceptance
+from pam_orthosis.discrepancy.search.confirmation import Seen
+from pam_orthosis.discrepancy.search.findings import deviations, interval
 
 SAMPLES = 400
 RNG = np.random.default_rng(29)

@@ -6,12 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy import confirmation, elimination, judgement, screening, second_chance, select
-from pam_orthosis.discrepancy.candidates import Candidate, Trial
-from pam_orthosis.discrepancy.free import nuisance, with_scales
-from pam_orthosis.discrepancy.judgement import WIDE
-from pam_orthosis.discrepancy.knee import knee
-from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.answer import judgement
+from pam_orthosis.discrepancy.answer.judgement import WIDE
+from pam_orthosis.discrepancy.fitting.candidates import Candidate, Trial
+from pam_orthosis.discrepancy.fitting.free import nuisance, with_scales
+from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.search import confirmation, elimination, screening, second_chance, select
+from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.model.parameters import load
 
 KNOWN_LATE = {"valve.delay": 9.9e-3}

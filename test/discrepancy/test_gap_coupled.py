@@ -9,12 +9,12 @@ import pytest
 from coupled_loop import CoupledLoop
 
 from pam_orthosis.control.legs import device_parameters
-from pam_orthosis.discrepancy.data import from_arrays
-from pam_orthosis.discrepancy.declared import coupled_joint
-from pam_orthosis.discrepancy.replay import Replay
-from pam_orthosis.discrepancy.run import Run
-from pam_orthosis.discrepancy.soundness import check_system
-from pam_orthosis.discrepancy.system import Source
+from pam_orthosis.discrepancy.recordings.data import from_arrays
+from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.replay.run import Run
+from pam_orthosis.discrepancy.systems.declared import coupled_joint
+from pam_orthosis.discrepancy.systems.soundness import check_system
+from pam_orthosis.discrepancy.systems.system import Source
 from pam_orthosis.model.device import device_named
 
 STEPS, SETTLED = 700, 300

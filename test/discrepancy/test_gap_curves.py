@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy.curves import curves, drawn, in_words
-from pam_orthosis.discrepancy.findings import Named
-from pam_orthosis.discrepancy.verdict import runner_up_words
+from pam_orthosis.discrepancy.answer.curves import curves, drawn, in_words
+from pam_orthosis.discrepancy.answer.verdict import runner_up_words
+from pam_orthosis.discrepancy.search.findings import Named
 from pam_orthosis.model.effects.valves import SIDE, knot_name, relative_error
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.report import gap, gap_figures

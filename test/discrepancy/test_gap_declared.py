@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from pam_orthosis.discrepancy.declared import declared_machine
-from pam_orthosis.discrepancy.knee import knee
+from pam_orthosis.discrepancy.systems.declared import declared_machine
+from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.model.machines import machine_named
 from pam_orthosis.model.parameters import load
 

@@ -11,13 +11,14 @@ import pytest
 import pam_orthosis as po
 from pam_orthosis.bag.simulated import record_run
 from pam_orthosis.cli.main import main
-from pam_orthosis.discrepancy import beginning, workflow
-from pam_orthosis.discrepancy.agreement import remarks_on_agreement
-from pam_orthosis.discrepancy.beginning import begin
-from pam_orthosis.discrepancy.data import from_csv
-from pam_orthosis.discrepancy.declared import declared_machine
-from pam_orthosis.discrepancy.soundness import check_system
-from pam_orthosis.discrepancy.suspects import VALVE
+from pam_orthosis.discrepancy import workflow
+from pam_orthosis.discrepancy.answer.agreement import remarks_on_agreement
+from pam_orthosis.discrepancy.preparation import beginning
+from pam_orthosis.discrepancy.preparation.beginning import begin
+from pam_orthosis.discrepancy.recordings.data import from_csv
+from pam_orthosis.discrepancy.systems.declared import declared_machine
+from pam_orthosis.discrepancy.systems.soundness import check_system
+from pam_orthosis.discrepancy.systems.suspects import VALVE
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machines import read_machine
 from pam_orthosis.model.parameters import load

@@ -15,8 +15,8 @@ from pam_orthosis.discrepancy.api import (
     find_gap,
     from_arrays,
 )
-from pam_orthosis.discrepancy.problem import Scored
-from pam_orthosis.discrepancy.whitening import Whitener
+from pam_orthosis.discrepancy.replay.problem import Scored
+from pam_orthosis.discrepancy.replay.whitening import Whitener
 from pam_orthosis.model.parameters import load
 
 INERTIA, WEIGHT, MOTOR, DAMPING = 0.0512, 1.22, 0.795, 0.052  # kg m^2, N m, N m/A, N m s/rad

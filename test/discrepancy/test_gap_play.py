@@ -6,11 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy import beginning, findings, measure, noise_floor
-from pam_orthosis.discrepancy.fit import fit_tempered
-from pam_orthosis.discrepancy.free import free_parameters
-from pam_orthosis.discrepancy.replay import Replay
-from pam_orthosis.discrepancy.run import Run
+from pam_orthosis.discrepancy.answer import noise_floor
+from pam_orthosis.discrepancy.fitting import measure
+from pam_orthosis.discrepancy.fitting.fit import fit_tempered
+from pam_orthosis.discrepancy.fitting.free import free_parameters
+from pam_orthosis.discrepancy.preparation import beginning
+from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.replay.run import Run
+from pam_orthosis.discrepancy.search import findings
 from pam_orthosis.testing import case as cases
 
 HALF_WIDTH = 6.0e-3  # rad

@@ -7,13 +7,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy import beginning, candidates, quiet, refit
-from pam_orthosis.discrepancy.candidates import COARSE, DIFFERENCE, Trial, candidate
-from pam_orthosis.discrepancy.fit import fit_tempered
-from pam_orthosis.discrepancy.free import free_parameters
-from pam_orthosis.discrepancy.problem import Problem, Scored
-from pam_orthosis.discrepancy.projection import Projection
-from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.fitting import candidates, refit
+from pam_orthosis.discrepancy.fitting.candidates import COARSE, DIFFERENCE, Trial, candidate
+from pam_orthosis.discrepancy.fitting.fit import fit_tempered
+from pam_orthosis.discrepancy.fitting.free import free_parameters
+from pam_orthosis.discrepancy.fitting.projection import Projection
+from pam_orthosis.discrepancy.preparation import beginning
+from pam_orthosis.discrepancy.replay.problem import Problem, Scored
+from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.search import quiet
 from pam_orthosis.model.parameters import load
 
 DELAY = {"plant__effects__valve_delay__enabled": True, "plant__effects__valve_delay__delay": 0.004}

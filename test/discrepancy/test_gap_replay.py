@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 import pam_orthosis.discrepancy as package
-from pam_orthosis.discrepancy import beginning
-from pam_orthosis.discrepancy import knee as knee_module
-from pam_orthosis.discrepancy.candidates import Trial, candidate
-from pam_orthosis.discrepancy.cut import cut
-from pam_orthosis.discrepancy.data import Recording
-from pam_orthosis.discrepancy.fit import _descended, bounded_step, fit_tempered
-from pam_orthosis.discrepancy.free import Free, free_parameters
-from pam_orthosis.discrepancy.kernel import Kernel, _key
-from pam_orthosis.discrepancy.lanes import Lanes
-from pam_orthosis.discrepancy.problem import Block
-from pam_orthosis.discrepancy.projection import Projection
-from pam_orthosis.discrepancy.replay import Replay
-from pam_orthosis.discrepancy.run import Run, Shift
-from pam_orthosis.discrepancy.whitening import SEGMENT, minimum_phase, noise_levels
+from pam_orthosis.discrepancy.fitting.candidates import Trial, candidate
+from pam_orthosis.discrepancy.fitting.fit import _descended, bounded_step, fit_tempered
+from pam_orthosis.discrepancy.fitting.free import Free, free_parameters
+from pam_orthosis.discrepancy.fitting.projection import Projection
+from pam_orthosis.discrepancy.preparation import beginning
+from pam_orthosis.discrepancy.recordings.data import Recording
+from pam_orthosis.discrepancy.replay.kernel import Kernel, _key
+from pam_orthosis.discrepancy.replay.lanes import Lanes
+from pam_orthosis.discrepancy.replay.problem import Block
+from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.replay.run import Run, Shift
+from pam_orthosis.discrepancy.replay.whitening import SEGMENT, minimum_phase, noise_levels
+from pam_orthosis.discrepancy.systems import knee as knee_module
+from pam_orthosis.discrepancy.systems.cut import cut
 from pam_orthosis.model.mechanisms import leg as leg_model
 
 CUTOFF = 40.0
@@ -36,7 +36,7 @@ def run(bench):
 
 def test_the_fitter_knows_neither_the_plant_nor_what_is_hidden():
     folder = Path(package.__file__).parent
-    for file in folder.glob("*.py"):
+    for file in folder.rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []

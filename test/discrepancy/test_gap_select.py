@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy import elimination, screening, second_chance, select, selection
-from pam_orthosis.discrepancy.candidates import Candidate, Trial
+from pam_orthosis.discrepancy.fitting.candidates import Candidate, Trial
+from pam_orthosis.discrepancy.search import elimination, screening, second_chance, select, selection
 from pam_orthosis.discrepancy.together import Workers
 from pam_orthosis.model.effects.base import Effect, Quantity
 from pam_orthosis.model.machines import KNEE

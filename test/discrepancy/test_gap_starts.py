@@ -6,13 +6,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from pam_orthosis.discrepancy import beginning, delays, refit, second_chance, select
-from pam_orthosis.discrepancy.candidates import Candidate, Trial, candidate, twins
-from pam_orthosis.discrepancy.delays import _with, or_for_delays
-from pam_orthosis.discrepancy.fit import score
-from pam_orthosis.discrepancy.projection import Projection
-from pam_orthosis.discrepancy.screening import _different, shapes_astray, strained
-from pam_orthosis.discrepancy.selection import Selection, Step
+from pam_orthosis.discrepancy.fitting import refit
+from pam_orthosis.discrepancy.fitting.candidates import Candidate, Trial, candidate, twins
+from pam_orthosis.discrepancy.fitting.fit import score
+from pam_orthosis.discrepancy.fitting.projection import Projection
+from pam_orthosis.discrepancy.preparation import beginning
+from pam_orthosis.discrepancy.search import delays, second_chance, select
+from pam_orthosis.discrepancy.search.delays import _with, or_for_delays
+from pam_orthosis.discrepancy.search.screening import _different, shapes_astray, strained
+from pam_orthosis.discrepancy.search.selection import Selection, Step
 from pam_orthosis.model.parameters import load
 from pam_orthosis.progress import silent
 

@@ -4,10 +4,10 @@
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy.fit import peak
-from pam_orthosis.discrepancy.problem import Scored
-from pam_orthosis.discrepancy.run import Run
-from pam_orthosis.discrepancy.structure import CLEAN, MARGIN, Where, _reach, clean, signals_of
+from pam_orthosis.discrepancy.fitting.fit import peak
+from pam_orthosis.discrepancy.fitting.structure import CLEAN, MARGIN, Where, _reach, clean, signals_of
+from pam_orthosis.discrepancy.replay.problem import Scored
+from pam_orthosis.discrepancy.replay.run import Run
 
 
 @pytest.mark.parametrize("length", [200, 500, 750])

@@ -8,16 +8,20 @@ import numpy as np
 import pytest
 
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.discrepancy import beginning, patch, refit, screening, workflow
-from pam_orthosis.discrepancy.candidates import Candidate
-from pam_orthosis.discrepancy.contract import as_dict
-from pam_orthosis.discrepancy.data import from_arrays
-from pam_orthosis.discrepancy.knee import SUSPECTS, knee
-from pam_orthosis.discrepancy.replay import Replay
-from pam_orthosis.discrepancy.run import Run
-from pam_orthosis.discrepancy.screening import fitted_candidates, is_far
-from pam_orthosis.discrepancy.suspects import MASSES, OF_MASSES, name_of
-from pam_orthosis.discrepancy.verdict import describe
+from pam_orthosis.discrepancy import workflow
+from pam_orthosis.discrepancy.answer import patch
+from pam_orthosis.discrepancy.answer.contract import as_dict
+from pam_orthosis.discrepancy.answer.verdict import describe
+from pam_orthosis.discrepancy.fitting import refit
+from pam_orthosis.discrepancy.fitting.candidates import Candidate
+from pam_orthosis.discrepancy.preparation import beginning
+from pam_orthosis.discrepancy.recordings.data import from_arrays
+from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.replay.run import Run
+from pam_orthosis.discrepancy.search import screening
+from pam_orthosis.discrepancy.search.screening import fitted_candidates, is_far
+from pam_orthosis.discrepancy.systems.knee import SUSPECTS, knee
+from pam_orthosis.discrepancy.systems.suspects import MASSES, OF_MASSES, name_of
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.plant import Plant

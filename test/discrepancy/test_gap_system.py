@@ -35,9 +35,9 @@ from pam_orthosis.discrepancy.api import (
     from_csv,
     load_system,
 )
-from pam_orthosis.discrepancy.knee import knee
-from pam_orthosis.discrepancy.rig import test_rig as rig_system
-from pam_orthosis.discrepancy.system import Entry
+from pam_orthosis.discrepancy.systems.knee import knee
+from pam_orthosis.discrepancy.systems.rig import test_rig as rig_system
+from pam_orthosis.discrepancy.systems.system import Entry
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report.gap_figures import _stand_ins

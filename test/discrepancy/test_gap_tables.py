@@ -15,21 +15,24 @@ from pam_orthosis.bag.examples import write_example
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.discrepancy import beginning, between, check, stamps, workflow
-from pam_orthosis.discrepancy.columns import read_mapping, signals_of, with_columns
-from pam_orthosis.discrepancy.confirmation import emptied
-from pam_orthosis.discrepancy.data import (
+from pam_orthosis.discrepancy import workflow
+from pam_orthosis.discrepancy.answer import between
+from pam_orthosis.discrepancy.preparation import beginning, check
+from pam_orthosis.discrepancy.preparation.mistakes import mistake_words
+from pam_orthosis.discrepancy.recordings import stamps
+from pam_orthosis.discrepancy.recordings.columns import read_mapping, signals_of, with_columns
+from pam_orthosis.discrepancy.recordings.data import (
     from_arrays,
     from_csv,
     recording,
     with_loop_of_table,
     with_prompt_inputs,
 )
-from pam_orthosis.discrepancy.even import even
-from pam_orthosis.discrepancy.knee import knee
-from pam_orthosis.discrepancy.mistakes import mistake_words
-from pam_orthosis.discrepancy.stamps import STEP, remarks_on_stamps, skews
-from pam_orthosis.discrepancy.user_file import load_system
+from pam_orthosis.discrepancy.recordings.even import even
+from pam_orthosis.discrepancy.recordings.stamps import STEP, remarks_on_stamps, skews
+from pam_orthosis.discrepancy.search.confirmation import emptied
+from pam_orthosis.discrepancy.systems.knee import knee
+from pam_orthosis.discrepancy.systems.user_file import load_system
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.library import answers
 from pam_orthosis.library.options import in_python

@@ -8,19 +8,21 @@ import numpy as np
 import pytest
 
 from pam_orthosis.control import effects
-from pam_orthosis.discrepancy import beginning, curve_fit, description, patch, unknown
-from pam_orthosis.discrepancy.data import from_arrays
-from pam_orthosis.discrepancy.events import Event
-from pam_orthosis.discrepancy.injection import Injection, injection
-from pam_orthosis.discrepancy.knee import knee
-from pam_orthosis.discrepancy.measure import over_noise
-from pam_orthosis.discrepancy.problem import Problem, Scored
-from pam_orthosis.discrepancy.replay import Replay
-from pam_orthosis.discrepancy.run import Run
-from pam_orthosis.discrepancy.system import Channel, Entry, Equation, System
-from pam_orthosis.discrepancy.unknown import Unknown
-from pam_orthosis.discrepancy.unknown_words import short, unknown_as_dict, unknown_words
-from pam_orthosis.discrepancy.whitening import Whitener
+from pam_orthosis.discrepancy.answer import patch
+from pam_orthosis.discrepancy.answer.unknown_words import short, unknown_as_dict, unknown_words
+from pam_orthosis.discrepancy.fitting.measure import over_noise
+from pam_orthosis.discrepancy.preparation import beginning
+from pam_orthosis.discrepancy.recordings.data import from_arrays
+from pam_orthosis.discrepancy.replay.problem import Problem, Scored
+from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.replay.run import Run
+from pam_orthosis.discrepancy.replay.whitening import Whitener
+from pam_orthosis.discrepancy.systems.knee import knee
+from pam_orthosis.discrepancy.systems.system import Channel, Entry, Equation, System
+from pam_orthosis.discrepancy.unknown import curve_fit, description, unknown
+from pam_orthosis.discrepancy.unknown.events import Event
+from pam_orthosis.discrepancy.unknown.injection import Injection, injection
+from pam_orthosis.discrepancy.unknown.unknown import Unknown
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report import gap_figures
 from pam_orthosis.report.plots import packed

@@ -14,17 +14,20 @@ from scipy.signal import butter, lfilter
 from pam_orthosis.bag.arrays import write_arrays
 from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.cli.main import main
-from pam_orthosis.discrepancy import acceptance, beginning, check, confirmation, judgement, patch, workflow
+from pam_orthosis.discrepancy import workflow
+from pam_orthosis.discrepancy.answer import judgement, patch
+from pam_orthosis.discrepancy.answer.contract import as_dict
+from pam_orthosis.discrepancy.answer.verdict import _share, describe
 from pam_orthosis.discrepancy.apparatus import without_record
-from pam_orthosis.discrepancy.contract import as_dict
-from pam_orthosis.discrepancy.data import from_arrays
-from pam_orthosis.discrepancy.events import Event
-from pam_orthosis.discrepancy.glitches import OF_POSITIONS, glitches, without_glitches
-from pam_orthosis.discrepancy.knee import knee
-from pam_orthosis.discrepancy.measure import Gap, closure, over_noise, reduced
-from pam_orthosis.discrepancy.recordings import assumed_words
-from pam_orthosis.discrepancy.unknown import Unknown
-from pam_orthosis.discrepancy.verdict import _share, describe
+from pam_orthosis.discrepancy.fitting.measure import Gap, closure, over_noise, reduced
+from pam_orthosis.discrepancy.preparation import beginning, check
+from pam_orthosis.discrepancy.preparation.glitches import OF_POSITIONS, glitches, without_glitches
+from pam_orthosis.discrepancy.recordings.data import from_arrays
+from pam_orthosis.discrepancy.request import assumed_words
+from pam_orthosis.discrepancy.search import acceptance, confirmation
+from pam_orthosis.discrepancy.systems.knee import knee
+from pam_orthosis.discrepancy.unknown.events import Event
+from pam_orthosis.discrepancy.unknown.unknown import Unknown
 from pam_orthosis.model.machines import KNEE, RIG
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report import gap as gap_page

@@ -13,35 +13,28 @@ import pytest
 from pam_orthosis.bag.arrays import write_arrays
 from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.cli import main as cli
-from pam_orthosis.discrepancy import (
-    beginning,
-    check,
-    confirmation,
-    findings,
-    judgement,
-    knee,
-    noise_floor,
-    patch,
-    selection,
-    structure,
-    workflow,
-)
+from pam_orthosis.discrepancy import workflow
+from pam_orthosis.discrepancy.answer import judgement, noise_floor, patch
+from pam_orthosis.discrepancy.answer.contract import as_dict
+from pam_orthosis.discrepancy.answer.verdict import _answer, describe
 from pam_orthosis.discrepancy.apparatus import agreed_nominal, apparatus_of, recorded_nominal, unrecorded
-from pam_orthosis.discrepancy.beginning import begin
-from pam_orthosis.discrepancy.contract import as_dict
-from pam_orthosis.discrepancy.data import (
+from pam_orthosis.discrepancy.fitting import structure
+from pam_orthosis.discrepancy.fitting.measure import Gap
+from pam_orthosis.discrepancy.preparation import beginning, check
+from pam_orthosis.discrepancy.preparation.beginning import begin
+from pam_orthosis.discrepancy.preparation.identifiability import Identifiability, identifiability
+from pam_orthosis.discrepancy.recordings.data import (
     from_arrays,
     from_bag,
     from_csv,
     is_table,
 )
-from pam_orthosis.discrepancy.findings import Named, in_all
-from pam_orthosis.discrepancy.identifiability import Identifiability, identifiability
-from pam_orthosis.discrepancy.measure import Gap
-from pam_orthosis.discrepancy.recordings import unrecorded_words
-from pam_orthosis.discrepancy.replay import Replay
+from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.request import unrecorded_words
+from pam_orthosis.discrepancy.search import confirmation, findings, selection
+from pam_orthosis.discrepancy.search.findings import Named, in_all
+from pam_orthosis.discrepancy.systems import knee
 from pam_orthosis.discrepancy.together import Workers
-from pam_orthosis.discrepancy.verdict import _answer, describe
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machines import KNEE
@@ -800,7 +793,8 @@ def test_a_page_that_cannot_be_written_does_not_take_the_verdict_with_it(
     nothing = SimpleNamespace(problem=None, null=None, mistaken=False)
     monkeypatch.setattr(beginning, "begin", lambda *_: nothing)
     monkeypatch.setattr(
-        "pam_orthosis.discrepancy.identifiability.identifiability", lambda *_: Identifiability({}, (), (), ())
+        "pam_orthosis.discrepancy.preparation.identifiability.identifiability",
+        lambda *_: Identifiability({}, (), (), ()),
     )
     monkeypatch.setattr(workflow, "search", lambda *_: friction)
     monkeypatch.setattr(gap_page, "page", full)

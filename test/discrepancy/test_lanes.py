@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy.kernel import Kernel
-from pam_orthosis.discrepancy.lanes import LANES, WARM_SECONDS, Lanes
-from pam_orthosis.discrepancy.run import Run
+from pam_orthosis.discrepancy.replay.kernel import Kernel
+from pam_orthosis.discrepancy.replay.lanes import LANES, WARM_SECONDS, Lanes
+from pam_orthosis.discrepancy.replay.run import Run
 
 CUTOFF = 40.0
 

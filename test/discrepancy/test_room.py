@@ -5,8 +5,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from pam_orthosis.discrepancy import replay, room
-from pam_orthosis.discrepancy.beginning import begin
+from pam_orthosis.discrepancy.preparation.beginning import begin
+from pam_orthosis.discrepancy.recordings import room
+from pam_orthosis.discrepancy.replay import replay
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
 

@@ -12,11 +12,11 @@ import pytest
 import pam_orthosis
 from pam_orthosis.cli.help_texts import ANSWERS, EXAMPLES
 from pam_orthosis.cli.main import VERBS, verb_parser
-from pam_orthosis.discrepancy import check
-from pam_orthosis.discrepancy.beginning import HELD_SHARE
-from pam_orthosis.discrepancy.data import Recording
-from pam_orthosis.discrepancy.knee import knee
-from pam_orthosis.discrepancy.user_file import load_system
+from pam_orthosis.discrepancy.preparation import check
+from pam_orthosis.discrepancy.preparation.beginning import HELD_SHARE
+from pam_orthosis.discrepancy.recordings.data import Recording
+from pam_orthosis.discrepancy.systems.knee import knee
+from pam_orthosis.discrepancy.systems.user_file import load_system
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import machines, parameters
 from pam_orthosis.model.machines import KNEE

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import yaml
 
-from pam_orthosis.discrepancy.knee import APPARATUS
+from pam_orthosis.discrepancy.systems.knee import APPARATUS
 from pam_orthosis.model.parameters import load
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -16,7 +16,7 @@ from wired import DEVICE, Wired
 from pam_orthosis.bag.verdict import Bound, judge
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.discrepancy import patch
+from pam_orthosis.discrepancy.answer import patch
 from pam_orthosis.model.machines import read_machine
 from pam_orthosis.model.parameters import load
 from pam_orthosis.nodes import launch

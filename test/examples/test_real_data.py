@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from pam_orthosis.cli.main import main
-from pam_orthosis.discrepancy.data import recording
-from pam_orthosis.discrepancy.stamps import remarks_on_stamps, skews
-from pam_orthosis.discrepancy.user_file import load_system
+from pam_orthosis.discrepancy.recordings.data import recording
+from pam_orthosis.discrepancy.recordings.stamps import remarks_on_stamps, skews
+from pam_orthosis.discrepancy.systems.user_file import load_system
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "docs"))

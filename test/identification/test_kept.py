@@ -8,7 +8,7 @@ import pytest
 from muscle_rig import LENGTH, LEVELS, static_force, write
 
 from pam_orthosis.cli.main import main
-from pam_orthosis.discrepancy import patch
+from pam_orthosis.discrepancy.answer import patch
 from pam_orthosis.model.parameters import load
 
 

@@ -15,7 +15,7 @@ from pam_orthosis.bag.rig_record import record_rig
 from pam_orthosis.bag.simulated import record_run
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.rig_loop import DecayRig, Rig, force_procedure, volume_procedure
-from pam_orthosis.discrepancy import patch
+from pam_orthosis.discrepancy.answer import patch
 from pam_orthosis.identification.data import read_data
 from pam_orthosis.identification.identify import identify
 from pam_orthosis.model import parameters

@@ -9,7 +9,7 @@ from muscle_rig import LENGTH, LEVELS, repeat, static_force, write
 
 from pam_orthosis.cli.identify import describe
 from pam_orthosis.cli.main import main
-from pam_orthosis.discrepancy import patch
+from pam_orthosis.discrepancy.answer import patch
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.data import read_data
 from pam_orthosis.identification.force import fit_force, rms_and_max

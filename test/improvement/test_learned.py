@@ -3,7 +3,7 @@
 
 import pytest
 
-from pam_orthosis.discrepancy import patch
+from pam_orthosis.discrepancy.answer import patch
 from pam_orthosis.improvement import learned
 from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.effects.base import enabled

@@ -8,7 +8,7 @@ from test_learned import FRICTION, RIGHT
 
 from pam_orthosis.bag.verdict import judge
 from pam_orthosis.cli.main import main
-from pam_orthosis.discrepancy import patch
+from pam_orthosis.discrepancy.answer import patch
 from pam_orthosis.improvement import rounds
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load

@@ -21,8 +21,8 @@ from pam_orthosis.bag.topics import Topics, resolve
 from pam_orthosis.bag.verdict import judge
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.discrepancy.data import from_bag
-from pam_orthosis.discrepancy.knee import knee
+from pam_orthosis.discrepancy.recordings.data import from_bag
+from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report.run_data import read_run

@@ -9,7 +9,7 @@ from rosbags.highlevel import AnyReader
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.discrepancy import patch
+from pam_orthosis.discrepancy.answer import patch
 from pam_orthosis.model.parameters import load
 
 STEPS = 400

@@ -17,7 +17,7 @@ from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.control.position import PositionController
 from pam_orthosis.control.reference import Motion, Reference
 from pam_orthosis.control.trajectory import make_trajectory
-from pam_orthosis.discrepancy import patch
+from pam_orthosis.discrepancy.answer import patch
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components import pneumatics
 from pam_orthosis.model.machines import KNEE

@@ -8,7 +8,7 @@ import pytest
 
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.loop import ClosedLoop
-from pam_orthosis.discrepancy import patch
+from pam_orthosis.discrepancy.answer import patch
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load, scenario_overrides
 from pam_orthosis.model.truth import with_nominal

@@ -10,8 +10,8 @@ from pam_orthosis.bag.read import Series, read_bag
 from pam_orthosis.bag.sampled import at_stamps
 from pam_orthosis.bag.topics import Topics
 from pam_orthosis.cli.main import main
-from pam_orthosis.discrepancy.data import from_bag, from_csv
-from pam_orthosis.discrepancy.knee import knee
+from pam_orthosis.discrepancy.recordings.data import from_bag, from_csv
+from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report.table import _cell

@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The judgement on what a search found: gaps before and after, closure, verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+from pam_orthosis.discrepancy.answer.noise_floor import decided_and_floor, remark_on_left_out
+from pam_orthosis.discrepancy.fitting import measure, structure
+from pam_orthosis.discrepancy.fitting.fit import Fit
+from pam_orthosis.discrepancy.fitting.free import scales_of
+from pam_orthosis.discrepancy.preparation.beginning import Beginning, strained_parameters
+from pam_orthosis.discrepancy.replay.problem import Problem
+from pam_orthosis.discrepancy.search import findings
+from pam_orthosis.discrepancy.search.confirmation import emptied
+from pam_orthosis.discrepancy.search.findings import Named, first_accepted, named_effect, runner_up_of
+from pam_orthosis.discrepancy.search.selection import Selection, Step
+from pam_orthosis.discrepancy.systems.system import Names, System, Values
+from pam_orthosis.discrepancy.unknown.unknown import Unknown
+from pam_orthosis.model.parameters import Section
+
+LEAST_CLOSURE = 0.9  # below it named effects that leave structure are a part of the explanation
+MOST_LEFT = 1.3  # gap after over the noise floor above which the residual is not called clean
+NEAR = 1.5  # gap of an equation over the noise floor above which it is not explained, whatever was closed
+LEAST_NAMED = 0.5  # closure of a model below which it names nothing
+FAR_STRAIN = 5.0  # tolerances: less likely hardware than a wrong zero, unit or mechanism
+WIDE = 10.0  # times its priors: the same of a shape correction that is named
+MOVED = 3.0  # tolerances that recalibration moves a parameter: a finding, whatever is left
+MANY_STRAINED = 3  # nuisance parameters so far off: they bend a model to another machine
+MOST_KEPT = 20.0  # gap of an equation over the noise floor, whatever is described, of the machine given
+OPEN = ("partial", "unexplained")
+GOOD = ("none", "recalibrated", "explained")  # verdicts on a gap that is not there or explained
+
+
+class Rest(NamedTuple):
+    """What a model leaves of the held-out recordings.
+
+    `clean`: noise only. `kept`: the gap over the noise, in the equation where it is largest. `gone`: nothing
+    was to be explained, recalibration alone leaves noise: what is named explains what it moved. `astray`:
+    nuisance parameters are far off in an equation in which no effect is named. `foreign`: many are. `bent`:
+    shape corrections are too, though not beyond what they may be once named.
+    `moved`: calibrations or shape corrections lie beyond what was stated of them.
+    """
+
+    clean: bool
+    kept: float
+    gone: bool
+    astray: bool = False
+    foreign: bool = False
+    moved: bool = False
+    bent: bool = False
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """All that the workflow found; `report` and `cli` turn it into pages and files.
+
+    `look_alikes` and `separated_by` are those of the first effect. `from_configured` names the closures that
+    count from the configured model, since recalibration closed the gap already. `surrogates` are effects of
+    the model that are no explanation; `empty` the parameters (as `EFFECT.PARAMETER`) at values where effects
+    are not what their names say. `unknown` describes what is left. `mistaken`: the verdict would be a better
+    one, but the recordings seem to have a mistake.
+    """
+
+    system: System
+    verdict: str
+    effects: tuple[Named, ...]
+    surrogates: tuple[Named, ...]
+    look_alikes: tuple[str, ...]
+    separated_by: tuple[str, ...]
+    runner_up: tuple[str, float] | None
+    configured: measure.Gap
+    before: measure.Gap
+    after: measure.Gap
+    floor: measure.Gap
+    closure: Mapping[str, float | None]
+    from_configured: tuple[str, ...]
+    where: Sequence[structure.Where]
+    left: Sequence[structure.Where]
+    strained: Values
+    empty: tuple[str, ...]
+    steps: Sequence[Step]
+    remarks: Sequence[str]
+    selection: Selection = field(repr=False)
+    held_out: Problem = field(repr=False)
+    unknown: Unknown | None = None
+    foreign: bool = False
+    mistaken: bool = False
+
+    def of_mistaken(self) -> Outcome:
+        """Return the outcome of recordings that seem mistaken: what explains a mistake is no explanation."""
+        verdict = "partial" if self.effects else "unexplained"
+        return replace(self, verdict=verdict, mistaken=True)
+
+    def described(self, left: Unknown | None) -> Outcome:
+        """Return the outcome with what can be said of what is left."""
+        kept = measure.over_noise(self.system, self.after, self.floor)
+        known = left is not None and bool(left.descriptions)
+        if left is not None:
+            kept[left.equation] = measure.reduced(kept[left.equation], left.reduced)
+        pushed = left is not None and bool(left.events)  # it is moved by what is no part of it
+        if self.foreign or (max(kept.values()) > MOST_KEPT and not pushed):
+            nothing: dict[str, Any] = dict.fromkeys(
+                ("effects", "surrogates", "look_alikes", "separated_by"), ()
+            )
+            return replace(self, verdict="unexplained", runner_up=None, foreign=True, **nothing)
+        others = [value for name, value in kept.items() if left is None or name != left.equation]
+        whole = known and max(others, default=0.0) <= NEAR
+        return replace(self, verdict="described" if whole else self.verdict, unknown=left)
+
+
+def outcome_of(start: Beginning, found: Selection, settings: Section, remarks: Sequence[str] = ()) -> Outcome:
+    """Return the judgement on what a search found, by the held-out recordings; `remarks` on it."""
+    system, judge, final = start.system, start.held_out, found.final
+    spread = findings.covariance(found.final_problem, final)
+    judged, floor = decided_and_floor(start, found, spread, settings)
+    configured = start.configured(judged)
+    before, after = start.recalibrated(judged), measure.gap(judge, final, judged)
+    where, left = start.where(), structure.locate(judge, final)
+    gone = _is_gone(before, floor, where)
+    base = configured if gone else before
+    closed = _closures(configured, base, after, floor)
+    counted = _from_configured(floor if gone else base, floor, closed)
+    empty = tuple(key for name in final.effects for key in emptied(system, name, final))
+    rest = Rest(
+        clean=structure.clean(left) and not beyond(after, floor),
+        kept=max(measure.over_noise(system, after, floor).values()),
+        gone=gone,
+        astray=bool(_astray(system, final)),
+        foreign=len(_far_off(system, final)) >= MANY_STRAINED,
+        bent=len(_far_off(system, final, FAR_STRAIN)) >= MANY_STRAINED,
+        moved=bool(moved_beyond(system, final)),
+    )
+    verdict = verdict_on(final.effects, closed[measure.OVERALL], rest, empty)
+    deviation = findings.deviations(system, final, spread)
+    every = tuple(named_effect(system, found, deviation, name, settings.evidence) for name in final.effects)
+    first = first_accepted(found, every)
+    # a name that leaves most of the gap open is no name
+    trusted = _trusted(closed[measure.OVERALL]) and not rest.foreign
+    meant = _meant(final.effects, empty) if trusted else ()
+    return Outcome(
+        system=system,
+        verdict=verdict,
+        effects=tuple(one for one in every if one.name in meant),
+        surrogates=tuple(one for one in every if one.name not in meant),
+        look_alikes=first.look_alikes if first else (),
+        separated_by=first.separated_by if first else (),
+        runner_up=runner_up_of(found),
+        configured=configured,
+        before=before,
+        after=after,
+        floor=floor,
+        closure=closed,
+        from_configured=counted,
+        where=where,
+        left=left,
+        strained=strained_parameters(final),
+        empty=empty,
+        steps=tuple(found.steps),
+        remarks=(*start.remarks, *remarks, *remark_on_left_out(judged)),
+        selection=found,
+        held_out=judge,
+        foreign=rest.foreign,
+    )
+
+
+def _far_off(system: System, final: Fit, bent: float = WIDE) -> list[str]:
+    """Return the nuisance parameters that are far off; `bent`: multiples of its priors of a shape correction.
+
+    Those of a shape correction may be `WIDE` of them once it is named.
+    """
+    scales = scales_of(system, final.free)
+    strained = strained_parameters(final)
+    shape = {name: name.partition(".")[0] for name in strained}
+    strain = {name: scales.get(shape[name], 1.0) * abs(value) for name, value in strained.items()}
+    return [name for name in strain if strain[name] > (bent if shape[name] in scales else FAR_STRAIN)]
+
+
+def moved_beyond(system: System, final: Fit, least: float = MOVED) -> dict[str, float]:
+    """Return what moved by more than `least` of its tolerance, shape corrections by more than is notable."""
+    own = {one.name for one in system.calibrations}
+    moved = {one.name: one.deviation(final.values) for one in final.free if one.name in own}
+    return {name: value for name, value in moved.items() if abs(value) > least} | strained_parameters(final)
+
+
+def _astray(system: System, final: Fit) -> list[str]:
+    """Return those that are far off where no effect is named whose other form may have moved them."""
+    named = {system.equation_of(name) for name in final.effects}
+    seen = {name for equation in named & set(final.blocks) for name in final.blocks[equation].names}
+    return [name for name in _far_off(system, final, FAR_STRAIN) if name not in seen]
+
+
+def _is_gone(before: measure.Gap, floor: measure.Gap, where: Sequence[structure.Where]) -> bool:
+    """Return whether recalibration alone leaves noise: a share of so little says nothing of an effect."""
+    hardly = before.white[measure.OVERALL] < (1 + measure.LEAST_EXCESS) * floor.white[measure.OVERALL]
+    return hardly or (structure.clean(where) and not beyond(before, floor))
+
+
+def _closures(
+    configured: measure.Gap, before: measure.Gap, after: measure.Gap, floor: measure.Gap
+) -> dict[str, float | None]:
+    """Return closure per channel and overall, of whitened residuals, from the recalibrated model.
+
+    Where recalibration alone hides the gap (an effect that resembles a nuisance parameter), closure
+    counts from the configured model.
+    """
+    closed: dict[str, float | None] = {}
+    for name, after_white in after.white.items():
+        closed[name] = measure.closure(before.white[name], after_white, floor.white[name])
+        if closed[name] is None:
+            closed[name] = measure.closure(configured.white[name], after_white, floor.white[name])
+    return closed
+
+
+def _from_configured(
+    before: measure.Gap, floor: measure.Gap, closed: Mapping[str, float | None]
+) -> tuple[str, ...]:
+    """Return the closures that `_closures` counts from the configured model."""
+    return tuple(
+        name
+        for name, share in closed.items()
+        if share is not None and measure.closure(before.white[name], 0.0, floor.white[name]) is None
+    )
+
+
+def _trusted(share: float | None) -> bool:
+    """Return whether a model closes enough of the gap to be one; None: there is hardly any gap."""
+    return share is None or share >= LEAST_NAMED
+
+
+def _meant(effects: Names, empty: Sequence[str]) -> Names:
+    """Return the effects that are what their names say."""
+    return tuple(name for name in effects if not any(key.startswith(f"{name}.") for key in empty))
+
+
+def beyond(after: measure.Gap, floor: measure.Gap) -> bool:
+    """Return whether a gap is left, however well free parameters that are moved again would follow it."""
+    return after.white[measure.OVERALL] > MOST_LEFT * floor.white[measure.OVERALL]
+
+
+def verdict_on(effects: Names, share: float | None, rest: Rest, empty: Sequence[str]) -> str:
+    """Return the verdict on a model with effects that explains a share of the gap.
+
+    Args:
+        share: None if there is hardly a gap, be it of the nominal model.
+        rest: what is left.
+        empty: parameters at which effects are not what their names say.
+    """
+    if not effects:
+        sound = rest.clean and not rest.astray and not rest.bent
+        return ("recalibrated" if rest.moved else "none") if sound else "unexplained"
+    if rest.foreign or not _meant(effects, empty) or not _trusted(share):
+        return "unexplained"
+    if (
+        empty
+        or rest.astray
+        or rest.bent
+        or rest.kept > NEAR
+        or not (rest.clean or (share is not None and share >= LEAST_CLOSURE))
+    ):
+        return "partial"
+    return "recalibrated" if rest.gone else "explained"

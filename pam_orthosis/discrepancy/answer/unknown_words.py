@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is left, in words and as the contract of `gap.json`."""
+
+from typing import Any
+
+from pam_orthosis.discrepancy.systems.system import System, Values
+from pam_orthosis.discrepancy.unknown.description import Description, holder
+from pam_orthosis.discrepancy.unknown.events import Event
+from pam_orthosis.discrepancy.unknown.unknown import Unknown
+
+MOST_EVENTS = 4  # in one line
+DRIFTING = 0.5  # of the gap, that time explains
+
+
+def short(system: System, unknown: Unknown) -> str:
+    """Return what is unknown, in a few words."""
+    if unknown.descriptions:
+        return " and ".join(_short(system, one) for one in unknown.descriptions)
+    times = [f"{event.time:.1f} s" for event in unknown.events[:MOST_EVENTS]]
+    more = len(unknown.events) - len(times)
+    return f"{len(unknown.events)} pushes ({', '.join(times)}" + (f" and {more} more)" if more > 0 else ")")
+
+
+def _short(system: System, one: Description) -> str:
+    period = "" if one.period is None else f"period {_with_unit(system, one, one.period)}, "
+    return f"{_name(one)} of {one.coordinate.replace('_', ' ')} ({period}{one.amplitude[0]:.3g} {one.unit})"
+
+
+def unknown_words(system: System, unknown: Unknown, shares: Values | None = None) -> list[str]:
+    """Return lines on what is left in an equation; `shares` of its gap are explained by signals."""
+    where = f"in the {unknown.equation} equation"
+    if unknown.descriptions:
+        return [line for one in unknown.descriptions for line in _words(system, one, where)]
+    if unknown.events:
+        (equation,) = (one for one in system.equations if one.name == unknown.equation)
+        several = len(equation.channels) > 1
+        pushes = ", ".join(_push(system, event, several) for event in unknown.events[:MOST_EVENTS])
+        return [f"unknown {where}: of nothing that was measured; pushes at {pushes}"]
+    if (shares or {}).get("time", 0.0) >= DRIFTING:
+        return [f"unknown {where}: it changes with time: a sensor's zero that drifts, what wears or warms?"]
+    return [f"unknown {where}: it depends on nothing that was measured, alone"]
+
+
+def _push(system: System, event: Event, named: bool) -> str:
+    unit, of = system.entries_of(event.channel)[0].unit, f" of {event.channel}" if named else ""
+    return f"{event.time:.1f} s ({event.size:+.2g} {unit}{of} for {event.seconds:.1f} s)"
+
+
+def _words(system: System, one: Description, where: str) -> list[str]:
+    _, low, high = one.amplitude
+    ends = " and ".join(_with_unit(system, one, end) for end in (one.places[0], one.places[-1]))
+    next_best = "" if one.runner_up is None else f" (next: {one.runner_up[0]}, {one.runner_up[1]:.0%})"
+    return [
+        f"unknown {where}: {_short(system, one)}, amplitude {low:.3g} .. {high:.3g} {one.unit} between"
+        f" {ends}; removes {one.reduced:.0%} of the held-out gap{next_best}",
+        *_carried(system, one),
+    ]
+
+
+def _carried(system: System, one: Description) -> list[str]:
+    """Return a line on what becomes of a description in a model file; none if there is no such file."""
+    if not system.entries:
+        return []
+    known = holder(system, one)
+    if known is None:
+        return ["no model file can carry this description"]
+    first = one.channel == system.channels[0].name
+    use = "controllers and gap use it" if first else "gap uses it, controllers do not"
+    return [f"a model file carries this description, which is no cause, as {system.branch}.{known[0]}: {use}"]
+
+
+def unknown_as_dict(system: System, unknown: Unknown | None) -> dict[str, Any] | None:
+    """Return what is left as JSON-ready values."""
+    if unknown is None:
+        return None
+    curves = [_curve_as_dict(system, one) for one in unknown.descriptions]
+    return {
+        "equation": unknown.equation,
+        "curve": curves[0] if curves else None,
+        "other_curves": curves[1:],
+        "events": [vars(event) for event in unknown.events],
+    }
+
+
+def _curve_as_dict(system: System, one: Description) -> dict[str, Any]:
+    return {
+        "channel": one.channel, "enters_as": one.entry.name or "rate", "coordinate": one.coordinate,
+        "unit": one.unit, "period": one.period, "carried_as": (holder(system, one) or (None,))[0],
+        "reduced": one.reduced, "amplitude": list(one.amplitude), "places": one.places.tolist(),
+        "values": one.values.tolist(), "without_parabola": one.shape.tolist(),
+        "standard_deviations": one.spread.tolist(),
+    }  # fmt: skip
+
+
+def _name(one: Description) -> str:
+    return f"unknown {one.entry.name or f'rate of {one.channel}'}".replace("_", " ")
+
+
+def _with_unit(system: System, one: Description, value: float) -> str:
+    return f"{value:.3g} {system.unit(one.coordinate) or '(SI)'}"

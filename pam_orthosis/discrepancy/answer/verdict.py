@@ -1,0 +1,336 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the workflow found, as words."""
+
+from collections.abc import Mapping, Sequence
+
+from pam_orthosis.discrepancy.answer.curves import curves, in_words
+from pam_orthosis.discrepancy.answer.judgement import FAR_STRAIN, Outcome, beyond, moved_beyond
+from pam_orthosis.discrepancy.answer.unknown_words import short, unknown_words
+from pam_orthosis.discrepancy.fitting.measure import OVERALL, over_noise, reduced
+from pam_orthosis.discrepancy.fitting.structure import Where, clean
+from pam_orthosis.discrepancy.preparation.beginning import Beginning
+from pam_orthosis.discrepancy.preparation.identifiability import Identifiability
+from pam_orthosis.discrepancy.preparation.mistakes import CHECK
+from pam_orthosis.discrepancy.search.confirmation import at_values
+from pam_orthosis.discrepancy.search.findings import Named, in_all
+from pam_orthosis.discrepancy.systems.system import Channel, System, Values
+from pam_orthosis.model.parameters import experiments, scenario_names
+
+LABEL = 25  # characters of the first column, at least
+MOST_NAMED, MOST_SHOWN = 3, 8  # parameters in one line: of many, and else
+
+
+def describe_data(data: Identifiability) -> str:
+    """Return in a few lines what the recordings can identify."""
+    lines = []
+    if data.invisible:
+        lines.append(f"these data would not show, at typical size: {', '.join(data.invisible)}")
+    for a, b, cosine in data.alike:
+        lines.append(f"confounded in these data: {a} and {b} (cosine of their sensitivities {cosine:.2f})")
+    if data.experiments:
+        lines += _experiment("most useful next experiment", data.experiments[0])
+    return "\n".join(lines) or "these data show and separate all effects of the catalogue"
+
+
+def _experiment(purpose: str, scenario: str) -> list[str]:
+    """Return how an experiment is done on an apparatus, and what emulates it, if anything does."""
+    if scenario not in scenario_names():
+        return [f"{purpose}: {scenario}"]
+    emulated = f"pam-orthosis run --scenario {scenario}"
+    known = experiments()
+    if scenario not in known:
+        return [f"{purpose}: {emulated}"]
+    return [f"{purpose}: {known[scenario]}", f"  emulated by: {emulated}"]
+
+
+def remark_lines(remarks: Sequence[str]) -> list[str]:
+    """Return a line for each remark; one on a mistake of the recordings speaks for itself."""
+    return [one if one.startswith(CHECK) else f"remark: {one}" for one in remarks]
+
+
+def describe_replay(start: Beginning) -> str:
+    """Return the gaps before any effect is added, and the nuisance parameters that had to move far."""
+    width = _width(start.system)
+    lines = [f"{'channel':{width}s} {'nominal':>11s} {'recalibrated':>13s} {'noise':>9s}"]
+    gaps = (start.configured(), start.recalibrated(), start.floor)
+    for name in start.floor.units:
+        channel = start.system.channel(name)
+        values = [gap.units[name] * channel.report_factor for gap in gaps]
+        lines.append(f"{_label(channel):{width}s} {values[0]:11.3f} {values[1]:13.3f} {values[2]:9.3f}")
+    values = [gap.white[OVERALL] for gap in gaps]
+    lines.append(f"{'times the noise':{width}s} {values[0]:11.2f} {values[1]:13.2f} {values[2]:9.2f}")
+    strained = start.strained()
+    if strained:
+        lines.append(_strain(strained))
+    return "\n".join(lines)
+
+
+def describe_where(start: Beginning) -> str:
+    """Return each equation with what is left in it, and where that is largest."""
+    system, lines = start.system, []
+    kept = over_noise(system, start.recalibrated(), start.floor)
+    for one in start.where():
+        kind = "noise" if one.clean else "above the noise"
+        lines.append(f"{one.equation} equation: {kept[one.equation]:.1f} times the noise ({kind})")
+        for name, share in list(one.coordinates.items())[:3]:
+            lines.append(f"  {name} explains {share:.0%} of it; largest {_range(system, name, one.regions)}")
+    return "\n".join(lines)
+
+
+def _range(system: System, name: str, regions: Mapping[str, tuple[float, float]]) -> str:
+    channel = next((c for c in system.channels if c.name == name), None)
+    unit = "of the cycle" if name == "phase" else system.unit(name) or "(SI)"
+    factor, unit = (1.0, unit) if channel is None else (channel.report_factor, channel.report_unit)
+    low, high = (factor * end for end in regions[name])
+    return f"between {low:.4g} and {high:.4g} {unit}"
+
+
+def describe(outcome: Outcome) -> str:
+    """Return the outcome as a few lines of text."""
+    width = _width(outcome.system)
+    lines = [f"{'channel':{width}s} {'nominal':>11s} {'before':>9s} {'after':>9s} {'noise':>9s}  explained"]
+    for channel in outcome.system.channels:
+        if channel.name in outcome.after.units:
+            lines.append(_row(outcome, channel))
+    overall = (outcome.configured, outcome.before, outcome.after, outcome.floor)
+    numbers = " ".join(f"{gap.white[OVERALL]:9.2f}" for gap in overall)
+    lines.append(f"{'times the noise':{width + 2}s} {numbers}  {_share(outcome, OVERALL)}")
+    if outcome.from_configured:
+        lines.append("* of the nominal model's gap, which recalibration alone explains")
+    worst, wrong = outcome.where[0], outcome.system.wrong
+    if not worst.clean:
+        seen = ", ".join(f"{name} {share:.0%}" for name, share in list(worst.coordinates.items())[:3])
+        lines.append(f"gap: {worst.equation} equation; residual explained by {seen}")
+    lines += [
+        _named(outcome, one) if one.name not in wrong else _wrong(outcome.system, one)
+        for one in outcome.effects
+    ]
+    lines += [f"best surrogate, no explanation: {one.name}" for one in outcome.surrogates]
+    lines += _others(outcome)
+    lines += remark_lines(outcome.remarks)
+    lines += _left(outcome)
+    if outcome.unknown is not None:
+        shares = {one.equation: one.coordinates for one in outcome.where}
+        lines += unknown_words(outcome.system, outcome.unknown, shares.get(outcome.unknown.equation))
+    lines.append(_answer(outcome))
+    return "\n".join(lines)
+
+
+def _left(outcome: Outcome) -> list[str]:
+    """Return how much is left although effects are named, where, and what it depends on."""
+    if outcome.verdict not in ("explained", "partial"):
+        return []
+    kept = over_noise(outcome.system, outcome.after, outcome.floor)
+    places = [one for one in outcome.left if not one.clean]
+    lines = [
+        f"left in the {one.equation} equation: {kept[one.equation]:.1f} times the noise" for one in places
+    ]
+    if outcome.verdict == "partial":
+        lines = [line + _depending(outcome, one) for line, one in zip(lines, places, strict=True)]
+    if not places and beyond(outcome.after, outcome.floor):
+        white = outcome.after.white[OVERALL] / outcome.floor.white[OVERALL]
+        lines.append(f"left in the held-out recordings: a gap of {white:.1f} times the noise")
+    return lines
+
+
+def _depending(outcome: Outcome, place: Where) -> str:
+    """Return what a residual depends on most, and where it is largest."""
+    name, share = next(iter(place.coordinates.items()))
+    where = _range(outcome.system, name, place.regions)
+    return f"; {name} explains {share:.0%} of it, largest {where}"
+
+
+def _row(outcome: Outcome, channel: Channel) -> str:
+    gaps = (outcome.configured, outcome.before, outcome.after, outcome.floor)
+    numbers = " ".join(f"{gap.units[channel.name] * channel.report_factor:9.3f}" for gap in gaps)
+    width = _width(outcome.system) + 2
+    return f"{_label(channel):{width}s} {numbers}  {_share(outcome, channel.name)}"
+
+
+def _label(channel: Channel) -> str:
+    return f"{channel.name} [{channel.report_unit}]"
+
+
+def _width(system: System) -> int:
+    """Return the width of the first column."""
+    return max(LABEL, *(len(_label(channel)) for channel in system.channels))
+
+
+def _share(outcome: Outcome, name: str) -> str:
+    value = outcome.closure[name]
+    mark = " *" if name in outcome.from_configured else ""
+    return "-" if value is None else f"{round(100 * value, 1) + 0.0:.1f} %{mark}"
+
+
+def runner_up_words(name: str, behind: float) -> str:
+    """Return what is said of the best effect that was not chosen; `behind` is negative if it fits better."""
+    if behind >= 0:
+        return f"next best: {name}, with {behind:.0f} less evidence"
+    return f"not accepted, although it fits better: {name}, with {-behind:.0f} more evidence"
+
+
+def _named(outcome: Outcome, one: Named) -> str:
+    if drawn := curves(outcome, one):
+        held = f"; {len(one.at_bound)} of {len(one.parameters)} coefficients at a bound" * bool(one.at_bound)
+        words = f"{'; '.join(in_words(drawn))} (curves in gap.html){held}"
+        return f"effect: {one.name} ({one.equation}): {words}; evidence {one.evidence:.0f}"
+    shown = dict(one.parameters)
+    if len(shown) > MOST_SHOWN:  # the coefficients of a map: the most certain ones
+        order = sorted(shown, key=lambda name: -_certainty(*shown[name]))
+        shown = {name: shown[name] for name in order[:MOST_NAMED]}
+    values = ", ".join(
+        f"{name} {value:.4g} {unit} ({lower:.4g} .. {upper:.4g}{', at its bound' * (name in one.at_bound)})"
+        for name, (value, unit, lower, upper) in shown.items()
+    )
+    more = len(one.parameters) - len(shown)
+    rest = f" and {more} more coefficients (gap.json)" if more else in_all(outcome.system, one)
+    return f"effect: {one.name} ({one.equation}): {values}{rest}; evidence {one.evidence:.0f}"
+
+
+def _wrong(system: System, one: Named) -> str:
+    """Return what a wrong parameter is, by these recordings, and what the model has."""
+    ((value, unit, lower, upper),) = one.parameters.values()
+    (quantity,) = system.catalogue[one.name].parameters
+    return (
+        f"wrong parameter: {system.wrong[one.name]} is {value:.4g} {unit} ({lower:.4g} .. {upper:.4g}), the"
+        f" model has {quantity.neutral:.4g}: {quantity.meaning}; evidence {one.evidence:.0f}"
+    )
+
+
+def _certainty(value: float, _unit: str, lower: float, upper: float) -> float:
+    """Return the size of a coefficient over the width of its interval."""
+    return abs(value) / max(upper - lower, 1e-300)
+
+
+def _others(outcome: Outcome) -> list[str]:
+    lines = []
+    for one in (*outcome.effects, *outcome.surrogates):
+        lines += _alike(one, len(outcome.effects) + len(outcome.surrogates) > 1)
+    if not outcome.look_alikes and outcome.runner_up is not None:
+        lines.append(runner_up_words(*outcome.runner_up))
+    if outcome.strained:
+        lines.append(_strain(outcome.strained))
+    return lines
+
+
+def _alike(one: Named, several: bool) -> list[str]:
+    """Return what an effect is confounded with, and what would part them; nothing if it can."""
+    if not one.look_alikes:
+        return []
+    lines = [f"these data do not separate {one.name if several else 'it'} from: {', '.join(one.look_alikes)}"]
+    if one.separated_by:
+        lines += _experiment("an experiment that separates them", one.separated_by[0])
+    return lines
+
+
+def _strain(strained: Mapping[str, float]) -> str:
+    listed = ", ".join(f"{name} {value:+.1f}" for name, value in strained.items())
+    said = f"nuisance parameters outside their tolerance (multiples of it): {listed}"
+    return (
+        f"{said}; check units, zeros (absolute pressure?) and calibration first" if _far(strained) else said
+    )
+
+
+def _far(strained: Mapping[str, float]) -> bool:
+    return max(map(abs, strained.values()), default=0.0) > FAR_STRAIN
+
+
+def _refusal(outcome: Outcome) -> str:
+    """Return why nothing is named: else the reason of the first round, if there was a candidate."""
+    if outcome.surrogates:
+        return "no model of the catalogue explains half of the gap"
+    step = outcome.steps[0] if outcome.steps else None
+    if step is None or step.accepted is not None or not step.ranked:
+        return "nothing in the catalogue fits"
+    return f"no effect is added (best: {step.ranked[0][0]}): {step.reason}"
+
+
+def _answer(outcome: Outcome) -> str:
+    names = " and ".join(_title(outcome.system, one.name) for one in outcome.effects)
+    share = outcome.closure[OVERALL]
+    explain = "explain" if len(outcome.effects) > 1 else "explains"
+    much = f"{explain}{'' if share is None else f' {100 * share:.1f} % of the gap'}"
+    kept = over_noise(outcome.system, outcome.after, outcome.floor)
+    worst = max(kept, key=lambda name: kept[name])
+    left = f"in the {worst} equation {kept[worst]:.1f} times the noise is left{_emptied(outcome)}"
+    bent = ", and nuisance parameters are far outside their tolerance" if _far(outcome.strained) else ""
+    if outcome.mistaken:
+        maybe = f"{names or 'recalibration'} may only make up for it"
+        return f"{outcome.verdict.upper()}: the recordings seem to have a mistake ({CHECK}); {maybe}"
+    words = {
+        "none": _none(outcome) if outcome.verdict == "none" else "",
+        "recalibrated": _recalibrated(outcome, names) if outcome.verdict == "recalibrated" else "",
+        "explained": f"by {names}",
+        "partial": f"{names} {much}; {left}{bent}",
+        "described": _described(outcome, names),
+        "unexplained": _unexplained(outcome, left, bent),
+    }[outcome.verdict]
+    return f"{outcome.verdict.upper()}{' ' if outcome.verdict == 'explained' else ': '}{words}"
+
+
+def _recalibrated(outcome: Outcome, names: str) -> str:
+    if names:
+        return f"recalibration alone leaves noise, but what it moves has a better reason: {names}"
+    moved = _moved(outcome, moved_beyond(outcome.system, outcome.selection.final))
+    rivals = outcome.steps[0].ranked[:1] if outcome.steps else ()
+    best = "".join(f"{name}, evidence {value:.0f}" for name, value in rivals)
+    instead = f"; the best effect instead, with too little evidence: {best}" if best else ""
+    return f"the model leaves noise only with {moved}{instead}"
+
+
+def _none(outcome: Outcome) -> str:
+    """Return that recalibration leaves noise, and what it moved furthest: an effect may act like that."""
+    moved = moved_beyond(outcome.system, outcome.selection.final, least=1.0)
+    most = max(moved, key=lambda name: abs(moved[name]), default="")
+    furthest = f"; it moved furthest: {_moved(outcome, {most: moved[most]})}" if most else ""
+    return f"recalibrated within its tolerances, the model leaves noise only{furthest}"
+
+
+def _moved(outcome: Outcome, moved: Values) -> str:
+    """Return how far parameters were moved, in multiples of how far they were stated to be off."""
+    words, values = [], outcome.selection.final.values
+    known = {one.name: one for one in outcome.system.calibrations}
+    for name, times in moved.items():
+        off, one = values[name], known.get(name)
+        size = f" {off:+.3g} {one.unit} off" if one else ""
+        size = f" {1 + off:.3g} times as large" if one and one.relative else size
+        words.append(f"{name}{size} ({abs(times):.1f} times its tolerance)")
+    return ", ".join(words)
+
+
+def _described(outcome: Outcome, names: str) -> str:
+    if outcome.unknown is None:
+        return names
+    what, equation = short(outcome.system, outcome.unknown), outcome.unknown.equation
+    kept = over_noise(outcome.system, outcome.after, outcome.floor)[equation]
+    left = f"leaves {reduced(kept, outcome.unknown.reduced):.1f} times the noise in the {equation} equation"
+    return f"{names + ', and ' if names else ''}{what}; a description, no cause, which {left}"
+
+
+def _title(system: System, name: str) -> str:
+    return f"a wrong {system.wrong[name]}" if name in system.wrong else name.replace("_", " ")
+
+
+def _unexplained(outcome: Outcome, left: str, bent: str) -> str:
+    if outcome.foreign:
+        return f"nothing I know, this is not the machine that was given; {left}{bent}"
+    if clean(outcome.left) and not beyond(outcome.after, outcome.floor) and _far(outcome.strained):
+        return "noise only is left, but by nuisance parameters far outside their tolerance"
+    if clean(outcome.left) and beyond(outcome.after, outcome.floor):
+        white = outcome.after.white[OVERALL]
+        return (
+            f"the held-out recordings leave what was fitted (the gap is {white:.1f} times the noise, and no"
+            " fit knows better there); fit recordings that reach as far"
+        )
+    if outcome.unknown and outcome.unknown.events:
+        return f"{left}; {short(outcome.system, outcome.unknown)}, of nothing that was measured"
+    return left if outcome.empty else f"{left}; {_refusal(outcome)}"
+
+
+def _emptied(outcome: Outcome) -> str:
+    """Return which effects of the model are not what their names say, if any is not."""
+    if not outcome.empty:
+        return ""
+    names = dict.fromkeys(key.partition(".")[0] for key in outcome.empty)
+    listed = at_values(outcome.selection.final, outcome.empty)
+    return f"; {' and '.join(names)} would not be what the name says ({listed})"

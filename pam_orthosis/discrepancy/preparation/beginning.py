@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stages before the search: recordings are checked and weighted, the model is recalibrated."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pam_orthosis.discrepancy.fitting import measure, refit, structure
+from pam_orthosis.discrepancy.fitting.fit import Fit
+from pam_orthosis.discrepancy.fitting.measure import Samples
+from pam_orthosis.discrepancy.preparation import check
+from pam_orthosis.discrepancy.preparation.glitches import without_glitches
+from pam_orthosis.discrepancy.preparation.mistakes import mistake_words
+from pam_orthosis.discrepancy.recordings.data import Recording
+from pam_orthosis.discrepancy.recordings.room import check_room
+from pam_orthosis.discrepancy.recordings.stamps import remarks_on_stamps
+from pam_orthosis.discrepancy.replay.problem import Problem, Scored
+from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.replay.run import Run
+from pam_orthosis.discrepancy.replay.whitening import Whitener, noise_levels, noise_whitener
+from pam_orthosis.discrepancy.systems.system import Names, System, Values
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import Section
+from pam_orthosis.progress import Progress, silent
+
+HELD_SHARE = 0.25  # of each recording, at its end, where no recording is held out
+NOTABLE = 4.0  # deviations of a nuisance parameter over its tolerance that are worth a remark
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """Recordings that were checked, and the recalibrated model's replay of them.
+
+    Attributes:
+        system: without the equations that these recordings cannot judge.
+        problem, null: training recordings, weighted, and the recalibrated model.
+        held_out: recordings that judge.
+        floor: what noise alone leaves in them.
+        remarks: on the recordings.
+        mistaken: whether one of these says that they seem to have a mistake.
+    """
+
+    system: System
+    problem: Problem
+    null: Fit
+    held_out: Problem
+    floor: measure.Gap
+    remarks: tuple[str, ...]
+    mistaken: bool = False
+
+    def configured(self, judged: Samples | None = None) -> measure.Gap:
+        """Return the gap of the model as configured; `judged`: the samples that count (all)."""
+        return measure.gap_at(self.held_out, (), self.held_out.replay.defaults(()), judged)
+
+    def recalibrated(self, judged: Samples | None = None) -> measure.Gap:
+        """Return the gap of the recalibrated model; `judged` as for `configured`."""
+        return measure.gap(self.held_out, self.null, judged)
+
+    def where(self) -> list[structure.Where]:
+        """Return where the recalibrated model disagrees with the held-out recordings."""
+        return structure.locate(self.held_out, self.null)
+
+    def strained(self) -> dict[str, float]:
+        """Return nuisance parameters outside their tolerance, in multiples of it."""
+        return strained_parameters(self.null)
+
+
+def begin(
+    system: System,
+    training: Sequence[Recording],
+    held_out: Sequence[Recording],
+    settings: Section,
+    progress: Progress = silent,
+    replay: Replay | None = None,
+) -> Beginning:
+    """Check recordings and recalibrate the model's nuisance parameters: the stages before the search.
+
+    Arguments and errors are those of `find_gap`.
+    """
+    progress("checking the recordings")
+    training, held_out = ([without_glitches(system, one) for one in many] for many in (training, held_out))
+    remarks = check.check(system, [*training, *held_out], settings.replay.warm_up)
+    check.check_unseen(training, held_out)
+    replay = replay or Replay(system)
+    check_room([*training, *held_out], replay.workers.jobs)
+    remarks += remarks_on_stamps(system, [*training, *held_out], replay.workers)
+    missing = check.missing_inputs(system, [*training, *held_out])
+    if missing:
+        system = _without(system, missing)
+        replay = Replay(system, replay.workers)
+    if not held_out:
+        check.check_divisible(training, HELD_SHARE, settings.replay.warm_up)
+        training, held_out = _split(training)
+        remarks.append("no recording is held out: the last quarter of each one judges")
+    check.check_motion(system, training, "the fit")
+    check.check_motion(system, held_out, "the judgement")
+    progress("compiling the model")
+    problem, judge, floor = prepared(replay, training, held_out, settings)
+    recalibrated = refit.recalibrated(problem, progress)
+    mistake = mistake_words(judge, settings.replay.cross_cutoff)
+    remarks += [mistake] * bool(mistake)
+    return Beginning(system, *recalibrated, judge, floor, tuple(remarks), bool(mistake))
+
+
+def _without(system: System, missing: Sequence[str]) -> System:
+    """Return the system without the equations that need inputs which were not recorded."""
+    known = system.without(missing)
+    if not known.equations:
+        raise OrthosisError(f"no equation can be replayed without {', '.join(missing)}")
+    return known
+
+
+def _split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
+    cut = [round((1 - HELD_SHARE) * one.samples) for one in recordings]
+    first = [one.part(0, at, one.name) for one, at in zip(recordings, cut, strict=True)]
+    last = [one.part(at, one.samples, f"{one.name} (end)") for one, at in zip(recordings, cut, strict=True)]
+    return first, last
+
+
+def prepared(
+    replay: Replay, training: Sequence[Recording], held_out: Sequence[Recording], settings: Section
+) -> tuple[Problem, Problem, measure.Gap]:
+    """Return the training and the held-out problem, whitened, and the noise floor of the latter.
+
+    What noise does to a replay is found without the effects that the model has already: a model that sticks
+    would make of a little noise a large offset.
+    """
+    system, cutoff = replay.system, settings.replay.cross_cutoff
+    bare = bare_replay(replay)
+    runs = [[Run(system, one, cutoff) for one in group] for group in (training, held_out)]
+    _check_replayed(replay, [run for group in runs for run in group])
+    noise = _noise(bare, runs[0], settings)
+    numbered = [(seed, run) for group in runs for seed, run in enumerate(group)]
+    whitened = replay.workers.together(lambda one: _whitened(bare, one[1], noise, settings, one[0]), numbered)
+    floors = [floor for _, floor in whitened[len(runs[0]) :]]
+    units = {name: float(np.mean([floor[name] for floor in floors])) for name in floors[0]}
+    white = dict.fromkeys([*units, measure.OVERALL], 1.0)
+    scored = [
+        Scored(run, whiten, _warm_up(run, settings))
+        for (_, run), (whiten, _) in zip(numbered, whitened, strict=True)
+    ]
+    first, second = scored[: len(runs[0])], scored[len(runs[0]) :]
+    return Problem(replay, first), Problem(replay, second), measure.Gap(units, white)
+
+
+def bare_replay(replay: Replay) -> Replay:
+    """Return the replay without the effects that the model has already."""
+    return Replay(replay.system.bare(), replay.workers) if replay.system.simpler else replay
+
+
+def _check_replayed(replay: Replay, runs: Sequence[Run]) -> None:
+    for run in runs:
+        for equation in replay.system.equations:
+            if not np.isfinite(replay.residuals(run, equation, (), replay.defaults(()))).all():
+                raise OrthosisError(
+                    f"{run.recording.name}: the replay of the {equation.name} equation runs away; check the"
+                    " units and the zeros of its signals, and the model's parameters"
+                )
+
+
+def _warm_up(run: Run, settings: Section) -> int:
+    seconds: float = settings.replay.warm_up
+    return round(seconds / run.period)
+
+
+def _noise(replay: Replay, runs: Sequence[Run], settings: Section) -> dict[str, float]:
+    """Return the sd of the noise in each channel, estimated, and of the inputs' quantisation."""
+    levels = residual_noise(replay, runs, settings, (), replay.defaults(()))
+    measured = {c.name: levels.get(c.name, runs[0].roughness(c.name)) for c in replay.system.channels}
+    inputs = dict.fromkeys(replay.system.inputs, settings.replay.input_noise)
+    return {**measured, **inputs, **replay.system.input_noise}
+
+
+def residual_noise(
+    replay: Replay, runs: Sequence[Run], settings: Section, effects: Names, values: Values
+) -> dict[str, float]:
+    """Return the noise (sd) of the channels that are predicted, as a model's residuals show it."""
+    residuals: dict[str, list[np.ndarray]] = {}
+    for equation in replay.system.equations:
+        for run in runs:
+            rows = replay.residuals(run, equation, effects, values)[_warm_up(run, settings) :]
+            for i, channel in enumerate(equation.channels):
+                residuals.setdefault(channel, []).append(rows[:, i])
+    return noise_levels(residuals, [run.period for run in runs])
+
+
+def _whitened(
+    replay: Replay, run: Run, noise: Values, settings: Section, seed: int
+) -> tuple[Whitener, dict[str, float]]:
+    cutoff, warm_up = settings.replay.cross_cutoff, _warm_up(run, settings)
+    return noise_whitener(replay, run, noise, cutoff, warm_up, seed)
+
+
+def strained_parameters(final: Fit) -> dict[str, float]:
+    """Return nuisance parameters that left their tolerance, in multiples of it."""
+    nuisance = (one for one in final.free if one.name.partition(".")[0] not in final.effects)
+    strain = {one.name: one.deviation(final.values) for one in nuisance}
+    return {name: value for name, value in strain.items() if abs(value) > NOTABLE}

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stage 1: are these recordings fit for a search, and what can they not show?"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.signal import welch
+
+from pam_orthosis.discrepancy.recordings.data import Recording
+from pam_orthosis.discrepancy.replay.whitening import SEGMENT, noise_levels
+from pam_orthosis.discrepancy.systems.system import Channel, System
+from pam_orthosis.errors import OrthosisError
+
+LEAST_SAMPLES = 500
+LEAST_LEVELS = 8  # distinct values of a channel that is alive
+LEAST_MOTION = 20  # range of a channel over its noise
+HELD_SHARE = 0.5  # of samples that repeat the one before in motion: recorded at a lower rate than stamped
+WINDOW = 20  # samples, over which motion is looked for
+PARTS, FILTERED = 8, 10.0  # of the upper half of the band: power of the largest over the smallest
+COARSE = 0.4  # noise over the step of a signal: that of rounding alone is 0.29
+SEEN = 0.5  # of the different samples of a recording that judges: they are those of a fitted one
+STILL = 5  # steps without a change, which noise does not allow
+LEAST_CLIPPED = 0.01  # of the samples, that are at one end
+NO_NOISE = 1e-7  # noise over the range of a signal
+
+
+def check(system: System, recordings: Sequence[Recording], warm_up: float) -> list[str]:
+    """Return remarks on what the recordings cannot show.
+
+    Raises:
+        OrthosisError: a recording is unfit, with the reason.
+    """
+    remarks: list[str] = []
+    for one in recordings:
+        _check_length(one, warm_up)
+        for channel in system.channels:
+            _check_channel(one, channel.name)
+        doubts = [_doubt_on_noise(one, channel.name) for channel in system.channels]
+        doubts += [_saturated(one, channel) for channel in system.channels]
+        remarks += [*one.remarks, *_remarks_on_inputs(system, one), *filter(None, doubts)]
+    return remarks
+
+
+def _check_length(one: Recording, warm_up: float) -> None:
+    least = 2 * warm_up + 1.0
+    if one.duration < least:
+        raise OrthosisError(
+            f"{one.name} lasts {one.duration:.1f} s: the search needs {least:.0f} s or more"
+            " (gap.replay.warm_up is left out at the start)"
+        )
+    if one.samples < LEAST_SAMPLES:
+        raise OrthosisError(
+            f"{one.name} has {one.samples} samples, one every {1e3 * one.period:.3g} ms: the search needs"
+            f" {LEAST_SAMPLES} or more; record at a higher rate, or for longer"
+        )
+
+
+def check_divisible(recordings: Sequence[Recording], share: float, warm_up: float) -> None:
+    """Check that a share of each recording is long enough to judge by.
+
+    Raises:
+        OrthosisError: a recording is too short to be divided.
+    """
+    least = (warm_up + 1.0) / share
+    for one in recordings:
+        if one.duration < least:
+            raise OrthosisError(
+                f"{one.name} lasts {one.duration:.1f} s: too short to judge by its last {share:.0%}; record"
+                f" {least:.0f} s or more, or name another recording with --held-out"
+            )
+
+
+def check_unseen(training: Sequence[Recording], held_out: Sequence[Recording]) -> None:
+    """Check that no recording which judges holds samples that are fitted, whatever its name and its clock.
+
+    Raises:
+        OrthosisError: most samples of one are those of a training recording.
+    """
+    names = sorted(set.intersection(*(set(one.signals) for one in (*training, *held_out))))
+    fitted = [(other.name, _samples(other, names)) for other in training]
+    for one in held_out:
+        judged = _samples(one, names)
+        for name, samples in fitted:
+            share = float(np.isin(judged, samples).mean())
+            if share > SEEN:
+                raise OrthosisError(
+                    f"{one.name}: {share:.0%} of its samples are those of {name}; what was fitted"
+                    " cannot judge: hold out another recording, or none (the last quarters judge then)"
+                )
+
+
+def _samples(one: Recording, names: Sequence[str]) -> np.ndarray:
+    """Return a recording's different samples of some signals, each as one number of many bytes.
+
+    In single precision: a table may have fewer digits than the bag that it was made of.
+    """
+    rows = np.column_stack([one.signals[name] for name in names]).astype(np.float32)
+    return np.unique(np.ascontiguousarray(rows).view(np.dtype((np.void, rows.itemsize * rows.shape[1]))))
+
+
+def check_motion(system: System, recordings: Sequence[Recording], purpose: str) -> None:
+    """Check that every channel which an equation predicts moves in one of the recordings at least.
+
+    Noise alone would let nothing be fitted, or veto every effect that was.
+
+    Raises:
+        OrthosisError: one rests in all of them; `purpose` says what they are for.
+    """
+    for name in (name for equation in system.equations for name in equation.channels):
+        if not any(_moves(one, name) for one in recordings):
+            names = ", ".join(one.name for one in recordings)
+            raise OrthosisError(
+                f"{names}: {name} does not move beyond {LEAST_MOTION} times"
+                f" its noise; {purpose} needs a recording in which it does"
+            )
+
+
+def _moves(one: Recording, name: str) -> bool:
+    noise = noise_levels({name: [one.signals[name]]}, [one.period])[name]
+    return float(np.ptp(one.signals[name])) > LEAST_MOTION * noise
+
+
+def missing_inputs(system: System, recordings: Sequence[Recording]) -> list[str]:
+    """Return the inputs that some recording does not have."""
+    return [name for name in system.inputs if any(name not in one.signals for one in recordings)]
+
+
+def _check_channel(one: Recording, name: str) -> None:
+    values = one.signals[name]
+    if len(np.unique(values)) < LEAST_LEVELS:
+        raise OrthosisError(
+            f"{one.name}: {name} hardly changes ({len(np.unique(values))} values): stuck sensor?"
+        )
+    repeated = _repeated(values)
+    if repeated > HELD_SHARE:
+        raise OrthosisError(
+            f"{one.name}: {100 * repeated:.0f} % of the samples of {name} repeat the one before in motion; it"
+            " was recorded at a lower rate than its stamps say"
+        )
+
+
+def _repeated(values: np.ndarray) -> float:
+    """Return the share of repeated samples where the signal moves by its resolution a sample or more.
+
+    Slower, a coarse encoder repeats itself too.
+    """
+    steps = np.abs(np.diff(values))
+    resolution = steps[steps > 0].min()
+    moves = np.abs(values[WINDOW:] - values[:-WINDOW]) >= WINDOW * resolution
+    repeated = np.convolve(steps == 0, np.ones(WINDOW) / WINDOW, "valid")
+    return float(repeated[moves].mean()) if moves.any() else 0.0
+
+
+def _doubt_on_noise(one: Recording, name: str) -> str:
+    """Return why a channel's noise does not show how well it is measured; empty if it does."""
+    values = one.signals[name]
+    noise = noise_levels({name: [values]}, [one.period])[name]
+    density = welch(values, nperseg=min(SEGMENT, len(values)))[1]
+    power = [float(np.mean(part)) for part in np.array_split(density[len(density) // 2 : -1], PARTS)]
+    steps = np.abs(np.diff(np.unique(values)))
+    if noise < NO_NOISE * np.ptp(values):
+        why = "has no noise (simulated, or smoothed)"
+    elif max(power) > FILTERED * min(power):
+        times = max(power) / min(power)
+        why = f"has noise whose power varies {times:.0f}-fold in the upper half of its band (filtered, slow)"
+    elif noise < COARSE * float(steps.min()):
+        why = f"has steps {float(steps.min()) / noise:.0f} times its noise (quantised)"
+    else:
+        return ""
+    return f"{one.name}: {name} {why}; its noise floor is not how well it was measured"
+
+
+def _saturated(one: Recording, channel: Channel) -> str:
+    """Return that a channel seems to end at a value, if noise is seen everywhere but there."""
+    values = one.signals[channel.name]
+    still = np.convolve(np.diff(values) == 0, np.ones(STILL), "valid") == STILL
+    for end in (values.min(), values.max()):
+        at_end = still & (values[: len(still)] == end)
+        share = float(np.mean(values == end))
+        if at_end.any() and share > LEAST_CLIPPED and (still & ~at_end).mean() < LEAST_CLIPPED * share:
+            return (
+                f"{one.name}: {share:.0%} of the samples of {channel.name} are {end:.6g} {channel.unit}"
+                " exactly and none is beyond: does the sensor saturate? The search takes them as they are"
+            )
+    return ""
+
+
+def _remarks_on_inputs(system: System, one: Recording) -> list[str]:
+    remarks = []
+    for name in system.inputs:
+        if name in one.left_out:
+            continue
+        if name not in one.signals:
+            beside = [other for other in system.inputs if other in one.signals]
+            unused = f", nor what {' and '.join(beside)} drives" if beside else ""
+            remarks.append(f"{one.name} has no {name}: what it drives cannot be judged{unused}")
+        elif np.ptp(one.signals[name]) == 0:
+            remarks.append(f"{one.name}: {name} never changes")
+    return remarks

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What these recordings can identify: which effects would show in them, and which would look alike.
+
+Each effect's signature is what its typical size changes in the residuals, less what the nuisance
+parameters would follow of it. Its square is the evidence to expect; the angle between two of them
+says whether they can be separated.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pam_orthosis.discrepancy.fitting.candidates import Trial, penalty
+from pam_orthosis.discrepancy.fitting.fit import Fit
+from pam_orthosis.discrepancy.fitting.projection import Projection
+from pam_orthosis.discrepancy.replay.problem import Block, Problem
+from pam_orthosis.discrepancy.systems.system import System
+from pam_orthosis.progress import Progress, silent
+
+ALIKE = 0.95  # cosine of two signatures above which they are one
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """What recordings can and cannot identify.
+
+    Attributes:
+        evidence: effect -> evidence to expect if it had its typical size.
+        invisible: effects whose typical size would not be noticed.
+        alike: pairs of visible effects with the cosine of their signatures.
+        experiments: scenarios that show or separate most of these, best first.
+    """
+
+    evidence: dict[str, float]
+    invisible: tuple[str, ...]
+    alike: tuple[tuple[str, str, float], ...]
+    experiments: tuple[str, ...]
+
+
+def identifiability(
+    problem: Problem, model: Fit, threshold: float, progress: Progress = silent
+) -> Identifiability:
+    """Return what recordings can identify, seen from a recalibrated model; `threshold` of evidence.
+
+    What is wrong with the model at present is no property of the recordings: each residual counts fully.
+    """
+    problem, model = _untempered(problem, model)
+    projection = Projection(problem, model)
+    known = {*model.effects, *problem.system.wrong}
+    names = problem.replay.touching(name for name in problem.system.candidates if name not in known)
+    trials = [Trial(projection, name) for name in names]
+    gram = _gram(projection, trials, progress)
+    size = np.sqrt(np.maximum(np.diag(gram), 0.0))
+    evidence = {
+        trial.name: float(g**2 - penalty(model, len(trial.free)))
+        for trial, g in zip(trials, size, strict=True)
+    }
+    invisible = tuple(name for name in names if evidence[name] < threshold)
+    cosine = gram / np.maximum(np.outer(size, size), 1e-300)
+    alike = tuple(
+        (a, b, float(abs(cosine[i, j])))
+        for i, a in enumerate(names)
+        for j, b in enumerate(names[:i])
+        if abs(cosine[i, j]) > ALIKE and not {a, b} & set(invisible)
+    )
+    return Identifiability(evidence, invisible, alike, _experiments(problem.system, invisible, alike))
+
+
+def _untempered(problem: Problem, model: Fit) -> tuple[Problem, Fit]:
+    """Return the problem and its fit with the weights taken away by which a gap tempers the residuals."""
+    blocks = {
+        name: Block(b.residual / b.weight, b.slopes / b.weight, b.names) for name, b in model.blocks.items()
+    }
+    return problem.weighted(dict.fromkeys(problem.weights, 1.0)), replace(model, blocks=blocks)
+
+
+def _gram(projection: Projection, trials: list[Trial], progress: Progress) -> np.ndarray:
+    """Return the inner products of the signatures with the nuisance parameters projected out."""
+    level = projection.best(*projection.state({}))[1]
+    base = projection.base.blocks
+    rows = {name: np.zeros((len(trials), len(block.residual))) for name, block in base.items()}
+    shared = np.zeros((len(projection.position), len(trials)))
+
+    def seen(trial: Trial) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        residuals = trial.residuals(trial.starts()[0])
+        changes = {n: r - base[n].residual for n, r in residuals.items() if np.isfinite(r).all()}
+        return {name: (change, projection.correlated(name, change)) for name, change in changes.items()}
+
+    replay = projection.problem.replay
+    signatures = replay.workers.together(seen, trials, replay, progress, "computing what these data can show")
+    for i, of_trial in enumerate(signatures):
+        for name, (change, correlated) in of_trial.items():
+            rows[name][i] = change
+            shared[:, i] += correlated
+    total: Any = sum(row @ row.T for row in rows.values())
+    gram: np.ndarray = total - shared.T @ level.solve(shared)
+    return gram
+
+
+def _experiments(
+    system: System, invisible: Sequence[str], alike: Sequence[tuple[str, str, float]]
+) -> tuple[str, ...]:
+    wanted = [*invisible, *(name for a, b, _ in alike for name in (a, b))]
+    votes = Counter(test for name in wanted for test in system.experiments(name))
+    return tuple(name for name, _ in votes.most_common())

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What may be wrong with the recordings themselves: the model as configured fits them far better without it.
+
+Gauge pressures that stay above the ambient one, another sign, exchanged columns: all look like any recording.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from pam_orthosis.discrepancy.fitting import measure
+from pam_orthosis.discrepancy.replay.problem import Problem, Scored
+from pam_orthosis.discrepancy.replay.run import Run
+from pam_orthosis.discrepancy.systems.system import System
+
+Signals = Mapping[str, np.ndarray]
+CHECK = "CHECK THE RECORDINGS"
+SUSPECT, BETTER = 20.0, 4.0  # times the noise that a mistake leaves; the factor by which mending it must help
+
+
+def mistake_words(held_out: Problem, cutoff: float) -> str:
+    """Return what is said of the mistake that held-out recordings seem to have; empty if none.
+
+    `cutoff`: with which neighbouring signals are smoothed, Hz.
+    """
+    own = _gap(held_out)
+    if own < SUSPECT:
+        return ""
+    fits = {words: _fit(held_out, changed, cutoff) for words, changed in _mistakes(held_out)}
+    words = min(fits, key=lambda one: fits[one], default="")
+    if not words or not fits[words] * BETTER <= own:
+        return ""
+    return f"{CHECK}: the model as configured fits them {own / fits[words]:.1f} times better {words}"
+
+
+def _gap(held_out: Problem) -> float:
+    """Return the gap of the model as configured."""
+    return measure.gap_at(held_out, (), held_out.replay.defaults(())).white[measure.OVERALL]
+
+
+def _fit(held_out: Problem, changed: list[Signals], cutoff: float) -> float:
+    """Return the gap of the model as configured to held-out recordings with other signals."""
+    scored = [
+        Scored(_run(held_out.system, one, signals, cutoff), one.whiten, one.warm_up)
+        for one, signals in zip(held_out.scored, changed, strict=True)
+    ]
+    with np.errstate(all="ignore"):
+        overall = _gap(Problem(held_out.replay, scored))
+    for one in scored:
+        held_out.replay.forget(one.run)
+    return overall if np.isfinite(overall) else np.inf
+
+
+def _run(system: System, one: Scored, signals: Signals, cutoff: float) -> Run:
+    recording = one.run.recording
+    return Run(system, replace(recording, signals={**recording.signals, **signals}), cutoff)
+
+
+def _mistakes(held_out: Problem) -> Iterator[tuple[str, list[Signals]]]:
+    """Yield each mistake that there may be, and the signals of the held-out recordings without it."""
+    system = held_out.system
+    recorded = [one.run.recording.signals for one in held_out.scored]
+    pressures = [one.name for one in system.channels if system.is_absolute(one.name)]
+    voltages = [name for name in system.inputs if system.unit(name) == "V"]
+    for gauge in dict.fromkeys([tuple(pressures), *((name,) for name in pressures)] if pressures else ()):
+        added = f"with {system.ambient / 1e5:.3f} bar added to {' and '.join(gauge)}"
+        asked = f"{added}: gauge, it seems, where absolute pressure is needed"
+        yield asked, [{name: signals[name] + system.ambient for name in gauge} for signals in recorded]
+    for one in system.channels:
+        if one.state in system.derived.values():
+            asked = f"with {one.name} of the other sign: turn it round by --columns {one.name}=-COLUMN"
+            yield asked, [{one.name: -signals[one.name]} for signals in recorded]
+    pairs = [names for names in (pressures, voltages) if len(names) == 2]
+    for chosen in (*([one] for one in pairs), pairs if len(pairs) > 1 else []):
+        if chosen and all(name in signals for signals in recorded for names in chosen for name in names):
+            swapped = {a: b for one, two in chosen for a, b in ((one, two), (two, one))}
+            asked = " and ".join(f"{one} and {two}" for one, two in chosen)
+            yield (
+                f"with {asked} exchanged: are these columns mixed up?",
+                [{name: signals[other] for name, other in swapped.items()} for signals in recorded],
+            )

@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Are signals stamped late against each other? Seen from the accelerations, before any search.
+
+The model's acceleration is evaluated at recorded signals, with what drives the motion (pressures, inputs)
+shifted in time, and compared with the recorded acceleration. What the nominal parameters leave open enters
+linearly, and so do mistakes in them, and friction, hysteresis and elasticity that it may not have. The shift
+that leaves least is the skew: of stamps, or of a sensor that lags by as much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from pam_orthosis.discrepancy.recordings.data import Recording, smoothed
+from pam_orthosis.discrepancy.systems.system import Assembled, Names, System
+from pam_orthosis.discrepancy.together import Workers
+from pam_orthosis.identification.damping import slip_element
+
+REACH, STEP = 0.025, 0.0025  # s: shifts that are tried
+MOST_SAMPLES = 1500  # that are compared, evenly taken
+SLOW = 0.05, 0.5  # of the usual velocity: where friction that may be missing has turned round
+SLIPS = 0.03, 0.1, 0.3  # of the coordinate's range: hysteresis that may be missing
+ORDERS = 1, 2, 3  # of the coordinate's range: elasticity that may be missing
+ALIKE = 0.003  # s: within it recordings of one clock show the same skew
+LEAST = 0.0025  # s, of a skew that is worth a remark: sound recordings have shown up to 1.2 ms
+CUTOFF = 15.0  # Hz, of both accelerations
+SETTLING = 0.2  # s at both ends, which smoothing and shifts spoil
+ALONE = 1.01  # of its remainder: by so much less has to be left with one signal late than with all
+LEAST_GAIN, SMALL = 0.05, 0.005  # of what no shift leaves, that a skew up to `SMALL`, s, takes away; and
+MOST_ASKED = 0.16  # that a large one must: of real stamps 17 ms early it is 0.18, of none 0.14 at most
+ORDINARY, WILD = 0.95, 2.0  # quantile of a slope, and the multiple of it up to which it counts
+FEWEST = 200  # samples
+RAREST = 0.01  # s between samples: farther apart, sound recordings of 20 ms have shown skews of 5 ms
+
+
+class Skew(NamedTuple):
+    """By how much signals lag behind a channel, s; `gain`: share of the deviation that the shift explains."""
+
+    channel: str
+    signals: tuple[str, ...]
+    seconds: float
+    gain: float
+
+
+def remarks_on_stamps(
+    system: System, recordings: Sequence[Recording], workers: Workers | None = None
+) -> list[str]:
+    """Return remarks on signals that are stamped late or early against a coordinate: one on each recording.
+
+    At least half of the recordings have to show the same skew: a missing effect may look like one in some.
+    """
+    every = (workers or Workers()).together(lambda one: skews(system, one), recordings)
+    found = [
+        (one.name, [skew for skew in many if 2 * _count(skew, every) >= len(every)])
+        for one, many in zip(recordings, every, strict=True)
+    ]
+    if not any(many for _, many in found):
+        return []
+    unclear = "does not show by itself whether its stamps are off as those of the others are"
+    return [
+        f"{name}: {' and '.join(skew.signals)} stamped {1e3 * abs(skew.seconds):.1f} ms"
+        f" {'late' if skew.seconds > 0 else 'early'} against {skew.channel}, or a sensor lags as much; give"
+        " all signals one clock, or state the delay in the model"
+        for name, many in found
+        for skew in many
+    ] + [f"{name} {unclear}" for name, many in found if not many]
+
+
+def _count(skew: Skew, every: Sequence[Sequence[Skew]]) -> int:
+    """Return how many recordings show a skew, or nearly."""
+    return sum(
+        any(one[:2] == skew[:2] and abs(one.seconds - skew.seconds) <= ALIKE for one in many)
+        for many in every
+    )
+
+
+def skews(system: System, one: Recording) -> list[Skew]:
+    """Return how far what drives each coordinate is off in time; small or unclear ones are left out."""
+    if one.period > RAREST:
+        return []
+    wrong = tuple(name for name in system.wrong if name in system.catalogue)
+    assembled, found = system.assemble(wrong), []
+    for rate, state in system.derived.items():
+        channel = next(c.name for c in system.channels if c.state == state)
+        drivers = _drivers(system, assembled, rate, channel)
+        if not drivers or any(name not in one.signals for name in drivers) or one.samples < FEWEST:
+            continue
+        groups = dict.fromkeys([drivers, *((name,) for name in drivers)])
+        left_by = _remainders(system, assembled, one, rate, channel, drivers)
+        left = {late: left_by(late) for late in groups}
+        late = min(left, key=lambda names: left[names].min() * (1.0 if names == drivers else ALONE))
+        skew = _least(left[late])
+        if skew is not None:
+            found.append(Skew(channel, late, *skew))
+    return found
+
+
+def _drivers(system: System, assembled: Assembled, rate: str, channel: str) -> tuple[str, ...]:
+    """Return the other channels and the inputs that a coordinate's acceleration depends on.
+
+    Another coordinate is recorded as this one is: it is not looked for late.
+    """
+    acceleration = assembled.rates[assembled.states.index(rate)]
+    moved = {*system.derived_twice.values(), None}
+    by_state = {c.state: c.name for c in system.channels if c.state not in moved and c.name != channel}
+    felt = [
+        name for state, name in by_state.items()
+        if _depends(acceleration, assembled.x[assembled.states.index(state)])
+    ]  # fmt: skip
+    inputs = [name for i, name in enumerate(system.inputs) if _depends(acceleration, assembled.u[i])]
+    return (*felt, *inputs)
+
+
+def _depends(expression: ca.SX, symbol: ca.SX) -> bool:
+    return bool(ca.depends_on(expression, symbol))
+
+
+def _remainders(
+    system: System, assembled: Assembled, one: Recording, rate: str, channel: str, drivers: tuple[str, ...]
+) -> Callable[[Names], np.ndarray]:
+    """Return what gives, for signals that may be late, what remains of the acceleration by their shift."""
+    time = np.arange(one.samples) * one.period
+    ends = round(SETTLING / one.period)
+    places = np.unique(np.linspace(ends, one.samples - ends - 1, MOST_SAMPLES).astype(int))
+    smooth = {name: smoothed(one.signals[name], one.period, CUTOFF) for name in (channel, *drivers)}
+    velocity = np.gradient(smooth[channel], one.period)
+    measured = np.gradient(velocity, one.period)[places]
+    missing = _missing(smooth[channel], velocity, [smooth[name] for name in drivers])[places]
+    law = _law(assembled, rate, len(places), _right(system, assembled))
+    beside = _beside(system, one, places)
+
+    def remainder(late: Names, shift: float) -> float:
+        lead = {n: shift * (n in late) - system.late * (n in system.inputs) for n in drivers}
+        at = {name: np.clip(time[places] + lead[name], 0.0, time[-1]) for name in drivers}
+        values = {name: np.interp(at[name], time, smooth[name]) for name in drivers}
+        values[channel] = smooth[channel][places]
+        base: dict[str | None, np.ndarray] = {
+            c.state: values.get(c.name, one.signals[c.name][places]) for c in system.channels
+        }
+        base[rate] = velocity[places]
+        base.update(beside)
+        x = np.array([base.get(name, np.zeros(len(places))) for name in assembled.states])
+        u = np.array([values.get(name, np.zeros(len(places))) for name in system.inputs])
+        model, slopes = law(x, u.reshape(len(system.inputs), -1), time[None, places])
+        columns = np.asarray(slopes).reshape(assembled.theta.shape[0], -1, order="F").T
+        return _remainder(measured - np.asarray(model)[0], np.column_stack([_tame(columns), missing]))
+
+    return lambda late: _near_the_least(partial(remainder, late))
+
+
+def _tame(slopes: np.ndarray) -> np.ndarray:
+    """Return slopes (n, k) without the few that are far beyond all others: there a muscle becomes slack."""
+    usual = np.quantile(np.abs(slopes), ORDINARY, axis=0)
+    most = np.where(usual > 0, WILD * usual, np.inf)
+    tame: np.ndarray = np.clip(slopes, -most, most)
+    return tame
+
+
+def _near_the_least(remainder: Callable[[float], float]) -> np.ndarray:
+    """Return a function at every other shift and on both sides of the best of these; infinity elsewhere."""
+    shifts = _shifts()
+    found = np.full(len(shifts), np.inf)
+    found[::2] = [remainder(shift) for shift in shifts[::2]]
+    best = int(np.argmin(found))
+    for i in {max(best - 1, 0), min(best + 1, len(shifts) - 1)} - {best}:
+        found[i] = remainder(shifts[i])
+    return found
+
+
+def _beside(system: System, one: Recording, places: np.ndarray) -> dict[str, np.ndarray]:
+    """Return velocity and acceleration of coordinates whose acceleration is no part of the model."""
+    found: dict[str, np.ndarray] = {}
+    for bent, state in system.derived_twice.items():
+        (channel,) = (c.name for c in system.channels if c.state == state)
+        (rate,) = (rate for rate, of in system.derived.items() if of == state)
+        slope = np.gradient(smoothed(one.signals[channel], one.period, CUTOFF), one.period)
+        found |= {rate: slope[places], bent: np.gradient(slope, one.period)[places]}
+    return found
+
+
+def _right(system: System, assembled: Assembled) -> list[float]:
+    """Return the model's parameters with nothing off and nothing mistaken."""
+    known = {
+        f"{name}.{q.name}": q.neutral
+        for name in system.wrong
+        if name in system.catalogue
+        for q in system.catalogue[name].parameters
+    }
+    return [float(known.get(name) or 0.0) for name in assembled.parameters]
+
+
+def _law(assembled: Assembled, rate: str, count: int, values: Sequence[float]) -> ca.Function:
+    """Return (states, inputs, times) -> acceleration and its slopes over the parameters, of many samples."""
+    acceleration = assembled.rates[assembled.states.index(rate)]
+    slopes = ca.densify(ca.jacobian(acceleration, assembled.theta))
+    results = ca.substitute([acceleration, slopes], [assembled.theta], [ca.DM(values)])
+    return ca.Function("law", [assembled.x, assembled.u, assembled.time], results).map(count)
+
+
+def _missing(position: np.ndarray, velocity: np.ndarray, drivers: Sequence[np.ndarray]) -> np.ndarray:
+    """Return what the model may not have and what would look like a skew, (n, k)."""
+    usual = float(np.sqrt(np.mean(velocity**2)))
+    ways = [np.tanh(velocity / (share * usual)) for share in SLOW]
+    place = (position - position.mean()) / np.ptp(position)
+    elastic = [function(2 * np.pi * n * place) for n in ORDERS for function in (np.sin, np.cos)]
+    slips = [slip_element(place, distance) for distance in SLIPS]
+    loaded = [way * one for way in (ways[0], *slips) for one in drivers]
+    return np.column_stack([velocity, *ways, *elastic, *slips, *loaded])
+
+
+def _remainder(target: np.ndarray, columns: np.ndarray) -> float:
+    """Return the squares of what a combination of columns leaves of a signal."""
+    matrix = np.column_stack([columns[:, np.ptp(columns, axis=0) > 0], np.ones(len(target))])
+    matrix = matrix / np.linalg.norm(matrix, axis=0)
+    rest = target - matrix @ np.linalg.lstsq(matrix, target, rcond=None)[0]
+    return float(rest @ rest)
+
+
+def _shifts() -> np.ndarray:
+    return np.arange(-REACH, REACH + STEP / 2, STEP)
+
+
+def _least(left: np.ndarray) -> tuple[float, float] | None:
+    """Return the shift of least remainder, s, and what it explains; None if it is small or unclear."""
+    shifts, best = _shifts(), int(np.argmin(left))
+    none = left[len(left) // 2]
+    gain = float(1 - left[best] / none) if none > 0 else 0.0
+    if best in (0, len(left) - 1):
+        return None
+    before, here, after = left[best - 1 : best + 2]
+    place = float(shifts[best]) + STEP * float(before - after) / (2 * float(before - 2 * here + after))
+    # what a skew leaves grows with its square: a large one that explains little is none
+    least = min(MOST_ASKED, LEAST_GAIN * max(1.0, (place / SMALL) ** 2))
+    return (place, gain) if abs(place) >= LEAST and gain >= least else None

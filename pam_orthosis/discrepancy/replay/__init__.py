@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Replay of recordings by a model, as machine code, and whitened residuals."""

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The recordings of a search with the nominal model they are compared with: what verb and library read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pam_orthosis.bag.sources import check_apart
+from pam_orthosis.discrepancy.answer import patch
+from pam_orthosis.discrepancy.apparatus import apparatus_of, unrecorded, without_record
+from pam_orthosis.discrepancy.recordings.columns import read_mapping, with_columns
+from pam_orthosis.discrepancy.recordings.data import Recording, recording, with_loop_of_table
+from pam_orthosis.discrepancy.systems.system import System
+from pam_orthosis.discrepancy.systems.user_file import load_system
+from pam_orthosis.discrepancy.together import Workers
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.machine import Machine
+from pam_orthosis.model.machines import KNEE, machine_named
+from pam_orthosis.model.parameters import Parameters, load
+from pam_orthosis.model.specimens import BRANCH as MUSCLE
+from pam_orthosis.progress import Progress, silent
+from pam_orthosis.tables import is_table
+
+MOST_NAMED = 3  # parameters in one line
+
+
+class Asked(NamedTuple):
+    """Recordings to fit and to judge by, and files that say what they are of, as the arguments of `gap`."""
+
+    measured: Sequence[Path]
+    held_out: Sequence[Path]
+    model: Path | None = None
+    machine: Path | Machine | None = None
+    system: Path | None = None
+    columns: Mapping[str, str] | Sequence[str] = ()
+    namespace: str = ""
+
+    @property
+    def paths(self) -> list[Path]:
+        """All recordings."""
+        return [*self.measured, *self.held_out]
+
+
+class Nominal(NamedTuple):
+    """What recordings are compared with.
+
+    `given`: parameters of --model; `assumed`: recordings without a record of their apparatus; `unrecorded`:
+    rows of it that the others lack, and the values taken.
+    """
+
+    parameters: Parameters
+    system: System
+    read: Callable[[Path, System, str], Recording] = recording
+    given: Mapping[str, Any] = {}
+    assumed: Sequence[Path] = ()
+    unrecorded: Mapping[str, Any] = {}
+
+
+class Recordings(NamedTuple):
+    """Recordings that were read; `heading`: lines on what is assumed of their apparatus."""
+
+    nominal: Nominal
+    training: list[Recording]
+    held_out: list[Recording]
+    heading: str
+
+
+def read_recordings(asked: Asked, workers: Workers, progress: Progress = silent) -> Recordings:
+    """Read the recordings of a search.
+
+    Raises:
+        OrthosisError: one is unfit or given twice, they are of different machines, or a file is unusable.
+    """
+    if asked.system and asked.machine:
+        raise OrthosisError("--system and --machine each say what the recordings are of: give one")
+    check_apart(asked.measured, asked.held_out)
+    known = _of_system(asked.system, asked.model) if asked.system else _of_apparatus(asked)
+    known = known._replace(system=with_columns(known.system, read_mapping(asked.columns)))
+    heading = assumed_words(known.assumed, len(asked.paths), asked.model)
+    heading += unrecorded_words(known.unrecorded, known.parameters)
+    every = workers.together(
+        lambda path: _read(path, known, asked.namespace), asked.paths, None, progress, "reading"
+    )
+    fitted = len(asked.measured)
+    return Recordings(known, every[:fitted], every[fitted:], heading)
+
+
+def _of_system(file: Path, model: Path | None) -> Nominal:
+    """Return a system of the user's, of whose search --model may change the settings."""
+    given = patch.read(model) if model else {}
+    if foreign := [key for key in given if not key.startswith("gap.")]:
+        raise OrthosisError(f"{foreign[0]} is of a machine; beside --system, --model takes gap.* alone")
+    return Nominal(load(given), load_system(file), given=given)
+
+
+def _of_apparatus(asked: Asked) -> Nominal:
+    machine = machine_named(asked.machine) if isinstance(asked.machine, Path) else asked.machine
+    paths, namespace = asked.paths, asked.namespace
+    apparatus = apparatus_of(paths, machine, namespace)
+    given = patch.read(asked.model, apparatus.machine) if asked.model else {}
+    _check_meant(asked.model, given, apparatus.machine)
+    parameters = apparatus.nominal(paths, given, namespace, asked.model)
+    return Nominal(
+        parameters,
+        apparatus.system(parameters, None),
+        apparatus.read,
+        given,
+        [] if machine else without_record(paths, namespace),
+        unrecorded(paths, parameters, apparatus.keys, given, namespace),
+    )
+
+
+def _check_meant(file: Path | None, given: Mapping[str, Any], machine: Machine) -> None:
+    """Refuse, by OrthosisError, a file with muscles alone, none of which a machine beside the knee has."""
+    own = tuple(f"{one.parameters}." for one in machine.actuators)
+    strange = [key for key in given if key.startswith(MUSCLE) and not key.startswith(own)]
+    if machine is not KNEE and strange and len(strange) == len(given):
+        raise OrthosisError(f"{file} is of a muscle that the {machine.name} does not have; leave --model out")
+
+
+def _read(path: Path, known: Nominal, namespace: str) -> Recording:
+    one, key = known.read(path, known.system, namespace), known.system.input_period
+    if not key or not is_table(path):
+        return one
+    return with_loop_of_table(one, known.system, float(known.parameters.at(key)), key in known.given)
+
+
+def assumed_words(files: Sequence[Path], count: int, model: Path | None) -> str:
+    """Return the line on files, of `count`, without a record of their apparatus; empty if all do."""
+    if not files:
+        return ""
+    more = f" and {len(files) - 1} more" if len(files) > 1 else ""
+    taken = "the default knee" if len(files) == count else "the apparatus of the other recordings"
+    changed = f" with what {model} changes" if model else ""
+    listed = f"{files[0]}{more} without a record of parameters, read as {taken}{changed}"
+    return f"the apparatus is assumed: {listed}\n"
+
+
+def unrecorded_words(rows: Mapping[str, Any], parameters: Parameters) -> str:
+    """Return the line on the apparatus' rows that are missing in a record, with the values taken, or none."""
+    if not rows:
+        return ""
+    first = [f"{key} = {rows[key]} {parameters.row(key).unit}" for key in list(rows)[:MOST_NAMED]]
+    more = f" and {len(rows) - len(first)} more" if len(rows) > len(first) else ""
+    taken = f"{', '.join(first)}{more}; give what is right with --model"
+    return f"recorded by a version without these parameters; taken: {taken}\n"

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which of the models that recordings ask for is accepted: the first that held-out ones confirm."""
+
+from collections.abc import Sequence
+
+from pam_orthosis.discrepancy.fitting.fit import Fit
+from pam_orthosis.discrepancy.replay.problem import Problem
+from pam_orthosis.discrepancy.search.confirmation import (
+    EMPTY,
+    SURE,
+    WORST_T,
+    Seen,
+    at_values,
+    confirmed,
+    emptied,
+    is_too_small,
+    is_visible,
+    leaves_noise_alone,
+)
+from pam_orthosis.discrepancy.search.selection import Ranking, Step
+from pam_orthosis.discrepancy.systems.system import Values
+
+
+def accepted(
+    problem: Problem,
+    base: Fit,
+    held_out: Problem,
+    able: Sequence[tuple[float, Problem, Fit]],
+    ranked: Ranking,
+    gains: Values,
+    blocked: tuple[str, ...] = (),
+) -> Step:
+    """Return the step with the first of some models that held-out recordings confirm, or why none is.
+
+    What is refused is the first one: its evidence, its t value and the reason belong together.
+    """
+    refused = []
+    for evidence, weighted, model in able:
+        name = model.effects[-1]
+        seen = confirmed(problem.weighted(weighted.weights), held_out.weighted(weighted.weights), base, model)
+        if is_too_small(problem.system, name, model):
+            reason = f"{name} is smaller than what is worth a name"
+        elif empty := emptied(problem.system, name, model):
+            reason = f"{name} {EMPTY}: {at_values(model, empty)}"
+        elif seen.shows or _is_known(problem, base, (evidence, weighted, model), seen):
+            return Step(name, model, weighted, evidence, seen.t, ranked, "accepted", gains)
+        else:
+            reason = f"held-out recordings do not confirm {name}"
+        refused.append(Step(None, None, None, evidence, seen.t, ranked, reason, gains, blocked))
+    return refused[0]
+
+
+def _is_known(problem: Problem, base: Fit, judged: tuple[float, Problem, Fit], seen: Seen) -> bool:
+    """Whether an effect needs no confirmation: broken tolerances alone show it, or held-out data cannot.
+
+    Then the training recordings have to give much evidence, and to be without any other gap.
+    """
+    evidence, _, model = judged
+    sure = seen.cannot_show and evidence > SURE * len(model.effects)
+    bent = seen.t > WORST_T and not is_visible(problem, base, model)
+    return bent or (sure and leaves_noise_alone(problem, base))

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A system from its equations as one writes them: for apparatus that is none of this package's machines.
+
+The builder finds out what else the engine has to know: symbols, the order of states, which state is the rate
+of which, in which equation an effect shows, and what needs which input.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import casadi as ca
+
+from pam_orthosis.discrepancy.systems.system import Calibration, Channel, Equation, Source, System
+from pam_orthosis.discrepancy.systems.tracing import TIME, Traced
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.effects.base import Effect
+from pam_orthosis.model.parameters import load
+
+WHOLE = "dynamics"  # the equation of a model that is replayed as a whole
+
+
+@dataclass(frozen=True)
+class Input:
+    """A recorded input of a system: name, unit, standard deviation of what is recorded (0: exact).
+
+    `held`: each value acts until the next row, as what a digital controller commands; else it runs straight
+    from row to row, as what a sensor measures.
+    """
+
+    name: str
+    unit: str
+    noise: float = 0.0
+    held: bool = True
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of the nominal model: its value, and how far it may be off (standard deviation, same unit).
+
+    One with a tolerance is recalibrated before anything is called a gap; with 0 it is exact.
+    """
+
+    name: str
+    value: float
+    unit: str
+    tolerance: float
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Model:
+    """What is known of an apparatus, and which effects may be missing; `system()` makes it searchable.
+
+    Attributes:
+        name: in reports.
+        channels: what is measured. A channel's signal is its state; one without a state is the signal of its
+            name, which `equations` assigns. What a sensor shows is `measured_CHANNEL`, which is the signal
+            itself if `equations` does not assign it.
+        inputs: what is recorded of what drives the system.
+        states: of the equations. Each is measured, is the rate of a measured one, or starts at 0.
+        equations: (signals, parameters) -> rates of the states by name. It reads states, inputs and `time` of
+            the signals by attribute, and assigns further ones: `s.force = p.gain * s.current`.
+        parameters: read by attribute too.
+        effects: that may be missing. `stage` names the signal at whose assignment an effect enters. Its
+            expression returns what it adds to this signal, or a `Contribution`: to this one and later ones.
+        parts: equation -> its channels, if the model is to be replayed in several parts, each driven by what
+            is recorded of the others; else all is one equation, `dynamics`.
+        gains: channel -> observer gains, 1/s (and 1/s^2 for its rate), if those of `gap.replay` do not suit.
+        limits: signal -> values that it cannot leave.
+        late: s, by which inputs act later than recorded.
+        sources: signal -> where recordings have it.
+        ambient: absolute pressure, Pa, from which gauge pressures in a table count.
+    """
+
+    name: str
+    channels: Sequence[Channel]
+    inputs: Sequence[Input]
+    states: Sequence[str]
+    equations: Callable[[Any, Any], Mapping[str, Any]]
+    parameters: Sequence[Parameter] = ()
+    effects: Sequence[Effect] = ()
+    parts: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    gains: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    late: float = 0.0
+    sources: Mapping[str, Source] = field(default_factory=dict)
+    ambient: float = System.ambient
+
+    def system(self) -> System:
+        """Return the system.
+
+        Raises:
+            OrthosisError: parts of the model do not fit together.
+        """
+        self._check_names()
+        traced = Traced(self, ())
+        plain = System(
+            name=self.name,
+            channels=tuple(self.channels),
+            inputs=tuple(one.name for one in self.inputs),
+            derived=self._derived(traced),
+            equations=(),
+            calibrations=tuple(
+                Calibration(one.name, one.tolerance, one.unit, one.meaning)
+                for one in self.parameters
+                if one.tolerance
+            ),
+            catalogue={effect.name: effect for effect in self.effects},
+            assemble=lambda effects: Traced(self, effects).assembled(),
+            limits=self.limits,
+            late=self.late,
+            input_units={one.name: one.unit for one in self.inputs},
+            input_noise={one.name: one.noise for one in self.inputs},
+            gradual=tuple(one.name for one in self.inputs if not one.held),
+            sources=self.sources,
+            ambient=self.ambient,
+        )
+        equations = self._equations(plain.derived)
+        places = {one.name: _place(plain, traced, equations, one) for one in self.effects}
+        needs = {one.name: traced.inputs_of(plain, one) for one in equations}
+        return replace(plain, equations=equations, places=places, needs=needs)
+
+    def _check_names(self) -> None:
+        names = [*self.states, *(one.name for one in self.inputs), TIME]
+        names += [state for effect in self.effects for state in effect.states]
+        groups = {
+            "states and inputs": names,
+            "channels and inputs": [*(one.name for one in self.channels), *(one.name for one in self.inputs)],
+            "parameters": [one.name for one in self.parameters],
+            "effects": [one.name for one in self.effects],
+        }
+        for what, group in groups.items():
+            _check_group(what, group)
+        self._check_channels()
+
+    def _check_channels(self) -> None:
+        for one in self.channels:
+            if one.state is not None and one.state not in self.states:
+                raise OrthosisError(f"channel {one.name}: {one.state!r} is none of the states")
+        known = {one.name for one in self.channels}
+        for name in (*(name for part in self.parts.values() for name in part), *self.gains):
+            if name not in known:
+                raise OrthosisError(f"parts and gains: there is no channel {name!r}")
+
+    def _derived(self, traced: Traced) -> dict[str, str]:
+        """Return the states that are not measured, but are the rate of one that is."""
+        seen = {one.state for one in self.channels}
+        return {
+            rate: state
+            for state in self.states
+            for rate in self.states
+            if state in seen and rate not in seen and ca.is_equal(traced.rate(state), traced.state(rate))
+        }
+
+    def _equations(self, derived: Mapping[str, str]) -> tuple[Equation, ...]:
+        parts = self.parts or {WHOLE: [one.name for one in self.channels]}
+        return tuple(self._equation(name, tuple(channels), derived) for name, channels in parts.items())
+
+    def _equation(self, name: str, channels: tuple[str, ...], derived: Mapping[str, str]) -> Equation:
+        gains = {}
+        for channel in self.channels:
+            if channel.name in channels and channel.state is not None:
+                states = [channel.state, *(rate for rate, state in derived.items() if state == channel.state)]
+                wanted = self.gains.get(channel.name) or _usual_gains(len(states))
+                if len(wanted) != len(states):
+                    raise OrthosisError(
+                        f"gains of {channel.name}: give {len(states)}, for {' and '.join(states)}"
+                    )
+                gains[channel.name] = dict(zip(states, wanted, strict=True))
+        states = [one.state for one in self.channels if one.name in channels and one.state is not None]
+        states += [rate for rate, state in derived.items() if state in states]
+        return Equation(name, tuple(states), channels, gains, stiff=True)
+
+
+def _usual_gains(count: int) -> tuple[float, ...]:
+    """Return the shipped observer gains: those of a measured signal alone, or of one and its rate."""
+    usual = load().gap.replay
+    return (usual.pressure_gain,) if count == 1 else (usual.angle_gain, usual.velocity_gain)
+
+
+def _place(system: System, traced: Traced, equations: Sequence[Equation], effect: Effect) -> str:
+    """Return the first equation that what enters at an effect's stage changes."""
+    if effect.stage not in traced.marks:
+        raise OrthosisError(
+            f"effect {effect.name}: the equations assign no signal {effect.stage!r}, its stage; they assign"
+            f" {', '.join(traced.marks)}"
+        )
+    for equation in equations:
+        if any(traced.depends(system, equation, traced.marks[effect.stage])):
+            return equation.name
+    raise OrthosisError(f"effect {effect.name}: nothing that is predicted depends on {effect.stage!r}")
+
+
+def _check_group(what: str, names: Sequence[str]) -> None:
+    for name in names:
+        if not name.isidentifier() or names.count(name) > 1:
+            reason = "is there twice" if name.isidentifier() else "is no name (letters, digits, _)"
+            raise OrthosisError(f"{what}: {name!r} {reason}")

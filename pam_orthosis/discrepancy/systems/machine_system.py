@@ -1,0 +1,356 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Any machine as a system of the gap workflow: its nominal model, and how far that may be off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import casadi as ca
+
+from pam_orthosis.discrepancy.systems.suspects import Suspects, common, corrected, meant, suspects
+from pam_orthosis.discrepancy.systems.system import (
+    Assembled,
+    Calibration,
+    Channel,
+    Entry,
+    Equation,
+    Source,
+    System,
+)
+from pam_orthosis.model.assembly import Hardware, assemble
+from pam_orthosis.model.components.actuator import Actuator
+from pam_orthosis.model.deviations import DEVIATIONS
+from pam_orthosis.model.effects.base import Effect, enabled
+from pam_orthosis.model.machine import Machine
+from pam_orthosis.model.mechanisms.base import Mechanism
+from pam_orthosis.model.parameters import NOMINAL, Parameters
+from pam_orthosis.model.rows import Section
+from pam_orthosis.model.signals import Expression, Signals
+
+Symbols = Mapping[str, Expression]
+MOST_SUPPLY = 1.5  # of the nominal supply pressure, that a chamber can hold: beyond it the unit is another
+MOTION = "angle", "velocity", "acceleration"
+PUSH = "constant_torque.torque"  # by which an unknown torque enters
+VOLTS, SHARE = 0.02, 0.05  # changes of a voltage and of a valve's gain that show what they do
+SMALL = 0.2  # of a typical size, which is a knee's: where a search starts too
+ONSET = 0.5  # N, up to which a muscle's damping grows
+MARGIN = 0.2  # of the range between the stops: farther out the unit or the zero is another
+
+
+@dataclass(frozen=True)
+class View:
+    """How recordings show a machine, and what of it may be off.
+
+    Attributes:
+        title: of the system, in reports.
+        equation: the mechanism's, in reports.
+        channels: coordinate, whatever is measured beside, pressures in the order of the actuators.
+        inputs: recorded voltage of each actuator, in their order.
+        calibrations: parameters that may be off. `ACTUATOR_force` scales a static force,
+            `ACTUATOR_closed_voltage` is added to a voltage, `STATE_offset` to what its sensor shows.
+        multiplied: calibration -> keys of the parameters that it changes by a share.
+        gains: observer gains of coordinate and velocity, 1/s and 1/s^2.
+        added: calibration -> key of the parameter to which it is added.
+        stiff: steps follow the fastest state.
+        usual: sizes and places of the catalogue's effects, which are a knee's, are usual here.
+        learns: effects that the model has already are recalibrated with it; delays among them, and that of
+            the valves, let inputs act later.
+        beside: (signals, calibrations) -> what is measured beside coordinate and pressures, by channel.
+        neighbour: the coupled joint, whose angle is the last channel and drives the mechanism.
+        mechanism: (parameters, calibrations) -> the mechanism, where it is not the machine's own.
+        suspects: parameters that may be wrong.
+        limits, unusable, sources: as for `System`.
+    """
+
+    title: str
+    equation: str
+    channels: tuple[Channel, ...]
+    inputs: tuple[str, ...]
+    calibrations: tuple[Calibration, ...]
+    multiplied: Mapping[str, tuple[str, ...]]
+    gains: tuple[float, float]
+    added: Mapping[str, str] = field(default_factory=dict)
+    stiff: bool = True
+    usual: bool = True
+    learns: bool = True
+    beside: Callable[[Signals, Symbols], Mapping[str, Expression]] = lambda signals, symbols: {}
+    neighbour: str = ""
+    mechanism: Callable[[Parameters, Symbols], Mechanism] | None = None
+    suspects: Suspects = field(default_factory=dict)
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    unusable: tuple[str, ...] = ()
+    sources: Mapping[str, Source] = field(default_factory=dict)
+
+
+def nominal_parameters(machine: Machine, parameters: Parameters) -> Parameters:
+    """Return what the nominal model of a machine may know: no plant."""
+    return machine.taken(parameters).only(*NOMINAL, "rig", "gap")
+
+
+def graph_view(machine: Machine, nominal: Parameters) -> View:
+    """Return how the graph records a machine, nothing being off."""
+    c, replay = machine.coordinate, nominal.gap.replay
+    low, high = machine.mechanism(nominal).limits
+    reach, supply = MARGIN * (high - low), nominal.valve.supply_pressure
+    pressures, voltages = ([f"{name}_{kind}" for name in machine.names] for kind in ("pressure", "voltage"))
+    lowest, highest = nominal.valve.minimum_voltage, nominal.valve.maximum_voltage
+    volts = MARGIN * (highest - lowest)
+    return View(
+        title=machine.meaning,
+        equation=c.effort,
+        channels=(
+            Channel(c.name, c.name, c.unit, c.shown_unit, c.shown_factor),
+            *(Channel(name, name, "Pa", "mbar", 0.01) for name in pressures),
+        ),
+        inputs=tuple(voltages),
+        calibrations=(),
+        multiplied=DEVIATIONS,
+        gains=(replay.angle_gain, replay.velocity_gain),
+        limits={
+            c.name: (low - reach, high + reach),
+            **dict.fromkeys(pressures, (0.0, MOST_SUPPLY * supply)),
+            **dict.fromkeys(voltages, (lowest - volts, highest + volts)),
+        },
+    )
+
+
+def machine_system(
+    machine: Machine,
+    parameters: Parameters,
+    view: Callable[[Machine, Parameters], View],
+    catalogue: Mapping[str, Effect] | None = None,
+) -> System:
+    """Return a machine as its parameters describe it; `plant` is not read.
+
+    Args:
+        machine: of which the recordings are.
+        parameters: the tree; effects that it switches on belong to the nominal model.
+        view: (machine, nominal parameters) -> how recordings show it.
+        catalogue: effects that may be missing (all that the machine can have).
+    """
+    nominal = nominal_parameters(machine, parameters)
+    return _Described(machine, nominal, view(machine, nominal)).system(
+        machine.catalogue if catalogue is None else catalogue,
+        lambda effect: machine_system(
+            machine, parameters.changed({f"{machine.branch}.{effect}.enabled": False}), view, catalogue
+        ),
+    )
+
+
+class _Described:
+    """A machine with its nominal parameters and its view."""
+
+    def __init__(self, machine: Machine, nominal: Parameters, view: View):
+        self._machine, self._nominal, self._view = machine, nominal, view
+        self._settings = dict(nominal.at(machine.branch).items())
+        self._suspects = suspects(nominal, view.suspects)
+        self.present = enabled(nominal.at(machine.branch))
+        present = [machine.possible[name] for name in self.present if view.learns]
+        # parameters of effects that the model has already are recalibrated; its dead times, s, are exact
+        self._learned = [one for one in present if one.parameters and not one.shape and one.late is None]
+        self._lateness = {e.name: e.late(self._settings[e.name]) for e in present if e.late is not None}
+        self._calibrations = (*view.calibrations, *self._of_learned())
+        names = MOTION if view.neighbour else ()
+        self._motion = tuple(f"{view.neighbour}_{name}" for name in names)  # states that are only recorded
+
+    def system(self, catalogue: Mapping[str, Effect], without: Callable[[str], System]) -> System:
+        """Return the system; `without` makes it without an effect that the model has already."""
+        machine, view = self._machine, self._view
+        known = {name: self._seen(self._placed(effect)) for name, effect in catalogue.items()}
+        wrong = self._suspects if catalogue is machine.catalogue else {}
+        return System(
+            name=view.title,
+            channels=view.channels,
+            inputs=view.inputs,
+            derived={"velocity": machine.coordinate.name}
+            | dict.fromkeys(self._motion[1:2], *self._motion[:1]),
+            derived_twice=dict.fromkeys(self._motion[2:], *self._motion[:1]),
+            equations=self._equations({**machine.catalogue, **known}),
+            calibrations=self._calibrations,
+            catalogue={n: effect for n, effect in known.items() if n not in self.present} | wrong,
+            entries=self._entries(),
+            wrong=meant(view.suspects) if wrong else {},
+            common=common(self._nominal, view.suspects) if wrong else {},
+            assemble=self._assemble,
+            needs=dict.fromkeys(("gas", "valve", "supply"), view.inputs),
+            equation_names={"torque": view.equation},
+            branch=machine.branch,
+            simpler={name: partial(without, name) for name in self.present},
+            limits=view.limits,
+            ambient=self._nominal.valve.ambient_pressure,
+            input_period=machine.takes.get("scenario.control_period", "scenario.control_period"),
+            late=self._nominal.valve.delay + sum(self._lateness.values()) if view.learns else 0.0,
+            unusable=view.unusable,
+            sources=view.sources,
+        )
+
+    def _entries(self) -> dict[str, tuple[Entry, ...]]:
+        """Return how something unknown may enter: as effort, rate of a pressure, voltage, gain of a valve."""
+        machine, first = self._machine, self._view.channels[0]
+        c = machine.coordinate
+        found: dict[str, tuple[Entry, ...]] = {}
+        found[first.name] = (self._entry(c.effort_unit, c.effort, PUSH, 1.0, f"unknown_{c.effort}"),)
+        actuators = {f"{name}_pressure": name for name in machine.names}
+        for channel in self._view.channels:
+            if name := actuators.get(channel.state or ""):
+                found[channel.name] = (
+                    self._entry(f"{channel.unit}/s", held=f"{name}_unknown_rate"),
+                    self._entry(
+                        "V", f"{name} voltage", f"{name}_closed_voltage", VOLTS, f"{name}_unknown_voltage"
+                    ),
+                    self._entry(
+                        "-", f"{name} valve gain", f"{name}_valve_gain.gain", SHARE, f"{name}_unknown_gain"
+                    ),
+                )
+        return found
+
+    def _entry(
+        self, unit: str, name: str = "", parameter: str = "", size: float = 1.0, held: str = ""
+    ) -> Entry:
+        free = held in self._machine.possible and held not in self.present
+        return Entry(unit, name, parameter, size, held if free else "")
+
+    def _of_learned(self) -> tuple[Calibration, ...]:
+        row, sd = self._nominal.row("gap.learned.deviation"), self._nominal.gap.learned.deviation
+        return tuple(
+            Calibration(name, sd, row.unit, row.meaning, True)
+            for effect in self._learned
+            for name in _deviations(effect).values()
+        )
+
+    def _placed(self, effect: Effect) -> Effect:
+        """Return an effect that is looked for at the machine's own places, and at small sizes too."""
+        if self._view.usual:
+            return effect
+        size, *others = effect.parameters
+        starts = effect.starts
+        if effect.states and size.neutral is not None:  # those without states begin near zero in any case
+            starts = (*starts, {size.name: size.neutral + SMALL * (size.typical - size.neutral)})
+        middle = 0.5 * sum(self._machine.mechanism(self._nominal).limits)
+        moved = (replace(q, typical=middle) if q.name == effect.middle else q for q in others)
+        return replace(effect, starts=starts, parameters=(size, *moved))
+
+    def _seen(self, effect: Effect) -> Effect:
+        """Return an effect with channels in place of the signals that it lags behind or is drawn over."""
+        names = {one.state: one.name for one in self._view.channels if one.state is not None}
+        advance = effect.advance
+        if all(state == name for state, name in names.items()):
+            return effect
+        if advance is None:
+            return replace(effect, coordinate=names.get(effect.coordinate, effect.coordinate))
+        return replace(effect, advance=lambda p: {names[k]: v for k, v in advance(p).items()})
+
+    def _equations(self, catalogue: Mapping[str, Effect]) -> tuple[Equation, ...]:
+        def held(channel: str) -> dict[str, float]:
+            states = [one for effect in catalogue.values() for one in effect.held.items()]
+            return {state: gains[channel] for state, gains in states if channel in gains}
+
+        view, coordinate = self._view, self._machine.coordinate.name
+        pressure_gain = self._nominal.gap.replay.pressure_gain
+        states = tuple(f"{name}_pressure" for name in self._machine.names)
+        pressures = {one.name: one.state for one in view.channels if one.state in states}
+        first = view.channels[0].name
+        motion = {first: {coordinate: view.gains[0], "velocity": view.gains[1], **held(first)}}
+        gas = {name: {state: pressure_gain, **held(name)} for name, state in pressures.items()}
+        others = tuple(one.name for one in view.channels if one.name not in {*pressures, *self._motion})
+        return (
+            Equation(view.equation, (coordinate, "velocity"), others, motion, view.stiff),
+            Equation("gas", states, tuple(pressures), gas, view.stiff),
+        )
+
+    def _assemble(self, effects: tuple[str, ...]) -> Assembled:
+        names = [one.name for one in self._calibrations]
+        catalogue = {**self._machine.catalogue, **self._suspects}
+        own = [f"{name}.{q.name}" for name in effects for q in catalogue[name].parameters]
+        theta = ca.SX.sym("theta", len(names) + len(own))
+        symbols = dict(zip([*names, *own], ca.vertsplit(theta), strict=True))
+        beside = ca.SX.sym("beside", len(self._motion))
+        assembly = assemble(self._hardware(effects, symbols, beside))
+        u, time = ca.SX.sym("u", len(self._view.inputs)), ca.SX.sym("time")
+        volts = [u[i] + symbols[f"{name}_closed_voltage"] for i, name in enumerate(self._machine.names)]
+        outside = [time if name == "time" else 0 for name in self._machine.inputs[len(volts) :]]
+        inputs = ca.vertcat(*volts, *outside)
+        measured = self._measured(assembly.signals, symbols)
+        measured |= {name: beside[i] for i, name in enumerate(self._motion[:1])}
+        rates, *shown = ca.substitute([assembly.rates, *measured.values()], [assembly.u], [inputs])
+        by_channel = dict(zip(measured, shown, strict=True))
+        states, x = (*assembly.states, *self._motion), ca.vertcat(assembly.x, beside)
+        whole = ca.vertcat(rates, beside[1:], ca.SX.zeros(min(1, len(self._motion))))
+        return Assembled(states, x, u, time, theta, (*names, *own), whole, by_channel)
+
+    def _measured(self, s: Signals, symbols: Symbols) -> dict[str, Expression]:
+        """Return what the sensors show: channel -> expression."""
+        beside = self._view.beside(s, symbols)
+        shown = {self._machine.coordinate.name: s.measured}
+        shown |= {f"{name}_pressure": one.measured for name, one in s.actuators.items()}
+
+        def of(channel: Channel) -> Expression:
+            if channel.state is None:
+                return beside[channel.name]
+            offset = f"{channel.state}_offset"
+            known = offset in symbols and offset not in self._view.added
+            return shown[channel.state] + symbols[offset] if known else shown[channel.state]
+
+        return {one.name: of(one) for one in self._view.channels if one.name not in self._motion}
+
+    def _hardware(self, effects: tuple[str, ...], symbols: Symbols, beside: Expression) -> Hardware:
+        machine, values = self._machine, self._nominal.flat()
+        wrong = corrected(values, symbols, self._view.suspects)
+        values |= wrong
+        deviating = wrong | {
+            key: values[key] * (1 + symbols[name])
+            for name, keys in self._view.multiplied.items()
+            if name in symbols
+            for key in keys
+        }
+        deviating |= {key: values[key] + symbols[name] for name, key in self._view.added.items()}
+        true = self._nominal.substituted(deviating)
+        own = self._view.mechanism
+        alone = own(true, symbols) if own else machine.mechanism(true)
+        mechanism = machine.beside(true, beside) if self._motion else alone
+        return Hardware(
+            machine,
+            mechanism,
+            true.valve,
+            {one.name: _smooth(one.built(true), symbols[f"{one.name}_force"]) for one in machine.actuators},
+            Section(machine.branch, self._effect_settings(effects, symbols)),
+        )
+
+    def _effect_settings(self, effects: tuple[str, ...], symbols: Symbols) -> dict[str, Any]:
+        """Return the settings of all effects: present ones, recalibrated, and those that are tried."""
+        branch, settings = self._machine.branch, dict(self._settings)
+        settings |= {name: Section(f"{branch}.{name}", {"enabled": False}) for name in self._lateness}
+        for effect in self._learned:
+            known = dict(self._settings[effect.name].items())
+            moved = {q: known[q] * (1 + symbols[name]) for q, name in _deviations(effect).items()}
+            settings[effect.name] = Section(f"{branch}.{effect.name}", {"enabled": True, **moved})
+        for name in (one for one in effects if one not in self._suspects):
+            tried = {q.name: symbols[f"{name}.{q.name}"] for q in self._machine.catalogue[name].parameters}
+            settings[name] = Section(f"{branch}.{name}", {"enabled": True, **tried})
+        return settings
+
+
+def _smooth(actuator: Actuator, deviation: Expression) -> Actuator:
+    """Return an actuator whose force is off; at a leap a fit would see no way down."""
+    return replace(actuator.scaled(1 + deviation), onset=ONSET)
+
+
+def _deviations(effect: Effect) -> dict[str, str]:
+    """Return, for each parameter of a learned effect, the name of its relative deviation."""
+    return {q.name: f"{effect.name}_{q.name}" for q in effect.parameters}
+
+
+def from_rows(
+    nominal: Parameters, keys: Mapping[str, str], meanings: Mapping[str, str] | None = None
+) -> tuple[Calibration, ...]:
+    """Return calibrations (name -> key of the row with its standard deviation); with 0 they are exact."""
+    found, given = [], meanings or {}
+    for name, key in keys.items():
+        row, sd = nominal.row(key), nominal.flat()[key]
+        if sd:
+            meaning = given.get(name, row.meaning)
+            found.append(Calibration(name, sd, row.unit, meaning, row.unit == "-"))
+    return tuple(found)

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A user's own system from a Python file with `system() -> System`; the file is run when a user gives it."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import replace
+from pathlib import Path
+from traceback import extract_tb
+from types import ModuleType
+
+from pam_orthosis.discrepancy.systems.soundness import check_system
+from pam_orthosis.discrepancy.systems.system import Assembled, System
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.reading import read_text
+
+MODULE = "pam_orthosis_user_system"
+MAKER = "system"
+LONGEST = 300  # characters of what the file's own error says
+
+
+def load_system(path: Path) -> System:
+    """Return the system that a file defines; what it prints goes to stderr, and nothing is written beside it.
+
+    Raises:
+        OrthosisError: the file cannot be run, has no function `system`, or that one returns no sound system.
+    """
+    text = read_text(path)
+    module = ModuleType(MODULE)
+    module.__file__ = str(path)
+    sys.modules[MODULE] = module  # dataclasses look there for the types of their fields
+    with _named(path), redirect_stdout(sys.stderr):
+        exec(compile(text, str(path), "exec", dont_inherit=True), module.__dict__)
+        make = getattr(module, MAKER, None)
+        if not callable(make):
+            raise OrthosisError(f"it has no function {MAKER}() that returns a System")
+        system = make()
+        if not isinstance(system, System):
+            raise OrthosisError(
+                f"{MAKER}() returns {type(system).__name__}, not a System (Model(...).system())"
+            )
+        check_system(system)
+
+    def assemble(effects: tuple[str, ...]) -> Assembled:
+        with _named(path):
+            return system.assemble(effects)
+
+    return replace(system, assemble=assemble)
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Let whatever fails in a user's file become one line that names the file, and the line in it."""
+    try:
+        yield
+    except OrthosisError as error:
+        raise OrthosisError(f"{path}{_line(path, error)}: {error}") from error
+    except (Exception, SystemExit) as error:
+        said = " ".join(str(error).split())[:LONGEST]
+        raise OrthosisError(f"{path}{_line(path, error)}: {type(error).__name__}: {said}") from error
+
+
+def _line(path: Path, error: BaseException) -> str:
+    """Return in which line of the file an error came up, if in one."""
+    if isinstance(error, SyntaxError) and error.filename == str(path):
+        return f", line {error.lineno}"
+    lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == str(path)]
+    return f", line {lines[-1]}" if lines else ""

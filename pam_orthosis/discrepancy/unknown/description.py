@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The unknown, described: what the catalogue does not explain, as curves over measured signals.
+
+A linear spline over a signal enters an equation, the nuisance parameters move beside it, and training
+recordings fit it; the signal whose curve reduces the held-out gap most is given. A description is no cause.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import permutations
+from typing import NamedTuple
+
+import numpy as np
+
+from pam_orthosis.discrepancy.fitting.fit import Fit
+from pam_orthosis.discrepancy.fitting.structure import signals_of
+from pam_orthosis.discrepancy.replay.problem import Problem
+from pam_orthosis.discrepancy.search.findings import QUANTILE
+from pam_orthosis.discrepancy.systems.system import Entry, Equation, System
+from pam_orthosis.discrepancy.unknown.curve_fit import (
+    SIMPLER,
+    CurveFit,
+    Fitted,
+    Spline,
+    Term,
+    without_parabola,
+)
+
+LEAST_REDUCED = 0.5  # share of the held-out gap that descriptions of an equation remove, at least
+LEAST_ADDED = 0.2  # of that gap: what one of several removes
+NEAR = 0.05  # of that gap: signals that differ by less are told apart by the equation, not by the recordings
+CYCLES, FITS = 1.8, 0.7  # a curve is periodic if so many waves are in its range and explain so much of it
+UNSURE = 3.0  # times the median standard deviation: places that were hardly visited
+ROUNDING = 1e-9  # of a curve's squares: what is smaller is a line
+
+
+@dataclass(frozen=True)
+class Description:
+    """What is unknown in the equation of a channel, as a function of one signal.
+
+    Attributes:
+        channel: where it enters.
+        entry: how it enters.
+        coordinate: the signal that it depends on.
+        places, values: knots and what enters there. A mean is left to recalibration, but of a curve over
+            what the equation predicts, or its rate.
+        shape, covariance: the same; of such a curve without a parabola, which nuisance parameters may have
+            taken or given.
+        reduced: share of the held-out gap of its equation, above the noise, that it removes: of what several
+            remove together, a part by what each channel's add, shared equally by two of a channel.
+        runner_up: the next best signal, or two, and the share.
+        period: of the curve, in the signal's unit, if it is a wave.
+    """
+
+    channel: str
+    entry: Entry
+    coordinate: str
+    places: np.ndarray
+    values: np.ndarray
+    shape: np.ndarray
+    covariance: np.ndarray
+    reduced: float
+    runner_up: tuple[str, float] | None
+    period: float | None
+
+    @property
+    def unit(self) -> str:
+        """The unit of what enters."""
+        return self.entry.unit
+
+    @property
+    def amplitude(self) -> tuple[float, float, float]:
+        """Half the range of the shape, with its 95 % interval."""
+        sure = self.spread <= UNSURE * np.median(self.spread)
+        shown = np.where(sure, self.shape, np.nan)
+        top, bottom = int(np.nanargmax(shown)), int(np.nanargmin(shown))
+        size = 0.5 * float(self.shape[top] - self.shape[bottom])
+        contrast = self.covariance[top] - self.covariance[bottom]
+        half = 0.5 * QUANTILE * float(np.sqrt(max(contrast[top] - contrast[bottom], 0.0)))
+        return size, size - half, size + half
+
+    @property
+    def spread(self) -> np.ndarray:
+        """The standard deviations of the shape."""
+        spread: np.ndarray = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        return spread
+
+
+def described(problem: Problem, judge: Problem, model: Fit, equation: Equation) -> tuple[Description, ...]:
+    """Return the best descriptions of what a model lacks in an equation, one term a channel at most.
+
+    Args:
+        problem: recordings to fit.
+        judge: recordings that choose.
+        model: whose nuisance parameters and effects move with the curves.
+    """
+    groups = [group.weighted(dict.fromkeys(group.weights, 1.0)) for group in (problem, judge)]
+    system, curves = problem.system, CurveFit(groups[0], groups[1], model, equation)
+    open_ = [channel for channel in equation.channels if system.channel(channel).state is not None]
+    terms = {channel: _terms(system, equation, channel, _coordinates(groups)) for channel in open_}
+
+    def best(channels: Collection[str]) -> _Chosen:
+        tried = [term for channel in channels for term in terms[channel]]
+        fixed = _splines(one for name, one in chosen.items() if name not in channels)
+        found = problem.replay.workers.together(partial(curves.best, fixed), tried)
+        return _best(found, curves.reduced(curves.fit(fixed)), own_signals(system, equation))
+
+    chosen: dict[str, _Chosen] = {}
+    while open_ and sum(one.share for one in chosen.values()) < 1 - LEAST_ADDED:
+        more, before = best(open_), _splines(chosen.values())
+        both = curves.fit((*before, *more.splines)), curves.fit(before)
+        if more.share < LEAST_ADDED or not curves.confirmed(*both):
+            break
+        channel = more.splines[0].channel
+        chosen[channel] = more
+        open_.remove(channel)
+    for channel in chosen if len(chosen) > 1 else ():  # the first was chosen without the others
+        chosen[channel] = best([channel])
+    return _descriptions(curves, chosen.values())
+
+
+class _Chosen(NamedTuple):
+    """Splines of a channel, the share that they remove beside others, the next best signals."""
+
+    splines: tuple[Spline, ...]
+    share: float
+    runner_up: tuple[str, float] | None
+
+
+def own_signals(system: System, equation: Equation) -> set[str]:
+    """Return the signals that an equation is about: what it predicts, the rates of that, its inputs."""
+    states = {system.channel(channel).state for channel in equation.channels}
+    rates = {rate for rate, of in system.derived.items() if of in states}
+    return {*equation.channels, *rates, *system.needs.get(equation.name, ())}
+
+
+def _terms(system: System, equation: Equation, channel: str, names: Sequence[str]) -> list[Term]:
+    """Return what may enter a channel: a curve over any signal, or two over one of each of two actuators.
+
+    What passes between actuators depends on both. A model holds one curve of each way to enter.
+    """
+    entries, inputs = system.entries_of(channel), system.needs.get(equation.name, ())
+    found: list[Term] = [((channel, entry, name),) for entry in entries for name in names]
+    for pair in (equation.channels, inputs):
+        if len(pair) == len(equation.channels) == 2 and set(pair) <= set(names):
+            ways = permutations(entries, 2)
+            found += [((channel, one, pair[0]), (channel, other, pair[1])) for one, other in ways]
+    return found
+
+
+def _best(found: Sequence[tuple[float, tuple[Spline, ...]]], before: float, own: Collection[str]) -> _Chosen:
+    """Return the term with the largest share, or one that comes near, over the equation's own signals."""
+
+    def worth(one: tuple[float, tuple[Spline, ...]]) -> float:
+        near = NEAR * all(spline.signal in own for spline in one[1])
+        return one[0] + near - SIMPLER * (len(one[1]) - 1)
+
+    share, splines = max(found, key=worth)
+    over = _over(splines)
+    others = [(_over(other), value - before) for value, other in found if _over(other) != over]
+    return _Chosen(splines, share - before, max(others, key=lambda one: one[1], default=None))
+
+
+def _over(splines: Sequence[Spline]) -> str:
+    return " and ".join(spline.signal for spline in splines)
+
+
+def _splines(chosen: Iterable[_Chosen]) -> tuple[Spline, ...]:
+    return tuple(spline for one in chosen for spline in one.splines)
+
+
+def _descriptions(curves: CurveFit, chosen: Collection[_Chosen]) -> tuple[Description, ...]:
+    """Return the curves of some terms, fitted together; none if they remove too little."""
+    found = curves.fit(_splines(chosen))
+    whole, added = curves.reduced(found), sum(one.share for one in chosen)
+    if whole < LEAST_REDUCED:
+        return ()
+    unit = whole / added
+    parts = [(unit * one.share / len(one.splines), one.runner_up) for one in chosen for _ in one.splines]
+    return tuple(_description(curves, found, k, *part) for k, part in enumerate(parts))
+
+
+def _description(
+    curves: CurveFit, found: Fitted, index: int, share: float, runner_up: tuple[str, float] | None
+) -> Description:
+    spline = found.splines[index]
+    places, values, covariance = curves.curve(found, index)
+    weight, own = 1 / np.maximum(np.diag(covariance), 1e-300), curves.is_own(spline)
+    certain = without_parabola(places, weight) if own else np.eye(len(places)) - weight / weight.sum()
+    shape = certain @ values
+    return Description(
+        spline.channel, spline.entry, spline.signal, places, values if own else shape, shape,
+        certain @ covariance @ certain.T, share, runner_up, wave_period(places, shape),
+    )  # fmt: skip
+
+
+def _coordinates(groups: list[Problem]) -> list[str]:
+    """Return the signals that all recordings have. A phase is no signal: each recording has its own."""
+    known = [set(signals_of(group.system, one)) for group in groups for one in group.scored]
+    return sorted(set.intersection(*known) - {"phase"})
+
+
+def holder(system: System, one: Description) -> tuple[str, str] | None:
+    """Return what of the nominal model can hold a description, and the name there of its coordinate.
+
+    None if nothing can, or if it holds an earlier one.
+    """
+    states = {channel.name: channel.state for channel in system.channels}
+    coordinate = states.get(one.coordinate, one.coordinate)
+    if not one.entry.held or coordinate is None:
+        return None
+    return one.entry.held, coordinate
+
+
+def wave_period(places: np.ndarray, curve: np.ndarray) -> float | None:
+    """Return the period of a curve that is a wave about a line; None if it is none, or too coarsely known."""
+    width = float(places[-1] - places[0])
+    if width <= 0:
+        return None
+    line = np.column_stack([np.ones_like(places), places])
+    flat = curve - line @ np.linalg.lstsq(line, curve, rcond=None)[0]
+    best: Mapping[float, float] = {
+        period: _explained(places, curve, line, period)
+        for period in width / np.arange(CYCLES, len(places) / 3, 0.05)
+    }
+    if not best or not float(flat @ flat) > ROUNDING * float(curve @ curve):
+        return None
+    period = max(best, key=lambda one: best[one])
+    return float(period) if best[period] > FITS else None
+
+
+def _explained(places: np.ndarray, curve: np.ndarray, line: np.ndarray, period: float) -> float:
+    """Return the share of a curve, beside a line, that a wave of some period explains."""
+    angle = 2 * np.pi * places / period
+    waves = np.column_stack([line, np.sin(angle), np.cos(angle)])
+    rest = [curve - m @ np.linalg.lstsq(m, curve, rcond=None)[0] for m in (line, waves)]
+    return 1 - float(rest[1] @ rest[1]) / float(rest[0] @ rest[0])
