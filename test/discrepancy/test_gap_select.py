@@ -9,6 +9,7 @@ import pytest
 
 from pam_orthosis.discrepancy.fitting.candidates import Candidate, Trial
 from pam_orthosis.discrepancy.search import elimination, screening, second_chance, select, selection
+from pam_orthosis.discrepancy.search.findings import QUANTILE
 from pam_orthosis.discrepancy.together import Workers
 from pam_orthosis.model.effects.base import Effect, Quantity
 from pam_orthosis.model.machines import KNEE
@@ -182,9 +183,27 @@ def test_the_one_that_is_left_is_valued_without_the_dropped_one(monkeypatch, los
     monkeypatch.setattr(
         elimination, "fit_tempered", lambda problem, effects, *_: (problem, SimpleNamespace(effects=effects))
     )
+    monkeypatch.setattr(elimination, "_unsized", lambda _: None)
     elimination.eliminate_weak(found, SETTINGS, silent)
     assert found.final.effects == ("joint_friction",)
     assert found.evidence == {"joint_friction": 9050.0}
+
+
+@pytest.mark.parametrize(
+    ("half", "kept"), [(0.5, ("constant_torque",)), (0.2, ("constant_torque",)), (0.7, ())]
+)
+def test_what_may_as_well_have_no_size_is_not_named(monkeypatch, half, kept):
+    """Free parameters can hide all of it: a model without it is as likely, whatever the evidence says."""
+    found = found_so_far({"constant_torque": 41.0}, {"constant_torque": {}})
+    found.null = SimpleNamespace(effects=())
+    free = [SimpleNamespace(name="constant_torque.torque", lower=-50.0, upper=50.0)]
+    values = {"constant_torque.torque": -0.6}
+    found.final = SimpleNamespace(effects=("constant_torque",), values=values, free=free)
+    monkeypatch.setattr(elimination, "covariance", lambda *_: None)
+    monkeypatch.setattr(elimination, "deviations", lambda *_: np.array([half / QUANTILE]))
+    elimination.eliminate_weak(found, SETTINGS, silent)
+    assert found.final.effects == kept
+    assert tuple(found.evidence) == kept
 
 
 def starts_of(effect):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effects that lose their evidence when all are refitted together are dropped."""
+"""Effects that lose their evidence when all are refitted together, or have no size to tell, are dropped."""
 
 from collections.abc import Mapping
 
@@ -9,6 +9,7 @@ from pam_orthosis.discrepancy.fitting.refit import refined_in
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.search import quiet, selection
 from pam_orthosis.discrepancy.search.confirmation import emptied
+from pam_orthosis.discrepancy.search.findings import covariance, deviations, interval
 from pam_orthosis.discrepancy.search.selection import Selection
 from pam_orthosis.discrepancy.systems.system import Values
 from pam_orthosis.model.parameters import Section
@@ -16,27 +17,54 @@ from pam_orthosis.progress import Progress
 
 
 def eliminate_weak(found: Selection, settings: Section, progress: Progress) -> None:
-    """Drop effects that no longer earn their place beside the others."""
-    while len(found.final.effects) > 1:
-        effects = found.final.effects
-        replay = found.problem.replay
-        lost = replay.workers.together(
-            lambda name: _loss(found, name), effects, replay, progress, "refitting without each effect"
-        )
-        losses = dict(zip(effects, lost, strict=True))
-        found.evidence.update({name: evidence for name, (evidence, _) in losses.items()})
-        weakest = _empty(found, losses) or _weakest(found, losses, settings)
-        if weakest is None:
+    """Drop effects that earn no place beside the others, or whose size cannot be told from none."""
+    while found.final.effects:
+        losses = _losses(found, progress) if len(found.final.effects) > 1 else {}
+        weakest, reason = _empty(found, losses) or _weakest(found, losses, settings), ""
+        if weakest is not None:
+            reason = f"beside the others its evidence is {losses[weakest][0]:.0f}"
+        elif (weakest := _unsized(found)) is not None:
+            reason = "its size cannot be told from none"
+        else:
             return
-        progress(f"dropped {weakest}: beside the others its evidence is {losses[weakest][0]:.0f}")
-        left = losses[weakest][1]
-        found.final_problem, found.final = fit_tempered(
-            found.final_problem, left.effects, left.values, left.free
-        )
-        found.evidence.pop(weakest)
-        if len(found.final.effects) == 1:  # its last evidence was that beside a dropped one
-            (name,) = found.final.effects
-            found.evidence[name] = _loss(found, name)[0]
+        progress(f"dropped {weakest}: {reason}")
+        _drop(found, weakest, losses)
+
+
+def _losses(found: Selection, progress: Progress) -> dict[str, tuple[float, Fit]]:
+    """Return the evidence of each effect beside the others, and the model without it."""
+    effects, replay = found.final.effects, found.problem.replay
+    lost = replay.workers.together(
+        lambda name: _loss(found, name), effects, replay, progress, "refitting without each effect"
+    )
+    losses = dict(zip(effects, lost, strict=True))
+    found.evidence.update({name: evidence for name, (evidence, _) in losses.items()})
+    return losses
+
+
+def _drop(found: Selection, name: str, losses: Mapping[str, tuple[float, Fit]]) -> None:
+    found.evidence.pop(name)
+    if not losses:
+        found.final_problem, found.final = found.problem, found.null
+        return
+    left = losses[name][1]
+    found.final_problem, found.final = fit_tempered(found.final_problem, left.effects, left.values, left.free)
+    if len(found.final.effects) == 1:  # its last evidence was that beside a dropped one
+        (name,) = found.final.effects
+        found.evidence[name] = _loss(found, name)[0]
+
+
+def _unsized(found: Selection) -> str | None:
+    """Return the least evident of the effects whose interval holds the size at which they vanish, if any."""
+    system, model = found.problem.system, found.final
+    deviation = deviations(system, model, covariance(found.final_problem, model))
+    unsized = []
+    for name in set(model.effects) - set(system.shapes):
+        size = system.catalogue[name].fitted[0]
+        low, high = interval(model, deviation, f"{name}.{size.name}")
+        if size.neutral is not None and low <= size.neutral <= high:
+            unsized.append(name)
+    return min(unsized, key=lambda name: found.evidence[name], default=None)
 
 
 def _empty(found: Selection, losses: Mapping[str, tuple[float, Fit]]) -> str | None:
