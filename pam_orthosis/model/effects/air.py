@@ -143,7 +143,6 @@ EFFECTS = [
         coordinate="{actuator}_flow",
         confounded_with=("valve_dead_band", "valve_curve_misfit"),
         separated_by=("diagnostic-cocontraction",),
-        fastest=lambda p: p.time_constant,
         states=("supply_sag",),
         scales=(1.0e4,),
     ),

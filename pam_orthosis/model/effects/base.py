@@ -115,7 +115,6 @@ class Effect:
             advanced to be the true one}.
         late: for a delay of the inputs, values -> seconds by which the recorded ones act late.
         lag: for what a dead time of the nominal model may stand for, values -> s by which it delays.
-        fastest: the shortest time constant that its states have at these values, values -> s.
         held: for the gap workflow, own state -> {channel: gain by which a replay holds it to the recording,
             1/s times the ratio of their units}; for a state that chance decides.
         middle: name of the coordinate that is usually the middle of the machine's range.
@@ -143,7 +142,6 @@ class Effect:
     advance: Callable[[Any], Mapping[str, float]] | None = None
     late: Callable[[Any], float] | None = None
     lag: Callable[[Any], float] | None = None
-    fastest: Callable[[Any], float] | None = None
     held: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     middle: str = ""
     periodic: tuple[str, str] | None = None

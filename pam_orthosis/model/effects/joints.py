@@ -156,7 +156,6 @@ EFFECTS = [
         starts=({"threshold": 0.3}, {"threshold": 2.5}, {"lag": 0.1}),
         confounded_with=("viscous_friction",),
         separated_by=("diagnostic-triangle", "diagnostic-decay"),
-        fastest=lambda p: p.lag,
         states=("reflex",),
         scales=(1.0,),
     ),

@@ -46,7 +46,6 @@ EFFECTS = [
         starts=({"half_width": 2.0e-2},),
         confounded_with=("muscle_hysteresis", "angle_delay"),
         separated_by=("diagnostic-triangle",),
-        fastest=lambda p: 0.05 * p.half_width,
         states=("cogwheel_play",),
         scales=(1.0,),
         # where a knee comes to rest inside its play is decided by less torque than is known

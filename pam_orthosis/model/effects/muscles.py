@@ -114,7 +114,6 @@ EFFECTS = [
         coordinate="{actuator}_contraction",
         confounded_with=("muscle_hysteresis", "parallel_elasticity"),
         separated_by=("diagnostic-hold", "diagnostic-cocontraction"),
-        fastest=lambda p: p.time_constant,
         states=("{actuator}_creep",),
         scales=(0.01,),
     ),
