@@ -308,3 +308,43 @@ def test_a_hysteresis_comes_near_to_fibres_that_slide_one_after_another(shortest
     two = min(left(distance, 0.45) for distance in np.geomspace(2e-4, 2e-3, 12))
     assert two < 0.5 * one
     assert two < 0.08
+
+
+def driven(name, own, channel, values, step, **settings):
+    """Return what an effect with so many states adds, (n,), where a signal has these values."""
+    effect, signal = KNEE.catalogue[name], ca.SX.sym("signal")
+    section = Section(name, {q.name: q.typical for q in effect.parameters} | settings)
+    states = ca.SX.sym("states", own)
+    on = effect.expression(SimpleNamespace(**{channel: signal}), section, tuple(ca.vertsplit(states)))
+    (added,), x, found = on.add.values(), np.zeros(own), []
+    rates = ca.Function("rates", [states, signal], [ca.vertcat(*on.rates)])
+    shown = ca.Function("shown", [states, signal], [added])
+    for value in values:
+        found.append(float(shown(x, value)))
+        x = x + step * rates(x, value).full().ravel()
+    return np.array(found)
+
+
+def test_a_reflex_answers_after_a_dead_time_or_with_a_lag():
+    step, lag = 1e-4, 0.04
+    time = step * np.arange(4000)
+    velocity = 1.0 + np.clip(time / 0.1, 0, 1)  # a ramp of 0.1 s to 1 rad/s above the threshold
+    lagged, late, both = (
+        driven("stretch_reflex", 4, "velocity", velocity, step, gain=2.0, lag=lag, dead=share)
+        for share in (0.0, 1.0, 0.25)
+    )
+    ramp = np.clip((time - lag) / 0.1, 0, 1)
+    assert late == pytest.approx(-2.0 * ramp, abs=0.06)  # 3 %, at the kinks of the ramp
+    assert np.abs(lagged + 2.0 * ramp).max() > 0.25
+    assert lagged[600] == pytest.approx(-2.0 * (0.6 - 0.4 * (1 - np.exp(-1.5))), abs=0.01)
+    assert both == pytest.approx(0.75 * lagged + 0.25 * late)
+
+
+def test_a_share_of_a_muscle_creeps_four_times_as_slowly():
+    step, time_constant = 1e-3, 0.5
+    rate = np.zeros(3000)
+    rate[0] = 0.01 / step  # it is stretched by 10 mm at once
+    found = driven("creep", 2, "rate", rate, step, stiffness=600.0, time_constant=time_constant, slow=0.3)
+    since = step * np.arange(2999)
+    fast, slow = np.exp(-since / time_constant), np.exp(-since / (4 * time_constant))
+    assert found[1:] == pytest.approx(-6.0 * (0.7 * fast + 0.3 * slow), abs=0.01)

@@ -3,6 +3,7 @@
 
 import casadi as ca
 
+from pam_orthosis.model.effects import pade
 from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Expression, Signals
@@ -26,10 +27,12 @@ def _joint_friction(s: Signals, p: Section, states: tuple[Expression, ...]) -> C
 
 
 def _stretch_reflex(s: Signals, p: Section, states: tuple[Expression, ...]) -> Contribution:
-    """The excess of the velocity over the threshold, lagged, is answered by a torque against it."""
-    (excess,) = states
+    """A torque against the excess of the velocity over the threshold, lagged or after a dead time."""
+    excess, *late = states
     above = ca.fmax(s.velocity - p.threshold, 0) + ca.fmin(s.velocity + p.threshold, 0)
-    return Contribution({"effort": -p.gain * excess}, ((above - excess) / p.lag,))
+    answered = (1 - p.dead) * excess + p.dead * pade.delayed(tuple(late))
+    rates = ((above - excess) / p.lag, *pade.chain(tuple(late), above, p.lag))
+    return Contribution({"effort": -p.gain * answered}, rates)
 
 
 EFFECTS = [
@@ -143,12 +146,15 @@ EFFECTS = [
         parameters=(
             Quantity("gain", 0.5, "N m s/rad", 0.0, 50.0, "torque per velocity above the threshold", 0.0),
             Quantity("threshold", 1.0, "rad/s", 0.0, 8.0, "velocity of stretch at which the reflex sets in"),
-            Quantity("lag", 0.04, "s", 0.005, 0.3, "time constant of the reflex arc",
+            Quantity("lag", 0.04, "s", 0.005, 0.3, "time constant and dead time of the reflex arc",
                      meaningful=(0.02, 0.2)),  # no arc is faster; those over the cortex take 0.1 s
+            Quantity("dead", 0.0, "-", 0.0, 1.0, "share of the torque that comes after the dead time alone",
+                     fitted=False, meaningful=(0.0, 1.0)),
         ),
         expression=_stretch_reflex,
         physics="After a lesion of the spinal cord a muscle that is stretched faster than a threshold "
-        "contracts by a reflex, some tens of milliseconds later, in both directions.",
+        "contracts by a reflex, some tens of milliseconds later, in both directions. Nerves conduct with a "
+        "dead time, muscles build up their force with a lag.",
         source="spasticity as a velocity-dependent stretch reflex (Lance 1980); the first answer to a tap on "
         "the knee's tendon comes after 16 ms, in the electromyogram (Kim et al., J. Korean Acad. Rehabil. "
         "Med. 21(2), 1997), the force later; magnitude: assumption",
@@ -156,8 +162,8 @@ EFFECTS = [
         starts=({"threshold": 0.3}, {"threshold": 2.5}, {"lag": 0.1}),
         confounded_with=("viscous_friction",),
         separated_by=("diagnostic-triangle", "diagnostic-decay"),
-        states=("reflex",),
-        scales=(1.0,),
+        states=("reflex", "reflex_delay_a", "reflex_delay_b", "reflex_delay_c"),
+        scales=(1.0, 0.02, 0.02, 0.02),
     ),
     Effect(
         name="viscous_friction",

@@ -8,6 +8,7 @@ from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import ActuatorSignals, Expression
 
 WHOLE_PRESSURE = 6.0e5  # Pa gauge, the upper end of the maps; `asymmetry`, `damping`, `half_width` hold there
+SLOW = 4.0  # times the time constant of the branch that relaxes first, that of the other one
 FAR = 5.0  # times the contraction after which the first fibres slide, the others do
 WHOLE_STROKE = 0.25  # relative contraction, the upper end of the maps
 FORCE_TERMS = tuple((i, j) for i in range(4) for j in range(4) if i + j <= 3)
@@ -21,9 +22,10 @@ VOLUME_TERMS = {
 
 
 def _creep(s: ActuatorSignals, p: Section, states: tuple[Expression, ...]) -> Contribution:
-    """One Maxwell branch beside a muscle; the state is the stretch of its spring, m."""
-    (stretch,) = states
-    return Contribution({"force": -p.stiffness * stretch}, (s.rate - stretch / p.time_constant,))
+    """Two Maxwell branches beside a muscle; the states are the stretches of their springs, m."""
+    fast, slow = states
+    rates = (s.rate - fast / p.time_constant, s.rate - slow / (SLOW * p.time_constant))
+    return Contribution({"force": -p.stiffness * (fast + p.slow * (slow - fast))}, rates)
 
 
 def _damping_by_direction(s: ActuatorSignals, p: Section, _states: tuple[Expression, ...]) -> Contribution:
@@ -101,8 +103,10 @@ EFFECTS = [
         of="muscles",
         stage="force",
         parameters=(
-            Quantity("stiffness", 600.0, "N/m", 0.0, 20000.0, "stiffness of the branch that relaxes", 0.0),
+            Quantity("stiffness", 600.0, "N/m", 0.0, 20000.0, "stiffness of what relaxes", 0.0),
             Quantity("time_constant", 1.0, "s", 0.05, 30.0, "time constant of the relaxation"),
+            Quantity("slow", 0.0, "-", 0.0, 1.0, f"share that relaxes {SLOW:g} times as slowly", fitted=False,
+                     meaningful=(0.0, 0.95)),  # above it, the time constant is another one
         ),
         expression=_creep,
         physics="Rubber and fibres of a muscle flow: at once it answers a change of length as a stiffer "
@@ -114,8 +118,8 @@ EFFECTS = [
         coordinate="{actuator}_contraction",
         confounded_with=("muscle_hysteresis", "parallel_elasticity"),
         separated_by=("diagnostic-hold", "diagnostic-cocontraction"),
-        states=("{actuator}_creep",),
-        scales=(0.01,),
+        states=("{actuator}_creep", "{actuator}_slow_creep"),
+        scales=(0.01, 0.01),
     ),
     Effect(
         name="direction_dependent_damping",
