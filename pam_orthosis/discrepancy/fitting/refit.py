@@ -4,7 +4,7 @@
 from collections.abc import Sequence
 
 from pam_orthosis.discrepancy.fitting.candidates import Candidate
-from pam_orthosis.discrepancy.fitting.fit import Fit, fit_tempered, score
+from pam_orthosis.discrepancy.fitting.fit import Fit, fit_tempered, prior_cost, score
 from pam_orthosis.discrepancy.fitting.free import free_parameters, nuisance, of_effect, scales_of, with_scales
 from pam_orthosis.discrepancy.fitting.projection import Projection
 from pam_orthosis.discrepancy.replay.problem import Problem
@@ -13,6 +13,7 @@ from pam_orthosis.discrepancy.systems.system import System, Values
 from pam_orthosis.progress import Progress
 
 LEFT_OVER = 1.3  # power density over noise that an effect leaves: its details are refined
+LEANS = 20.0  # squared deviations over tolerances: nuisance parameters may do what an effect's details would
 
 
 def recalibrated(problem: Problem, progress: Progress) -> tuple[Problem, Fit]:
@@ -67,20 +68,25 @@ def _details(system: System, effects: Sequence[str]) -> list[str]:
     return [name for name in effects if any(not q.fitted for q in system.catalogue[name].parameters)]
 
 
-def with_details(problem: Problem, model: Fit, progress: Progress) -> tuple[Problem, Fit]:
+def with_details(problem: Problem, model: Fit, base: Fit, progress: Progress) -> tuple[Problem, Fit]:
     """Return the model with the details of its effects free, if these earn it.
 
-    What an effect's own form leaves over must not be named as another effect.
+    What an effect's own form leaves over must not be named as another effect. Where nuisance parameters have
+    taken it, details start beside those of a base too: from the others a fit hardly finds back.
     """
     details = _details(problem.system, model.effects)
     free = free_parameters(problem.system, model.effects, details, scales_of(problem.system, model.free))
     if len(free) == len(model.free):
         return problem, model
     progress(f"refining {', '.join(details)}")
-    weighted, refined = fit_tempered(problem, model.effects, model.values, free)
+    known = _nuisance(model)
+    kept = {key: value for key, value in base.values.items() if key in known}
+    starts = [model.values, {**model.values, **kept}] if _leans(model) else [model.values]
+    fits = [fit_tempered(problem, model.effects, start, free) for start in starts]
+    weighted, refined = better(problem, fits)
     common = problem.weighted({name: max(w, weighted.weights[name]) for name, w in problem.weights.items()})
-    better = score(common, refined) < score(common, model)
-    return (weighted, refined) if better else (problem, model)
+    earned = score(common, refined) < score(common, model)
+    return (weighted, refined) if earned else (problem, model)
 
 
 def at_best_level(problem: Problem, model: Fit) -> tuple[Problem, Fit]:
@@ -96,7 +102,7 @@ def at_best_level(problem: Problem, model: Fit) -> tuple[Problem, Fit]:
 def refitted(problem: Problem, base: Fit, one: Candidate, progress: Progress) -> tuple[Problem, Fit]:
     """Return the model with a candidate, all parameters fitted, its details too if it leaves much."""
     progress(f"refitting everything with {one.name}")
-    return refined(*fitted_with(problem, base, one), one.name, progress)
+    return refined(*fitted_with(problem, base, one), base, one.name, progress)
 
 
 def fitted_with(problem: Problem, base: Fit, one: Candidate) -> tuple[Problem, Fit]:
@@ -106,10 +112,23 @@ def fitted_with(problem: Problem, base: Fit, one: Candidate) -> tuple[Problem, F
     return fit_tempered(problem, effects, one.values, free)
 
 
-def refined(problem: Problem, model: Fit, name: str, progress: Progress) -> tuple[Problem, Fit]:
-    """Return a model with the details of its effects free where one of these leaves much."""
+def refined(problem: Problem, model: Fit, base: Fit, name: str, progress: Progress) -> tuple[Problem, Fit]:
+    """Return a model with the details of its effects free where one leaves much, or leans on tolerances."""
     left = max(1 / problem.weights[equation] ** 2 for equation in problem.replay.touched(name))
-    return with_details(problem, model, progress) if left > LEFT_OVER else (problem, model)
+    if left > LEFT_OVER or _leans(model):
+        return with_details(problem, model, base, progress)
+    return problem, model
+
+
+def _leans(model: Fit) -> bool:
+    """Return whether a model's nuisance parameters are far from where their tolerances hold them."""
+    names = _nuisance(model)
+    return prior_cost([one for one in model.free if one.name in names], model.values) > LEANS
+
+
+def _nuisance(model: Fit) -> set[str]:
+    """Return the free parameters of a model that belong to none of its effects."""
+    return {one.name for one in model.free if one.name.partition(".")[0] not in model.effects}
 
 
 def details_of(system: System, name: str) -> dict[str, float]:

@@ -84,7 +84,9 @@ def _added(found: Selection, step: Step, progress: Progress) -> bool:
     for name in set(step.fit.effects) - set(found.evidence):
         found.evidence[name] = found.entered[name] = step.evidence
         found.alike[name] = _alike(step)
-    found.final_problem, found.final = at_best_level(*with_details(step.problem, step.fit, progress))
+    found.final_problem, found.final = at_best_level(
+        *with_details(step.problem, step.fit, found.final, progress)
+    )
     return True
 
 
@@ -268,7 +270,7 @@ def _refitted_all(
         unshaped = replace(candidate, values={**candidate.values, **plain})
         if unshaped != candidate and is_far(weighted) and shapes_astray(problem.system, model):
             weighted, model = better(problem, [(weighted, model), fitted_with(problem, base, unshaped)])
-        weighted, model = refined(weighted, model, candidate.name, silent)
+        weighted, model = refined(weighted, model, base, candidate.name, silent)
         return weighted.weights, model
 
     names = ", ".join(candidate.name for candidate in worth)

@@ -26,10 +26,18 @@ def _joint_friction(s: Signals, p: Section, states: tuple[Expression, ...]) -> C
     return Contribution({"effort": torque}, (bent / p.presliding,))
 
 
+def _parallel_elasticity(s: Signals, p: Section, _states: tuple[Expression, ...]) -> Contribution:
+    """A torque back to the rest angle, whose stiffness may grow, and may be another on each side of it."""
+    bent = s.coordinate - p.rest_angle
+    both_sides = bent + p.one_sided * ca.fabs(bent)
+    return Contribution({"effort": -p.stiffness * both_sides * (1 + p.hardening * bent**2)})
+
+
 def _stretch_reflex(s: Signals, p: Section, states: tuple[Expression, ...]) -> Contribution:
     """A torque against the excess of the velocity over the threshold, lagged or after a dead time."""
     excess, *late = states
-    above = ca.fmax(s.velocity - p.threshold, 0) + ca.fmin(s.velocity + p.threshold, 0)
+    bending, stretching = ca.fmax(s.velocity - p.threshold, 0), ca.fmin(s.velocity + p.threshold, 0)
+    above = (1 + p.one_sided) * bending + (1 - p.one_sided) * stretching
     answered = (1 - p.dead) * excess + p.dead * pade.delayed(tuple(late))
     rates = ((above - excess) / p.lag, *pade.chain(tuple(late), above, p.lag))
     return Contribution({"effort": -p.gain * answered}, rates)
@@ -104,11 +112,15 @@ EFFECTS = [
             Quantity("stiffness", 2.0, "N m/rad", -50.0, 200.0, "stiffness of the spring", 0.0),
             Quantity("rest_angle", 0.6, "rad", -1.0, 2.0, "angle at which it is free of load",
                      fitted=False),
+            Quantity("hardening", 0.0, "1/rad^2", 0.0, 20.0, "growth of the stiffness / square of the angle",
+                     fitted=False, meaningful=(0.0, 19.0)),
+            Quantity("one_sided", 0.0, "-", -1.0, 1.0,
+                     "difference of the stiffnesses above and below the rest angle / their sum",
+                     fitted=False, meaningful=(-1.0, 1.0)),
         ),
-        expression=lambda s, p, _states: Contribution(
-            {"effort": -p.stiffness * (s.coordinate - p.rest_angle)}
-        ),
-        physics="Shells, straps, hoses and soft tissue pull the joint towards a middle angle.",
+        expression=_parallel_elasticity,
+        physics="Shells, straps, hoses and soft tissue pull the joint towards a middle angle. Soft tissue "
+        "stiffens as it is stretched; a strap or a cuff pulls on one side only.",
         source="assumption; a human knee's passive stiffness in mid range is a few N m/rad",
         minimum_effect=0.1,
         starts=({"stiffness": -2.0},),
@@ -150,11 +162,14 @@ EFFECTS = [
                      meaningful=(0.02, 0.2)),  # no arc is faster; those over the cortex take 0.1 s
             Quantity("dead", 0.0, "-", 0.0, 1.0, "share of the torque that comes after the dead time alone",
                      fitted=False, meaningful=(0.0, 1.0)),
+            Quantity("one_sided", 0.0, "-", -1.0, 1.0,
+                     "difference of the gains of flexion and extension / their sum", fitted=False,
+                     meaningful=(-1.0, 1.0)),
         ),
         expression=_stretch_reflex,
         physics="After a lesion of the spinal cord a muscle that is stretched faster than a threshold "
-        "contracts by a reflex, some tens of milliseconds later, in both directions. Nerves conduct with a "
-        "dead time, muscles build up their force with a lag.",
+        "contracts by a reflex, some tens of milliseconds later, in one direction or both. Nerves conduct "
+        "with a dead time, muscles build up their force with a lag.",
         source="spasticity as a velocity-dependent stretch reflex (Lance 1980); the first answer to a tap on "
         "the knee's tendon comes after 16 ms, in the electromyogram (Kim et al., J. Korean Acad. Rehabil. "
         "Med. 21(2), 1997), the force later; magnitude: assumption",
