@@ -21,6 +21,7 @@ STAMP = re.compile(
     r"((?P<day>\d{4}-\d\d-\d\d)[T ])?(?P<clock>\d\d:\d\d:\d\d)([.,](?P<fraction>\d+))?"
     r"(?P<zone>Z|[-+]\d\d:\d\d)?"
 )
+HALF_A_DAY = 43_200.0  # s
 NUMBER = re.compile(r"[-+]?([.,]?\d|nan|inf)", re.IGNORECASE)  # how numbers begin, and no units
 
 
@@ -135,7 +136,7 @@ class _Stamps:
 
     def __init__(self, cells: _Cells):
         self._cells, self._numbers = cells, False
-        self._first: tuple[datetime, tuple[bool, bool]] | None = None  # and whether it has day and zone
+        self._first: tuple[datetime, tuple[bool, bool]] | None = None  # and whether it lacks day and zone
 
     def number(self, cell: str, where: str) -> float:
         """Return the s of a cell; OrthosisError if it is not written as those before it."""
@@ -150,6 +151,8 @@ class _Stamps:
         first, first_form = self._first = self._first or (instant, form)
         if form != first_form:
             raise OrthosisError(f"{where}: {shown(cell)} is not written as the dates above; write all alike")
+        if found["day"] is None and (first - instant).total_seconds() > HALF_A_DAY:
+            raise OrthosisError(f"{where}: the clock passes midnight: write the dates too")
         return (instant - first).total_seconds()
 
 

@@ -187,6 +187,7 @@ def test_a_stamp_that_is_missing_is_nan(tmp_path):
         ((STAMP, f"{STAMP}Z"), f"'{STAMP}Z' is not written as the dates above"),
         (("2026-13-02 10:00:00",), "there is no such time: month must be in 1..12"),
         (("10:60:00",), "there is no such time: minute must be in 0..59"),
+        (("23:59:59.9", "00:00:00.1"), "line 3, column t: the clock passes midnight: write the dates too"),
         (("10:00:00 Uhr",), "is no number; write time in seconds"),
     ],
 )

@@ -80,6 +80,17 @@ def test_units_in_the_columns_names_are_converted(system, tmp_path):
         np.testing.assert_allclose(values, SI[name], rtol=1e-9)
 
 
+def test_names_may_have_capitals_and_spaces(system, tmp_path):
+    other = {name.replace("_", " ").capitalize(): values for name, values in SI.items()}
+    other = {"Angle [deg]" if name == "Angle" else name: values for name, values in other.items()}
+    other["Angle [deg]"] = np.rad2deg(SI["angle"])
+    found = from_csv(write(tmp_path / "other.csv", other), system)
+    for name, values in found.signals.items():
+        np.testing.assert_allclose(values, SI[name], rtol=1e-9)
+    with pytest.raises(OrthosisError, match=r"Angle \[deg\] and angle_deg both give angle"):
+        from_csv(write(tmp_path / "two.csv", {**other, "angle_deg": SI["angle"]}), system)
+
+
 def test_time_may_be_dates_unless_its_unit_is_given(system, tmp_path):
     whole, *rows = write(tmp_path / "x.csv", SI).read_text().splitlines()
     start = np.datetime64("2026-12-31T23:59:59.500000")

@@ -18,6 +18,7 @@ from pam_orthosis.model.parameters import experiments, scenario_names
 
 LABEL = 25  # characters of the first column, at least
 MOST_NAMED, MOST_SHOWN = 3, 8  # parameters in one line: of many, and else
+MOST_RIVALS = 3  # of an effect, in the last line
 
 
 def describe_data(data: Identifiability) -> str:
@@ -246,7 +247,7 @@ def _refusal(outcome: Outcome) -> str:
 
 
 def _answer(outcome: Outcome) -> str:
-    names = " and ".join(_title(outcome.system, one.name) for one in outcome.effects)
+    names = " and ".join(_with_rivals(outcome.system, one) for one in outcome.effects)
     share = outcome.closure[OVERALL]
     explain = "explain" if len(outcome.effects) > 1 else "explains"
     much = f"{explain}{'' if share is None else f' {100 * share:.1f} % of the gap'}"
@@ -270,7 +271,7 @@ def _answer(outcome: Outcome) -> str:
 
 def _recalibrated(outcome: Outcome, names: str) -> str:
     if names:
-        return f"recalibration alone leaves noise, but what it moves has a better reason: {names}"
+        return f"tolerances could take all of it, but less is needed with {names}"
     moved = _moved(outcome, moved_beyond(outcome.system, outcome.selection.final))
     rivals = outcome.steps[0].ranked[:1] if outcome.steps else ()
     best = "".join(f"{name}, evidence {value:.0f}" for name, value in rivals)
@@ -307,13 +308,21 @@ def _described(outcome: Outcome, names: str) -> str:
     return f"{names + ', and ' if names else ''}{what}; a description, no cause, which {left}"
 
 
+def _with_rivals(system: System, one: Named) -> str:
+    """Return what was found, with what the recordings do not separate from it."""
+    rivals = [f"or {_title(system, name)}" for name in one.look_alikes[:MOST_RIVALS]]
+    return _title(system, one.name) + (f" ({', '.join(rivals)})" if rivals else "")
+
+
 def _title(system: System, name: str) -> str:
     return f"a wrong {system.wrong[name]}" if name in system.wrong else name.replace("_", " ")
 
 
 def _unexplained(outcome: Outcome, left: str, bent: str) -> str:
     if outcome.foreign:
-        return f"nothing I know, this is not the machine that was given; {left}{bent}"
+        return (
+            f"nothing I know; the recordings seem to be of another machine than the given one; {left}{bent}"
+        )
     if clean(outcome.left) and not beyond(outcome.after, outcome.floor) and _far(outcome.strained):
         return "noise only is left, but by nuisance parameters far outside their tolerance"
     if clean(outcome.left) and beyond(outcome.after, outcome.floor):

@@ -183,11 +183,15 @@ def _specified(text: str, columns: Collection[str]) -> tuple[str, float, str]:
 
 
 def _of_name(path: str, name: str, columns: Iterable[str]) -> str | None:
-    """Return the column that is of this name but for its unit."""
-    found = [column for column in columns if _split(column)[0] == name and _split(column)[1]]
+    """Return the column that is of this name but for its unit, capitals and spaces."""
+    found = [column for column in columns if _plain(_split(column)[0]) == _plain(name)]
     if len(found) > 1:
         raise OrthosisError(f"{path}: {' and '.join(found)} both give {name}; say which one by --columns")
     return found[0] if found else None
+
+
+def _plain(name: str) -> str:
+    return name.lower().replace(" ", "_")
 
 
 def _split(column: str) -> tuple[str, str]:

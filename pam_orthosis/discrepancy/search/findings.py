@@ -139,10 +139,10 @@ def _meet(problem: Problem, one: str, other: str) -> bool:
 
 
 def runner_up_of(found: Selection) -> tuple[str, float] | None:
-    """Return the best effect that was not chosen in the first round, and how far it was behind."""
+    """Return the best effect with evidence that the first round did not choose, and how far behind it was."""
     accepted = [step.accepted for step in found.steps if step.accepted in found.final.effects]
     own, others = _round_of(found, str(accepted[0])) if accepted else (0.0, ())
-    behind = [(name, own - evidence) for name, evidence in others]
+    behind = [(name, own - evidence) for name, evidence in others if evidence > 0]
     return min(behind, key=lambda item: item[1]) if behind else None
 
 

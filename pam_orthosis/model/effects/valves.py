@@ -164,7 +164,7 @@ EFFECTS = [
         parameters=(
             Quantity("natural_frequency", 100.0, "Hz", 5.0, 1000.0, "natural frequency of the spool"),
             Quantity("damping_ratio", 0.8, "-", 0.3, 5.0, "damping ratio of the spool", fitted=False,
-                     meaningful=(0.3, 5.0)),  # at 5 it is a lag of the first order
+                     meaningful=(0.31, 5.0)),  # at 5 it is a lag of the first order
         ),
         expression=_valve_lag,
         physics="The spool is moved by a position loop on the valve; it follows the voltage like a damped "
