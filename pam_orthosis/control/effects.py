@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pam_orthosis.control.reference import Pressures, Reference
 from pam_orthosis.model import assembly
 from pam_orthosis.model.compiled import compiled
-from pam_orthosis.model.effects.base import ActiveEffects, enabled
+from pam_orthosis.model.effects.base import ActiveEffects, Effect, enabled
 from pam_orthosis.model.effects.described import Described
 from pam_orthosis.model.integrate import runge_kutta_4
 from pam_orthosis.model.parameters import Parameters
@@ -35,13 +35,19 @@ def known(nominal: Parameters, *stages: str) -> tuple[str, ...]:
     Those that controllers cannot use are left out.
     """
     machine = nominal.declared
-    foreseen = [name for name in enabled(nominal.at(machine.branch)) if name not in UNFORESEEN]
-    own = {name: machine.possible[name] for name in foreseen}
+    own = {name: machine.possible[name] for name in enabled(nominal.at(machine.branch))}
     return tuple(
         name
         for name, effect in own.items()
-        if effect.stage in stages and (effect.stage in MECHANICAL or not isinstance(effect, Described))
+        if effect.stage in stages and _is_usable(effect, values(nominal, name))
     )
+
+
+def _is_usable(effect: Effect, settings: Section) -> bool:
+    """Return whether controllers can foresee what an effect does: a drift is another in each run."""
+    if not isinstance(effect, Described):
+        return effect.name not in UNFORESEEN
+    return effect.stage in MECHANICAL and settings.coordinate != "time"
 
 
 def assembled(nominal: Parameters, *names: str) -> assembly.Assembly:

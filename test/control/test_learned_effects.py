@@ -104,6 +104,13 @@ def test_a_torque_of_unknown_phase_is_left_to_the_observer():
     assert effects.added_by_effects(with_effects("periodic_torque").nominal()) is None
 
 
+@pytest.mark.parametrize(("coordinate", "used"), [("angle", ("unknown_torque",)), ("time", ())])
+def test_what_drifted_in_a_recording_is_not_foreseen_in_another(coordinate, used):
+    on = {"enabled": True, "coordinate": coordinate, "values": [0.2] * 20}
+    nominal = load({f"effects.unknown_torque.{name}": value for name, value in on.items()}).nominal()
+    assert effects.known(nominal, *effects.MECHANICAL) == used
+
+
 @pytest.mark.parametrize("name", MECHANICAL)
 def test_the_pressures_give_the_torque_together_with_the_effect(name):
     nominal = with_effects(name).nominal()

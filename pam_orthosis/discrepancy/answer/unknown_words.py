@@ -64,7 +64,7 @@ def _carried(system: System, one: Description) -> list[str]:
     known = holder(system, one)
     if known is None:
         return ["no model file can carry this description"]
-    first = one.channel == system.channels[0].name
+    first = one.channel == system.channels[0].name and one.coordinate != "time"
     use = "controllers and gap use it" if first else "gap uses it, controllers do not"
     return [f"a model file carries this description, which is no cause, as {system.branch}.{known[0]}: {use}"]
 
