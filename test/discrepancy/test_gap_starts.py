@@ -25,6 +25,24 @@ def begun(bench, **plant):
     return *refit.recalibrated(problem, silent), held_out
 
 
+def effect_on(name, **values):
+    return {f"plant__effects__{name}__{key}": value for key, value in {"enabled": True, **values}.items()}
+
+
+def test_what_tolerances_took_is_found_to_be_the_detail_of_a_spring(bench):
+    """A linear spring leans on them: it fits as well here, and a motion that reaches farther refutes it."""
+    spring = {"stiffness": 4.0, "rest_angle": 0.7, "hardening": 1.5}
+    problem, null, _ = begun(bench, **effect_on("parallel_elasticity", **spring))
+    projection = Projection(problem, null)
+    trial = Trial(projection, "parallel_elasticity")
+    one = candidate(projection, trial, trial.starts())
+    _, plain = refit.fitted_with(problem, null, one)
+    _, model = refit.refitted(problem, null, one, silent)
+    assert plain.values["parallel_elasticity.stiffness"] > 6.0
+    for name, value in spring.items():
+        assert model.values[f"parallel_elasticity.{name}"] == pytest.approx(value, rel=0.1)
+
+
 @pytest.fixture(scope="module")
 def sound(bench):
     return begun(bench)

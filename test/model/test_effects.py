@@ -24,7 +24,7 @@ PERIOD, SUBSTEPS, PERIODS = 2.0e-3, 20, 150
 NONE = {f"plant.effects.{name}.enabled": False for name in KNEE.catalogue}
 UNITS = {
     "-", "N m", "N m s/rad", "rad/s", "N", "m", "N s/m", "N/m", "s", "N m/rad", "rad", "kg", "Hz", "V",
-    "kg/(s Pa)", "Pa s/kg", "m^3", "K", "Pa",
+    "kg/(s Pa)", "Pa s/kg", "m^3", "K", "Pa", "1/rad^2",
 }  # fmt: skip
 every = pytest.mark.parametrize("effect", KNEE.catalogue.values(), ids=KNEE.catalogue.keys())
 
@@ -338,6 +338,26 @@ def test_a_reflex_answers_after_a_dead_time_or_with_a_lag():
     assert np.abs(lagged + 2.0 * ramp).max() > 0.25
     assert lagged[600] == pytest.approx(-2.0 * (0.6 - 0.4 * (1 - np.exp(-1.5))), abs=0.01)
     assert both == pytest.approx(0.75 * lagged + 0.25 * late)
+    flexing, stretching = (
+        driven("stretch_reflex", 4, "velocity", sign * velocity, step, gain=2.0, lag=lag, one_sided=1.0)
+        for sign in (1, -1)
+    )
+    assert flexing == pytest.approx(2 * lagged)
+    assert not stretching.any()
+
+
+def test_a_spring_hardens_and_may_pull_on_one_side_alone():
+    def pulls(angle, **settings):
+        p = Section(
+            "spring", {"stiffness": 2.0, "rest_angle": 0.5, "hardening": 0.0, "one_sided": 0.0} | settings
+        )
+        on = KNEE.catalogue["parallel_elasticity"].expression(SimpleNamespace(coordinate=angle), p, ())
+        return float(on.add["effort"])
+
+    assert pulls(0.9) == pytest.approx(-0.8)
+    assert pulls(0.1, hardening=5.0) == pytest.approx(0.8 * 1.8)
+    assert pulls(0.9, one_sided=1.0) == pytest.approx(-1.6)
+    assert pulls(0.1, one_sided=1.0) == 0.0
 
 
 def test_a_share_of_a_muscle_creeps_four_times_as_slowly():
