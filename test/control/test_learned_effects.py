@@ -137,7 +137,7 @@ def test_both_muscles_stay_taut_with_what_an_effect_adds_to_their_forces(stretch
     """A muscle that an effect slackens pulls by jerks: its damping comes and goes with the elastic force."""
     nominal = with_effects("creep").nominal()
     law, command = effects.added_by_effects(nominal), position.command_function(nominal)
-    estimate, states = [0.03, 1.5, 0.0], [stretched, -stretched]  # creep's springs, m
+    estimate, states = [0.03, 1.5, 0.0], [stretched, 0.0, -stretched, 0.0]  # creep's springs, m
     gains = [nominal.flat()[key] for key in (*position.GAINS, *KNEE.live)]
     pressures = command(estimate, [*estimate[:2], 0.0], 3.0e5, [0.0, 0.0], states, 0.0, gains)[0].full()[:, 0]
     added = law(*estimate[:2], pressures, states, 0.0)[1].full()[:, 0]

@@ -17,7 +17,7 @@ from pam_orthosis.cli.main import main
 from pam_orthosis.discrepancy import workflow
 from pam_orthosis.discrepancy.answer import judgement, patch
 from pam_orthosis.discrepancy.answer.contract import as_dict
-from pam_orthosis.discrepancy.answer.verdict import _share, describe
+from pam_orthosis.discrepancy.answer.verdict import _share, _with_rivals, describe
 from pam_orthosis.discrepancy.apparatus import without_record
 from pam_orthosis.discrepancy.fitting.measure import Gap, closure, over_noise, reduced
 from pam_orthosis.discrepancy.preparation import beginning, check
@@ -462,3 +462,10 @@ def test_an_apparatus_that_nothing_records_is_said_to_be_assumed(tmp_path):
 def test_a_share_of_nothing_has_no_sign():
     outcome = SimpleNamespace(closure={"angle": -0.0003}, from_configured=())
     assert _share(outcome, "angle") == "0.0 %"
+
+
+def test_the_last_line_says_what_the_data_do_not_separate():
+    system = SimpleNamespace(wrong={"leg_cogwheel_diameter": "leg.cogwheel_diameter"})
+    one = SimpleNamespace(name="valve_lag", look_alikes=("valve_delay", "leg_cogwheel_diameter"))
+    assert _with_rivals(system, one) == "valve lag (or valve delay, or a wrong leg.cogwheel_diameter)"
+    assert _with_rivals(system, SimpleNamespace(name="valve_lag", look_alikes=())) == "valve lag"

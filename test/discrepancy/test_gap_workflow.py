@@ -634,7 +634,8 @@ def test_a_gap_that_is_left_is_not_called_none(effects, closed, after, verdict):
         equations=[SimpleNamespace(name="torque", channels=("angle",))], wrong={}, calibrations=()
     )
     outcome = SimpleNamespace(
-        verdict=reported, effects=[SimpleNamespace(name=name) for name in effects], surrogates=(), left=left,
+        verdict=reported, effects=[SimpleNamespace(name=name, look_alikes=()) for name in effects],
+        surrogates=(), left=left,
         after=gaps[0], floor=gaps[1], empty=(), closure={"overall": closed}, system=system, steps=(),
         unknown=None, strained={}, foreign=False, mistaken=False,
         selection=SimpleNamespace(final=SimpleNamespace(free=())),
