@@ -36,16 +36,17 @@ class Turn(NamedTuple):
 Turns = Callable[[int], Iterator[Turn]]
 
 
-def turns_of_main(pid: int) -> Iterator[Turn]:
-    """Yield what the main thread of a process does."""
+def turns_of_process(pid: int) -> Iterator[Turn]:
+    """Yield what the main thread of a process does, and whether others, which may hold its locks, wait."""
     yield _turn(f"{pid}/task/{pid}", TIMES)
+    yield from _letters(pid)
 
 
 def turns_of_tree(pid: int) -> Iterator[Turn]:
     """Yield what all threads of a process and of its descendants do, those that have ended included."""
     yield Turn("", _turn(str(pid), TIMES_WITH_CHILDREN).used)
+    yield from _letters(pid)
     for thread in _listed(f"{pid}/task"):
-        yield Turn(_turn(f"{pid}/task/{thread}", TIMES).state)
         for child in _read(f"{pid}/task/{thread}/children").split():
             yield from turns_of_tree(int(child))
 
@@ -61,6 +62,12 @@ def turns_of_group(group: int) -> Iterator[Turn]:
 def running_in_group(group: int) -> bool:
     """Whether a process of a group has not ended; one that nobody has asked for its status yet has."""
     return any(turn.state not in ENDED for turn in turns_of_group(group))
+
+
+def _letters(pid: int) -> Iterator[Turn]:
+    """Yield the letters of all threads of a process."""
+    for thread in _listed(f"{pid}/task"):
+        yield Turn(_turn(f"{pid}/task/{thread}", TIMES).state)
 
 
 def _turn(entry: str, times: slice) -> Turn:
@@ -100,7 +107,7 @@ class Idleness:
         passed: all time, s.
     """
 
-    def __init__(self, pid: int, of: Turns = turns_of_main):
+    def __init__(self, pid: int, of: Turns = turns_of_process):
         self._pid, self._of = pid, of
         self.begin()
 

@@ -191,6 +191,7 @@ class BagRecorder(graph.GraphNode):
             if tick:
                 leg.sampled(stamp_ns)
             if self.ended or not leg.within(stamp_ns):
+                self.pulse()  # no step is done here, and a timer would queue behind all that has come
                 return
             data = bytes(data) if clean else canonical(data, topic.type)
             whole = leg.steps.add(Message(name, stamp_ns, data))

@@ -2,6 +2,7 @@
 """The supervisor against processes that are no nodes."""
 
 import os
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -65,6 +66,30 @@ def idleness(monkeypatch):
 )  # fmt: skip
 def test_time_in_which_a_process_waits_for_its_turn_is_not_its_own(idleness, state, share, seconds, silent):
     assert idleness(state, share, seconds).silent(processes.SILENCE_SECONDS) is silent
+
+
+LOCKED = """
+import threading
+def spin():
+    while True: pass
+threading.Thread(target=spin, daemon=True).start()
+threading.Event().wait()
+"""
+
+
+def test_a_process_that_waits_for_its_own_thread_which_wants_the_processor_is_not_asleep():
+    """A thread of the middleware may hold a lock while it waits for its turn."""
+    with subprocess.Popen([sys.executable, "-c", LOCKED]) as locked:
+        try:
+            while sum(turn.used for turn in processes.turns_of_tree(locked.pid)) < 0.2:
+                time.sleep(0.05)
+            told = processes.Idleness(locked.pid)
+            while told.passed < 1.0:
+                time.sleep(0.05)
+                told.look()
+        finally:
+            locked.kill()
+    assert told.asleep < 0.5
 
 
 @pytest.mark.parametrize(
