@@ -79,9 +79,9 @@ def _planned(arguments: argparse.Namespace, progress: Progress) -> tuple[Machine
     scenario = arguments.scenario or (DEFAULT if arguments.machine else "person")
     parameters = chosen(arguments, scenario=scenario)
     machine = parameters.declared
-    known = patch.read_nominal(arguments.model, machine) if arguments.model else {}
+    known = patch.read(arguments.model, machine) if arguments.model else {}
     with naming(arguments.model):
-        parameters = parameters.changed(known)
+        parameters = parameters.changed(patch.nominal_of(known, arguments.model))
     after = recorded_in(arguments.after, parameters, arguments.namespace) if arguments.after else None
     plan = make_plan(parameters, arguments.reserve * BAR, progress, after)
     parameters.changed(plan.overrides)  # the rules of the configuration hold for it, or it is not written

@@ -394,6 +394,15 @@ def test_a_wrong_dimension_is_no_skew(bench, nominal, true):
     assert abs(skew.seconds - 0.01) < STEP
 
 
+@pytest.mark.parametrize(("ms", "shown", "said"), [(4, 1, False), (4, 2, True), (7, 1, True), (-7, 1, True)])
+def test_a_small_skew_is_shown_by_more_than_half_of_the_recordings(monkeypatch, ms, shown, said):
+    """Slack muscles, or a strong damping that the model lacks, look like one in some of them."""
+    skew = stamps.Skew("angle", ("extensor_pressure",), 0.001 * ms, 0.1)
+    monkeypatch.setattr(stamps, "skews", lambda _, one: [skew] if one.name < shown else [])
+    recordings = [SimpleNamespace(name=number) for number in range(2)]
+    assert bool(remarks_on_stamps(None, recordings)) is said
+
+
 @pytest.mark.parametrize(("period", "kept"), [(0.001, False), (0.005, True)])
 def test_voltages_of_a_loop_faster_than_the_table_are_left_out_by_name(
     tmp_path, monkeypatch, capsys, period, kept

@@ -387,7 +387,18 @@ def test_where_hardly_anything_is_left_nothing_is_said(reported):
 
 
 def test_a_curve_that_is_no_wave_has_no_period():
+    places, sure = np.linspace(0.0, 1.0, 20), np.ones(20)
+    assert description.wave_period(places, np.exp(-(((places - 0.5) / 0.1) ** 2)), sure) is None
+    assert description.wave_period(places, 3 * places + 1, sure) is None
+    assert description.wave_period(places, np.sin(8 * places), sure) is None  # too little of it is seen
+    assert description.wave_period(places, np.abs(places - 0.45) ** 0.5, sure) is None  # arcs at a cusp
+    assert description.wave_period(np.zeros(20), np.zeros(20), sure) is None
+
+
+def test_a_wave_has_its_period_though_some_places_were_hardly_visited():
     places = np.linspace(0.0, 1.0, 20)
-    assert description.wave_period(places, np.exp(-(((places - 0.5) / 0.1) ** 2))) is None
-    assert description.wave_period(places, 3 * places + 1) is None
-    assert description.wave_period(places, np.sin(12 * places)) == pytest.approx(np.pi / 6, rel=0.05)
+    spread = np.where(places > 0.6, 0.5, 0.01)
+    wrong = np.where(places > 0.6, np.random.default_rng(4).normal(0.0, 0.5, 20), 0.0)
+    period = description.wave_period(places, np.sin(17 * places) + wrong, spread)
+    assert period == pytest.approx(2 * np.pi / 17, rel=0.05)
+    assert description.wave_period(places, np.sin(17 * places) + wrong, np.ones(20)) is None

@@ -230,6 +230,18 @@ def test_a_description_that_by_chance_removes_more_than_the_gap_leaves_noise():
     assert reduced(1.5, 2.0) == 1.0
 
 
+def test_a_surrogate_that_makes_held_out_recordings_worse_is_not_shown(friction, monkeypatch):
+    start, outcome, settings = friction
+    final = outcome.selection.final
+    final = replace(final, values={**final.values, "joint_friction.coulomb": 20.0})
+    monkeypatch.setattr(workflow.select, "extended", lambda *_: replace(outcome.selection, final=final))
+    monkeypatch.setattr(workflow, "unknown", lambda *_: None)
+    reported = workflow.search(start, settings)
+    assert reported.after.white["overall"] == pytest.approx(reported.before.white["overall"])
+    assert reported.verdict == "unexplained"
+    assert "surrogate" not in describe(reported)
+
+
 def test_what_is_left_has_one_measure(friction):
     """The root mean square over the noise, in the table, the file and the verdict alike."""
     _, outcome, _ = friction

@@ -217,12 +217,13 @@ def test_a_plan_that_cannot_be_meant_is_refused(changes, told):
 
 def test_the_verb_writes_a_model_that_keeps_what_was_known(tmp_path, capsys, page_fits):
     known, out = tmp_path / "known.yaml", tmp_path / "planned.yaml"
-    patch.write(known, {"valve.conductance": 2.6e-8})
+    patch.write(known, {"valve.conductance": 2.6e-8, "gap.replay.warm_up": 3.0})
     page = tmp_path / "plan.html"
     given = ["--scenario", "person", "--model", str(known)]
     assert main(["plan", *given, "--out", str(out), "--page", str(page)]) == 0
     written = patch.read(out)
     assert written["valve.conductance"] == 2.6e-8
+    assert written["gap.replay.warm_up"] == 3.0
     assert load(scenario_overrides("person") | written).scenario.plan.enabled
     with pytest.raises(OrthosisError, match="for another motion, or for a leg with or without a person"):
         load(written)

@@ -89,6 +89,12 @@ class Outcome:
     foreign: bool = False
     mistaken: bool = False
 
+    @property
+    def misled(self) -> bool:
+        """Whether only surrogates are added, and they leave as much of held-out recordings as nothing."""
+        worse = self.after.white[measure.OVERALL] >= self.before.white[measure.OVERALL]
+        return bool(self.surrogates) and not self.effects and worse
+
     def of_mistaken(self) -> Outcome:
         """Return the outcome of recordings that seem mistaken: what explains a mistake is no explanation."""
         verdict = "partial" if self.effects else "unexplained"

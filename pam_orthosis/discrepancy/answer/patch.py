@@ -133,12 +133,19 @@ def _check_modelled(changed: Mapping[str, Any]) -> None:
 def read_nominal(path: Path, machine: Machine | None = None) -> dict[str, Any]:
     """Return the overrides of a file that holds the controllers' nominal model, a plan included; see `read`.
 
-    What the file has for `gap` is left out.
+    Raises:
+        OrthosisError: as `read` and `nominal_of`.
+    """
+    return nominal_of(read(path, machine), path)
+
+
+def nominal_of(given: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """Return what a model file has of the nominal model, without what it has for `gap`.
 
     Raises:
-        OrthosisError: as `read`; it has a parameter of the hardware or of the run.
+        OrthosisError: it has a parameter of the hardware or of the run.
     """
-    changed = {key: value for key, value in read(path, machine).items() if not key.startswith(OF_GAP)}
+    changed = {key: value for key, value in given.items() if not key.startswith(OF_GAP)}
     for key in changed:
         if not key.startswith((*OF_NOMINAL, PLANNED)):
             raise OrthosisError(f"{path}: {key} is not of the nominal model; give it by --param")

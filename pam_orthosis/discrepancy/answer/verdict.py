@@ -98,6 +98,8 @@ def describe(outcome: Outcome) -> str:
     lines.append(f"{'times the noise':{width + 2}s} {numbers}  {_share(outcome, OVERALL)}")
     if outcome.from_configured:
         lines.append("* of the nominal model's gap, which recalibration alone explains")
+    if outcome.unknown is not None and outcome.unknown.descriptions:
+        lines.append("explained: by effects that are named; what is unknown removes more, see there")
     worst, wrong = outcome.where[0], outcome.system.wrong
     if not worst.clean:
         seen = ", ".join(f"{name} {share:.0%}" for name, share in list(worst.coordinates.items())[:3])

@@ -52,11 +52,12 @@ def remarks_on_stamps(
 ) -> list[str]:
     """Return remarks on signals that are stamped late or early against a coordinate: one on each recording.
 
-    At least half of the recordings have to show the same skew: a missing effect may look like one in some.
+    At least half of the recordings have to show the same skew, more than half if it is small: a missing
+    effect or slack muscles may look like one in some.
     """
     every = (workers or Workers()).together(lambda one: skews(system, one), recordings)
     found = [
-        (one.name, [skew for skew in many if 2 * _count(skew, every) >= len(every)])
+        (one.name, [skew for skew in many if _is_shared(skew, every)])
         for one, many in zip(recordings, every, strict=True)
     ]
     if not any(many for _, many in found):
@@ -71,12 +72,13 @@ def remarks_on_stamps(
     ] + [f"{name} {unclear}" for name, many in found if not many]
 
 
-def _count(skew: Skew, every: Sequence[Sequence[Skew]]) -> int:
-    """Return how many recordings show a skew, or nearly."""
-    return sum(
+def _is_shared(skew: Skew, every: Sequence[Sequence[Skew]]) -> bool:
+    """Return whether enough recordings show a skew, or nearly."""
+    shown = sum(
         any(one[:2] == skew[:2] and abs(one.seconds - skew.seconds) <= ALIKE for one in many)
         for many in every
     )
+    return 2 * shown > len(every) - (abs(skew.seconds) > SMALL)
 
 
 def skews(system: System, one: Recording) -> list[Skew]:

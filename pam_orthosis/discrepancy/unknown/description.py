@@ -7,7 +7,7 @@ recordings fit it; the signal whose curve reduces the held-out gap most is given
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import permutations
@@ -32,7 +32,7 @@ from pam_orthosis.discrepancy.unknown.curve_fit import (
 LEAST_REDUCED = 0.5  # share of the held-out gap that descriptions of an equation remove, at least
 LEAST_ADDED = 0.2  # of that gap: what one of several removes
 NEAR = 0.05  # of that gap: signals that differ by less are told apart by the equation, not by the recordings
-CYCLES, FITS = 1.8, 0.7  # a curve is periodic if so many waves are in its range and explain so much of it
+CYCLES, FITS = 1.5, 0.94  # a curve is periodic if so many waves are in its range and explain so much of it
 UNSURE = 3.0  # times the median standard deviation: places that were hardly visited
 ROUNDING = 1e-9  # of a curve's squares: what is smaller is a line
 
@@ -190,10 +190,11 @@ def _description(
     places, values, covariance = curves.curve(found, index)
     weight, own = 1 / np.maximum(np.diag(covariance), 1e-300), curves.is_own(spline)
     certain = without_parabola(places, weight) if own else np.eye(len(places)) - weight / weight.sum()
-    shape = certain @ values
+    shape, covariance = certain @ values, certain @ covariance @ certain.T
+    period = wave_period(places, shape, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
     return Description(
         spline.channel, spline.entry, spline.signal, places, values if own else shape, shape,
-        certain @ covariance @ certain.T, share, runner_up, wave_period(places, shape),
+        covariance, share, runner_up, period,
     )  # fmt: skip
 
 
@@ -215,26 +216,29 @@ def holder(system: System, one: Description) -> tuple[str, str] | None:
     return one.entry.held, coordinate
 
 
-def wave_period(places: np.ndarray, curve: np.ndarray) -> float | None:
-    """Return the period of a curve that is a wave about a line; None if it is none, or too coarsely known."""
+def wave_period(places: np.ndarray, curve: np.ndarray, spread: np.ndarray) -> float | None:
+    """Return the period of a curve that is a wave about a line; None if it is none, or too coarsely known.
+
+    Args:
+        places, curve: knots and values.
+        spread: their standard deviations: places that were hardly visited count little.
+    """
     width = float(places[-1] - places[0])
-    if width <= 0:
-        return None
     line = np.column_stack([np.ones_like(places), places])
     flat = curve - line @ np.linalg.lstsq(line, curve, rcond=None)[0]
-    best: Mapping[float, float] = {
-        period: _explained(places, curve, line, period)
-        for period in width / np.arange(CYCLES, len(places) / 3, 0.05)
-    }
-    if not best or not float(flat @ flat) > ROUNDING * float(curve @ curve):
+    tried = np.arange(1.0, len(places) / 3, 0.05)  # also few waves: what fits best there is no wave yet
+    if width <= 0 or not len(tried) or not float(flat @ flat) > ROUNDING * float(curve @ curve):
         return None
-    period = max(best, key=lambda one: best[one])
-    return float(period) if best[period] > FITS else None
+    weight = 1 / np.maximum(spread, 1e-9 * spread.max())
+    fits = [_explained(places, curve, weight, width / cycles) for cycles in tried]
+    cycles = float(tried[np.argmax(fits)])
+    return width / cycles if cycles >= CYCLES and max(fits) > FITS else None
 
 
-def _explained(places: np.ndarray, curve: np.ndarray, line: np.ndarray, period: float) -> float:
-    """Return the share of a curve, beside a line, that a wave of some period explains."""
+def _explained(places: np.ndarray, curve: np.ndarray, weight: np.ndarray, period: float) -> float:
+    """Return the share of a weighted curve, beside a line, that a wave of some period explains."""
     angle = 2 * np.pi * places / period
-    waves = np.column_stack([line, np.sin(angle), np.cos(angle)])
-    rest = [curve - m @ np.linalg.lstsq(m, curve, rcond=None)[0] for m in (line, waves)]
+    waves = np.column_stack([np.ones_like(places), places, np.sin(angle), np.cos(angle)]) * weight[:, None]
+    goal = weight * curve
+    rest = [goal - part @ np.linalg.lstsq(part, goal, rcond=None)[0] for part in (waves[:, :2], waves)]
     return 1 - float(rest[1] @ rest[1]) / float(rest[0] @ rest[0])
