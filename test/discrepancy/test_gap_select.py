@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from pam_orthosis.discrepancy.fitting.candidates import Candidate, Trial
-from pam_orthosis.discrepancy.search import elimination, screening, second_chance, select, selection
+from pam_orthosis.discrepancy.search import (
+    elimination,
+    exchange,
+    screening,
+    second_chance,
+    select,
+    selection,
+)
 from pam_orthosis.discrepancy.search.findings import QUANTILE
 from pam_orthosis.discrepancy.together import Workers
 from pam_orthosis.model.effects.base import Effect, Quantity
@@ -96,6 +103,44 @@ def test_gains_of_a_round_show_what_is_alike():
     assert select._alike(step)["joint_friction"] == pytest.approx(0.8)
 
 
+@pytest.mark.parametrize(
+    ("first", "alike", "evidence", "put"),
+    [
+        (2800.0, 0.8, 3100.0, "flexor_pressure_gain"),
+        (2800.0, 0.8, 1310.0, None),  # no better
+        (2800.0, 0.3, 3100.0, None),  # it was nothing like it
+        (9e5, 0.8, 3100.0, None),  # chosen when nothing larger was missing
+    ],
+)
+def test_what_was_chosen_before_a_larger_effect_was_known_may_be_what_resembles_it(
+    monkeypatch, first, alike, evidence, put
+):
+    """The gain of one sensor stood for that of the other one while friction bent the fit."""
+    names = "extensor_pressure_gain", "joint_friction"
+    found = found_so_far(
+        dict.fromkeys(names, 1.0), {names[0]: {"flexor_pressure_gain": alike, names[1]: 0.9}, names[1]: {}}
+    )
+    found.entered = dict(zip(names, (first, 200_000.0), strict=True))
+    found.final = SimpleNamespace(effects=names)
+    found.problem.replay.workers = Workers(1)
+    monkeypatch.setattr(exchange, "loss", lambda *_: (1300.0, SimpleNamespace(effects=names[1:])))
+    monkeypatch.setattr(exchange, "_candidates", lambda problem, base, name: [name])
+
+    def with_rival(problem, base, name):
+        return problem, SimpleNamespace(effects=(*base.effects, name))
+
+    monkeypatch.setattr(exchange, "fitted_with", with_rival)
+    judged = {names: 1300.0, (names[1], "flexor_pressure_gain"): evidence}
+    monkeypatch.setattr(
+        exchange, "weighed", lambda _, __, models: [(judged[one.effects], p, one) for p, one in models]
+    )
+    monkeypatch.setattr(
+        exchange, "accepted", lambda *given: SimpleNamespace(accepted=given[3][0][2].effects[-1])
+    )
+    step = exchange.exchanged(found, None, SETTINGS, silent)
+    assert (step.accepted if step else None) == put
+
+
 def candidates(**evidence):
     return [Candidate(name, value + 30.0, {}, value, {}, (name,)) for name, value in evidence.items()]
 
@@ -177,7 +222,7 @@ def test_the_one_that_is_left_is_valued_without_the_dropped_one(monkeypatch, los
         effects = tuple(one for one in found.final.effects if one != name)
         return losses[found.final.effects][name], SimpleNamespace(effects=effects, values={}, free=[])
 
-    monkeypatch.setattr(elimination, "_loss", loss)
+    monkeypatch.setattr(elimination, "loss", loss)
     monkeypatch.setattr(elimination, "_seen_in_silence", lambda *_: False)
     monkeypatch.setattr(elimination, "emptied", lambda system, name, model: empty if name == both[1] else ())
     monkeypatch.setattr(

@@ -35,7 +35,7 @@ def _losses(found: Selection, progress: Progress) -> dict[str, tuple[float, Fit]
     """Return the evidence of each effect beside the others, and the model without it."""
     effects, replay = found.final.effects, found.problem.replay
     lost = replay.workers.together(
-        lambda name: _loss(found, name), effects, replay, progress, "refitting without each effect"
+        lambda name: loss(found, name), effects, replay, progress, "refitting without each effect"
     )
     losses = dict(zip(effects, lost, strict=True))
     found.evidence.update({name: evidence for name, (evidence, _) in losses.items()})
@@ -51,7 +51,7 @@ def _drop(found: Selection, name: str, losses: Mapping[str, tuple[float, Fit]]) 
     found.final_problem, found.final = fit_tempered(found.final_problem, left.effects, left.values, left.free)
     if len(found.final.effects) == 1:  # its last evidence was that beside a dropped one
         (name,) = found.final.effects
-        found.evidence[name] = _loss(found, name)[0]
+        found.evidence[name] = loss(found, name)[0]
 
 
 def _unsized(found: Selection) -> str | None:
@@ -96,7 +96,8 @@ def _seen_in_silence(found: Selection, name: str, evidence: float, without: Fit,
     return True
 
 
-def _loss(found: Selection, name: str) -> tuple[float, Fit]:
+def loss(found: Selection, name: str) -> tuple[float, Fit]:
+    """Return the evidence of an effect beside the others, and the model without it."""
     problem, final = found.final_problem, found.final
     system = problem.system
     effects = tuple(other for other in final.effects if other != name)

@@ -24,6 +24,7 @@ from pam_orthosis.discrepancy.search.acceptance import accepted
 from pam_orthosis.discrepancy.search.confirmation import ranking, weighed
 from pam_orthosis.discrepancy.search.delays import or_for_delays
 from pam_orthosis.discrepancy.search.elimination import eliminate_weak
+from pam_orthosis.discrepancy.search.exchange import exchanged
 from pam_orthosis.discrepancy.search.screening import (
     fitted_candidates,
     is_far,
@@ -69,6 +70,8 @@ def extended(
             break
         if step.apart and len(found.final.effects) < settings.effects:
             _added(found, _beside(found, held_out, step, step.apart, settings), progress)
+        if (other := exchanged(found, held_out, settings, progress)) is not None:
+            _added(found, other, progress)
     eliminate_weak(found, settings, progress)
     return found
 
@@ -134,7 +137,7 @@ def _earned(problem: Problem, base: Fit, progress: Progress) -> dict[str, tuple[
         progress(f"looking at what {name}, which the model has, explains here")
         replay = Replay(problem.system.without_effect(name), problem.replay.workers)
         simpler = Problem(replay, problem.scored).weighted(problem.weights)
-        # as in `_loss`
+        # as in `elimination.loss`
         known = replay.defaults(())
         values = known | {key: value for key, value in base.values.items() if key in known}
         without = fit(simpler, (), values, [one for one in base.free if one.name in known], most=3)
