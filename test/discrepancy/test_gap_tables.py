@@ -467,22 +467,24 @@ MIXED = {"extensor_voltage": "flexor_voltage", "flexor_voltage": "extensor_volta
 
 
 @pytest.mark.parametrize(
-    ("offsets", "columns", "said"),
+    ("offsets", "columns", "order", "said"),
     [
-        ({}, {}, ""),
-        (GAUGE, {}, f"with 1.013 bar added to extensor_pressure and flexor_pressure{SEEMS}"),
-        ({"extensor_pressure": -1.013e5}, {}, f"with 1.013 bar added to extensor_pressure{SEEMS}"),
-        ({"flexor_pressure": -1.013e5}, {}, f"with 1.013 bar added to flexor_pressure{SEEMS}"),
-        ({}, MIXED, "with extensor_voltage and flexor_voltage exchanged: are these columns mixed up?"),
+        ({}, {}, 1, ""),
+        (GAUGE, {}, 1, f"with 1.013 bar added to extensor_pressure and flexor_pressure{SEEMS}"),
+        ({"extensor_pressure": -1.013e5}, {}, 1, f"with 1.013 bar added to extensor_pressure{SEEMS}"),
+        ({"flexor_pressure": -1.013e5}, {}, 1, f"with 1.013 bar added to flexor_pressure{SEEMS}"),
+        ({}, MIXED, 1, "with extensor_voltage and flexor_voltage exchanged: are these columns mixed up?"),
+        ({}, {}, -1, "with the last row first: does time run backwards?"),
     ],
 )
-def test_gauge_pressures_and_mixed_up_columns_are_named(friction, tmp_path, capsys, offsets, columns, said):
+def test_what_seems_wrong_with_recordings_is_named(friction, tmp_path, capsys, offsets, columns, order, said):
     names, files = [name for name in SI if name != "time"], []
     for bag in (friction[0], friction[-1]):
         read = read_bag(bag, names)
         table = {"time": read["angle"].stamp_ns * 1e-9}
         table |= {name: read[columns.get(name, name)].value + offsets.get(name, 0.0) for name in names}
         table = {name: values[:LONG_ENOUGH] for name, values in table.items()}
+        table |= {name: table[name][::order] for name in names}
         files.append(str(write(tmp_path / f"{bag.name}.csv", table)))
     (tmp_path / "model.yaml").write_text("valve.dead_band: 0.0\nvalve.delay: 0.0\n", encoding="utf-8")
     model = str(tmp_path / "model.yaml")

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What may be wrong with the recordings themselves: the model as configured fits them far better without it.
 
-Gauge pressures that stay above the ambient one, another sign, exchanged columns: all look like any recording.
+Gauge pressures that stay above the ambient one, another sign, exchanged columns, rows in reverse order: all
+look like any recording.
 """
 
 from collections.abc import Iterator, Mapping
@@ -80,3 +81,5 @@ def _mistakes(held_out: Problem) -> Iterator[tuple[str, list[Signals]]]:
                 f"with {asked} exchanged: are these columns mixed up?",
                 [{name: signals[other] for name, other in swapped.items()} for signals in recorded],
             )
+    backwards = "with the last row first: does time run backwards?"
+    yield backwards, [{name: values[::-1] for name, values in signals.items()} for signals in recorded]
