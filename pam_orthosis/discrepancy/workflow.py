@@ -8,12 +8,14 @@ from pam_orthosis.discrepancy.answer.agreement import remarks_on_agreement
 from pam_orthosis.discrepancy.answer.between import remarks_on_inputs
 from pam_orthosis.discrepancy.answer.judgement import OPEN, Outcome, outcome_of
 from pam_orthosis.discrepancy.preparation.beginning import Beginning, begin
+from pam_orthosis.discrepancy.preparation.mistakes import CHECK
 from pam_orthosis.discrepancy.recordings.data import Recording
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.search import select
 from pam_orthosis.discrepancy.systems.system import System
 from pam_orthosis.discrepancy.together import alone
 from pam_orthosis.discrepancy.unknown.unknown import unknown
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Section, load
 from pam_orthosis.progress import Progress, silent
 
@@ -44,7 +46,21 @@ def find_gap(
 
 
 def search(start: Beginning, settings: Section, progress: Progress = silent) -> Outcome:
-    """Return which effects explain what a recalibrated model leaves."""
+    """Return which effects explain what a recalibrated model leaves.
+
+    Raises:
+        OrthosisError: a fit has no minimum; it says what mistake the recordings seem to have, if any.
+    """
+    try:
+        return _searched(start, settings, progress)
+    except OrthosisError as error:
+        if not start.mistaken:
+            raise
+        mistake = next(one for one in start.remarks if one.startswith(CHECK))
+        raise OrthosisError(f"{mistake} ({error})") from error
+
+
+def _searched(start: Beginning, settings: Section, progress: Progress) -> Outcome:
     found = select.extended(start.problem, start.null, start.held_out, settings.evidence, progress)
     start = replace(start, problem=found.problem, null=found.null)
     progress("measuring the gap on held-out recordings")

@@ -28,6 +28,7 @@ from pam_orthosis.discrepancy.search import acceptance, confirmation
 from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.discrepancy.unknown.events import Event
 from pam_orthosis.discrepancy.unknown.unknown import Unknown
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machines import KNEE, RIG
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report import gap as gap_page
@@ -240,6 +241,18 @@ def test_a_surrogate_that_makes_held_out_recordings_worse_is_not_shown(friction,
     assert reported.after.white["overall"] == pytest.approx(reported.before.white["overall"])
     assert reported.verdict == "unexplained"
     assert "surrogate" not in describe(reported)
+
+
+@pytest.mark.parametrize("mistake", [(), ("CHECK THE RECORDINGS: does time run backwards?",)])
+def test_a_search_that_fails_says_what_mistake_the_recordings_seem_to_have(friction, monkeypatch, mistake):
+    def fail(*_):
+        raise OrthosisError("no minimum")
+
+    monkeypatch.setattr(workflow.select, "extended", fail)
+    start = replace(friction[0], mistaken=bool(mistake), remarks=("noisy", *mistake))
+    with pytest.raises(OrthosisError) as told:
+        workflow.search(start, friction[2])
+    assert str(told.value) == (f"{mistake[0]} (no minimum)" if mistake else "no minimum")
 
 
 def test_what_is_left_has_one_measure(friction):
