@@ -44,18 +44,23 @@ def test_a_process_that_never_beats_is_named_once_the_graph_steps(tmp_path):
 
 @pytest.fixture
 def idleness(monkeypatch):
-    """Return a function: scheduler's letter, share of the processor, seconds -> idleness of that process."""
+    """Return a function: seconds, what a process does -> its idleness; the clock is the test's own."""
     clock = [100.0]
     monkeypatch.setattr(processes.time, "monotonic", lambda: clock[0])
 
-    def lasting(state, share, seconds):
-        told = processes.Idleness(0, of=lambda _: [processes.Turn(state, share * clock[0])])
+    def lasting(seconds, turns):
+        told = processes.Idleness(0, of=turns)
         for _ in range(round(seconds / 0.1) + 1):
             clock[0] += 0.1 + 1e-9
             told.look()
         return told
 
     return lasting
+
+
+def working(state, share):
+    """Return what a process of one thread does: the scheduler's letter, its share of the processor."""
+    return lambda _: [processes.Turn(state, share * time.monotonic())]
 
 
 @pytest.mark.parametrize(
@@ -65,12 +70,15 @@ def idleness(monkeypatch):
     ids=["waits for its turn", "spins", "sleeps", "waits for the disk", "waits for ever"],
 )  # fmt: skip
 def test_time_in_which_a_process_waits_for_its_turn_is_not_its_own(idleness, state, share, seconds, silent):
-    assert idleness(state, share, seconds).silent(processes.SILENCE_SECONDS) is silent
+    assert idleness(seconds, working(state, share)).silent(processes.SILENCE_SECONDS) is silent
 
 
 LOCKED = """
-import threading
+import os, threading
 def spin():
+    pid = os.getpid()
+    while open(f"/proc/{pid}/task/{pid}/stat").read().rpartition(")")[2].split()[0] != "S": pass
+    print("the main thread sleeps", flush=True)
     while True: pass
 threading.Thread(target=spin, daemon=True).start()
 threading.Event().wait()
@@ -79,24 +87,34 @@ threading.Event().wait()
 
 def test_a_process_that_waits_for_its_own_thread_which_wants_the_processor_is_not_asleep():
     """A thread of the middleware may hold a lock while it waits for its turn."""
-    with subprocess.Popen([sys.executable, "-c", LOCKED]) as locked:
+    command = [sys.executable, "-c", LOCKED]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as locked:
         try:
-            while sum(turn.used for turn in processes.turns_of_tree(locked.pid)) < 0.2:
-                time.sleep(0.05)
-            told = processes.Idleness(locked.pid)
-            while told.passed < 1.0:
-                time.sleep(0.05)
-                told.look()
+            assert locked.stdout.readline()  # nothing if it has ended
+            main, *threads = processes.turns_of_process(locked.pid)
         finally:
             locked.kill()
-    assert told.asleep < 0.5
+    assert not main.waits
+    assert any(one.waits for one in threads)
+
+
+@pytest.mark.parametrize(("states", "asleep"), [("SS", True), ("SR", False), ("RS", False), ("SD", False)])
+def test_a_process_is_asleep_if_none_of_its_threads_wants_the_processor(
+    monkeypatch, idleness, states, asleep
+):
+    monkeypatch.setattr(processes, "_listed", lambda _: [str(number) for number in range(len(states))])
+    monkeypatch.setattr(
+        processes, "_turn", lambda entry, _: processes.Turn(states[int(entry.rpartition("/")[2])])
+    )
+    told = idleness(2.0, processes.turns_of_process)
+    assert told.silent(processes.SILENCE_SECONDS) is asleep
 
 
 @pytest.mark.parametrize(
     ("state", "share", "rests"), [("S", 0.001, True), ("S", 0.1, False), ("R", 0.0, False)]
 )
 def test_a_process_that_works_now_and_then_does_not_rest(idleness, state, share, rests):
-    assert (idleness(state, share, 6.0).resting > supervisor.IDLE_START_SECONDS) is rests
+    assert (idleness(6.0, working(state, share)).resting > supervisor.IDLE_START_SECONDS) is rests
 
 
 def test_a_process_that_hangs_before_its_first_beat_is_named(tmp_path, monkeypatch):
