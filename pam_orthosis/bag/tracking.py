@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a run is judged by: how well a motion follows its reference, how fast samples were answered, loads."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -98,7 +99,7 @@ def rms(values: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Timing:
-    """Latency: from the instant of a sample until the voltages that answer it leave.
+    """Latency: from the instant of a sample until the voltages that answer it leave; None without answers.
 
     `missed_deadlines` counts, of all `periods`, those whose sample was answered later than one period
     after it, was never answered, or was skipped because the machine was too busy to take it.
@@ -108,9 +109,9 @@ class Timing:
     skipped_samples: int
     deadline_ms: float
     missed_deadlines: int
-    latency_median_ms: float
-    latency_p99_ms: float
-    latency_max_ms: float
+    latency_median_ms: float | None
+    latency_p99_ms: float | None
+    latency_max_ms: float | None
 
 
 def timing(path: Path, namespace: str = "", period_s: float | None = None) -> Timing | None:
@@ -118,43 +119,42 @@ def timing(path: Path, namespace: str = "", period_s: float | None = None) -> Ti
 
     The period is that of most samples, if it is not given.
     """
-    samples, _ = _instants(path, resolve(SAMPLE, namespace))
-    answers, left = _instants(path, resolve(ANSWERED, namespace))
-    if len(samples) < 2 or not np.isin(answers, samples).any():
+    samples, left = (_instants(path, resolve(topic, namespace)) for topic in (SAMPLE, ANSWERED))
+    if samples is None or len(samples) < 2 or left is None:
         return None
-    period_ns = int(np.median(np.diff(samples))) if period_s is None else round(period_s * SECOND_NS)
-    return judge_timing(samples, dict(zip(answers.tolist(), left.tolist(), strict=True)), period_ns)
+    stamps = np.array(sorted(samples))
+    period_ns = int(np.median(np.diff(stamps))) if period_s is None else round(period_s * SECOND_NS)
+    return judge_timing(stamps, left, period_ns)
 
 
-def judge_timing(samples: np.ndarray, answered: dict[int, int], period_ns: int) -> Timing:
+def judge_timing(samples: np.ndarray, answered: Mapping[int, int], period_ns: int) -> Timing:
     """Return the timing of samples (n,) ns, n > 1, with stamp -> instant of the answer, ns."""
     latency = np.array([answered[stamp] - stamp for stamp in samples.tolist() if stamp in answered])
     periods = max(len(samples), round((samples[-1] - samples[0]) / period_ns) + 1)
-    median, p99 = np.percentile(latency, [50, 99]) if len(latency) else (np.nan, np.nan)
+    told = (np.percentile(latency, [50, 99, 100]) / 1e6).tolist() if len(latency) else [None] * 3
     return Timing(
         periods=periods,
         skipped_samples=periods - len(samples),
         deadline_ms=period_ns / 1e6,
         missed_deadlines=periods - int(np.count_nonzero(latency <= period_ns)),
-        latency_median_ms=float(median) / 1e6,
-        latency_p99_ms=float(p99) / 1e6,
-        latency_max_ms=float(latency.max()) / 1e6 if len(latency) else np.nan,
+        latency_median_ms=told[0],
+        latency_p99_ms=told[1],
+        latency_max_ms=told[2],
     )
 
 
-def _instants(path: Path, topic: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return stamps, ns, and the instants that the messages name, or else their stamps again."""
-    rows = []
+def _instants(path: Path, topic: str) -> dict[int, int] | None:
+    """Return stamps with the instants that the messages name, ns, or their stamps; None without the topic."""
     types = JOINT, TIME_REFERENCE
+    instants = {}
     with open_bag(path) as reader:
         connections = [one for one in reader.connections if one.topic == topic and one.msgtype in types]
         # without a connection the reader would give every message there is
         for connection, _, data in reader.messages(connections) if connections else ():
             message: Any = store().deserialize_cdr(data, connection.msgtype)
             stamp = message.header.stamp
-            rows.append([_ns(stamp), _ns(getattr(message, "time_ref", stamp))])
-    table = np.array(sorted(rows), dtype=np.int64).reshape(-1, 2)
-    return table[:, 0], table[:, 1]
+            instants[_ns(stamp)] = _ns(getattr(message, "time_ref", stamp))
+    return instants if connections else None
 
 
 def _ns(stamp: Any) -> int:

@@ -126,9 +126,13 @@ def _load(name: str, load: Load) -> str:
 def _timing(timing: Timing) -> list[str]:
     late = f"{timing.missed_deadlines} of {timing.periods} ({timing.missed_deadlines / timing.periods:.2%})"
     skipped = f", {timing.skipped_samples} of them not sampled" if timing.skipped_samples else ""
+    told = timing.latency_median_ms, timing.latency_p99_ms, timing.latency_max_ms
+    answered = None not in told
+    latency = (
+        "median {:.2f}, 99 % {:.2f}, maximum {:.2f} ms".format(*told) if answered else "no answer recorded"
+    )
     return [
-        f"latency                    median {timing.latency_median_ms:.2f}, 99 % {timing.latency_p99_ms:.2f},"
-        f" maximum {timing.latency_max_ms:.2f} ms",
+        f"latency                    {latency}",
         f"missed deadlines           {late}{skipped}, deadline {timing.deadline_ms:g} ms",
     ]
 

@@ -6,8 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pam_orthosis.bag.topics import PLANT, TRAJECTORY, Topics
+from bags import joint_state, write
+from pam_orthosis.bag.record import BagWriter
+from pam_orthosis.bag.topics import PLANT, TRAJECTORY, Topics, resolve
 from pam_orthosis.bag.tracking import judge_timing, timing
+from pam_orthosis.cli import check
 from pam_orthosis.model.machines import KNEE
 
 TABLE = Topics(KNEE)
@@ -35,6 +38,18 @@ def test_a_skipped_sample_is_a_missed_deadline():
 
 def test_a_run_in_lockstep_has_no_timing():
     assert timing(ROOT / "bags" / "walk") is None
+
+
+def test_a_run_in_real_time_without_an_answer_misses_every_deadline(tmp_path):
+    """The answers to its samples were never recorded, but the topic tells what kind of run it is."""
+    with BagWriter(tmp_path / "walk", {}) as writer:
+        for name in ("joint_states", "answered"):
+            writer.add_topic(resolve(name), TABLE.by_name[name].type)
+        for stamp in range(0, 50 * MS, 5 * MS):
+            write(writer, "joint_states", stamp, joint_state(stamp, "knee", [0.0]))
+    result = timing(tmp_path / "walk")
+    assert (result.periods, result.missed_deadlines, result.latency_max_ms) == (10, 10, None)
+    assert check._timing(result)[0].endswith("no answer recorded")
 
 
 @pytest.mark.parametrize("with_plant", [True, False])
