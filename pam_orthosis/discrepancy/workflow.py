@@ -68,6 +68,7 @@ def _searched(start: Beginning, settings: Section, progress: Progress) -> Outcom
     outcome = outcome_of(start, found, settings, [*remarks, *remarks_on_inputs(found, settings)])
     if outcome.misled:
         bare = replace(found, final=start.null, final_problem=start.problem)
+        remarks = remarks_on_agreement(start.problem, start.held_out, start.null)
         outcome = outcome_of(start, bare, settings, remarks)
     if outcome.verdict not in OPEN:
         return outcome.of_mistaken() if start.mistaken else outcome

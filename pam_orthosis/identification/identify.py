@@ -200,6 +200,9 @@ def usable(data: Data, damping: float, degrees: tuple[int, int]) -> tuple[Sample
             " states; the load cell or its amplifier ends there"
         )
         s = s.where(~end)
+    if s.force.max(initial=0.0) <= 0:
+        low, high = data.samples.force.min(), data.samples.force.max()
+        raise OrthosisError(f"forces from {low:g} to {high:g} N: a pull is positive, and not always the same")
     end = levelled_off(s, data.length, damping, degrees)
     if end.any():
         remarks.append(

@@ -2,6 +2,7 @@
 """What the search asks of a further effect."""
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,6 +18,7 @@ from pam_orthosis.discrepancy.search import (
     selection,
 )
 from pam_orthosis.discrepancy.search.findings import QUANTILE
+from pam_orthosis.discrepancy.systems.system import System
 from pam_orthosis.discrepancy.together import Workers
 from pam_orthosis.model.effects.base import Effect, Quantity
 from pam_orthosis.model.machines import KNEE
@@ -37,6 +39,7 @@ def found_so_far(evidence, alike, present=None):
         replay=SimpleNamespace(touched=touched, workers=Workers(1)),
         system=SimpleNamespace(catalogue=KNEE.catalogue, shapes=()),
     )
+    problem.system.taken = partial(System.taken, problem.system)
     return selection.Selection(
         problem, None, problem, None, evidence=evidence, alike=alike, present=present or {}
     )
@@ -104,41 +107,59 @@ def test_gains_of_a_round_show_what_is_alike():
 
 
 @pytest.mark.parametrize(
-    ("first", "alike", "evidence", "put"),
+    ("first", "alike", "own", "evidence", "against", "put"),
     [
-        (2800.0, 0.8, 3100.0, "flexor_pressure_gain"),
-        (2800.0, 0.8, 1310.0, None),  # no better
-        (2800.0, 0.3, 3100.0, None),  # it was nothing like it
-        (9e5, 0.8, 3100.0, None),  # chosen when nothing larger was missing
+        (2800.0, 0.8, 1300.0, 3100.0, 0.0, True),
+        (2800.0, 0.8, 1300.0, 1310.0, 0.0, False),  # no better
+        (2800.0, 0.8, -90.0, -20.0, 0.0, False),  # better than nothing, but worth no name
+        (2800.0, 0.3, 1300.0, 3100.0, 0.0, False),  # it was nothing like it
+        (9e5, 0.8, 1300.0, 3100.0, 0.0, False),  # chosen when nothing larger was missing
+        (2800.0, 0.8, 1300.0, 3100.0, 10.0, False),  # held-out recordings speak for the first one
     ],
 )
+@pytest.mark.parametrize("beside", [(), ("extensor_leak",)])  # the same round may add a small one
 def test_what_was_chosen_before_a_larger_effect_was_known_may_be_what_resembles_it(
-    monkeypatch, first, alike, evidence, put
+    monkeypatch, first, alike, own, evidence, against, put, beside
 ):
     """The gain of one sensor stood for that of the other one while friction bent the fit."""
-    names = "extensor_pressure_gain", "joint_friction"
-    found = found_so_far(
-        dict.fromkeys(names, 1.0), {names[0]: {"flexor_pressure_gain": alike, names[1]: 0.9}, names[1]: {}}
-    )
-    found.entered = dict(zip(names, (first, 200_000.0), strict=True))
+    gain, friction, rival = "extensor_pressure_gain", "joint_friction", "flexor_pressure_gain"
+    names = (gain, friction, *beside)
+    like = {rival: alike, friction: 0.9, "creep": 0.2}
+    found = found_so_far(dict.fromkeys(names, 1.0), {gain: like, friction: {}})
+    found.entered = dict(zip(names, (first, 200_000.0, 20.0), strict=False))
     found.final = SimpleNamespace(effects=names)
-    found.problem.replay.workers = Workers(1)
-    monkeypatch.setattr(exchange, "loss", lambda *_: (1300.0, SimpleNamespace(effects=names[1:])))
-    monkeypatch.setattr(exchange, "_candidates", lambda problem, base, name: [name])
+    problem = SimpleNamespace(weighted=lambda _: None, weights={})
+    base = SimpleNamespace(effects=names[1:])
+    for name, stand_in in {
+        "loss": lambda *_: (1300.0, base),
+        "_candidates": lambda problem, base, name: [name],
+        "fitted_with": lambda _, base, name: (problem, SimpleNamespace(effects=(*base.effects, name))),
+        "weighed": lambda _, __, models: [
+            (own if one.effects == names else evidence, problem, one) for _, one in models
+        ],
+        "confirmed": lambda *_: SimpleNamespace(fall=-against),
+        "accepted": lambda _, __, ___, able, ranked, gains: SimpleNamespace(
+            accepted=able[0][2].effects[-1], ranked=ranked, gains=gains
+        ),
+    }.items():
+        monkeypatch.setattr(exchange, name, stand_in)
+    found.final_problem = problem
+    step = exchange.exchanged(found, (gain,), problem, SETTINGS, silent)
+    assert (step is not None) == put
+    if step is not None:
+        assert step.accepted == rival
+        assert step.ranked == ((rival, evidence), (gain, own))
+        assert select._alike(step) == pytest.approx({**like, rival: 1.0, gain: own / evidence})
+    assert exchange.exchanged(found, names, problem, SETTINGS, silent) is None  # nothing was added
 
-    def with_rival(problem, base, name):
-        return problem, SimpleNamespace(effects=(*base.effects, name))
 
-    monkeypatch.setattr(exchange, "fitted_with", with_rival)
-    judged = {names: 1300.0, (names[1], "flexor_pressure_gain"): evidence}
-    monkeypatch.setattr(
-        exchange, "weighed", lambda _, __, models: [(judged[one.effects], p, one) for p, one in models]
-    )
-    monkeypatch.setattr(
-        exchange, "accepted", lambda *given: SimpleNamespace(accepted=given[3][0][2].effects[-1])
-    )
-    step = exchange.exchanged(found, None, SETTINGS, silent)
-    assert (step.accepted if step else None) == put
+def test_a_part_of_what_is_named_takes_no_place():
+    """The scale of a muscle's force is the level of its force map's misfit."""
+    shares = {"extensor_force_scale": 0.9, "creep": 0.7}
+    found = found_so_far({"parallel_elasticity": 1.0}, {"parallel_elasticity": shares})
+    for effects, rivals in ((), ["extensor_force_scale", "creep"]), (("force_map_misfit",), ["creep"]):
+        found.final = SimpleNamespace(effects=("parallel_elasticity", *effects))
+        assert exchange._rivals(found, "parallel_elasticity") == rivals
 
 
 def candidates(**evidence):

@@ -299,6 +299,16 @@ def test_delays_are_tried_where_they_promise_something(bench, monkeypatch, late,
     assert bool(asked) == tried
 
 
+def test_sensors_that_all_are_as_late_are_a_dead_time(bench, monkeypatch):
+    late = {"plant__effects__valve_delay__enabled": True, "plant__effects__valve_delay__delay": 4e-3}
+    problem, null, held_out = begun(bench, **late)
+    monkeypatch.setattr(delays, "HOPELESS", 1000.0)
+    found = Selection(problem, null, problem, null)
+    step = or_for_delays(found, held_out, NOTHING, load().gap.evidence, silent)
+    assert (step.accepted, step.fit.effects) == ("valve_delay", ("valve_delay",))
+    assert step.fit.values["valve_delay.delay"] == pytest.approx(4e-3, abs=5e-4)
+
+
 @pytest.mark.parametrize(("left", "tried"), [(1.2, False), (4.0, True)])
 def test_details_are_doubted_only_where_something_is_left(bench, sound, monkeypatch, left, tried):
     problem, null, held_out = sound

@@ -32,6 +32,7 @@ from pam_orthosis.discrepancy.recordings.even import even
 from pam_orthosis.discrepancy.recordings.stamps import STEP, remarks_on_stamps, skews
 from pam_orthosis.discrepancy.search.confirmation import emptied
 from pam_orthosis.discrepancy.systems.knee import knee
+from pam_orthosis.discrepancy.systems.system import Source
 from pam_orthosis.discrepancy.systems.user_file import load_system
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.library import answers
@@ -103,6 +104,10 @@ def test_time_may_be_dates_unless_its_unit_is_given(system, tmp_path):
     file.write_text("\n".join([whole.replace("time", "time [ms]"), *cells]))
     with pytest.raises(OrthosisError, match="is no number; write time in seconds"):
         from_csv(file, system)
+    file.write_text("\n".join([whole, *cells]))
+    scaled = replace(system, sources={"time": Source("time", factor=1e-3)})
+    with pytest.raises(OrthosisError, match="is no number; write time in seconds"):
+        from_csv(file, scaled)
 
 
 def test_a_column_may_count_the_other_way_round(system):
@@ -403,6 +408,14 @@ def test_a_small_skew_is_shown_by_more_than_half_of_the_recordings(monkeypatch, 
     assert bool(remarks_on_stamps(None, recordings)) is said
 
 
+def test_one_skew_about_the_limit_is_said_of_all_that_show_it_or_of_none(monkeypatch):
+    shown = {0: 0.0047, 1: 0.0055}
+    found = {name: [stamps.Skew("angle", ("torque",), seconds, 0.1)] for name, seconds in shown.items()}
+    monkeypatch.setattr(stamps, "skews", lambda _, one: found.get(one.name, []))
+    recordings = [SimpleNamespace(name=number) for number in range(4)]
+    assert [line.split(":")[0] for line in remarks_on_stamps(None, recordings)[:2]] == ["0", "1"]
+
+
 @pytest.mark.parametrize(("period", "kept"), [(0.001, False), (0.005, True)])
 def test_voltages_of_a_loop_faster_than_the_table_are_left_out_by_name(
     tmp_path, monkeypatch, capsys, period, kept
@@ -474,7 +487,7 @@ MIXED = {"extensor_voltage": "flexor_voltage", "flexor_voltage": "extensor_volta
         ({"extensor_pressure": -1.013e5}, {}, 1, f"with 1.013 bar added to extensor_pressure{SEEMS}"),
         ({"flexor_pressure": -1.013e5}, {}, 1, f"with 1.013 bar added to flexor_pressure{SEEMS}"),
         ({}, MIXED, 1, "with extensor_voltage and flexor_voltage exchanged: are these columns mixed up?"),
-        ({}, {}, -1, "with the last row first: does time run backwards?"),
+        ({}, {}, -1, "with the last row first: does time run backwards, or has an input the other sign?"),
     ],
 )
 def test_what_seems_wrong_with_recordings_is_named(friction, tmp_path, capsys, offsets, columns, order, said):

@@ -402,3 +402,12 @@ def test_a_wave_has_its_period_though_some_places_were_hardly_visited():
     period = description.wave_period(places, np.sin(17 * places) + wrong, spread)
     assert period == pytest.approx(2 * np.pi / 17, rel=0.05)
     assert description.wave_period(places, np.sin(17 * places) + wrong, np.ones(20)) is None
+
+
+def test_what_few_places_tell_is_no_wave():
+    """Almost any wave goes through the five places at which a recording rests."""
+    places, spread = np.linspace(0.0, 1.0, 8), np.full(8, 0.15)
+    spread[[1, 3, 5, 6, 7]] = 0.012
+    draw = np.random.default_rng(1)
+    steps = [(places > 0.5) + draw.normal(0.0, spread) for _ in range(8)]
+    assert not any(description.wave_period(places, step, spread) for step in steps)

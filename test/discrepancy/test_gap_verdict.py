@@ -237,7 +237,9 @@ def test_a_surrogate_that_makes_held_out_recordings_worse_is_not_shown(friction,
     final = replace(final, values={**final.values, "joint_friction.coulomb": 20.0})
     monkeypatch.setattr(workflow.select, "extended", lambda *_: replace(outcome.selection, final=final))
     monkeypatch.setattr(workflow, "unknown", lambda *_: None)
+    monkeypatch.setattr(workflow, "remarks_on_agreement", lambda _, __, model: [f"with {model.effects}"])
     reported = workflow.search(start, settings)
+    assert [one for one in reported.remarks if one.startswith("with ")] == ["with ()"]
     assert reported.after.white["overall"] == pytest.approx(reported.before.white["overall"])
     assert reported.verdict == "unexplained"
     assert "surrogate" not in describe(reported)

@@ -164,6 +164,12 @@ def test_a_clipped_load_cell_with_noise_is_seen(three, tmp_path):
     assert not any("amplifier ends" in one for one in identify(read(three)).remarks)
 
 
+@pytest.mark.parametrize("force", [lambda f: -0.05 * f, lambda f: 0.0 * f, lambda f: 0.0 * f + 5.0])
+def test_forces_that_are_no_pull_are_refused(static, force):
+    with pytest.raises(OrthosisError, match="a pull is positive, and not always the same"):
+        identify(read(static(lambda p, length, f: np.column_stack([p, length, force(np.abs(f))]))))
+
+
 def test_weights_that_hang_on_the_muscle_are_no_end_of_the_load_cell(tmp_path):
     random = np.random.default_rng(10)
     p, x = (one.ravel() for one in np.meshgrid(np.linspace(1e5, 6e5, 400), np.linspace(0.001, 0.075, 300)))

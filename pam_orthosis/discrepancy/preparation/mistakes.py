@@ -81,5 +81,5 @@ def _mistakes(held_out: Problem) -> Iterator[tuple[str, list[Signals]]]:
                 f"with {asked} exchanged: are these columns mixed up?",
                 [{name: signals[other] for name, other in swapped.items()} for signals in recorded],
             )
-    backwards = "with the last row first: does time run backwards?"
+    backwards = "with the last row first: does time run backwards, or has an input the other sign?"
     yield backwards, [{name: values[::-1] for name, values in signals.items()} for signals in recorded]

@@ -198,7 +198,8 @@ def from_csv(path: Path, system: System) -> Recording:
 
     def dated(columns: Sequence[str]) -> set[str]:
         time = places_of(name, system, columns)["time"]
-        return set() if time.unit else {time.column}
+        scaled = time.unit is not None or system.sources.get("time", Source()).factor != 1.0
+        return set() if scaled else {time.column}
 
     columns = read_numbers(path, used, lost=True, dated=dated)
     written = as_written(name, system, columns)

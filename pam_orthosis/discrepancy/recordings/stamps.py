@@ -74,11 +74,13 @@ def remarks_on_stamps(
 
 def _is_shared(skew: Skew, every: Sequence[Sequence[Skew]]) -> bool:
     """Return whether enough recordings show a skew, or nearly."""
-    shown = sum(
-        any(one[:2] == skew[:2] and abs(one.seconds - skew.seconds) <= ALIKE for one in many)
+    same = [
+        [one.seconds for one in many if one[:2] == skew[:2] and abs(one.seconds - skew.seconds) <= ALIKE]
         for many in every
-    )
-    return 2 * shown > len(every) - (abs(skew.seconds) > SMALL)
+    ]
+    shown = [seconds[0] for seconds in same if seconds]
+    large = abs(float(np.median(shown))) > SMALL
+    return 2 * len(shown) > len(every) - large
 
 
 def skews(system: System, one: Recording) -> list[Skew]:

@@ -37,23 +37,39 @@ def or_for_delays(
     progress(f"trying {', '.join(sensors)} at once")
     if not dead_time and _promised(Projection(problem, base), missing) < LEAST_PROMISED * settings.threshold:
         return step
-    weighted, model = _with(problem, base, sensors)
-    late = [name for name in sensors if not is_too_small(problem.system, name, model)]
-    if len(late) < 2:
+    models = _late(problem, base, sensors)
+    if not models:
         return step
-    late.sort(key=lambda name: abs(_delay(problem.system, model, name)))
-    if len(late) < len(sensors):
-        weighted, model = _with(weighted, model, late)
-    rest = (name for name in model.effects if name not in late)
-    model = replace(model, effects=(*rest, *late))  # it is called by the latest one
-    judged = weighed(problem, base, [(weighted, model)])
-    evidence, name = judged[0][0], late[-1]
+    best = max(weighed(problem, base, models), key=lambda one: one[0])
+    evidence, _, model = best
     if evidence < settings.threshold:
         return step
-    other = accepted(problem, base, held_out, judged, ranking(judged, ()), {name: evidence})
+    name = model.effects[-1]
+    other = accepted(problem, base, held_out, [best], ranking([best], ()), {name: evidence})
     if other.accepted:
         found.steps.append(step)
     return other if other.accepted else step
+
+
+def _late(problem: Problem, base: Fit, sensors: list[str]) -> list[tuple[Problem, Fit]]:
+    """Return the model with the sensors that are late, the latest one last, if at least two are.
+
+    Where all are, inputs that act late may be as good, and are simpler: that model is there too.
+    """
+    system = problem.system
+    weighted, model = _with(problem, base, sensors)
+    late = [name for name in sensors if not is_too_small(system, name, model)]
+    if len(late) < 2:
+        return []
+    late.sort(key=lambda name: abs(_delay(system, model, name)))
+    if len(late) < len(sensors):
+        weighted, model = _with(weighted, model, late)
+    rest = (name for name in model.effects if name not in late)
+    models = [(weighted, replace(model, effects=(*rest, *late)))]
+    if len(late) == len(sensors) and not _has_dead_time(system, base):
+        able = [name for name in system.candidates if system.catalogue[name].late is not None]
+        models += [_with(weighted, model, [name]) for name in problem.replay.touching(able)]
+    return models
 
 
 def _promised(projection: Projection, sensors: list[str]) -> float:

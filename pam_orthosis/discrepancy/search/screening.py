@@ -45,7 +45,7 @@ def fitted_candidates(
     candidates where the model is far off or strained, and rivals of an effect that has enough evidence.
     """
     look, system = _Look(problem, base, most, thresholds, progress), problem.system
-    known = {*base.effects, *(name for name, one in system.catalogue.items() if one.within in base.effects)}
+    known = system.taken(base.effects)
     others = [name for name in system.candidates if name not in known]
     suspected = is_far(problem) or bool(look.strained)
     gains, found = look.at([name for name in others if suspected or name not in system.wrong], LEAST_SCREEN)

@@ -58,7 +58,7 @@ def extended(
         progress: is called with what is worked on.
     """
     found = Selection(problem, base, problem, base, present=_earned(problem, base, progress))
-    while len(found.final.effects) < settings.effects:
+    while len(known := found.final.effects) < settings.effects:
         step = _round(found, held_out, settings, progress)
         if step.blocked:
             step = or_in_silence(found, held_out, step, settings, progress)
@@ -70,7 +70,7 @@ def extended(
             break
         if step.apart and len(found.final.effects) < settings.effects:
             _added(found, _beside(found, held_out, step, step.apart, settings), progress)
-        if (other := exchanged(found, held_out, settings, progress)) is not None:
+        if (other := exchanged(found, known, held_out, settings, progress)) is not None:
             _added(found, other, progress)
     eliminate_weak(found, settings, progress)
     return found

@@ -225,6 +225,10 @@ class System:
         """The effects that can be named."""
         return tuple(name for name, effect in self.catalogue.items() if not effect.shape)
 
+    def taken(self, effects: Collection[str]) -> set[str]:
+        """Return the effects that a model has, and those that are a part of one of them."""
+        return {*effects, *(name for name, one in self.catalogue.items() if one.within in effects)}
+
     def entries_of(self, channel: str) -> tuple[Entry, ...]:
         """Return how something unknown may enter the equation of a channel that measures a state.
 
