@@ -190,13 +190,11 @@ def test_a_parameter_that_is_recalibrated_beyond_its_tolerance_is_said(friction)
     )
     within = replace(far, values={**final.values, "muscle_damping": 0.36})
     little = replace(reported, verdict="none", selection=replace(outcome.selection, final=within))
-    assert (
-        describe(little)
-        .splitlines()[-1]
-        .endswith(
-            "noise only; it moved furthest: muscle_damping 1.36 times as large (1.8 times its tolerance)"
-        )
-    )
+    furthest = "noise only; it moved furthest: muscle_damping 1.36 times as large (1.8 times its tolerance)"
+    near = f"{furthest}; the best effect instead, with too little evidence: joint_friction, evidence 12"
+    for evidence, last in (9.2, furthest), (12.3, near):
+        steps = [replace(outcome.steps[0], ranked=(("joint_friction", evidence), ("creep", 3.0)))]
+        assert describe(replace(little, steps=steps)).splitlines()[-1].endswith(last)
     named = replace(reported, effects=outcome.effects)
     pages = [gap_page.page(one, describe(one)) for one in (reported, named)]
     for meant, told in ((gap_page.MEANINGS["recalibrated"], [True, False]), (gap_page.NAMED, [False, True])):

@@ -19,6 +19,7 @@ from pam_orthosis.model.parameters import experiments, scenario_names
 LABEL = 25  # characters of the first column, at least
 MOST_NAMED, MOST_SHOWN = 3, 8  # parameters in one line: of many, and else
 MOST_RIVALS = 3  # of an effect, in the last line
+NEAR = 10.0  # evidence that is worth a word though no name: where nothing is hidden, the best one has less
 
 
 def describe_data(data: Identifiability) -> str:
@@ -104,10 +105,8 @@ def describe(outcome: Outcome) -> str:
     if not worst.clean:
         seen = ", ".join(f"{name} {share:.0%}" for name, share in list(worst.coordinates.items())[:3])
         lines.append(f"gap: {worst.equation} equation; residual explained by {seen}")
-    lines += [
-        _named(outcome, one) if one.name not in wrong else _wrong(outcome.system, one)
-        for one in outcome.effects
-    ]
+    for one in outcome.effects:
+        lines.append(_wrong(outcome.system, one) if one.name in wrong else _named(outcome, one))
     lines += [f"best surrogate, no explanation: {one.name}" for one in outcome.surrogates]
     lines += _others(outcome)
     lines += remark_lines(outcome.remarks)
@@ -275,10 +274,14 @@ def _recalibrated(outcome: Outcome, names: str) -> str:
     if names:
         return f"tolerances could take all of it, but less is needed with {names}"
     moved = _moved(outcome, moved_beyond(outcome.system, outcome.selection.final))
-    rivals = outcome.steps[0].ranked[:1] if outcome.steps else ()
-    best = "".join(f"{name}, evidence {value:.0f}" for name, value in rivals)
-    instead = f"; the best effect instead, with too little evidence: {best}" if best else ""
-    return f"the model leaves noise only with {moved}{instead}"
+    return f"the model leaves noise only with {moved}{_instead(outcome)}"
+
+
+def _instead(outcome: Outcome) -> str:
+    """Return the best effect of a search that named none, if it came near."""
+    near = [one for step in outcome.steps[:1] for one in step.ranked[:1] if one[1] >= NEAR]
+    words = "; the best effect instead, with too little evidence: {}, evidence {:.0f}"
+    return "".join(words.format(*one) for one in near)
 
 
 def _none(outcome: Outcome) -> str:
@@ -286,7 +289,7 @@ def _none(outcome: Outcome) -> str:
     moved = moved_beyond(outcome.system, outcome.selection.final, least=1.0)
     most = max(moved, key=lambda name: abs(moved[name]), default="")
     furthest = f"; it moved furthest: {_moved(outcome, {most: moved[most]})}" if most else ""
-    return f"recalibrated within its tolerances, the model leaves noise only{furthest}"
+    return f"recalibrated within its tolerances, the model leaves noise only{furthest}{_instead(outcome)}"
 
 
 def _moved(outcome: Outcome, moved: Values) -> str:
