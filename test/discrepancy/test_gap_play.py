@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 
 from pam_orthosis.discrepancy.answer import noise_floor
-from pam_orthosis.discrepancy.fitting import measure
+from pam_orthosis.discrepancy.fitting import measure, structure
 from pam_orthosis.discrepancy.fitting.fit import fit_tempered
 from pam_orthosis.discrepancy.fitting.free import free_parameters
 from pam_orthosis.discrepancy.preparation import beginning
+from pam_orthosis.discrepancy.recordings.data import from_arrays
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.replay.run import Run
 from pam_orthosis.discrepancy.search import findings
+from pam_orthosis.discrepancy.search.selection import Selection
+from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.testing import case as cases
 
 HALF_WIDTH = 6.0e-3  # rad
@@ -106,6 +109,43 @@ def test_too_few_samples_that_chance_does_not_decide_are_none_to_judge_by():
     assert not mask[7900:].any()
 
 
+@pytest.fixture(scope="module")
+def slackening():
+    """A gait in which the extensor slackens in each cycle, and an experiment; the model is the true one."""
+    effects = "flexor_pressure_gain", "extensor_pressure_offset"
+    case = cases.make_case(36545140025, "clean", "medium", list(effects))
+    system, settings = knee(case.parameters), case.parameters.gap
+    groups = case.training, case.held_out
+    recorded = [[from_arrays(n, system, a) for n, a in group.items()] for group in groups]
+    problem, judge, floor = beginning.prepared(Replay(system), *recorded, settings)
+    hidden = {f"{name}.{key}": v for name, p in case.answer["effects"].items() for key, v in p.items()}
+    start = {**problem.replay.defaults(effects), **hidden}
+    weighted, model = fit_tempered(problem, effects, start, free_parameters(system, effects))
+    return weighted, model, SimpleNamespace(held_out=judge, floor=floor), settings
+
+
+def test_when_a_slack_muscle_begins_to_pull_is_not_judged(slackening):
+    """Its damping of some 60 N is there at once; when, the pressure's noise decides."""
+    problem, model, start, settings = slackening
+    found, judge = Selection(problem, model, problem, model), start.held_out
+    spread = findings.covariance(problem, model)
+    masks, floor = noise_floor.decided_and_floor(start, found, spread, settings)
+    seen, there = (measure.gap(judge, model, one).white["angle"] for one in (None, masks))
+    assert seen > 1.2 * floor.white["angle"]
+    assert there < 1.03 * floor.white["angle"]
+    for counted, clean in (None, False), (masks, True):
+        assert structure.clean(structure.locate(judge, model, counted)) == clean
+    assert "when a slack muscle begins to pull: " in noise_floor.remark_on_left_out(masks)[0]
+
+
+@pytest.mark.parametrize(("decided", "known"), [(1.0, False), (0.8, True), (0.3, False)])
+def test_noise_that_decides_nothing_or_most_leaves_nothing_out(decided, known):
+    problem = SimpleNamespace(scored=[SimpleNamespace(run=SimpleNamespace(serial=1, period=0.002))])
+    squares = np.where(np.arange(20_000) < 20_000 * decided, 1.0, 9.0)
+    masks = noise_floor._by_noise(problem, {(1, "angle"): squares})
+    assert (masks is not None) == known
+
+
 def test_what_is_not_judged_is_reported():
     masks = {
         (1, "angle"): np.arange(100) < 40,
@@ -113,7 +153,8 @@ def test_what_is_not_judged_is_reported():
         (1, "pressure"): np.ones(9, bool),
     }
     (remark,) = noise_floor.remark_on_left_out(masks)
-    assert remark == "not judged, since chance decides where play comes to rest: 30% of angle"
+    assert remark.startswith("not judged, since chance decides there, as where play comes to rest")
+    assert remark.endswith(": 30% of angle")
     assert noise_floor.remark_on_left_out(None) == ()
     assert noise_floor.remark_on_left_out({(1, "pressure"): np.ones(9, bool)}) == ()
 

@@ -124,7 +124,7 @@ def outcome_of(start: Beginning, found: Selection, settings: Section, remarks: S
     judged, floor = decided_and_floor(start, found, spread, settings)
     configured = start.configured(judged)
     before, after = start.recalibrated(judged), measure.gap(judge, final, judged)
-    where, left = start.where(), structure.locate(judge, final)
+    where, left = start.where(), structure.locate(judge, final, judged)
     gone = _is_gone(before, floor, where)
     base = configured if gone else before
     closed = _closures(configured, base, after, floor)

@@ -2,13 +2,14 @@
 """What a model expects to leave of the recordings that judge, were it right: noise, and what chance decides.
 
 Most models follow what they are driven by: they leave noise. Where a joint comes to rest inside a play is
-decided by less torque than its parameters are known to, so that even the true equations leave a gap there.
+decided by less torque than its parameters are known to, and when a slack muscle begins to pull, with its
+damping at once, by less pressure than the sensor's noise: even the true equations leave a gap there.
 """
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from pam_orthosis.discrepancy.fitting import measure
+from pam_orthosis.discrepancy.fitting import measure, structure
 from pam_orthosis.discrepancy.fitting.fit import Fit
 from pam_orthosis.discrepancy.fitting.measure import Samples
 from pam_orthosis.discrepancy.preparation.beginning import Beginning, bare_replay, residual_noise
@@ -23,6 +24,7 @@ DRAWS = 16
 AROUND = 0.5  # s, over which expected squares are averaged, and kept apart from what is decided
 DECIDED = 1.6  # expected squares of whitened residuals, 1 for noise, below which chance decides little
 LEAST_SECONDS = 5.0  # of samples that chance does not decide
+MOST_LEFT_OUT = 0.5  # of a channel's samples, that the sensors' noise alone may decide
 
 
 def final_floor(start: Beginning, found: Selection, settings: Section) -> measure.Gap:
@@ -57,14 +59,17 @@ def decided_and_floor(
 ) -> tuple[Samples | None, measure.Gap]:
     """Return which held-out samples chance does not decide, and what the final model expects to leave there.
 
-    None and the noise floor, if no state of the model is left to chance.
+    None and the noise floor, if no state of the model is left to chance, and noise alone decides nothing.
     """
     final, judge = found.final, start.held_out
     system = found.problem.system
     catalogue, present = system.bare().catalogue, (*final.effects, *system.simpler)
-    if not any(catalogue[name].held for name in present if name in catalogue):
-        return None, final_floor(start, found, settings)
     noise, cutoff = _last_levels(start, found, settings), settings.replay.cross_cutoff
+    if not any(catalogue[name].held for name in present if name in catalogue):
+        floor = final_floor(start, found, settings)
+        if structure.clean(structure.locate(judge, final)):
+            return None, floor
+        return _by_noise(judge, expected_squares(judge, final, np.zeros_like(spread), noise, cutoff)), floor
     squares = expected_squares(judge, final, spread, noise, cutoff)
     masks = decided(judge, squares)
     if masks is None:
@@ -78,14 +83,30 @@ def decided_and_floor(
     return masks, _scaled(start.floor, white)
 
 
+def _by_noise(problem: Problem, squares: Samples) -> Samples | None:
+    """Return which samples the sensors' noise does not decide; None if it decides none, or too many."""
+    masks = decided(problem, squares)
+    if masks is None:
+        return None
+    least = min(_kept(masks).values())
+    return masks if 1 - MOST_LEFT_OUT < least < 1 else None
+
+
 def remark_on_left_out(masks: Samples | None) -> tuple[str, ...]:
     """Return the remark on samples that do not count."""
     if masks is None:
         return ()
-    share = {channel: np.mean(np.concatenate([m for (_, c), m in masks.items() if c == channel]))
-             for _, channel in masks}  # fmt: skip
-    shares = ", ".join(f"{1 - kept:.0%} of {name}" for name, kept in share.items() if kept < WHOLE)
-    return (f"not judged, since chance decides where play comes to rest: {shares}",) if shares else ()
+    shares = ", ".join(f"{1 - kept:.0%} of {name}" for name, kept in _kept(masks).items() if kept < WHOLE)
+    where = "as where play comes to rest, or when a slack muscle begins to pull"
+    return (f"not judged, since chance decides there, {where}: {shares}",) if shares else ()
+
+
+def _kept(masks: Samples) -> dict[str, float]:
+    """Return the share of each channel's samples that count."""
+    return {
+        channel: float(np.mean(np.concatenate([m for (_, c), m in masks.items() if c == channel])))
+        for _, channel in masks
+    }
 
 
 def expected_squares(

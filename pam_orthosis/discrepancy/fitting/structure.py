@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from pam_orthosis.discrepancy.fitting.fit import Fit, misfit, normal_equations, peak
+from pam_orthosis.discrepancy.fitting.measure import Samples
 from pam_orthosis.discrepancy.recordings.data import smoothed
 from pam_orthosis.discrepancy.replay.problem import Problem, Scored
 from pam_orthosis.discrepancy.systems.system import Equation, System
@@ -76,17 +77,17 @@ class Where:
         return self.density < self.noise
 
 
-def locate(problem: Problem, model: Fit) -> list[Where]:
+def locate(problem: Problem, model: Fit, judged: Samples | None = None) -> list[Where]:
     """Return every equation with its density and the signals that its residual depends on.
 
     What the fit knows only roughly follows the recordings as far as its uncertainty allows: a map that
-    was fitted in one region is not a missing effect in the next.
+    was fitted in one region is not a missing effect in the next. `judged`: the samples that count (all).
     """
     plain = problem.weighted({e.name: 1.0 for e in problem.system.equations})
     found = []
     residuals = _followed(plain, model)
     for equation in problem.system.equations:
-        residual = residuals[equation.name]
+        residual = _counted(plain, equation, residuals[equation.name], judged)
         density = misfit(plain, equation, residual)
         noise = _reach(_lengths(plain, equation))
         found.append(Where(equation.name, density, *_coordinates(plain, equation, residual), noise))
@@ -103,6 +104,19 @@ def _followed(problem: Problem, model: Fit) -> dict[str, np.ndarray]:
     step = np.linalg.solve(total + 1e-9 * np.diag(np.diag(total)), -gradient)
     moved = {one.name: float(x * one.scale) for one, x in zip(model.free, step, strict=True)}
     return {name: b.residual + b.slopes @ np.array([moved[n] for n in b.names]) for name, b in blocks.items()}
+
+
+def _counted(
+    problem: Problem, equation: Equation, residual: np.ndarray, judged: Samples | None
+) -> np.ndarray:
+    """Return a residual that is zero where samples do not count."""
+    counted: np.ndarray = residual.copy()
+    if judged is None:
+        return counted
+    for one, part in problem.by_run(equation, counted):
+        for channel, piece in zip(equation.channels, part, strict=True):
+            piece[~judged[one.run.serial, channel]] = 0.0
+    return counted
 
 
 def clean(places: Sequence[Where]) -> bool:
