@@ -15,7 +15,7 @@ from pam_orthosis.discrepancy.api import (
     find_gap,
     from_arrays,
 )
-from pam_orthosis.discrepancy.replay.problem import Scored
+from pam_orthosis.discrepancy.replay.problem import Scored, sum_of_squares
 from pam_orthosis.discrepancy.replay.whitening import Whitener
 from pam_orthosis.model.parameters import load
 
@@ -94,3 +94,9 @@ def test_what_a_replay_has_wrong_at_its_start_is_not_remembered_by_the_whitener(
     assert np.array_equal(scored.white("angle", rows[:, 0]), scored.white("angle", rows)[:, 0])
     late = scored.white("angle", rows)[-500:]
     assert late == pytest.approx(scored.whiten("angle", rows)[-500:], abs=1e-2)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_replay_that_goes_astray_is_no_warning_but_no_fit():
+    scored = Scored(None, Whitener({"angle": np.ones(1)}), 400)
+    assert sum_of_squares({"torque": scored.white("angle", np.full(900, np.inf))}) == np.inf

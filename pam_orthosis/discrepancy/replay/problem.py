@@ -37,7 +37,8 @@ class Scored:
         They are faded in over it: a whitener's memory may be longer, and the start's error is large.
         """
         faded = columns.copy()
-        faded[: self.warm_up] *= self._fade.reshape(-1, *[1] * (columns.ndim - 1))
+        with np.errstate(invalid="ignore"):  # a replay that went astray; `sum_of_squares` says so
+            faded[: self.warm_up] *= self._fade.reshape(-1, *[1] * (columns.ndim - 1))
         return self.whiten(channel, faded)[self.warm_up :]
 
     @cached_property
