@@ -30,7 +30,7 @@ from control_campaign.cases import PEERS  # noqa: E402
 from speed.rows import as_text  # noqa: E402
 
 BOUND = 3.0  # deg
-LATEST = ("61357",)  # sets of cases of the gap workflow, the last ones
+LATEST = ("365451",)  # sets of cases of the gap workflow, the last ones
 LATEST_OUTSIDE = 918276  # the same, of effects outside the catalogue
 BLIND = (
     "515151",
@@ -46,13 +46,14 @@ BLIND = (
     "226205",
     "566587",
     "278193",
-    *LATEST,
+    "61357",
     "389573",
     "485121",
     "984900",
     "268208",
     "274523",
     "600960",
+    *LATEST,
 )  # sets of cases, newest last
 BAGS = {"walk": "default", "person": "person"}  # reference bag -> its scenario
 TASKS = ("gait 2 s", "gait 2 s, 75 kg", "gait 2 s, 75 kg, supply of 7 bar")

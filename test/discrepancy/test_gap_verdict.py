@@ -191,9 +191,12 @@ def test_a_parameter_that_is_recalibrated_beyond_its_tolerance_is_said(friction)
     within = replace(far, values={**final.values, "muscle_damping": 0.36})
     little = replace(reported, verdict="none", selection=replace(outcome.selection, final=within))
     furthest = "noise only; it moved furthest: muscle_damping 1.36 times as large (1.8 times its tolerance)"
-    near = f"{furthest}; the best effect instead, with too little evidence: joint_friction, evidence 12"
+    near = (
+        f"{furthest}; nearest to a name is joint_friction (evidence 12): held-out recordings are against it"
+    )
     for evidence, last in (9.2, furthest), (12.3, near):
-        steps = [replace(outcome.steps[0], ranked=(("joint_friction", evidence), ("creep", 3.0)))]
+        ranked, reason = (("joint_friction", evidence), ("creep", 3.0)), "held-out recordings are against it"
+        steps = [replace(outcome.steps[0], ranked=ranked, reason=reason)]
         assert describe(replace(little, steps=steps)).splitlines()[-1].endswith(last)
     named = replace(reported, effects=outcome.effects)
     pages = [gap_page.page(one, describe(one)) for one in (reported, named)]
@@ -205,7 +208,7 @@ def test_a_parameter_that_is_recalibrated_beyond_its_tolerance_is_said(friction)
     )
     assert "angle_offset -0.005 rad off (3.3 times its tolerance)" in last
     assert "volume_misfit.flexor_cx (4.4 times its tolerance)" in last
-    assert "; the best effect instead, with too little evidence: joint_friction, evidence " in last
+    assert "; nearest to a name is joint_friction (evidence " in last
 
 
 def test_muscles_that_are_swapped_are_no_effect(bench):

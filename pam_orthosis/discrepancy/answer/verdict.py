@@ -274,14 +274,13 @@ def _recalibrated(outcome: Outcome, names: str) -> str:
     if names:
         return f"tolerances could take all of it, but less is needed with {names}"
     moved = _moved(outcome, moved_beyond(outcome.system, outcome.selection.final))
-    return f"the model leaves noise only with {moved}{_instead(outcome)}"
+    return f"the model leaves noise only with {moved}{_nearest(outcome)}"
 
 
-def _instead(outcome: Outcome) -> str:
-    """Return the best effect of a search that named none, if it came near."""
-    near = [one for step in outcome.steps[:1] for one in step.ranked[:1] if one[1] >= NEAR]
-    words = "; the best effect instead, with too little evidence: {}, evidence {:.0f}"
-    return "".join(words.format(*one) for one in near)
+def _nearest(outcome: Outcome) -> str:
+    """Return the best effect of a search that named none, if it came near, and what it lacks."""
+    near = [(*one, step.reason) for step in outcome.steps[:1] for one in step.ranked[:1] if one[1] >= NEAR]
+    return "".join("; nearest to a name is {} (evidence {:.0f}): {}".format(*one) for one in near)
 
 
 def _none(outcome: Outcome) -> str:
@@ -289,7 +288,7 @@ def _none(outcome: Outcome) -> str:
     moved = moved_beyond(outcome.system, outcome.selection.final, least=1.0)
     most = max(moved, key=lambda name: abs(moved[name]), default="")
     furthest = f"; it moved furthest: {_moved(outcome, {most: moved[most]})}" if most else ""
-    return f"recalibrated within its tolerances, the model leaves noise only{furthest}{_instead(outcome)}"
+    return f"recalibrated within its tolerances, the model leaves noise only{furthest}{_nearest(outcome)}"
 
 
 def _moved(outcome: Outcome, moved: Values) -> str:
