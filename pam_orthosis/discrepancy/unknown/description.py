@@ -33,7 +33,7 @@ LEAST_REDUCED = 0.5  # share of the held-out gap that descriptions of an equatio
 LEAST_ADDED = 0.2  # of that gap: what one of several removes
 NEAR = 0.05  # of that gap: signals that differ by less are told apart by the equation, not by the recordings
 CYCLES, FITS = 1.5, 0.94  # a curve is periodic if so many waves are in its range and explain so much of it
-FEWEST_KNOWN = 7.0  # knots: fewer are matched by almost any wave
+FEWEST_KNOWN = 6.0  # knots: fewer are matched by almost any wave
 UNSURE = 3.0  # times the median standard deviation: places that were hardly visited
 ROUNDING = 1e-9  # of a curve's squares: what is smaller is a line
 
@@ -231,7 +231,7 @@ def wave_period(places: np.ndarray, curve: np.ndarray, spread: np.ndarray) -> fl
     if width <= 0 or not len(tried) or not float(flat @ flat) > ROUNDING * float(curve @ curve):
         return None
     weight = 1 / np.maximum(spread, 1e-9 * spread.max())
-    known = np.sum(weight**2) ** 2 / np.sum(weight**4)  # so many knots of one spread would say as much
+    known = np.sum(weight) ** 2 / np.sum(weight**2)  # knots, if those that are known less count less
     if known < FEWEST_KNOWN:
         return None
     fits = [_explained(places, curve, weight, width / cycles) for cycles in tried]
