@@ -59,11 +59,11 @@ def test_what_no_observer_forgets_is_exact_after_as_many_passes_as_stretches():
     steps = np.random.default_rng(1).standard_normal((100, 1))
     rows = Lanes.cut(steps, 5)
 
-    def summed(first, results):
-        states = first + np.cumsum(rows.z[:, 0], axis=0)
+    def summed(some, first, results):
+        states = first + np.cumsum(some.z[:, 0], axis=0)
         results[:, 0] = states
         before = np.vstack([first, states])
-        return before[None, rows.warm], before[None, rows.length], before[None, -1]
+        return before[None, some.warm], before[None, -1]
 
     found = rows.replayed(summed, np.zeros((1, LANES)), 1, 0)
     assert found == pytest.approx(np.cumsum(steps, axis=0))
@@ -72,10 +72,10 @@ def test_what_no_observer_forgets_is_exact_after_as_many_passes_as_stretches():
 def test_a_replay_that_diverges_ends_at_once():
     rows, passes = Lanes.cut(np.zeros((100, 1)), 5), []
 
-    def diverging(first, results):
+    def diverging(_, first, results):
         passes.append(1)
         results[:] = np.inf
-        return tuple(np.full((1, LANES), np.inf) for _ in range(3))
+        return tuple(np.full((1, LANES), np.inf) for _ in range(2))
 
     assert not np.isfinite(rows.replayed(diverging, np.zeros((1, LANES)), 1, 0)).any()
     assert len(passes) == 1

@@ -37,7 +37,7 @@ FLAGS = (
 # not every library has functions of vectors, and not every compiler knows its processor; for some of these it
 # would take short vectors, whose functions take as long
 OPTIONS = (
-    ("-march=native", "-mprefer-vector-width=256", "-DVECTOR_MATHEMATICS"),
+    ("-march=native", "-mprefer-vector-width=512", "-DVECTOR_MATHEMATICS"),
     ("-march=native",),
     (),
 )
@@ -83,7 +83,7 @@ class Kernel:
             z = rows.at(np.arange(rows.rows))
             flat = self._run_virtual(z, theta, np.ascontiguousarray(state[:, 0]), period, steps)
         else:
-            one_pass = partial(self._passed, rows, theta, period, steps)
+            one_pass = partial(self._passed, theta, period, steps)
             flat = rows.replayed(one_pass, state, self._results, self._size - self.states)
         if not self.wrt:
             return flat
@@ -92,23 +92,23 @@ class Kernel:
 
     def _passed(
         self,
-        rows: Lanes,
         theta: np.ndarray,
         period: float,
         steps: tuple[int, int],
+        rows: Lanes,
         first: np.ndarray,
         results: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Fill the results of all stretches: see `Lanes.replayed`."""
         assert self._library is not None
         start = np.ascontiguousarray(first)
-        begun, passed, ended = (np.empty_like(start) for _ in range(3))
-        counts = (rows.warm + rows.length, rows.warm, rows.length, *steps)
-        arrays = (rows.z, theta, start, results, begun, passed, ended)
+        begun, ended = np.empty_like(start), np.empty_like(start)
+        counts = (len(rows.z), rows.warm, *steps)
+        arrays = (rows.z, theta, start, results, begun, ended)
         self._library.orthosis_replay(
             *map(ctypes.c_long, counts), ctypes.c_double(period), *map(pointer, arrays)
         )
-        return begun, passed, ended
+        return begun, ended
 
     @property
     def built(self) -> bool:

@@ -2,7 +2,7 @@
 """Recordings cut into stretches that are replayed side by side, as a processor's vectors compute.
 
 Each stretch begins some seconds before the rows that it is for: the observer forgets where it began. What it
-has not forgotten there is replayed again, from where the stretch before passed.
+has not forgotten there is replayed again, without these, from where the stretch before ended.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ WARM_SECONDS = 3.0
 AGREEING = 1e-6  # of a state's largest value where stretches meet: they are one
 AGREEING_SLOPES = 1e-4  # the same of its derivatives by parameters
 
-# (first states, results to fill) -> states at the end of the warm-up, at the next one's begin, at the end
-Pass = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+# (rows, first states, results to fill) -> states at the end of the warm-up, and at the end
+Pass = Callable[["Lanes", np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -86,12 +86,14 @@ class Lanes:
         results = np.empty((self.warm + self.length, size, LANES))
         agreeing = np.full(len(first), AGREEING)
         agreeing[len(first) - slopes :] = AGREEING_SLOPES
+        begun, ended = one_pass(self, first, results)
+        rest = Lanes(self.rows - self.warm, 0, self.length, self.z[self.warm :])
         for exact in range(1, LANES + 1):  # with each pass one more stretch is
-            begun, passed, ended = one_pass(first, results)
             with np.errstate(invalid="ignore"):
                 apart = np.abs(ended[:, :-1] - begun[:, 1:]).max(axis=1)
             agreed = (apart <= agreeing * np.abs(ended).max(axis=1)).all()
             if agreed or not np.isfinite(ended[:, :exact]).all():
                 break
-            first = np.column_stack([first[:, :1], passed[:, :-1]])
+            start = np.column_stack([begun[:, :1], ended[:, :-1]])
+            begun, ended = one_pass(rest, start, results[self.warm :])
         return self.joined(results)

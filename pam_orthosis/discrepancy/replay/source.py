@@ -57,15 +57,14 @@ static void keep(double* place, const double* x) {{
   for (int i = 0; i < {states} * LANES; i++) place[i] = x[i];
 }}
 
-void orthosis_replay(long n, long warm, long length, long first, long rest, double period, const double* z,
+void orthosis_replay(long n, long warm, long first, long rest, double period, const double* z,
                      const double* theta, const double* start, double* result,
-                     double* begun, double* passed, double* ended) {{
+                     double* begun, double* ended) {{
   double x[{states} * LANES], next[{states} * LANES], fixed[{fixed}], before[{data} * LANES];
   orthosis_fixed(theta, &period, fixed);
   keep(x, start);
   for (long k = 0;; k++, z += {data} * LANES, result += {results} * LANES) {{
     if (k == warm) keep(begun, x);
-    if (k == length) keep(passed, x);
     if (k == n) break;
     orthosis_observe(x, z, theta, &period, next, result);
     keep(x, next);
