@@ -17,7 +17,8 @@ from pam_orthosis.cli.main import main
 from pam_orthosis.discrepancy import workflow
 from pam_orthosis.discrepancy.answer import judgement, patch
 from pam_orthosis.discrepancy.answer.contract import as_dict
-from pam_orthosis.discrepancy.answer.verdict import _share, _with_rivals, describe
+from pam_orthosis.discrepancy.answer.last_line import with_rivals
+from pam_orthosis.discrepancy.answer.verdict import _share, describe
 from pam_orthosis.discrepancy.apparatus import without_record
 from pam_orthosis.discrepancy.fitting.measure import Gap, closure, over_noise, reduced
 from pam_orthosis.discrepancy.preparation import beginning, check
@@ -495,5 +496,5 @@ def test_a_share_of_nothing_has_no_sign():
 def test_the_last_line_says_what_the_data_do_not_separate():
     system = SimpleNamespace(wrong={"leg_cogwheel_diameter": "leg.cogwheel_diameter"})
     one = SimpleNamespace(name="valve_lag", look_alikes=("valve_delay", "leg_cogwheel_diameter"))
-    assert _with_rivals(system, one) == "valve lag (or valve delay, or a wrong leg.cogwheel_diameter)"
-    assert _with_rivals(system, SimpleNamespace(name="valve_lag", look_alikes=())) == "valve lag"
+    assert with_rivals(system, one) == "valve lag (or valve delay, or a wrong leg.cogwheel_diameter)"
+    assert with_rivals(system, SimpleNamespace(name="valve_lag", look_alikes=())) == "valve lag"

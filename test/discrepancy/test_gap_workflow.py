@@ -16,7 +16,8 @@ from pam_orthosis.cli import main as cli
 from pam_orthosis.discrepancy import workflow
 from pam_orthosis.discrepancy.answer import judgement, noise_floor, patch
 from pam_orthosis.discrepancy.answer.contract import as_dict
-from pam_orthosis.discrepancy.answer.verdict import _answer, describe
+from pam_orthosis.discrepancy.answer.last_line import last_line
+from pam_orthosis.discrepancy.answer.verdict import describe
 from pam_orthosis.discrepancy.apparatus import agreed_nominal, apparatus_of, recorded_nominal, unrecorded
 from pam_orthosis.discrepancy.fitting import structure
 from pam_orthosis.discrepancy.fitting.measure import Gap
@@ -137,8 +138,8 @@ def test_an_answer_without_a_name_says_why(ranked, reason, said):
         system=SimpleNamespace(equations=[torque], wrong={}), after=Gap({}, {"angle": 9.0}),
         floor=Gap({}, {"angle": 1.0}),
     )  # fmt: skip
-    assert said in _answer(outcome)
-    assert "in the torque equation 9.0 times the noise is left" in _answer(outcome)
+    assert said in last_line(outcome)
+    assert "in the torque equation 9.0 times the noise is left" in last_line(outcome)
 
 
 def test_a_closure_says_the_gap_that_it_counts_from(friction):
@@ -640,7 +641,7 @@ def test_a_gap_that_is_left_is_not_called_none(effects, closed, after, verdict):
         unknown=None, strained={}, foreign=False, mistaken=False,
         selection=SimpleNamespace(final=SimpleNamespace(free=())),
     )  # fmt: skip
-    said = _answer(outcome)
+    said = last_line(outcome)
     if verdict == "unexplained":
         assert f"leave what was fitted (the gap is {after:.1f} times" in said
     if verdict == "partial":

@@ -4,22 +4,20 @@
 from collections.abc import Mapping, Sequence
 
 from pam_orthosis.discrepancy.answer.curves import curves, in_words
-from pam_orthosis.discrepancy.answer.judgement import FAR_STRAIN, Outcome, beyond, moved_beyond
-from pam_orthosis.discrepancy.answer.unknown_words import short, unknown_words
-from pam_orthosis.discrepancy.fitting.measure import OVERALL, over_noise, reduced
-from pam_orthosis.discrepancy.fitting.structure import Where, clean
+from pam_orthosis.discrepancy.answer.judgement import Outcome, beyond
+from pam_orthosis.discrepancy.answer.last_line import far, last_line
+from pam_orthosis.discrepancy.answer.unknown_words import unknown_words
+from pam_orthosis.discrepancy.fitting.measure import OVERALL, over_noise
+from pam_orthosis.discrepancy.fitting.structure import Where
 from pam_orthosis.discrepancy.preparation.beginning import Beginning
 from pam_orthosis.discrepancy.preparation.identifiability import Identifiability
 from pam_orthosis.discrepancy.preparation.mistakes import CHECK
-from pam_orthosis.discrepancy.search.confirmation import at_values
 from pam_orthosis.discrepancy.search.findings import Named, in_all
-from pam_orthosis.discrepancy.systems.system import Channel, System, Values
+from pam_orthosis.discrepancy.systems.system import Channel, System
 from pam_orthosis.model.parameters import experiments, scenario_names
 
 LABEL = 25  # characters of the first column, at least
 MOST_NAMED, MOST_SHOWN = 3, 8  # parameters in one line: of many, and else
-MOST_RIVALS = 3  # of an effect, in the last line
-NEAR = 10.0  # evidence that is worth a word though no name: where nothing is hidden, the best one has less
 
 
 def describe_data(data: Identifiability) -> str:
@@ -114,7 +112,7 @@ def describe(outcome: Outcome) -> str:
     if outcome.unknown is not None:
         shares = {one.equation: one.coordinates for one in outcome.where}
         lines += unknown_words(outcome.system, outcome.unknown, shares.get(outcome.unknown.equation))
-    lines.append(_answer(outcome))
+    lines.append(last_line(outcome))
     return "\n".join(lines)
 
 
@@ -228,122 +226,4 @@ def _alike(one: Named, several: bool) -> list[str]:
 def _strain(strained: Mapping[str, float]) -> str:
     listed = ", ".join(f"{name} {value:+.1f}" for name, value in strained.items())
     said = f"nuisance parameters outside their tolerance (multiples of it): {listed}"
-    return (
-        f"{said}; check units, zeros (absolute pressure?) and calibration first" if _far(strained) else said
-    )
-
-
-def _far(strained: Mapping[str, float]) -> bool:
-    return max(map(abs, strained.values()), default=0.0) > FAR_STRAIN
-
-
-def _refusal(outcome: Outcome) -> str:
-    """Return why nothing is named: else the reason of the first round, if there was a candidate."""
-    if outcome.surrogates:
-        return "no model of the catalogue explains half of the gap"
-    step = outcome.steps[0] if outcome.steps else None
-    if step is None or step.accepted is not None or not step.ranked:
-        return "nothing in the catalogue fits"
-    return f"no effect is added (best: {step.ranked[0][0]}): {step.reason}"
-
-
-def _answer(outcome: Outcome) -> str:
-    names = " and ".join(_with_rivals(outcome.system, one) for one in outcome.effects)
-    share = outcome.closure[OVERALL]
-    explain = "explain" if len(outcome.effects) > 1 else "explains"
-    much = f"{explain}{'' if share is None else f' {100 * share:.1f} % of the gap'}"
-    kept = over_noise(outcome.system, outcome.after, outcome.floor)
-    worst = max(kept, key=lambda name: kept[name])
-    left = f"in the {worst} equation {kept[worst]:.1f} times the noise is left{_emptied(outcome)}"
-    bent = ", and nuisance parameters are far outside their tolerance" if _far(outcome.strained) else ""
-    if outcome.mistaken:
-        maybe = f"{names or 'recalibration'} may only make up for it"
-        return f"{outcome.verdict.upper()}: the recordings seem to have a mistake ({CHECK}); {maybe}"
-    words = {
-        "none": _none(outcome) if outcome.verdict == "none" else "",
-        "recalibrated": _recalibrated(outcome, names) if outcome.verdict == "recalibrated" else "",
-        "explained": f"by {names}",
-        "partial": f"{names} {much}; {left}{bent}",
-        "described": _described(outcome, names),
-        "unexplained": _unexplained(outcome, left, bent),
-    }[outcome.verdict]
-    return f"{outcome.verdict.upper()}{' ' if outcome.verdict == 'explained' else ': '}{words}"
-
-
-def _recalibrated(outcome: Outcome, names: str) -> str:
-    if names:
-        return f"tolerances could take all of it, but less is needed with {names}"
-    moved = _moved(outcome, moved_beyond(outcome.system, outcome.selection.final))
-    return f"the model leaves noise only with {moved}{_nearest(outcome)}"
-
-
-def _nearest(outcome: Outcome) -> str:
-    """Return the best effect of a search that named none, if it came near, and what it lacks."""
-    near = [(*one, step.reason) for step in outcome.steps[:1] for one in step.ranked[:1] if one[1] >= NEAR]
-    return "".join("; nearest to a name is {} (evidence {:.0f}): {}".format(*one) for one in near)
-
-
-def _none(outcome: Outcome) -> str:
-    """Return that recalibration leaves noise, and what it moved furthest: an effect may act like that."""
-    moved = moved_beyond(outcome.system, outcome.selection.final, least=1.0)
-    most = max(moved, key=lambda name: abs(moved[name]), default="")
-    furthest = f"; it moved furthest: {_moved(outcome, {most: moved[most]})}" if most else ""
-    return f"recalibrated within its tolerances, the model leaves noise only{furthest}{_nearest(outcome)}"
-
-
-def _moved(outcome: Outcome, moved: Values) -> str:
-    """Return how far parameters were moved, in multiples of how far they were stated to be off."""
-    words, values = [], outcome.selection.final.values
-    known = {one.name: one for one in outcome.system.calibrations}
-    for name, times in moved.items():
-        off, one = values[name], known.get(name)
-        size = f" {off:+.3g} {one.unit} off" if one else ""
-        size = f" {1 + off:.3g} times as large" if one and one.relative else size
-        words.append(f"{name}{size} ({abs(times):.1f} times its tolerance)")
-    return ", ".join(words)
-
-
-def _described(outcome: Outcome, names: str) -> str:
-    if outcome.unknown is None:
-        return names
-    what, equation = short(outcome.system, outcome.unknown), outcome.unknown.equation
-    kept = over_noise(outcome.system, outcome.after, outcome.floor)[equation]
-    left = f"leaves {reduced(kept, outcome.unknown.reduced):.1f} times the noise in the {equation} equation"
-    return f"{names + ', and ' if names else ''}{what}; a description, no cause, which {left}"
-
-
-def _with_rivals(system: System, one: Named) -> str:
-    """Return what was found, with what the recordings do not separate from it."""
-    rivals = [f"or {_title(system, name)}" for name in one.look_alikes[:MOST_RIVALS]]
-    return _title(system, one.name) + (f" ({', '.join(rivals)})" if rivals else "")
-
-
-def _title(system: System, name: str) -> str:
-    return f"a wrong {system.wrong[name]}" if name in system.wrong else name.replace("_", " ")
-
-
-def _unexplained(outcome: Outcome, left: str, bent: str) -> str:
-    if outcome.foreign:
-        return (
-            f"nothing I know; the recordings seem to be of another machine than the given one; {left}{bent}"
-        )
-    if clean(outcome.left) and not beyond(outcome.after, outcome.floor) and _far(outcome.strained):
-        return "noise only is left, but by nuisance parameters far outside their tolerance"
-    if clean(outcome.left) and beyond(outcome.after, outcome.floor):
-        white = outcome.after.white[OVERALL]
-        return (
-            f"the held-out recordings leave what was fitted (the gap is {white:.1f} times the noise, and no"
-            " fit knows better there); fit recordings that reach as far"
-        )
-    if outcome.unknown and outcome.unknown.events:
-        return f"{left}; {short(outcome.system, outcome.unknown)}, of nothing that was measured"
-    return left if outcome.empty else f"{left}; {_refusal(outcome)}"
-
-
-def _emptied(outcome: Outcome) -> str:
-    """Return which effects of the model are not what their names say, if any is not."""
-    if not outcome.empty:
-        return ""
-    names = dict.fromkeys(key.partition(".")[0] for key in outcome.empty)
-    listed = at_values(outcome.selection.final, outcome.empty)
-    return f"; {' and '.join(names)} would not be what the name says ({listed})"
+    return f"{said}; check units, zeros (absolute pressure?) and calibration first" if far(strained) else said

@@ -19,8 +19,9 @@ CHORD_SHARE = 0.02  # of what a set of derivatives has gained: below it a new se
 STEPS = ((0.0, 1.0), (0.0, 0.3), (0.0, 0.05), (0.01, 1.0), (0.1, 1.0), (1.0, 1.0), (10.0, 1.0), (100.0, 1.0))
 SEGMENT = 512  # samples, of the density of residuals
 ORDINARY_PEAK = 1.25  # of that density for white noise
-ENOUGH = 1.0  # a fit ends when a step lowers the cost by less than this
-AT_REST = 0.1  # below it the derivatives, which are costly, are the same after the step
+ENOUGH = (
+    1.0  # a fit ends when a step lowers the cost by less: the derivatives, which are costly, are the same
+)
 
 
 @dataclass(frozen=True)
@@ -107,10 +108,10 @@ def fit(problem: Problem, effects: Names, start: Values, free: Sequence[Free], m
     blocks = problem.blocks(effects, values, names)
     for _ in range(most):
         values, gained, residuals = _descended(problem, effects, values, free, blocks)
-        at_rest = gained < AT_REST
-        blocks = _with(blocks, residuals) if at_rest else problem.blocks(effects, values, names)
         if gained < ENOUGH:
+            blocks = _with(blocks, residuals)
             break
+        blocks = problem.blocks(effects, values, names)
     return _finished(problem, effects, values, free, blocks)
 
 
@@ -130,7 +131,7 @@ def fit_tempered(
         problem = plain.weighted(weights)
         weighted = _weighted(blocks, weights)
         values, gained, residuals = _descended(problem, effects, values, free, weighted)
-        if gained < AT_REST:
+        if gained < ENOUGH:
             blocks = _with(blocks, {name: row / weights[name] for name, row in residuals.items()})
         else:
             blocks = plain.blocks(effects, values, names)
