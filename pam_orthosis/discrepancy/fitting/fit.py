@@ -106,12 +106,12 @@ def fit(problem: Problem, effects: Names, start: Values, free: Sequence[Free], m
     values: Values = _inside(start, free)
     names = tuple(one.name for one in free)
     blocks = problem.blocks(effects, values, names)
-    for _ in range(most):
+    for step in range(most):
         values, gained, residuals = _descended(problem, effects, values, free, blocks)
-        if gained < ENOUGH:
-            blocks = _with(blocks, residuals)
+        last = gained < ENOUGH or step == most - 1
+        blocks = _with(blocks, residuals) if last else problem.blocks(effects, values, names)
+        if last:
             break
-        blocks = problem.blocks(effects, values, names)
     return _finished(problem, effects, values, free, blocks)
 
 
