@@ -142,6 +142,26 @@ def test_an_answer_without_a_name_says_why(ranked, reason, said):
     assert "in the torque equation 9.0 times the noise is left" in last_line(outcome)
 
 
+@pytest.mark.parametrize(
+    ("residual", "after", "said"),
+    [
+        (0.9, 1.02, "creep explains 99.9 % of the gap; noise only is left, but nuisance parameters are far"),
+        (0.9, 1.6, "in the torque equation 1.6 times the noise is left, and nuisance parameters are far"),
+        (9.0, 1.02, "in the torque equation 1.0 times the noise is left, and nuisance parameters are far"),
+    ],
+)
+def test_what_is_left_is_called_noise_where_it_is(residual, after, said):
+    torque = SimpleNamespace(name="torque", channels=("angle",))
+    outcome = SimpleNamespace(
+        verdict="partial", effects=[SimpleNamespace(name="creep", look_alikes=())], surrogates=(), empty=(),
+        left=[structure.Where("torque", residual, {}, {})], steps=(), unknown=None, strained={"supply": 7.0},
+        closure={"overall": 0.999}, foreign=False, mistaken=False,
+        system=SimpleNamespace(equations=[torque], wrong={}),
+        after=Gap({}, {"angle": after, "overall": after}), floor=Gap({}, {"angle": 1.0, "overall": 1.0}),
+    )  # fmt: skip
+    assert said in last_line(outcome)
+
+
 def test_a_closure_says_the_gap_that_it_counts_from(friction):
     """What recalibration has closed already is no merit of the effect."""
     gaps = Gap({}, {"torque": 3.0, "gas": 1.01}), Gap({}, {"torque": 1.0, "gas": 1.0})

@@ -13,6 +13,7 @@ from pam_orthosis.discrepancy.search.findings import Named
 from pam_orthosis.discrepancy.systems.system import System, Values
 
 MOST_RIVALS = 3  # of an effect
+NOISE = "noise only is left"
 NOTABLE = 10.0  # evidence that is worth a word though no name: where nothing is hidden, the best one has less
 
 
@@ -37,8 +38,8 @@ def last_line(outcome: Outcome) -> str:
     share = outcome.closure[OVERALL]
     explain = "explain" if len(outcome.effects) > 1 else "explains"
     much = f"{explain}{'' if share is None else f' {100 * share:.1f} % of the gap'}"
-    left = f"{_rest(outcome)}{_emptied(outcome)}"
-    bent = ", and nuisance parameters are far outside their tolerance" if far(outcome.strained) else ""
+    left, but = f"{_rest(outcome)}{_emptied(outcome)}", "but" if _rest(outcome) == NOISE else "and"
+    bent = f", {but} nuisance parameters are far outside their tolerance" if far(outcome.strained) else ""
     if outcome.mistaken:
         maybe = f"{names or 'recalibration'} may only make up for it"
         return f"{outcome.verdict.upper()}: the recordings seem to have a mistake ({CHECK}); {maybe}"
@@ -58,7 +59,7 @@ def _rest(outcome: Outcome) -> str:
     kept = over_noise(outcome.system, outcome.after, outcome.floor)
     worst = max(kept, key=lambda name: kept[name])
     if clean(outcome.left) and not beyond(outcome.after, outcome.floor) and kept[worst] <= NEAR:
-        return "noise only is left"
+        return NOISE
     return f"in the {worst} equation {kept[worst]:.1f} times the noise is left"
 
 
