@@ -15,6 +15,7 @@ from pam_orthosis.discrepancy.api import (
     find_gap,
     from_arrays,
 )
+from pam_orthosis.discrepancy.recordings.stamps import skews
 from pam_orthosis.discrepancy.replay.problem import Scored, sum_of_squares
 from pam_orthosis.discrepancy.replay.whitening import Whitener
 from pam_orthosis.model.parameters import load
@@ -52,6 +53,34 @@ def pendulum():
     ).system()
 
 
+def moved(x: np.ndarray, current: float, step: float) -> np.ndarray:
+    """Return the state a step later (Runge and Kutta)."""
+
+    def rates(y):
+        torque = MOTOR * current - WEIGHT * np.sin(y[0]) - DAMPING * y[1]
+        return np.array([y[1], torque / INERTIA])
+
+    a = rates(x)
+    b = rates(x + step / 2 * a)
+    c = rates(x + step / 2 * b)
+    d = rates(x + step * c)
+    return x + step / 6 * (a + 2 * b + 2 * c + d)
+
+
+def driven(seed: int, period: float, late: int) -> dict[str, np.ndarray]:
+    """Return a recording of a pendulum whose current leaps, its encoder so many samples late."""
+    rng, substeps = np.random.default_rng(seed), 4
+    currents = np.repeat(rng.uniform(-1.0, 1.0, 100), 15)
+    x, angles = np.zeros(2), np.zeros(len(currents))
+    for n, current in enumerate(currents[:-1]):
+        for _ in range(substeps):
+            x = moved(x, current, period / substeps)
+        angles[n + 1] = x[0]
+    angles = np.concatenate([np.zeros(late), angles])[: len(currents)]
+    angles += NOISE * rng.standard_normal(len(currents))
+    return {"time": np.arange(len(currents)) * period, "angle": angles, "current": currents}
+
+
 def recorded(seed: int) -> dict[str, np.ndarray]:
     """Return a recording of a controlled pendulum that begins far from what it follows."""
     rng = np.random.default_rng(seed)
@@ -60,20 +89,12 @@ def recorded(seed: int) -> dict[str, np.ndarray]:
     time = np.arange(round(SECONDS / PERIOD)) * PERIOD
     angles, currents = np.empty(len(time)), np.empty(len(time))
 
-    def rates(y, current):
-        torque = MOTOR * current - WEIGHT * np.sin(y[0]) - DAMPING * y[1]
-        return np.array([y[1], torque / INERTIA])
-
     for n, t in enumerate(time):
         wanted = 0.6 * np.sin(2.5 * t + phases[0]) + 0.3 * np.sin(6.9 * t + phases[1])
         angles[n] = x[0] + NOISE * rng.standard_normal()
         currents[n] = 3.0 * (wanted - angles[n]) - 0.25 * x[1]
-        for _ in range(substeps):  # Runge and Kutta
-            a = rates(x, currents[n])
-            b = rates(x + step / 2 * a, currents[n])
-            c = rates(x + step / 2 * b, currents[n])
-            d = rates(x + step * c, currents[n])
-            x = x + step / 6 * (a + 2 * b + 2 * c + d)
+        for _ in range(substeps):
+            x = moved(x, currents[n], step)
     return {"time": time, "angle": angles, "current": currents}
 
 
@@ -83,6 +104,13 @@ def test_an_exact_model_of_a_light_pendulum_leaves_noise_alone():
     found = find_gap(system, [first, second], [third], load().gap)
     assert found.verdict == "none"
     assert found.configured.white["angle"] < 1.15 * found.floor.white["angle"]
+
+
+@pytest.mark.parametrize("late", [0, 2])
+def test_that_an_input_is_held_is_no_skew(late):
+    system, period = pendulum(), 0.01
+    found = skews(system, from_arrays("x", system, driven(7, period, late)))
+    assert [one.seconds for one in found] == pytest.approx([-late * period] * bool(late), abs=5e-4)
 
 
 def test_what_a_replay_has_wrong_at_its_start_is_not_remembered_by_the_whitener():

@@ -538,10 +538,11 @@ def test_a_large_skew_that_explains_little_is_none():
     def left(skew, gain):
         return 1.0 - gain + gain * ((shifts - skew) / skew) ** 2
 
-    assert stamps._least(left(0.006, 0.1)) == pytest.approx((0.006, 0.1), rel=0.03)
-    assert stamps._least(left(0.014, 0.2)) == pytest.approx((0.014, 0.2), rel=0.03)
-    assert stamps._least(left(0.014, 0.14)) is None
-    assert stamps._least(left(0.006, 0.04)) is None
+    assert stamps._least(left(0.006, 0.1), 0.0025) == pytest.approx((0.006, 0.1), rel=0.03)
+    assert stamps._least(left(0.014, 0.2), 0.0025) == pytest.approx((0.014, 0.2), rel=0.03)
+    assert stamps._least(left(0.014, 0.14), 0.0025) is None
+    assert stamps._least(left(0.006, 0.04), 0.0025) is None
+    assert stamps._least(left(0.006, 0.1), 0.01) is None, "less than half a sample of 20 ms"
 
 
 @pytest.mark.parametrize(

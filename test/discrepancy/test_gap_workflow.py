@@ -142,6 +142,27 @@ def test_an_answer_without_a_name_says_why(ranked, reason, said):
     assert "in the torque equation 9.0 times the noise is left" in last_line(outcome)
 
 
+@pytest.mark.parametrize(("times", "verdict"), [(2.0, "none"), (5.0, "unexplained")])
+def test_a_slow_gap_that_whitened_residuals_hardly_show_is_left(times, verdict):
+    white = {"angle": 1.1, "overall": 1.1}
+    after, floor = Gap({"angle": 1e-4 * times}, white), Gap({"angle": 1e-4}, dict.fromkeys(white, 1.0))
+    far = judgement.off(after, floor)
+    rest = judgement.Rest(not judgement.beyond(after, floor), 1.1, gone=False, off=bool(far))
+    assert far == ({} if verdict == "none" else {"angle": pytest.approx(5.0)})
+    assert judgement.verdict_on((), None, rest, ()) == verdict
+    assert judgement.verdict_on(("creep",), 0.99, rest, ()) == ("partial" if far else "explained")
+    outcome = SimpleNamespace(
+        verdict=verdict, effects=(), surrogates=(), empty=(), steps=(), unknown=None, strained={},
+        left=[structure.Where("torque", 0.9, {}, {})], closure={"overall": None}, foreign=False,
+        mistaken=False, system=SimpleNamespace(
+            equations=[SimpleNamespace(name="torque", channels=("angle",))], wrong={}, calibrations=()
+        ),
+        after=after, floor=floor, selection=SimpleNamespace(final=SimpleNamespace(free=())),
+    )  # fmt: skip
+    said = "angle is 5.0 times as far off as noise alone leaves it" if far else "leaves noise only"
+    assert said in last_line(outcome)
+
+
 @pytest.mark.parametrize(
     ("residual", "after", "said"),
     [

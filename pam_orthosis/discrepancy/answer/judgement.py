@@ -23,6 +23,7 @@ from pam_orthosis.model.parameters import Section
 
 LEAST_CLOSURE = 0.9  # below it named effects that leave structure are a part of the explanation
 MOST_LEFT = 1.3  # gap after over the noise floor above which the residual is not called clean
+MOST_OFF = 2.5  # a residual in its unit over what noise leaves: a slow one weighs little among whitened ones
 NEAR = 1.5  # gap of an equation over the noise floor above which it is not explained, whatever was closed
 LEAST_NAMED = 0.5  # closure of a model below which it names nothing
 FAR_STRAIN = 5.0  # tolerances: less likely hardware than a wrong zero, unit or mechanism
@@ -41,7 +42,8 @@ class Rest(NamedTuple):
     was to be explained, recalibration alone leaves noise: what is named explains what it moved. `astray`:
     nuisance parameters are far off in an equation in which no effect is named. `foreign`: many are. `bent`:
     shape corrections are too, though not beyond what they may be once named.
-    `moved`: calibrations or shape corrections lie beyond what was stated of them.
+    `moved`: calibrations or shape corrections lie beyond what was stated of them. `off`: a channel is far off
+    in its unit.
     """
 
     clean: bool
@@ -51,6 +53,7 @@ class Rest(NamedTuple):
     foreign: bool = False
     moved: bool = False
     bent: bool = False
+    off: bool = False
 
 
 @dataclass(frozen=True)
@@ -138,6 +141,7 @@ def outcome_of(start: Beginning, found: Selection, settings: Section, remarks: S
         foreign=len(_far_off(system, final)) >= MANY_STRAINED,
         bent=len(_far_off(system, final, FAR_STRAIN)) >= MANY_STRAINED,
         moved=bool(moved_beyond(system, final)),
+        off=bool(off(after, floor)),
     )
     verdict = verdict_on(final.effects, closed[measure.OVERALL], rest, empty)
     deviation = findings.deviations(system, final, spread)
@@ -243,7 +247,13 @@ def _meant(effects: Names, empty: Sequence[str]) -> Names:
 
 def beyond(after: measure.Gap, floor: measure.Gap) -> bool:
     """Return whether a gap is left, however well free parameters that are moved again would follow it."""
-    return after.white[measure.OVERALL] > MOST_LEFT * floor.white[measure.OVERALL]
+    return after.white[measure.OVERALL] > MOST_LEFT * floor.white[measure.OVERALL] or bool(off(after, floor))
+
+
+def off(after: measure.Gap, floor: measure.Gap) -> dict[str, float]:
+    """Return the channels that are far off in their unit: their residuals over what noise leaves of them."""
+    times = {name: value / floor.units[name] for name, value in after.units.items()}
+    return {name: value for name, value in times.items() if value > MOST_OFF}
 
 
 def verdict_on(effects: Names, share: float | None, rest: Rest, empty: Sequence[str]) -> str:
@@ -263,6 +273,7 @@ def verdict_on(effects: Names, share: float | None, rest: Rest, empty: Sequence[
         empty
         or rest.astray
         or rest.bent
+        or rest.off
         or rest.kept > NEAR
         or not (rest.clean or (share is not None and share >= LEAST_CLOSURE))
     ):

@@ -3,7 +3,7 @@
 
 from collections.abc import Mapping
 
-from pam_orthosis.discrepancy.answer.judgement import FAR_STRAIN, NEAR, Outcome, beyond, moved_beyond
+from pam_orthosis.discrepancy.answer.judgement import FAR_STRAIN, NEAR, Outcome, beyond, moved_beyond, off
 from pam_orthosis.discrepancy.answer.unknown_words import short
 from pam_orthosis.discrepancy.fitting.measure import OVERALL, over_noise, reduced
 from pam_orthosis.discrepancy.fitting.structure import clean
@@ -60,7 +60,16 @@ def _rest(outcome: Outcome) -> str:
     worst = max(kept, key=lambda name: kept[name])
     if clean(outcome.left) and not beyond(outcome.after, outcome.floor) and kept[worst] <= NEAR:
         return NOISE
+    if far_off := off_words(outcome):
+        return far_off
     return f"in the {worst} equation {kept[worst]:.1f} times the noise is left"
+
+
+def off_words(outcome: Outcome) -> str:
+    """Return which channel is furthest off in its unit, if one is."""
+    times = off(outcome.after, outcome.floor)
+    worst = max(times, key=lambda name: times[name], default="")
+    return f"{worst} is {times[worst]:.1f} times as far off as noise alone leaves it" if worst else ""
 
 
 def _recalibrated(outcome: Outcome, names: str) -> str:
@@ -123,10 +132,10 @@ def _unexplained(outcome: Outcome, left: str, bent: str) -> str:
     if clean(outcome.left) and not beyond(outcome.after, outcome.floor) and far(outcome.strained):
         return "noise only is left, but by nuisance parameters far outside their tolerance"
     if clean(outcome.left) and beyond(outcome.after, outcome.floor):
-        white = outcome.after.white[OVERALL]
+        gap = off_words(outcome) or f"the gap is {outcome.after.white[OVERALL]:.1f} times the noise"
         return (
-            f"the held-out recordings leave what was fitted (the gap is {white:.1f} times the noise, and no"
-            " fit knows better there); fit recordings that reach as far"
+            f"the held-out recordings leave what was fitted ({gap}), though other parameters would follow"
+            " them; fit recordings that reach as far, or something is missing that acts as these do"
         )
     if outcome.unknown and outcome.unknown.events:
         return f"{left}; {short(outcome.system, outcome.unknown)}, of nothing that was measured"

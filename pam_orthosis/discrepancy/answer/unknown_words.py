@@ -3,12 +3,15 @@
 
 from typing import Any
 
+import numpy as np
+
 from pam_orthosis.discrepancy.systems.system import System, Values
 from pam_orthosis.discrepancy.unknown.description import Description, holder
 from pam_orthosis.discrepancy.unknown.events import Event
 from pam_orthosis.discrepancy.unknown.unknown import Unknown
 
 MOST_EVENTS = 4  # in one line
+LARGER = 1.5  # half the range of a curve over that of its shape, which is worth a word
 DRIFTING = 0.5  # of the gap, that time explains
 
 
@@ -52,9 +55,16 @@ def _words(system: System, one: Description, where: str) -> list[str]:
     next_best = "" if one.runner_up is None else f" (next: {one.runner_up[0]}, {one.runner_up[1]:.0%})"
     return [
         f"unknown {where}: {_short(system, one)}, amplitude {low:.3g} .. {high:.3g} {one.unit} between"
-        f" {ends}; removes {one.reduced:.0%} of the held-out gap{next_best}",
+        f" {ends}{_with_parabola(one)}; removes {one.reduced:.0%} of the held-out gap{next_best}",
         *_carried(system, one),
     ]
+
+
+def _with_parabola(one: Description) -> str:
+    """Return how large a curve is with the parabola that other parameters may do as well, if it is larger."""
+    whole = 0.5 * float(np.ptp(one.values))
+    larger = whole > LARGER * one.amplitude[0]
+    return f" ({whole:.3g} {one.unit} with a parabola, which other parameters may do too)" if larger else ""
 
 
 def _carried(system: System, one: Description) -> list[str]:

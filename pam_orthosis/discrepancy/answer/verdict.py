@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 from pam_orthosis.discrepancy.answer.curves import curves, in_words
 from pam_orthosis.discrepancy.answer.judgement import Outcome, beyond
-from pam_orthosis.discrepancy.answer.last_line import far, last_line
+from pam_orthosis.discrepancy.answer.last_line import far, last_line, off_words
 from pam_orthosis.discrepancy.answer.unknown_words import unknown_words
 from pam_orthosis.discrepancy.fitting.measure import OVERALL, over_noise
 from pam_orthosis.discrepancy.fitting.structure import Where
@@ -97,7 +97,7 @@ def describe(outcome: Outcome) -> str:
     lines.append(f"{'times the noise':{width + 2}s} {numbers}  {_share(outcome, OVERALL)}")
     if outcome.from_configured:
         lines.append("* of the nominal model's gap, which recalibration alone explains")
-    if outcome.unknown is not None and outcome.unknown.descriptions:
+    if outcome.effects and outcome.unknown is not None and outcome.unknown.descriptions:
         lines.append("explained: by effects that are named; what is unknown removes more, see there")
     worst, wrong = outcome.where[0], outcome.system.wrong
     if not worst.clean:
@@ -129,7 +129,8 @@ def _left(outcome: Outcome) -> list[str]:
         lines = [line + _depending(outcome, one) for line, one in zip(lines, places, strict=True)]
     if not places and beyond(outcome.after, outcome.floor):
         white = outcome.after.white[OVERALL] / outcome.floor.white[OVERALL]
-        lines.append(f"left in the held-out recordings: a gap of {white:.1f} times the noise")
+        left = off_words(outcome) or f"a gap of {white:.1f} times the noise"
+        lines.append(f"left in the held-out recordings: {left}")
     return lines
 
 

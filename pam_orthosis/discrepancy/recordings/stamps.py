@@ -27,7 +27,9 @@ SLOW = 0.05, 0.5  # of the usual velocity: where friction that may be missing ha
 SLIPS = 0.03, 0.1, 0.3  # of the coordinate's range: hysteresis that may be missing
 ORDERS = 1, 2, 3  # of the coordinate's range: elasticity that may be missing
 ALIKE = 0.003  # s: within it recordings of one clock show the same skew
-LEAST = 0.0025  # s, of a skew that is worth a remark: sound recordings have shown up to 1.2 ms
+LEAST = (
+    0.0025  # s, of a skew that is worth a remark, and half a sample: sound recordings have shown up to 1.2 ms
+)
 CUTOFF = 15.0  # Hz, of both accelerations
 SETTLING = 0.2  # s at both ends, which smoothing and shifts spoil
 ALONE = 1.01  # of its remainder: by so much less has to be left with one signal late than with all
@@ -98,7 +100,7 @@ def skews(system: System, one: Recording) -> list[Skew]:
         left_by = _remainders(system, assembled, one, rate, channel, drivers)
         left = {late: left_by(late) for late in groups}
         late = min(left, key=lambda names: left[names].min() * (1.0 if names == drivers else ALONE))
-        skew = _least(left[late])
+        skew = _least(left[late], max(LEAST, one.period / 2))
         if skew is not None:
             found.append(Skew(channel, late, *skew))
     return found
@@ -136,10 +138,14 @@ def _remainders(
     measured = np.gradient(velocity, one.period)[places]
     missing = _missing(smooth[channel], velocity, [smooth[name] for name in drivers])[places]
     law = _law(assembled, rate, len(places), _right(system, assembled))
+    acts = {
+        n: system.late + one.period / 2 * (n not in system.gradual) if n in system.inputs else 0.0
+        for n in drivers
+    }
     beside = _beside(system, one, places)
 
     def remainder(late: Names, shift: float) -> float:
-        lead = {n: shift * (n in late) - system.late * (n in system.inputs) for n in drivers}
+        lead = {n: shift * (n in late) - acts[n] for n in drivers}
         at = {name: np.clip(time[places] + lead[name], 0.0, time[-1]) for name in drivers}
         values = {name: np.interp(at[name], time, smooth[name]) for name in drivers}
         values[channel] = smooth[channel][places]
@@ -229,7 +235,7 @@ def _shifts() -> np.ndarray:
     return np.arange(-REACH, REACH + STEP / 2, STEP)
 
 
-def _least(left: np.ndarray) -> tuple[float, float] | None:
+def _least(left: np.ndarray, smallest: float) -> tuple[float, float] | None:
     """Return the shift of least remainder, s, and what it explains; None if it is small or unclear."""
     shifts, best = _shifts(), int(np.argmin(left))
     none = left[len(left) // 2]
@@ -239,5 +245,5 @@ def _least(left: np.ndarray) -> tuple[float, float] | None:
     before, here, after = left[best - 1 : best + 2]
     place = float(shifts[best]) + STEP * float(before - after) / (2 * float(before - 2 * here + after))
     # what a skew leaves grows with its square: a large one that explains little is none
-    least = min(MOST_ASKED, LEAST_GAIN * max(1.0, (place / SMALL) ** 2))
-    return (place, gain) if abs(place) >= LEAST and gain >= least else None
+    asked = min(MOST_ASKED, LEAST_GAIN * max(1.0, (place / SMALL) ** 2))
+    return (place, gain) if abs(place) >= smallest and gain >= asked else None
