@@ -107,7 +107,7 @@ class _Cells:
         except ValueError as error:
             raise OrthosisError(f"{where}: {shown(cell)} is no number; {self._hint(text)}") from error
         if not (math.isfinite(number) or (self.lost and math.isnan(number))):
-            raise OrthosisError(f"{where}: {shown(cell)} is not finite")
+            raise OrthosisError(f"{where}: {shown(cell)} is not finite; leave the row out")
         self._check_mark(text, where)
         return number
 

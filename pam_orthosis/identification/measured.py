@@ -77,8 +77,9 @@ def _check_lengths(path: Path, contraction: np.ndarray, nominal: float, begins: 
     low, first, last = (share * nominal for share in shares)
     if contraction.min() < low or (begins and contraction.min() > first) or contraction.max() > last:
         raise OrthosisError(
-            f"{path}: lengths do not fit a nominal length of {nominal:g} m;"
-            " give --nominal-length-m or --muscle, and check the unit"
+            f"{path}: lengths do not fit a nominal length of {nominal:g} m: contractions from"
+            f" {contraction.min():.4g} to {contraction.max():.4g} m, they begin at {low:.4g} to {first:.4g} m"
+            f" and end below {last:.4g} m; give --nominal-length-m or --muscle, and check the unit"
         )
 
 
