@@ -58,9 +58,9 @@ def _rest(outcome: Outcome) -> str:
     """Return how much is left, and in which equation most."""
     kept = over_noise(outcome.system, outcome.after, outcome.floor)
     worst = max(kept, key=lambda name: kept[name])
-    if clean(outcome.left) and not beyond(outcome.after, outcome.floor) and kept[worst] <= NEAR:
+    if kept[worst] <= NEAR and clean(outcome.left) and not beyond(outcome.after, outcome.floor):
         return NOISE
-    if far_off := off_words(outcome):
+    if kept[worst] <= NEAR and (far_off := off_words(outcome)):
         return far_off
     return f"in the {worst} equation {kept[worst]:.1f} times the noise is left"
 
