@@ -18,13 +18,13 @@ ENCODER, CURRENT = 2e-6, 1e-3  # m, A: noise (sd)
 COLUMNS = ("time", "encoder_mm", "current")
 
 
-def rows(seed: int, friction: float) -> np.ndarray:
-    """Return samples of `COLUMNS`; `friction` in N."""
+def rows(seed: int, friction: float, mass: float = MASS, late: float = 0.0) -> np.ndarray:
+    """Return samples of `COLUMNS`; `friction` in N; `late`, s: the current acts so much after its stamp."""
     rng = np.random.default_rng(seed)
     frequencies = [rng.uniform(*ends) for ends in ((0.2, 0.4), (0.6, 1.0), (1.3, 1.9))]
     phases = rng.uniform(0, 2 * math.pi, 3)
     position, velocity, seen, step = 0.0, 0.0, 0.0, PERIOD / SUBSTEPS
-    result = np.empty((round(SECONDS / PERIOD), len(COLUMNS)))
+    result, waiting = np.empty((round(SECONDS / PERIOD), len(COLUMNS))), [0.0] * round(late / PERIOD)
     for number in range(len(result)):
         time = number * PERIOD
         waves = zip((0.1, 0.04, 0.02), frequencies, phases, strict=True)
@@ -33,21 +33,23 @@ def rows(seed: int, friction: float) -> np.ndarray:
         current = STIFFNESS * (wanted - seen) - BRAKE * (seen - before) / PERIOD if number else 0.0
         current = round(min(max(current, -8.0), 8.0) / CURRENT) * CURRENT
         result[number] = time, 1e3 * seen, current
+        waiting.append(current)
+        acting = waiting.pop(0)
         for _ in range(SUBSTEPS):
-            force = MOTOR * current - DAMPING * velocity
+            force = MOTOR * acting - DAMPING * velocity
             if abs(velocity) < REST and abs(force) <= friction:
                 velocity = 0.0
                 continue
             resisted = force - math.copysign(friction, velocity if abs(velocity) >= REST else force)
-            velocity += step * resisted / MASS
+            velocity += step * resisted / mass
             position += step * velocity
     return result
 
 
-def write(path, seed: int, friction: float) -> str:
-    """Write a recording as a table; return its path."""
+def write(path, seed: int, friction: float, **changed: float) -> str:
+    """Write a recording as a table; return its path. `changed`: as `rows`."""
     with open(path, "w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         writer.writerow(COLUMNS)
-        writer.writerows([f"{value:.9g}" for value in row] for row in rows(seed, friction))
+        writer.writerows([f"{value:.9g}" for value in row] for row in rows(seed, friction, **changed))
     return str(path)

@@ -30,6 +30,7 @@ from pam_orthosis.discrepancy.api import (
     Source,
     System,
     check_system,
+    describe,
     from_arrays,
     from_bag,
     from_csv,
@@ -77,6 +78,49 @@ def test_a_hidden_friction_of_a_foreign_carriage_is_named(tables, tmp_path, caps
     assert found.as_dict().items() <= reported.items()
     with pytest.raises(OrthosisError, match="no parameters to change; see `effects`"):
         found.changes()
+
+
+def _searched(folder, friction, **changed):
+    tables = [motor_bench.write(folder / f"{seed}.csv", seed, friction, **changed) for seed in (7, 8, 9)]
+    outcome = po.gap(tables[:2], tables[2:], system=CARRIAGE).outcome
+    return outcome, {one.name: one for one in outcome.effects}
+
+
+def test_inputs_that_act_late_are_named_with_their_delay(tmp_path):
+    """Far later than a remark on stamps reaches, and beside friction."""
+    outcome, named = _searched(tmp_path, FRICTION, late=0.04)
+    assert (outcome.verdict, set(named)) == ("explained", {"friction", "inputs_delay"})
+    assert named["inputs_delay"].parameters["delay"][0] == pytest.approx(0.04, abs=2e-4)
+
+
+def test_a_wrong_parameter_is_named_with_what_stands_for_it_as_well(tmp_path):
+    """Only the ratio of mass and motor moves the carriage."""
+    outcome, named = _searched(tmp_path, 0.0, mass=3.0)
+    assert (outcome.verdict, set(named)) == ("recalibrated", {"wrong_mass"})
+    _, unit, lower, upper = named["wrong_mass"].parameters["value"]
+    assert lower < 3.0 < upper
+    assert (unit, upper - lower < 0.6) == ("kg", True)
+    assert outcome.look_alikes == ("wrong_motor",)
+    assert "wrong parameter: mass is 2." in describe(outcome)
+    assert describe(outcome).endswith("a wrong mass (or a wrong motor)")
+
+
+def test_a_wrong_parameter_is_named_beside_a_large_effect(tmp_path):
+    """Recalibration moves it in any case: what the effect's form leaves over is no reason to be silent."""
+    outcome, named = _searched(tmp_path, FRICTION, mass=3.0)
+    wrong = set(named) - {"friction"}
+    assert (outcome.verdict, len(wrong), wrong <= {"wrong_mass", "wrong_motor"}) == ("explained", 1, True)
+
+
+def test_what_moves_the_other_way_by_a_ratio_is_recalibrated_to_the_end():
+    """Three parameters, all twice as large, change nothing: they can be moved together in one step."""
+    system = load_system(CARRIAGE)
+    found = system.assemble(())
+    rates = ca.Function("f", [found.x, found.u, found.theta], [found.rates])
+    usual = rates([0.1, 0.2], [0.5], [0.0] * 4)
+    twice = rates([0.1, 0.2], [0.5], [np.log(2) * value for value in (2.0, 12.0, 5.0)] + [0.0])
+    assert np.array(twice) == pytest.approx(np.array(usual))
+    assert {one.name: one.of for one in system.calibrations}["position_offset"] == 0.0
 
 
 def test_without_friction_nothing_is_named(tmp_path, capsys):
@@ -311,7 +355,7 @@ def test_the_builder_finds_out_what_the_engine_has_to_know():
     assert found.states == ("first", "second", "wet")
     evaluated = ca.Function("f", [found.x, found.u, found.theta], [found.rates, found.measured["outflow"]])
     rates, outflow = evaluated([3.0, 2.0, 1.0], [0.7], [0.1, 0.3])
-    passed = (0.5 + 0.1) * (3.0 - 2.0) - 0.3 * 1.0
+    passed = 0.5 * np.exp(0.1 / 0.5) * (3.0 - 2.0) - 0.3 * 1.0
     assert np.array(rates)[:, 0] == pytest.approx([0.7 - passed, passed - 0.2 * 2.0, 3.0 - 1.0])
     assert float(outflow) == pytest.approx(0.2 * 2.0 + 0.3)
 

@@ -571,8 +571,7 @@ def test_a_voltage_of_the_other_sign_is_refused_with_what_turns_it_round(bench, 
     ],
 )
 def test_inputs_that_seem_stamped_late_are_told(bench, reason, told):
-    found = SimpleNamespace(problem=bench.problem, steps=[SimpleNamespace(reason=reason)])
-    remarks = between._late(found)
+    remarks = between.stamped_late(bench.system, [SimpleNamespace(reason=reason)])
     assert len(remarks) == told
     assert all("as if extensor_voltage and flexor_voltage were stamped late" in one for one in remarks)
 

@@ -238,7 +238,10 @@ def test_a_system_of_ones_own_is_one_file(tmp_path):
     file = tmp_path / "own.py"
     file.write_text(examples()[2], encoding="utf-8")
     system = load_system(file)
-    assert (system.inputs, list(system.catalogue)) == (("current",), ["friction"])
+    assert (system.inputs, list(system.catalogue)) == (
+        ("current",),
+        ["friction", "wrong_mass", "wrong_motor", "wrong_damping", "inputs_delay"],
+    )
     assert [equation.name for equation in system.equations] == ["dynamics"]
     assert system.places["friction"]
 

@@ -4,6 +4,7 @@
 What is wrong by half a row is small beside a gap, and large beside the intervals of what explains it.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from pam_orthosis.discrepancy.fitting.fit import fit, score
@@ -11,7 +12,7 @@ from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.replay.run import Run
 from pam_orthosis.discrepancy.search.confirmation import EMPTY
-from pam_orthosis.discrepancy.search.selection import Selection
+from pam_orthosis.discrepancy.search.selection import Selection, Step
 from pam_orthosis.discrepancy.systems.system import System
 from pam_orthosis.model.parameters import Section
 
@@ -20,16 +21,17 @@ STEPS = 3
 
 def remarks_on_inputs(found: Selection, settings: Section) -> list[str]:
     """Return remarks on inputs that are stamped late, or run otherwise between rows than the system says."""
-    return [*_late(found), *_between_rows(found, settings)]
+    return [*stamped_late(found.problem.system, found.steps), *_between_rows(found, settings)]
 
 
-def _late(found: Selection) -> list[str]:
-    """Return a remark where the best effect was one that would have acted before its input."""
-    inputs = " and ".join(found.problem.system.inputs)
+def stamped_late(system: System, steps: Sequence[Step]) -> list[str]:
+    """Return a remark on each round whose best effect would have acted before its input."""
+    inputs = " and ".join(system.inputs)
     return [
-        f"{step.reason}: it acts before its input, as if {inputs} were stamped late"
-        for step in found.steps
-        for name, one in found.problem.system.catalogue.items()
+        f"it looks as if {inputs} were stamped late: {step.reason.partition(': ')[2]} s fits best, and would"
+        " act before its input"
+        for step in steps
+        for name, one in system.catalogue.items()
         if one.late is not None and step.reason.startswith(f"{name} {EMPTY}") and " = -" in step.reason
     ]
 

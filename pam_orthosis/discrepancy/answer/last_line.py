@@ -3,6 +3,7 @@
 
 from collections.abc import Mapping
 
+from pam_orthosis.discrepancy.answer.between import stamped_late
 from pam_orthosis.discrepancy.answer.judgement import FAR_STRAIN, NEAR, Outcome, beyond, moved_beyond, off
 from pam_orthosis.discrepancy.answer.unknown_words import short
 from pam_orthosis.discrepancy.fitting.measure import OVERALL, over_noise, reduced
@@ -99,7 +100,7 @@ def _moved(outcome: Outcome, moved: Values) -> str:
     known = {one.name: one for one in outcome.system.calibrations}
     for name, times in moved.items():
         off, one = values[name], known.get(name)
-        size = f" {off:+.3g} {one.unit} off" if one else ""
+        size = f" {one.applied(one.of, off) - one.of:+.3g} {one.unit} off" if one else ""
         size = f" {1 + off:.3g} times as large" if one and one.relative else size
         words.append(f"{name}{size} ({abs(times):.1f} times its tolerance)")
     return ", ".join(words)
@@ -125,6 +126,8 @@ def _title(system: System, name: str) -> str:
 
 
 def _unexplained(outcome: Outcome, left: str, bent: str) -> str:
+    if late := stamped_late(outcome.system, outcome.steps):
+        return f"{late[0]}; mend the stamps and search again; {left}"
     if outcome.foreign:
         return (
             f"nothing I know; the recordings seem to be of another machine than the given one; {left}{bent}"

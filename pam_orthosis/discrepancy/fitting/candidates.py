@@ -8,7 +8,7 @@ the best ones.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from types import SimpleNamespace
 from typing import Any
@@ -16,9 +16,11 @@ from typing import Any
 import numpy as np
 from scipy.signal import find_peaks
 
-from pam_orthosis.discrepancy.fitting.fit import Fit, bounded_step
+from pam_orthosis.discrepancy.fitting.fit import Fit, bounded_step, fit
 from pam_orthosis.discrepancy.fitting.free import WIDTHS, of_effect, scales_of
 from pam_orthosis.discrepancy.fitting.projection import Level, Projection
+from pam_orthosis.discrepancy.replay.problem import Problem
+from pam_orthosis.discrepancy.systems.suspects import VALUE
 from pam_orthosis.discrepancy.systems.system import Names, Values
 
 QUARTERS = (0.0, 1.57, 3.14, -1.57)  # rad: phases at which a periodic effect starts
@@ -296,3 +298,16 @@ def widened_shape(projection: Projection, name: str) -> Candidate:
         price = penalty(projection.base, 1)
         found.append(Candidate(name, gain, values, gain - price, {**around, name: width}, (name,)))
     return max(found, key=lambda one: one.evidence)
+
+
+def moved_parameter(problem: Problem, base: Fit, name: str) -> Candidate:
+    """Return a wrong parameter at the value that recalibration would give it if it had no tolerance."""
+    system = problem.system
+    one = next(one for one in system.calibrations if one.name == system.recalibrating(name))
+    (quantity,) = system.catalogue[name].parameters
+    free = [replace(other, sd=math.inf) if other.name == one.name else other for other in base.free]
+    model = fit(problem, base.effects, base.values, free)
+    value = float(one.applied(quantity.neutral, model.values[one.name]))
+    values = {**model.values, one.name: 0.0, f"{name}.{VALUE}": value}
+    gain = base.cost - model.cost
+    return Candidate(name, gain, values, gain - penalty(base, 1), scales_of(system, base.free), (name,))

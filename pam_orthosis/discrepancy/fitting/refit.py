@@ -2,6 +2,9 @@
 """Fits of a whole model: recalibration, an effect's details, the level of the shape corrections."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from pam_orthosis.discrepancy.fitting.candidates import Candidate
 from pam_orthosis.discrepancy.fitting.fit import Fit, fit_tempered, prior_cost, score
@@ -9,6 +12,7 @@ from pam_orthosis.discrepancy.fitting.free import free_parameters, nuisance, of_
 from pam_orthosis.discrepancy.fitting.projection import Projection
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.systems.suspects import VALUE
 from pam_orthosis.discrepancy.systems.system import System, Values
 from pam_orthosis.progress import Progress
 
@@ -35,6 +39,23 @@ def _from_simpler(problem: Problem, start: Values) -> list[dict[str, float]]:
     bare = Problem(Replay(problem.system.bare(), problem.replay.workers), problem.scored)
     _, fitted = fit_tempered(bare, (), bare.replay.defaults(()), nuisance(bare.system))
     return [{**start} | {key: value for key, value in fitted.values.items() if key in start}]
+
+
+def estimated(system: System, model: Fit) -> Fit:
+    """Return a model whose wrong parameters are values without a tolerance: its deviation is part of it."""
+    calibrations = {one.name: one for one in system.calibrations}
+    wrong = {one: f"{n}.{VALUE}" for n in model.effects if (one := system.recalibrating(n))}
+    moved = {
+        key: float(calibrations[name].applied(model.values[key], model.values[name]))
+        for name, key in wrong.items()
+    }
+    kept = [i for i, one in enumerate(model.free) if one.name not in wrong]
+    return replace(
+        model,
+        values={**model.values, **moved, **dict.fromkeys(wrong, 0.0)},
+        free=tuple(model.free[i] for i in kept),
+        hessian=model.hessian[np.ix_(kept, kept)],
+    )
 
 
 def better(problem: Problem, fits: list[tuple[Problem, Fit]]) -> tuple[Problem, Fit]:

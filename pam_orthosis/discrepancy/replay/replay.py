@@ -49,7 +49,7 @@ class Replay:
         self._shared: set[tuple[str, Hashable]] = set()
         self._tidying = Lock()
         effects = system.bare().catalogue.values()  # those that the model has already among them
-        self._scales = {n: s for one in effects for n, s in zip(one.states, one.scales, strict=True)}
+        self._scales = {n: s for one in effects for n, s in zip(one.states, one.scales, strict=False)}
 
     def defaults(self, effects: Names) -> dict[str, float]:
         """Return all parameters at their neutral or typical values: calibrations, shapes, effects."""

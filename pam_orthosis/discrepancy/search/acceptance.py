@@ -8,7 +8,6 @@ from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.search.confirmation import (
     EMPTY,
     SURE,
-    WORST_T,
     Seen,
     at_values,
     confirmed,
@@ -57,5 +56,5 @@ def _is_known(problem: Problem, base: Fit, judged: tuple[float, Problem, Fit], s
     """
     evidence, _, model = judged
     sure = seen.cannot_show and evidence > SURE * len(model.effects)
-    bent = seen.t > WORST_T and not is_visible(problem, base, model)
+    bent = not (seen.speaks_against or is_visible(problem, base, model))
     return bent or (sure and leaves_noise_alone(problem, base))

@@ -79,6 +79,11 @@ class Seen(NamedTuple):
         return self.t > LEAST_T or self.transfer > LEAST_TRANSFER
 
     @property
+    def speaks_against(self) -> bool:
+        """Whether they do: steadily, and by more than a trifle that is steady."""
+        return self.t <= WORST_T and self.fall <= -MOST_AGAINST
+
+    @property
     def cannot_show(self) -> bool:
         """Whether they could not confirm it if it were right, and do not speak against it."""
         return self.due < LEAST_DUE and self.fall > -MOST_AGAINST

@@ -73,6 +73,7 @@ def extended(
         if (other := exchanged(found, known, held_out, settings, progress)) is not None:
             _added(found, other, progress)
     eliminate_weak(found, settings, progress)
+    found.final = refit.estimated(problem.system, found.final)
     return found
 
 

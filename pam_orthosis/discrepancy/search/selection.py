@@ -83,8 +83,13 @@ def least(found: Selection, name: str, settings: Section) -> float:
 
 
 def _asked_beside(found: Selection, name: str, settings: Section) -> dict[str, float]:
-    """Return the evidence that an effect needs for each other one, if it was not seen in its silence."""
+    """Return the evidence that an effect needs for each other one, if it was not seen in its silence.
+
+    A parameter that recalibration has moved too far is moved in any case: it is only called wrong.
+    """
     touched = found.problem.replay.touched
+    if found.problem.system.recalibrating(name):
+        return {}
     return {
         other: max(
             _evidence(found, other) * _share(found, other, name, settings),

@@ -7,16 +7,19 @@ of which, in which equation an effect shows, and what needs which input.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
 
+from pam_orthosis.discrepancy.systems.implied import DELAY, WRONG, late_inputs, wrong_parameter
 from pam_orthosis.discrepancy.systems.system import Calibration, Channel, Equation, Source, System
 from pam_orthosis.discrepancy.systems.tracing import TIME, Traced
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.parameters import load
 
+KEEPS_SIGN = 0.5  # tolerance of a parameter over its value
 WHOLE = "dynamics"  # the equation of a model that is replayed as a whole
 
 
@@ -38,7 +41,8 @@ class Input:
 class Parameter:
     """A parameter of the nominal model: its value, and how far it may be off (standard deviation, same unit).
 
-    One with a tolerance is recalibrated before anything is called a gap; with 0 it is exact.
+    One with a tolerance is recalibrated before anything is called a gap; with 0 it is exact. One whose
+    tolerance is below the half of its value keeps its sign.
     """
 
     name: str
@@ -47,10 +51,18 @@ class Parameter:
     tolerance: float
     meaning: str
 
+    @property
+    def calibration(self) -> Calibration:
+        """How far it may be off."""
+        of = self.value if self.tolerance < KEEPS_SIGN * abs(self.value) else 0.0
+        return Calibration(self.name, self.tolerance, self.unit, self.meaning, of=of)
+
 
 @dataclass(frozen=True)
 class Model:
     """What is known of an apparatus, and which effects may be missing; `system()` makes it searchable.
+
+    Each parameter with a tolerance may be wrong too, and the inputs late: see `implied`.
 
     Attributes:
         name: in reports.
@@ -101,11 +113,7 @@ class Model:
             inputs=tuple(one.name for one in self.inputs),
             derived=self._derived(traced),
             equations=(),
-            calibrations=tuple(
-                Calibration(one.name, one.tolerance, one.unit, one.meaning)
-                for one in self.parameters
-                if one.tolerance
-            ),
+            calibrations=tuple(one.calibration for one in self.parameters if one.tolerance),
             catalogue={effect.name: effect for effect in self.effects},
             assemble=lambda effects: Traced(self, effects).assembled(),
             limits=self.limits,
@@ -119,11 +127,47 @@ class Model:
         equations = self._equations(plain.derived)
         places = {one.name: _place(plain, traced, equations, one) for one in self.effects}
         needs = {one.name: traced.inputs_of(plain, one) for one in equations}
-        return replace(plain, equations=equations, places=places, needs=needs)
+        places |= self._implied_places(plain, traced, equations, needs)
+        implied = {one.name: one for one in self.implied if one.name in places}
+        return replace(
+            plain,
+            equations=equations,
+            places=places,
+            needs=needs,
+            catalogue={**plain.catalogue, **implied},
+            wrong={name: name.removeprefix(WRONG) for name in implied if name != DELAY},
+        )
+
+    def _implied_places(
+        self,
+        system: System,
+        traced: Traced,
+        equations: Sequence[Equation],
+        needs: Mapping[str, Sequence[str]],
+    ) -> dict[str, str]:
+        """Return the first equation in which each of the implied effects shows, if one does."""
+
+        def shows(effect: Effect, equation: Equation) -> bool:
+            if effect.name == DELAY:
+                return bool(needs[equation.name])
+            return any(traced.depends(system, equation, traced.symbol(effect.name.removeprefix(WRONG))))
+
+        found = {one.name: [e.name for e in equations if shows(one, e)] for one in self.implied}
+        return {name: places[0] for name, places in found.items() if places}
+
+    @cached_property
+    def implied(self) -> tuple[Effect, ...]:
+        """What may be missing in any system: other values of its parameters, inputs that act late.
+
+        An effect of the model that has such a name is meant by it.
+        """
+        found = [wrong_parameter(one) for one in self.parameters if one.tolerance]
+        found += [late_inputs(self.inputs)] if self.inputs else []
+        return tuple(one for one in found if one.name not in {effect.name for effect in self.effects})
 
     def _check_names(self) -> None:
         names = [*self.states, *(one.name for one in self.inputs), TIME]
-        names += [state for effect in self.effects for state in effect.states]
+        names += [state for effect in (*self.effects, *self.implied) for state in effect.states]
         groups = {
             "states and inputs": names,
             "channels and inputs": [*(one.name for one in self.channels), *(one.name for one in self.inputs)],

@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import SimpleNamespace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import casadi as ca
 
@@ -102,7 +102,9 @@ class Equation:
 class Calibration:
     """A nuisance parameter that may be off: deviation from the nominal model with mean 0 and this sd.
 
-    `relative`: it is a share of what the model has.
+    `relative`: it is a share of what the model has. `of`: the value that it changes by the factor
+    exp(deviation / of), which makes parameters that act by their ratio alone easy to move together; 0: it is
+    added.
     """
 
     name: str
@@ -110,6 +112,11 @@ class Calibration:
     unit: str
     meaning: str
     relative: bool = False
+    of: float = 0.0
+
+    def applied(self, value: Any, deviation: Any) -> Any:
+        """Return a value, of the nominal model or another one, with a deviation; both may be expressions."""
+        return value * ca.exp(deviation / self.of) if self.of else value + deviation
 
 
 @dataclass(frozen=True)
@@ -160,7 +167,7 @@ class System:
         gradual: inputs that run straight from each sample to the next; others keep their value until then.
         entries: channel -> how something unknown may enter its equation, if not as a rate alone; the first
             gives the unit of short pushes.
-        wrong: candidate -> key of the parameter that it takes to be wrong.
+        wrong: candidate -> key of the parameter that it takes to be wrong; see `recalibrating`.
         common: candidate -> key -> nominal value of all parameters that it multiplies.
         sources: signal (of a table `time` too) -> where recordings have it.
         ambient: absolute pressure, Pa, from which gauge pressures in a table count.
@@ -224,6 +231,11 @@ class System:
     def candidates(self) -> tuple[str, ...]:
         """The effects that can be named."""
         return tuple(name for name, effect in self.catalogue.items() if not effect.shape)
+
+    def recalibrating(self, candidate: str) -> str:
+        """Return the calibration that adds to what a candidate takes to be wrong; empty if none does."""
+        key = self.wrong.get(candidate, "")
+        return key if key in {one.name for one in self.calibrations} else ""
 
     def taken(self, effects: Collection[str]) -> set[str]:
         """Return the effects that a model has, and those that are a part of one of them."""

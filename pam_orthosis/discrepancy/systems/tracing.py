@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 
 from pam_orthosis.discrepancy.systems.cut import closure
+from pam_orthosis.discrepancy.systems.implied import DELAY, WRONG
+from pam_orthosis.discrepancy.systems.suspects import VALUE
 from pam_orthosis.discrepancy.systems.system import Assembled, Equation, System
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.effects.base import Contribution
 
 if TYPE_CHECKING:
-    from pam_orthosis.discrepancy.systems.builder import Model
+    from pam_orthosis.discrepancy.systems.builder import Model, Parameter
 
 TIME = "time"
 Added = Sequence[Mapping[str, Any]]
@@ -84,7 +86,8 @@ class Traced:
 
     def __init__(self, model: Model, effects: tuple[str, ...]):
         self._model = model
-        self._on = [one for name in effects for one in model.effects if one.name == name]
+        every = {one.name: one for one in (*model.effects, *model.implied)}
+        self._on = [every[name] for name in effects]
         self.states = (*model.states, *(state for one in self._on for state in one.states))
         self.x, self.u = ca.SX.sym("x", len(self.states)), ca.SX.sym("u", len(model.inputs))
         self.time = ca.SX.sym(TIME)
@@ -100,9 +103,9 @@ class Traced:
 
     def _evaluate(self) -> None:
         model, known = self._model, {name: self._of_state[name] for name in self._model.states}
-        known |= {one.name: self.u[i] for i, one in enumerate(model.inputs)} | {TIME: self.time}
+        known |= self._inputs() | {TIME: self.time}
         signals = Signals(known, self._entering)
-        values = {one.name: one.value + self._symbols.get(one.name, 0.0) for one in model.parameters}
+        values = {one.name: self._value(one) for one in model.parameters}
         self.rates = dict(model.equations(signals, Attributes("parameter", values)))
         _check_keys("rates that the equations return", model.states, self.rates)
         for channel in model.channels:
@@ -111,11 +114,27 @@ class Traced:
         signals.check_finished()
         self.measured = {one.name: ca.SX(getattr(signals, f"measured_{one.name}")) for one in model.channels}
         for one in self._on:
-            rates = self._effect_rates[one.name]
+            rates = self._effect_rates.get(one.name, ())
             rates = tuple(rates(signals) if callable(rates) else rates)
             if len(rates) != len(one.states):
                 raise OrthosisError(f"effect {one.name}: {len(rates)} rates of {len(one.states)} states")
             self.rates |= dict(zip(one.states, rates, strict=True))
+
+    def _inputs(self) -> dict[str, Any]:
+        """Return the inputs; those that act late by a Pade approximation (1, 1), which no replay needs."""
+        inputs = {one.name: self.u[i] for i, one in enumerate(self._model.inputs)}
+        delay = self._symbols.get(f"{DELAY}.delay")
+        if delay is None:
+            return inputs
+        states = [self._of_state[f"{name}_delayed"] for name in inputs]
+        acting = zip(states, inputs.values(), strict=True)
+        self._effect_rates[DELAY] = [2 * (now - state) / delay for state, now in acting]
+        return {name: 2 * state - inputs[name] for name, state in zip(inputs, states, strict=True)}
+
+    def _value(self, one: Parameter) -> Any:
+        """Return a parameter: the nominal or another value, and by how much recalibration moves it."""
+        value = self._symbols.get(f"{WRONG}{one.name}.{VALUE}", one.value)
+        return one.calibration.applied(value, self._symbols[one.name]) if one.tolerance else value
 
     def _entering(self, stage: str, signals: Signals) -> list[Mapping[str, Any]]:
         """Return what enters where a signal was assigned: a mark, and what effects add."""
@@ -143,6 +162,10 @@ class Traced:
             self.states, self.x, self.u, self.time, self.theta, self.parameters, rates,
             dict(zip(names, measured, strict=True)),
         )  # fmt: skip
+
+    def symbol(self, parameter: str) -> ca.SX:
+        """Return the symbol of a parameter with a tolerance."""
+        return self._symbols[parameter]
 
     def rate(self, state: str) -> ca.SX:
         """Return the rate of a state, nothing added."""

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What may be wrong with any apparatus that a user describes: each parameter, and when its inputs act."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from pam_orthosis.discrepancy.systems.suspects import VALUE
+from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
+
+if TYPE_CHECKING:
+    from pam_orthosis.discrepancy.systems.builder import Input, Parameter
+
+WRONG, DELAY = "wrong_", "inputs_delay"
+LEAST, TYPICAL, REACH = 3.0, 6.0, 100.0  # tolerances: worth a name, to look for, and at most
+LONGEST = 0.15  # s
+STARTS = 0.005, -0.005, -0.02, 0.05, -0.05, 0.1  # s
+SOURCE = "mistakes of a laboratory"
+
+
+def wrong_parameter(one: Parameter) -> Effect:
+    """Return the candidate that a parameter with a tolerance has another value; its sign is certain."""
+    far, step = REACH * one.tolerance, TYPICAL * one.tolerance
+    low = max(one.value - far, 0.0) if one.value > 0 else one.value - far
+    high = min(one.value + far, 0.0) if one.value < 0 else one.value + far
+    value = Quantity(VALUE, min(one.value + step, high), one.unit, low, high, one.meaning, one.value)
+    return Effect(
+        f"{WRONG}{one.name}",
+        "",  # it enters as a parameter
+        (value,),
+        lambda *_: Contribution({}),
+        physics=f"The nominal model has another value of {one.name}: {one.meaning}.",
+        source=SOURCE,
+        starts=({VALUE: max(one.value - step, low)},),
+        minimum_effect=LEAST * one.tolerance,
+    )
+
+
+def late_inputs(inputs: Sequence[Input]) -> Effect:
+    """Return the candidate that all inputs act later than they are stamped, or earlier."""
+    return Effect(
+        DELAY,
+        "",  # it enters where inputs are read
+        (Quantity("delay", 0.02, "s", -LONGEST, LONGEST, "by which inputs act later than stamped", 0.0),),
+        lambda *_: Contribution({}),
+        physics="Electronics and drives answer after a dead time, a sensor shows the past, or the clocks of "
+        "inputs and channels differ.",
+        source=SOURCE,
+        states=tuple(f"{one.name}_delayed" for one in inputs),
+        starts=tuple({"delay": seconds} for seconds in STARTS),
+        minimum_effect=3.0e-4,
+        late=lambda p: p.delay,
+    )
