@@ -143,18 +143,19 @@ def judged(monkeypatch, models, strained=False, silent=False, due=100.0, fall=0.
 
 
 @pytest.mark.parametrize(
-    ("t", "transfer", "strained", "accepted"),
+    ("t", "transfer", "fall", "strained", "accepted"),
     [
-        (3.5, 0.1, False, True),
-        (2.5, 0.1, False, False),
-        (2.5, 0.5, False, True),
-        (-2.0, 0.0, False, False),
-        (-2.0, 0.0, True, True),
-        (-4.0, 0.0, True, False),
+        (3.5, 0.1, 50.0, False, True),
+        (2.5, 0.1, 50.0, False, False),
+        (2.5, 0.5, 50.0, False, True),
+        (-2.0, 0.0, -50.0, False, False),
+        (-2.0, 0.0, -50.0, True, True),
+        (-4.0, 0.0, -50.0, True, False),
+        (-4.0, 0.0, -0.1, True, True),  # steadily, but by a trifle
     ],
 )
-def test_held_out_recordings_decide(monkeypatch, t, transfer, strained, accepted):
-    step = judged(monkeypatch, {"leak": (90.0, t, transfer, 5.0)}, strained)
+def test_held_out_recordings_decide(monkeypatch, t, transfer, fall, strained, accepted):
+    step = judged(monkeypatch, {"leak": (90.0, t, transfer, 5.0)}, strained, fall=fall)
     assert step.accepted == ("leak" if accepted else None)
     assert accepted or step.reason == "held-out recordings do not confirm leak"
 

@@ -37,7 +37,7 @@ def touched(name):
 def found_so_far(evidence, alike, present=None):
     problem = SimpleNamespace(
         replay=SimpleNamespace(touched=touched, workers=Workers(1)),
-        system=SimpleNamespace(catalogue=KNEE.catalogue, shapes=()),
+        system=SimpleNamespace(catalogue=KNEE.catalogue, shapes=(), recalibrating=lambda _: ""),
     )
     problem.system.taken = partial(System.taken, problem.system)
     return selection.Selection(
@@ -279,7 +279,10 @@ def starts_of(effect):
     run = SimpleNamespace(recording=SimpleNamespace(samples=1000), period=0.01)
     problem = SimpleNamespace(
         system=SimpleNamespace(
-            catalogue={effect.name: effect}, shapes=(), equations=[equation], beside=lambda *_: ()
+            catalogue={effect.name: effect},
+            shapes=(),
+            equations=[equation],
+            beside=lambda *_: (),
         ),
         replay=SimpleNamespace(
             touched=lambda _: {"dynamics"}, defaults=lambda _: {}, residuals=lambda *_: wave

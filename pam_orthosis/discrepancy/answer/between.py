@@ -26,13 +26,11 @@ def remarks_on_inputs(found: Selection, settings: Section) -> list[str]:
 
 def stamped_late(system: System, steps: Sequence[Step]) -> list[str]:
     """Return a remark on each round whose best effect would have acted before its input."""
-    inputs = " and ".join(system.inputs)
     return [
-        f"it looks as if {inputs} were stamped late: {step.reason.partition(': ')[2]} s fits best, and would"
-        " act before its input"
-        for step in steps
-        for name, one in system.catalogue.items()
-        if one.late is not None and step.reason.startswith(f"{name} {EMPTY}") and " = -" in step.reason
+        f"it looks as if {' and '.join(system.inputs)} were stamped late: {values} s fits best, and would act"
+        " before its input"
+        for name, _, values in (step.reason.partition(f" {EMPTY}: ") for step in steps)
+        if " = -" in values and system.catalogue[name].late is not None
     ]
 
 

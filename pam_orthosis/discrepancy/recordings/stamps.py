@@ -35,6 +35,7 @@ SETTLING = 0.2  # s at both ends, which smoothing and shifts spoil
 ALONE = 1.01  # of its remainder: by so much less has to be left with one signal late than with all
 LEAST_GAIN, SMALL = 0.05, 0.005  # of what no shift leaves, that a skew up to `SMALL`, s, takes away; and
 MOST_ASKED = 0.16  # that a large one must: of real stamps 17 ms early it is 0.18, of none 0.14 at most
+LEAST_BENT = 0.006  # second difference of remainders over the least one: below it the shift is not known
 ORDINARY, WILD = 0.95, 2.0  # quantile of a slope, and the multiple of it up to which it counts
 FEWEST = 200  # samples
 RAREST = 0.01  # s between samples: farther apart, sound recordings of 20 ms have shown skews of 5 ms
@@ -114,10 +115,13 @@ def _drivers(system: System, assembled: Assembled, rate: str, channel: str) -> t
     acceleration = assembled.rates[assembled.states.index(rate)]
     moved = {*system.derived_twice.values(), None}
     by_state = {c.state: c.name for c in system.channels if c.state not in moved and c.name != channel}
-    felt = [
-        name for state, name in by_state.items()
-        if _depends(acceleration, assembled.x[assembled.states.index(state)])
-    ]  # fmt: skip
+    rates = {parent: rate for rate, parent in system.derived.items()}
+
+    def feels(state: str) -> bool:
+        names = [one for one in (state, rates.get(state)) if one]
+        return any(_depends(acceleration, assembled.x[assembled.states.index(one)]) for one in names)
+
+    felt = [name for state, name in by_state.items() if state and feels(state)]
     inputs = [name for i, name in enumerate(system.inputs) if _depends(acceleration, assembled.u[i])]
     return (*felt, *inputs)
 
@@ -143,6 +147,7 @@ def _remainders(
         for n in drivers
     }
     beside = _beside(system, one, places)
+    rates = {of: np.gradient(smooth[name], one.period) for of, name in _rates(system, drivers).items()}
 
     def remainder(late: Names, shift: float) -> float:
         lead = {n: shift * (n in late) - acts[n] for n in drivers}
@@ -153,6 +158,8 @@ def _remainders(
             c.state: values.get(c.name, one.signals[c.name][places]) for c in system.channels
         }
         base[rate] = velocity[places]
+        moving = _rates(system, drivers).items()
+        base.update({of: np.interp(at[name], time, rates[of]) for of, name in moving})
         base.update(beside)
         x = np.array([base.get(name, np.zeros(len(places))) for name in assembled.states])
         u = np.array([values.get(name, np.zeros(len(places))) for name in system.inputs])
@@ -161,6 +168,12 @@ def _remainders(
         return _remainder(measured - np.asarray(model)[0], np.column_stack([_tame(columns), missing]))
 
     return lambda late: _near_the_least(partial(remainder, late))
+
+
+def _rates(system: System, drivers: Sequence[str]) -> dict[str, str]:
+    """Return the states that are rates of other coordinates, and their channels."""
+    by_state = {one.state: one.name for one in system.channels if one.name in drivers}
+    return {rate: by_state[state] for rate, state in system.derived.items() if state in by_state}
 
 
 def _tame(slopes: np.ndarray) -> np.ndarray:
@@ -243,7 +256,10 @@ def _least(left: np.ndarray, smallest: float) -> tuple[float, float] | None:
     if best in (0, len(left) - 1):
         return None
     before, here, after = left[best - 1 : best + 2]
-    place = float(shifts[best]) + STEP * float(before - after) / (2 * float(before - 2 * here + after))
+    bent = float(before - 2 * here + after)
+    if bent < LEAST_BENT * here:
+        return None
+    place = float(shifts[best]) + STEP * float(before - after) / (2 * bent)
     # what a skew leaves grows with its square: a large one that explains little is none
     asked = min(MOST_ASKED, LEAST_GAIN * max(1.0, (place / SMALL) ** 2))
     return (place, gain) if abs(place) >= smallest and gain >= asked else None

@@ -12,7 +12,12 @@ from typing import Any
 
 import casadi as ca
 
-from pam_orthosis.discrepancy.systems.implied import DELAY, WRONG, late_inputs, wrong_parameter
+from pam_orthosis.discrepancy.systems.implied import (
+    late_channel,
+    late_inputs,
+    parameter_of,
+    wrong_parameter,
+)
 from pam_orthosis.discrepancy.systems.system import Calibration, Channel, Equation, Source, System
 from pam_orthosis.discrepancy.systems.tracing import TIME, Traced
 from pam_orthosis.errors import OrthosisError
@@ -135,7 +140,7 @@ class Model:
             places=places,
             needs=needs,
             catalogue={**plain.catalogue, **implied},
-            wrong={name: name.removeprefix(WRONG) for name in implied if name != DELAY},
+            wrong={name: key for name, one in implied.items() if (key := parameter_of(one))},
         )
 
     def _implied_places(
@@ -148,21 +153,26 @@ class Model:
         """Return the first equation in which each of the implied effects shows, if one does."""
 
         def shows(effect: Effect, equation: Equation) -> bool:
-            if effect.name == DELAY:
+            if effect.late is not None:
                 return bool(needs[equation.name])
-            return any(traced.depends(system, equation, traced.symbol(effect.name.removeprefix(WRONG))))
+            key = parameter_of(effect)
+            enters = traced.symbol(key) if key else traced.marks[effect.stage]
+            return any(traced.depends(system, equation, enters))
 
         found = {one.name: [e.name for e in equations if shows(one, e)] for one in self.implied}
         return {name: places[0] for name, places in found.items() if places}
 
     @cached_property
     def implied(self) -> tuple[Effect, ...]:
-        """What may be missing in any system: other values of its parameters, inputs that act late.
+        """What may be missing in any system: other values of parameters, inputs or channels that are late.
 
-        An effect of the model that has such a name is meant by it.
+        An effect of the model that has such a name is meant by it. A channel that is alone is late as the
+        inputs are early.
         """
         found = [wrong_parameter(one) for one in self.parameters if one.tolerance]
         found += [late_inputs(self.inputs)] if self.inputs else []
+        shown = [one for one in self.channels if one.state is not None]
+        found += [late_channel(one) for one in shown] if len(self.channels) > 1 else []
         return tuple(one for one in found if one.name not in {effect.name for effect in self.effects})
 
     def _check_names(self) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What may be wrong with any apparatus that a user describes: each parameter, and when its inputs act."""
+"""What may be wrong with any apparatus that a user describes: parameters, and the times of its signals."""
 
 from __future__ import annotations
 
@@ -7,23 +7,26 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from pam_orthosis.discrepancy.systems.suspects import VALUE
+from pam_orthosis.model.effects import pade
 from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
 
 if TYPE_CHECKING:
     from pam_orthosis.discrepancy.systems.builder import Input, Parameter
+    from pam_orthosis.discrepancy.systems.system import Channel
 
 WRONG, DELAY = "wrong_", "inputs_delay"
 LEAST, TYPICAL, REACH = 3.0, 6.0, 100.0  # tolerances: worth a name, to look for, and at most
 LONGEST = 0.15  # s
 STARTS = 0.005, -0.005, -0.02, 0.05, -0.05, 0.1  # s
-SOURCE = "mistakes of a laboratory"
+SHORTEST = 5.0e-4  # s, of a sensor's delay
+SOURCE = "a mistake that any apparatus may have"
 
 
 def wrong_parameter(one: Parameter) -> Effect:
-    """Return the candidate that a parameter with a tolerance has another value; its sign is certain."""
-    far, step = REACH * one.tolerance, TYPICAL * one.tolerance
-    low = max(one.value - far, 0.0) if one.value > 0 else one.value - far
-    high = min(one.value + far, 0.0) if one.value < 0 else one.value + far
+    """Return the candidate that a parameter with a tolerance has another value."""
+    far, step, keeps_sign = REACH * one.tolerance, TYPICAL * one.tolerance, bool(one.calibration.of)
+    low = max(one.value - far, 0.0) if keeps_sign and one.value > 0 else one.value - far
+    high = min(one.value + far, 0.0) if keeps_sign and one.value < 0 else one.value + far
     value = Quantity(VALUE, min(one.value + step, high), one.unit, low, high, one.meaning, one.value)
     return Effect(
         f"{WRONG}{one.name}",
@@ -35,6 +38,11 @@ def wrong_parameter(one: Parameter) -> Effect:
         starts=({VALUE: max(one.value - step, low)},),
         minimum_effect=LEAST * one.tolerance,
     )
+
+
+def parameter_of(effect: Effect) -> str:
+    """Return the parameter that one of these candidates takes to be wrong; empty if none."""
+    return "" if effect.stage or effect.late else effect.name.removeprefix(WRONG)
 
 
 def late_inputs(inputs: Sequence[Input]) -> Effect:
@@ -51,4 +59,22 @@ def late_inputs(inputs: Sequence[Input]) -> Effect:
         starts=tuple({"delay": seconds} for seconds in STARTS),
         minimum_effect=3.0e-4,
         late=lambda p: p.delay,
+    )
+
+
+def late_channel(channel: Channel) -> Effect:
+    """Return the candidate that a channel shows the past: its sensor lags, or its clock differs."""
+    stage = f"measured_{channel.name}"
+    return Effect(
+        f"{channel.name}_delay",
+        stage,
+        (Quantity("delay", 0.01, "s", SHORTEST, LONGEST, f"age of {channel.name}"),),
+        lambda _s, p, own: Contribution({stage: -pade.lost(own, p.delay)}),
+        physics="Filter, bus or driver deliver the value late, or its clock differs; in the equations the "
+        "delay is represented by its Pade approximation (2, 3).",
+        source=SOURCE,
+        states=tuple(f"{channel.name}_past_{letter}" for letter in "abc"),
+        starts=({"delay": 0.002}, {"delay": 0.05}),
+        minimum_effect=3.0e-4,
+        advance=lambda p: {channel.name: p.delay},
     )

@@ -8,16 +8,18 @@ assigned that its `stage` names.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 
 from pam_orthosis.discrepancy.systems.cut import closure
-from pam_orthosis.discrepancy.systems.implied import DELAY, WRONG
+from pam_orthosis.discrepancy.systems.implied import parameter_of
 from pam_orthosis.discrepancy.systems.suspects import VALUE
 from pam_orthosis.discrepancy.systems.system import Assembled, Equation, System
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model.effects.base import Contribution
+from pam_orthosis.model.effects import pade
+from pam_orthosis.model.effects.base import Contribution, Effect
 
 if TYPE_CHECKING:
     from pam_orthosis.discrepancy.systems.builder import Model, Parameter
@@ -86,8 +88,10 @@ class Traced:
 
     def __init__(self, model: Model, effects: tuple[str, ...]):
         self._model = model
-        every = {one.name: one for one in (*model.effects, *model.implied)}
+        implied = {one.name: one for one in model.implied}
+        every = implied | {one.name: one for one in model.effects}
         self._on = [every[name] for name in effects]
+        self._implied = [implied[name] for name in effects if name in implied]
         self.states = (*model.states, *(state for one in self._on for state in one.states))
         self.x, self.u = ca.SX.sym("x", len(self.states)), ca.SX.sym("u", len(model.inputs))
         self.time = ca.SX.sym(TIME)
@@ -113,6 +117,9 @@ class Traced:
                 setattr(signals, f"measured_{channel.name}", getattr(signals, channel.state or channel.name))
         signals.check_finished()
         self.measured = {one.name: ca.SX(getattr(signals, f"measured_{one.name}")) for one in model.channels}
+        for one in self._implied:
+            for late in one.advance(SimpleNamespace(delay=0.0)) if one.advance else ():
+                self._effect_rates[one.name] = self._past(one, late)
         for one in self._on:
             rates = self._effect_rates.get(one.name, ())
             rates = tuple(rates(signals) if callable(rates) else rates)
@@ -123,17 +130,24 @@ class Traced:
     def _inputs(self) -> dict[str, Any]:
         """Return the inputs; those that act late by a Pade approximation (1, 1), which no replay needs."""
         inputs = {one.name: self.u[i] for i, one in enumerate(self._model.inputs)}
-        delay = self._symbols.get(f"{DELAY}.delay")
-        if delay is None:
-            return inputs
-        states = [self._of_state[f"{name}_delayed"] for name in inputs]
-        acting = zip(states, inputs.values(), strict=True)
-        self._effect_rates[DELAY] = [2 * (now - state) / delay for state, now in acting]
-        return {name: 2 * state - inputs[name] for name, state in zip(inputs, states, strict=True)}
+        for one in self._implied:
+            if one.late is not None:
+                delay, states = self._symbols[f"{one.name}.delay"], [self._of_state[n] for n in one.states]
+                acting = zip(states, inputs.values(), strict=True)
+                self._effect_rates[one.name] = [2 * (now - state) / delay for state, now in acting]
+                return {name: 2 * state - inputs[name] for name, state in zip(inputs, states, strict=True)}
+        return inputs
+
+    def _past(self, one: Effect, channel: str) -> tuple[Any, ...]:
+        """Return the rates of the states of a late channel."""
+        state = next(known.state for known in self._model.channels if known.name == channel)
+        own = tuple(self._of_state[name] for name in one.states)
+        return pade.chain(own, self.rates[str(state)], self._symbols[f"{one.name}.delay"])
 
     def _value(self, one: Parameter) -> Any:
         """Return a parameter: the nominal or another value, and by how much recalibration moves it."""
-        value = self._symbols.get(f"{WRONG}{one.name}.{VALUE}", one.value)
+        names = [effect.name for effect in self._implied if parameter_of(effect) == one.name]
+        value = self._symbols[f"{names[0]}.{VALUE}"] if names else one.value
         return one.calibration.applied(value, self._symbols[one.name]) if one.tolerance else value
 
     def _entering(self, stage: str, signals: Signals) -> list[Mapping[str, Any]]:

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two masses with a spring and a damper between them: a system of several channels whose clocks may differ.
+
+The recordings are exact samples of the linear system (matrix exponential).
+"""
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete
+
+from pam_orthosis.discrepancy.api import (
+    Channel,
+    Contribution,
+    Effect,
+    Input,
+    Model,
+    Parameter,
+    Quantity,
+    describe,
+    find_gap,
+    from_arrays,
+)
+from pam_orthosis.discrepancy.recordings.stamps import skews
+
+PERIOD, SAMPLES, NOISE = 0.005, 5000, 3e-5  # s, -, m
+TRUE = {"left": 1.02, "right": 0.49, "stiffness": 103.0, "damper": 0.5, "ground": 40.0, "air": 1.0}
+UNITS = {"left": "kg", "right": "kg", "stiffness": "N/m", "damper": "N s/m", "ground": "N/m", "air": "N s/m"}
+NOMINAL = {"left": 1.0, "right": 0.5, "stiffness": 100.0, "damper": 0.5, "ground": 40.0, "air": 1.0}
+
+
+def _recording(system, seed, late=0, **changed):
+    """Return a recording; the right position is `late` rows late."""
+    p, random, time = TRUE | changed, np.random.default_rng(seed), PERIOD * np.arange(SAMPLES)
+    k, c = p["stiffness"], p["damper"]
+    left = np.array([-(k + p["ground"]), -(c + p["air"]), k, c]) / p["left"]
+    right = np.array([k, c, -k, -c]) / p["right"]
+    rates = np.array([[0, 1, 0, 0], left, [0, 0, 0, 1], right])
+    given = np.array([[0, 0], [1 / p["left"], 0], [0, 0], [0, 1 / p["right"]]])
+    step, push, *_ = cont2discrete((rates, given, np.eye(4), np.zeros((4, 2))), PERIOD)
+    forces = np.zeros((SAMPLES, 2))
+    for _ in range(8):
+        waves = 2 * np.pi * random.uniform(0.1, 5.0, 2) * time[:, None] + random.uniform(0, 6, 2)
+        forces += random.uniform(0.3, 1.0, 2) * np.sin(waves)
+    states = np.zeros((SAMPLES, 4))
+    for i in range(SAMPLES - 1):
+        states[i + 1] = step @ states[i] + push @ forces[i]
+    seen = states[:, [0, 2]] + NOISE * random.standard_normal((SAMPLES, 2))
+    seen[late:, 1] = seen[: SAMPLES - late, 1]
+    signals = {"x": seen[:, 0], "y": seen[:, 1], "force": forces[:, 0], "other": forces[:, 1]}
+    return from_arrays(f"run {seed}", system, {"time": time, **signals})
+
+
+def _equations(s, p):
+    s.between = p.stiffness * (s.x - s.y) + p.damper * (s.vx - s.vy)
+    s.left_force = s.force - s.between - p.ground * s.x - p.air * s.vx
+    return {
+        "x": s.vx,
+        "vx": s.left_force / p.left,
+        "y": s.vy,
+        "vy": (s.between + s.other) / p.right,
+    }
+
+
+def _system(**changed):
+    level = Quantity("level", 0.3, "N", 0.0, 10.0, "dry friction", 0.0)
+    friction = Effect(
+        "friction",
+        "left_force",
+        (level,),
+        lambda s, p, own: -p.level * np.tanh(s.vx / 0.005),
+        "Rubs.",
+        "test",
+    )
+    settings = {
+        "name": "two masses",
+        "channels": [Channel("x", "x", "m", "mm", 1e3), Channel("y", "y", "m", "mm", 1e3)],
+        "inputs": [Input("force", "N"), Input("other", "N")],
+        "states": ["x", "vx", "y", "vy"],
+        "equations": _equations,
+        "parameters": [Parameter(n, NOMINAL[n], UNITS[n], 0.05 * NOMINAL[n], n) for n in NOMINAL],
+        "effects": [friction],
+    }
+    return Model(**(settings | changed)).system()
+
+
+def test_two_coordinates_of_one_clock_show_no_skew():
+    """What a damper between them does is seen by the other one's velocity."""
+    system = _system()
+    assert skews(system, _recording(system, 1)) == []
+    late = skews(system, _recording(system, 1, late=3))
+    assert {one.channel for one in late} == {"y"}
+    assert late[0].seconds == pytest.approx(-0.015, abs=3e-4)
+
+
+@pytest.mark.parametrize(("late", "changed"), [(2, {}), (0, {"right": 0.7}), (6, {"stiffness": 150.0})])
+def test_a_late_channel_and_a_wrong_parameter_are_named(late, changed):
+    system = _system()
+    runs = [_recording(system, seed, late, **changed) for seed in (1, 2)]
+    outcome = find_gap(system, runs[:1], runs[1:])
+    named = {one.name: next(iter(one.parameters.values())) for one in outcome.effects}
+    expected = {"y_delay": PERIOD * late} if late else {}
+    expected |= {f"wrong_{name}": value for name, value in changed.items()}
+    assert outcome.verdict == ("explained" if late else "recalibrated")
+    assert {name: value for name, (value, *_) in named.items()} == pytest.approx(expected, rel=0.01)
+    assert all(("a wrong " + name) in describe(outcome) for name in changed)
+
+
+def test_what_a_model_has_under_such_a_name_is_meant_by_it():
+    """Its `wrong_left` is no other value of `left`, though both have a `value`."""
+    value = Quantity("value", 0.3, "N", 0.0, 10.0, "a pull", 0.0)
+    pull = Effect(
+        "wrong_left", "left_force", (value,), lambda s, p, own: Contribution({"left_force": p.value}), "", ""
+    )
+    system = _system(effects=[pull])
+    assert "wrong_left" not in system.wrong
+    assert system.catalogue["wrong_left"] is pull
+    assert set(system.wrong) == {f"wrong_{name}" for name in NOMINAL} - {"wrong_left"}
+
+
+def test_a_parameter_without_tolerance_or_influence_is_no_candidate():
+    exact = [Parameter(name, NOMINAL[name], UNITS[name], 0.0, name) for name in NOMINAL]
+    system = _system(parameters=[*exact, Parameter("unused", 1.0, "m", 0.1, "nowhere")])
+    assert not system.wrong
+    assert set(system.catalogue) == {"friction", "inputs_delay", "x_delay", "y_delay"}
