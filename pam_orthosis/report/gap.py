@@ -135,7 +135,8 @@ def _values(outcome: Outcome, one: Named) -> list[tuple[str, ...]]:
     for name, (value, unit, low, high) in one.parameters.items():
         quantity, of = known[name], "" if unit == "-" else f" {unit}"
         row = quantity.meaning, f"{value:.4g}{of}" + ", at its bound" * (name in one.at_bound)
-        had = [f"{quantity.neutral:.4g}{of}"] if one.name in outcome.system.wrong else []
+        wrong = one.name in outcome.system.wrong
+        had = [f"{outcome.system.nominal_of(one.name):.4g}{of}"] if wrong else []
         rows.append((*row, f"{low:.4g} to {high:.4g}{of}", *had))
     return rows
 

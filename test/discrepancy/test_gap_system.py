@@ -102,7 +102,14 @@ def test_a_wrong_parameter_is_named_with_what_stands_for_it_as_well(tmp_path):
     assert (unit, upper - lower < 0.6) == ("kg", True)
     assert outcome.look_alikes == ("wrong_motor",)
     assert "wrong parameter: mass is 2." in describe(outcome)
-    assert describe(outcome).endswith("a wrong mass (or a wrong motor)")
+    assert "RECALIBRATED: by a wrong mass (or a wrong motor); recal" in describe(outcome)
+
+
+def test_what_may_change_together_without_a_trace_is_said(tables, capsys):
+    """Mass, motor and damping by one factor; the encoder's zero is not seen by itself, and no part of it."""
+    assert main(["gap", *tables, "--system", str(CARRIAGE), "--until", "check"]) == 0
+    said = capsys.readouterr().out
+    assert "mass, motor and damping may change together without a trace in these data" in said
 
 
 def test_a_wrong_parameter_is_named_beside_a_large_effect(tmp_path):
@@ -120,7 +127,7 @@ def test_what_moves_the_other_way_by_a_ratio_is_recalibrated_to_the_end():
     usual = rates([0.1, 0.2], [0.5], [0.0] * 4)
     twice = rates([0.1, 0.2], [0.5], [np.log(2) * value for value in (2.0, 12.0, 5.0)] + [0.0])
     assert np.array(twice) == pytest.approx(np.array(usual))
-    assert {one.name: one.of for one in system.calibrations}["position_offset"] == 0.0
+    assert {one.name for one in system.calibrations if not one.ratio} == {"position_offset"}
 
 
 def test_without_friction_nothing_is_named(tmp_path, capsys):

@@ -562,16 +562,17 @@ def test_a_voltage_of_the_other_sign_is_refused_with_what_turns_it_round(bench, 
 
 
 @pytest.mark.parametrize(
-    ("reason", "told"),
+    ("reason", "closes", "told"),
     [
-        ("valve_delay would not be what its name says: valve_delay.delay = -0.006", True),
-        ("valve_delay would not be what its name says: valve_delay.delay = 0.05", False),
-        ("creep would not be what its name says: creep.time_constant = 30", False),
-        ("held-out recordings do not confirm valve_delay", False),
+        ("valve_delay would not be what its name says: valve_delay.delay = -0.006", 0.99, True),
+        ("valve_delay would not be what its name says: valve_delay.delay = -0.006", 0.3, False),
+        ("valve_delay would not be what its name says: valve_delay.delay = 0.05", 0.99, False),
+        ("creep would not be what its name says: creep.time_constant = 30", 0.99, False),
+        ("held-out recordings do not confirm valve_delay", 0.0, False),
     ],
 )
-def test_inputs_that_seem_stamped_late_are_told(bench, reason, told):
-    remarks = between.stamped_late(bench.system, [SimpleNamespace(reason=reason)])
+def test_inputs_that_seem_stamped_late_are_told(bench, reason, closes, told):
+    remarks = between.stamped_late(bench.system, [SimpleNamespace(reason=reason, closes=closes)])
     assert len(remarks) == told
     assert all("as if extensor_voltage and flexor_voltage were stamped late" in one for one in remarks)
 

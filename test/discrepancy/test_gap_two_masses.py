@@ -20,7 +20,11 @@ from pam_orthosis.discrepancy.api import (
     find_gap,
     from_arrays,
 )
+from pam_orthosis.discrepancy.preparation.beginning import begin
+from pam_orthosis.discrepancy.preparation.identifiability import identifiability
 from pam_orthosis.discrepancy.recordings.stamps import skews
+from pam_orthosis.discrepancy.workflow import search
+from pam_orthosis.model.parameters import load
 
 PERIOD, SAMPLES, NOISE = 0.005, 5000, 3e-5  # s, -, m
 TRUE = {"left": 1.02, "right": 0.49, "stiffness": 103.0, "damper": 0.5, "ground": 40.0, "air": 1.0}
@@ -28,8 +32,8 @@ UNITS = {"left": "kg", "right": "kg", "stiffness": "N/m", "damper": "N s/m", "gr
 NOMINAL = {"left": 1.0, "right": 0.5, "stiffness": 100.0, "damper": 0.5, "ground": 40.0, "air": 1.0}
 
 
-def _recording(system, seed, late=0, **changed):
-    """Return a recording; the right position is `late` rows late."""
+def _recording(system, seed, late=0, tilt=0.0, **changed):
+    """Return a recording; the right position is `late` rows late, the right mass is pulled by `tilt`, N."""
     p, random, time = TRUE | changed, np.random.default_rng(seed), PERIOD * np.arange(SAMPLES)
     k, c = p["stiffness"], p["damper"]
     left = np.array([-(k + p["ground"]), -(c + p["air"]), k, c]) / p["left"]
@@ -43,7 +47,7 @@ def _recording(system, seed, late=0, **changed):
         forces += random.uniform(0.3, 1.0, 2) * np.sin(waves)
     states = np.zeros((SAMPLES, 4))
     for i in range(SAMPLES - 1):
-        states[i + 1] = step @ states[i] + push @ forces[i]
+        states[i + 1] = step @ states[i] + push @ (forces[i] + [0.0, tilt])
     seen = states[:, [0, 2]] + NOISE * random.standard_normal((SAMPLES, 2))
     seen[late:, 1] = seen[: SAMPLES - late, 1]
     signals = {"x": seen[:, 0], "y": seen[:, 1], "force": forces[:, 0], "other": forces[:, 1]}
@@ -92,11 +96,16 @@ def test_two_coordinates_of_one_clock_show_no_skew():
     assert late[0].seconds == pytest.approx(-0.015, abs=3e-4)
 
 
-@pytest.mark.parametrize(("late", "changed"), [(2, {}), (0, {"right": 0.7}), (6, {"stiffness": 150.0})])
+@pytest.mark.parametrize(
+    ("late", "changed"),
+    [(2, {}), (0, {"right": 0.7}), (6, {"stiffness": 150.0}), (0, {"left": 1.6, "stiffness": 60.0})],
+)
 def test_a_late_channel_and_a_wrong_parameter_are_named(late, changed):
     system = _system()
     runs = [_recording(system, seed, late, **changed) for seed in (1, 2)]
-    outcome = find_gap(system, runs[:1], runs[1:])
+    start = begin(system, runs[:1], runs[1:], load().gap)
+    assert identifiability(start.problem, start.null, 15.0).together == (), "forces in N set the scale"
+    outcome = search(start, load().gap)
     named = {one.name: next(iter(one.parameters.values())) for one in outcome.effects}
     expected = {"y_delay": PERIOD * late} if late else {}
     expected |= {f"wrong_{name}": value for name, value in changed.items()}
@@ -122,3 +131,21 @@ def test_a_parameter_without_tolerance_or_influence_is_no_candidate():
     system = _system(parameters=[*exact, Parameter("unused", 1.0, "m", 0.1, "nowhere")])
     assert not system.wrong
     assert set(system.catalogue) == {"friction", "inputs_delay", "x_delay", "y_delay"}
+
+
+def test_a_model_without_any_tolerance_is_searched_too():
+    exact = [Parameter(name, NOMINAL[name], UNITS[name], 0.0, name) for name in NOMINAL]
+    system = _system(parameters=exact)
+    outcome = find_gap(system, *([_recording(system, seed, **NOMINAL)] for seed in (1, 2)))
+    assert outcome.verdict == "none"
+
+
+def test_a_constant_that_the_model_lacks_is_no_curve_over_a_signal():
+    system = _system()
+    runs = [[_recording(system, seed, **NOMINAL, tilt=0.1)] for seed in (1, 2)]
+    outcome = find_gap(system, *runs)
+    assert outcome.verdict == "described"
+    (constant,) = [one for one in outcome.unknown.descriptions if one.channel == "y"]
+    assert constant.is_constant
+    assert 0.15 < constant.level < 0.25, "of 0.2: roughly, since a part goes to the other mass"
+    assert "unknown acceleration of y that is constant (0." in describe(outcome)

@@ -54,7 +54,7 @@ def lever_of(replay, run, equation, channel, linear, index=0):
 
 def _described(one):
     shown = {"unit": one.entry.unit, "period": None, "amplitude": (2e4, 1e4, 3e4), "reduced": 0.9}
-    return SimpleNamespace(**vars(one), **shown, runner_up=None)
+    return SimpleNamespace(**vars(one), **shown, runner_up=None, is_constant=False, level=0.0)
 
 
 class _Scored:
@@ -112,10 +112,11 @@ def test_without_a_candidate_of_a_constant_the_missing_rate_is_described(bench):
     linear = injection(replay, run, equation, "angle", replay.defaults(()))
     assert (lever_of(replay, run, equation, "angle", linear) == 1.0).all()
     found = SimpleNamespace(
-        channel="angle", coordinate="angle", period=None, amplitude=(2.0,), unit=entry.unit, entry=entry
-    )
+        channel="angle", coordinate="angle", period=None, amplitude=(2.0,), unit=entry.unit, entry=entry,
+        is_constant=False,
+    )  # fmt: skip
     reported = short(system, SimpleNamespace(descriptions=[found], events=()))
-    assert reported == "unknown rate of angle of angle (2 rad/s^2)"
+    assert reported == "unknown acceleration of angle of angle (2 rad/s^2)"
 
 
 def test_a_torque_of_the_angle_is_described_with_its_period_and_size(bench, reported):

@@ -17,11 +17,12 @@ from pam_orthosis.discrepancy.systems.system import System
 from pam_orthosis.model.parameters import Section
 
 STEPS = 3
+CLOSES = 0.9  # of squared residuals: what inputs that act earlier take away, if stamps are the cause
 
 
 def remarks_on_inputs(found: Selection, settings: Section) -> list[str]:
     """Return remarks on inputs that are stamped late, or run otherwise between rows than the system says."""
-    return [*stamped_late(found.problem.system, found.steps), *_between_rows(found, settings)]
+    return stamped_late(found.problem.system, found.steps) or _between_rows(found, settings)
 
 
 def stamped_late(system: System, steps: Sequence[Step]) -> list[str]:
@@ -29,8 +30,9 @@ def stamped_late(system: System, steps: Sequence[Step]) -> list[str]:
     return [
         f"it looks as if {' and '.join(system.inputs)} were stamped late: {values} s fits best, and would act"
         " before its input"
-        for name, _, values in (step.reason.partition(f" {EMPTY}: ") for step in steps)
-        if " = -" in values and system.catalogue[name].late is not None
+        for step in steps
+        for name, _, values in [step.reason.partition(f" {EMPTY}: ")]
+        if " = -" in values and step.closes > CLOSES and system.catalogue[name].late is not None
     ]
 
 

@@ -100,6 +100,7 @@ def identifiability_as_dict(data: Identifiability) -> dict[str, Any]:
         "invisible": list(data.invisible),
         "alike": [[a, b, _number(cosine)] for a, b, cosine in data.alike],
         "experiments": list(data.experiments),
+        "together": list(data.together),
     }
 
 

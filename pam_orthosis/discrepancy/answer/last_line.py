@@ -75,7 +75,7 @@ def off_words(outcome: Outcome) -> str:
 
 def _recalibrated(outcome: Outcome, names: str) -> str:
     if names:
-        return f"tolerances could take all of it, but less is needed with {names}"
+        return f"by {names}; recalibration could take all of it too, but only at a higher price"
     moved = _moved(outcome, moved_beyond(outcome.system, outcome.selection.final))
     return f"the model leaves noise only with {moved}{_nearest(outcome)}"
 
@@ -100,7 +100,7 @@ def _moved(outcome: Outcome, moved: Values) -> str:
     known = {one.name: one for one in outcome.system.calibrations}
     for name, times in moved.items():
         off, one = values[name], known.get(name)
-        size = f" {one.applied(one.of, off) - one.of:+.3g} {one.unit} off" if one else ""
+        size = f" {float(one.applied(off)) - one.nominal:+.3g} {one.unit} off" if one else ""
         size = f" {1 + off:.3g} times as large" if one and one.relative else size
         words.append(f"{name}{size} ({abs(times):.1f} times its tolerance)")
     return ", ".join(words)

@@ -25,6 +25,8 @@ def short(system: System, unknown: Unknown) -> str:
 
 
 def _short(system: System, one: Description) -> str:
+    if one.is_constant:
+        return f"{_name(one)} that is constant ({one.level:.3g} {one.unit})"
     period = "" if one.period is None else f"period {_with_unit(system, one, one.period)}, "
     return f"{_name(one)} of {one.coordinate.replace('_', ' ')} ({period}{one.amplitude[0]:.3g} {one.unit})"
 
@@ -50,6 +52,8 @@ def _push(system: System, event: Event, named: bool) -> str:
 
 
 def _words(system: System, one: Description, where: str) -> list[str]:
+    if one.is_constant:
+        return [f"unknown {where}: {_short(system, one)}; removes {one.reduced:.0%} of the held-out gap"]
     _, low, high = one.amplitude
     ends = " and ".join(_with_unit(system, one, end) for end in (one.places[0], one.places[-1]))
     next_best = "" if one.runner_up is None else f" (next: {one.runner_up[0]}, {one.runner_up[1]:.0%})"
@@ -96,14 +100,15 @@ def _curve_as_dict(system: System, one: Description) -> dict[str, Any]:
     return {
         "channel": one.channel, "enters_as": one.entry.name or "rate", "coordinate": one.coordinate,
         "unit": one.unit, "period": one.period, "carried_as": (holder(system, one) or (None,))[0],
-        "reduced": one.reduced, "amplitude": list(one.amplitude), "places": one.places.tolist(),
-        "values": one.values.tolist(), "without_parabola": one.shape.tolist(),
+        "reduced": one.reduced, "level": one.level, "amplitude": list(one.amplitude),
+        "places": one.places.tolist(), "values": one.values.tolist(), "without_parabola": one.shape.tolist(),
         "standard_deviations": one.spread.tolist(),
     }  # fmt: skip
 
 
 def _name(one: Description) -> str:
-    return f"unknown {one.entry.name or f'rate of {one.channel}'}".replace("_", " ")
+    kind = "acceleration" if one.unit.endswith("/s^2") else "rate"
+    return f"unknown {one.entry.name or f'{kind} of {one.channel}'}".replace("_", " ")
 
 
 def _with_unit(system: System, one: Description, value: float) -> str:

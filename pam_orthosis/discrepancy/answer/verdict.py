@@ -27,6 +27,9 @@ def describe_data(data: Identifiability) -> str:
         lines.append(f"these data would not show, at typical size: {', '.join(data.invisible)}")
     for a, b, cosine in data.alike:
         lines.append(f"confounded in these data: {a} and {b} (cosine of their sensitivities {cosine:.2f})")
+    if len(data.together) > 1:
+        known = f"{', '.join(data.together[:-1])} and {data.together[-1]}"
+        lines.append(f"{known} may change together without a trace in these data: tolerances alone hold them")
     if data.experiments:
         lines += _experiment("most useful next experiment", data.experiments[0])
     return "\n".join(lines) or "these data show and separate all effects of the catalogue"
@@ -192,9 +195,10 @@ def _wrong(system: System, one: Named) -> str:
     """Return what a wrong parameter is, by these recordings, and what the model has."""
     ((value, unit, lower, upper),) = one.parameters.values()
     (quantity,) = system.catalogue[one.name].parameters
+    meaning = f": {quantity.meaning}" * (quantity.meaning != system.wrong[one.name])
     return (
         f"wrong parameter: {system.wrong[one.name]} is {value:.4g} {unit} ({lower:.4g} .. {upper:.4g}), the"
-        f" model has {quantity.neutral:.4g}: {quantity.meaning}; evidence {one.evidence:.0f}"
+        f" model has {system.nominal_of(one.name):.4g}{meaning}; evidence {one.evidence:.0f}"
     )
 
 

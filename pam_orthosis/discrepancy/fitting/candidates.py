@@ -300,14 +300,10 @@ def widened_shape(projection: Projection, name: str) -> Candidate:
     return max(found, key=lambda one: one.evidence)
 
 
-def moved_parameter(problem: Problem, base: Fit, name: str) -> Candidate:
-    """Return a wrong parameter at the value that recalibration would give it if it had no tolerance."""
-    system = problem.system
-    one = next(one for one in system.calibrations if one.name == system.recalibrating(name))
-    (quantity,) = system.catalogue[name].parameters
-    free = [replace(other, sd=math.inf) if other.name == one.name else other for other in base.free]
+def moved_parameter(problem: Problem, base: Fit, name: str, of: str) -> Candidate:
+    """Return a wrong parameter as far off as recalibration would take it if `of` it had no tolerance."""
+    free = [replace(one, sd=math.inf) if one.name == of else one for one in base.free]
     model = fit(problem, base.effects, base.values, free)
-    value = float(one.applied(quantity.neutral, model.values[one.name]))
-    values = {**model.values, one.name: 0.0, f"{name}.{VALUE}": value}
-    gain = base.cost - model.cost
-    return Candidate(name, gain, values, gain - penalty(base, 1), scales_of(system, base.free), (name,))
+    values = {**model.values, of: 0.0, f"{name}.{VALUE}": model.values[of]}
+    gain, scales = base.cost - model.cost, scales_of(problem.system, base.free)
+    return Candidate(name, gain, values, gain - penalty(base, 1), scales, (name,))

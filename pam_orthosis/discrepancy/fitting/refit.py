@@ -43,12 +43,8 @@ def _from_simpler(problem: Problem, start: Values) -> list[dict[str, float]]:
 
 def estimated(system: System, model: Fit) -> Fit:
     """Return a model whose wrong parameters are values without a tolerance: its deviation is part of it."""
-    calibrations = {one.name: one for one in system.calibrations}
-    wrong = {one: f"{n}.{VALUE}" for n in model.effects if (one := system.recalibrating(n))}
-    moved = {
-        key: float(calibrations[name].applied(model.values[key], model.values[name]))
-        for name, key in wrong.items()
-    }
+    wrong = {one.name: f"{n}.{VALUE}" for n in model.effects if (one := system.recalibrating(n))}
+    moved = {key: model.values[key] + model.values[name] for name, key in wrong.items()}
     kept = [i for i, one in enumerate(model.free) if one.name not in wrong]
     return replace(
         model,

@@ -14,13 +14,15 @@ from typing import Any
 import numpy as np
 
 from pam_orthosis.discrepancy.fitting.candidates import Trial, penalty
-from pam_orthosis.discrepancy.fitting.fit import Fit
+from pam_orthosis.discrepancy.fitting.fit import Fit, normal_equations
 from pam_orthosis.discrepancy.fitting.projection import Projection
 from pam_orthosis.discrepancy.replay.problem import Block, Problem
 from pam_orthosis.discrepancy.systems.system import System
 from pam_orthosis.progress import Progress, silent
 
 ALIKE = 0.95  # cosine of two signatures above which they are one
+LITTLE = 0.1  # information of recordings on a change of parameters over that of their tolerances
+TAKES_PART = 0.01  # square of a parameter's share in such a change
 
 
 @dataclass(frozen=True)
@@ -32,12 +34,14 @@ class Identifiability:
         invisible: effects whose typical size would not be noticed.
         alike: pairs of visible effects with the cosine of their signatures.
         experiments: scenarios that show or separate most of these, best first.
+        together: parameters of a system of one's own that may change together without a trace.
     """
 
     evidence: dict[str, float]
     invisible: tuple[str, ...]
     alike: tuple[tuple[str, str, float], ...]
     experiments: tuple[str, ...]
+    together: tuple[str, ...] = ()
 
 
 def identifiability(
@@ -66,7 +70,27 @@ def identifiability(
         for j, b in enumerate(names[:i])
         if abs(cosine[i, j]) > ALIKE and not {a, b} & set(invisible)
     )
-    return Identifiability(evidence, invisible, alike, _experiments(problem.system, invisible, alike))
+    experiments = _experiments(problem.system, invisible, alike)
+    return Identifiability(evidence, invisible, alike, experiments, _together(problem.system, model))
+
+
+def _together(system: System, model: Fit) -> tuple[str, ...]:
+    """Return the parameters that take part in changes of which recordings tell less than tolerances do.
+
+    What recordings do not show alone, as an offset of what only changes, is none of them.
+    """
+    candidates = [one.name for name in system.wrong if (one := system.recalibrating(name))]
+    free = [one for one in model.free if one.name in candidates]
+    hessian, _ = normal_equations(model.blocks, free, model.values)
+    sizes = np.array([one.sd / one.scale for one in free])
+    # of the recordings alone, by parameters in tolerances
+    information = hessian * np.outer(sizes, sizes) - np.eye(len(free))
+    seen = np.flatnonzero(np.diag(information) > LITTLE)
+    if len(seen) < 2:
+        return ()
+    told, directions = np.linalg.eigh(information[np.ix_(seen, seen)])
+    share = np.sum(directions[:, told < LITTLE] ** 2, axis=1)
+    return tuple(free[i].name for i, part in zip(seen, share, strict=True) if part > TAKES_PART)
 
 
 def _untempered(problem: Problem, model: Fit) -> tuple[Problem, Fit]:

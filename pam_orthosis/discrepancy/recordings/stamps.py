@@ -69,7 +69,7 @@ def remarks_on_stamps(
     return [
         f"{name}: {' and '.join(skew.signals)} stamped {1e3 * abs(skew.seconds):.1f} ms"
         f" {'late' if skew.seconds > 0 else 'early'} against {skew.channel}, or a sensor lags as much; give"
-        " all signals one clock, or state the delay in the model"
+        " all signals one clock, or state the delay (`late` of a Model)"
         for name, many in found
         for skew in many
     ] + [f"{name} {unclear}" for name, many in found if not many]
@@ -164,7 +164,7 @@ def _remainders(
         x = np.array([base.get(name, np.zeros(len(places))) for name in assembled.states])
         u = np.array([values.get(name, np.zeros(len(places))) for name in system.inputs])
         model, slopes = law(x, u.reshape(len(system.inputs), -1), time[None, places])
-        columns = np.asarray(slopes).reshape(assembled.theta.shape[0], -1, order="F").T
+        columns = np.asarray(slopes).reshape(assembled.theta.shape[0], len(places), order="F").T
         return _remainder(measured - np.asarray(model)[0], np.column_stack([_tame(columns), missing]))
 
     return lambda late: _near_the_least(partial(remainder, late))

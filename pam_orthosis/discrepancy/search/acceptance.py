@@ -2,6 +2,7 @@
 """Which of the models that recordings ask for is accepted: the first that held-out ones confirm."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from pam_orthosis.discrepancy.fitting.fit import Fit
 from pam_orthosis.discrepancy.replay.problem import Problem
@@ -35,18 +36,25 @@ def accepted(
     """
     refused = []
     for evidence, weighted, model in able:
-        name = model.effects[-1]
+        name, closes = model.effects[-1], 0.0
         seen = confirmed(problem.weighted(weighted.weights), held_out.weighted(weighted.weights), base, model)
         if is_too_small(problem.system, name, model):
             reason = f"{name} is smaller than what is worth a name"
         elif empty := emptied(problem.system, name, model):
             reason = f"{name} {EMPTY}: {at_values(model, empty)}"
+            closes = _closed(problem.weighted(weighted.weights), base, model)
         elif seen.shows or _is_known(problem, base, (evidence, weighted, model), seen):
             return Step(name, model, weighted, evidence, seen.t, ranked, "accepted", gains)
         else:
             reason = f"held-out recordings do not confirm {name}"
-        refused.append(Step(None, None, None, evidence, seen.t, ranked, reason, gains, blocked))
+        step = Step(None, None, None, evidence, seen.t, ranked, reason, gains, blocked)
+        refused.append(replace(step, closes=closes))
     return refused[0]
+
+
+def _closed(problem: Problem, base: Fit, model: Fit) -> float:
+    """Return by which share a model's squared residuals are smaller."""
+    return 1.0 - problem.total(model.effects, model.values) / problem.total(base.effects, base.values)
 
 
 def _is_known(problem: Problem, base: Fit, judged: tuple[float, Problem, Fit], seen: Seen) -> bool:

@@ -95,7 +95,10 @@ def named_effect(
         key = f"{name}.{q.name}"
         if key not in known:
             continue
-        parameters[q.name] = (final.values[key], q.unit, *interval(final, deviation, key))
+        numbers = [final.values[key], *interval(final, deviation, key)]
+        if own := system.recalibrating(name):  # they are deviations
+            numbers = [float(own.applied(off)) for off in numbers]
+        parameters[q.name] = numbers[0], q.unit, min(numbers), max(numbers)
     alike = _look_alikes(found, name, settings)
     tests = (test for one in (name, *alike) for test in system.experiments(one))  # its own first
     apart = tuple(dict.fromkeys(tests)) if alike else ()

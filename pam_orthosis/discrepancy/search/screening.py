@@ -47,7 +47,8 @@ def fitted_candidates(
     """
     look, system = _Look(problem, base, most, thresholds, progress), problem.system
     known = system.taken(base.effects)
-    moved = [n for n in system.candidates if n not in known and system.recalibrating(n) in look.strained]
+    own = {n: one.name for n in system.candidates if n not in known and (one := system.recalibrating(n))}
+    moved = {name: of for name, of in own.items() if of in look.strained}
     others = [name for name in system.candidates if name not in {*known, *moved}]
     suspected = is_far(problem) or bool(look.strained)
     gains, found = look.at([name for name in others if suspected or name not in system.wrong], LEAST_SCREEN)
@@ -58,7 +59,7 @@ def fitted_candidates(
         gains, found = gains | rivals, found + fitted
     shapes = [name for name in system.shapes if name not in base.effects and problem.replay.touched(name)]
     found += [widened_shape(look.projection, name) for name in shapes]
-    found += [moved_parameter(problem, base, name) for name in moved]
+    found += [moved_parameter(problem, base, name, of) for name, of in moved.items()]
     gains |= {one.name: one.gain for one in found}
     best_first = sorted((one for one in found if one.gain > least), key=lambda one: -one.evidence)
     return _different(best_first), gains

@@ -19,7 +19,8 @@ class Step:
     """One round: what was accepted, what came next, all candidates that were fitted, gains of all.
 
     `blocked` are effects that would have enough evidence, and more than what was accepted, were there no
-    larger ones; `apart` the best candidate of other equations than those of what was accepted.
+    larger ones; `apart` the best candidate of other equations than those of what was accepted. `closes`: by
+    which share squared residuals would be smaller with what was refused, since it is not what its name says.
     """
 
     accepted: str | None
@@ -32,6 +33,7 @@ class Step:
     gains: Values = field(default_factory=dict)
     blocked: tuple[str, ...] = ()
     apart: Candidate | None = None
+    closes: float = 0.0
 
 
 @dataclass

@@ -59,8 +59,10 @@ class Parameter:
     @property
     def calibration(self) -> Calibration:
         """How far it may be off."""
-        of = self.value if self.tolerance < KEEPS_SIGN * abs(self.value) else 0.0
-        return Calibration(self.name, self.tolerance, self.unit, self.meaning, of=of)
+        ratio = self.tolerance < KEEPS_SIGN * abs(self.value)
+        return Calibration(
+            self.name, self.tolerance, self.unit, self.meaning, nominal=self.value, ratio=ratio
+        )
 
 
 @dataclass(frozen=True)

@@ -23,19 +23,16 @@ SOURCE = "a mistake that any apparatus may have"
 
 
 def wrong_parameter(one: Parameter) -> Effect:
-    """Return the candidate that a parameter with a tolerance has another value."""
-    far, step, keeps_sign = REACH * one.tolerance, TYPICAL * one.tolerance, bool(one.calibration.of)
-    low = max(one.value - far, 0.0) if keeps_sign and one.value > 0 else one.value - far
-    high = min(one.value + far, 0.0) if keeps_sign and one.value < 0 else one.value + far
-    value = Quantity(VALUE, min(one.value + step, high), one.unit, low, high, one.meaning, one.value)
+    """Return the candidate that a parameter with a tolerance has another value, as a deviation."""
+    step, farthest = TYPICAL * one.tolerance, REACH * one.tolerance
     return Effect(
         f"{WRONG}{one.name}",
         "",  # it enters as a parameter
-        (value,),
+        (Quantity(VALUE, step, one.unit, -farthest, farthest, one.meaning, 0.0),),
         lambda *_: Contribution({}),
         physics=f"The nominal model has another value of {one.name}: {one.meaning}.",
         source=SOURCE,
-        starts=({VALUE: max(one.value - step, low)},),
+        starts=({VALUE: -step},),
         minimum_effect=LEAST * one.tolerance,
     )
 

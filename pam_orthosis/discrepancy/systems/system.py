@@ -102,9 +102,9 @@ class Equation:
 class Calibration:
     """A nuisance parameter that may be off: deviation from the nominal model with mean 0 and this sd.
 
-    `relative`: it is a share of what the model has. `of`: the value that it changes by the factor
-    exp(deviation / of), which makes parameters that act by their ratio alone easy to move together; 0: it is
-    added.
+    `relative`: it is a share of what the model has. `nominal`: the value that it changes, where it is of one
+    parameter. `ratio`: by the factor exp(deviation / nominal), which makes parameters that act by their ratio
+    alone easy to move together; else it is added.
     """
 
     name: str
@@ -112,11 +112,13 @@ class Calibration:
     unit: str
     meaning: str
     relative: bool = False
-    of: float = 0.0
+    nominal: float = 0.0
+    ratio: bool = False
 
-    def applied(self, value: Any, deviation: Any) -> Any:
-        """Return a value, of the nominal model or another one, with a deviation; both may be expressions."""
-        return value * ca.exp(deviation / self.of) if self.of else value + deviation
+    def applied(self, deviation: Any) -> Any:
+        """Return the parameter with a deviation, which may be an expression."""
+        nominal = self.nominal
+        return nominal * ca.exp(deviation / nominal) if self.ratio else nominal + deviation
 
 
 @dataclass(frozen=True)
@@ -232,10 +234,18 @@ class System:
         """The effects that can be named."""
         return tuple(name for name, effect in self.catalogue.items() if not effect.shape)
 
-    def recalibrating(self, candidate: str) -> str:
-        """Return the calibration that adds to what a candidate takes to be wrong; empty if none does."""
+    def recalibrating(self, candidate: str) -> Calibration | None:
+        """Return the calibration of what a candidate takes to be wrong, if there is one.
+
+        The candidate's own parameter is then a deviation too.
+        """
         key = self.wrong.get(candidate, "")
-        return key if key in {one.name for one in self.calibrations} else ""
+        return next((one for one in self.calibrations if one.name == key), None)
+
+    def nominal_of(self, candidate: str) -> float:
+        """Return what the nominal model has of a parameter that a candidate takes to be wrong."""
+        own = self.recalibrating(candidate)
+        return own.nominal if own else self.catalogue[candidate].parameters[0].neutral or 0.0
 
     def taken(self, effects: Collection[str]) -> set[str]:
         """Return the effects that a model has, and those that are a part of one of them."""

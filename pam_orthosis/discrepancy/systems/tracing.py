@@ -145,10 +145,12 @@ class Traced:
         return pade.chain(own, self.rates[str(state)], self._symbols[f"{one.name}.delay"])
 
     def _value(self, one: Parameter) -> Any:
-        """Return a parameter: the nominal or another value, and by how much recalibration moves it."""
-        names = [effect.name for effect in self._implied if parameter_of(effect) == one.name]
-        value = self._symbols[f"{names[0]}.{VALUE}"] if names else one.value
-        return one.calibration.applied(value, self._symbols[one.name]) if one.tolerance else value
+        """Return a parameter: the nominal one, as recalibration moves it, and as far as it is wrong."""
+        if not one.tolerance:
+            return one.value
+        wrong = (effect.name for effect in self._implied if parameter_of(effect) == one.name)
+        off = sum((self._symbols[f"{name}.{VALUE}"] for name in wrong), self._symbols[one.name])
+        return one.calibration.applied(off)
 
     def _entering(self, stage: str, signals: Signals) -> list[Mapping[str, Any]]:
         """Return what enters where a signal was assigned: a mark, and what effects add."""

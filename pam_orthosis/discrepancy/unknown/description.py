@@ -35,6 +35,7 @@ NEAR = 0.05  # of that gap: signals that differ by less are told apart by the eq
 CYCLES, FITS = 1.5, 0.94  # a curve is periodic if so many waves are in its range and explain so much of it
 FEWEST_KNOWN = 6.0  # knots: fewer are matched by almost any wave
 UNSURE = 3.0  # times the median standard deviation: places that were hardly visited
+CONSTANT = 3.0  # mean of a curve over half of its range
 ROUNDING = 1e-9  # of a curve's squares: what is smaller is a line
 
 
@@ -54,6 +55,7 @@ class Description:
             remove together, a part by what each channel's add, shared equally by two of a channel.
         runner_up: the next best signal, or two, and the share.
         period: of the curve, in the signal's unit, if it is a wave.
+        level: the mean that is left to recalibration.
     """
 
     channel: str
@@ -66,6 +68,12 @@ class Description:
     reduced: float
     runner_up: tuple[str, float] | None
     period: float | None
+    level: float = 0.0
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether it hardly depends on its signal: what the model lacks is a constant."""
+        return abs(self.level) > CONSTANT * self.amplitude[2]
 
     @property
     def unit(self) -> str:
@@ -192,10 +200,11 @@ def _description(
     weight, own = 1 / np.maximum(np.diag(covariance), 1e-300), curves.is_own(spline)
     certain = without_parabola(places, weight) if own else np.eye(len(places)) - weight / weight.sum()
     shape, covariance = certain @ values, certain @ covariance @ certain.T
+    level = 0.0 if own else float((values - shape)[0])
     period = wave_period(places, shape, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
     return Description(
         spline.channel, spline.entry, spline.signal, places, values if own else shape, shape,
-        covariance, share, runner_up, period,
+        covariance, share, runner_up, period, level,
     )  # fmt: skip
 
 
