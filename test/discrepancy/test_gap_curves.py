@@ -116,6 +116,7 @@ def test_a_wrong_parameter_is_shown_beside_what_the_model_has():
     seen = outcome([0.0] * len(VALVE.parameters))
     quantity = replace(VALVE.parameters[0], name="value", neutral=3.0, meaning="mass of the leg", unit="kg")
     seen.system.catalogue["leg_mass"] = replace(VALVE, shape=False, parameters=(quantity,))
+    seen.system.nominal_of = lambda name: seen.system.catalogue[name].parameters[0].neutral
     one = Named("leg_mass", "torque", {"value": (4.0, "kg", 3.9, 4.1)}, 50.0)
     assert gap.titled(seen, "leg_mass") == "Wrong in the model: mass of the leg"
     assert gap._values(seen, one) == [("mass of the leg", "4 kg", "3.9 to 4.1 kg", "3 kg")]
