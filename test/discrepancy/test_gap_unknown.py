@@ -41,7 +41,7 @@ def added(bench, torque):
         linear = injection(bench.replay, run, equation, "angle", values)
         lever = lever_of(bench.replay, run, equation, "angle", linear)
         wanted = torque(run.smooth("angle"), one.start + one.period * np.arange(one.samples))
-        moved = arrays["angle"] + linear.response((lever * wanted)[:, None])[:, 0]
+        moved = arrays["angle"] + linear.response((lever * wanted)[:, None])["angle"][:, 0]
         made.append(from_arrays(f"run {seed}", bench.system, {**arrays, "angle": moved}))
     return made
 
@@ -81,24 +81,43 @@ def test_the_linearised_replay_is_that_of_the_model(bench):
         bench.replay.residuals(run, equation, ("constant_torque",), {**values, "constant_torque.torque": x})
         for x in (0.0, 0.2)
     ]
-    change = (seen[0] - seen[1])[:, 0]
+    change = seen[0] - seen[1]
     linear = injection(bench.replay, run, equation, "angle", values)
-    back = linear.response(linear.added(change)[:, None])[:, 0]
+    back = linear.response(linear.added(change)[:, None])["angle"]
     assert np.std(back - change) < 0.06 * np.std(change)
     lever = lever_of(bench.replay, run, equation, "angle", linear)
     assert 0.2 * lever[1000:].mean() == pytest.approx(linear.added(change)[1000:].mean(), rel=0.05)
 
 
+def coupled(count):
+    """Return the linearised replay of two joints that feel each other, with an unknown in the second one."""
+    gains = np.array([[6.0, 0.0], [0.0, 5.0], [20.0, 0.0], [0.0, 15.0]])
+    slopes = np.zeros((count, 4, 4))
+    slopes[:, 0, 2] = slopes[:, 1, 3] = 1.0
+    slopes[:, 2:] = [[-30.0, 8.0, -4.0, 1.0], [6.0, -20.0, 2.0, -5.0]]
+    return Injection(slopes, gains, ("a", "b"), [1, 0], [0, 1], {0: 2, 1: 3}, 3, 0.01)
+
+
 def test_a_response_is_that_of_the_replay_step_by_step():
-    rng, n = np.random.default_rng(1), 40
-    one = Injection(rng.normal(0, 5, (n, 2, 2)), np.array([6.0, 20.0]), 0, 1, 0.01)
-    added, state = rng.normal(size=(n, 3)), np.zeros((2, 3))
+    rng, count = np.random.default_rng(1), 40
+    one = coupled(count)
+    added, state = rng.normal(size=(count, 3)), np.zeros((4, 3))
     seen = one.response(added)
-    for k in range(n):
-        assert seen[k] == pytest.approx(state[0], abs=1e-12)
-        held = state - 0.01 * np.outer(one.gains, state[0])
+    for k in range(count):
+        assert seen["a"][k] == pytest.approx(state[0], abs=1e-12)
+        assert seen["b"][k] == pytest.approx(state[1], abs=1e-12)
+        held = state - 0.01 * one.gains @ state[:2]
         rate = one.slopes[k] @ held
-        state = held + 0.01 * rate + 0.5 * 0.01**2 * one.slopes[k] @ rate + [[0.0], [0.01]] * added[k]
+        state = held + 0.01 * rate + 0.5 * 0.01**2 * one.slopes[k] @ rate
+        state[3] += 0.01 * added[k]
+
+
+def test_what_was_added_is_found_back_where_channels_feel_each_other():
+    one = replace(coupled(4000), period=0.001)
+    wanted = np.sin(np.linspace(0.0, 20.0, 4000))
+    seen = one.response(wanted[:, None])
+    back = one.added(np.column_stack([seen["b"], seen["a"]]))
+    assert back[200:-200] == pytest.approx(wanted[200:-200], abs=0.02)
 
 
 def test_without_a_candidate_of_a_constant_the_missing_rate_is_described(bench):

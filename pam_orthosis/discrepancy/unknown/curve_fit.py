@@ -191,8 +191,8 @@ class CurveFit:
             acting = parts * self._levers[one.run.serial, channel, entry][:, None]
             changed = self._linear[one.run.serial, channel].response(acting)
             for other in self._equation.channels:
-                white = one.white(other, -changed)
-                rows.append(white if other == channel else 0.0 * white)
+                felt = changed.get(other)
+                rows.append(one.white(other, -changed[channel] * 0.0 if felt is None else -felt))
         return np.vstack(rows)
 
     def _ends(self, name: str) -> tuple[float, float]:
@@ -203,11 +203,11 @@ class CurveFit:
 
     def _size_of(self, channel: str, entry: Entry) -> float:
         """Return the size of the unknown, root mean square, in the training recordings."""
-        group, index = self._groups[0], self._equation.channels.index(channel)
+        group = self._groups[0]
         missing, levers = [], []
         for one in group.scored:
             linear, model = self._linear[one.run.serial, channel], self._model
-            raw = group.replay.residuals(one.run, self._equation, model.effects, model.values)[:, index]
+            raw = group.replay.residuals(one.run, self._equation, model.effects, model.values)
             missing.append(np.mean(linear.added(raw, SLOW)[one.warm_up :] ** 2))
             levers.append(np.mean(self._levers[one.run.serial, channel, entry][one.warm_up :] ** 2))
         return float(np.sqrt(np.mean(missing) / max(float(np.mean(levers)), 1e-300)))
@@ -224,14 +224,14 @@ def lever(
     if not entry.parameter:
         return np.ones(one.run.recording.samples)
     effects = tuple(name for name in (entry.parameter.partition(".")[0],) if name in group.system.catalogue)
-    values, index = group.replay.defaults(effects), equation.channels.index(channel)
+    values = group.replay.defaults(effects)
     neutral = [q.neutral for name in effects for q in group.system.catalogue[name].parameters[:1]]
     start = neutral[0] if neutral and neutral[0] is not None else 0.0
     seen = [
         group.replay.residuals(one.run, equation, effects, {**values, entry.parameter: start + change})
         for change in (0.0, entry.size)
     ]
-    return linear.added((seen[0] - seen[1])[:, index]) / entry.size
+    return linear.added(seen[0] - seen[1]) / entry.size
 
 
 def whole_signals(group: Problem, one: Scored) -> dict[str, np.ndarray]:

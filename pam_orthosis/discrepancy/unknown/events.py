@@ -54,8 +54,7 @@ def _unknown(
     linear = injection(problem.replay, one.run, equation, channel, model.values)
     if linear is None:
         return None
-    index = equation.channels.index(channel)
-    raw = problem.replay.residuals(one.run, equation, model.effects, model.values)[:, index]
+    raw = problem.replay.residuals(one.run, equation, model.effects, model.values)
     entry = problem.system.entries_of(channel)[0]
     missing: np.ndarray = linear.added(raw, SLOW) / lever(problem, one, equation, channel, entry, linear)
     return missing[one.warm_up :]
