@@ -28,8 +28,8 @@ def remarks_on_inputs(found: Selection, settings: Section) -> list[str]:
 def stamped_late(system: System, steps: Sequence[Step]) -> list[str]:
     """Return a remark on each round whose best effect would have acted before its input."""
     return [
-        f"it looks as if {' and '.join(system.inputs)} were stamped late: {values} s fits best, and would act"
-        " before its input"
+        f"it looks as if {system.catalogue[name].late_of or ' and '.join(system.inputs)} were stamped late:"
+        f" {values} s fits best, and would act before its input"
         for step in steps
         for name, _, values in [step.reason.partition(f" {EMPTY}: ")]
         if " = -" in values and step.closes > CLOSES and system.catalogue[name].late is not None

@@ -209,18 +209,23 @@ class Replay:
     def _shift(self, equation: Equation, part: Part, effects: Names, values: Values) -> Shift:
         """Return how what a part of an equation sees is shifted; it does not see other parts."""
         advance: dict[str, float] = {}
+        later: dict[str, float] = {}
         own, late = 0.0, self.system.late
         for name in effects:
             if not self.shifts(name, equation, effects):
                 continue
             effect, values_of = self.system.catalogue[name], self._own_values(name, values)
-            late += 0.0 if effect.late is None else effect.late(values_of)
+            delay = 0.0 if effect.late is None else effect.late(values_of)
+            if effect.late_of:
+                later[effect.late_of] = delay
+            else:
+                late += delay
             for channel, seconds in (effect.advance(values_of) if effect.advance else {}).items():
                 if channel in part.channels:
                     own += seconds
                 elif channel not in equation.channels:
                     advance[channel] = advance.get(channel, 0.0) + seconds
-        return Shift(own, own + late, advance)
+        return Shift(own, own + late, advance, later)
 
     def _own_values(self, name: str, values: Values) -> SimpleNamespace:
         parameters = self.system.catalogue[name].parameters

@@ -28,15 +28,17 @@ class Shift:
         own: by how much the own channel shows the past: everything else is shifted back as far.
         inputs: by how much the inputs act late, seen from its own channel.
         advance: neighbour -> by how much it is advanced to be the true one.
+        later: input -> by how much more it acts late than the others.
     """
 
     own: float = 0.0
     inputs: float = 0.0
     advance: Values = field(default_factory=dict)
+    later: Values = field(default_factory=dict)
 
     def key(self) -> tuple[Any, ...]:
         """Return what separates shifts."""
-        return self.own, self.inputs, *sorted(self.advance.items())
+        return self.own, self.inputs, *sorted(self.advance.items()), "later", *sorted(self.later.items())
 
 
 UNSHIFTED = Shift()
@@ -76,8 +78,11 @@ class Run:
         count, fraction = divmod(shift.inputs / self.period, 1.0)
         inputs, before = (_held_back(recorded, int(count) + more) for more in (0, 1))
         for i, name in enumerate(self._system.inputs):
+            late = shift.inputs + shift.later.get(name, 0.0)
             if name in self._system.gradual:
-                before[:, i], inputs[:, i] = self._between(recorded[:, i], shift.inputs)
+                before[:, i], inputs[:, i] = self._between(recorded[:, i], late)
+            elif name in shift.later:
+                before[:, i] = inputs[:, i] = self._mean(recorded[:, [i]], late)[:, 0]
         time = self.recording.start + np.arange(len(recorded)) * self.period - shift.own
         measured = np.column_stack([self._raw[c.name] for c in self._system.channels])
         bends = self._bends(neighbours)
@@ -91,6 +96,12 @@ class Run:
         time = np.arange(len(values)) * self.period
         now, following = (np.interp(time + more - late, time, values) for more in (0.0, self.period))
         return now, following
+
+    def _mean(self, values: np.ndarray, late: float) -> np.ndarray:
+        """Return the mean over each period of what is held and acts late: its own instants are not kept."""
+        count, fraction = divmod(late / self.period, 1.0)
+        now, before = (_held_back(values, int(count) + more) for more in (0, 1))
+        return fraction * before + (1 - fraction) * now
 
     def _bends(self, neighbours: np.ndarray) -> list[np.ndarray]:
         """Return the second difference quotients, each between a sample and the next."""

@@ -67,7 +67,7 @@ def _late(problem: Problem, base: Fit, sensors: list[str]) -> list[tuple[Problem
     rest = (name for name in model.effects if name not in late)
     models = [(weighted, replace(model, effects=(*rest, *late)))]
     if len(late) == len(sensors) and not _has_dead_time(system, base):
-        able = [name for name in system.candidates if system.catalogue[name].late is not None]
+        able = [name for name in system.candidates if system.catalogue[name].is_dead_time]
         models += [_with(weighted, model, [name]) for name in problem.replay.touching(able)]
     return models
 
@@ -111,7 +111,7 @@ def _with(problem: Problem, base: Fit, sensors: list[str]) -> tuple[Problem, Fit
 
 def _has_dead_time(system: System, model: Fit) -> bool:
     """Whether inputs act late in a model: it hides what sensors that are late in its place would gain."""
-    return any(system.catalogue[name].late is not None for name in model.effects)
+    return any(system.catalogue[name].is_dead_time for name in model.effects)
 
 
 def _is_delay(system: System, name: str) -> bool:

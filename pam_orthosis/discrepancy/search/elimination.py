@@ -120,7 +120,7 @@ def _counted_from(problem: Problem, final: Fit, name: str) -> Values:
     catalogue = problem.system.catalogue
     size = {one: f"{one}.{catalogue[one].fitted[0].name}" for one in final.effects}
     sensors = [one for one in final.effects if catalogue[one].advance is not None]
-    dead_times = [one for one in final.effects if catalogue[one].late is not None]
+    dead_times = [one for one in final.effects if catalogue[one].is_dead_time]
     if name not in sensors or not dead_times or len(sensors) < len(problem.system.channels):
         return final.values
     common = final.values[size[name]]

@@ -14,6 +14,7 @@ import casadi as ca
 
 from pam_orthosis.discrepancy.systems.implied import (
     late_channel,
+    late_input,
     late_inputs,
     parameter_of,
     wrong_parameter,
@@ -156,7 +157,8 @@ class Model:
 
         def shows(effect: Effect, equation: Equation) -> bool:
             if effect.late is not None:
-                return bool(needs[equation.name])
+                felt = needs[equation.name]
+                return effect.late_of in felt if effect.late_of else bool(felt)
             key = parameter_of(effect)
             enters = traced.symbol(key) if key else traced.marks[effect.stage]
             return any(traced.depends(system, equation, enters))
@@ -173,6 +175,7 @@ class Model:
         """
         found = [wrong_parameter(one) for one in self.parameters if one.tolerance]
         found += [late_inputs(self.inputs)] if self.inputs else []
+        found += [late_input(one) for one in self.inputs] if len(self.inputs) > 1 else []
         shown = [one for one in self.channels if one.state is not None]
         found += [late_channel(one) for one in shown] if len(self.channels) > 1 else []
         return tuple(one for one in found if one.name not in {effect.name for effect in self.effects})

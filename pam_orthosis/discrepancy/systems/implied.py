@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pam_orthosis.discrepancy.systems.suspects import VALUE
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
 
 WRONG, DELAY = "wrong_", "inputs_delay"
 LEAST, TYPICAL, REACH = 3.0, 6.0, 100.0  # tolerances: worth a name, to look for, and at most
-LONGEST = 0.15  # s
-STARTS = 0.005, -0.005, -0.02, 0.05, -0.05, 0.1  # s
+LONGEST = 0.5  # s
+STARTS = 0.005, -0.005, -0.02, 0.05, -0.05, 0.1, 0.2, 0.35  # s
 SHORTEST = 5.0e-4  # s, of a sensor's delay
 SOURCE = "a mistake that any apparatus may have"
 
@@ -59,6 +60,17 @@ def late_inputs(inputs: Sequence[Input]) -> Effect:
     )
 
 
+def late_input(one: Input) -> Effect:
+    """Return the candidate that one of several inputs acts later than it is stamped, or earlier."""
+    return replace(
+        late_inputs([one]),
+        name=f"{one.name}_delay",
+        physics=f"What {one.name} drives answers after a dead time, or the clocks of the inputs differ.",
+        states=(f"{one.name}_late",),
+        late_of=one.name,
+    )
+
+
 def late_channel(channel: Channel) -> Effect:
     """Return the candidate that a channel shows the past: its sensor lags, or its clock differs."""
     stage = f"measured_{channel.name}"
@@ -71,7 +83,7 @@ def late_channel(channel: Channel) -> Effect:
         "delay is represented by its Pade approximation (2, 3).",
         source=SOURCE,
         states=tuple(f"{channel.name}_past_{letter}" for letter in "abc"),
-        starts=({"delay": 0.002}, {"delay": 0.05}),
+        starts=({"delay": 0.002}, {"delay": 0.05}, {"delay": 0.2}),
         minimum_effect=3.0e-4,
         advance=lambda p: {channel.name: p.delay},
     )

@@ -270,7 +270,7 @@ class System:
         equation, so that the delay of one cannot be found without those of the others.
         """
         one = self.catalogue[effect]
-        dead_times = {name for name, other in self.catalogue.items() if other.late is not None}
+        dead_times = {name for name, other in self.catalogue.items() if other.is_dead_time}
         if self.late and one.lag is not None:
             return tuple(sorted(dead_times - set(known)))
         if one.advance is None or not dead_times & set(known):

@@ -132,10 +132,11 @@ class Traced:
         inputs = {one.name: self.u[i] for i, one in enumerate(self._model.inputs)}
         for one in self._implied:
             if one.late is not None:
-                delay, states = self._symbols[f"{one.name}.delay"], [self._of_state[n] for n in one.states]
-                acting = zip(states, inputs.values(), strict=True)
-                self._effect_rates[one.name] = [2 * (now - state) / delay for state, now in acting]
-                return {name: 2 * state - inputs[name] for name, state in zip(inputs, states, strict=True)}
+                delay, names = self._symbols[f"{one.name}.delay"], [one.late_of] if one.late_of else [*inputs]
+                states = {name: self._of_state[own] for name, own in zip(names, one.states, strict=True)}
+                rates = [2 * (inputs[name] - state) / delay for name, state in states.items()]
+                self._effect_rates[one.name] = rates
+                inputs |= {name: 2 * state - inputs[name] for name, state in states.items()}
         return inputs
 
     def _past(self, one: Effect, channel: str) -> tuple[Any, ...]:

@@ -114,6 +114,7 @@ class Effect:
         advance: for a sensor that lags, values -> {channel: seconds by which the recorded signal has to be
             advanced to be the true one}.
         late: for a delay of the inputs, values -> seconds by which the recorded ones act late.
+        late_of: the only input that is late; empty: all are.
         lag: for what a dead time of the nominal model may stand for, values -> s by which it delays.
         held: for the gap workflow, own state -> {channel: gain by which a replay holds it to the recording,
             1/s times the ratio of their units}; for a state that chance decides.
@@ -141,11 +142,17 @@ class Effect:
     within: str = ""
     advance: Callable[[Any], Mapping[str, float]] | None = None
     late: Callable[[Any], float] | None = None
+    late_of: str = ""
     lag: Callable[[Any], float] | None = None
     held: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     middle: str = ""
     periodic: tuple[str, str] | None = None
     on: tuple[str, ...] = ()
+
+    @property
+    def is_dead_time(self) -> bool:
+        """Whether all inputs act late by it."""
+        return self.late is not None and not self.late_of
 
     @property
     def kind(self) -> str:
