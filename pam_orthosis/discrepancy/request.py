@@ -92,6 +92,8 @@ def _of_system(file: Path, model: Path | None) -> Nominal:
     given = patch.read(model) if model else {}
     if foreign := [key for key in given if not key.startswith("gap.")]:
         raise OrthosisError(f"{foreign[0]} is of a machine; beside --system, --model takes gap.* alone")
+    if tolerances := [key for key in given if key.startswith("gap.tolerance.")]:
+        raise OrthosisError(f"{tolerances[0]} is of a machine; {file} has the tolerances of its parameters")
     return Nominal(load(given), load_system(file), given=given)
 
 

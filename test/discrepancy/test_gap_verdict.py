@@ -15,7 +15,7 @@ from pam_orthosis.bag.arrays import write_arrays
 from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.cli.main import main
 from pam_orthosis.discrepancy import workflow
-from pam_orthosis.discrepancy.answer import judgement, patch
+from pam_orthosis.discrepancy.answer import judgement, patch, verdict
 from pam_orthosis.discrepancy.answer.contract import as_dict
 from pam_orthosis.discrepancy.answer.last_line import with_rivals
 from pam_orthosis.discrepancy.answer.verdict import _share, describe
@@ -498,3 +498,10 @@ def test_the_last_line_says_what_the_data_do_not_separate():
     one = SimpleNamespace(name="valve_lag", look_alikes=("valve_delay", "leg_cogwheel_diameter"))
     assert with_rivals(system, one) == "valve lag (or valve delay, or a wrong leg.cogwheel_diameter)"
     assert with_rivals(system, SimpleNamespace(name="valve_lag", look_alikes=())) == "valve lag"
+
+
+def test_only_a_system_with_pressures_is_asked_for_absolute_ones(bench):
+    said = verdict._strain(bench.system, {"supply_pressure": 20.0})
+    assert said.endswith("check units, zeros (absolute pressure?) and calibration first")
+    carriage = replace(bench.system, channels=bench.system.channels[:1])
+    assert verdict._strain(carriage, {"mass": 20.0}).endswith("check units, zeros and calibration first")

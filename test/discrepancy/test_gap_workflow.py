@@ -168,7 +168,7 @@ def test_a_slow_gap_that_whitened_residuals_hardly_show_is_left(times, verdict):
     [
         (0.9, 1.02, "creep explains 99.9 % of the gap; noise only is left, but nuisance parameters are far"),
         (0.9, 1.6, "in the torque equation 1.6 times the noise is left, and nuisance parameters are far"),
-        (9.0, 1.02, "in the torque equation 1.0 times the noise is left, and nuisance parameters are far"),
+        (9.0, 1.02, "left in the torque equation is small, but more than noise, and nuisance parameters are"),
     ],
 )
 def test_what_is_left_is_called_noise_where_it_is(residual, after, said):

@@ -63,6 +63,8 @@ def _rest(outcome: Outcome) -> str:
         return NOISE
     if kept[worst] <= NEAR and (far_off := off_words(outcome)):
         return far_off
+    if kept[worst] <= NEAR and not clean(outcome.left):
+        return f"what is left in the {worst} equation is small, but more than noise"
     return f"in the {worst} equation {kept[worst]:.1f} times the noise is left"
 
 

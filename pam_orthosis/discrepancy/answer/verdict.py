@@ -64,7 +64,7 @@ def describe_replay(start: Beginning) -> str:
     lines.append(f"{'times the noise':{width}s} {values[0]:11.2f} {values[1]:13.2f} {values[2]:9.2f}")
     strained = start.strained()
     if strained:
-        lines.append(_strain(strained))
+        lines.append(_strain(start.problem.system, strained))
     return "\n".join(lines)
 
 
@@ -214,7 +214,7 @@ def _others(outcome: Outcome) -> list[str]:
     if not outcome.look_alikes and outcome.runner_up is not None:
         lines.append(runner_up_words(*outcome.runner_up))
     if outcome.strained:
-        lines.append(_strain(outcome.strained))
+        lines.append(_strain(outcome.system, outcome.strained))
     return lines
 
 
@@ -228,7 +228,8 @@ def _alike(one: Named, several: bool) -> list[str]:
     return lines
 
 
-def _strain(strained: Mapping[str, float]) -> str:
+def _strain(system: System, strained: Mapping[str, float]) -> str:
     listed = ", ".join(f"{name} {value:+.1f}" for name, value in strained.items())
     said = f"nuisance parameters outside their tolerance (multiples of it): {listed}"
-    return f"{said}; check units, zeros (absolute pressure?) and calibration first" if far(strained) else said
+    zeros = "zeros (absolute pressure?)" if any(one.unit == "Pa" for one in system.channels) else "zeros"
+    return f"{said}; check units, {zeros} and calibration first" if far(strained) else said
