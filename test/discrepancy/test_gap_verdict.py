@@ -107,13 +107,13 @@ def test_explained_needs_little_left_and_effects_that_mean_something(
 def test_nothing_is_explained_by_nuisance_parameters_far_off():
     """Neither where no effect of their equation is named, nor where many of them bend the model."""
     astray, foreign = (
-        judgement.Rest(True, 1.0, True, astray=True),
+        judgement.Rest(True, 1.0, True, strained=True),
         judgement.Rest(True, 1.0, True, True, True),
     )
     reported = [judgement.verdict_on(names, 1.0, astray, ()) for names in ((), ("creep",))]
     assert reported == ["unexplained", "partial"]
     assert judgement.verdict_on(("creep",), 1.0, foreign, ()) == "unexplained"
-    bent = judgement.Rest(True, 1.0, False, bent=True)
+    bent = judgement.Rest(True, 1.0, False, shapes_strained=True)
     assert [judgement.verdict_on(names, 1.0, bent, ()) for names in ((), ("creep",))] == reported
 
 
@@ -182,10 +182,10 @@ def test_a_parameter_that_is_recalibrated_beyond_its_tolerance_is_said(friction)
     assert not judgement.moved_beyond(
         outcome.system, replace(final, values={**final.values, "angle_offset": 4e-3})
     )
-    clean = judgement.Rest(True, 1.0, True, moved=True)
+    clean = judgement.Rest(True, 1.0, True, beyond_tolerance=True)
     assert judgement.verdict_on((), None, clean, ()) == "recalibrated"
-    assert judgement.verdict_on((), None, clean._replace(astray=True), ()) == "unexplained"
-    assert judgement.verdict_on((), None, clean._replace(moved=False), ()) == "none"
+    assert judgement.verdict_on((), None, clean._replace(strained=True), ()) == "unexplained"
+    assert judgement.verdict_on((), None, clean._replace(beyond_tolerance=False), ()) == "none"
     reported = replace(
         outcome, verdict="recalibrated", effects=(), selection=replace(outcome.selection, final=far)
     )
@@ -270,7 +270,8 @@ def test_what_is_left_has_one_measure(friction):
     assert over_noise(outcome.system, loud, outcome.floor)["gas"] > 3.5
     place = replace(outcome.left[0], equation="torque", density=900.0)
     reported = describe(replace(outcome, verdict="unexplained", left=[place]))
-    assert "times the noise is left; " in reported.splitlines()[-1]
+    small = "what is left in the torque equation is small, but more than noise; "
+    assert small in reported.splitlines()[-1]
     assert "900" not in reported
 
 

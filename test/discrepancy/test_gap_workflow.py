@@ -147,7 +147,7 @@ def test_a_slow_gap_that_whitened_residuals_hardly_show_is_left(times, verdict):
     white = {"angle": 1.1, "overall": 1.1}
     after, floor = Gap({"angle": 1e-4 * times}, white), Gap({"angle": 1e-4}, dict.fromkeys(white, 1.0))
     far = judgement.off(after, floor)
-    rest = judgement.Rest(not judgement.beyond(after, floor), 1.1, gone=False, off=bool(far))
+    rest = judgement.Rest(not judgement.beyond(after, floor), 1.1, False, channel_off=bool(far))
     assert far == ({} if verdict == "none" else {"angle": pytest.approx(5.0)})
     assert judgement.verdict_on((), None, rest, ()) == verdict
     assert judgement.verdict_on(("creep",), 0.99, rest, ()) == ("partial" if far else "explained")
@@ -670,7 +670,7 @@ def test_a_gap_that_is_left_is_not_called_none(effects, closed, after, verdict):
     left = [structure.Where("torque", 1.2, {"angle": 0.1}, {"angle": (0.0, 1.0)})]
     gaps = Gap({}, {"angle": after, "overall": after}), Gap({}, {"angle": 1.0, "overall": 1.0})
     clean = structure.clean(left) and not judgement.beyond(*gaps)
-    reported = judgement.verdict_on(effects, closed, judgement.Rest(clean, after, gone=False), ())
+    reported = judgement.verdict_on(effects, closed, judgement.Rest(clean, after, False), ())
     assert reported == verdict
     system = SimpleNamespace(
         equations=[SimpleNamespace(name="torque", channels=("angle",))], wrong={}, calibrations=()

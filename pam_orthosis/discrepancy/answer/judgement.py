@@ -38,22 +38,25 @@ GOOD = ("none", "recalibrated", "explained")  # verdicts on a gap that is not th
 class Rest(NamedTuple):
     """What a model leaves of the held-out recordings.
 
-    `clean`: noise only. `kept`: the gap over the noise, in the equation where it is largest. `gone`: nothing
-    was to be explained, recalibration alone leaves noise: what is named explains what it moved. `astray`:
-    nuisance parameters are far off in an equation in which no effect is named. `foreign`: many are. `bent`:
-    shape corrections are too, though not beyond what they may be once named.
-    `moved`: calibrations or shape corrections lie beyond what was stated of them. `off`: a channel is far off
-    in its unit.
+    Attributes:
+        clean: noise only.
+        excess: gap over the noise, in the equation where it is largest.
+        closed_by_recalibration: nothing was to be explained: what is named explains what recalibration moved.
+        strained: nuisance parameters are far off in an equation in which no effect is named.
+        another_machine: many are.
+        shapes_strained: shape corrections are too, though not beyond what they may be once named.
+        beyond_tolerance: calibrations or shape corrections lie beyond what was stated of them.
+        channel_off: a channel is far off in its unit.
     """
 
     clean: bool
-    kept: float
-    gone: bool
-    astray: bool = False
-    foreign: bool = False
-    moved: bool = False
-    bent: bool = False
-    off: bool = False
+    excess: float
+    closed_by_recalibration: bool
+    strained: bool = False
+    another_machine: bool = False
+    beyond_tolerance: bool = False
+    shapes_strained: bool = False
+    channel_off: bool = False
 
 
 @dataclass(frozen=True)
@@ -133,22 +136,13 @@ def outcome_of(start: Beginning, found: Selection, settings: Section, remarks: S
     closed = _closures(configured, base, after, floor)
     counted = _from_configured(floor if gone else base, floor, closed)
     empty = tuple(key for name in final.effects for key in emptied(system, name, final))
-    rest = Rest(
-        clean=structure.clean(left) and not beyond(after, floor),
-        kept=max(measure.over_noise(system, after, floor).values()),
-        gone=gone,
-        astray=bool(_astray(system, final)),
-        foreign=len(_far_off(system, final)) >= MANY_STRAINED,
-        bent=len(_far_off(system, final, FAR_STRAIN)) >= MANY_STRAINED,
-        moved=bool(moved_beyond(system, final)),
-        off=bool(off(after, floor)),
-    )
+    rest = _rest(system, final, left, after, floor, gone)
     verdict = verdict_on(final.effects, closed[measure.OVERALL], rest, empty)
     deviation = findings.deviations(system, final, spread)
     every = tuple(named_effect(system, found, deviation, name, settings.evidence) for name in final.effects)
     first = first_accepted(found, every)
     # a name that leaves most of the gap open is no name
-    trusted = _trusted(closed[measure.OVERALL]) and not rest.foreign
+    trusted = _trusted(closed[measure.OVERALL]) and not rest.another_machine
     meant = _meant(final.effects, empty) if trusted else ()
     return Outcome(
         system=system,
@@ -172,7 +166,28 @@ def outcome_of(start: Beginning, found: Selection, settings: Section, remarks: S
         remarks=(*start.remarks, *remarks, *remark_on_left_out(judged)),
         selection=found,
         held_out=judge,
-        foreign=rest.foreign,
+        foreign=rest.another_machine,
+    )
+
+
+def _rest(
+    system: System,
+    final: Fit,
+    left: Sequence[structure.Where],
+    after: measure.Gap,
+    floor: measure.Gap,
+    closed_by_recalibration: bool,
+) -> Rest:
+    """Return what a final model leaves."""
+    return Rest(
+        clean=structure.clean(left) and not beyond(after, floor),
+        excess=max(measure.over_noise(system, after, floor).values()),
+        closed_by_recalibration=closed_by_recalibration,
+        strained=bool(_astray(system, final)),
+        another_machine=len(_far_off(system, final)) >= MANY_STRAINED,
+        beyond_tolerance=bool(moved_beyond(system, final)),
+        shapes_strained=len(_far_off(system, final, FAR_STRAIN)) >= MANY_STRAINED,
+        channel_off=bool(off(after, floor)),
     )
 
 
@@ -265,17 +280,17 @@ def verdict_on(effects: Names, share: float | None, rest: Rest, empty: Sequence[
         empty: parameters at which effects are not what their names say.
     """
     if not effects:
-        sound = rest.clean and not rest.astray and not rest.bent
-        return ("recalibrated" if rest.moved else "none") if sound else "unexplained"
-    if rest.foreign or not _meant(effects, empty) or not _trusted(share):
+        sound = rest.clean and not rest.strained and not rest.shapes_strained
+        return ("recalibrated" if rest.beyond_tolerance else "none") if sound else "unexplained"
+    if rest.another_machine or not _meant(effects, empty) or not _trusted(share):
         return "unexplained"
     if (
         empty
-        or rest.astray
-        or rest.bent
-        or rest.off
-        or rest.kept > NEAR
+        or rest.strained
+        or rest.shapes_strained
+        or rest.channel_off
+        or rest.excess > NEAR
         or not (rest.clean or (share is not None and share >= LEAST_CLOSURE))
     ):
         return "partial"
-    return "recalibrated" if rest.gone else "explained"
+    return "recalibrated" if rest.closed_by_recalibration else "explained"

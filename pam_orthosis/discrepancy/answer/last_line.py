@@ -64,7 +64,8 @@ def _rest(outcome: Outcome) -> str:
     if kept[worst] <= NEAR and (far_off := off_words(outcome)):
         return far_off
     if kept[worst] <= NEAR and not clean(outcome.left):
-        return f"what is left in the {worst} equation is small, but more than noise"
+        most = max(outcome.left, key=lambda one: one.density)
+        return f"what is left in the {most.equation} equation is small, but more than noise"
     return f"in the {worst} equation {kept[worst]:.1f} times the noise is left"
 
 
