@@ -501,6 +501,18 @@ def test_the_last_line_says_what_the_data_do_not_separate():
     assert with_rivals(system, SimpleNamespace(name="valve_lag", look_alikes=())) == "valve lag"
 
 
+def test_a_motion_that_turns_at_once_is_no_glitch():
+    """The values are of a joint that rests for most of the time."""
+    values = 5e-5 * np.random.default_rng(1).standard_normal(400)
+    values[200:210] = [0.0, 0.0, 0.0691, 0.0663, 0.0647, 0.0643, 0.0650, 0.0667, 0.0691, 0.0725]
+    values[210:] += 0.0725
+    values[:202] += 0.0720
+    still = np.zeros(len(values), bool)
+    assert not glitches(values, still, OF_POSITIONS)[203:208].any()
+    values[205] += 0.02
+    assert np.flatnonzero(glitches(values, still, OF_POSITIONS)).tolist() == [205]
+
+
 def test_only_a_system_with_pressures_is_asked_for_absolute_ones(bench):
     said = verdict._strain(bench.system, {"supply_pressure": 20.0})
     assert said.endswith("check units, zeros (absolute pressure?) and calibration first")

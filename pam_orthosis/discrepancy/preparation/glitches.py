@@ -16,6 +16,7 @@ from pam_orthosis.discrepancy.recordings.ranges import LONGEST, SHARE, TIMES
 from pam_orthosis.discrepancy.systems.system import System
 
 BACK = 0.3  # of the jump: by so much at most the samples on both sides differ
+ASIDE = 0.5  # of the jump: by so much at least it is beside the lines that come from both sides
 DRIVEN = 0.1, 3.0  # of its range, of what all but a hundredth of its steps stay below: an input drives
 POSITION = 2  # see `order`
 OF_POSITIONS = 0.9  # as `SHARE`, of what moves smoothly: many glitches do not hide themselves
@@ -74,5 +75,18 @@ def glitches(values: np.ndarray, driven: np.ndarray, share: float = SHARE) -> np
         jump = np.where((jumps > 0).all(1) | (jumps < 0).all(1), np.abs(jumps).min(1), 0.0)
         back = np.abs(after - before) < BACK * jump
         for start in np.flatnonzero((jump > least) & back & ~driven[1:-width]) + 1:
-            found[start : start + width] = True
+            if not _turns(values, start, width, float(jump[start - 1])):
+                found[start : start + width] = True
     return found
+
+
+def _turns(values: np.ndarray, start: int, width: int, jump: float) -> bool:
+    """Return whether a jump is a motion that turns: the lines before and after it lead there, and beyond."""
+    outside = 0.5 * (values[start - 1] + values[start + width])
+    away = np.sign(values[start] - outside)
+    lines = []
+    if start >= 2:
+        lines.append(values[start] - (2 * values[start - 1] - values[start - 2]))
+    if start + width + 1 < len(values):
+        lines.append(values[start + width - 1] - (2 * values[start + width] - values[start + width + 1]))
+    return any(away * aside < ASIDE * jump for aside in lines)
