@@ -72,7 +72,9 @@ def check_controllable(parameters: Parameters) -> None:
     from pam_orthosis.control.axis import Axis
     from pam_orthosis.control.load import check_load
     from pam_orthosis.control.trajectory import make_trajectory
+    from pam_orthosis.model.reach import check_lengths
 
+    check_lengths(parameters.declared, parameters)
     Axis(parameters.nominal())
     _check_beginning(parameters, make_trajectory(parameters).sample(0).position)
     check_load(parameters)

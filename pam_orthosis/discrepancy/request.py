@@ -24,6 +24,8 @@ from pam_orthosis.progress import Progress, silent
 from pam_orthosis.tables import is_table
 
 MOST_NAMED = 3  # parameters in one line
+TOLERANCE = "gap.tolerance."
+EXTENSOR, FLEXOR = "extensor_", "flexor_"  # of a knee; each actuator of another machine has the extensor's
 
 
 class Asked(NamedTuple):
@@ -92,7 +94,7 @@ def _of_system(file: Path, model: Path | None) -> Nominal:
     given = patch.read(model) if model else {}
     if foreign := [key for key in given if not key.startswith("gap.")]:
         raise OrthosisError(f"{foreign[0]} is of a machine; beside --system, --model takes gap.* alone")
-    if tolerances := [key for key in given if key.startswith("gap.tolerance.")]:
+    if tolerances := [key for key in given if key.startswith(TOLERANCE)]:
         raise OrthosisError(f"{tolerances[0]} is of a machine; {file} has the tolerances of its parameters")
     return Nominal(load(given), load_system(file), given=given)
 
@@ -115,11 +117,15 @@ def _of_apparatus(asked: Asked) -> Nominal:
 
 
 def _check_meant(file: Path | None, given: Mapping[str, Any], machine: Machine) -> None:
-    """Refuse, by OrthosisError, a file with muscles alone, none of which a machine beside the knee has."""
+    """Refuse, by OrthosisError, a file for a machine that has none of its muscles, or of its actuators."""
     own = tuple(f"{one.parameters}." for one in machine.actuators)
     strange = [key for key in given if key.startswith(MUSCLE) and not key.startswith(own)]
     if machine is not KNEE and strange and len(strange) == len(given):
         raise OrthosisError(f"{file} is of a muscle that the {machine.name} does not have; leave --model out")
+    flexors = [key for key in given if key.startswith(f"{TOLERANCE}{FLEXOR}")]
+    if flexors and FLEXOR.rstrip("_") not in machine.names:
+        each = flexors[0].replace(FLEXOR, EXTENSOR)
+        raise OrthosisError(f"{file}: {flexors[0]} is of a knee; each actuator of {machine.name} has {each}")
 
 
 def _read(path: Path, known: Nominal, namespace: str) -> Recording:

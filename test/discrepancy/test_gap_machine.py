@@ -196,9 +196,14 @@ def test_the_library_reads_tables_of_a_machine_as_the_verb_does(machine, tmp_pat
             "model.yaml is of a muscle that the slide does not have; leave `model` out",
         ),
         ("{dmsp_20: {map_length: 0.3}, valve.delay: 0.0}", "a recording needs more than 1 samples"),
+        (
+            "gap.tolerance.flexor_force: 0.015",
+            "flexor_force is of a knee; each actuator of slide has gap.tolerance.extensor_force",
+        ),
+        ("gap.tolerance.extensor_force: 0.02", "a recording needs more than 1 samples"),
     ],
 )
-def test_a_model_file_of_a_muscle_alone_is_refused_where_there_is_none(machine, tmp_path, rows, said):
+def test_a_model_file_of_what_the_machine_does_not_have_is_refused(machine, tmp_path, rows, said):
     table, model = tmp_path / "run.csv", tmp_path / "model.yaml"
     table.write_text(",".join(COLUMNS) + "\n0,0.1,1e5,1e5,5,5\n", encoding="utf-8")
     model.write_text(rows, encoding="utf-8")

@@ -199,6 +199,12 @@ def test_a_parameter_that_is_recalibrated_beyond_its_tolerance_is_said(friction)
         ranked, reason = (("joint_friction", evidence), ("creep", 3.0)), "held-out recordings are against it"
         steps = [replace(outcome.steps[0], ranked=ranked, reason=reason)]
         assert describe(replace(little, steps=steps)).splitlines()[-1].endswith(last)
+    white = {**little.floor.white, "overall": 9 * little.floor.white["overall"]}
+    large = replace(little.configured, white=white)
+    last = describe(replace(little, configured=large)).splitlines()[-1]
+    said = "; the nominal model leaves 9 times the noise: if the tolerances of muscle damping are wider than"
+    assert said in last
+    assert " are wider than" not in describe(little)
     named = replace(reported, effects=outcome.effects)
     pages = [gap_page.page(one, describe(one)) for one in (reported, named)]
     for meant, told in ((gap_page.MEANINGS["recalibrated"], [True, False]), (gap_page.NAMED, [False, True])):

@@ -210,6 +210,15 @@ def moved_beyond(system: System, final: Fit, least: float = MOVED) -> dict[str, 
     return {name: value for name, value in moved.items() if abs(value) > least} | strained_parameters(final)
 
 
+def shares_moved(final: Fit) -> dict[str, float]:
+    """Return by how many of its tolerances recalibration moved each parameter; a shape's furthest one."""
+    moved: dict[str, float] = {}
+    for one in final.free:
+        name = one.name.partition(".")[0]
+        moved[name] = max(moved.get(name, 0.0), abs(one.deviation(final.values)))
+    return moved
+
+
 def _astray(system: System, final: Fit) -> list[str]:
     """Return those that are far off where no effect is named whose other form may have moved them."""
     named = {system.equation_of(name) for name in final.effects}

@@ -4,7 +4,15 @@
 from collections.abc import Mapping
 
 from pam_orthosis.discrepancy.answer.between import stamped_late
-from pam_orthosis.discrepancy.answer.judgement import FAR_STRAIN, NEAR, Outcome, beyond, moved_beyond, off
+from pam_orthosis.discrepancy.answer.judgement import (
+    FAR_STRAIN,
+    NEAR,
+    Outcome,
+    beyond,
+    moved_beyond,
+    off,
+    shares_moved,
+)
 from pam_orthosis.discrepancy.answer.unknown_words import short
 from pam_orthosis.discrepancy.fitting.measure import OVERALL, over_noise, reduced
 from pam_orthosis.discrepancy.fitting.structure import clean
@@ -15,6 +23,7 @@ from pam_orthosis.discrepancy.systems.system import System, Values
 
 MOST_RIVALS = 3  # of an effect
 NOISE = "noise only is left"
+HIDES, MOST_HIDING = 5.0, 3  # times the noise, of the nominal model; tolerances that may hide it
 NOTABLE = 10.0  # evidence that is worth a word though no name: where nothing is hidden, the best one has less
 
 
@@ -94,7 +103,22 @@ def _none(outcome: Outcome) -> str:
     moved = moved_beyond(outcome.system, outcome.selection.final, least=1.0)
     most = max(moved, key=lambda name: abs(moved[name]), default="")
     furthest = f"; it moved furthest: {_moved(outcome, {most: moved[most]})}" if most else ""
-    return f"recalibrated within its tolerances, the model leaves noise only{furthest}{_nearest(outcome)}"
+    words = f"recalibrated within its tolerances, the model leaves noise only{furthest}"
+    return f"{words}{_hiding(outcome)}{_nearest(outcome)}"
+
+
+def _hiding(outcome: Outcome) -> str:
+    """Return in which tolerances a gap may hide, where recalibration takes a large one away."""
+    gap = outcome.configured.white[OVERALL] / outcome.floor.white[OVERALL]
+    moved = shares_moved(outcome.selection.final)
+    names = sorted((name for name in moved if moved[name] > 1), key=lambda name: -moved[name])[:MOST_HIDING]
+    if gap < HIDES or not names:
+        return ""
+    listed = ", ".join(name.replace("_", " ") for name in names)
+    return (
+        f"; the nominal model leaves {gap:.0f} times the noise: if the tolerances of {listed} are wider than"
+        " what is known, they may hide a gap"
+    )
 
 
 def _moved(outcome: Outcome, moved: Values) -> str:

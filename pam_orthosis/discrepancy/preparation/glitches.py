@@ -75,7 +75,7 @@ def glitches(values: np.ndarray, driven: np.ndarray, share: float = SHARE) -> np
         jump = np.where((jumps > 0).all(1) | (jumps < 0).all(1), np.abs(jumps).min(1), 0.0)
         back = np.abs(after - before) < BACK * jump
         for start in np.flatnonzero((jump > least) & back & ~driven[1:-width]) + 1:
-            if not _turns(values, start, width, float(jump[start - 1])):
+            if not _turns(values, int(start), width, float(jump[start - 1])):
                 found[start : start + width] = True
     return found
 

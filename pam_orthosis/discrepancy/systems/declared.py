@@ -86,13 +86,15 @@ def _tolerances(machine: Machine, nominal: Parameters) -> tuple[dict[str, str], 
     """Return the keys of the rows of all tolerances, and their meanings."""
     keys: dict[str, str] = {}
     meanings: dict[str, str] = {}
+    known = nominal.flat()
 
     def add(name: str, row: str, meaning: str) -> None:
         keys[name], meanings[name] = f"gap.{row}", f"standard deviation of {meaning}"
 
     def add_each(kind: str, meaning: str) -> None:
         for one in machine.names:
-            add(f"{one}_{kind}", f"tolerance.extensor_{kind}", meaning.format(one))
+            row = one if f"gap.tolerance.{one}_{kind}" in known else "extensor"
+            add(f"{one}_{kind}", f"tolerance.{row}_{kind}", meaning.format(one))
 
     if machine.parameters == "leg":
         kind, present = machine.kind, nominal.leg.person.present
@@ -100,9 +102,9 @@ def _tolerances(machine: Machine, nominal: Parameters) -> tuple[dict[str, str], 
             add(name, f"tolerance.{name}", f"the {name.replace('_', ' ')}, relative")
     else:
         add("inertia", "tolerance.moving_mass", "the inertia, relative")
-        if nominal.flat()[f"{machine.parameters}.damping"]:
+        if known[f"{machine.parameters}.damping"]:
             add("damping", "tolerance.muscle_damping", "the damping, relative")
-        if nominal.flat()[f"{machine.parameters}.weight"]:
+        if known[f"{machine.parameters}.weight"]:
             add("weight", "tolerance.moving_mass", "the weight, relative")
     add_each("force", "the {}'s static force, relative")
     for name in GAS:

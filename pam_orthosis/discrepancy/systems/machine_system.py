@@ -27,6 +27,7 @@ from pam_orthosis.model.effects.base import Effect, enabled
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.mechanisms.base import Mechanism
 from pam_orthosis.model.parameters import NOMINAL, Parameters
+from pam_orthosis.model.reach import check_lengths
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Expression, Signals
 
@@ -92,6 +93,7 @@ def nominal_parameters(machine: Machine, parameters: Parameters) -> Parameters:
 
 def graph_view(machine: Machine, nominal: Parameters) -> View:
     """Return how the graph records a machine, nothing being off."""
+    check_lengths(machine, nominal)
     c, replay = machine.coordinate, nominal.gap.replay
     low, high = machine.mechanism(nominal).limits
     reach, supply = MARGIN * (high - low), nominal.valve.supply_pressure
