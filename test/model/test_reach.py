@@ -10,10 +10,12 @@ from pam_orthosis.model.parameters import load
 from pam_orthosis.model.reach import check_lengths
 
 ELBOW = """
+meaning: an elbow
 mechanism: {{kind: rotation, inertia: 0.12, weight: 3.7, minimum: -0.1, maximum: 1.2, start: 0.5}}
 actuators:
   flex: {{kind: muscle, parameters: muscle.dmsp_20, transmission: {{arm: 0.03, contraction: 0.01}}}}
   ext: {{kind: muscle, parameters: muscle.dmsp_20, transmission: {{arm: -0.03, contraction: {0}}}}}
+sensor: {{noise: 2.0e-5, resolution: 1.0e-4}}
 """
 
 
