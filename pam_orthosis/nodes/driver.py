@@ -85,6 +85,7 @@ class Driver(Node):
         self.parameters = declare_rows(self, self.machine, NodeSpec(name, "driver", tuple(branches)))
         self.period_ns = round(self.parameters.scenario.control_period * 1e9)
         self.state, self.reason = State.DISCONNECTED, "not connected yet"
+        self._homed, self._loss = False, ""  # since it was connected; why it was lost, until a reset
         self._lines = range(len(self.machine.names))
         self._joint = self.create_publisher(JointState, "joint_states", qos_profile_sensor_data)
         self._pressures = [
@@ -165,8 +166,8 @@ class Driver(Node):
 
     def _live(self, stamp_ns: int) -> None:
         """Vent if that is due, and publish a sample."""
-        if self.state is State.HOMING and self.home():
-            self._homed()
+        if self.state is State.HOMING and self.home() and self.state is State.HOMING:
+            self._be_ready()
         if not self._follows():
             self.vent()
         began = time.monotonic()
@@ -197,13 +198,14 @@ class Driver(Node):
             return
         self._connect_due = time.monotonic() + self.settings["reconnect_time"]
         if self._guarded(self.connect):
-            self.state = State.HOMING
+            self.state, self._homed = State.HOMING, False
             self.get_logger().info("connected")
 
-    def _homed(self) -> None:
+    def _be_ready(self) -> None:
         """Be ready, but after a loss: what the device did meanwhile somebody has to look at."""
-        if self._counts["lost_connections"]:
-            self.fault(f"connected again after a loss: {self.reason}")
+        self._homed = True
+        if self._loss:
+            self.fault(f"connected again after a loss: {self._loss}")
         else:
             self.state, self.reason = State.READY, ""
             self.get_logger().info("ready")
@@ -221,12 +223,13 @@ class Driver(Node):
         """Be disconnected; after a loss its reason stands, whatever later attempts to connect fail of."""
         reason = str(error) or type(error).__name__
         if self.state is State.DISCONNECTED:
-            self.reason = self.reason if self._counts["lost_connections"] else reason
+            self.reason = self._loss or reason
             return
         self._counts["lost_connections"] += 1
         self.get_logger().error(f"connection lost: {reason}")
         self.leave()
         self.state, self.reason, self._connect_due = State.DISCONNECTED, reason, 0.0
+        self._loss = reason
 
     def _on_command(self, line: int, message: JointState) -> None:
         spool = message.position[0] if message.position else float("nan")
@@ -254,10 +257,13 @@ class Driver(Node):
         return response
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self.state is State.FAULT
-        if response.success:
-            self.state, self.reason = State.READY, ""
-        response.message = "the valves follow their commands" if response.success else self.state.value
+        response.success, response.message = self.state is State.FAULT, self.state.value
+        if response.success and self._homed:
+            self.state, self.reason, self._loss = State.READY, "", ""
+            response.message = "the valves follow their commands"
+        elif response.success:
+            self.state, self.reason = State.HOMING, self._loss
+            response.message = "the device homes before its valves follow their commands"
         self.get_logger().info(f"reset: {response.message}")
         return response
 

@@ -222,6 +222,45 @@ def test_an_emergency_stop_vents_until_reset(ready):
     assert not ready.asked("reset").success
 
 
+def test_a_reset_while_it_homes_leads_back_to_that_and_the_valves_follow_only_then(make):
+    scripted = make(homes=3)
+    scripted.period()
+    scripted.period()
+    assert scripted.state is State.HOMING
+    scripted.asked("stop")
+    assert "homes before" in scripted.asked("reset").message
+    scripted.told(*OPEN)
+    scripted.period()
+    assert (scripted.state, tuple(scripted.valves)) == (State.HOMING, VENT)
+    scripted.period()
+    scripted.period()
+    scripted.told(*OPEN)
+    assert (scripted.state, tuple(scripted.valves)) == (State.READY, OPEN)
+
+
+def test_a_reset_while_it_homes_after_a_loss_does_not_stand_for_the_look_at_the_device(ready):
+    _lose(ready)
+    ready.answers, ready.homes = True, 2
+    while ready.state is State.DISCONNECTED:
+        ready.period()
+    ready.asked("stop")
+    assert ready.asked("reset").success
+    assert ready.state is State.HOMING
+    for _ in range(3):
+        ready.period()
+    assert (ready.state, ready.reason) == (State.FAULT, "connected again after a loss: no answer")
+    assert ready.asked("reset").success
+    assert ready.state is State.READY
+
+
+def test_a_device_that_finds_a_fault_as_it_homes_is_not_ready(make):
+    scripted = make()
+    scripted.home = lambda: scripted.fault("no reference switch") or True
+    scripted.period()
+    scripted.period()
+    assert (scripted.state, scripted.reason) == (State.FAULT, "no reference switch")
+
+
 def test_a_stop_by_a_node_of_the_graph_vents_until_it_is_released(ready):
     def tell(stamp_ns, level):
         ready._on_stop_state(messages.diagnostics(stamp_ns, "safety_monitor: emergency stop", level, "", {}))
