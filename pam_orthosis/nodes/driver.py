@@ -3,7 +3,7 @@
 
 import sys
 import time
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from enum import Enum
@@ -53,7 +53,7 @@ LEVELS = {
 }
 
 
-class Driver(Node):
+class Driver(Node, ABC):
     """Publishes a sample each period while its device answers, and hands it the valves' commands.
 
     A subclass overrides `connect`, `read`, `write` and `vent`, and where its device asks for it `home` and

@@ -2,7 +2,7 @@
 """When the emulated hardware takes its next step: in lockstep with the answers, or by the wall clock."""
 
 import time
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -24,7 +24,7 @@ SILENCE_SAMPLES = 20  # without an answer, after which valves vent
 MAX_PERIODS_AT_ONCE = 100  # of the hardware's life in one callback: others must have their turn
 
 
-class PacedNode(GraphNode):
+class PacedNode(GraphNode, ABC):
     """A node of hardware that takes a step when its pace lets it, and none once it is `abandoned`."""
 
     abandoned = False

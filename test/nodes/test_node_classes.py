@@ -55,7 +55,8 @@ def _kept(cls):
         if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store)
         if isinstance(node.value, ast.Name) and node.value.id == "self"
     }
-    return assigned, {name for name in vars(cls) if not name.startswith("__")}
+    of_python = "_abc_impl"  # in each abstract class
+    return assigned, {name for name in vars(cls) if not name.startswith("__") and name != of_python}
 
 
 def overwritten(cls):
@@ -73,6 +74,13 @@ def overwritten(cls):
 @pytest.mark.parametrize("cls", NODES, ids=lambda cls: cls.__name__)
 def test_no_node_overwrites_what_it_is_built_on(cls):
     assert overwritten(cls) == set()
+
+
+@pytest.mark.parametrize("cls", [driver.Driver, pace.PacedNode], ids=lambda cls: cls.__name__)
+def test_who_forgets_a_method_that_must_be_overridden_is_told(cls):
+    incomplete = type("Incomplete", (cls,), {"vent": lambda _: None, "take": lambda *_: None})
+    with pytest.raises(TypeError, match="abstract"):
+        incomplete()
 
 
 def test_what_is_overwritten_is_seen():
