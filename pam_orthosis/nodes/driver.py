@@ -21,6 +21,7 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components.spool import VENT
 from pam_orthosis.model.parameters import NOMINAL
 from pam_orthosis.nodes import messages, process
+from pam_orthosis.nodes.emergency import StopState
 from pam_orthosis.nodes.layout import NodeSpec
 from pam_orthosis.nodes.parameters import MACHINE, Setting, declare_rows, declare_settings, machine_of
 from pam_orthosis.nodes.supervisor import ERROR_PREFIX
@@ -98,7 +99,7 @@ class Driver(Node, ABC):
         self._silent: dict[int, int] = {}  # periods since each valve's last command; none has come yet
         for line, one in enumerate(self.machine.names):
             self.create_subscription(JointState, f"{one}/valve_command", partial(self._on_command, line), 10)
-        self._stopped, self._reported_ns = False, 0  # by a node of the graph
+        self._stop_state = StopState()  # by a node of the graph
         self.create_subscription(DiagnosticArray, EMERGENCY_STOP, self._on_stop_state, qos(latched=True))
         self.create_service(Trigger, "~/emergency_stop", self._on_stop)
         self.create_service(Trigger, "~/reset", self._on_reset)
@@ -191,7 +192,7 @@ class Driver(Node, ABC):
         """Return whether the valves follow their commands, all of which have come of late."""
         silent = max(self._silent.values(), default=0) > SILENCE_PERIODS
         self._counts["silent_periods"] += silent
-        return self.state is State.READY and not silent and not self._stopped
+        return self.state is State.READY and not silent and not self._stop_state.active
 
     def _try_to_connect(self) -> None:
         if time.monotonic() < self._connect_due:
@@ -244,10 +245,8 @@ class Driver(Node, ABC):
                     break
 
     def _on_stop_state(self, report: DiagnosticArray) -> None:
-        """Vent, or not any more, as the newest word on the latched topic says."""
-        stamp_ns = messages.nanoseconds(report.header.stamp)
-        if report.status and stamp_ns > self._reported_ns:
-            self._reported_ns, self._stopped = stamp_ns, report.status[0].level == DiagnosticStatus.ERROR
+        """Vent, or not any more, as the latched topic says."""
+        self._stop_state.hear(report)
 
     def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self.state is not State.DISCONNECTED:
@@ -270,8 +269,8 @@ class Driver(Node, ABC):
     def _report(self) -> None:
         stamp_ns, name = self.get_clock().now().nanoseconds, self.get_fully_qualified_name().lstrip("/")
         message = self.state.value + (f": {self.reason}" if self.reason else "")
-        level = DiagnosticStatus.ERROR if self._stopped else LEVELS[self.state]
-        counts = {**self._counts, "emergency_stop": self._stopped}
+        level = DiagnosticStatus.ERROR if self._stop_state.active else LEVELS[self.state]
+        counts = {**self._counts, "emergency_stop": self._stop_state.active}
         self._health.publish(messages.diagnostics(stamp_ns, name, level, message, counts))
 
 

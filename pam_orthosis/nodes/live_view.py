@@ -14,7 +14,6 @@ from functools import partial
 from queue import SimpleQueue
 from typing import Any, NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -23,6 +22,7 @@ from std_srvs.srv import Trigger
 from pam_orthosis.bag.cdr import Reader, Unreadable
 from pam_orthosis.bag.topics import EMERGENCY_STOP, PLANT, VALVE, Topics, in_leg
 from pam_orthosis.nodes import process
+from pam_orthosis.nodes.emergency import StopState
 from pam_orthosis.nodes.layout import SHOWN, VIEWER, NodeSpec
 from pam_orthosis.nodes.live_server import LiveServer
 from pam_orthosis.nodes.parameters import MACHINE, Setting, declare_rows, declare_settings, machine_of
@@ -54,7 +54,7 @@ class LiveView(Node):
         self._views = {leg: LiveLeg(parameters) for leg in self._legs}
         self._table = Topics(parameters.declared)
         self._ready: dict[str, set[str]] = {leg: set() for leg in self._legs}
-        self._stopped: dict[str, bool] = {}
+        self._stops = {leg: StopState() for leg in self._legs}
         self._times: dict[str, float] = {}
         self._fresh: dict[str, list[dict[str, Any]]] = {}
         self._over, self._shown = False, ""
@@ -66,7 +66,7 @@ class LiveView(Node):
         self.server = LiveServer(page, {act: partial(self._press, name) for act, name in SERVICES.items()})
         for leg in self._legs:
             self._latched("ready", leg, lambda message, leg=leg: self._ready[leg].add(message.data))
-            self._latched(EMERGENCY_STOP, leg, partial(self._on_stop, leg))
+            self._latched(EMERGENCY_STOP, leg, self._stops[leg].hear)
         self._heard: dict[str, list[Any]] = {}
         self.create_timer(0.05, self._turn, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -86,10 +86,6 @@ class LiveView(Node):
     def _latched(self, topic: str, leg: str, callback: Callable[[Any], None]) -> None:
         kind = message_class(self._table.by_name[topic].type)
         self.create_subscription(kind, self._name(topic, leg), callback, qos(latched=True))
-
-    def _on_stop(self, leg: str, report: DiagnosticArray) -> None:
-        if report.status:
-            self._stopped[leg] = report.status[0].level == DiagnosticStatus.ERROR
 
     def _turn(self) -> None:
         """Do what is due some 20 times a second."""
@@ -112,7 +108,7 @@ class LiveView(Node):
             return OVER
         if not self._times:
             return WAITING
-        return STOPPED if any(self._stopped.values()) else RUNNING
+        return STOPPED if any(one.active for one in self._stops.values()) else RUNNING
 
     def _all_ready(self, leg: str) -> bool:
         """Whether no node of a leg counts its listeners any more: it would take this one for a peer."""

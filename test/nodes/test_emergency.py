@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """An emergency stop outlives the node that was told of it; a reset at either end ends it."""
 
+from itertools import permutations
 from types import SimpleNamespace
 
 import pytest
@@ -8,12 +9,14 @@ from conftest import wait_for
 
 pytest.importorskip("rclpy")
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from own_domain import own_domain
 from rclpy.experimental import EventsExecutor
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.components.spool import VENT
-from pam_orthosis.nodes.emergency import EmergencyStop
+from pam_orthosis.nodes import emergency, messages
+from pam_orthosis.nodes.emergency import ENDS, EmergencyStop, StopState
 from pam_orthosis.nodes.inverse_valve_model import InverseValveModelNode
 from pam_orthosis.nodes.plant_simulator import VENT_SAMPLES, PlantSimulator
 
@@ -111,3 +114,73 @@ def test_a_reset_says_how_long_the_stop_lasts_only_if_it_does(shortest_ns, said)
     stop = EmergencyStop(node, shortest_ns)
     stop.active = True
     assert said in stop.reset()
+
+
+def report(stamp_ns, ends_ns=None, level=DiagnosticStatus.OK):
+    values = {} if ends_ns is None else {ENDS: ends_ns}
+    return messages.diagnostics(stamp_ns, "somebody: emergency stop", level, "", values)
+
+
+def stop_at(stamp_ns):
+    return report(stamp_ns, level=DiagnosticStatus.ERROR)
+
+
+def test_a_stop_is_over_when_a_later_release_says_so():
+    state, heard = StopState(), []
+    for one in (
+        DiagnosticArray(),
+        stop_at(2),
+        stop_at(2),
+        report(1),
+        report(2),
+        DiagnosticArray(),
+        report(3),
+    ):
+        heard.append((state.hear(one), state.active))
+    assert heard == [
+        *[(False, False), (True, True), (False, True), (False, True), (False, True), (False, True)],
+        (True, False),
+    ]
+
+
+def test_a_release_leaves_a_stop_that_its_sender_did_not_know_of():
+    """A node joins late, or words cross on their way: what counts does not depend on the order."""
+    crossing = stop_at(100), report(200, 100), stop_at(690), report(700, 100)
+    for order in permutations(crossing):
+        state = StopState()
+        for one in order:
+            state.hear(one)
+        assert state.active
+        assert state.hear(report(701, 690))
+        assert not state.active
+
+
+class Bus:
+    """Nodes that hear at once what any of them says on the latched topic."""
+
+    legs, time_ns = ("",), 0
+    machine = SimpleNamespace(names=["extensor"])
+
+    def __init__(self):
+        self.heard, self.offer, self.full_role = [], lambda *_: None, lambda: "node"
+
+    def publish_to(self, *_, **__):
+        return SimpleNamespace(publish=lambda one: [hear(one) for hear in self.heard])
+
+    def listen_to(self, _topic, hear, **_):
+        self.heard.append(hear)
+
+
+def test_a_stop_counts_and_ends_also_after_the_clock_was_set_back(monkeypatch):
+    clock = SimpleNamespace(time_ns=lambda: clock.now)
+    monkeypatch.setattr(emergency, "time", clock)
+    bus, resets = Bus(), []
+    one, other = EmergencyStop(bus), EmergencyStop(bus)
+    emergency.hear_reset(bus, lambda: resets.append(clock.now))
+    for clock.now in (1000, 500, 700, 600):
+        one.stop()
+        assert (one.active, other.active) == (True, True)
+        other.reset()
+        assert not other.step()
+        assert not one.step()
+    assert resets == [1000, 500, 700, 600]

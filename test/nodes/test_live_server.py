@@ -2,10 +2,8 @@
 """The live view's web server: who knows the address is answered, nobody else, from this host alone."""
 
 import json
-from functools import partial
 from http.client import HTTPConnection
 from threading import Event, Thread
-from types import SimpleNamespace
 
 import pytest
 
@@ -85,16 +83,3 @@ def test_who_is_slow_hears_the_newest_and_all_hear_the_last(server):
     server.say("last", last=True)
     reader.join(60)
     assert heard == [99, "last"]
-
-
-def test_an_empty_report_of_a_stop_says_nothing():
-    messages = pytest.importorskip("diagnostic_msgs.msg")
-    view = pytest.importorskip("pam_orthosis.nodes.live_view")
-    stopped = {}
-    hear = partial(view.LiveView._on_stop, SimpleNamespace(_stopped=stopped))
-    hear("left", messages.DiagnosticArray())
-    assert stopped == {}
-    error = messages.DiagnosticStatus(level=messages.DiagnosticStatus.ERROR)
-    hear("left", messages.DiagnosticArray(status=[error]))
-    hear("left", messages.DiagnosticArray())
-    assert stopped == {"left": True}
