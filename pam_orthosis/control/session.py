@@ -185,6 +185,11 @@ class Course:
         self._watch(index)
         self._count(index)
 
+    def give_up(self, index: int, why: str) -> None:
+        """Bring all legs to rest after so many steps, and end early."""
+        self._each(lambda leg: leg.stop(index * self.period_ns))
+        self.ended = why
+
     def _each(self, do: Callable[[Leg], Any]) -> None:
         for leg in self._legs.values():
             do(leg)

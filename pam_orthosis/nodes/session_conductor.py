@@ -18,7 +18,7 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.utilities import remove_ros_args
@@ -36,10 +36,10 @@ from pam_orthosis.nodes import process
 from pam_orthosis.nodes.layout import PACE, RESTING
 from pam_orthosis.nodes.transport import message_class, qos
 
-CADENCE = "scenario.cycle_time"
+CADENCE, SETS = "scenario.cycle_time", "set_parameters_atomically"
 SERVICES: dict[Any, tuple[str, ...]] = {
     Trigger: (f"{TRAJECTORY}/start", f"{TRAJECTORY}/stop", f"{SAFETY}/resume"),
-    SetParameters: tuple(f"{node}/set_parameters" for node in (TRAJECTORY, POSITION, PLANT)),
+    SetParametersAtomically: tuple(f"{node}/{SETS}" for node in (TRAJECTORY, POSITION, PLANT)),
 }
 UNDER_WAY = "it has not answered yet"
 
@@ -54,6 +54,7 @@ class LedLeg(Leg):
         super().__init__(parameters)
         self._call, self._trips, self._accepted_ns = call, [], -1
         self._resuming: Any = None
+        self._asked: list[tuple[str, Mapping[str, Any] | None, Any]] = []  # and not known to be done
 
     def enter(self, stage: Stage, time_ns: int) -> None:
         """Take mode and cadence of a stage; rest or go on."""
@@ -61,23 +62,33 @@ class LedLeg(Leg):
         super().enter(stage, time_ns)
         changed = {key: one for key in stage.changes if (one := self.parameters.at(key)) != before.at(key)}
         if cadence := changed.pop(CADENCE, None):
-            self._call(TRAJECTORY, {CADENCE: cadence})
-            self._call(PLANT, {PACE: cadence})
+            self._ask(TRAJECTORY, {CADENCE: cadence})
+            self._ask(PLANT, {PACE: cadence})
         if changed:
-            self._call(POSITION, changed)
+            self._ask(POSITION, changed)
 
     def stop(self, time_ns: int) -> None:
         """Come to rest, and the person too."""
         if not self.trajectory.stopped:
-            self._call(f"{TRAJECTORY}/stop", None)
-            self._call(PLANT, {RESTING: True})
+            self._ask(f"{TRAJECTORY}/stop")
+            self._ask(PLANT, {RESTING: True})
         super().stop(time_ns)
 
     def go_on(self, time_ns: int) -> None:
         """Walk on, and the person too."""
         super().go_on(time_ns)
-        self._call(f"{TRAJECTORY}/start", None)
-        self._call(PLANT, {RESTING: False})
+        self._ask(f"{TRAJECTORY}/start")
+        self._ask(PLANT, {RESTING: False})
+
+    def refusal(self) -> str:
+        """Return what a node has refused since this was last called, and why, or nothing."""
+        answered = [one for one in self._asked if one[-1].done()]
+        self._asked = [one for one in self._asked if one not in answered]
+        refusals = (_refusal(service, values, call.result()) for service, values, call in answered)
+        return next(filter(None, refusals), "")
+
+    def _ask(self, service: str, values: Mapping[str, Any] | None = None) -> None:
+        self._asked.append((service, values, self._call(service, values)))
 
     def hear(self, report: DiagnosticStatus) -> None:
         """Take a health report of the safety monitor; what it was resumed from is over."""
@@ -100,6 +111,14 @@ class LedLeg(Leg):
         self._accepted_ns = max((trip.time_ns for trip in self._trips), default=-1)
         self._trips = []
         return ""
+
+
+def _refusal(service: str, values: Mapping[str, Any] | None, answer: Any) -> str:
+    """Return what a node refuses and why, or nothing if it does what it was asked."""
+    if values is None:
+        return "" if answer.success else f"{service} is refused: {answer.message}"
+    asked = ", ".join(f"{key} = {value}" for key, value in values.items())
+    return "" if answer.result.successful else f"{service} refuses {asked}: {answer.result.reason}"
 
 
 class SessionConductor(Node):
@@ -139,8 +158,14 @@ class SessionConductor(Node):
 
     def _on_clock(self, message: Clock) -> None:
         time_ns = message.clock.sec * SECOND_NS + message.clock.nanosec
-        if not self.course.over:
-            self.course.after(time_ns // self.course.period_ns)
+        if self.course.over:
+            return
+        index = time_ns // self.course.period_ns
+        refusals = [f"{name}/{why}" for name, leg in self._legs.items() if (why := leg.refusal())]
+        if refusals:
+            self.course.give_up(index, refusals[0])
+        else:
+            self.course.after(index)
 
     def _on_report(self, reports: DiagnosticArray) -> None:
         for report in reports.status:
@@ -152,7 +177,7 @@ class SessionConductor(Node):
         self.over = True
 
     def _call(self, leg: str, service: str, values: Mapping[str, Any] | None) -> Any:
-        client = self._called[f"/{leg}/{service}{'' if values is None else '/set_parameters'}"]
+        client = self._called[f"/{leg}/{service}{'' if values is None else f'/{SETS}'}"]
         request = client.srv_type.Request()
         if values is not None:
             request.parameters = [Parameter(key, value=one).to_parameter_msg() for key, one in values.items()]

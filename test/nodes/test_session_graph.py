@@ -4,6 +4,8 @@
 import json
 import subprocess
 import sys
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,12 +13,17 @@ from conftest import LIMIT_S
 from rosbags.rosbag2 import Reader
 
 from pam_orthosis.control.programme import read_programme
+from pam_orthosis.control.session import Course, as_led
 from pam_orthosis.report.pages.session import shown
 
 pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParametersAtomically
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
 
-from pam_orthosis.nodes.session_conductor import UNDER_WAY, LedLeg
+from pam_orthosis.nodes.session_conductor import UNDER_WAY, LedLeg, SessionConductor
 
 PROGRAMME = """
 right: {plant.person.volition.share: 0.1}
@@ -108,3 +115,46 @@ def test_a_led_leg_asks_for_what_changes_and_is_resumed_once(programme):
     assert asked == [("safety_monitor/resume", None)]
     leg.hear(report)  # it was on the way meanwhile
     assert not leg.trips()
+
+
+def answered(service, values, refused):
+    """Return the answer of a node that refuses one service, or one key."""
+    fine = refused not in (service, *(values or {}))
+    if values is None:
+        response = Trigger.Response(success=fine, message="" if fine else "not in this mood")
+    else:
+        result = SetParametersResult(successful=fine, reason="" if fine else "not with this law")
+        response = SetParametersAtomically.Response(result=result)
+    return SimpleNamespace(done=lambda: True, result=lambda: response)
+
+
+@pytest.mark.parametrize(
+    ("refused", "why"),
+    [
+        ("", ""),
+        (
+            "control.cooperation.mode",
+            "right/position_controller refuses control.cooperation.mode = assist: not with this law",
+        ),
+        ("trajectory_publisher/stop", "right/trajectory_publisher/stop is refused: not in this mood"),
+    ],
+)
+def test_a_session_of_which_a_node_refuses_something_comes_to_rest_and_says_why(programme, refused, why):
+    given, asked = read_programme(programme), []
+
+    def call(leg, service, values):
+        asked.append((leg, service))
+        return answered(service, values, refused * (leg == "right"))
+
+    legs = {name: LedLeg(as_led(one, given, 1.0), partial(call, name)) for name, one in given.legs.items()}
+    conductor = SessionConductor.__new__(SessionConductor)
+    conductor._legs, conductor.course = legs, Course(given, legs)
+    conductor.course.begin()
+    for step in range(2000):
+        seconds, part = divmod(step * 5_000_000, 1_000_000_000)
+        clock = Clock()
+        clock.clock.sec, clock.clock.nanosec = seconds, part
+        conductor._on_clock(clock)
+    assert conductor.course.over
+    assert conductor.course.ended == why
+    assert {(leg, "trajectory_publisher/stop") for leg in legs} <= set(asked)
