@@ -41,7 +41,7 @@ class PlantSimulator(PacedNode):
     def configure(self) -> None:
         """Make the hardware, and what it hears and says."""
         super().configure()
-        own = {leg: self.parameters_of(leg) for leg in self.legs}
+        self._own = own = {leg: self.parameters_of(leg) for leg in self.legs}  # and what was changed since
         self._plants = Plants(own)
         self._led: dict[str, Follower] = {}
         self._absent = {leg: set(self.entry("ready", leg).producers) for leg in self.legs}
@@ -105,11 +105,16 @@ class PlantSimulator(PacedNode):
         return False
 
     def retune(self, parameters: Parameters) -> None:
-        """Take another load, such as a person of another mass, or will of theirs, from the next step on."""
+        """Take another load, such as a person of another mass, or will of theirs, from the next step on.
+
+        A leg keeps what it has of its own but for the keys that change.
+        """
+        now = {key: parameters.at(key) for key in live_keys(self.machine)[PLANT]}
+        new = {key: value for key, value in now.items() if value != self.parameters.at(key)}
         for leg, plant in self._plants.of.items():
-            begun = self.parameters_of(leg)
+            begun = self._own[leg]
             live = live_keys(begun.declared)[PLANT]
-            own = begun.changed({key: parameters.at(key) for key in live})
+            own = self._own[leg] = begun.changed({key: value for key, value in new.items() if key in live})
             plant.retune(own)
             if leg in self._led or any(own.at(key) != begun.at(key) for key in (PACE, RESTING)):
                 led = self._led.setdefault(leg, Follower(begun))

@@ -108,6 +108,25 @@ def test_the_person_in_the_emulated_orthosis_changes(make_node):
     assert abs(node._plants.of[""].state[1] - heavier[1]) > 1e-3  # the knee turns otherwise
 
 
+def test_a_leg_keeps_its_own_values_when_another_key_changes(make_node):
+    from pam_orthosis.nodes.plant_simulator import PlantSimulator
+
+    legs = '\'{"left": {}, "right": {"leg.person.mass": 90.0}}\''
+    node = make_node(PlantSimulator, **{"leg.person.present": "true", "legs": legs})
+    told = {leg: [] for leg in node._plants.of}
+    for leg, plant in node._plants.of.items():
+        plant.retune = told[leg].append
+    pace, mass = layout.PACE, "leg.person.mass"
+    for key, value in ((pace, 1.7), (mass, 60.0), (pace, 1.9)):
+        assert _set(node, key, value).successful
+    found = {leg: [(p.at(pace), p.at(mass)) for p in each] for leg, each in told.items()}
+    shared = load().at(mass)
+    assert found == {
+        "left": [(1.7, shared), (1.7, 60.0), (1.9, 60.0)],
+        "right": [(1.7, 90.0), (1.7, 60.0), (1.9, 60.0)],
+    }
+
+
 def test_nobody_else_steps_into_the_emulated_orthosis(make_node):
     from pam_orthosis.nodes.plant_simulator import PlantSimulator
 
