@@ -169,6 +169,7 @@ class Driver(Node, ABC):
         """Vent if that is due, and publish a sample."""
         if self.state is State.HOMING and self.home() and self.state is State.HOMING:
             self._be_ready()
+        self._counts["silent_periods"] += self._is_silent()
         if not self._follows():
             self.vent()
         began = time.monotonic()
@@ -188,11 +189,12 @@ class Driver(Node, ABC):
         self.vent()
         raise ConnectionError(f"read() returned {sample!r}, not a place and {len(self._pressures)} pressures")
 
+    def _is_silent(self) -> bool:
+        return max(self._silent.values(), default=0) > SILENCE_PERIODS
+
     def _follows(self) -> bool:
         """Return whether the valves follow their commands, all of which have come of late."""
-        silent = max(self._silent.values(), default=0) > SILENCE_PERIODS
-        self._counts["silent_periods"] += silent
-        return self.state is State.READY and not silent and not self._stop_state.active
+        return self.state is State.READY and not self._is_silent() and not self._stop_state.active
 
     def _try_to_connect(self) -> None:
         if time.monotonic() < self._connect_due:

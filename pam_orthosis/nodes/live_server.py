@@ -52,7 +52,8 @@ class LiveServer:
     def follow(self, send: Callable[[str], None]) -> None:
         """Send news as they come, from the newest on, until the last."""
         seen = 0
-        self._readers += 1
+        with self._news:
+            self._readers += 1
         try:
             while True:
                 with self._news:

@@ -163,6 +163,7 @@ def test_a_muscle_without_commands_vents_both_until_both_have_some(ready):
     ready.period()
     ready.told(OPEN[0])
     assert tuple(ready.valves) == VENT
+    assert ready._counts["silent_periods"] == 1
     ready.told(None, OPEN[1])
     assert tuple(ready.valves) == OPEN
 
