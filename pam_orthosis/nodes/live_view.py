@@ -35,9 +35,9 @@ WAITING, RUNNING, STOPPED, OVER = "waiting", "running", "stopped", "over"
 
 
 class _Pressed(NamedTuple):
-    """A button that was pressed: calls that are under way by leg, until when, where the answer goes."""
+    """A button that was pressed: who was called in each leg, by which call; until when; where to answer."""
 
-    calls: Mapping[str, list[Any]]
+    calls: Mapping[str, list[tuple[Client, Any]]]
     until: float
     answer: Future[str]
 
@@ -90,7 +90,9 @@ class LiveView(Node):
     def _turn(self) -> None:
         """Do what is due some 20 times a second."""
         while not self._presses.empty():
-            self._call(*self._presses.get())
+            service, answer = self._presses.get()
+            if answer.set_running_or_notify_cancel() or service == SERVICES["stop"]:  # late, but safe
+                self._call(service, answer)
         self._pressed = [one for one in self._pressed if not self._answered(one)]
         for leg in self._legs:
             if leg not in self._heard and self._all_ready(leg):
@@ -111,7 +113,11 @@ class LiveView(Node):
         return STOPPED if any(one.active for one in self._stops.values()) else RUNNING
 
     def _all_ready(self, leg: str) -> bool:
-        """Whether no node of a leg counts its listeners any more: it would take this one for a peer."""
+        """Return whether all nodes of a leg have started, also those that a run may leave out.
+
+        Before, each counts the subscribers of its topics to see whether its peers are there, and would take
+        this node for one of them.
+        """
         ready = self._ready[leg]
         said = self.count_publishers(self._name("ready", leg))
         return ready.issuperset(set(self._table.nodes) - {PLANT}) and said <= len(ready)
@@ -157,23 +163,34 @@ class LiveView(Node):
         self._fresh.setdefault(leg, []).append(picture)
 
     def _press(self, service: str) -> str:
-        """Have a service called from the executor's thread; return what was answered."""
+        """Return what a service answers. It is called in the thread of the node: this one is the server's."""
         answer: Future[str] = Future()
         self._presses.put((service, answer))
-        return answer.result(2 * ANSWER_SECONDS)
+        try:
+            return answer.result(2 * ANSWER_SECONDS)
+        except TimeoutError:
+            answer.cancel()
+            return f"no answer within {2 * ANSWER_SECONDS:g} s: press again"
 
     def _call(self, service: str, answer: Future[str]) -> None:
         there = {leg: filter(Client.service_is_ready, self._ends[leg, service]) for leg in self._legs}
-        calls = {leg: [end.call_async(Trigger.Request()) for end in ends] for leg, ends in there.items()}
+        calls = {
+            leg: [(end, end.call_async(Trigger.Request())) for end in ends] for leg, ends in there.items()
+        }
         self._pressed.append(_Pressed(calls, time.monotonic() + ANSWER_SECONDS, answer))
 
     def _answered(self, one: _Pressed) -> bool:
         """Whether a button has its answer: of all, or of those who answered in time."""
-        under_way = [call for calls in one.calls.values() for call in calls if not call.done()]
+        under_way = [(end, call) for calls in one.calls.values() for end, call in calls if not call.done()]
         if under_way and time.monotonic() < one.until:
             return False
-        words = (f"{leg}{leg and ': '}{_words(calls)}" for leg, calls in one.calls.items())
-        one.answer.set_result("; ".join(words))
+        for end, call in under_way:
+            end.remove_pending_request(call)
+        words = (
+            f"{leg}{leg and ': '}{_words([call for _, call in calls])}" for leg, calls in one.calls.items()
+        )
+        if not one.answer.cancelled():
+            one.answer.set_result("; ".join(words))
         return True
 
 
@@ -190,8 +207,10 @@ def main() -> int:
 
     def watch() -> None:
         node = LiveView()
-        print(node.server.url, flush=True)
-        process.spin_while(node, lambda: not signals and os.getppid() == parent)
-        node.close()
+        try:
+            print(node.server.url, flush=True)
+            process.spin_while(node, lambda: not signals and os.getppid() == parent)
+        finally:
+            node.close()
 
     return process.follow(watch)

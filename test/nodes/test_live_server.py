@@ -2,10 +2,13 @@
 """The live view's web server: who knows the address is answered, nobody else, from this host alone."""
 
 import json
+import time
 from http.client import HTTPConnection
 from threading import Event, Thread
+from types import SimpleNamespace
 
 import pytest
+from own_domain import own_domain
 
 from pam_orthosis.nodes.live_server import LiveServer
 
@@ -83,3 +86,67 @@ def test_who_is_slow_hears_the_newest_and_all_hear_the_last(server):
     server.say("last", last=True)
     reader.join(60)
     assert heard == [99, "last"]
+
+
+@pytest.fixture
+def view(tmp_path, monkeypatch):
+    """Return a live view of a leg whose valves' node answers no service, and is waited for shortly."""
+    rclpy = pytest.importorskip("rclpy")
+    from std_srvs.srv import Trigger
+
+    from pam_orthosis.nodes import live_view
+
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
+    monkeypatch.setattr(live_view, "ANSWER_SECONDS", 0.2)
+    rclpy.init(args=[], domain_id=own_domain())
+    made, silent = live_view.LiveView(), rclpy.create_node("inverse_valve_model")
+    for service in live_view.SERVICES.values():
+        silent.create_service(Trigger, f"~/{service}", lambda _, answer: answer)  # nobody spins it
+    clients = [client for ends in made._ends.values() for client in ends]
+    while sum(client.service_is_ready() for client in clients) < 2:
+        time.sleep(0.02)
+    yield made
+    made.close()
+    made.destroy_node()
+    silent.destroy_node()
+    rclpy.shutdown()
+
+
+def test_a_call_that_nobody_answers_is_forgotten(view):
+    said = []
+    reader = Thread(target=lambda: said.append(asked(view.server, "POST", "stop")))
+    reader.start()
+    pending = []
+    while reader.is_alive():
+        view._turn()
+        pending += [call for one in view._pressed for calls in one.calls.values() for call in calls]
+    assert said == [(200, "nobody answers: does the graph run?")]
+    assert pending
+    assert [client._pending_requests for client, _ in pending] == [{}] * len(pending)
+
+
+@pytest.mark.parametrize(("button", "done"), [("stop", 1), ("reset", 0)])
+def test_a_view_that_hangs_is_told_of_and_afterwards_stops_but_resets_nothing(view, button, done):
+    assert asked(view.server, "POST", button) == (200, "no answer within 0.4 s: press again")
+    view._turn()
+    assert len(view._pressed) == done
+    while view._pressed:
+        view._turn()
+
+
+def test_the_page_hears_of_the_end_also_if_the_view_fails(monkeypatch):
+    pytest.importorskip("rclpy")
+    from pam_orthosis.nodes import live_view
+
+    def fail(*_):
+        raise ValueError("a callback failed")
+
+    ends = []
+    made = SimpleNamespace(server=SimpleNamespace(url=""), close=lambda: ends.append("closed"))
+    monkeypatch.setattr(live_view, "LiveView", lambda: made)
+    monkeypatch.setattr(live_view.process, "start_ros", lambda: None)
+    monkeypatch.setattr(live_view.process, "caught_signals", list)
+    monkeypatch.setattr(live_view.process, "spin_while", fail)
+    with pytest.raises(ValueError, match="a callback failed"):
+        live_view.main()
+    assert ends == ["closed"]
