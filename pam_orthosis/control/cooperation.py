@@ -146,13 +146,15 @@ class CooperativeController(PositionController):
         self._settings = parameters.control.cooperation
         self._range = _range(parameters)
 
-    def _ask(self, estimate: Any, reference: Any, mean: Any, slack_share: Any, *others: Any) -> Any:
+    def _ask(self, periods: int, *inputs: Any) -> Any:
         if self._settings.mode == "position":
-            return super()._ask(estimate, reference, mean, slack_share, *others)
+            return super()._ask(periods, *inputs)
+        estimate, reference, _, slack_share, *_ = inputs
         *command, law = self._cooperate(estimate, reference, slack_share, self._wanted_impedance())
-        self._begun += self._period
+        passed = periods * self._period
+        self._begun += passed
         _, outside, needed = law.tolist()
-        self._adapt(outside, needed)
+        self._adapt(outside, needed, passed)
         return command
 
     def _correction(self, point: Sequence[float], reference: Reference) -> float:
@@ -170,11 +172,11 @@ class CooperativeController(PositionController):
             return Impedance(s.stiffness, s.damping, 0.0, 1.0, *self._range)
         return Impedance(s.stiffness, s.damping, s.tunnel, self.level, *self._range)
 
-    def _adapt(self, outside: float, needed: float) -> None:
+    def _adapt(self, outside: float, needed: float, passed: float) -> None:
         """Raise the level where the needed effort is missing; let it fade inside the tunnel."""
         s = self._settings
         need = s.learning * outside * (1 if needed > 0 else -1)
-        self.level += self._period * (need - s.forgetting * self.level * (outside == 0))
+        self.level += passed * (need - s.forgetting * self.level * (outside == 0))
         self.level = min(max(self.level, 0.0), 1.0)
 
 

@@ -295,7 +295,7 @@ class PositionController:
         wanted: float = desired_acceleration(point, reference[:3], c1, c2)
         return wanted - reference.acceleration
 
-    def _ask(self, *inputs: Any) -> Any:
+    def _ask(self, periods: int, *inputs: Any) -> Any:
         """Return pressures, saturated, clamped, wanted slack shares and effort, see `command_function`."""
         return self._command(*inputs)
 
@@ -305,7 +305,7 @@ class PositionController:
         """Return what the pressures are to be; called once a step, before `_correction`."""
         states, time, change = effect.states, effect.time, periods * self._change
         inputs = estimate, reference[:3], mean, self._slack_share, states, time, self._tuned
-        pressures, saturated, clamped, near, effort = self._ask(*inputs)
+        pressures, saturated, clamped, near, effort = self._ask(periods, *inputs)
         self._slack_share = [
             min(max(wanted, now - change), now + change)
             for wanted, now in zip(near.tolist(), self._slack_share, strict=True)

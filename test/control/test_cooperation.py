@@ -146,3 +146,18 @@ def test_a_reference_stands_still_for_a_person_who_does(waiting):
     assert 0.03 < abs(positions[-1] - 0.6) < 0.2
     velocity = np.gradient(positions, 0.005)
     assert np.abs(np.diff(velocity)).max() < 0.1  # no jolt
+
+
+def test_what_changes_with_time_does_so_alike_where_samples_are_missed():
+    def after(count, periods):
+        _, controller, parameters = cooperating("person", **{MODE: "assist"})
+        start = make_trajectory(parameters).sample(0)
+        pressures = (parameters.control.position.mean_pressure,) * 2
+        for _ in range(count):
+            controller.step(start.position + 0.1, pressures, start, periods)
+        return controller
+
+    each, third = after(30, 1), after(10, 3)
+    assert third._begun == pytest.approx(each._begun)
+    assert 1 - third.level == pytest.approx(1 - each.level, rel=0.2)
+    assert each.level < 1
