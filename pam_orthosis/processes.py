@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # what asks a process to end
 SILENCE_SECONDS, STARVED_SECONDS = 1.0, 20.0
-LEAST_SECONDS, MOST_SECONDS = 0.1, 0.2  # a look counts for: if none came for longer, the machine stood still
+LEAST_SECONDS = 0.1  # between two looks
+MOST_SECONDS = 0.2  # counted of the time between two looks: for the rest the machine stood still
 NOISE_SECONDS = 0.05  # of processor time: threads of the middleware use less while nothing happens
 PR_SET_PDEATHSIG = 1  # of prctl
 ENDED = ("Z", "X", "")  # letters of the scheduler

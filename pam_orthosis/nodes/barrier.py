@@ -2,7 +2,7 @@
 """The start of a run: a node waits until all its peers are there and were started alike."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from rclpy.node import Node
 
@@ -14,14 +14,25 @@ PEER_SECONDS, PEER_REPORT_SECONDS = 5.0, 30.0  # until it is said who is waited 
 
 
 class Notice:
-    """Tells the log of a node for whom it waits: once, and now and then again."""
+    """Tells the log of a node for whom it waits: once, and now and then again.
 
-    def __init__(self, node: Node):
-        self._node, self._said, self._due = node, "", 0.0
+    Args:
+        node: whose log.
+        patience: before the first `remind` says anything, s.
+    """
+
+    def __init__(self, node: Node, patience: float = 0.0):
+        self._node, self._said, self._due = node, "", time.monotonic() + patience
 
     def say(self, text: str) -> None:
         """Say it, if that is news or due."""
-        if text != self._said or time.monotonic() > self._due:
+        if text != self._said:
+            self._due = 0.0
+        self.remind(text)
+
+    def remind(self, text: str) -> None:
+        """Say it if that is due, news or not."""
+        if time.monotonic() > self._due:
             self._said, self._due = text, time.monotonic() + PEER_REPORT_SECONDS
             self._node.get_logger().info(text)
 
@@ -38,10 +49,10 @@ class Barrier:
         begin: Callable[[], None],
         fail: Callable[[OrthosisError], None],
     ):
-        self._node, self._begin, self._fail = node, begin, fail
+        self._begin, self._fail = begin, fail
         self._peers: dict[str, Callable[[], bool]] = {}
         self._agreements: list[Agreement] = []
-        self._report_due = time.monotonic() + PEER_SECONDS
+        self._notice = Notice(node, PEER_SECONDS)
         self._timer = node.wall_timer(PEER_POLL_SECONDS, self._look)
 
     def await_peer(self, peer: str, there: Callable[[], bool]) -> None:
@@ -67,12 +78,7 @@ class Barrier:
             if broken.known_to_all():
                 self._fail(OrthosisError(broken.text))
         elif missing := self.missing():
-            self._say(missing)
+            self._notice.remind(f"waiting for {', '.join(missing)}")
         else:
             self._timer.cancel()
             self._begin()
-
-    def _say(self, missing: Sequence[str]) -> None:
-        if time.monotonic() > self._report_due:
-            self._report_due = time.monotonic() + PEER_REPORT_SECONDS
-            self._node.get_logger().info(f"waiting for {', '.join(missing)}")

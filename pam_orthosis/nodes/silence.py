@@ -3,7 +3,8 @@
 
 import time
 
-MOST_SECONDS = 1.0  # a look counts for: it is due several times in that
+# counted of the time between two looks: they are due far more often, the machine stood still for the rest
+MOST_SECONDS = 1.0
 
 
 class Silence:

@@ -95,7 +95,7 @@ def test_a_node_that_waits_says_for_whom_once_and_then_every_half_minute(start, 
 
     node = start()[0]
     said, now = [], [barrier.time.monotonic()]
-    node.barrier._report_due = now[0] + barrier.PEER_SECONDS  # as if it had just been made
+    node.barrier._notice = barrier.Notice(node, barrier.PEER_SECONDS)  # as if it had just been made
     monkeypatch.setattr(node, "get_logger", lambda: SimpleNamespace(info=said.append))
     monkeypatch.setattr(barrier.time, "monotonic", lambda: now[0])
     counts = []
