@@ -14,23 +14,14 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from pam_orthosis.control import position
 from pam_orthosis.control.axis import Axis
 from pam_orthosis.control.position import Demand, PositionController, position_nominal, pressures_with_effects
 from pam_orthosis.control.reference import Reference
 from pam_orthosis.model.compiled import compiled
-from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.signals import Expression
 
-OWN = ("mode", "stiffness", "damping", "tunnel", "learning", "forgetting")
-RANGE = ("control.limits.low", "control.limits.high")  # of the patient
 ENDLESS = (-1e9, 1e9)  # rad, without a safety monitor
-
-
-def live_keys(machine: Machine) -> tuple[str, ...]:
-    """Return the keys of parameters that the controller takes while it runs."""
-    return (*position.live_keys(machine), *(f"control.cooperation.{name}" for name in OWN), *RANGE)
 
 
 class Impedance(NamedTuple):

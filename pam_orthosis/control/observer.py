@@ -8,13 +8,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from pam_orthosis.control import effects
+from pam_orthosis.control import effects, live
 from pam_orthosis.control.axis import Axis
 from pam_orthosis.control.reference import Pressures
 from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.effects.base import STAGES
 from pam_orthosis.model.integrate import runge_kutta_4
-from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.signals import Expression
 
@@ -30,11 +29,6 @@ class Estimate(NamedTuple):
     velocity: float
     disturbance: float
     residual: float
-
-
-def live_keys(machine: Machine) -> tuple[str, ...]:
-    """Return the keys of parameters that the observer takes while it runs."""
-    return ("control.observer.pole", *machine.live)
 
 
 def system(x: ca.SX, pressures: ca.SX, axis: Axis, known_effort: Expression = 0.0) -> ca.SX:
@@ -87,7 +81,7 @@ def observer_step(nominal: Parameters) -> ca.Function:
     """
     one, steps = _fine_step(nominal)
     x, before, now = ca.MX.sym("x", 3), ca.MX.sym("before", 4), ca.MX.sym("now", 4)
-    tuned = ca.MX.sym("tuned", len(live_keys(nominal.declared)))
+    tuned = ca.MX.sym("tuned", len(live.of_observer(nominal.declared)))
     after = x
     for i in range(steps):
         middle = before + (now - before) * ((i + 0.5) / steps)
@@ -101,7 +95,7 @@ def _fine_step(nominal: Parameters) -> tuple[ca.Function, int]:
     Functions that are called, not expressions that are written out for each step: their machine code is
     compiled in a fraction of the time.
     """
-    nominal, tuned = nominal.symbolic(live_keys(nominal.declared))
+    nominal, tuned = nominal.symbolic(live.of_observer(nominal.declared))
     axis = Axis(nominal)
     steps = FINE_STEPS_PER_PERIOD if effects.known(nominal, *STAGES) else STEPS_PER_PERIOD
     steps *= nominal.control.position.every
@@ -123,13 +117,13 @@ class Observer:
 
     def __init__(self, nominal: Parameters):
         self._step = compiled(observer_step(nominal))
-        self._live = live_keys(nominal.declared)
+        self._live = live.of_observer(nominal.declared)
         self._tuned = [nominal.at(key) for key in self._live]
         self._state: NDArray[np.float64] | None = None
         self._before = np.zeros(4)
 
     def retune(self, parameters: Parameters) -> None:
-        """Take the values of `live_keys`; the estimate goes on from where it is."""
+        """Take the values of `live.of_observer`; the estimate goes on from where it is."""
         self._tuned = [parameters.at(key) for key in self._live]
 
     def restart(self) -> None:

@@ -6,15 +6,15 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from pam_orthosis.control import effects, observer
+from pam_orthosis.control import effects
 from pam_orthosis.control.anticipation import Anticipation
 from pam_orthosis.control.axis import Axis, Pair
 from pam_orthosis.control.coupling import Coupling
 from pam_orthosis.control.effects import AddedEffort, Sensors
+from pam_orthosis.control.live import GAINS
 from pam_orthosis.control.observer import Estimate, Observer
 from pam_orthosis.control.reference import PressureReference, Pressures, Reference, Valve
 from pam_orthosis.model.compiled import compiled
-from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.signals import Expression
 
@@ -25,12 +25,6 @@ EffortOf = Callable[[Expression, Expression, Axis], Expression]
 Limited = tuple[Pressures, bool, bool, float]  # absolute pressures; saturated; clamped; effort
 
 NONE: Pair = (0.0, 0.0)
-GAINS = ("control.position.c1", "control.position.c2")
-
-
-def live_keys(machine: Machine) -> tuple[str, ...]:
-    """Return the keys of parameters that the position controller takes while it runs."""
-    return tuple(dict.fromkeys((*GAINS, *machine.live, *observer.live_keys(machine))))
 
 
 class PositionCommand(NamedTuple):
@@ -234,7 +228,7 @@ class PositionController:
         self._then = AddedEffort(nominal, self._ahead.horizon)
 
     def retune(self, parameters: Parameters) -> None:
-        """Take the values of `live_keys`; estimate and references go on from where they are."""
+        """Take the values of `live.of_position`; estimate and references go on from where they are."""
         self._tuned = _tuned(parameters)
         self._observer.retune(parameters)
         self._coupling.retune(parameters)

@@ -13,8 +13,6 @@ from pam_orthosis.model.compiled import compiled
 from pam_orthosis.model.components import pneumatics
 from pam_orthosis.model.parameters import Parameters
 
-LIVE = ("control.pressure.gain", "control.pressure.reference_filter")
-
 
 def mass_flow_function(nominal: Parameters, actuator: str) -> ca.Function:
     """Return (pressure, wanted rate, position, velocity, time) -> mass flow, kg/s, and its slope by the rate.
@@ -59,7 +57,7 @@ class PressureController:
         self.retune(nominal)
 
     def retune(self, parameters: Parameters) -> None:
-        """Take the values of `LIVE`; the filter goes on from where it is."""
+        """Take the values of `live.PRESSURE`; the filter goes on from where it is."""
         settings = parameters.control.pressure
         self._gain = settings.gain
         self._forget = math.exp(-settings.reference_filter * self._period)

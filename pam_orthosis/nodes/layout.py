@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pam_orthosis.bag.topics import PLANT, POSITION, RECORDER, SAFETY, TRAJECTORY, VALVE, Topics
+from pam_orthosis.control import live
 from pam_orthosis.model.parameters import NOMINAL
 
 if TYPE_CHECKING:
@@ -92,36 +93,29 @@ class NodeSpec:
 
 def live_keys(machine: Machine) -> dict[str, tuple[str, ...]]:
     """Return the parameters that a change while the nodes run cannot make inconsistent, by executable."""
-    gains = ("control.position.c1", "control.position.c2", "control.observer.pole")
-    modes = ("mode", "stiffness", "damping", "tunnel", "learning", "forgetting")
-    cooperation = (
-        *(f"control.cooperation.{name}" for name in modes),
-        "control.limits.low",
-        "control.limits.high",
-    )
     return {
         "trajectory_publisher": ("scenario.cycle_time",),
-        "position_controller": (*gains, *machine.live, *cooperation),
+        "position_controller": live.of_cooperation(machine),
         "plant_simulator": (*machine.live, PACE, RESTING),
         SAFETY: tuple(f"control.limits.{name}" for name in OF_THE_PATIENT),
-        "pressure_controller": ("control.pressure.gain", "control.pressure.reference_filter"),
+        "pressure_controller": live.PRESSURE,
     }
 
 
 def layout(topics: Topics) -> dict[str, NodeSpec]:
     """Return the nodes of a machine's graph by name, the recorder first."""
-    live = live_keys(topics.machine)
+    keys = live_keys(topics.machine)
     controllers = [
-        NodeSpec(node, "pressure_controller", NOMINAL, name, live["pressure_controller"])
+        NodeSpec(node, "pressure_controller", NOMINAL, name, keys["pressure_controller"])
         for node, name in topics.controllers.items()
     ]
     specs = (
         NodeSpec(RECORDER, RECORDER, EVERYTHING),
-        NodeSpec(TRAJECTORY, TRAJECTORY, live=live[TRAJECTORY]),
-        NodeSpec(POSITION, POSITION, live=live[POSITION]),
+        NodeSpec(TRAJECTORY, TRAJECTORY, live=keys[TRAJECTORY]),
+        NodeSpec(POSITION, POSITION, live=keys[POSITION]),
         *controllers,
         NodeSpec(VALVE, VALVE),
-        NodeSpec(SAFETY, SAFETY, live=live[SAFETY]),
-        NodeSpec(PLANT, PLANT, EVERYTHING, live=live[PLANT]),
+        NodeSpec(SAFETY, SAFETY, live=keys[SAFETY]),
+        NodeSpec(PLANT, PLANT, EVERYTHING, live=keys[PLANT]),
     )
     return {spec.name: spec for spec in specs}

@@ -3,7 +3,8 @@
 
 import pytest
 
-from pam_orthosis.control.position import PositionController, live_keys
+from pam_orthosis.control import live
+from pam_orthosis.control.position import PositionController
 from pam_orthosis.control.pressure import PressureController
 from pam_orthosis.control.reference import Reference
 from pam_orthosis.model.machines import KNEE
@@ -18,7 +19,7 @@ def _steps(controller, count=5):
     return [controller.step(*MEASURED, REFERENCE) for _ in range(count)]
 
 
-@pytest.mark.parametrize("key", live_keys(KNEE))
+@pytest.mark.parametrize("key", live.of_position(KNEE))
 def test_a_retuned_controller_is_one_that_was_built_so(key):
     start = load(PERSON)
     other = start.changed({key: 1.3 * start.flat()[key]})
@@ -36,6 +37,19 @@ def test_the_estimate_goes_on_when_gains_change():
     expected, command = _steps(steady, 1)[0], _steps(retuned, 1)[0]
     assert command[1:5] == expected[1:5]
     assert command.pressures != expected.pressures
+
+
+@pytest.mark.parametrize("key", live.PRESSURE)
+def test_a_retuned_pressure_controller_is_one_that_was_built_so(key):
+    def steps(controller):
+        return [controller.step(3.0e5, wanted, 0.3, 0.0) for wanted in (3.1e5, 3.2e5)]
+
+    start = load()
+    other = start.changed({key: 1.3 * start.at(key)})
+    retuned = PressureController(start, "extensor")
+    retuned.retune(other)
+    assert steps(retuned) == steps(PressureController(other, "extensor"))
+    assert steps(retuned) != steps(PressureController(start, "extensor"))
 
 
 def test_the_pressure_controllers_filter_goes_on_when_gains_change():

@@ -4,8 +4,7 @@
 import pytest
 from own_domain import own_domain
 
-from pam_orthosis.control.cooperation import live_keys
-from pam_orthosis.control.pressure import LIVE as LIVE_OF_PRESSURE
+from pam_orthosis.control import live
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
@@ -42,12 +41,6 @@ def _position_controller(make_node, **parameters):
     return make_node(PositionControllerNode, **parameters)
 
 
-def test_the_layout_lists_what_the_cores_take():
-    live = layout.live_keys(KNEE)
-    assert set(live["position_controller"]) == set(live_keys(KNEE))
-    assert set(live["pressure_controller"]) == set(LIVE_OF_PRESSURE)
-
-
 def test_every_parameter_has_a_description_a_unit_and_a_range(make_node):
     node = _position_controller(make_node)
     rows = [row for row in load().rows() if node.has_parameter(row.key)]
@@ -55,7 +48,7 @@ def test_every_parameter_has_a_description_a_unit_and_a_range(make_node):
     for row in rows:
         descriptor = node.describe_parameter(row.key)
         assert descriptor.description == f"{row.meaning} [{row.unit}]"
-        assert descriptor.read_only == (row.key not in live_keys(KNEE))
+        assert descriptor.read_only == (row.key not in live.of_cooperation(KNEE))
         ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
         if row.minimum is not None and row.maximum is not None and not isinstance(row.value, list):
             assert [(r.from_value, r.to_value) for r in ranges] == [(row.minimum, row.maximum)]
