@@ -71,17 +71,21 @@ def as_bytes(content: bytes) -> Write:
 def write_files(files: Mapping[Path, Write], replaced: Container[Path] = ()) -> None:
     """Write files, and the folders that they need, all of them or none.
 
+    Those that take the place of another come last, for what they replace is gone then: if one of these cannot
+    take it, though it could be written, those that already have done so keep theirs.
+
     Args:
         files: what fills each.
-        replaced: which of them take the place of a regular file of that name.
+        replaced: which of them take the place of a regular file of that name, if there is one.
 
     Raises:
         OrthosisError: one exists (and is no regular file, if it is to be replaced) or cannot be written.
     """
     refuse_existing(files, replaced)
+    there = {path for path in files if status(path)}
     made: list[Path] = []
     parts: dict[Path, Path] = {}
-    placed: list[Path] = []
+    new: list[Path] = []
     try:
         for path, write in files.items():
             made = make_folder(path.parent) + made
@@ -90,16 +94,16 @@ def write_files(files: Mapping[Path, Write], replaced: Container[Path] = ()) -> 
                 parts[path] = Path(stream.name)
                 with stream:
                     write(stream)
-        for path, part in parts.items():
+        for path in sorted(parts, key=there.__contains__):
             with writing(path):
-                _place(part, path, path in replaced)
-            placed.append(path)
+                if path not in there:
+                    _take_name(path)
+                    new.append(path)
+                parts[path].replace(path)
     except BaseException:
-        for path in placed:
-            if path not in replaced:
+        for path in (*new, *parts.values()):
+            with suppress(OSError):
                 path.unlink()
-        for part in parts.values():
-            part.unlink(missing_ok=True)
         remove_empty(made)
         raise
 
@@ -145,11 +149,9 @@ def _new_part(folder: Path) -> BinaryIO:
     return open(part, "wb", opener=lambda name, _: os.open(name, NEW_FILE, 0o666))
 
 
-def _place(part: Path, path: Path, overwrite: bool) -> None:
-    """Give a finished file its name: over one that was there before only if that is wanted."""
-    if not overwrite:
-        os.close(os.open(path, NEW_FILE, 0o666))
-    part.replace(path)
+def _take_name(path: Path) -> None:
+    """Make an empty file, which a finished one is to replace: nobody else takes the name meanwhile."""
+    os.close(os.open(path, NEW_FILE, 0o666))
 
 
 def make_folder(path: Path) -> list[Path]:

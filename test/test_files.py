@@ -63,6 +63,48 @@ def test_a_file_that_somebody_makes_meanwhile_stays_his(tmp_path):
     assert _state(tmp_path) == {"b": b"theirs"}
 
 
+@pytest.fixture
+def failing(monkeypatch):
+    """Return a function: the name of the file that cannot take its place, though it could be written."""
+
+    def at(name, error):
+        replace = Path.replace
+
+        def fails(part, path):
+            if path.name == name:
+                raise error
+            return replace(part, path)
+
+        monkeypatch.setattr(Path, "replace", fails)
+
+    return at
+
+
+@pytest.mark.parametrize("error", [OSError(5, "Input/output error"), KeyboardInterrupt()])
+@pytest.mark.parametrize("name", ["there", "new", "deep"])
+def test_a_file_that_cannot_take_its_place_leaves_all_as_it_was(tmp_path, failing, name, error):
+    """Be it in the place of another one, or new, which one that may be replaced can be, too."""
+    there, new, deep = tmp_path / "there", tmp_path / "new", tmp_path / "folder" / "deep"
+    there.write_text("before")
+    failing(name, error)
+    with pytest.raises((OrthosisError, KeyboardInterrupt)):
+        files.write_files(dict.fromkeys((there, new, deep), files.as_text("after")), {there, new})
+    assert _state(tmp_path) == {"there": b"before"}
+
+
+def test_a_file_that_is_there_meanwhile_costs_none_that_is_replaced(tmp_path):
+    there, new = tmp_path / "there", tmp_path / "new"
+    there.write_text("before")
+
+    def meanwhile(stream):
+        stream.write(b"ours")
+        new.write_text("theirs")
+
+    with pytest.raises(OrthosisError, match="new exists"):
+        files.write_files({there: files.as_text("after"), new: meanwhile}, {there})
+    assert _state(tmp_path) == {"there": b"before", "new": b"theirs"}
+
+
 def test_a_file_in_place_of_a_folder_is_refused_before_anything_is_computed(tmp_path):
     (tmp_path / "file").touch()
     for place in (tmp_path / "file" / "page.html", tmp_path / "file" / "pictures" / "a.png"):
