@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING
 
 from pam_orthosis.cli.check import not_negative
 from pam_orthosis.errors import OrthosisError, naming
-from pam_orthosis.files import as_text, instead_of_out, output, refuse_existing, refuse_used, write_files
+from pam_orthosis.files import (
+    Write,
+    as_text,
+    instead_of_out,
+    output,
+    refuse_existing,
+    refuse_used,
+    write_files,
+)
 from pam_orthosis.model.specimens import SPECIMENS
 from pam_orthosis.progress import Progress, shown
 
@@ -98,16 +106,19 @@ def _identified(arguments: argparse.Namespace, progress: Progress) -> Identified
     rows.check(found)
     origin = "a measured table" if found.data.static else "the emulated test rig"
     source = f"identified on {origin} by `pam-orthosis identify`"
-    if arguments.update:
-        rows.update(arguments.update, found, source)
-    written = {arguments.out: as_text(rows.as_yaml(found, source))} if arguments.out else {}
+    written: dict[Path, Write] = {}
+    edited = arguments.update and arguments.update.resolve()
+    if edited:
+        written[edited] = as_text(rows.updated(arguments.update, found, source))
+    if arguments.out:
+        written[arguments.out] = as_text(rows.as_yaml(found, source))
     if arguments.figures:
         progress("drawing the figures")
         from pam_orthosis.report.identification import drawn, page  # matplotlib takes its time to load
 
         made = {**drawn(found), PAGE: as_text(page(found, describe(found)))}
         written |= {arguments.figures / name: write for name, write in made.items()}
-    write_files(written)
+    write_files(written, {edited})
     return found
 
 

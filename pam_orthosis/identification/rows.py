@@ -13,7 +13,6 @@ from typing import Any
 import yaml
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.files import write_text
 from pam_orthosis.identification.identify import Identified
 from pam_orthosis.identification.kept import VOLUME
 from pam_orthosis.model.rows import Row
@@ -76,8 +75,8 @@ def as_yaml(found: Identified, source: str) -> str:
     return yaml.safe_dump({found.data.specimen: tree}, sort_keys=False, width=1000)
 
 
-def update(file: Path, found: Identified, source: str) -> None:
-    """Put values and source into a file laid out as `config/muscle.yaml`; all else in it stays as it is.
+def updated(file: Path, found: Identified, source: str) -> str:
+    """Return a file laid out as `config/muscle.yaml` with these values and source; all else in it stays.
 
     Raises:
         OrthosisError: the file cannot be read or has not all of the rows.
@@ -88,8 +87,7 @@ def update(file: Path, found: Identified, source: str) -> None:
         parameters.row(f"muscle.{muscle}.{key}").with_value(value)
         origin = json.dumps(_source(found, key, source))
         fields |= {f"{muscle}.{key}.value": _text(value), f"{muscle}.{key}.source": origin}
-    edited = replaced(read_text(file), fields, str(file))
-    write_text(file.resolve(), edited, overwrite=True)  # it is asked for
+    return replaced(read_text(file), fields, str(file))
 
 
 def _source(found: Identified, key: str, source: str) -> str:

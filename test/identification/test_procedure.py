@@ -2,8 +2,10 @@
 """From the rig to config/: bags recorded, read, identified, written, drawn - without the truth."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -16,6 +18,7 @@ from pam_orthosis.bag.simulated import record_run
 from pam_orthosis.cli.main import main
 from pam_orthosis.control.rig_loop import DecayRig, Rig, force_procedure, volume_procedure
 from pam_orthosis.discrepancy.answer import patch
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.data import read_data
 from pam_orthosis.identification.identify import identify
 from pam_orthosis.model import parameters
@@ -195,6 +198,30 @@ def test_update_changes_these_rows_only(bags, found, tmp_path):
     for name in ("dmsp_10", "mas_40"):
         assert after[name] == before[name]
     assert section["geometry"] == before["dmsp_20"]["geometry"]
+
+
+def _no_figures(found, out):
+    raise OrthosisError("no figures")
+
+
+def _out_is_taken(found, out):
+    out.write_text("theirs")
+    return {}
+
+
+@pytest.mark.parametrize("drawn", [_no_figures, _out_is_taken])
+def test_a_file_is_updated_together_with_what_else_is_written_or_not_at_all(
+    bags, tmp_path, capsys, monkeypatch, drawn
+):
+    copy, out, figures = (tmp_path / name for name in ("muscle.yaml", "rows.yaml", "figures"))
+    shutil.copy(parameters.config_folder() / "muscle.yaml", copy)
+    before = copy.read_bytes()
+    monkeypatch.setattr("pam_orthosis.report.identification.drawn", partial(drawn, out=out))
+    written = ["--update", str(copy), "--out", str(out), "--figures", str(figures)]
+    assert main(["identify", str(bags), *written]) == 2
+    assert re.search(r"no figures|rows\.yaml exists", capsys.readouterr().err)
+    assert copy.read_bytes() == before
+    assert not figures.exists()
 
 
 @pytest.mark.parametrize(
