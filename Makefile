@@ -55,7 +55,9 @@ bench-control: setup
 
 # figures and pictures of the page on the paper's results
 paper: setup
-	$(BIN)/pam-orthosis paper --out build/paper --overwrite --json > benchmarks/results/paper.json
+	mkdir -p build
+	$(BIN)/pam-orthosis paper --out build/paper --overwrite --json > build/paper.json
+	mv build/paper.json benchmarks/results/paper.json
 	cd build/paper/pictures && cp force.png observer.png tracking.png device.png rig.png mechanics.png ../../../docs/pictures
 
 # the site in site/, without a warning; generated pages are made on the way

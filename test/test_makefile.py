@@ -35,6 +35,23 @@ def test_a_foreign_environment_is_refused_and_stays_as_it_is(foreign, target, ow
     assert sorted(foreign.rglob("*")) == before
 
 
+def test_results_of_the_paper_stay_if_they_cannot_be_made_again(foreign, tmp_path):
+    checkout, program = tmp_path / "checkout", foreign / "bin" / "pam-orthosis"
+    results = checkout / "benchmarks" / "results" / "paper.json"
+    results.parent.mkdir(parents=True)
+    results.write_text("kept")
+    for name in ("Makefile", "setup.py", "pyproject.toml", "constraints.txt"):
+        shutil.copy(ROOT / name, checkout)
+    (foreign / ".ready").touch()  # nothing is installed
+    program.write_text("#!/bin/sh\necho half\nexit 1\n")
+    program.chmod(0o755)
+    done = subprocess.run(
+        ["make", "paper", f"VENV={foreign}"], cwd=checkout, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, "Error 1" in done.stderr) == (2, True)
+    assert results.read_text() == "kept"
+
+
 def test_every_installation_takes_the_tested_versions():
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     installing = [line for line in makefile.splitlines() if "pip install" in line]
