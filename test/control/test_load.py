@@ -14,6 +14,7 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machines import machine_named
 from pam_orthosis.model.parameters import load
 
+ROOT = Path(__file__).resolve().parents[2]
 SHOE = machine_named(Path("shoe"))
 ARM, AREA = 0.1, 6.0e-4  # of config/machines/shoe.yaml
 
@@ -66,8 +67,10 @@ def test_a_lower_limit_allows_less():
     assert "at most" in refused(control__position__maximum_pressure=4.0e5)
 
 
-def test_other_machines_have_no_load():
-    check_load(load())
+@pytest.mark.parametrize("name", ["knee", "ankle", "examples/cylinder/cylinder.yaml"])
+def test_other_machines_have_no_load(monkeypatch, name):
+    monkeypatch.chdir(ROOT)
+    check_load(load({"control.position.maximum_pressure": 4.0e5}, machine_named(Path(name))))
 
 
 @pytest.mark.parametrize(

@@ -30,10 +30,11 @@ def test_what_needs_more_than_is_free_is_refused(told, free_kb, said):
     room.check_room([SimpleNamespace(samples=60_000)], 2)
 
 
-def test_a_system_that_does_not_say_is_not_asked_again(told):
-    room.check_room(LONG, 2)
-    told("MemTotal: 16000000 kB\n")
-    room.check_room(LONG, 2)
+def test_where_a_system_does_not_say_what_is_free_nothing_is_refused(told):
+    for tell in (lambda: None, lambda: told("MemTotal: 16000000 kB\n")):
+        tell()
+        assert room.available() is None
+        room.check_room(LONG, 2)
 
 
 @pytest.mark.parametrize("group", ["", "slice/own"])

@@ -27,6 +27,7 @@ def test_every_command_is_a_verb_and_every_verb_is_shown():
 
 def test_every_command_is_one_that_the_program_takes():
     lines = re.findall(r"^ {4}pam-orthosis (\S+)(.*?)(?: {2,}#.*)?$", README, flags=re.M)
+    assert {verb for verb, _ in lines} == set(VERBS)
     for verb, arguments in lines:
         verb_parser(verb).parse_args(shlex.split(arguments))
 
@@ -38,7 +39,9 @@ def test_it_is_short_and_its_picture_small():
 
 
 def test_every_linked_file_exists():
-    for target in re.findall(r"\]\((?!http)([^)#]+)\)", README):
+    targets = re.findall(r"\]\((?!http)([^)#]+)\)", README)
+    assert targets
+    for target in targets:
         assert (ROOT / target).exists(), target
 
 

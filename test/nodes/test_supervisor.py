@@ -2,6 +2,7 @@
 """The supervisor against processes that are no nodes."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -168,9 +169,24 @@ while True:
 """
 
 
-def test_a_node_whose_run_is_over_and_that_does_not_go_is_let_go(tmp_path, monkeypatch):
+@pytest.fixture
+def children(monkeypatch):
+    """Return those that a supervisor has started, as it knows them in the end."""
+    known = []
+
+    class Known(supervisor.Child):
+        def __init__(self, *arguments):
+            super().__init__(*arguments)
+            known.append(self)
+
+    monkeypatch.setattr(supervisor, "Child", Known)
+    return known
+
+
+def test_a_node_whose_run_is_over_and_that_does_not_go_is_let_go(tmp_path, monkeypatch, children):
     monkeypatch.setattr(supervisor, "STOP_GRACE_SECONDS", 0.5)
     run(tmp_path, plant_simulator=LINGERING)
+    assert [(one.let_go, one.process.returncode) for one in children] == [(True, -signal.SIGKILL)]
 
 
 CRASHING_AT_THE_END = """
@@ -202,9 +218,10 @@ def test_who_writes_a_bag_is_not_let_go_before_it_is_closed(tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize("name", ["bag_recorder", "bag_player"])
-def test_who_has_closed_his_bag_and_does_not_go_is_let_go(tmp_path, monkeypatch, name):
+def test_who_has_closed_his_bag_and_does_not_go_is_let_go(tmp_path, monkeypatch, children, name):
     monkeypatch.setattr(supervisor, "STOP_GRACE_SECONDS", 0.5)
     run(tmp_path, **{name: LINGERING.replace("ended", "closed")})
+    assert [(one.let_go, one.process.returncode) for one in children] == [(True, -signal.SIGKILL)]
 
 
 def test_time_in_which_the_machine_stood_still_is_nobodys_silence(tmp_path):
