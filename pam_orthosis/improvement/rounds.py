@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rounds of run, find the gap, add the effect to the controllers' model, run again with the same gains."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,7 +36,6 @@ class Experiment(NamedTuple):
 
 
 Bags = Mapping[str, tuple[Experiment, Path]]
-Find = Callable[[Parameters, Bags, Progress], Found]
 
 
 def experiments(parameters: Parameters) -> list[Experiment]:
@@ -126,7 +125,6 @@ def improve(
     seeds: Sequence[int],
     most: int,
     progress: Progress = silent,
-    find: Find | None = None,
 ) -> list[Round]:
     """Return the rounds, the first (0) without anything learned; bags and reports go below `folder`.
 
@@ -137,7 +135,6 @@ def improve(
     Args:
         parameters: the whole tree; its nominal model is where learning starts.
         seeds: of the sensor noise in the runs that judge; the same in every round.
-        find: another search than the gap workflow.
     """
     before = judged(parameters, scenario, folder / "round-0", seeds, progress)
     rounds = [Round(0, None, True, before, {}, "nothing learned")]
@@ -148,7 +145,7 @@ def improve(
         nominal = parameters.changed(known).only(*NOMINAL, "gap")  # the search cannot see the plant
         found = read_found(place)
         if found is None:
-            found = (find or find_effects)(nominal, bags, progress)
+            found = find_effects(nominal, bags, progress)
             write_found(place, found)
         if not found.effects:
             rounds.append(Round(number, found, False, None, last.model, "no further effect is found"))

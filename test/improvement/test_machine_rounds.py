@@ -55,7 +55,8 @@ def test_it_follows_better_with_the_friction_that_was_found(parameters, tmp_path
         assert not hasattr(nominal, "plant")
         return rounds.Found(("carriage_friction",), VALUES, "explained", {})
 
-    before, after = rounds.improve(parameters, "default", tmp_path, [1], 1, find=find)
+    monkeypatch.setattr(rounds, "find_effects", find)
+    before, after = rounds.improve(parameters, "default", tmp_path, [1], 1)
     assert after.kept
     assert after.tracking.largest < 0.7 * before.tracking.largest
     told = [one.as_dict() for one in (before, after)]

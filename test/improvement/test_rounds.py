@@ -36,7 +36,7 @@ def short(monkeypatch):
     return load(SHORT)
 
 
-def test_rounds_go_on_until_no_effect_earns_its_place(tmp_path, short):
+def test_rounds_go_on_until_no_effect_earns_its_place(tmp_path, short, monkeypatch):
     answers = [found("joint_friction"), found()]
     seen = []
 
@@ -46,7 +46,8 @@ def test_rounds_go_on_until_no_effect_earns_its_place(tmp_path, short):
         assert all(judge(bag).samples == 100 for _, bag in bags.values())
         return answers.pop(0)
 
-    done = rounds.improve(short, "default", tmp_path, [1], 5, find=find)
+    monkeypatch.setattr(rounds, "find_effects", find)
+    done = rounds.improve(short, "default", tmp_path, [1], 5)
     assert [one.kept for one in done] == [True, True, False]
     assert seen == [False, True]  # the second search starts from what the first one found
     first, second, last = done
@@ -58,10 +59,9 @@ def test_rounds_go_on_until_no_effect_earns_its_place(tmp_path, short):
     assert last.tracking is None
 
 
-def test_an_effect_that_does_not_help_is_not_kept(tmp_path, short):
-    done = rounds.improve(
-        short, "default", tmp_path, [1], 3, find=lambda *_: found("joint_friction", coulomb=9.0)
-    )
+def test_an_effect_that_does_not_help_is_not_kept(tmp_path, short, monkeypatch):
+    monkeypatch.setattr(rounds, "find_effects", lambda *_: found("joint_friction", coulomb=9.0))
+    done = rounds.improve(short, "default", tmp_path, [1], 3)
     assert len(done) == 2
     assert not done[1].kept
     assert done[1].tracking.largest > done[0].tracking.largest
@@ -205,8 +205,8 @@ def test_findings_that_are_none_are_refused_in_one_line(tmp_path, short, monkeyp
     assert "found.json" in capsys.readouterr().err.splitlines()[-1]
 
 
-def test_each_recording_of_a_round_is_told(tmp_path, short):
+def test_each_recording_of_a_round_is_told(tmp_path, short, monkeypatch):
     told = []
-    rounds.improve(short, "default", tmp_path, [1, 2], 1, lambda *words: told.append(words),
-                   find=lambda *_: found())  # fmt: skip
+    monkeypatch.setattr(rounds, "find_effects", lambda *_: found())
+    rounds.improve(short, "default", tmp_path, [1, 2], 1, lambda *words: told.append(words))
     assert [words[1:3] for words in told] == [(0, 2), (1, 2), (0, 2), (1, 2)]
