@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 from control_campaign.hardware import drawn
 
-from pam_orthosis.control.activity import strides
+from pam_orthosis.control.activity import Array, Stride, shares
 from pam_orthosis.control.cooperation import CooperativeController
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model.parameters import Parameters, load, scenario_overrides
@@ -90,6 +90,15 @@ def felt(task: dict[str, Any]) -> dict[str, Any]:
     late = run["true_torque"][-1600:]
     swing = float(np.degrees(np.ptp(run["true_angle"][-1600:]) / 2))
     return task | {"rms": float(np.sqrt(np.mean(late**2))), "swing_deg": swing}
+
+
+def strides(run: Mapping[str, Array], parameters: Parameters) -> list[Stride]:
+    """Return the share in each whole cycle of the scenario, as `shares` does, the first one left out."""
+    begin = parameters.scenario.start_hold + parameters.scenario.start_ramp
+    period, cycle = parameters.scenario.control_period, parameters.scenario.cycle_time
+    length, count = round(cycle / period), len(run["disturbance"])
+    starts = range(round(begin / period), count - length + 1, length)
+    return shares(run, parameters, [(start, start + length) for start in starts])
 
 
 def assisted(task: dict[str, Any]) -> dict[str, Any]:

@@ -23,15 +23,6 @@ class Stride(NamedTuple):
     error: float
 
 
-def strides(run: Mapping[str, Array], parameters: Parameters) -> list[Stride]:
-    """Return the share in each whole cycle of the scenario, as `shares` does, the first one left out."""
-    begin = parameters.scenario.start_hold + parameters.scenario.start_ramp
-    period, cycle = parameters.scenario.control_period, parameters.scenario.cycle_time
-    length, count = round(cycle / period), len(run["disturbance"])
-    starts = range(round(begin / period), count - length + 1, length)
-    return shares(run, parameters, [(start, start + length) for start in starts])
-
-
 def shares(
     run: Mapping[str, Array], parameters: Parameters, spans: Sequence[tuple[int, int]]
 ) -> list[Stride]:

@@ -9,10 +9,10 @@ import casadi as ca
 from pam_orthosis.model.signals import Expression
 
 
-def knee_moment(knee: Expression, hip: Expression, ankle: Expression = 0.0) -> Expression:
-    """Return the moment of a knee in the direction of flexion, N m."""
-    flexing = ca.exp(1.800 - 0.0460 * ankle - 0.0352 * knee + 0.0217 * hip) + ca.exp(2.220 - 0.150 * knee)
-    extending = ca.exp(-3.971 - 0.0004 * ankle + 0.0495 * knee - 0.0128 * hip) + 4.820
+def knee_moment(knee: Expression, hip: Expression) -> Expression:
+    """Return the moment of a knee in the direction of flexion, with the ankle at 0, N m."""
+    flexing = ca.exp(1.800 - 0.0352 * knee + 0.0217 * hip) + ca.exp(2.220 - 0.150 * knee)
+    extending = ca.exp(-3.971 + 0.0495 * knee - 0.0128 * hip) + 4.820
     return flexing - extending
 
 
