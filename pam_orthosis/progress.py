@@ -25,7 +25,7 @@ Item = TypeVar("Item")
 class Progress(Protocol):
     """What work calls when it begins a unit: what, how much is done, of how much (0: unknown), its unit."""
 
-    def __call__(self, what: str, done: float = 0.0, of: float = 0.0, unit: str = "") -> None:
+    def __call__(self, what: str, done: float = 0.0, of: float = 0.0, unit: str = "", /) -> None:
         """Take it."""
 
 

@@ -49,7 +49,7 @@ class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
             if isinstance(key, yaml.ScalarNode) and (key.tag, key.value) in seen:
                 raise yaml.constructor.ConstructorError(None, None, f"{shown(key.value)} is there twice")
             seen.add((key.tag, key.value) if isinstance(key, yaml.ScalarNode) else id(key))
-        return super().construct_mapping(node, deep=deep)
+        return dict(super().construct_mapping(node, deep=deep))
 
 
 # YAML 1.1 takes 8e-4 for a text, for want of a point
@@ -185,7 +185,7 @@ def _check_bounds(text: str) -> None:
         raise ValueError(f"longer than {MOST_TEXT >> 20} MiB")
     if len(re.findall(r"^%", text, re.MULTILINE)) > MOST_DIRECTIVES:
         raise ValueError("too many directives")
-    sizes: dict[str, int] = {}
+    sizes: dict[str | None, int] = {}
     open_: list[tuple[str | None, int]] = []  # anchor of each collection, nodes before it
     nodes = 0
     for event in yaml.parse(text, Loader=_Loader):

@@ -175,7 +175,7 @@ def _results(folder: Path) -> set[str]:
     return {one.parent.name for one in folder.glob(f"*/{RESULT}")}
 
 
-def _as_done(waiting: dict[Future, Unit], lives: Callable[[], bool]) -> Iterator[Future]:
+def _as_done(waiting: dict[Future[Answer], Unit], lives: Callable[[], bool]) -> Iterator[Future[Answer]]:
     """Yield futures as they are done; more may be added to `waiting` meanwhile."""
     look_seconds = 1.0  # how often it is looked whether the executor still lives
     while waiting:
@@ -187,7 +187,7 @@ def _as_done(waiting: dict[Future, Unit], lives: Callable[[], bool]) -> Iterator
         yield from done
 
 
-def _answer(future: Future) -> Answer:
+def _answer(future: Future[Answer]) -> Answer:
     """Return the answer of a unit that is done; one that took its worker with it has failed."""
     try:
         return future.result()

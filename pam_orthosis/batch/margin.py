@@ -81,7 +81,7 @@ def _worked(units: Sequence[Unit], workers: int, progress: Progress) -> dict[str
         progress("margins", 0, len(units))
         for future in as_completed(waiting):
             unit, answer = waiting[future], future.result()
-            if answer.complaint:
+            if answer.result is None:
                 raise RunFailed(f"{unit.name}: {answer.complaint}")
             rows[unit.name] = dict(answer.result)
             progress("margins", len(rows), len(units))

@@ -24,7 +24,7 @@ from typing import Any
 from pam_orthosis.errors import OrthosisError
 
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # units share cores, not work within one
-_RUNNING: set[subprocess.Popen] = set()
+_RUNNING: set[subprocess.Popen[str]] = set()
 PATIENCE = "10s"  # until a scheduler has to answer
 
 
@@ -94,7 +94,7 @@ def end_all() -> None:
         process.kill()
 
 
-def _run(command: Sequence[str], seconds: float | None) -> subprocess.CompletedProcess:
+def _run(command: Sequence[str], seconds: float | None) -> subprocess.CompletedProcess[str]:
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True,
         errors="replace", env=ENVIRONMENT | os.environ,
@@ -111,7 +111,7 @@ def _run(command: Sequence[str], seconds: float | None) -> subprocess.CompletedP
     return subprocess.CompletedProcess(command, process.returncode, result, complained)
 
 
-def _judged(unit: Unit, done: subprocess.CompletedProcess) -> tuple[dict | None, str]:
+def _judged(unit: Unit, done: subprocess.CompletedProcess[str]) -> tuple[dict[str, Any] | None, str]:
     """Return the answer, and what is wrong if there is none."""
     if done.returncode not in ((0, 1) if unit.answers else (0,)):
         return None, _last_line(done.stderr) or f"ended with status {done.returncode}"

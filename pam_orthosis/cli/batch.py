@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Do the same to many bags, or walk with many parameter sets: on all cores, or on a cluster."""
 
+from __future__ import annotations
+
 import argparse
 import json
 import os
@@ -9,11 +11,15 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from pam_orthosis.cli.check import add_bound_arguments, bound_of, not_negative
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import as_text, output
 from pam_orthosis.progress import shown
+
+if TYPE_CHECKING:
+    from pam_orthosis.batch.unit import Unit
 
 PROGRAM = "pam_orthosis.cli.main"
 TASKS = {
@@ -77,7 +83,7 @@ def execute(arguments: argparse.Namespace) -> int:
     return 3 if summary["failed"] else 1 if summary["no"] else 0
 
 
-def describe(summary: dict) -> str:
+def describe(summary: dict[str, Any]) -> str:
     """Return the summary in words."""
     yes, no, failed = (summary[key] for key in ("yes", "no", "failed"))
     lines = [f"no: {', '.join(no)}"] if no else []
@@ -85,7 +91,7 @@ def describe(summary: dict) -> str:
     return "\n".join([*lines, f"{len(yes)} yes, {len(no)} no, {len(failed)} failed"])
 
 
-def _units(arguments: argparse.Namespace) -> list:
+def _units(arguments: argparse.Namespace) -> list[Unit]:
     from pam_orthosis.bag.verdict import bound_in
     from pam_orthosis.batch.unit import Unit
     from pam_orthosis.cli.main import verb_parser

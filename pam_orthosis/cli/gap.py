@@ -157,7 +157,7 @@ def _described(case: Case, outcome: Outcome) -> tuple[dict[str, Any], str]:
     return data, f"{case.read.heading}{describe_data(case.data)}\n{describe(outcome)}"
 
 
-def _stages(start, data, last: str) -> str:
+def _stages(start: Beginning, data: Identifiability, last: str) -> str:
     """Return in words what the stages before the search found."""
     from pam_orthosis.discrepancy.answer.verdict import (
         describe_data,
@@ -192,7 +192,9 @@ def _files(arguments: argparse.Namespace) -> tuple[str, ...]:
     return tuple(name for name in FILES if not (arguments.system and name == MODEL))
 
 
-def _write(arguments: argparse.Namespace, outcome, data, case: Case, words: str) -> None:
+def _write(
+    arguments: argparse.Namespace, outcome: Outcome, data: dict[str, Any], case: Case, words: str
+) -> None:
     from pam_orthosis.discrepancy.answer import patch
     from pam_orthosis.report.gap import page
 
@@ -207,7 +209,7 @@ def _write(arguments: argparse.Namespace, outcome, data, case: Case, words: str)
     write_files({arguments.out / name: as_text(made[name]) for name in _files(arguments)})
 
 
-def _write_next(arguments: argparse.Namespace, outcome, case: Case) -> None:
+def _write_next(arguments: argparse.Namespace, outcome: Outcome | None, case: Case) -> None:
     from pam_orthosis.cli.gap_next import advice, next_experiment, references
 
     name, parameters = next_experiment(outcome, case.data.experiments), case.read.nominal.parameters

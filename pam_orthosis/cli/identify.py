@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pam_orthosis.cli.check import not_negative
 from pam_orthosis.errors import OrthosisError, naming
@@ -170,7 +171,7 @@ def describe(found: Identified) -> str:
     return "\n".join(lines)
 
 
-def _errors(name: str, errors: dict) -> list[str]:
+def _errors(name: str, errors: dict[str, Any]) -> list[str]:
     if not errors:
         return []
     lines = [f"{name}: {errors['rms']:.2f} N RMS, {errors['max']:.2f} N maximum, {errors['samples']} samples"]
@@ -211,5 +212,5 @@ def _left_out(found: Identified) -> list[str]:
     return lines
 
 
-def _numbers(values) -> str:
+def _numbers(values: Iterable[float]) -> str:
     return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"

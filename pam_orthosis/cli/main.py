@@ -153,11 +153,11 @@ def _failed(message: str, status: int) -> int:
     return status
 
 
-def _dispatch(arguments: list[str]) -> int:
+def _dispatch(arguments: Sequence[str]) -> int:
     verb = arguments[0] if arguments else "--help"
     if verb not in VERBS:
         _top_parser().parse_args(arguments[:2] or [verb])
-    return _module(verb).execute(verb_parser(verb).parse_args(arguments[1:]))
+    return int(_module(verb).execute(verb_parser(verb).parse_args(arguments[1:])))
 
 
 def verb_parser(verb: str) -> Parser:

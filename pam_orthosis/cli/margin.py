@@ -15,6 +15,7 @@ import json
 import os
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 from pam_orthosis.cli.parameters import add_model_argument, add_parameter_arguments, chosen, with_model
 from pam_orthosis.files import as_text, claimed, output, write_files
@@ -49,7 +50,7 @@ def execute(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _show(found: dict, folder: Path | None, as_json: bool) -> None:
+def _show(found: dict[str, Any], folder: Path | None, as_json: bool) -> None:
     from pam_orthosis.report import margin
     from pam_orthosis.report.picture import draw
 

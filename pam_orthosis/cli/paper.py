@@ -74,7 +74,7 @@ def _made(progress: Progress) -> tuple[Results, dict[str, Write]]:
     )
     progress("drawing the figures")
     schematic = drawings.schemes()
-    pictures = {
+    pictures: dict[str, Write] = {
         "observer.png": partial(draw, pages.observer_plots(observed)),
         "trade_off.png": partial(draw, pages.trade_off_plots(points, observed), columns=3),
         "tracking.png": partial(draw, pages.tracking_plots(tracked), columns=2),

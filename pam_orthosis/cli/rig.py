@@ -15,6 +15,7 @@ from pam_orthosis.progress import Progress, shown, silent
 
 if TYPE_CHECKING:
     from pam_orthosis.control.rig_loop import RigSample
+    from pam_orthosis.model.rows import Section
 
 IDENTIFICATION = ("force", "volume", "decay")
 TESTS = (*IDENTIFICATION, "diagnostic")
@@ -72,13 +73,13 @@ def _record(
     record_rig(bag, parameters, specimen, test, samples, every)
 
 
-def _pressures(rig, specimen: str, test: str) -> list[float]:
+def _pressures(rig: Section, specimen: str, test: str) -> list[float]:
     from pam_orthosis.control import rig_loop  # casadi takes a second to load
 
     if test == "decay":
-        return getattr(rig.decay, specimen).pressures
+        return list(getattr(rig.decay, specimen).pressures)
     if test == "volume":
-        return rig.procedure.pressures
+        return list(rig.procedure.pressures)
     if test == "diagnostic":
         return list(rig_loop.DIAGNOSTIC_PRESSURES)
     return sorted([*rig.procedure.pressures, *rig.procedure.held_out_pressures])

@@ -197,8 +197,8 @@ def _run(
             environment = launch.open_environment(work)
             launch.refuse_used_domain(domain, environment, mode, parameters.declared)
         else:
-            domain = stack.enter_context(launch.free_domain())
-            environment = launch.environment(work, domain)
+            free = stack.enter_context(launch.free_domain())
+            domain, environment = str(free), launch.environment(work, free)
         commands = launch.commands(work, parameters, bag, scenario, mode)
         if watch:
             command = launch.view_command(work, parameters, mode.legs)
@@ -228,7 +228,7 @@ def supervise_recorded(
 def _rescue(bag: Path, work: Path) -> str:
     """Make what there is of a bag readable, keep the nodes' output beside it, say so."""
     from pam_orthosis.bag.bounded import open_bag
-    from pam_orthosis.bag.record import METADATA_FILE
+    from pam_orthosis.bag.information import METADATA_FILE
     from pam_orthosis.bag.recover import recover, recover_in_place
     from pam_orthosis.bag.unclosed import Damaged
 
@@ -272,6 +272,7 @@ def watched(command: Sequence[str], environment: Mapping[str, str], work: Path) 
     log = work / "live_view.log"
     with beside(command, environment, log) as viewer:
         try:
+            assert viewer.stdout
             if not (url := viewer.stdout.readline().strip()):
                 raise RunFailed(f"the live view did not start: {last_words(log)}")
             print(f"live view: {url}", file=sys.stderr)
@@ -285,13 +286,17 @@ def watched(command: Sequence[str], environment: Mapping[str, str], work: Path) 
 
 
 @contextmanager
-def beside(command: Sequence[str], environment: Mapping[str, str], log: Path) -> Iterator[subprocess.Popen]:
+def beside(
+    command: Sequence[str], environment: Mapping[str, str], log: Path
+) -> Iterator[subprocess.Popen[str]]:
     """Yield a node that no run waits for, whose output is read; it is killed in the end."""
-    streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE}
     with (
         open(log, "wb") as errors,
-        subprocess.Popen(command, env=dict(environment), stderr=errors, text=True, **streams) as node,
-    ):
+        subprocess.Popen(
+            command, env=dict(environment), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors,
+            text=True,
+        ) as node,
+    ):  # fmt: skip
         try:
             yield node
         finally:

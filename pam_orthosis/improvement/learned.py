@@ -8,6 +8,7 @@ from pam_orthosis.discrepancy.answer import patch
 from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.machine import Machine
+from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.rows import rounded
 
 
@@ -20,7 +21,7 @@ def learnable(machine: Machine) -> dict[str, Effect]:
     return {name: effect for name, effect in machine.catalogue.items() if name != "valve_curve_misfit"}
 
 
-def named(nominal, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
+def named(nominal: Parameters, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
     """Return the overrides that switch effects on with values (`effect.parameter` -> value)."""
     changes: dict[str, Any] = {}
     for name in effects:
@@ -29,7 +30,7 @@ def named(nominal, effects: Sequence[str], values: Mapping[str, float]) -> dict[
     return changes
 
 
-def calibrated(nominal, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
+def calibrated(nominal: Parameters, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
     """Return the overrides that give nuisance parameters their calibrated values.
 
     Args:
@@ -37,7 +38,8 @@ def calibrated(nominal, effects: Sequence[str], values: Mapping[str, float]) -> 
         effects: those that were found now: their own parameters are taken as found.
         values: calibration -> relative deviation or offset, `effect.parameter` -> value.
     """
-    before, changes = nominal.flat(), {}
+    before = nominal.flat()
+    changes: dict[str, Any] = {}
     for name, keys in DEVIATIONS.items():
         factor = 1 + values.get(name, 0.0)
         there = [key for key in keys if key in before and factor != 1]
@@ -58,23 +60,23 @@ def calibrated(nominal, effects: Sequence[str], values: Mapping[str, float]) -> 
     return changes | patch.limits(nominal, changes) | _shapes(nominal, effects, values)
 
 
-def _shapes(nominal, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
+def _shapes(nominal: Parameters, effects: Sequence[str], values: Mapping[str, float]) -> dict[str, Any]:
     """Return the corrections of static maps that are no effect in their own right."""
     changes: dict[str, Any] = {}
     for name, effect in learnable(nominal.declared).items():
-        own = {q.name: values.get(f"{name}.{q.name}") for q in effect.parameters}
-        if effect.shape and name not in effects and None not in own.values():
-            changes |= _effect(nominal, name, own)
+        keys = {q.name: f"{name}.{q.name}" for q in effect.parameters}
+        if effect.shape and name not in effects and all(key in values for key in keys.values()):
+            changes |= _effect(nominal, name, {own: values[key] for own, key in keys.items()})
     return changes
 
 
-def _effect(nominal, name: str, values: Mapping[str, float]) -> dict[str, Any]:
+def _effect(nominal: Parameters, name: str, values: Mapping[str, float]) -> dict[str, Any]:
     path = f"effects.{name}"
     own = {f"{path}.{key}": _within(nominal, f"{path}.{key}", value) for key, value in values.items()}
     return {f"{path}.enabled": True, **own}
 
 
-def _within(nominal, key: str, value: float) -> float:
+def _within(nominal: Parameters, key: str, value: float) -> float:
     """Return a value inside the bounds of its row, with the digits that a model file has."""
     low, high = nominal.row(key).bounds
     return rounded([min(max(value, low), high)])[0]

@@ -153,12 +153,13 @@ def improve(
         effects = learned.named(nominal, found.effects, found.values)
         model = {**known, **learned.calibrated(nominal, found.effects, found.values), **effects}
         after = judged(with_nominal(parameters, model), scenario, place, seeds, progress)
-        kept = after.largest < last.tracking.largest
+        kept = after.largest < before.largest
         words = "kept" if kept else f"the {parameters.declared.name} follows no better: not kept"
         rounds.append(Round(number, found, kept, after, model if kept else last.model, words))
         if not kept:
             break
         known |= effects
+        before = after
     return rounds
 
 

@@ -20,7 +20,7 @@ from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.rows import rounded
 from pam_orthosis.model.rules import FARTHEST_PLAN, motion_digest
 from pam_orthosis.planning import RESERVE
-from pam_orthosis.planning.problem import HELPS, Cycle, NotFound, nearest_cycle
+from pam_orthosis.planning.problem import HELPS, Array, Cycle, NotFound, nearest_cycle
 from pam_orthosis.planning.recorded import Recorded
 from pam_orthosis.progress import Progress, silent
 
@@ -42,9 +42,9 @@ class Plan:
     """
 
     cycle_time: float
-    wanted: np.ndarray
+    wanted: Array
     cycle: Cycle
-    asked: np.ndarray
+    asked: Array
     made_for: str = ""
     early: Cycle | None = None
     settling: float = 1.0
@@ -68,7 +68,7 @@ class Plan:
         begun = self.cycle.position - self.wanted + self._at_the_start(self.early)[0]
         return max(self.cycle.largest, float(np.abs(begun).max()))
 
-    def _at_the_start(self, early: Cycle) -> tuple[np.ndarray, np.ndarray]:
+    def _at_the_start(self, early: Cycle) -> tuple[Array, Array]:
         """Return by what coordinate and mean pressure, Pa, differ at the start."""
         growth = np.exp(EARLY / self.settling)  # it has died away by so much where it is planned
         settled, then = self.cycle.mean_pressure, early.mean_pressure
@@ -77,14 +77,14 @@ class Plan:
         return growth * (early.position - self.cycle.position), mean - settled
 
 
-def _rows(group: str, angle: np.ndarray, pressure: np.ndarray) -> dict[str, list[float]]:
+def _rows(group: str, angle: Array, pressure: Array) -> dict[str, list[float]]:
     rows = {}
     for name, values in (("angle", angle), ("pressure", pressure)):
         rows[f"{group}.{name}.cosine"], rows[f"{group}.{name}.sine"] = fourier(values)
     return rows
 
 
-def fourier(values: np.ndarray) -> tuple[list[float], list[float]]:
+def fourier(values: Array) -> tuple[list[float], list[float]]:
     """Return the cosine and sine coefficients of a cycle at equidistant phases, the mean first."""
     harmonics = 24  # as many as the rows of `scenario.plan` have coefficients
     spectrum = np.fft.rfft(values)[: harmonics + 1] / len(values)
@@ -148,7 +148,13 @@ def _check_near(nominal: Parameters, away: float) -> None:
 
 
 def _nearest(
-    nominal, starts: list[Cycle], position, velocity, missing, progress, start_of_run: bool = False
+    nominal: Parameters,
+    starts: list[Cycle],
+    position: Array,
+    velocity: Array,
+    missing: Array,
+    progress: Progress,
+    start_of_run: bool = False,
 ) -> Cycle:
     """Return the nearest cycle found, with the first share of the flow with which there is one."""
     period, shown = nominal.scenario.cycle_time / NODES, nominal.declared.coordinate.shown
@@ -194,7 +200,7 @@ def _with_reserve(nominal: Parameters, reserve: float) -> Parameters:
     return nominal.changed({key: values[key] - reserve for key in limits} | {"scenario.plan.enabled": False})
 
 
-def _cycle(trajectory: Trajectory, nominal) -> tuple[np.ndarray, ...]:
+def _cycle(trajectory: Trajectory, nominal: Parameters) -> tuple[Array, ...]:
     """Return coordinate, velocity, acceleration at the nodes of a cycle from its start, at full cadence."""
     s = nominal.scenario
     covered = 0.5 * s.start_ramp / s.cycle_time  # in cycles, when the ramp is over
@@ -204,7 +210,7 @@ def _cycle(trajectory: Trajectory, nominal) -> tuple[np.ndarray, ...]:
     return tuple(np.array(each) for each in zip(*references, strict=True))
 
 
-def _unhurried(nominal, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Cycle:
+def _unhurried(nominal: Parameters, position: Array, velocity: Array, acceleration: Array) -> Cycle:
     """Return the wanted cycle with the pressures that it takes, as if valves could give any at once."""
     q, rate, wanted = (ca.SX.sym(name) for name in ("q", "rate", "wanted"))
     axis, mean = Axis(nominal), nominal.control.position.mean_pressure
@@ -217,14 +223,14 @@ def _unhurried(nominal, position: np.ndarray, velocity: np.ndarray, acceleration
     return Cycle(position, np.array(pressures), 0.0)
 
 
-def _fell_short(recorded: Recorded, cycle_time: float) -> np.ndarray:
+def _fell_short(recorded: Recorded, cycle_time: float) -> Array:
     """Return by what the machine fell short of a plan, `LEAD` earlier; nothing where it rests.
 
     Nothing either of a run without a plan: the actuators may not be able to make that motion.
     """
     later = _PHASES + LEAD / cycle_time
     short = recorded.planned * (recorded.followed(later) - recorded.position(later))
-    return short - short[0] * _NEAR_REST
+    return np.asarray(short - short[0] * _NEAR_REST)
 
 
 class Effort(NamedTuple):
@@ -236,26 +242,26 @@ class Effort(NamedTuple):
         settling: cycles in which the difference falls by a factor e; None: there is none.
     """
 
-    settled: np.ndarray
-    early: np.ndarray
+    settled: Array
+    early: Array
     settling: float | None
 
 
-def along(nominal, position: np.ndarray, velocity: np.ndarray, cycle: Cycle) -> Effort:
+def along(nominal: Parameters, position: Array, velocity: Array, cycle: Cycle) -> Effort:
     """Return the effort of the effects along a motion, (N,) and its rate, at the pressures of a cycle."""
     step, count = nominal.scenario.control_period, len(position)
     samples = round(nominal.scenario.cycle_time / step)
     at, middles = np.arange(samples) * count / samples, (np.arange(count) + 0.5) / count
 
-    def between(values: np.ndarray) -> np.ndarray:
-        return np.interp(at, np.arange(count + 1), np.append(values, values[0]))
+    def between(values: Array) -> Array:
+        return np.asarray(np.interp(at, np.arange(count + 1), np.append(values, values[0])))
 
     columns = position, velocity, *cycle.pressures
     rows, law = list(zip(*map(between, columns), strict=True)), AddedEffort(nominal)
 
-    def of_a_cycle() -> np.ndarray:
-        effort = [law.step(Reference(q, rate, 0.0), pressures) for q, rate, *pressures in rows]
-        return np.interp(middles * samples, np.arange(samples + 1), [*effort, effort[0]])
+    def of_a_cycle() -> Array:
+        effort = [law.step(Reference(q, rate, 0.0), (first, second)) for q, rate, first, second in rows]
+        return np.asarray(np.interp(middles * samples, np.arange(samples + 1), [*effort, effort[0]]))
 
     of_a_cycle()  # dry friction and play find their cycle in it
     cycles = [of_a_cycle(), of_a_cycle()]

@@ -6,21 +6,27 @@ model (implicit midpoint rule). Pressures in bar and flows in g/s there keep the
 """
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import current_thread, main_thread
 from types import FrameType
+from typing import Any, TypeAlias
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from pam_orthosis.control import effects
 from pam_orthosis.control.axis import Axis
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.assembly import set_pressure_rates
 from pam_orthosis.model.mechanisms.base import acceleration
+from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.signals import Expression, Signals
 from pam_orthosis.processes import ENDING
+
+Array: TypeAlias = NDArray[np.float64]
 
 BAR, GRAM = 1.0e5, 1.0e-3
 HELPS = "a slower cycle, a lighter person or more supply pressure helps"
@@ -38,23 +44,23 @@ class Cycle:
     has them.
     """
 
-    position: np.ndarray
-    pressures: np.ndarray
+    position: Array
+    pressures: Array
     largest: float
-    solution: tuple[np.ndarray, np.ndarray] | None = None
+    solution: tuple[Array, Array] | None = None
 
     @property
-    def mean_pressure(self) -> np.ndarray:
+    def mean_pressure(self) -> Array:
         """Mean of both pressures, (N,) Pa."""
-        return self.pressures.sum(axis=0) / 2
+        return np.asarray(self.pressures.sum(axis=0) / 2)
 
 
 def nearest_cycle(
-    nominal,
+    nominal: Parameters,
     start: Cycle,
-    position: np.ndarray,
-    velocity: np.ndarray,
-    effort: np.ndarray,
+    position: Array,
+    velocity: Array,
+    effort: Array,
     period: float,
     share: float = 1.0,
 ) -> Cycle:
@@ -102,7 +108,7 @@ def nearest_cycle(
         opti.set_initial(x[1, :], velocity.reshape(1, -1))
         opti.set_initial(x[2:4, :], start.pressures / BAR)
     opti.set_initial(largest, start.largest or 0.1)
-    value = _solved(opti).value
+    value: Callable[[Expression], Any] = _solved(opti).value
     states = value(x)
     return Cycle(states[0], states[2:4] * BAR, float(value(largest)), (states, value(flow)))
 
@@ -110,7 +116,12 @@ def nearest_cycle(
 def _solved(opti: ca.Opti) -> ca.OptiSol:
     seconds = 600.0  # of processor time: iterations come first, on a slow machine too
     iterations = 1000
-    limits = {"max_iter": iterations, "max_cpu_time": seconds, "tol": 1e-5, "mu_strategy": "adaptive"}
+    limits: dict[str, Any] = {
+        "max_iter": iterations,
+        "max_cpu_time": seconds,
+        "tol": 1e-5,
+        "mu_strategy": "adaptive",
+    }
     opti.solver("ipopt", {"print_time": False}, {**limits, "print_level": 0, "sb": "yes"})
     try:
         with _interrupts():
@@ -126,7 +137,9 @@ def _interrupts() -> Iterator[None]:
         yield
         return
     came: list[int] = []
-    before = {number: handler for number in ENDING if callable(handler := signal.getsignal(number))}
+    before: dict[int, Callable[[int, FrameType | None], Any]] = {
+        number: handler for number in ENDING if callable(handler := signal.getsignal(number))
+    }
 
     def note(number: int, frame: FrameType | None) -> None:
         came.append(number)
@@ -143,7 +156,7 @@ def _interrupts() -> Iterator[None]:
             raise KeyboardInterrupt
 
 
-def _rates(nominal, share: float) -> ca.Function:
+def _rates(nominal: Parameters, share: float) -> ca.Function:
     """Return (state, mass flows, effort of the effects) -> (rates, distances from the flows allowed)."""
     model, scales = effects.gas_model(nominal), effects.supply_scales(nominal)
     s, flow, effort = model.signals.copy(), ca.SX.sym("flow", 2), ca.SX.sym("effort")
@@ -170,7 +183,7 @@ def _rates(nominal, share: float) -> ca.Function:
     return ca.Function("cycle_rates", [scaled, flow, effort], [ca.cse(term) for term in whole])
 
 
-def _acceleration(s, effort, axis: Axis):
+def _acceleration(s: Signals, effort: Expression, axis: Axis) -> Expression:
     pulls = []
     slackening = 15.0  # N over which a muscle goes slack: the law's edge has no second derivative
     for one, a in zip(axis.actuators, s.actuators.values(), strict=True):
@@ -181,6 +194,6 @@ def _acceleration(s, effort, axis: Axis):
     return acceleration(whole, axis.terms(s.coordinate, s.velocity))
 
 
-def _positive(x, width):
+def _positive(x: Expression, width: float) -> Expression:
     """Return the positive part, with its edge rounded over a width."""
     return (x + ca.sqrt(x**2 + width**2)) / 2

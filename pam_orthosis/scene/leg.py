@@ -9,6 +9,7 @@ transverse axes.
 """
 
 import math
+from collections.abc import Mapping
 
 import casadi as ca
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from pam_orthosis.model.components.muscle import braid_diameter
 from pam_orthosis.model.mechanisms import leg as leg_model
 from pam_orthosis.model.parameters import Parameters
+from pam_orthosis.model.rows import Section
 from pam_orthosis.scene.shape import ZERO, Bar, Joint, Mass, Shape, Solid, ranges
 
 # side of the thigh of extensor and flexor: the former on the front, which is up for a knee that points up
@@ -63,7 +65,7 @@ def leg(parameters: Parameters) -> Shape:
     )  # fmt: skip
 
 
-def _solids(p, muscles, radius: float) -> tuple[Solid, ...]:
+def _solids(p: Section, muscles: Mapping[str, Section], radius: float) -> tuple[Solid, ...]:
     lengths, thickness = leg_model.segment_lengths(p), p.shank.width
     profiles = zip(("thigh", "shank"), (p.thigh.width, p.shank.width), lengths, strict=True)
     bones = [
@@ -75,7 +77,7 @@ def _solids(p, muscles, radius: float) -> tuple[Solid, ...]:
     return (*bones, shoe, wheel, *(half for one in muscles.items() for half in _halves(*one)))
 
 
-def _halves(name: str, m) -> tuple[Solid, Solid]:
+def _halves(name: str, m: Section) -> tuple[Solid, Solid]:
     """Return a muscle's halves, which slide into each other as it contracts."""
     half = m.length / 2
     size = (m.geometry.diameter / 2 + m.geometry.wall, half)
@@ -86,7 +88,7 @@ def _halves(name: str, m) -> tuple[Solid, Solid]:
     )
 
 
-def _masses(p, thigh: float) -> tuple[Mass, Mass]:
+def _masses(p: Section, thigh: float) -> tuple[Mass, Mass]:
     """Give each body of the model to its link: what lies beyond the knee to the shank."""
     q = ca.SX.sym("q")
     bodies = leg_model.bodies(q, p)

@@ -115,7 +115,8 @@ class Scene:
         return one._replace(parent=self._prefix + one.parent, child=self._prefix + one.child)
 
     def _marker_parts(self) -> _Parts:
-        markers, moving = [], []
+        markers: list[Any] = []
+        moving: list[Any] = []
         for name, bar in self.shape.bars.items():
             markers += bar_markers(ros.header(0, f"{self._prefix}{name}_muscle"), name, bar)
             moving += moving_fields(bar)

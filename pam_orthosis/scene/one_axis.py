@@ -7,6 +7,7 @@ turns, each lies before the axis, as far above or below it as its moment arm at 
 """
 
 import math
+from typing import Protocol, cast
 
 import casadi as ca
 
@@ -19,6 +20,14 @@ from pam_orthosis.scene.shape import ZERO, Bar, Joint, Mass, Shape, Solid, Vecto
 BASE, LOAD = "base", "load"
 EDGE = 0.06  # m, of the sliding box, and how thick the turning one is
 LONG = 0.25  # m, of the box that turns
+
+
+class _Turning(Protocol):
+    """A mechanism whose load turns."""
+
+    @property
+    def heading(self) -> float:
+        """Where the load points at the coordinate zero, rad above x."""
 
 
 def one_axis(parameters: Parameters) -> Shape:
@@ -34,7 +43,8 @@ def one_axis(parameters: Parameters) -> Shape:
     function = ca.Function("shape", [q], [q, *contractions, *(diameter for _, _, diameter in measures)])
     arms = ca.Function("arms", [q], [ca.jtimes(one, q, 1) for one in contractions])(start)
     own, *slides = ranges(function, *mechanism.limits)
-    at_start, bars, joints = function(start), {}, []
+    at_start, bars = function(start), {}
+    joints: list[Joint] = []
     for i, (one, (rest, grows, _)) in enumerate(zip(machine.actuators, measures, strict=True)):
         arm, length = float(arms[i]), rest + grows * float(at_start[1 + i])
         way = 1.0 if turns else math.copysign(1.0, grows * arm)
@@ -44,7 +54,7 @@ def one_axis(parameters: Parameters) -> Shape:
             place = (start - way * length, 0.0, EDGE * (i - (len(machine.names) - 1) / 2))
         bars[one.name] = Bar(rest, grows, way, -place[0] if turns else None)
         joints += bars[one.name].joints(one.name, BASE, place, slides[i])
-    heading = mechanism.heading if turns else 0.0  # of the box in its link
+    heading = cast(_Turning, mechanism).heading if turns else 0.0  # of the box in its link
     inertia = float(ca.Function("inertia", [q], [mechanism.terms(q, ca.SX.sym("velocity")).inertia])(start))
     return Shape(
         joints=(_axis(machine.name, turns, own), *joints),

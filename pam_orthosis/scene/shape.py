@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -204,7 +204,7 @@ class Shape:
         body = np.stack([frames[frame].at(point) for frame, point in self.outline], axis=1)
         return Sketch(body, {name: line(name, bar) for name, bar in self.bars.items()})
 
-    def _diameters(self, values: list) -> dict:
+    def _diameters(self, values: list[Any]) -> dict[str, Any]:
         return dict(zip(self.bars, values[len(self.moved) :], strict=True))
 
     def _frames(self, positions: Mapping[str, np.ndarray], shape: tuple[int, ...]) -> dict[str, _Frame]:
@@ -230,7 +230,7 @@ class _Frame(NamedTuple):
         """Return where a point (or one each) of the frame is."""
         x, _, z = np.moveaxis(np.asarray(point), -1, 0)
         cosine, sine = np.cos(self.heading), np.sin(self.heading)
-        return self.origin + np.column_stack([x * cosine - z * sine, x * sine + z * cosine])
+        return np.asarray(self.origin + np.column_stack([x * cosine - z * sine, x * sine + z * cosine]))
 
 
 def ranges(function: ca.Function, low: float, high: float) -> list[tuple[float, float]]:
