@@ -4,15 +4,15 @@
 Only measured channels are read; the truth topic of an emulated rig is never opened.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from pam_orthosis.bag.information import METADATA_FILE
 from pam_orthosis.bag.read import Bag, aligned, read_bag, recorded_parameters, run_record
-from pam_orthosis.bag.record import METADATA_FILE
 from pam_orthosis.bag.sources import check_once
 from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.errors import OrthosisError
@@ -32,6 +32,8 @@ from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.model.specimens import SPECIMENS, specimens_of
 from pam_orthosis.progress import Progress, counted, silent
 from pam_orthosis.tables import is_table
+
+Runs: TypeAlias = Mapping[Path, Mapping[str, str]]  # run metadata of bags
 
 
 class Bench(NamedTuple):
@@ -127,7 +129,9 @@ def read_data(
     )  # fmt: skip
 
 
-def _nominal_length(runs, specimen: str, parameters: Parameters, given: float | None, tables: bool) -> float:
+def _nominal_length(
+    runs: Runs, specimen: str, parameters: Parameters, given: float | None, tables: bool
+) -> float:
     """Return the one nominal length of bags and tables, m."""
     key = f"muscle.{specimen}.length"
     lengths = {_recorded(path, run, key, parameters) for path, run in runs.items()}
@@ -193,7 +197,7 @@ def _is_bag(path: Path) -> bool:
     return path.suffix in (".mcap", ".db3") or (path / METADATA_FILE).exists()
 
 
-def _one_specimen(runs, tables: Sequence[Path], specimens: Sequence[str]) -> str:
+def _one_specimen(runs: Runs, tables: Sequence[Path], specimens: Sequence[str]) -> str:
     names = {run["specimen"] for run in runs.values() if "specimen" in run}
     for path in tables:
         plain = path.stem.lower().replace("_", "").replace("-", "")
@@ -208,7 +212,7 @@ def _one_specimen(runs, tables: Sequence[Path], specimens: Sequence[str]) -> str
     return names.pop()
 
 
-def _check_specimen(runs, specimen: str) -> None:
+def _check_specimen(runs: Runs, specimen: str) -> None:
     """Check that no bag is of another muscle: its rows would be wrong without a sign of it."""
     for path, run in runs.items():
         if run.get("specimen", specimen) != specimen:
@@ -218,7 +222,7 @@ def _check_specimen(runs, specimen: str) -> None:
             )
 
 
-def _recorded(path: Path, run, key: str, parameters: Parameters) -> float:
+def _recorded(path: Path, run: Mapping[str, str], key: str, parameters: Parameters) -> float:
     """Return a parameter as the bag has it, else as config/ has it."""
     return recorded_parameters(path, run).get(key, parameters.flat()[key])
 
@@ -227,7 +231,9 @@ def _value(bag: Bag, key: str, parameters: Parameters) -> float:
     return bag.parameters.get(key, parameters.flat()[key])
 
 
-def _measured(path: Path, names: Sequence[str], parameters: Parameters):
+def _measured(
+    path: Path, names: Sequence[str], parameters: Parameters
+) -> tuple[Bag, np.ndarray, list[np.ndarray], float]:
     bag = read_bag(path, [f"rig_{name}" for name in names])
     stamps, values = aligned(*(bag[f"rig_{name}"] for name in names))
     if len(stamps) < DERIVATIVE_SAMPLES:

@@ -6,7 +6,7 @@ through a loaded tree would write untouched numbers anew, and ruamel.yaml change
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +72,7 @@ def as_yaml(found: Identified, source: str) -> str:
         for step in path:
             node = node.setdefault(step, {})
         node[leaf] = _fields(row, _source(found, key, source))
-    return yaml.safe_dump({found.data.specimen: tree}, sort_keys=False, width=1000)
+    return str(yaml.safe_dump({found.data.specimen: tree}, sort_keys=False, width=1000))
 
 
 def updated(file: Path, found: Identified, source: str) -> str:
@@ -82,7 +82,8 @@ def updated(file: Path, found: Identified, source: str) -> str:
         OrthosisError: the file cannot be read or has not all of the rows.
     """
     parameters = found.data.parameters
-    muscle, fields = found.data.specimen, {}
+    muscle = found.data.specimen
+    fields: dict[str, str] = {}
     for key, value in values(found).items():
         parameters.row(f"muscle.{muscle}.{key}").with_value(value)
         origin = json.dumps(_source(found, key, source))
@@ -114,7 +115,7 @@ def _rounded(value: float, digits: int = 9) -> float:
     return float(f"{value:.{digits}g}")
 
 
-def _padded(coefficients, count: int) -> list[float]:
+def _padded(coefficients: Iterable[float], count: int) -> list[float]:
     """Return coefficients with nine digits; a lower degree than Eq. (14)'s leaves zeros."""
     found = [_rounded(c) for c in coefficients]
     return found + [0.0] * (count - len(found))

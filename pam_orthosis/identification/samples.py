@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from scipy import signal
@@ -14,6 +16,9 @@ from pam_orthosis.errors import OrthosisError
 
 UNEVEN = 0.1  # of the period, by which stamps of a decay may be off
 DERIVATIVE_SAMPLES = 9  # of the straight-line filter that differentiates the position
+
+
+Kind = TypeVar("Kind")
 
 
 @dataclass(frozen=True)
@@ -102,10 +107,10 @@ def check_even(path: Path, stamps: np.ndarray) -> None:
 def differentiated(position: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     """Return the velocity of evenly stamped positions by local least squares, per second."""
     period = float(np.median(np.diff(stamps))) / SECOND_NS
-    return signal.savgol_filter(position, DERIVATIVE_SAMPLES, 2, deriv=1, delta=period)
+    return np.asarray(signal.savgol_filter(position, DERIVATIVE_SAMPLES, 2, deriv=1, delta=period))
 
 
-def joined(kind, parts: list):
+def joined(kind: type[Kind], parts: Sequence[Kind]) -> Kind | None:
     """Return the rows of several parts of a kind as one; None if there are none."""
     if not parts:
         return None

@@ -6,7 +6,7 @@ reference stand in the name, so that no unit is ever guessed; other columns are 
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
@@ -119,7 +119,7 @@ def read_table(path: Path, ambient: float) -> Table:
     return Table(**rows, marked=marked, unread=unread)
 
 
-def _force_free_end(slack: np.ndarray, columns) -> np.ndarray:
+def _force_free_end(slack: np.ndarray, columns: Mapping[str, np.ndarray]) -> np.ndarray:
     """Mark the slack row of highest pressure where the longest-travelled length never carries."""
     place = columns["contraction"] if "contraction" in columns else -columns["length"]
     end = place == place.max()

@@ -6,8 +6,10 @@ from typing import BinaryIO
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
 from PIL import Image
 
@@ -56,7 +58,7 @@ def write_animation(bag_path: Path, namespace: str, stream: BinaryIO) -> None:
 class Moving:
     """A machine's body and actuators, as thick as they are and coloured by their pressures."""
 
-    def __init__(self, axes, scene: View):
+    def __init__(self, axes: Axes, scene: View):
         self._scene, sketch, shape = scene, scene.sketch, scene.shape
         names = tuple(sketch.actuators)
         self._wheel = axes.add_patch(Circle((0, 0), 0, facecolor="0.85", edgecolor="0.4", zorder=1))
@@ -100,7 +102,7 @@ def _outline(upper: np.ndarray, lower: np.ndarray, diameter: float) -> np.ndarra
     return np.array([upper + beside, lower + beside, lower - beside, upper - beside])
 
 
-def _draw_curves(figure, run: RunData, instants: np.ndarray):
+def _draw_curves(figure: FigureBase, run: RunData, instants: np.ndarray) -> list[Line2D]:
     """Draw coordinate above error; return the lines that show the instant."""
     name, factor = run.machine.coordinate.name, run.machine.coordinate.shown_factor
     stamps, (reference, measured) = aligned(run.bag[f"reference_{name}"], run.bag[name])

@@ -9,8 +9,12 @@ import numpy as np
 from pam_orthosis.discrepancy.answer.curves import Curve
 from pam_orthosis.discrepancy.answer.judgement import Outcome
 from pam_orthosis.discrepancy.fitting import structure
-from pam_orthosis.discrepancy.fitting.structure import missing_rate, order
+from pam_orthosis.discrepancy.fitting.measure import Gap
+from pam_orthosis.discrepancy.fitting.structure import Where, missing_rate, order
+from pam_orthosis.discrepancy.replay.problem import Scored
+from pam_orthosis.discrepancy.replay.run import Run
 from pam_orthosis.discrepancy.search.findings import QUANTILE
+from pam_orthosis.discrepancy.systems.system import Channel, Equation, System
 from pam_orthosis.discrepancy.unknown.description import Description
 from pam_orthosis.report.plots import AFTER, BEFORE, OF_ACTUATORS, REFERENCE, Plot, Trace, bars, dots, line
 from pam_orthosis.report.run_data import thinned
@@ -22,7 +26,7 @@ LOOKS = {"before": (BEFORE, "dash"), "after": (AFTER, "solid")}
 DASHES = ("solid", "dash", "dot")
 
 
-def residuals_of(outcome: Outcome, run, equation, which) -> np.ndarray:
+def residuals_of(outcome: Outcome, run: Run, equation: Equation, which: str) -> np.ndarray:
     """Return recorded minus predicted of one equation on one held-out run, (n, channels)."""
     model = outcome.selection.null if which == "before" else outcome.selection.final
     return outcome.held_out.replay.residuals(run, equation, model.effects, model.values)
@@ -33,7 +37,7 @@ def sizes(outcome: Outcome) -> Plot:
     channels = [c.name for c in outcome.system.channels if c.name in outcome.after.white]
     names = [spoken(name) for name in channels]
 
-    def over(gap) -> list[float]:
+    def over(gap: Gap) -> list[float]:
         return [gap.white[name] / outcome.floor.white[name] for name in channels]
 
     before, after = over(outcome.before), over(outcome.after)
@@ -102,11 +106,11 @@ def spoken(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _traces(outcome: Outcome, equation, i: int, channel) -> tuple[Plot, Plot]:
+def _traces(outcome: Outcome, equation: Equation, i: int, channel: Channel) -> tuple[Plot, Plot]:
     found = []
-    for one in outcome.held_out.scored:
-        pair = [residuals_of(outcome, one.run, equation, which)[:, i] for which in LOOKS]
-        found.append((one, *pair))
+    for scored in outcome.held_out.scored:
+        pair = [residuals_of(outcome, scored.run, equation, which)[:, i] for which in LOOKS]
+        found.append((scored, pair[0], pair[1]))
     one, before, after = max(found, key=lambda item: _worst(item[0], item[1])[1])
     start, _ = _worst(one, before)
     part = slice(start, start + round(WINDOW / one.run.period))
@@ -127,7 +131,7 @@ def _traces(outcome: Outcome, equation, i: int, channel) -> tuple[Plot, Plot]:
     )  # fmt: skip
 
 
-def _worst(one, residual: np.ndarray) -> tuple[int, float]:
+def _worst(one: Scored, residual: np.ndarray) -> tuple[int, float]:
     """Return where the window with the largest residuals starts, and their mean square."""
     length = min(round(WINDOW / one.run.period), len(residual) - one.warm_up)
     sums = np.concatenate([[0.0], np.cumsum(residual[one.warm_up :] ** 2)])
@@ -135,30 +139,30 @@ def _worst(one, residual: np.ndarray) -> tuple[int, float]:
     return one.warm_up + int(np.argmax(power)), float(power.max())
 
 
-def _panels(outcome: Outcome) -> list[tuple]:
+def _panels(outcome: Outcome) -> list[tuple[str, Equation, Sequence[str], str]]:
     """Return title, equation, channels and signal of pictures: where effects live, else where the gap is."""
     if not outcome.effects:
         equation = _equation(outcome.system, outcome.where[0].equation)
         signals = list(outcome.where[0].coordinates)[:1]
         return [("", equation, equation.channels, name) for name in signals]
-    titles: dict[tuple, list[str]] = {}
+    titles: dict[tuple[str, str], list[str]] = {}
     for one in outcome.effects:
         place = _where(outcome, one.name)
         name = _coordinate(outcome, one.name, place)
         if name is not None:
             titles.setdefault((place.equation, name), []).append(spoken(one.name))
-    panels = []
-    for (place, name), words in titles.items():
-        equation = _equation(outcome.system, place)
+    panels: list[tuple[str, Equation, Sequence[str], str]] = []
+    for (of, name), words in titles.items():
+        equation = _equation(outcome.system, of)
         panels.append((" and ".join(words), equation, _concerned(equation, name), name))
     return panels
 
 
-def _equation(system, name: str):
+def _equation(system: System, name: str) -> Equation:
     return next(equation for equation in system.equations if equation.name == name)
 
 
-def _where(outcome: Outcome, effect: str):
+def _where(outcome: Outcome, effect: str) -> Where:
     """Return the equation's gap in which an effect shows: its own, or the one of those it enters."""
     touched = outcome.held_out.replay.touched(effect)
     places = [place for place in outcome.where if place.equation in touched] or list(outcome.where)
@@ -166,7 +170,7 @@ def _where(outcome: Outcome, effect: str):
     return next((place for place in places if place.equation == own), places[0])
 
 
-def _concerned(equation, name: str) -> tuple[str, ...]:
+def _concerned(equation: Equation, name: str) -> tuple[str, ...]:
     """Return the channels whose names begin with most words of a signal's: those of its muscle; else all."""
     common = [_common_words(channel, name) for channel in equation.channels]
     return tuple(c for c, count in zip(equation.channels, common, strict=True) if count == max(common))
@@ -177,13 +181,13 @@ def _common_words(one: str, other: str) -> int:
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
 
 
-def _unit(system, name: str) -> str:
+def _unit(system: System, name: str) -> str:
     """Return the unit of a signal behind a stroke; nothing for one whose unit is not declared."""
     unit = system.unit(name)
     return f" / {unit}" if unit else ""
 
 
-def _coordinate(outcome: Outcome, effect: str, place) -> str | None:
+def _coordinate(outcome: Outcome, effect: str, place: Where) -> str | None:
     """Return the recorded signal that stands for the one in which an effect lives."""
     wanted = outcome.system.catalogue[effect].coordinate
     if wanted in place.coordinates:
@@ -194,7 +198,7 @@ def _coordinate(outcome: Outcome, effect: str, place) -> str | None:
     return next(iter(place.coordinates), None)
 
 
-def _stand_ins(system) -> list[tuple[str, str]]:
+def _stand_ins(system: System) -> list[tuple[str, str]]:
     """Return endings of signals of an effect with the recorded signals that stand for these."""
     if not system.derived:
         return []
@@ -203,7 +207,7 @@ def _stand_ins(system) -> list[tuple[str, str]]:
     return [("_contraction", channel), ("_rate", velocity), ("_stretch", channel)]
 
 
-def _panel(outcome: Outcome, title: str, equation, channel: str, name: str) -> Plot:
+def _panel(outcome: Outcome, title: str, equation: Equation, channel: str, name: str) -> Plot:
     per, unit = PER_ORDER[order(outcome.system, channel)], outcome.system.channel(channel).unit
     data = [trace for which in LOOKS for trace in _missing(outcome, equation, channel, which, name)]
     what, over = f"missing in {spoken(channel)}", spoken(name)
@@ -214,7 +218,7 @@ def _panel(outcome: Outcome, title: str, equation, channel: str, name: str) -> P
     )
 
 
-def _missing(outcome: Outcome, equation, channel: str, which: str, name: str) -> list[Trace]:
+def _missing(outcome: Outcome, equation: Equation, channel: str, which: str, name: str) -> list[Trace]:
     """Return scatter and mean of the missing rate: the residual with the observer undone, slow part."""
     i, over, rates = equation.channels.index(channel), [], []
     for one in outcome.held_out.scored:

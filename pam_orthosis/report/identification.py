@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """An identification: figures like the paper's fig. 4 (force) and fig. 5 (volume), residuals, and the page."""
 
+from collections.abc import Mapping
 from functools import partial
 from itertools import cycle
+from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from pam_orthosis.files import Write
-from pam_orthosis.identification.data import Samples
 from pam_orthosis.identification.identify import DIRECTIONS, Identified
+from pam_orthosis.identification.samples import Samples
 from pam_orthosis.report.page import GOOD, NEUTRAL, Page, Part, listed
 from pam_orthosis.report.picture import draw, draw_plot
 from pam_orthosis.report.plots import OF_ACTUATORS, Plot, dots, line
@@ -37,7 +40,7 @@ def force_figure(found: Identified) -> Figure:
     return figure
 
 
-def _force_surface(axes, found: Identified) -> None:
+def _force_surface(axes: Any, found: Identified) -> None:
     box, s = found.box, found.data.samples
     x, p = np.meshgrid(
         np.linspace(box.minimum_contraction, box.maximum_contraction, 40),
@@ -133,7 +136,7 @@ def _volume_plot(found: Identified) -> Plot:
     return Plot("Measured (dots) and calculated (lines)", alt, "contraction / mm", "volume / cm³", data)
 
 
-def _errors(found: Identified):
+def _errors(found: Identified) -> Markup:
     rows = []
     for name, errors in (("fitted", found.errors(False)), ("held out", found.errors(True))):
         levels = errors.get("by_pressure_bar_gauge", {})
@@ -142,11 +145,11 @@ def _errors(found: Identified):
     return listed(("data", "pressure, gauge", "RMS / N", "maximum / N"), rows)
 
 
-def _sizes(errors: dict) -> tuple[str, str]:
+def _sizes(errors: Mapping[str, Any]) -> tuple[str, str]:
     return f"{errors['rms']:.2f}", f"{errors['max']:.2f}"
 
 
-def _coefficients(found: Identified):
+def _coefficients(found: Identified) -> Markup:
     fit = found.force
     names = [
         f"{kind}{i}" for kind, values in (("a", fit.model.a), ("b", fit.model.b)) for i in range(len(values))

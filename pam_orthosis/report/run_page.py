@@ -4,6 +4,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+from markupsafe import Markup
 
 from pam_orthosis.bag.verdict import Verdict
 from pam_orthosis.model.parameters import load
@@ -58,7 +59,7 @@ def run_page(run: RunData, verdict: Verdict, words: str) -> str:
     return Page(run.bag.path.name, verdict.answer, tone, headline, incomplete, parts, about).html()
 
 
-def _numbers(verdict: Verdict):
+def _numbers(verdict: Verdict) -> Markup:
     told = [
         (what.strip(), f"{value:.3f} {unit}", MEANS.get(what.strip(), "how nervous the valve is"))
         for what, value, unit in verdict.figures()

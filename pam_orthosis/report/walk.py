@@ -6,6 +6,7 @@ from typing import BinaryIO
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pam_orthosis.report.picture import draw_plot
@@ -32,7 +33,7 @@ def drawn(run: RunData, bound: float) -> Figure:
     return figure
 
 
-def _draw_machine(axes, run: RunData) -> None:
+def _draw_machine(axes: Axes, run: RunData) -> None:
     instants = run.time[-1] - run.last_cycle * (1 - np.arange(PHASES) / PHASES)
     sketch = view(run, np.searchsorted(run.time, instants)).sketch
     for corners, colour in zip(

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
@@ -135,7 +136,7 @@ def _drawn(blocks: Iterable[Block], wires: Iterable[Wire], size: Point, low: flo
     return figure
 
 
-def _write_signal(axes, wire: Wire) -> None:
+def _write_signal(axes: Axes, wire: Wire) -> None:
     """Write a signal above the longest level part of its wire, or beside it if none is level."""
     level = [(a, b) for a, b in pairwise(wire.corners) if a[1] == b[1]]
     (x1, y1), (x2, y2) = max(level or [wire.corners[:2]], key=lambda part: abs(part[1][0] - part[0][0]))

@@ -7,6 +7,7 @@ from io import BytesIO
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Circle, Polygon, Rectangle
 
@@ -159,7 +160,7 @@ def _joints(overrides: Mapping[str, Any]) -> dict[str, Parameters]:
     }
 
 
-def _draw_leg(axes, joints: Mapping[str, Parameters], phase: float, opacity: float) -> None:
+def _draw_leg(axes: Axes, joints: Mapping[str, Parameters], phase: float, opacity: float) -> None:
     """Draw one leg at a phase of the gait: frame, muscles of the knee, ropes of the ankle, shoe."""
     knee, ankle = (float(scenario_shape(joints[name])(phase)[0]) for name in ("knee", "ankle"))
     p = joints["knee"].leg
@@ -180,7 +181,7 @@ def _draw_leg(axes, joints: Mapping[str, Parameters], phase: float, opacity: flo
     _draw_shoe(axes, joints["shoe"], p, pose, opacity)
 
 
-def _draw_shoe(axes, shoe: Parameters, p: Section, pose: Pose, opacity: float) -> None:
+def _draw_shoe(axes: Axes, shoe: Parameters, p: Section, pose: Pose, opacity: float) -> None:
     """Draw the sole, and below it the cushions of heel and forefoot."""
     forward, down = _towards(pose.toes), _towards(pose.toes - p.configuration * math.pi / 2)
     middle = pose.ankle + p.shoe_length * (p.ankle.shoe.forward * forward + p.ankle.shoe.below * down)
@@ -195,7 +196,7 @@ def _draw_shoe(axes, shoe: Parameters, p: Section, pose: Pose, opacity: float) -
         axes.add_patch(Polygon(corners, fc="tab:green", ec="k", alpha=opacity))
 
 
-def _draw_frame(axes, pose: Pose, p: Section, opacity: float = 1.0) -> None:
+def _draw_frame(axes: Axes, pose: Pose, p: Section, opacity: float = 1.0) -> None:
     """Draw thigh and shank, the sprocket, the swivel-joint of the hip and the bearing of the ankle."""
     axes.plot(*np.array([pose.hip, pose.knee, pose.ankle]).T, "-", color=FRAME, lw=5, alpha=opacity,
               solid_capstyle="round")  # fmt: skip
@@ -206,7 +207,7 @@ def _draw_frame(axes, pose: Pose, p: Section, opacity: float = 1.0) -> None:
     axes.plot(along, [p.bearing_height - 0.015] * 2, color="k", lw=2, alpha=opacity)
 
 
-def _draw_person(axes, pose: Pose, p: Section) -> None:
+def _draw_person(axes: Axes, pose: Pose, p: Section) -> None:
     """Draw the person's thigh as a frustum and the shank as a cylinder, by mass and density."""
     for segment, start, end in (
         (p.person.thigh, pose.hip, pose.knee), (p.person.shank, pose.knee, pose.ankle)
@@ -218,11 +219,11 @@ def _draw_person(axes, pose: Pose, p: Section) -> None:
         axes.add_patch(Polygon(corners, fc=PERSON, ec=PERSON, alpha=0.2))
 
 
-def _draw_muscle(axes, upper: np.ndarray, lower: np.ndarray, opacity: float) -> None:
+def _draw_muscle(axes: Axes, upper: np.ndarray, lower: np.ndarray, opacity: float) -> None:
     axes.plot(*np.array([upper, lower]).T, color=MUSCLE, lw=6, alpha=opacity, solid_capstyle="butt")
 
 
-def _draw_angles(axes, pose: Pose, angle: float) -> None:
+def _draw_angles(axes: Axes, pose: Pose, angle: float) -> None:
     """Draw hip angle a and knee angle q as arcs."""
     thigh, shank = math.degrees(pose.thigh), math.degrees(pose.shank)
     for at, ends, name, size in (
@@ -236,7 +237,7 @@ def _draw_angles(axes, pose: Pose, angle: float) -> None:
     axes.plot([0.0, 0.3], [0.0, 0.0], "k--", lw=0.8)
 
 
-def _arrow(axes, start: Sequence[float], end: Sequence[float], words: str) -> None:
+def _arrow(axes: Axes, start: Sequence[float], end: Sequence[float], words: str) -> None:
     axes.annotate("", end, start, arrowprops=ARROW)
     axes.text((start[0] + end[0]) / 2, start[1] - 0.008, words, ha="center", va="top", fontsize=9)
 
@@ -259,7 +260,7 @@ def schemes() -> dict[str, bytes]:
     return {name: _png(figure) for name, figure in figures.items()}
 
 
-def _png(figure) -> bytes:
+def _png(figure: Figure) -> bytes:
     stream = BytesIO()
     figure.savefig(stream, dpi=110, format="png")
     return stream.getvalue()

@@ -13,6 +13,7 @@ from pam_orthosis.bag.tracking import rms
 from pam_orthosis.control.axis import Axis
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.model import parameters as tree
+from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.model.plant import Plant
 from pam_orthosis.model.truth import as_modelled
 from pam_orthosis.progress import Progress, counted, silent
@@ -37,7 +38,7 @@ class ObserverRun:
         velocity_noise: standard deviation of the estimated velocity's error, rad/s.
     """
 
-    parameters: Any
+    parameters: Parameters
     signals: Mapping[str, np.ndarray]
     disturbance_time: np.ndarray
     disturbance: np.ndarray
@@ -62,11 +63,11 @@ class TradeOff:
 class WatchedPlant(Plant):
     """The plant, with a list of its true states, one each step."""
 
-    def __init__(self, parameters, seed: int):
+    def __init__(self, parameters: Parameters, seed: int):
         super().__init__(parameters, seed)
-        self.seen: list = []
+        self.seen: list[Any] = []
 
-    def truth(self):
+    def truth(self) -> Any:
         """Return the true state, and keep it."""
         self.seen.append(super().truth())
         return self.seen[-1]
@@ -108,7 +109,13 @@ def fundamental(
     return float(np.hypot(*found[:2])), float(np.arctan2(-found[1], found[0])), signal - regressors @ found
 
 
-def lag_and_gain(time, signal, late_time, late, frequencies) -> tuple[float, float]:
+def lag_and_gain(
+    time: np.ndarray,
+    signal: np.ndarray,
+    late_time: np.ndarray,
+    late: np.ndarray,
+    frequencies: Sequence[float],
+) -> tuple[float, float]:
     """Return how late a signal repeats another one at the first frequency, s, and amplitude / amplitude."""
     amplitude, phase, _ = fundamental(time, signal, frequencies)
     late_amplitude, late_phase, _ = fundamental(late_time, late, frequencies)
@@ -116,7 +123,9 @@ def lag_and_gain(time, signal, late_time, late, frequencies) -> tuple[float, flo
     return behind / (2 * np.pi * frequencies[0]), late_amplitude / amplitude
 
 
-def _judged(p, signals, instants, true) -> ObserverRun:
+def _judged(
+    p: Parameters, signals: Mapping[str, np.ndarray], instants: np.ndarray, true: np.ndarray
+) -> ObserverRun:
     frequencies, time = (p.plant.external_frequency, 1 / p.scenario.cycle_time), signals["time"]
     settled, later = instants >= SETTLING, time >= SETTLING
     estimated = signals["disturbance"][later]
@@ -126,12 +135,14 @@ def _judged(p, signals, instants, true) -> ObserverRun:
     return ObserverRun(p, signals, instants, true, lag, gain, noise)
 
 
-def _torque(signals, p) -> tuple[np.ndarray, np.ndarray]:
+def _torque(signals: Mapping[str, np.ndarray], p: Parameters) -> tuple[np.ndarray, np.ndarray]:
     """Return the applied torque as a disturbance: each value acted for the period before its stamp."""
     return signals["time"] - p.scenario.control_period / 2, -signals["true_torque"]
 
 
-def _missing_torque(signals, seen, p) -> tuple[np.ndarray, np.ndarray]:
+def _missing_torque(
+    signals: Mapping[str, np.ndarray], seen: Sequence[Any], p: Parameters
+) -> tuple[np.ndarray, np.ndarray]:
     """Return tau of Eq. (26) from the true motion and pressures with the controllers' model."""
     axis = Axis(p.nominal())
     q, velocity, acceleration, pe, pf = (ca.SX.sym(name) for name in ("q", "v", "a", "pe", "pf"))
