@@ -126,33 +126,13 @@ def _identified(arguments: argparse.Namespace, progress: Progress) -> Identified
 def describe(found: Identified) -> str:
     """Return the result as text."""
     fit, box = found.force, found.box
-    half = iter(fit.half_width.tolist())
-    lines = [f"{found.data.specimen}, nominal length {found.data.length:g} m"]
-    for name, values in (("a", fit.model.a), ("b", fit.model.b)):
-        lines += [
-            f"  {name}_{i} = {value: .8e} +- {next(half):.1e}" for i, value in enumerate(values.tolist())
-        ]
-    if found.damping:
-        d = found.damping
-        losses = f"dry friction apart (Eq. 18 counts all losses: {d.decrement:.1f}; T_d = {d.period:.3f} s)"
-        if not d.apart:
-            losses = f"all losses, Eq. 18 (T_d = {d.period:.3f} s); with F_N dry friction would be told apart"
-        lines.append(f"  D = {d.value:.1f} +- {d.half_width:.1f} N s/m, {losses}")
-    if found.given_damping is not None:
-        lines.append(f"  D = {found.given_damping:g} N s/m was given, and counts")
-    if found.volume:
-        v = found.volume
-        lines.append(f"  v = {_numbers(v.v)}, w = {_numbers(v.w)}")
-        lines.append(f"  volume error {v.rms * 1e6:.2f} cm^3 RMS, {v.largest * 1e6:.2f} cm^3 maximum")
-    if found.not_identified:
-        lines.append(f"  {found.not_identified}")
-    lines.append(
+    lines = [
+        f"{found.data.specimen}, nominal length {found.data.length:g} m", *_values(found),
         f"rank {fit.rank} of {len(fit.half_width)}, condition {fit.condition:.3g} (unscaled"
-        f" {fit.condition_raw:.3g}), {len(found.training)} samples, {fit.effective:.0f} independent"
-    )
-    lines.append(_intervals(fit))
-    lines += found.remarks
-    lines += _errors("fit", found.errors(held_out=False)) + _errors("held out", found.errors(held_out=True))
+        f" {fit.condition_raw:.3g}), {len(found.training)} samples, {fit.effective:.0f} independent",
+        _intervals(fit), *found.remarks,
+        *_errors("fit", found.errors(held_out=False)), *_errors("held out", found.errors(held_out=True)),
+    ]  # fmt: skip
     if found.hysteresis:
         h = found.hysteresis
         lines.append(
@@ -169,6 +149,31 @@ def describe(found: Identified) -> str:
     if not found.stiff:
         lines.append("caution: in the box the modelled force does not fall everywhere with the contraction")
     return "\n".join(lines)
+
+
+def _values(found: Identified) -> list[str]:
+    """Return lines on the coefficients of force and volume and on the damping, and what is none of these."""
+    model, half = found.force.model, iter(found.force.half_width.tolist())
+    lines = [
+        f"  {name}_{i} = {value: .8e} +- {next(half):.1e}"
+        for name, values in (("a", model.a), ("b", model.b))
+        for i, value in enumerate(values.tolist())
+    ]
+    if found.damping:
+        d = found.damping
+        losses = f"dry friction apart (Eq. 18 counts all losses: {d.decrement:.1f}; T_d = {d.period:.3f} s)"
+        if not d.apart:
+            losses = f"all losses, Eq. 18 (T_d = {d.period:.3f} s); with F_N dry friction would be told apart"
+        lines.append(f"  D = {d.value:.1f} +- {d.half_width:.1f} N s/m, {losses}")
+    if found.given_damping is not None:
+        lines.append(f"  D = {found.given_damping:g} N s/m was given, and counts")
+    if found.volume:
+        v = found.volume
+        lines.append(f"  v = {_numbers(v.v)}, w = {_numbers(v.w)}")
+        lines.append(f"  volume error {v.rms * 1e6:.2f} cm^3 RMS, {v.largest * 1e6:.2f} cm^3 maximum")
+    if found.not_identified:
+        lines.append(f"  {found.not_identified}")
+    return lines
 
 
 def _errors(name: str, errors: dict[str, Any]) -> list[str]:

@@ -90,6 +90,21 @@ def _apparatus(path: Path, given: Machine | None, namespace: str) -> Apparatus:
     if given and run and recorded.text != given.text:
         raise OrthosisError(f"{path} was recorded with another file, of {recorded.name}: leave --machine out")
     machine = given or recorded
+    if machine is not KNEE:
+        return _of_machine(path, machine, namespace)
+    specimen = rig_bags.specimen_of(path)
+    if specimen is None:
+        return Apparatus("the knee", knee.knee, knee.APPARATUS, knee.ALONE)
+    return Apparatus(
+        f"a rig with a {specimen}",
+        lambda p, _: rig.test_rig(p, specimen),
+        rig.APPARATUS,
+        read=rig_bags.recording,
+    )
+
+
+def _of_machine(path: Path, machine: Machine, namespace: str) -> Apparatus:
+    """Return a machine that is not the shipped knee, as an apparatus."""
     if machine.coupled:
         topic, joint = joint_beside(path, namespace, machine)
         beside = Source(topic=topic, type=JOINT, field="position", joint=joint)
@@ -100,25 +115,15 @@ def _apparatus(path: Path, given: Machine | None, namespace: str) -> Apparatus:
             declared.APPARATUS,
             machine=machine,
         )
-    if machine.kind == "knee" and machine is not KNEE:
+    if machine.kind == "knee":
         if machine.names != KNEE.names:
             raise OrthosisError(f"{machine.name}: gap knows a knee by its {' and '.join(KNEE.names)} alone")
         return Apparatus(machine.name, knee.knee, knee.APPARATUS, knee.ALONE, machine)
-    if machine is not KNEE:
-        return Apparatus(
-            machine.name,
-            lambda *given: declared.declared_machine(machine, *given),
-            declared.APPARATUS,
-            machine=machine,
-        )
-    specimen = rig_bags.specimen_of(path)
-    if specimen is None:
-        return Apparatus("the knee", knee.knee, knee.APPARATUS, knee.ALONE)
     return Apparatus(
-        f"a rig with a {specimen}",
-        lambda p, _: rig.test_rig(p, specimen),
-        rig.APPARATUS,
-        read=rig_bags.recording,
+        machine.name,
+        lambda *given: declared.declared_machine(machine, *given),
+        declared.APPARATUS,
+        machine=machine,
     )
 
 

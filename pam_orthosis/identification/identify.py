@@ -10,7 +10,7 @@ import numpy as np
 from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.identification.damping import Damping, fit_damping
 from pam_orthosis.identification.data import Data
-from pam_orthosis.identification.force import ForceFit, fit_force, leave_one_out, rms_and_max
+from pam_orthosis.identification.force import ForceFit, ForceModel, fit_force, leave_one_out, rms_and_max
 from pam_orthosis.identification.groups import lengths
 from pam_orthosis.identification.kept import not_identified
 from pam_orthosis.identification.samples import Samples
@@ -159,16 +159,7 @@ def identify(
     progress("fitting the force")
     force = fit_force(training, d, degrees)
     friction = hysteresis(force.model, training)
-    geometry = data.parameters.at(f"muscle.{data.specimen}.geometry")
-    angle = geometry.fibre_angle + geometry.fibre_angle_correction
-    cautions = (
-        check_slack_pressure(force.model, training, data.length),
-        check_size(force.model, training, data.length, geometry.diameter, angle),
-        astray(force.model, training),
-        check_direction(force.model, training, friction),
-        check_repeats(training, data.length) if data.static else "",
-    )
-    remarks += [f"caution: {one}" for one in cautions if one]
+    remarks += _cautions(data, training, force.model, friction)
     left_out = {
         kind: leave_one_out(training, group, lambda s: fit_force(s, d, degrees), progress)
         for kind, group in _groups(data, training).items()
@@ -182,6 +173,20 @@ def identify(
         data, training, samples.where(judged), force, decay,
         volume, left_out, box, _stiff(force, box), damping, friction, tuple(remarks),
     )  # fmt: skip
+
+
+def _cautions(data: Data, training: Samples, model: ForceModel, friction: Hysteresis | None) -> list[str]:
+    """Return what is not plausible in the samples and in what was fitted to them, in words."""
+    geometry = data.parameters.at(f"muscle.{data.specimen}.geometry")
+    angle = geometry.fibre_angle + geometry.fibre_angle_correction
+    found = (
+        check_slack_pressure(model, training, data.length),
+        check_size(model, training, data.length, geometry.diameter, angle),
+        astray(model, training),
+        check_direction(model, training, friction),
+        check_repeats(training, data.length) if data.static else "",
+    )
+    return [f"caution: {one}" for one in found if one]
 
 
 def usable(data: Data, damping: float, degrees: tuple[int, int]) -> tuple[Samples, list[str]]:

@@ -92,14 +92,26 @@ def nearest_cycle(
     error = x[0, :] - position.reshape(1, -1)
     opti.subject_to(opti.bounded(-largest, error, largest))
     opti.subject_to(error[0] == 0)  # where the run begins
+    shown = nominal.declared.coordinate.shown_factor
     mean = (x[2, :] + x[3, :]) / 2 - nominal.control.position.mean_pressure / BAR
+    opti.minimize(largest * shown + _cost(flow, mean, error * shown, period))
+    _begin(opti, x, flow, start, velocity)
+    opti.set_initial(largest, start.largest or 0.1)
+    value: Callable[[Expression], Any] = _solved(opti).value
+    states = value(x)
+    return Cycle(states[0], states[2:4] * BAR, float(value(largest)), (states, value(flow)))
+
+
+def _cost(flow: Expression, mean: Expression, error: Expression, period: float) -> Expression:
+    """Return the objective beside the largest error in degrees or mm: what else the controllers do anyway."""
     change = flow - ca.horzcat(flow[:, -1], flow[:, :-1])
-    # of the objective, beside the largest error in degrees or mm: what is left open the controllers do anyway
     flow_weight, error_weight, mean_weight = 1.0e-3, 1.0e-2, 1.0e-3
     cost = flow_weight * ca.sumsqr(change) + mean_weight * ca.sumsqr(mean) * period
-    shown = nominal.declared.coordinate.shown_factor
-    cost += error_weight * ca.sumsqr(error * shown) * period
-    opti.minimize(largest * shown + cost)
+    return cost + error_weight * ca.sumsqr(error) * period
+
+
+def _begin(opti: ca.Opti, x: Expression, flow: Expression, start: Cycle, velocity: Array) -> None:
+    """Let the search begin at a cycle, with its solution if it was found."""
     if start.solution:
         opti.set_initial(x, start.solution[0])
         opti.set_initial(flow, start.solution[1])
@@ -107,10 +119,6 @@ def nearest_cycle(
         opti.set_initial(x[0, :], start.position.reshape(1, -1))
         opti.set_initial(x[1, :], velocity.reshape(1, -1))
         opti.set_initial(x[2:4, :], start.pressures / BAR)
-    opti.set_initial(largest, start.largest or 0.1)
-    value: Callable[[Expression], Any] = _solved(opti).value
-    states = value(x)
-    return Cycle(states[0], states[2:4] * BAR, float(value(largest)), (states, value(flow)))
 
 
 def _solved(opti: ca.Opti) -> ca.OptiSol:

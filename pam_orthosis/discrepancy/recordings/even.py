@@ -119,19 +119,7 @@ def _filled(
     on_grid = (np.abs(steps - whole * period) <= ON_GRID * period).all()
     missing = int(whole.sum() - len(steps)) if on_grid else _missing(steps, whole, period)
     uneven = np.abs(steps - period) > UNIFORM * period
-    rows = len(time) + missing
-    told = f"{name} is not uniform in time:"
-    if missing > MOST_MISSING * rows:
-        raise OrthosisError(
-            f"{told} {missing} of {rows} rows are missing, the first"
-            f" after {time[int(np.argmax(whole > 1))]:.4f} s; at most {MOST_MISSING:.0%} may be: leave none"
-        )
-    if not on_grid and uneven.mean() > UNEVEN_SHARE:
-        raise OrthosisError(
-            f"{told} its stamps jitter, {uneven.sum()} of {len(steps)} steps are not {1e3 * period:.4g} ms;"
-            f" at most {UNEVEN_SHARE:.0%} may differ, or all by {ON_GRID:.0%}: stamp rows when they are"
-            " measured, or resample them"
-        )
+    _check_stamps(name, missing, float(time[int(np.argmax(whole > 1))]), uneven & ~on_grid, period)
     places = np.concatenate([[0.0], np.cumsum(whole if on_grid else steps / period)])
     grid = np.arange(int(places[-1] + 1e-6) + 1.0)
     latest = np.searchsorted(places, grid + 1e-6) - 1
@@ -143,7 +131,7 @@ def _filled(
     scattered = int(uneven.sum()) - (int((whole > 1).sum()) if on_grid else missing)
     remarks = []
     if missing:
-        most = int(whole.max()) - 1
+        most, rows = int(whole.max()) - 1, len(time) + missing
         remarks.append(f"{missing} of {rows} rows are missing, at most {most} in a row: interpolated")
     if scattered > 0 and not on_grid:
         remarks.append(f"{scattered} of {len(steps)} steps are uneven: resampled every {1e3 * exact:.4g} ms")
@@ -152,6 +140,22 @@ def _filled(
             f"{scattered} of {len(steps)} steps are uneven, by {ON_GRID:.0%} at most: taken as even"
         )
     return Even(exact, filled, 0.0), remarks
+
+
+def _check_stamps(name: str, missing: int, after: float, uneven: np.ndarray, period: float) -> None:
+    """Refuse, by OrthosisError, too many missing rows, the first after a time, s, or uneven steps (n,)."""
+    told, rows = f"{name} is not uniform in time:", len(uneven) + 1 + missing
+    if missing > MOST_MISSING * rows:
+        raise OrthosisError(
+            f"{told} {missing} of {rows} rows are missing, the first"
+            f" after {after:.4f} s; at most {MOST_MISSING:.0%} may be: leave none"
+        )
+    if uneven.mean() > UNEVEN_SHARE:
+        raise OrthosisError(
+            f"{told} its stamps jitter, {uneven.sum()} of {len(uneven)} steps are not {1e3 * period:.4g} ms;"
+            f" at most {UNEVEN_SHARE:.0%} may differ, or all by {ON_GRID:.0%}: stamp rows when they are"
+            " measured, or resample them"
+        )
 
 
 def _missing(steps: np.ndarray, whole: np.ndarray, period: float) -> int:

@@ -2,7 +2,7 @@
 """The orthosis' knee as a system of the gap workflow: how recordings show it, and how far it may be off."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from pam_orthosis.discrepancy.systems.machine_system import (
@@ -98,17 +98,7 @@ def tabulated_leg(nominal: Parameters) -> Callable[..., Callable[..., Mechanics]
 
     def interpolated(key: str, value: Expression) -> list[list[list[Expression]]]:
         nodes = [node if LEG[key] is HEIGHTS else node * values[key] for node in LEG[key]]
-        legs = [parts_of({key: node}) for node in nodes]
-        shares = [
-            math.prod((value - b) / (a - b) for b in nodes if b != a) for a in nodes
-        ]  # of Lagrange's polynomials
-        return [
-            [
-                [sum(s * c for s, c in zip(shares, many, strict=True)) for many in zip(*rows, strict=True)]
-                for rows in zip(*parts, strict=True)
-            ]
-            for parts in zip(*legs, strict=True)
-        ]
+        return _between(nodes, [parts_of({key: node}) for node in nodes], value)
 
     usual = parts_of({})
 
@@ -129,3 +119,17 @@ def tabulated_leg(nominal: Parameters) -> Callable[..., Callable[..., Mechanics]
         return tabulated(terms)
 
     return deviating
+
+
+def _between(
+    nodes: Sequence[float], tables: Sequence[list[list[list[float]]]], value: Expression
+) -> list[list[list[Expression]]]:
+    """Return the coefficients at a value between nodes, at each of which they are tabulated (Lagrange)."""
+    shares = [math.prod((value - b) / (a - b) for b in nodes if b != a) for a in nodes]
+    return [
+        [
+            [sum(s * c for s, c in zip(shares, many, strict=True)) for many in zip(*rows, strict=True)]
+            for rows in zip(*parts, strict=True)
+        ]
+        for parts in zip(*tables, strict=True)
+    ]
