@@ -13,7 +13,7 @@ from pam_orthosis.discrepancy.preparation import check
 from pam_orthosis.discrepancy.preparation.glitches import without_glitches
 from pam_orthosis.discrepancy.preparation.mistakes import mistake_words
 from pam_orthosis.discrepancy.recordings.data import Recording
-from pam_orthosis.discrepancy.recordings.room import check_room
+from pam_orthosis.discrepancy.recordings.memory import check_room
 from pam_orthosis.discrepancy.recordings.stamps import remarks_on_stamps
 from pam_orthosis.discrepancy.replay.problem import Problem, Scored
 from pam_orthosis.discrepancy.replay.replay import Replay

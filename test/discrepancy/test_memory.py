@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from pam_orthosis.discrepancy.preparation.beginning import begin
-from pam_orthosis.discrepancy.recordings import room
+from pam_orthosis.discrepancy.recordings import memory
 from pam_orthosis.discrepancy.replay import replay
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
@@ -16,9 +16,9 @@ LONG = [SimpleNamespace(samples=1_000_000), SimpleNamespace(samples=800_000)]
 
 @pytest.fixture
 def told(tmp_path, monkeypatch):
-    monkeypatch.setattr(room, "MEMORY", tmp_path / "meminfo")
-    monkeypatch.setattr(room, "OWN", tmp_path / "own")
-    monkeypatch.setattr(room, "CONTAINER", tmp_path)
+    monkeypatch.setattr(memory, "MEMORY", tmp_path / "meminfo")
+    monkeypatch.setattr(memory, "OWN", tmp_path / "own")
+    monkeypatch.setattr(memory, "CONTAINER", tmp_path)
     return (tmp_path / "meminfo").write_text
 
 
@@ -26,19 +26,19 @@ def told(tmp_path, monkeypatch):
 def test_what_needs_more_than_is_free_is_refused(told, free_kb, said):
     told(f"MemTotal: 32000000 kB\nMemAvailable: {free_kb} kB\n")
     with pytest.raises(OrthosisError, match=rf"1,800,000 rows needs about 25\.2 GB .*{said}"):
-        room.check_room(LONG, 2)
-    room.check_room([SimpleNamespace(samples=60_000)], 2)
+        memory.check_room(LONG, 2)
+    memory.check_room([SimpleNamespace(samples=60_000)], 2)
 
 
 def test_where_a_system_does_not_say_what_is_free_nothing_is_refused(told):
     for tell in (lambda: None, lambda: told("MemTotal: 16000000 kB\n")):
         tell()
-        assert room.available() is None
-        room.check_room(LONG, 2)
+        assert memory.available() is None
+        memory.check_room(LONG, 2)
 
 
 @pytest.mark.parametrize("group", ["", "slice/own"])
-@pytest.mark.parametrize(("line", "folder", "limit", "used", "dropped"), room.GROUPS)
+@pytest.mark.parametrize(("line", "folder", "limit", "used", "dropped"), memory.GROUPS)
 def test_the_limit_of_a_container_counts_where_it_is_lower(
     told, tmp_path, line, folder, limit, used, dropped, group
 ):
@@ -50,11 +50,11 @@ def test_the_limit_of_a_container_counts_where_it_is_lower(
     statistics = "".join(f"{key} 500\n" for key in dropped)
     for name, text in ((limit, "4000000000"), (used, "3000000000"), ("memory.stat", f"anon 7\n{statistics}")):
         (place / name).write_text(f"{text}\n")
-    assert room.available() == 1_000_000_000 + 500 * len(dropped)
+    assert memory.available() == 1_000_000_000 + 500 * len(dropped)
     (place / used).write_text("5000000000\n")
-    assert room.available() == 0
+    assert memory.available() == 0
     (place / limit).write_text("max\n")
-    assert room.available() == 16_384_000_000
+    assert memory.available() == 16_384_000_000
 
 
 def test_a_search_asks(bench, told):
