@@ -9,7 +9,7 @@ from typing import Any
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 
-from pam_orthosis.bag import earlier, messages
+from pam_orthosis.bag import earlier_layout, messages
 from pam_orthosis.bag.cdr import store
 from pam_orthosis.bag.record import message_definition
 from pam_orthosis.bag.topics import Signal, resolve
@@ -23,7 +23,7 @@ class LegMessages:
     def __init__(self, reader: Reader, path: Path, namespace: str, valve: Section):
         self._reader, self.path, self._namespace, self.valve = reader, path, namespace, valve
         self._there = {one.topic: one for one in reader.connections}
-        self._earlier = earlier.is_earlier(reader.connections)
+        self._earlier = earlier_layout.is_earlier(reader.connections)
 
     def has(self, topic: str) -> bool:
         """Whether the bag holds messages of a topic of the table."""
@@ -36,7 +36,7 @@ class LegMessages:
 
     def check(self, topic: str, expected: str) -> None:
         """Check that a topic is of the type that is expected; OrthosisError if not."""
-        expected = earlier.type_of(topic, expected) if self._earlier else expected
+        expected = earlier_layout.type_of(topic, expected) if self._earlier else expected
         there, name = self._there[self._name(topic)], f"{self.path}: topic {self._name(topic)}"
         if there.msgtype != expected:
             raise OrthosisError(f"{name} is of type {there.msgtype}, not {expected}")
@@ -52,15 +52,15 @@ class LegMessages:
     def raw(self, topics: Iterable[str]) -> Iterator[tuple[str, bytes]]:
         """Yield topic and serialised message, in the order of the bag."""
         for topic, connection, data in self._recorded(topics):
-            if not (self._earlier and earlier.differs(topic)):
+            if not (self._earlier and earlier_layout.differs(topic)):
                 yield topic, bytes(data)
             elif (message := self._message(topic, connection, data)) is not None:
                 yield topic, messages.serialised(message.__msgtype__, message)
 
     def _message(self, topic: str, connection: Connection, data: bytes) -> Any:
         message = store().deserialize_cdr(data, connection.msgtype)  # not by the types that the bag declares
-        if self._earlier and earlier.differs(topic):
-            return earlier.as_today(topic, message, self._namespace.strip("/"), self.valve)
+        if self._earlier and earlier_layout.differs(topic):
+            return earlier_layout.as_today(topic, message, self._namespace.strip("/"), self.valve)
         return message
 
     def _recorded(self, topics: Iterable[str]) -> Iterator[tuple[str, Connection, bytes]]:
@@ -74,7 +74,7 @@ class LegMessages:
 
     def _name(self, topic: str) -> str:
         """Return the name under which a topic is in the bag."""
-        return resolve(earlier.name_of(topic) if self._earlier else topic, self._namespace)
+        return resolve(earlier_layout.name_of(topic) if self._earlier else topic, self._namespace)
 
 
 def _legs_there(topics: Iterable[str]) -> str:
