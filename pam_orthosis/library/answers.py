@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from pam_orthosis.bag.verdict import Bound, Verdict, judge
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import as_text, write_files
-from pam_orthosis.library import given
+from pam_orthosis.library import checked_arguments as given
 from pam_orthosis.library.options import arguments_named, in_python
 from pam_orthosis.library.run import Run
 from pam_orthosis.markup import Shown, table

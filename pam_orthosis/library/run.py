@@ -25,7 +25,7 @@ from pam_orthosis.bag.sampled import sampled, since_first
 from pam_orthosis.bag.simulated import recorded_signals
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import write_files
-from pam_orthosis.library import given
+from pam_orthosis.library import checked_arguments as given
 from pam_orthosis.library.options import arguments_named
 from pam_orthosis.markup import Shown
 from pam_orthosis.model.machine import Machine

@@ -12,7 +12,7 @@ from pam_orthosis.bag.topics import SECOND_NS
 from pam_orthosis.control.load import check_load
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.library import given
+from pam_orthosis.library import checked_arguments as given
 from pam_orthosis.library.options import arguments_named
 from pam_orthosis.library.run import Array, Run, Runs
 from pam_orthosis.model.machine import Machine
