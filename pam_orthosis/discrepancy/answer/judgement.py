@@ -27,7 +27,7 @@ MOST_OFF = 2.5  # a residual in its unit over what noise leaves: a slow one weig
 NEAR = 1.5  # gap of an equation over the noise floor above which it is not explained, whatever was closed
 LEAST_NAMED = 0.5  # closure of a model below which it names nothing
 FAR_STRAIN = 5.0  # tolerances: less likely hardware than a wrong zero, unit or mechanism
-WIDE = 10.0  # times its priors: the same of a shape correction that is named
+WIDE = 10.0  # times its priors: the same of a shape correction that is named, or beside a named effect
 MOVED = 3.0  # tolerances that recalibration moves a parameter: a finding, whatever is left
 MANY_STRAINED = 3  # nuisance parameters so far off: they bend a model to another machine
 MOST_KEPT = 20.0  # gap of an equation over the noise floor, whatever is described, of the machine given
@@ -220,10 +220,12 @@ def shares_moved(final: Fit) -> dict[str, float]:
 
 
 def _astray(system: System, final: Fit) -> list[str]:
-    """Return those that are far off where no effect is named whose other form may have moved them."""
+    """Return those that are far off where no effect is named whose other form may have moved them so far."""
     named = {system.equation_of(name) for name in final.effects}
     seen = {name for equation in named & set(final.blocks) for name in final.blocks[equation].names}
-    return [name for name in _far_off(system, final, FAR_STRAIN) if name not in seen]
+    own = {one.name for one in system.calibrations}
+    surely = {name for name, times in strained_parameters(final).items() if name in own and abs(times) > WIDE}
+    return [name for name in _far_off(system, final, FAR_STRAIN) if name not in seen - surely]
 
 
 def _is_gone(before: measure.Gap, floor: measure.Gap, where: Sequence[structure.Where]) -> bool:

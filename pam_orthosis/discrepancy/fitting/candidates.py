@@ -301,9 +301,9 @@ def widened_shape(projection: Projection, name: str) -> Candidate:
 
 
 def moved_parameter(problem: Problem, base: Fit, name: str, of: str) -> Candidate:
-    """Return a wrong parameter as far off as recalibration would take it if `of` it had no tolerance."""
+    """Return a wrong parameter as far off as its calibration `of` would be if that had no tolerance."""
     free = [replace(one, sd=math.inf) if one.name == of else one for one in base.free]
     model = fit(problem, base.effects, base.values, free)
-    values = {**model.values, of: 0.0, f"{name}.{VALUE}": model.values[of]}
+    values = {**model.values, of: 0.0, f"{name}.{VALUE}": problem.system.moved_to(name, model.values[of])}
     gain, scales = base.cost - model.cost, scales_of(problem.system, base.free)
     return Candidate(name, gain, values, gain - penalty(base, 1), scales, (name,))

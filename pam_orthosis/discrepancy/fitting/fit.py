@@ -177,6 +177,8 @@ def _descended(
     hessian = matrices.hessian
     residuals = {name: block.residual for name, block in blocks.items()}
     first = cost = sum_of_squares(residuals) + prior_cost(free, values)
+    if not matrices.known:
+        return values, 0.0, residuals
     for _ in range(CHORD_STEPS):
         position = np.array([values[name] for name in names]) / scale
         gradient = matrices.gradient(residuals, values)
@@ -213,8 +215,10 @@ class _Normal:
         self._weight = np.array([one.scale / one.sd for one in free])
         self.hessian = np.diag(self._weight**2)
         self._parts = {name: scaled_slopes(block, free) for name, block in blocks.items()}
-        for matrix, place in self._parts.values():
-            self.hessian[np.ix_(place, place)] += matrix @ matrix.T
+        with np.errstate(over="ignore", invalid="ignore"):  # a replay that went astray is not `known`
+            for matrix, place in self._parts.values():
+                self.hessian[np.ix_(place, place)] += matrix @ matrix.T
+        self.known = bool(np.isfinite(self.hessian).all())
 
     def gradient(self, residuals: Mapping[str, np.ndarray], values: Values) -> np.ndarray:
         """Return the gradient (half) by the scaled parameters."""
@@ -244,6 +248,7 @@ def peak(residual: np.ndarray) -> float:
 def score(problem: Problem, model: Fit) -> float:
     """Return minus twice the log evidence of a model up to a constant: cost, Occam factors, BIC.
 
+    Of a model whose replay goes astray it is infinite.
     Nuisance parameters have priors: for them the ratio of prior and posterior volume is known. An
     effect's parameters, and a shape correction that left its priors, are charged as BIC does.
     """
@@ -255,6 +260,8 @@ def score(problem: Problem, model: Fit) -> float:
         for name, b in model.blocks.items()
     }
     normal = _Normal(blocks, own)
+    if not normal.known:
+        return math.inf
     weight = np.array([one.scale / one.sd for one in own])
     occam = float(np.linalg.slogdet(normal.hessian)[1]) - 2 * float(np.sum(np.log(weight)))
     shapes = sum(name in problem.system.shapes for name in model.effects)

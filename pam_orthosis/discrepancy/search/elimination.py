@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects that lose their evidence when all are refitted together, or have no size to tell, are dropped."""
 
+import math
 from collections.abc import Mapping
 
 from pam_orthosis.discrepancy.fitting.fit import Fit, fit, fit_tempered, score
@@ -97,7 +98,10 @@ def _seen_in_silence(found: Selection, name: str, evidence: float, without: Fit,
 
 
 def loss(found: Selection, name: str) -> tuple[float, Fit]:
-    """Return the evidence of an effect beside the others, and the model without it."""
+    """Return the evidence of an effect beside the others, and the model without it.
+
+    Where that model goes astray the evidence is the one with which the effect was added.
+    """
     problem, final = found.final_problem, found.final
     system = problem.system
     effects = tuple(other for other in final.effects if other != name)
@@ -109,7 +113,8 @@ def loss(found: Selection, name: str) -> tuple[float, Fit]:
     values = {key: value for key, value in values.items() if not key.startswith(gone)}
     # at the weights of the full model, but not to the end: a wrong model has no good fit
     without = fit(problem, effects, values, free, most=3)
-    return score(problem, without) - score(problem, final), without
+    evidence = score(problem, without) - score(problem, final)
+    return (evidence if math.isfinite(evidence) else found.entered[name]), without
 
 
 def _counted_from(problem: Problem, final: Fit, name: str) -> Values:

@@ -16,6 +16,7 @@ from pam_orthosis.discrepancy.fitting.candidates import (
 from pam_orthosis.discrepancy.fitting.fit import Fit
 from pam_orthosis.discrepancy.fitting.projection import Projection
 from pam_orthosis.discrepancy.replay.problem import Problem
+from pam_orthosis.discrepancy.systems.suspects import VALUE
 from pam_orthosis.discrepancy.systems.system import System, Values
 from pam_orthosis.progress import Progress
 
@@ -29,6 +30,7 @@ POLISHED_SHARE = 0.4  # of the best projected gain: worth a full fit
 NEAR_THRESHOLD = 0.3  # of the evidence that is asked for: a projection may be that far off
 SLACK = 20.0  # the same where little is asked for
 FAR = 10.0  # power density of residuals over noise, and
+SURELY = 8.0  # the same of a machine's parameter, which the form error of an effect beside may move too
 FAR_STRAIN = 3.0  # deviation of a free parameter over its tolerance, that let parameters be suspected
 RIVAL = 0.5  # of a gain: what reaches it may be what the best effect is
 SECOND_START = 0.3  # of the best start's gain: a second start is tried
@@ -47,8 +49,8 @@ def fitted_candidates(
     """
     look, system = _Look(problem, base, most, thresholds, progress), problem.system
     known = system.taken(base.effects)
-    own = {n: one.name for n in system.candidates if n not in known and (one := system.recalibrating(n))}
-    moved = {name: of for name, of in own.items() if of in look.strained}
+    own = {n: one.name for n in system.candidates if n not in known and (one := system.moved_by(n))}
+    moved = {name: of for name, of in own.items() if is_moved(system, base, name)}
     others = [name for name in system.candidates if name not in {*known, *moved}]
     suspected = is_far(problem) or bool(look.strained)
     gains, found = look.at([name for name in others if suspected or name not in system.wrong], LEAST_SCREEN)
@@ -63,6 +65,18 @@ def fitted_candidates(
     gains |= {one.name: one.gain for one in found}
     best_first = sorted((one for one in found if one.gain > least), key=lambda one: -one.evidence)
     return _different(best_first), gains
+
+
+def is_moved(system: System, model: Fit, name: str) -> bool:
+    """Return whether a parameter is so far off, by recalibration or by a candidate, that it may be wrong."""
+    own = system.moved_by(name)
+    if own is None:
+        return False
+    far = FAR_STRAIN if system.recalibrating(name) else SURELY
+    off = model.values[own.name]
+    if name in model.effects:
+        off += system.moved_back(name, model.values[f"{name}.{VALUE}"])
+    return abs(off) > far * own.sd
 
 
 def _different(ranked: Sequence[Candidate]) -> list[Candidate]:

@@ -8,6 +8,7 @@ import numpy as np
 from pam_orthosis.discrepancy.fitting.candidates import Candidate, penalty
 from pam_orthosis.discrepancy.fitting.fit import Fit
 from pam_orthosis.discrepancy.replay.problem import Problem
+from pam_orthosis.discrepancy.search.screening import is_moved
 from pam_orthosis.discrepancy.systems.system import Values
 from pam_orthosis.model.parameters import Section
 
@@ -90,7 +91,7 @@ def _asked_beside(found: Selection, name: str, settings: Section) -> dict[str, f
     A parameter that recalibration has moved too far is moved in any case: it is only called wrong.
     """
     touched = found.problem.replay.touched
-    if found.problem.system.recalibrating(name):
+    if found.problem.system.recalibrating(name) or is_moved(found.problem.system, found.final, name):
         return {}
     return {
         other: max(

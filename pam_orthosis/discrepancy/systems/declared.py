@@ -22,6 +22,7 @@ APPARATUS = (
     "valve.",
     "effects.",
 )  # keys of the nominal model that recordings share
+SIZES = {"muscle": "length", "cylinder": "area"}  # of an actuator, by its kind
 MASSES = ("leg.shoe_mass",)  # of the ankle: where it is wrong, all forces are by one factor
 # what may be off in machines of the leg, and in those that carry a person's
 OF_LEG = {"knee": ("moving_mass", "muscle_damping"), "ankle": ("moving_mass", "small_muscle_damping")}
@@ -71,14 +72,15 @@ def _view(machine: Machine, nominal: Parameters) -> View:
 
 
 def _suspects(machine: Machine, nominal: Parameters) -> Suspects:
-    """Return what of a machine's own mechanism may be wrong: what it moves, each arm, all by one factor."""
+    """Return what of a machine's own may be wrong: what it moves, actuators, each arm, all by one factor."""
     if machine.parameters == "leg":
         return each(*(MASSES if machine.kind == "ankle" else ()))
     values = nominal.flat()
     loads = (f"{machine.parameters}.{name}" for name in ("inertia", "weight"))
     arms = tuple(f"{one.transmission}.arm" for one in machine.actuators)
     turns = machine.coordinate.unit == "rad" and all(values.get(key) for key in arms)
-    found = each(*(key for key in loads if values[key]), *(arms if turns else ()))
+    sizes = dict.fromkeys(f"{one.parameters}.{SIZES[one.kind]}" for one in machine.actuators)
+    found = each(*(key for key in loads if values[key]), *sizes, *(arms if turns else ()))
     return {**found, **({ARMS: arms} if turns and len(arms) > 1 else {})}
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi as ca
 
-from pam_orthosis.discrepancy.systems.suspects import Suspects, common, corrected, meant, suspects
+from pam_orthosis.discrepancy.systems.suspects import Suspects, common, corrected, meant, name_of, suspects
 from pam_orthosis.discrepancy.systems.system import (
     Assembled,
     Calibration,
@@ -176,6 +176,7 @@ class _Described:
             entries=self._entries(),
             wrong=meant(view.suspects) if wrong else {},
             common=common(self._nominal, view.suspects) if wrong else {},
+            shares=self._shares() if wrong else {},
             assemble=self._assemble,
             needs=dict.fromkeys(("gas", "valve", "supply"), view.inputs),
             equation_names={"torque": view.equation},
@@ -188,6 +189,13 @@ class _Described:
             unusable=view.unusable,
             sources=view.sources,
         )
+
+    def _shares(self) -> dict[str, str]:
+        """Return the calibrations that move exactly what a candidate takes to be wrong."""
+        known = {one.name for one in self._view.calibrations}
+        moved = {tuple(keys): name for name, keys in self._view.multiplied.items() if name in known}
+        suspects = {name_of(key): tuple(of) or (key,) for key, of in self._view.suspects.items()}
+        return {name: moved[keys] for name, keys in suspects.items() if keys in moved}
 
     def _entries(self) -> dict[str, tuple[Entry, ...]]:
         """Return how something unknown may enter: as effort, rate of a pressure, voltage, gain of a valve."""

@@ -171,6 +171,7 @@ class System:
             gives the unit of short pushes.
         wrong: candidate -> key of the parameter that it takes to be wrong; see `recalibrating`.
         common: candidate -> key -> nominal value of all parameters that it multiplies.
+        shares: candidate -> calibration by which the same parameter may be off by a share.
         sources: signal (of a table `time` too) -> where recordings have it.
         ambient: absolute pressure, Pa, from which gauge pressures in a table count.
     """
@@ -199,6 +200,7 @@ class System:
     entries: Mapping[str, tuple[Entry, ...]] = field(default_factory=dict)
     wrong: Mapping[str, str] = field(default_factory=dict)
     common: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    shares: Mapping[str, str] = field(default_factory=dict)
     derived_twice: Mapping[str, str] = field(default_factory=dict)
     ambient: float = 1.013e5
 
@@ -241,6 +243,21 @@ class System:
         """
         key = self.wrong.get(candidate, "")
         return next((one for one in self.calibrations if one.name == key), None)
+
+    def moved_by(self, candidate: str) -> Calibration | None:
+        """Return the calibration that moves what a candidate takes to be wrong, if there is one."""
+        name = self.wrong.get(candidate, "")
+        name = self.shares.get(candidate, name)
+        return next((one for one in self.calibrations if one.name == name), None)
+
+    def moved_to(self, candidate: str, deviation: float) -> float:
+        """Return the candidate's own parameter that does what a deviation of its calibration does."""
+        nominal = self.nominal_of(candidate)
+        return nominal * (1 + deviation) if candidate in self.shares else deviation
+
+    def moved_back(self, candidate: str, value: float) -> float:
+        """Return the deviation that does what a candidate's own parameter does."""
+        return value / self.nominal_of(candidate) - 1 if candidate in self.shares else value
 
     def nominal_of(self, candidate: str) -> float:
         """Return what the nominal model has of a parameter that a candidate takes to be wrong."""
