@@ -24,7 +24,10 @@ MEANINGS = {
 }
 NAMED = "Recalibration alone leaves noise; what is named below explains it better."
 MISTAKEN = "The recordings seem to have a mistake; what explains a mistake is no explanation."
-FOREIGN = "The recordings are of another machine than the model, or their columns, signs or units are wrong."
+FOREIGN = (
+    "Something large is missing in the model, or the recordings are of another machine, or their columns,"
+    " signs or units are wrong."
+)
 GAP = (
     "The gap is what remains between recordings and model, above the noise, when parameters are recalibrated"
     " within their tolerances."
@@ -65,7 +68,7 @@ def page(outcome: Outcome, words: str, next_experiments: Sequence[str] = ()) -> 
 
 def _verdict(outcome: Outcome) -> str:
     """Return what the verdict means."""
-    if outcome.foreign or outcome.mistaken:
+    if outcome.foreign or outcome.mistaken or outcome.skewed:
         return FOREIGN if outcome.foreign else MISTAKEN
     named = outcome.verdict == "recalibrated" and outcome.effects
     return NAMED if named else MEANINGS[outcome.verdict]

@@ -74,7 +74,7 @@ def test_another_joint_read_as_the_default_knee_is_not_explained(tmp_path, capsy
     assert said.pop().startswith("next: no experiment is known")
     assert not (tmp_path / "next.csv").exists()
     assert said[-1].startswith(
-        "UNEXPLAINED: nothing I know; the recordings seem to be of another machine than the given one; in "
+        "UNEXPLAINED: nothing I know; something large is missing, or the recordings are of another machine "
     )
     assert not any(line.startswith(("wrong parameter", "effect", "unknown")) for line in said)
     assert said[0].startswith(f"the apparatus is assumed: {files[0]} and 1 more")
@@ -126,6 +126,25 @@ def test_what_is_far_off_counts_where_no_effect_of_its_equation_is_named(frictio
         assert judgement._astray(outcome.system, moved) == astray
 
 
+def test_a_parameter_surely_off_is_excused_by_no_effect_beside_it(friction):
+    _, outcome, _ = friction
+    final = outcome.selection.final
+    one = next(free for free in final.free if free.name == "moving_mass")
+    moved = replace(final, values={**final.values, one.name: 10.5 * one.sd})
+    assert judgement._astray(outcome.system, moved) == ["moving_mass"]
+
+
+def test_effects_that_are_no_delay_may_make_up_for_stamps_that_are_off(friction):
+    _, outcome, _ = friction
+    skewed = outcome.of_skewed()
+    assert (skewed.verdict, skewed.skewed) == ("partial", True)
+    assert "but stamps seem off: mend them and search again" in describe(skewed).splitlines()[-1]
+    late = replace(outcome, effects=(replace(outcome.effects[0], name="valve_delay"),))
+    assert late.of_skewed() is late
+    nothing = replace(outcome, verdict="none", effects=())
+    assert nothing.of_skewed() is nothing
+
+
 def test_a_description_of_one_equation_does_not_describe_the_other(friction):
     _, outcome, _ = friction
     left = SimpleNamespace(equation="torque", descriptions=[SimpleNamespace()], reduced=0.99, events=())
@@ -139,10 +158,14 @@ def test_a_description_of_one_equation_does_not_describe_the_other(friction):
 
     assert reported(20.0, 1.0).verdict == "described"
     assert reported(20.0, 3.0).verdict == "partial"
-    for angle, pressure in ((300.0, 1.0), (20.0, 30.0)):
+    for angle, pressure in ((300.0, 1.0), (20.0, 30.0), (300.0, 30.0)):
         foreign = reported(angle, pressure)
         assert (foreign.verdict, foreign.effects, foreign.unknown) == ("unexplained", (), None)
         assert "of another machine than the given one" in describe(foreign).splitlines()[-1]
+    outcome = replace(outcome, effects=())
+    assert reported(300.0, 1.0).verdict == "described", "99 % are: the sensor is a good one"
+    left.reduced = 0.8
+    assert reported(300.0, 1.0).verdict == "unexplained"
 
 
 def _swapped(arrays):

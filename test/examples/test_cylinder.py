@@ -75,6 +75,32 @@ def _largest_error(overrides):
     return 1e3 * np.abs(run["reference_position"] - run["true_position"]).max()
 
 
+@pytest.mark.parametrize(
+    ("stated", "wrong", "key", "true"),
+    [
+        ("inertia: 8.0", "inertia: 5.0", "machine.mechanism.inertia", 8.0),
+        ("area: 8.0e-4", "area: 5.6e-4", "machine.push.area", 8.0e-4),
+    ],
+)
+def test_what_its_file_states_wrongly_is_named_beside_the_friction(
+    from_tables, tmp_path, stated, wrong, key, true
+):
+    """No friction explains a load or a piston of another size."""
+    text, machine, out = MACHINE.read_text(), tmp_path / "wrong.yaml", tmp_path / "found"
+    assert text.count(stated) == 1
+    machine.write_text(text.replace(stated, wrong))
+    tables = [str(from_tables[1].parent / f"{seed}.csv") for seed in (1, 2, 3)]
+    machine_and_out = ["--machine", str(machine), "--out", str(out)]
+    assert main(["gap", *tables[:2], "--held-out", tables[2], *machine_and_out]) == 0
+    found = {one["wrong_parameter"]: one for one in json.loads((out / "gap.json").read_text())["effects"]}
+    assert set(found) == {None, key}
+    assert found[None]["name"] == "carriage_friction"
+    assert found[None]["parameters"]["coulomb"]["value"] == pytest.approx(FRICTION, rel=0.05)
+    value = found[key]["parameters"]["value"]
+    assert value["value"] == pytest.approx(true, rel=0.02)
+    assert value["interval"][0] < true < value["interval"][1]
+
+
 def test_its_controllers_follow_better_with_what_gap_found(from_tables):
     model = from_tables[1] / "model.yaml"
     plain, taught = _largest_error({}), _largest_error(patch.read(model, read_machine(MACHINE)))

@@ -30,6 +30,7 @@ FAR_STRAIN = 5.0  # tolerances: less likely hardware than a wrong zero, unit or 
 WIDE = 10.0  # times its priors: the same of a shape correction that is named, or beside a named effect
 MOVED = 3.0  # tolerances that recalibration moves a parameter: a finding, whatever is left
 MANY_STRAINED = 3  # nuisance parameters so far off: they bend a model to another machine
+NEARLY = 0.9  # of a gap, that a description removes: it is of the machine given
 MOST_KEPT = 20.0  # gap of an equation over the noise floor, whatever is described, of the machine given
 OPEN = ("partial", "unexplained")
 GOOD = ("none", "recalibrated", "explained")  # verdicts on a gap that is not there or explained
@@ -67,7 +68,7 @@ class Outcome:
     count from the configured model, since recalibration closed the gap already. `surrogates` are effects of
     the model that are no explanation; `empty` the parameters (as `EFFECT.PARAMETER`) at values where effects
     are not what their names say. `unknown` describes what is left. `mistaken`: the verdict would be a better
-    one, but the recordings seem to have a mistake.
+    one, but the recordings seem to have a mistake; `skewed`: but stamps seem off, and no effect is late.
     """
 
     system: System
@@ -94,6 +95,7 @@ class Outcome:
     unknown: Unknown | None = None
     foreign: bool = False
     mistaken: bool = False
+    skewed: bool = False
 
     @property
     def misled(self) -> bool:
@@ -106,6 +108,12 @@ class Outcome:
         verdict = "partial" if self.effects else "unexplained"
         return replace(self, verdict=verdict, mistaken=True)
 
+    def of_skewed(self) -> Outcome:
+        """Return the outcome of recordings whose stamps seem off: what is no delay may make up for it."""
+        named = [self.system.catalogue[one.name] for one in self.effects]
+        late = any(one.late is not None or one.advance is not None or one.lag is not None for one in named)
+        return replace(self, verdict="partial", skewed=True) if named and not late else self
+
     def described(self, left: Unknown | None) -> Outcome:
         """Return the outcome with what can be said of what is left."""
         kept = measure.over_noise(self.system, self.after, self.floor)
@@ -113,7 +121,11 @@ class Outcome:
         if left is not None:
             kept[left.equation] = measure.reduced(kept[left.equation], left.reduced)
         pushed = left is not None and bool(left.events)  # it is moved by what is no part of it
-        if self.foreign or (max(kept.values()) > MOST_KEPT and not pushed):
+        # whatever the noise of its sensor
+        nearly = left is not None and left.reduced > NEARLY and not self.effects
+        known_of = left.equation if left is not None and nearly else ""
+        far = max((value for name, value in kept.items() if name != known_of), default=0.0)
+        if self.foreign or (far > MOST_KEPT and not pushed):
             nothing: dict[str, Any] = dict.fromkeys(
                 ("effects", "surrogates", "look_alikes", "separated_by"), ()
             )

@@ -53,6 +53,8 @@ def last_line(outcome: Outcome) -> str:
     if outcome.mistaken:
         maybe = f"{names or 'recalibration'} may only make up for it"
         return f"{outcome.verdict.upper()}: the recordings seem to have a mistake ({CHECK}); {maybe}"
+    if outcome.skewed:
+        return f"PARTIAL: {names} {much}, but stamps seem off: mend them and search again (see the remark)"
     words = {
         "none": _none(outcome) if outcome.verdict == "none" else "",
         "recalibrated": _recalibrated(outcome, names) if outcome.verdict == "recalibrated" else "",
@@ -157,7 +159,8 @@ def _unexplained(outcome: Outcome, left: str, bent: str) -> str:
         return f"{late[0]}; mend the stamps and search again; {left}"
     if outcome.foreign:
         return (
-            f"nothing I know; the recordings seem to be of another machine than the given one; {left}{bent}"
+            "nothing I know; something large is missing, or the recordings are of another machine than the"
+            f" given one; {left}{bent}"
         )
     if clean(outcome.left) and not beyond(outcome.after, outcome.floor) and far(outcome.strained):
         return "noise only is left, but by nuisance parameters far outside their tolerance"

@@ -39,6 +39,7 @@ class Beginning:
         floor: what noise alone leaves in them.
         remarks: on the recordings.
         mistaken: whether one of these says that they seem to have a mistake.
+        skewed: whether one says that stamps are off.
     """
 
     system: System
@@ -48,6 +49,7 @@ class Beginning:
     floor: measure.Gap
     remarks: tuple[str, ...]
     mistaken: bool = False
+    skewed: bool = False
 
     def configured(self, judged: Samples | None = None) -> measure.Gap:
         """Return the gap of the model as configured; `judged`: the samples that count (all)."""
@@ -84,7 +86,8 @@ def begin(
     check.check_unseen(training, held_out)
     replay = replay or Replay(system)
     check_room([*training, *held_out], replay.workers.jobs)
-    remarks += remarks_on_stamps(system, [*training, *held_out], replay.workers)
+    skewed = remarks_on_stamps(system, [*training, *held_out], replay.workers)
+    remarks += skewed
     missing = check.missing_inputs(system, [*training, *held_out])
     if missing:
         system = _without(system, missing)
@@ -100,7 +103,7 @@ def begin(
     recalibrated = refit.recalibrated(problem, progress)
     mistake = mistake_words(judge, settings.replay.cross_cutoff)
     remarks += [mistake] * bool(mistake)
-    return Beginning(system, *recalibrated, judge, floor, tuple(remarks), bool(mistake))
+    return Beginning(system, *recalibrated, judge, floor, tuple(remarks), bool(mistake), bool(skewed))
 
 
 def _without(system: System, missing: Sequence[str]) -> System:
