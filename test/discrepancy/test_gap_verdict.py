@@ -387,6 +387,10 @@ def test_values_at_a_bound_and_the_coefficients_of_a_map_are_marked(friction):
     [
         (lambda v: lfilter(*butter(2, 0.4), v), "filtered, slow"),
         (lambda v: np.convolve(v, np.full(5, 0.2), "same"), "filtered, slow"),
+        (
+            lambda v: np.convolve(v, np.full(15, 1 / 15), "same"),
+            "a mean over several samples does (filtered)",
+        ),
         (lambda v: np.round(v, 2), "quantised"),
         (lambda v: np.sin(np.arange(len(v)) / 200), "no noise"),
         (lambda v: v, ""),

@@ -17,6 +17,7 @@ LEAST_MOTION = 20  # range of a channel over its noise
 HELD_SHARE = 0.5  # of samples that repeat the one before in motion: recorded at a lower rate than stamped
 WINDOW = 20  # samples, over which motion is looked for
 PARTS, FILTERED = 8, 10.0  # of the upper half of the band: power of the largest over the smallest
+NOTCH, SEGMENTS = 0.05, 16  # of the usual power, which white noise in so many segments never falls below
 COARSE = 0.4  # noise over the step of a signal: that of rounding alone is 0.29
 SEEN = 0.5  # of the different samples of a recording that judges: they are those of a fitted one
 STILL = 5  # steps without a change, which noise does not allow
@@ -163,11 +164,20 @@ def _doubt_on_noise(one: Recording, name: str) -> str:
     elif max(power) > FILTERED * min(power):
         times = max(power) / min(power)
         why = f"has noise whose power varies {times:.0f}-fold in the upper half of its band (filtered, slow)"
+    elif _is_notched(values):
+        why = "has noise that lacks single frequencies, as a mean over several samples does (filtered)"
     elif noise < COARSE * float(steps.min()):
         why = f"has steps {float(steps.min()) / noise:.0f} times its noise (quantised)"
     else:
         return ""
     return f"{one.name}: {name} {why}; its noise floor is not how well it was measured"
+
+
+def _is_notched(values: np.ndarray) -> bool:
+    """Return whether noise hardly has single frequencies in the upper half of its band."""
+    density = welch(values, nperseg=min(SEGMENT, len(values) // SEGMENTS))[1]
+    upper = density[len(density) // 2 : -1]
+    return bool(upper.min() < NOTCH * np.median(upper))
 
 
 def _saturated(one: Recording, channel: Channel) -> str:
