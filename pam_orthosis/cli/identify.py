@@ -140,6 +140,11 @@ def describe(found: Identified) -> str:
             f" ({h.low:.1f} .. {h.high:.1f} N by level)"
         )
     lines += _left_out(found)
+    if found.data.own:
+        lines.append(
+            f"`sizes: {{force_map_misfit: {found.misfit_size:g}}}` of its actuators in a machine file tells"
+            " gap how well this force is known: smaller gaps show then"
+        )
     first = min(box.minimum_contraction, float(found.training.contraction.min()))  # stretched, too
     lines.append(
         f"box of validity: contraction {first * 1e3:.1f} .."

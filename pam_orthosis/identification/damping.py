@@ -20,6 +20,9 @@ from pam_orthosis.identification.data import Decay, differentiated
 CONTRACTION_POWERS, PRESSURE_POWERS = range(5), range(4)
 FILTER_SAMPLES = 11
 LEFT = 0.01  # of the first swing: beyond it the mass has left its hold
+SWINGING = 0.75, 1.35  # mass by force and acceleration over the stated one; those of rigs differ by 5 %
+SHOWN = 0.5  # of the force's variance, that the acceleration has to explain to say it
+SLOWER = 4.0  # times the period of the fitted muscle's stiffness, or that part of it: gas adds stiffness
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,7 @@ def fit_damping(decays: list[Decay]) -> Damping:
     for one in decays:
         with naming(one.source):
             found.append(decrement(one))
+            check_mass(one)
             parts += [viscous_part(one)] if one.force is not None else []
     decrements, periods = zip(*found, strict=True)
     values, errors = zip(*parts, strict=True) if parts else (decrements, (0.0,))
@@ -76,6 +80,36 @@ def decrement(decay: Decay) -> tuple[float, float]:
     half_swings = np.arange(count)
     slope = np.polyfit(half_swings, np.log(swings[:count]), 1)[0]
     return -2 * slope * 2 * decay.mass / period, period
+
+
+def check_mass(decay: Decay) -> None:
+    """Raise OrthosisError if what swings, by force and acceleration, is not the mass that is stated."""
+    if decay.force is None:
+        return
+    decay, force = _released(decay), decay.force[turning_points(decay)[0] :]
+    window = 3 * FILTER_SAMPLES
+    if len(force) < 3 * window:
+        return
+    step = float(np.mean(np.diff(decay.time)))
+    acceleration = signal.savgol_filter(decay.position, window, 3, deriv=2, delta=step)[window:-window]
+    seen = stats.linregress(acceleration, force[window:-window])
+    low, high = (share * decay.mass for share in SWINGING)
+    if seen.rvalue**2 > SHOWN and not low < seen.slope < high:
+        raise OrthosisError(
+            f"by force and acceleration {seen.slope:.3g} kg swing in this decay, not {decay.mass:g} kg: check"
+            " the moved mass, and the units of time, length and force"
+        )
+
+
+def check_period(decay: Decay, stiffness: np.ndarray) -> None:
+    """Raise OrthosisError if a decay swings as no mass does on a muscle of these stiffnesses, N/m."""
+    _, period = decrement(decay)
+    soft, stiff = (2 * np.pi * np.sqrt(decay.mass / one) for one in (stiffness.min(), stiffness.max()))
+    if not stiff / SLOWER < period < SLOWER * soft:
+        raise OrthosisError(
+            f"the decay has a period of {period:.3g} s; {decay.mass:g} kg on a muscle as stiff as the fitted"
+            f" one swing in {stiff:.2g} to {soft:.2g} s: check the moved mass and the unit of time"
+        )
 
 
 def turning_points(decay: Decay) -> np.ndarray:

@@ -116,6 +116,7 @@ def read_data(
     for path in counted(tables, progress, "reading tables"):
         parts.append(table_parts(path, nominal, parameters.valve.ambient_pressure, serial))
         serial = 1 + int(max([serial, *(one.samples.serial.max() for one in parts if one.samples)]))
+    _check_copied(tables, parts[len(bags) :])
     samples = [one.samples for one in parts if one.samples]
     if not samples:
         raise OrthosisError("no force measurement among the data: give bags of `rig` or a table")
@@ -168,6 +169,23 @@ def _unread(parts: Sequence[Parts]) -> tuple[str, ...]:
     """Return which columns of tables were not read."""
     names = ", ".join(dict.fromkeys(name for one in parts for name in one.unread))
     return (f"columns not read, as their names give no known quantity and unit: {names}",) if names else ()
+
+
+def _check_copied(tables: Sequence[Path], parts: Sequence[Parts]) -> None:
+    """Refuse, by OrthosisError, a table with the samples of another one: a copy is no repeat."""
+    known: dict[bytes, Path] = {}
+    for path, one in zip(tables, parts, strict=True):
+        if one.samples:
+            key = one.samples.pressure.tobytes() + one.samples.force.tobytes()
+        elif one.decay:
+            key = one.decay.pressure.tobytes() + one.decay.position.tobytes()
+        else:
+            continue
+        if key in known:
+            raise OrthosisError(
+                f"{path} holds the samples of {known[key]}: a copy is no repeat; leave it out"
+            )
+        known[key] = path
 
 
 def _copies(parts: Sequence[Parts]) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pam_orthosis.errors import OrthosisError, naming
-from pam_orthosis.identification.damping import Damping, fit_damping
+from pam_orthosis.identification.damping import Damping, check_period, fit_damping
 from pam_orthosis.identification.data import Data
 from pam_orthosis.identification.force import ForceFit, ForceModel, fit_force, leave_one_out, rms_and_max
 from pam_orthosis.identification.groups import lengths
@@ -31,6 +31,7 @@ from pam_orthosis.identification.trust import (
 from pam_orthosis.identification.volume import VolumeFit, fit_volume
 from pam_orthosis.progress import Progress, silent
 
+USUAL_MISFIT = 6.0  # N, of a force map, that the gap workflow expects (the prior of its force_map_misfit)
 DIRECTIONS = {1.0: "shortening", -1.0: "stretching", 0.0: "rest"}
 
 
@@ -78,6 +79,12 @@ class Identified:
         """What was not identified, and what counts then, in words; empty if all was."""
         damping = self.damping is not None or self.given_damping is not None
         return not_identified(self.data, self.volume is not None, damping)
+
+    @property
+    def misfit_size(self) -> float:
+        """How large the force map's misfit is to be in a machine file: twice the error, of what is usual."""
+        rms = (self.errors(held_out=True) or self.errors(held_out=False))["rms"]
+        return float(f"{max(2 * rms / USUAL_MISFIT, 0.01):.1g}")
 
     def errors(self, held_out: bool) -> dict[str, Any]:
         """Return RMS and maximum error, N: overall, by level (bar gauge) and by direction."""
@@ -158,6 +165,7 @@ def identify(
         raise OrthosisError("all data are held out: nothing is left to fit")
     progress("fitting the force")
     force = fit_force(training, d, degrees)
+    _check_periods(data, training, force.model)
     friction = hysteresis(force.model, training)
     remarks += _cautions(data, training, force.model, friction)
     left_out = {
@@ -173,6 +181,17 @@ def identify(
         data, training, samples.where(judged), force, decay,
         volume, left_out, box, _stiff(force, box), damping, friction, tuple(remarks),
     )  # fmt: skip
+
+
+def _check_periods(data: Data, s: Samples, model: ForceModel) -> None:
+    """Compare the periods of decays with the fitted muscle's stiffness; OrthosisError if one is far off."""
+    step = np.ptp(s.contraction) / 200
+    for one in data.decays:
+        gauge = np.full(len(s), one.pressure.mean())
+        falls = model.towing(s.contraction, gauge) - model.towing(s.contraction + step, gauge)
+        if (falls > 0).any():
+            with naming(one.source):
+                check_period(one, falls[falls > 0] / step)
 
 
 def _cautions(data: Data, training: Samples, model: ForceModel, friction: Hysteresis | None) -> list[str]:

@@ -18,6 +18,7 @@ from pam_orthosis.identification.kept import VOLUME
 from pam_orthosis.model.rows import Row
 from pam_orthosis.reading import from_yaml, read_text
 
+OF_FILE = ("geometry.", "length")
 # the lowest pressure is no finding: the force is linear in the pressure
 MEASURED_ENDS = ("minimum_contraction", "maximum_contraction", "maximum_pressure_gauge")
 
@@ -92,7 +93,9 @@ def updated(file: Path, found: Identified, source: str) -> str:
 
 
 def _source(found: Identified, key: str, source: str) -> str:
-    """Return where a value comes from: a muscle's own file scales a volume that was not measured."""
+    """Return where a value comes from: what a muscle's own file gives, or scales, is not identified."""
+    if key in found.data.own and key.startswith(OF_FILE):
+        return "the muscle's own file (a wall that it does not give: in proportion to the diameter)"
     if key != VOLUME or found.volume:
         return source
     return f"that of {found.data.specimen} in proportion to length and cross-section"

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from muscle_rig import LENGTH, LEVELS, static_force, write
 
+from pam_orthosis.errors import OrthosisError
 from pam_orthosis.identification.data import read_data
 from pam_orthosis.identification.identify import identify
 
@@ -65,3 +66,14 @@ def test_points_measured_once_and_sweeps_are_no_repeats(remarks):
     x, p = 0.001 + 0.07 * random.random(900), np.repeat(LEVELS, 150)
     swept = np.column_stack([p, LENGTH - x, static_force(x, p)])
     assert "measured up to" not in remarks(swept[swept[:, 2] > 20], 3)
+
+
+def test_a_copy_of_a_table_is_no_repeat(tmp_path):
+    """Its rows may have another repeat's number, and the table another name."""
+    rows, names = static_runs(), "p_Pa_gauge,L_m,F_N,direction,repeat"
+    first, second = (write(tmp_path / f"{name}.csv", rows, names) for name in "ab")
+    other = write(tmp_path / "c.csv", rows + np.array([0, 0, 0.1, 0, 0]), names)
+    assert len(read_data([first, other], "dmsp_20", LENGTH).samples) == 2 * len(rows)
+    write(second, rows + np.array([0, 0, 0, 0, RUNS]), names)
+    with pytest.raises(OrthosisError, match=r"b\.csv holds the samples of .*a\.csv: a copy is no repeat"):
+        read_data([first, second], "dmsp_20", LENGTH)

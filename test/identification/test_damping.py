@@ -74,6 +74,30 @@ def test_the_emulated_muscles_damping_is_found_within_ten_per_cent(specimen):
     assert found.decrement > 1.3 * true, "the braid's friction must be there to be told apart"
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda d: replace(d, mass=2 * d.mass),
+        lambda d: replace(d, mass=0.6 * d.mass),
+        lambda d: replace(d, time=1e3 * d.time),
+    ],
+)
+def test_what_swings_has_the_mass_that_is_stated(wrong):
+    decay = oscillation(dry=12.0)
+    damping.check_mass(decay)
+    with pytest.raises(OrthosisError, match=r"by force and acceleration .* kg swing in this decay"):
+        damping.fit_damping([wrong(decay)])
+    damping.check_mass(replace(wrong(decay), force=None))  # nothing shows it
+
+
+def test_without_a_force_the_period_shows_the_unit_of_time():
+    decay, around = replace(oscillation(), force=None), np.array([0.5, 2.0]) * STIFFNESS
+    damping.check_period(decay, around)
+    for factor in (1e3, 1e-3):
+        with pytest.raises(OrthosisError, match="check the moved mass and the unit of time"):
+            damping.check_period(replace(decay, time=factor * decay.time), around)
+
+
 def test_a_record_without_an_oscillation_is_refused():
     time = np.arange(0, 1, 0.002)
     still = Decay(time, 0.05 + 1e-3 * np.exp(-time), np.full(500, 3e5), np.full(500, 400.0), MASS)

@@ -2,13 +2,17 @@
 """What a table does not identify is said, and what stays; a muscle's own file scales the volume."""
 
 import json
+import re
 
 import numpy as np
 import pytest
+import yaml
 from muscle_rig import LENGTH, LEVELS, static_force, write
 
 from pam_orthosis.cli.main import main
 from pam_orthosis.discrepancy.answer import patch
+from pam_orthosis.identification.identify import USUAL_MISFIT
+from pam_orthosis.model.effects import KINDS
 from pam_orthosis.model.parameters import load
 
 
@@ -57,4 +61,21 @@ def test_a_muscle_of_its_own_size_takes_its_share_of_the_volume(force, volume, t
     out.unlink()
     assert main(["identify", force, volume, *common]) == 0
     assert load(patch.read(out)).muscle.dmsp_20.volume.v[0] == pytest.approx(94e-6, rel=0.01)
-    assert "in proportion" not in out.read_text()
+    text = out.read_text()
+    assert "in proportion to length" not in text
+    sources = yaml.safe_load(text)["dmsp_20"]
+    assert sources["geometry"]["diameter"]["source"].startswith("the muscle's own file")
+    assert sources["force"]["a"]["source"].startswith("identified on a measured table")
+
+
+def test_it_says_how_well_the_force_of_a_muscle_of_its_own_is_known(force, tmp_path, capsys):
+    """The gap workflow allows for as large an error of the map as a catalogue's muscle has."""
+    own = tmp_path / "own.yaml"
+    own.write_text("length: 0.3\ndiameter: 0.02\n")
+    assert main(["identify", force, "--muscle", str(own)]) == 0
+    size = float(re.search(r"sizes: {force_map_misfit: ([\d.]+)}", capsys.readouterr().out)[1])
+    assert 0.5 < size < 5.0, "the polynomial misses this map by some newtons"
+    (kind,) = (one for one in KINDS if one.name == "force_map_misfit")
+    assert kind.parameters[0].prior == USUAL_MISFIT
+    assert main(["identify", force, "--muscle", "dmsp_20", "--nominal-length-m", "0.3"]) == 0
+    assert "force_map_misfit" not in capsys.readouterr().out
