@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pam_orthosis.discrepancy.fitting.candidates import Candidate, Trial
+from pam_orthosis.discrepancy.fitting.candidates import Candidate, Trial, secant_gain
 from pam_orthosis.discrepancy.search import (
     elimination,
     exchange,
@@ -301,3 +301,19 @@ def test_an_effect_says_itself_that_it_is_periodic():
     assert len({p["turn"] for p in starts_of(wave) if round(p["hertz"], 1) == 3.0}) == 4
     named = replace(wave, parameters=(size, replace(hertz, name="frequency")), periodic=None)
     assert {p["frequency"] for p in starts_of(named)} == {1.0}
+
+
+def test_a_candidate_whose_replay_runs_away_gains_nothing():
+    """Its residuals are finite, but not their squares."""
+    base = SimpleNamespace(blocks={"torque": SimpleNamespace(residual=np.ones(9))})
+    level = SimpleNamespace(solve=lambda right: right, gradient=lambda position: np.zeros(1))
+    effect = SimpleNamespace(fitted=[SimpleNamespace(neutral=0.0, minimum=-1.0, maximum=1.0)])
+    projection = SimpleNamespace(
+        base=base, state=lambda _: (np.zeros(1), 9.0), correlated=lambda name, rows: np.zeros(1),
+        problem=SimpleNamespace(system=SimpleNamespace(catalogue={"bold": effect})), levels=[level],
+        position=None, cost_at=lambda *_: 9.0, floor=9.0,
+    )  # fmt: skip
+    for far, gain in ((2.0, 9.0), (1e155, 0.0)):
+        trial = SimpleNamespace(name="bold", residuals=lambda _, far=far: {"torque": np.full(9, far)})
+        with np.errstate(over="ignore"):
+            assert secant_gain(projection, trial, np.zeros(1)) == pytest.approx(gain)

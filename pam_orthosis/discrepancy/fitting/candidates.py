@@ -159,7 +159,7 @@ def secant_gain(projection: Projection, trial: Trial, position: np.ndarray) -> f
     for level in projection.levels:
         along = slope - float(shared @ level.solve(right + level.gradient(projection.position)))
         bent = curvature - float(shared @ level.solve(shared))
-        gain = along**2 / bent if bent > 0 and (along < 0 or two_sided) else 0.0
+        gain = along * (along / bent) if bent > 0 and (along < 0 or two_sided) else 0.0
         costs.append(projection.cost_at(level, right, squares) - gain)
     return projection.floor - min(costs)
 
