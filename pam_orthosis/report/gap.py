@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from pam_orthosis.discrepancy.answer.curves import curves
 from pam_orthosis.discrepancy.answer.judgement import Outcome
+from pam_orthosis.discrepancy.answer.unknown_words import resemblance
 from pam_orthosis.discrepancy.answer.verdict import runner_up_words
 from pam_orthosis.discrepancy.fitting.measure import OVERALL
 from pam_orthosis.discrepancy.search.findings import Named
@@ -107,7 +108,8 @@ def _missing(outcome: Outcome) -> list[Part]:
     found += [_effect(outcome, one, " (best surrogate, no explanation)") for one in outcome.surrogates]
     if plots := gap_figures.unknown(outcome):
         words = "The unknown, described: a curve over one signal. It is no cause."
-        found.append(Part("What nothing explains", (words,), plots=plots))
+        shapes = (line for one in outcome.unknown.descriptions for line in resemblance(one))
+        found.append(Part("What nothing explains", (words, *shapes), plots=plots))
     if plots := gap_figures.missing(outcome):
         words = "What the equations miss, before and after: a curve that is flat at zero misses nothing."
         found.append(Part("What the model misses", (words,), plots=plots))

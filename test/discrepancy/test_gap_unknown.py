@@ -54,7 +54,7 @@ def lever_of(replay, run, equation, channel, linear, index=0):
 
 def _described(one):
     shown = {"unit": one.entry.unit, "period": None, "amplitude": (2e4, 1e4, 3e4), "reduced": 0.9}
-    return SimpleNamespace(**vars(one), **shown, runner_up=None, is_constant=False, level=0.0)
+    return SimpleNamespace(**vars(one), **shown, runner_up=None, is_constant=False, level=0.0, shape_of=None)
 
 
 class _Scored:

@@ -60,8 +60,16 @@ def _words(system: System, one: Description, where: str) -> list[str]:
     return [
         f"unknown {where}: {_short(system, one)}, amplitude {low:.3g} .. {high:.3g} {one.unit} between"
         f" {ends}{_with_parabola(one)}; removes {one.reduced:.0%} of the held-out gap{next_best}",
+        *resemblance(one),
         *_carried(system, one),
     ]
+
+
+def resemblance(one: Description) -> list[str]:
+    """Return a line on the textbook effect that has a curve's shape; none if none has."""
+    return (
+        [] if one.shape_of is None else [f"it has the shape of {one.shape_of}; other causes may have it too"]
+    )
 
 
 def _with_parabola(one: Description) -> str:
@@ -102,7 +110,7 @@ def _curve_as_dict(system: System, one: Description) -> dict[str, Any]:
         "unit": one.unit, "period": one.period, "carried_as": (holder(system, one) or (None,))[0],
         "reduced": one.reduced, "level": one.level, "amplitude": list(one.amplitude),
         "places": one.places.tolist(), "values": one.values.tolist(), "without_parabola": one.shape.tolist(),
-        "standard_deviations": one.spread.tolist(),
+        "standard_deviations": one.spread.tolist(), "shape_of": one.shape_of,
     }  # fmt: skip
 
 

@@ -8,7 +8,7 @@ recordings fit it; the signal whose curve reduces the held-out gap most is given
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import permutations
 from typing import NamedTuple
@@ -20,6 +20,7 @@ from pam_orthosis.discrepancy.fitting.structure import signals_of
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.search.findings import QUANTILE
 from pam_orthosis.discrepancy.systems.system import Entry, Equation, System
+from pam_orthosis.discrepancy.unknown import textbook
 from pam_orthosis.discrepancy.unknown.curve_fit import (
     SIMPLER,
     CurveFit,
@@ -56,6 +57,7 @@ class Description:
         runner_up: the next best signal, or two, and the share.
         period: of the curve, in the signal's unit, if it is a wave.
         level: the mean that is left to recalibration.
+        shape_of: the textbook effect that has its shape, if one has.
     """
 
     channel: str
@@ -69,6 +71,7 @@ class Description:
     runner_up: tuple[str, float] | None
     period: float | None
     level: float = 0.0
+    shape_of: str | None = None
 
     @property
     def is_constant(self) -> bool:
@@ -128,7 +131,7 @@ def described(problem: Problem, judge: Problem, model: Fit, equation: Equation) 
         open_.remove(channel)
     for channel in chosen if len(chosen) > 1 else ():  # the first was chosen without the others
         chosen[channel] = best([channel])
-    return _descriptions(curves, chosen.values())
+    return tuple(_compared(system, one) for one in _descriptions(curves, chosen.values()))
 
 
 class _Chosen(NamedTuple):
@@ -206,6 +209,15 @@ def _description(
         spline.channel, spline.entry, spline.signal, places, values if own else shape, shape,
         covariance, share, runner_up, period, level,
     )  # fmt: skip
+
+
+def _compared(system: System, one: Description) -> Description:
+    """Return a description that says which textbook effect has its shape."""
+    kind = textbook.kind_of(system, one.channel, one.entry, one.coordinate)
+    if kind is None or one.is_constant:
+        return one
+    unit = system.unit(one.coordinate)
+    return replace(one, shape_of=textbook.shape_of(kind, one.places, one.shape, one.covariance, unit))
 
 
 def _coordinates(groups: list[Problem]) -> list[str]:
