@@ -5,7 +5,7 @@ import math
 import re
 from array import array
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -44,9 +44,8 @@ def read_numbers(
     Raises:
         OrthosisError: unreadable, without names or rows, doubled names, a cell that is no finite number.
     """
-    rows = (one for one in csv_rows(path) if _holds_something(one[1]))
-    _, cells, parting = next(rows, (0, [], ","))
-    names = [name.strip() for name in cells]
+    rows = _rows(path)
+    names, parting = _names(rows)
     _check_names(path, names)
     chosen = choose(names) if choose else None
     wanted = [(at, name) for at, name in enumerate(names) if chosen is None or name in chosen]
@@ -65,6 +64,26 @@ def read_numbers(
         raise OrthosisError(f"{path} holds no rows of numbers below its row of names")
     columns = np.frombuffer(numbers).reshape(-1, len(wanted)).T
     return {name: values for (_, name), values in zip(wanted, columns, strict=True)}
+
+
+def names_of(path: Path) -> list[str]:
+    """Return the names of a table's columns, unchecked; none if it is empty.
+
+    Raises:
+        OrthosisError: unreadable, or no table.
+    """
+    return _names(_rows(path))[0]
+
+
+def _rows(path: Path) -> Iterator[tuple[int, list[str], str]]:
+    """Yield line number, cells, and what parts them, of the rows that hold something."""
+    return (one for one in csv_rows(path) if _holds_something(one[1]))
+
+
+def _names(rows: Iterator[tuple[int, list[str], str]]) -> tuple[list[str], str]:
+    """Return the names in the first of some rows, and what parts cells."""
+    _, cells, parting = next(rows, (0, [], ","))
+    return [name.strip() for name in cells], parting
 
 
 def _holds_something(row: Sequence[str]) -> bool:

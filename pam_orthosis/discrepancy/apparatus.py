@@ -18,14 +18,11 @@ from pam_orthosis.discrepancy.recordings.data import Recording, recording
 from pam_orthosis.discrepancy.systems import declared, knee, rig
 from pam_orthosis.discrepancy.systems.system import Source, System
 from pam_orthosis.errors import OrthosisError, naming
-from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import NOMINAL, Parameters, load
 from pam_orthosis.reading import check_file
 from pam_orthosis.tables import is_table
-
-Catalogue = Mapping[str, Effect] | None
 
 
 @dataclass(frozen=True)
@@ -34,7 +31,8 @@ class Apparatus:
 
     Attributes:
         name: for users.
-        system: (parameters, effects that may be missing or None for all) -> what the workflow searches.
+        system: (parameters, effects that may be missing or None for all, whether what acts from outside is
+            recorded) -> what the workflow searches.
         keys: how the keys of the nominal model begin that recordings share.
         alone: key -> why recordings that differ in it cannot be used together, whatever the user gives.
         machine: whose parameters these are.
@@ -42,7 +40,7 @@ class Apparatus:
     """
 
     name: str
-    system: Callable[[Parameters, Catalogue], System]
+    system: Callable[..., System]
     keys: tuple[str, ...]
     alone: Mapping[str, str] = field(default_factory=dict)
     machine: Machine = KNEE
@@ -97,7 +95,7 @@ def _apparatus(path: Path, given: Machine | None, namespace: str) -> Apparatus:
         return Apparatus("the knee", knee.knee, knee.APPARATUS, knee.ALONE)
     return Apparatus(
         f"a rig with a {specimen}",
-        lambda p, _: rig.test_rig(p, specimen),
+        lambda p, *_: rig.test_rig(p, specimen),
         rig.APPARATUS,
         read=rig_bags.recording,
     )

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from pam_orthosis.bag.sources import check_apart
 from pam_orthosis.discrepancy.answer import patch
 from pam_orthosis.discrepancy.apparatus import apparatus_of, unrecorded, without_record
-from pam_orthosis.discrepancy.recordings.columns import read_mapping, with_columns
+from pam_orthosis.discrepancy.recordings.columns import holds, read_mapping, with_columns
 from pam_orthosis.discrepancy.recordings.data import Recording, recording, with_loop_of_table
 from pam_orthosis.discrepancy.systems.system import System
 from pam_orthosis.discrepancy.systems.user_file import load_system
@@ -21,7 +21,7 @@ from pam_orthosis.model.machines import KNEE, machine_named
 from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.model.specimens import BRANCH as MUSCLE
 from pam_orthosis.progress import Progress, silent
-from pam_orthosis.tables import is_table
+from pam_orthosis.tables import is_table, names_of
 
 MOST_NAMED = 3  # parameters in one line
 TOLERANCE = "gap.tolerance."
@@ -49,7 +49,7 @@ class Nominal(NamedTuple):
     """What recordings are compared with.
 
     `given`: parameters of --model; `assumed`: recordings without a record of their apparatus; `unrecorded`:
-    rows of it that the others lack, and the values taken.
+    rows of it that the others lack, and the values taken; `optional`: signals that tables may have too.
     """
 
     parameters: Parameters
@@ -58,6 +58,7 @@ class Nominal(NamedTuple):
     given: Mapping[str, Any] = {}
     assumed: Sequence[Path] = ()
     unrecorded: Mapping[str, Any] = {}
+    optional: Sequence[str] = ()
 
 
 class Recordings(NamedTuple):
@@ -78,8 +79,9 @@ def read_recordings(asked: Asked, workers: Workers, progress: Progress = silent)
     if asked.system and asked.machine:
         raise OrthosisError("--system and --machine each say what the recordings are of: give one")
     check_apart(asked.measured, asked.held_out)
-    known = _of_system(asked.system, asked.model) if asked.system else _of_apparatus(asked)
-    known = known._replace(system=with_columns(known.system, read_mapping(asked.columns)))
+    mapping = read_mapping(asked.columns)
+    known = _of_system(asked.system, asked.model) if asked.system else _of_apparatus(asked, mapping)
+    known = known._replace(system=with_columns(known.system, mapping, known.optional))
     heading = assumed_words(known.assumed, len(asked.paths), asked.model)
     heading += unrecorded_words(known.unrecorded, known.parameters)
     every = workers.together(
@@ -99,21 +101,40 @@ def _of_system(file: Path, model: Path | None) -> Nominal:
     return Nominal(load(given), load_system(file), given=given)
 
 
-def _of_apparatus(asked: Asked) -> Nominal:
+def _of_apparatus(asked: Asked, mapping: Mapping[str, str]) -> Nominal:
     machine = machine_named(asked.machine) if isinstance(asked.machine, Path) else asked.machine
     paths, namespace = asked.paths, asked.namespace
     apparatus = apparatus_of(paths, machine, namespace)
     given = patch.read(asked.model, apparatus.machine) if asked.model else {}
     _check_meant(asked.model, given, apparatus.machine)
     parameters = apparatus.nominal(paths, given, namespace, asked.model)
+    external = apparatus.machine.external if any(map(is_table, paths)) else ""
     return Nominal(
         parameters,
-        apparatus.system(parameters, None),
+        apparatus.system(parameters, None, _is_recorded(external, paths, mapping)),
         apparatus.read,
         given,
         [] if machine else without_record(paths, namespace),
         unrecorded(paths, parameters, apparatus.keys, given, namespace),
+        (external,) if external else (),
     )
+
+
+def _is_recorded(signal: str, paths: Sequence[Path], mapping: Mapping[str, str]) -> bool:
+    """Return whether recordings have a signal that they need not have: all of them, or none.
+
+    Raises:
+        OrthosisError: some have it, others do not.
+    """
+    if not signal:
+        return False
+    found = {one: is_table(one) and holds(str(one), signal, mapping, names_of(one)) for one in paths}
+    having, lacking = ([one for one in paths if found[one] is kind] for kind in (True, False))
+    if having and lacking:
+        raise OrthosisError(
+            f"{having[0]} has {signal}, {lacking[0]} does not: give it in all recordings, or in none"
+        )
+    return bool(having) or signal in mapping
 
 
 def _check_meant(file: Path | None, given: Mapping[str, Any], machine: Machine) -> None:

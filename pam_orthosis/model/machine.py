@@ -158,6 +158,12 @@ class Machine(Shown):
         return (*(f"{name}_voltage" for name in self.names), *MECHANISMS[self.kind].inputs, "time")
 
     @property
+    def external(self) -> str:
+        """The input that adds an effort from outside to its own; empty: it has none."""
+        name = f"external_{self.coordinate.effort}"
+        return name if name in self.inputs else ""
+
+    @property
     def channels(self) -> tuple[str, ...]:
         """Names of what sensors measure."""
         return (self.coordinate.name, *(f"{name}_pressure" for name in self.names))

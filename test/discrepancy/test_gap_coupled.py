@@ -59,6 +59,7 @@ def test_the_other_joints_motion_explains_what_a_joint_does(joints, walk, joint)
     still = moved[0] + 1e-6 * np.arange(STEPS)
     system = coupled_joint(own.declared, Source(), own)
     check_system(system)
+    check_system(coupled_joint(own.declared, Source(), own, None, True))
     replay, torque = Replay(system), system.equations[0]
     assert torque.channels == ("angle",), "the other joint's motion is known, not predicted"
     known, held = (

@@ -27,8 +27,9 @@ def remarks_on_inputs(found: Selection, settings: Section) -> list[str]:
 
 def stamped_late(system: System, steps: Sequence[Step]) -> list[str]:
     """Return a remark on each round whose best effect would have acted before its input."""
+    every = " and ".join(name for name in system.inputs if name not in system.sensed)
     return [
-        f"it looks as if {system.catalogue[name].late_of or ' and '.join(system.inputs)} were stamped late:"
+        f"it looks as if {system.catalogue[name].late_of or every} were stamped late:"
         f" {values} s fits best, and would act before its input"
         for step in steps
         for name, _, values in [step.reason.partition(f" {EMPTY}: ")]

@@ -88,6 +88,7 @@ def begin(
     check_room([*training, *held_out], replay.workers.jobs)
     skewed = remarks_on_stamps(system, [*training, *held_out], replay.workers)
     remarks += skewed
+    remarks += check.unread([*training, *held_out])
     missing = check.missing_inputs(system, [*training, *held_out])
     if missing:
         system = _without(system, missing)
@@ -168,11 +169,13 @@ def _warm_up(run: Run, settings: Section) -> int:
 
 
 def _noise(replay: Replay, runs: Sequence[Run], settings: Section) -> dict[str, float]:
-    """Return the sd of the noise in each channel, estimated, and of the inputs' quantisation."""
+    """Return the sd of the noise in each channel and sensed input, estimated, and of other inputs' steps."""
     levels = residual_noise(replay, runs, settings, (), replay.defaults(()))
     measured = {c.name: levels.get(c.name, runs[0].roughness(c.name)) for c in replay.system.channels}
     inputs = dict.fromkeys(replay.system.inputs, settings.replay.input_noise)
-    return {**measured, **inputs, **replay.system.input_noise}
+    recorded = {name: [run.recording.signals[name] for run in runs] for name in replay.system.sensed}
+    sensed = noise_levels(recorded, [run.period for run in runs])
+    return {**measured, **inputs, **sensed, **replay.system.input_noise}
 
 
 def residual_noise(

@@ -42,6 +42,12 @@ def check(system: System, recordings: Sequence[Recording], warm_up: float) -> li
     return remarks
 
 
+def unread(recordings: Sequence[Recording]) -> list[str]:
+    """Return a remark on the columns of tables that were not read, if there are any."""
+    names = ", ".join(dict.fromkeys(name for one in recordings for name in one.unread))
+    return [f"columns not read, as they are named like none of the signals: {names}"] if names else []
+
+
 def _check_length(one: Recording, warm_up: float) -> None:
     least = 2 * warm_up + 1.0
     if one.duration < least:

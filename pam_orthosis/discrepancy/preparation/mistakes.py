@@ -68,10 +68,10 @@ def _mistakes(held_out: Problem) -> Iterator[tuple[str, list[Signals]]]:
         added = f"with {system.ambient / 1e5:.3f} bar added to {' and '.join(gauge)}"
         asked = f"{added}: gauge, it seems, where absolute pressure is needed"
         yield asked, [{name: signals[name] + system.ambient for name in gauge} for signals in recorded]
-    for one in system.channels:
-        if one.state in system.derived.values():
-            asked = f"with {one.name} of the other sign: turn it round by --columns {one.name}=-COLUMN"
-            yield asked, [{one.name: -signals[one.name]} for signals in recorded]
+    coordinates = [one.name for one in system.channels if one.state in system.derived.values()]
+    for name in (*coordinates, *system.sensed):
+        asked = f"with {name} of the other sign: turn it round by --columns {name}=-COLUMN"
+        yield asked, [{name: -signals[name]} for signals in recorded]
     pairs = [names for names in (pressures, voltages) if len(names) == 2]
     for chosen in (*([one] for one in pairs), pairs if len(pairs) > 1 else []):
         if chosen and all(name in signals for signals in recorded for names in chosen for name in names):

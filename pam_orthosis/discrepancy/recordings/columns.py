@@ -7,7 +7,7 @@ signal is; `SIGNAL=-COLUMN` turns its sign round, `SIGNAL=COLUMN:UNIT` gives a u
 
 import math
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -40,10 +40,14 @@ UNITS = {
     "mbar": ("Pa", 1e2),
     "psi": ("Pa", 6894.757),
     "N": ("N", 1.0),
+    "mN": ("N", 1e-3),
     "kN": ("N", 1e3),
     "N m": ("N m", 1.0),
     "Nm": ("N m", 1.0),
+    "mN m": ("N m", 1e-3),
     "mNm": ("N m", 1e-3),
+    "kN m": ("N m", 1e3),
+    "kNm": ("N m", 1e3),
     "V": ("V", 1.0),
     "mV": ("V", 1e-3),
     "A": ("A", 1.0),
@@ -89,11 +93,21 @@ def read_mapping(given: Mapping[str, str] | Iterable[str]) -> dict[str, str]:
     return found
 
 
-def with_columns(system: System, mapping: Mapping[str, str]) -> System:
-    """Return a system whose signals are in these columns; OrthosisError for a signal that it has not."""
-    known = ("time", *(channel.name for channel in system.channels), *system.inputs)
+def holds(path: str, name: str, mapping: Mapping[str, str], columns: Collection[str]) -> bool:
+    """Return whether a table with these columns has a signal, by its name or by such a mapping."""
+    wanted = _specified(mapping.get(name, name), columns)[0]
+    return wanted in columns or _of_name(path, wanted, columns) is not None
+
+
+def with_columns(system: System, mapping: Mapping[str, str], optional: Sequence[str] = ()) -> System:
+    """Return a system whose signals are in these columns; OrthosisError for a signal that it has not.
+
+    `optional`: signals that it would have if a table did.
+    """
+    own = ("time", *(channel.name for channel in system.channels), *system.inputs)
+    known = tuple(dict.fromkeys((*own, *optional)))
     for name in mapping:
-        if name not in known:
+        if name not in own:
             raise OrthosisError(
                 f"--columns {name}: no such signal{meant(name, known)}; there are: {_listed(known)}"
             )

@@ -37,6 +37,7 @@ class Recording:
         remarks: on what it cannot show.
         start: instant of the first sample, s, by the clock that effects of time go by.
         left_out: inputs that it has, too rarely.
+        unread: columns of its table that are none of the signals, nor of this package.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Recording:
     remarks: tuple[str, ...] = ()
     start: float = 0.0
     left_out: tuple[str, ...] = ()
+    unread: tuple[str, ...] = ()
 
     @property
     def samples(self) -> int:
@@ -140,11 +142,11 @@ def _scaled(system: System, name: str, values: np.ndarray) -> np.ndarray:
 
 
 def with_prompt_inputs(one: Recording, system: System, changed: float, rows: int = 1) -> Recording:
-    """Return a recording without inputs that changed more often (every so many s) than they were recorded.
+    """Return a recording without held inputs that changed more often (every so many s) than recorded.
 
     `rows`: every how many samples they were recorded.
     """
-    late = tuple(name for name in system.inputs if name in one.signals)
+    late = _held(one, system)
     recorded = rows * one.period
     if not late or recorded < RARELY * changed:
         return one
@@ -162,16 +164,22 @@ def with_loop_of_table(one: Recording, system: System, changed: float, stated: b
 
     The nominal model does (every so many s); unless the user stated it, inputs that are held do rather.
     """
-    rows = _held_rows([one.signals[name] for name in system.inputs if name in one.signals])
+    held = _held(one, system)
+    rows = _held_rows([one.signals[name] for name in held])
     rows = rows if rows * one.period <= LONGEST_LOOP else 1
     if stated or rows == 1:
         return with_prompt_inputs(one, system, changed, rows)
     remark = (
-        f"{one.name}: {', '.join(system.inputs)} change every {rows} rows: the loop's period is taken to be"
+        f"{one.name}: {', '.join(held)} change every {rows} rows: the loop's period is taken to be"
         f" {1e3 * rows * one.period:.3g} ms; if it is shorter, they are too old to drive the model: give"
         f" {system.input_period} by --model"
     )
     return replace(one, remarks=(*one.remarks, remark))
+
+
+def _held(one: Recording, system: System) -> tuple[str, ...]:
+    """Return the inputs of a recording that keep their value from sample to sample: commands of a loop."""
+    return tuple(name for name in system.inputs if name in one.signals and name not in system.gradual)
 
 
 def _held_rows(inputs: Sequence[np.ndarray]) -> int:
@@ -191,10 +199,13 @@ def from_csv(path: Path, system: System) -> Recording:
         OrthosisError: as `tables.read_numbers`, signals missing, not uniform in time, or values that cannot
             be in the unit that is asked for.
     """
-    name = str(path)
+    name, unread = str(path), list[str]()
 
     def used(columns: Sequence[str]) -> set[str]:
-        return {place.column for place in places_of(name, system, columns).values()}
+        read = {place.column for place in places_of(name, system, columns).values()}
+        known = {"", *read, *system.also_recorded}
+        unread.extend(column for column in columns if column not in known)
+        return read
 
     def dated(columns: Sequence[str]) -> set[str]:
         time = places_of(name, system, columns)["time"]
@@ -203,7 +214,8 @@ def from_csv(path: Path, system: System) -> Recording:
 
     columns = read_numbers(path, used, lost=True, dated=dated)
     written = as_written(name, system, columns)
-    return _in_range(name, system, signals_of(name, system, columns, system.ambient), written)
+    one = _in_range(name, system, signals_of(name, system, columns, system.ambient), written)
+    return replace(one, unread=tuple(unread))
 
 
 def _in_range(

@@ -142,10 +142,7 @@ def _remainders(
     measured = np.gradient(velocity, one.period)[places]
     missing = _missing(smooth[channel], velocity, [smooth[name] for name in drivers])[places]
     law = _law(assembled, rate, len(places), _right(system, assembled))
-    acts = {
-        n: system.late + one.period / 2 * (n not in system.gradual) if n in system.inputs else 0.0
-        for n in drivers
-    }
+    acts = {name: _late(system, name, one.period) for name in drivers}
     beside = _beside(system, one, places)
     rates = {of: np.gradient(smooth[name], one.period) for of, name in _rates(system, drivers).items()}
 
@@ -168,6 +165,13 @@ def _remainders(
         return _remainder(measured - np.asarray(model)[0], np.column_stack([_tame(columns), missing]))
 
     return lambda late: _near_the_least(partial(remainder, late))
+
+
+def _late(system: System, name: str, period: float) -> float:
+    """Return how late a recorded signal acts by the model, s."""
+    if name not in system.inputs:
+        return 0.0
+    return system.late * (name not in system.sensed) + period / 2 * (name not in system.gradual)
 
 
 def _rates(system: System, drivers: Sequence[str]) -> dict[str, str]:

@@ -26,7 +26,7 @@ class Shift:
 
     Attributes:
         own: by how much the own channel shows the past: everything else is shifted back as far.
-        inputs: by how much the inputs act late, seen from its own channel.
+        inputs: by how much the inputs act late, seen from its own channel; those that are sensed do not.
         advance: neighbour -> by how much it is advanced to be the true one.
         later: input -> by how much more it acts late than the others.
     """
@@ -78,7 +78,8 @@ class Run:
         count, fraction = divmod(shift.inputs / self.period, 1.0)
         inputs, before = (_held_back(recorded, int(count) + more) for more in (0, 1))
         for i, name in enumerate(self._system.inputs):
-            late = shift.inputs + shift.later.get(name, 0.0)
+            acts = shift.own if name in self._system.sensed else shift.inputs
+            late = acts + shift.later.get(name, 0.0)
             if name in self._system.gradual:
                 before[:, i], inputs[:, i] = self._between(recorded[:, i], late)
             elif name in shift.later:

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 from pam_orthosis.bag.topics import Topics
 from pam_orthosis.discrepancy.systems.knee import SUSPECTS
-from pam_orthosis.discrepancy.systems.machine_system import View, from_rows, graph_view, machine_system
+from pam_orthosis.discrepancy.systems.machine_system import machine_system
 from pam_orthosis.discrepancy.systems.suspects import ARMS, VALVE, Suspects, each
 from pam_orthosis.discrepancy.systems.system import Channel, Source, System
+from pam_orthosis.discrepancy.systems.view import View, from_rows, graph_view
 from pam_orthosis.model.deviations import DEVIATIONS, GAS
 from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.machine import Machine
@@ -30,14 +31,21 @@ OF_PERSON = {"knee": ("person_mass",), "ankle": ("person_mass", "passive_moment"
 
 
 def declared_machine(
-    machine: Machine, parameters: Parameters, catalogue: Mapping[str, Effect] | None = None
+    machine: Machine,
+    parameters: Parameters,
+    catalogue: Mapping[str, Effect] | None = None,
+    external: bool = False,
 ) -> System:
     """Return a machine as its file and the parameters describe it; see `machine_system`."""
-    return machine_system(machine, parameters, _view, catalogue)
+    return machine_system(machine, parameters, _view, catalogue, external)
 
 
 def coupled_joint(
-    machine: Machine, beside: Source, parameters: Parameters, catalogue: Mapping[str, Effect] | None = None
+    machine: Machine,
+    beside: Source,
+    parameters: Parameters,
+    catalogue: Mapping[str, Effect] | None = None,
+    external: bool = False,
 ) -> System:
     """Return a joint of a coupled mechanism: how the other one moves is recorded (`beside`), and known."""
 
@@ -56,7 +64,7 @@ def coupled_joint(
             sources={**alone.sources, name: beside},
         )
 
-    return machine_system(machine, parameters, view, catalogue)
+    return machine_system(machine, parameters, view, catalogue, external)
 
 
 def _view(machine: Machine, nominal: Parameters) -> View:

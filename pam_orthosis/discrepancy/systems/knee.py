@@ -5,16 +5,11 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from pam_orthosis.discrepancy.systems.machine_system import (
-    Symbols,
-    View,
-    from_rows,
-    graph_view,
-    machine_system,
-)
+from pam_orthosis.discrepancy.systems.machine_system import machine_system
 from pam_orthosis.discrepancy.systems.suspects import MASSES as ALL_MASSES
 from pam_orthosis.discrepancy.systems.suspects import OF_MASSES, VALVE, each, symbol
 from pam_orthosis.discrepancy.systems.system import System
+from pam_orthosis.discrepancy.systems.view import Symbols, View, from_rows, graph_view
 from pam_orthosis.model.components.muscle import polynomial
 from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.effects.base import Effect
@@ -43,14 +38,17 @@ LOCKED = "diagnostic-locked"  # the angle does not move, which leaves the torque
 TABLE_ORDER, TABLE_NODES = 16, 200
 
 
-def knee(parameters: Parameters, catalogue: Mapping[str, Effect] | None = None) -> System:
+def knee(
+    parameters: Parameters, catalogue: Mapping[str, Effect] | None = None, external: bool = False
+) -> System:
     """Return the orthosis as its parameters describe it; `plant` is not read.
 
     Args:
         parameters: the tree; effects that `effects.*` switches on belong to the nominal model.
         catalogue: effects that may be missing (all of the catalogue).
+        external: a torque on the knee from outside is recorded too.
     """
-    return machine_system(parameters.declared, parameters, _view, catalogue)
+    return machine_system(parameters.declared, parameters, _view, catalogue, external)
 
 
 def _view(machine: Machine, nominal: Parameters) -> View:

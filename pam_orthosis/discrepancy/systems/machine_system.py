@@ -4,86 +4,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import casadi as ca
 
-from pam_orthosis.discrepancy.systems.suspects import Suspects, common, corrected, meant, name_of, suspects
-from pam_orthosis.discrepancy.systems.system import (
-    Assembled,
-    Calibration,
-    Channel,
-    Entry,
-    Equation,
-    Source,
-    System,
-)
+from pam_orthosis.bag.topics import Topics
+from pam_orthosis.discrepancy.systems.suspects import common, corrected, meant, name_of, suspects
+from pam_orthosis.discrepancy.systems.system import Assembled, Calibration, Channel, Entry, Equation, System
+from pam_orthosis.discrepancy.systems.view import Symbols, View
 from pam_orthosis.model.assembly import Hardware, assemble
 from pam_orthosis.model.components.actuator import Actuator
-from pam_orthosis.model.deviations import DEVIATIONS
 from pam_orthosis.model.effects.base import Effect, enabled
 from pam_orthosis.model.machine import Machine
-from pam_orthosis.model.mechanisms.base import Mechanism
 from pam_orthosis.model.parameters import NOMINAL, Parameters
-from pam_orthosis.model.reach import check_lengths
 from pam_orthosis.model.rows import Section
 from pam_orthosis.model.signals import Expression, Signals
 
-Symbols = Mapping[str, Expression]
-MOST_SUPPLY = 1.5  # of the nominal supply pressure, that a chamber can hold: beyond it the unit is another
 MOTION = "angle", "velocity", "acceleration"
 PUSH = "constant_torque.torque"  # by which an unknown torque enters
 VOLTS, SHARE = 0.02, 0.05  # changes of a voltage and of a valve's gain that show what they do
 SMALL = 0.2  # of a typical size, which is a knee's: where a search starts too
 ONSET = 0.5  # N, up to which a muscle's damping grows
-MARGIN = 0.2  # of the range between the stops: farther out the unit or the zero is another
-
-
-@dataclass(frozen=True)
-class View:
-    """How recordings show a machine, and what of it may be off.
-
-    Attributes:
-        title: of the system, in reports.
-        equation: the mechanism's, in reports.
-        channels: coordinate, whatever is measured beside, pressures in the order of the actuators.
-        inputs: recorded voltage of each actuator, in their order.
-        calibrations: parameters that may be off. `ACTUATOR_force` scales a static force,
-            `ACTUATOR_closed_voltage` is added to a voltage, `STATE_offset` to what its sensor shows.
-        multiplied: calibration -> keys of the parameters that it changes by a share.
-        gains: observer gains of coordinate and velocity, 1/s and 1/s^2.
-        added: calibration -> key of the parameter to which it is added.
-        stiff: steps follow the fastest state.
-        usual: sizes and places of the catalogue's effects, which are a knee's, are usual here.
-        learns: effects that the model has already are recalibrated with it; delays among them, and that of
-            the valves, let inputs act later.
-        beside: (signals, calibrations) -> what is measured beside coordinate and pressures, by channel.
-        neighbour: the coupled joint, whose angle is the last channel and drives the mechanism.
-        mechanism: (parameters, calibrations) -> the mechanism, where it is not the machine's own.
-        suspects: parameters that may be wrong.
-        limits, unusable, sources: as for `System`.
-    """
-
-    title: str
-    equation: str
-    channels: tuple[Channel, ...]
-    inputs: tuple[str, ...]
-    calibrations: tuple[Calibration, ...]
-    multiplied: Mapping[str, tuple[str, ...]]
-    gains: tuple[float, float]
-    added: Mapping[str, str] = field(default_factory=dict)
-    stiff: bool = True
-    usual: bool = True
-    learns: bool = True
-    beside: Callable[[Signals, Symbols], Mapping[str, Expression]] = lambda signals, symbols: {}
-    neighbour: str = ""
-    mechanism: Callable[[Parameters, Symbols], Mechanism] | None = None
-    suspects: Suspects = field(default_factory=dict)
-    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    unusable: tuple[str, ...] = ()
-    sources: Mapping[str, Source] = field(default_factory=dict)
 
 
 def nominal_parameters(machine: Machine, parameters: Parameters) -> Parameters:
@@ -91,39 +34,12 @@ def nominal_parameters(machine: Machine, parameters: Parameters) -> Parameters:
     return machine.taken(parameters).only(*NOMINAL, "rig", "gap")
 
 
-def graph_view(machine: Machine, nominal: Parameters) -> View:
-    """Return how the graph records a machine, nothing being off."""
-    check_lengths(machine, nominal)
-    c, replay = machine.coordinate, nominal.gap.replay
-    low, high = machine.mechanism(nominal).limits
-    reach, supply = MARGIN * (high - low), nominal.valve.supply_pressure
-    pressures, voltages = ([f"{name}_{kind}" for name in machine.names] for kind in ("pressure", "voltage"))
-    lowest, highest = nominal.valve.minimum_voltage, nominal.valve.maximum_voltage
-    volts = MARGIN * (highest - lowest)
-    return View(
-        title=machine.meaning,
-        equation=c.effort,
-        channels=(
-            Channel(c.name, c.name, c.unit, c.shown_unit, c.shown_factor),
-            *(Channel(name, name, "Pa", "mbar", 0.01) for name in pressures),
-        ),
-        inputs=tuple(voltages),
-        calibrations=(),
-        multiplied=DEVIATIONS,
-        gains=(replay.angle_gain, replay.velocity_gain),
-        limits={
-            c.name: (low - reach, high + reach),
-            **dict.fromkeys(pressures, (0.0, MOST_SUPPLY * supply)),
-            **dict.fromkeys(voltages, (lowest - volts, highest + volts)),
-        },
-    )
-
-
 def machine_system(
     machine: Machine,
     parameters: Parameters,
     view: Callable[[Machine, Parameters], View],
     catalogue: Mapping[str, Effect] | None = None,
+    external: bool = False,
 ) -> System:
     """Return a machine as its parameters describe it; `plant` is not read.
 
@@ -132,14 +48,17 @@ def machine_system(
         parameters: the tree; effects that it switches on belong to the nominal model.
         view: (machine, nominal parameters) -> how recordings show it.
         catalogue: effects that may be missing (all that the machine can have).
+        external: what acts on the mechanism from outside (`Machine.external`) is recorded too.
     """
     nominal = nominal_parameters(machine, parameters)
-    return _Described(machine, nominal, view(machine, nominal)).system(
-        machine.catalogue if catalogue is None else catalogue,
-        lambda effect: machine_system(
-            machine, parameters.changed({f"{machine.branch}.{effect}.enabled": False}), view, catalogue
-        ),
-    )
+
+    def without(effect: str) -> System:
+        simpler = parameters.changed({f"{machine.branch}.{effect}.enabled": False})
+        return machine_system(machine, simpler, view, catalogue, external)
+
+    seen = replace(view(machine, nominal), external=machine.external if external else "")
+    effects = machine.catalogue if catalogue is None else catalogue
+    return _Described(machine, nominal, seen).system(effects, without)
 
 
 class _Described:
@@ -157,6 +76,7 @@ class _Described:
         self._calibrations = (*view.calibrations, *self._of_learned())
         names = MOTION if view.neighbour else ()
         self._motion = tuple(f"{view.neighbour}_{name}" for name in names)  # states that are only recorded
+        self._sensed = (view.external,) if view.external else ()  # inputs beside the voltages
 
     def system(self, catalogue: Mapping[str, Effect], without: Callable[[str], System]) -> System:
         """Return the system; `without` makes it without an effect that the model has already."""
@@ -166,7 +86,10 @@ class _Described:
         return System(
             name=view.title,
             channels=view.channels,
-            inputs=view.inputs,
+            inputs=(*view.inputs, *self._sensed),
+            input_units=dict.fromkeys(self._sensed, machine.coordinate.effort_unit),
+            gradual=self._sensed,
+            sensed=self._sensed,
             derived={"velocity": machine.coordinate.name}
             | dict.fromkeys(self._motion[1:2], *self._motion[:1]),
             derived_twice=dict.fromkeys(self._motion[2:], *self._motion[:1]),
@@ -178,7 +101,10 @@ class _Described:
             common=common(self._nominal, view.suspects) if wrong else {},
             shares=self._shares() if wrong else {},
             assemble=self._assemble,
-            needs=dict.fromkeys(("gas", "valve", "supply"), view.inputs),
+            needs={
+                **dict.fromkeys(("gas", "valve", "supply"), view.inputs),
+                **dict.fromkeys(("torque", view.equation) if self._sensed else (), self._sensed),
+            },
             equation_names={"torque": view.equation},
             branch=machine.branch,
             simpler={name: partial(without, name) for name in self.present},
@@ -188,6 +114,7 @@ class _Described:
             late=self._nominal.valve.delay + sum(self._lateness.values()) if view.learns else 0.0,
             unusable=view.unusable,
             sources=view.sources,
+            also_recorded=tuple(Topics(machine).signals),
         )
 
     def _shares(self) -> dict[str, str]:
@@ -279,10 +206,10 @@ class _Described:
         symbols = dict(zip([*names, *own], ca.vertsplit(theta), strict=True))
         beside = ca.SX.sym("beside", len(self._motion))
         assembly = assemble(self._hardware(effects, symbols, beside))
-        u, time = ca.SX.sym("u", len(self._view.inputs)), ca.SX.sym("time")
+        u, time = ca.SX.sym("u", len(self._view.inputs) + len(self._sensed)), ca.SX.sym("time")
         volts = [u[i] + symbols[f"{name}_closed_voltage"] for i, name in enumerate(self._machine.names)]
-        outside = [time if name == "time" else 0 for name in self._machine.inputs[len(volts) :]]
-        inputs = ca.vertcat(*volts, *outside)
+        beyond = {"time": time, **dict(zip(self._sensed, ca.vertsplit(u[len(volts) :]), strict=True))}
+        inputs = ca.vertcat(*volts, *(beyond.get(name, 0) for name in self._machine.inputs[len(volts) :]))
         measured = self._measured(assembly.signals, symbols)
         measured |= {name: beside[i] for i, name in enumerate(self._motion[:1])}
         rates, *shown = ca.substitute([assembly.rates, *measured.values()], [assembly.u], [inputs])
@@ -351,16 +278,3 @@ def _smooth(actuator: Actuator, deviation: Expression) -> Actuator:
 def _deviations(effect: Effect) -> dict[str, str]:
     """Return, for each parameter of a learned effect, the name of its relative deviation."""
     return {q.name: f"{effect.name}_{q.name}" for q in effect.parameters}
-
-
-def from_rows(
-    nominal: Parameters, keys: Mapping[str, str], meanings: Mapping[str, str] | None = None
-) -> tuple[Calibration, ...]:
-    """Return calibrations (name -> key of the row with its standard deviation); with 0 they are exact."""
-    found, given = [], meanings or {}
-    for name, key in keys.items():
-        row, sd = nominal.row(key), nominal.flat()[key]
-        if sd:
-            meaning = given.get(name, row.meaning)
-            found.append(Calibration(name, sd, row.unit, meaning, row.unit == "-"))
-    return tuple(found)

@@ -3,8 +3,9 @@
 
 from collections.abc import Mapping
 
-from pam_orthosis.discrepancy.systems.machine_system import Symbols, View, from_rows, machine_system
+from pam_orthosis.discrepancy.systems.machine_system import machine_system
 from pam_orthosis.discrepancy.systems.system import Channel, System
+from pam_orthosis.discrepancy.systems.view import Symbols, View, from_rows
 from pam_orthosis.model.deviations import DEVIATIONS, GAS
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.machines import KNEE

@@ -54,8 +54,9 @@ def _check_signals(system: System) -> None:
         _finite(f"noise of {name}", sd, 0.0)
     _finite("late", system.late)
     _finite("ambient", system.ambient, math.ulp(0.0))
-    for name in system.gradual:
-        _known("gradual", name, system.inputs)
+    for kind, names in (("gradual", system.gradual), ("sensed", system.sensed)):
+        for name in names:
+            _known(kind, name, system.inputs)
     for name, (low, high) in system.limits.items():
         _known("limits", name, (*channels, *system.inputs))
         if not low < high:

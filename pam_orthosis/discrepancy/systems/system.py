@@ -167,6 +167,8 @@ class System:
         input_units: input -> its unit (V).
         input_noise: input -> standard deviation of what is recorded (`gap.replay.input_noise`).
         gradual: inputs that run straight from each sample to the next; others keep their value until then.
+        sensed: inputs that a sensor measures: they act when they are recorded, whatever delays the others,
+            and recordings show their noise.
         entries: channel -> how something unknown may enter its equation, if not as a rate alone; the first
             gives the unit of short pushes.
         wrong: candidate -> key of the parameter that it takes to be wrong; see `recalibrating`.
@@ -174,6 +176,7 @@ class System:
         shares: candidate -> calibration by which the same parameter may be off by a share.
         sources: signal (of a table `time` too) -> where recordings have it.
         ambient: absolute pressure, Pa, from which gauge pressures in a table count.
+        also_recorded: names of what this package's own tables hold beside: it is left unread without a word.
     """
 
     name: str
@@ -196,6 +199,7 @@ class System:
     input_units: Mapping[str, str] = field(default_factory=dict)
     input_noise: Mapping[str, float] = field(default_factory=dict)
     gradual: tuple[str, ...] = ()
+    sensed: tuple[str, ...] = ()
     sources: Mapping[str, Source] = field(default_factory=dict)
     entries: Mapping[str, tuple[Entry, ...]] = field(default_factory=dict)
     wrong: Mapping[str, str] = field(default_factory=dict)
@@ -203,6 +207,7 @@ class System:
     shares: Mapping[str, str] = field(default_factory=dict)
     derived_twice: Mapping[str, str] = field(default_factory=dict)
     ambient: float = 1.013e5
+    also_recorded: tuple[str, ...] = ()
 
     def without(self, missing: Collection[str]) -> System:
         """Return the system without equations and effects that need inputs that are missing."""
