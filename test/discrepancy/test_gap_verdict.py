@@ -317,6 +317,9 @@ def test_a_model_that_closes_less_than_half_names_nothing(friction, monkeypatch)
         assert [one.name for one in reported.surrogates] == ([] if names else ["joint_friction"])
     reported = describe(replace(outcome, verdict="unexplained", effects=(), surrogates=outcome.effects))
     assert reported.splitlines()[-1].endswith("no model of the catalogue explains half of the gap")
+    (surrogate,) = (line for line in reported.splitlines() if line.startswith("best surrogate"))
+    named = next(line for line in describe(outcome).splitlines() if line.startswith("effect: joint_friction"))
+    assert surrogate == named.replace("effect", "best surrogate, no explanation", 1), "its size is printed"
 
 
 def test_an_effect_at_a_bound_that_empties_it_is_no_explanation(friction):

@@ -107,8 +107,8 @@ def describe(outcome: Outcome) -> str:
         seen = ", ".join(f"{name} {share:.0%}" for name, share in list(worst.coordinates.items())[:3])
         lines.append(f"gap: {worst.equation} equation; residual explained by {seen}")
     for one in outcome.effects:
-        lines.append(_wrong(outcome.system, one) if one.name in wrong else _named(outcome, one))
-    lines += [f"best surrogate, no explanation: {one.name}" for one in outcome.surrogates]
+        lines.append(_wrong(outcome.system, one) if one.name in wrong else f"effect: {_named(outcome, one)}")
+    lines += [f"best surrogate, no explanation: {_named(outcome, one)}" for one in outcome.surrogates]
     lines += _others(outcome)
     lines += remark_lines(outcome.remarks)
     lines += _left(outcome)
@@ -177,7 +177,7 @@ def _named(outcome: Outcome, one: Named) -> str:
     if drawn := curves(outcome, one):
         held = f"; {len(one.at_bound)} of {len(one.parameters)} coefficients at a bound" * bool(one.at_bound)
         words = f"{'; '.join(in_words(drawn))} (curves in gap.html){held}"
-        return f"effect: {one.name} ({one.equation}): {words}; evidence {one.evidence:.0f}"
+        return f"{one.name} ({one.equation}): {words}; evidence {one.evidence:.0f}"
     shown = dict(one.parameters)
     if len(shown) > MOST_SHOWN:  # the coefficients of a map: the most certain ones
         order = sorted(shown, key=lambda name: -_certainty(*shown[name]))
@@ -188,7 +188,7 @@ def _named(outcome: Outcome, one: Named) -> str:
     )
     more = len(one.parameters) - len(shown)
     rest = f" and {more} more coefficients (gap.json)" if more else in_all(outcome.system, one)
-    return f"effect: {one.name} ({one.equation}): {values}{rest}; evidence {one.evidence:.0f}"
+    return f"{one.name} ({one.equation}): {values}{rest}; evidence {one.evidence:.0f}"
 
 
 def _wrong(system: System, one: Named) -> str:
