@@ -55,6 +55,19 @@ BLIND = (
     "600960",
     *LATEST,
 )  # sets of cases, newest last
+# (set, size) of blind cases -> share that is asked to be right; goals of the study before the workflow
+ASKED = {
+    ("clean", "small"): 0.75,
+    ("clean", "medium"): 0.97,
+    ("clean", "large"): 0.99,
+    ("realistic", "small"): None,
+    ("realistic", "medium"): 0.90,
+    ("realistic", "large"): 0.97,
+    ("pairs", ""): 0.85,
+    ("clean-none", ""): 0.99,
+    ("realistic-none", ""): 0.98,
+    ("outside", ""): 0.97,
+}
 BAGS = {"walk": "default", "person": "person"}  # reference bag -> its scenario
 TASKS = ("gait 2 s", "gait 2 s, 75 kg", "gait 2 s, 75 kg, supply of 7 bar")
 CONTROLLERS = ("paper", "learned", "calm", "planned")
@@ -106,6 +119,7 @@ def blocks() -> dict[str, Callable[[], str]]:
     return {
         "tracking": tracking,
         "gap": lambda: gap(blind_cases()),
+        "gap-asked": gap_asked,
         "gap-sets": gap_sets,
         "gap-pairs": gap_pairs,
         "gap-wrong": gap_wrong,
@@ -190,6 +204,34 @@ def gap(cases: Sequence[dict[str, Any]]) -> str:
     words = "; ".join(f"verdict {name}: {_share(n, len(outside))}" for name, n in counts.items() if n)
     rows.append(("an effect outside the catalogue", str(len(outside)), words, _share(named, len(outside))))
     return table(("hidden", "cases", "right", "a wrong name"), rows)
+
+
+def gap_asked() -> str:
+    """Return for each class of cases of the last blind sets what is asked and what was reached."""
+    cases, rows = [case for seed in LATEST for case in blind_set(seed)], []
+    for (name, size), asked in ASKED.items():
+        chosen = chosen_of(cases, name, size)
+        words, (part, whole) = _reached(name, chosen)
+        hidden = f"one effect, {size}, {name}" if size else words
+        met = "-" if asked is None else "yes" if part >= asked * whole else "no"
+        small = sum(map(gap_table.too_small, chosen)) if size else None
+        rows.append((
+            hidden, "-" if asked is None else f"{asked:.0%}", _share(part, whole), met,
+            "-" if small is None else str(small),
+        ))  # fmt: skip
+    return table(("right", "asked", "reached", "met", "missed: too small to be found"), rows)
+
+
+def _reached(name: str, chosen: Sequence[dict[str, Any]]) -> tuple[str, tuple[int, int]]:
+    """Return what counts as right in a set of blind cases, and how many of how many are."""
+    if name == "pairs":
+        return "two effects, both named", both(chosen)
+    if name == "outside":
+        unnamed = sum("found" in case and not gap_table.names(case) for case in chosen)
+        return "an effect outside the catalogue, no name", (unnamed, len(chosen))
+    if name.endswith("-none"):
+        return f"nothing hidden, {name.removesuffix('-none')}, verdict `none`", quiet(chosen)
+    return "named", right(chosen)
 
 
 def gap_sets() -> str:

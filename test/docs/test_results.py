@@ -68,6 +68,19 @@ def test_conclusions_say_what_the_results_say(monkeypatch):
     assert "`planned` 3 of 3" in words
     found, tried = results.right(results.chosen_of(results.blind_cases(), "realistic", "medium"))
     assert f"{found} of {tried}" in conclusions.gap()
+    assert "asked are 90%" in conclusions.gap()
+
+
+def test_what_is_asked_of_the_gap_workflow_stands_beside_what_the_last_set_reached():
+    last = [case for seed in results.LATEST for case in results.blind_set(seed)]
+    rows = {row[0]: row[1:] for row in _rows(results.gap_asked())}
+    assert sum(int(row[1].split(" of ")[1].split()[0]) for row in rows.values()) == len(last)
+    medium = results.chosen_of(last, "realistic", "medium")
+    asked, reached, met, small = rows["one effect, medium, realistic"]
+    assert (asked, reached.split(" (")[0]) == ("90%", "{} of {}".format(*results.right(medium)))
+    assert met == "no"
+    assert int(small) == sum(map(results.gap_table.too_small, medium))
+    assert rows["nothing hidden, realistic, verdict `none`"][2] == "yes"
 
 
 def test_the_table_of_controllers_shows_the_worst_runs():
