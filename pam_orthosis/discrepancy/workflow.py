@@ -8,10 +8,12 @@ from pam_orthosis.discrepancy.answer.agreement import remarks_on_agreement
 from pam_orthosis.discrepancy.answer.between import remarks_on_inputs
 from pam_orthosis.discrepancy.answer.judgement import OPEN, Outcome, outcome_of
 from pam_orthosis.discrepancy.preparation.beginning import Beginning, begin
+from pam_orthosis.discrepancy.preparation.clocks import is_periodic, on_one_clock
 from pam_orthosis.discrepancy.preparation.mistakes import CHECK
 from pam_orthosis.discrepancy.recordings.data import Recording
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.search import select
+from pam_orthosis.discrepancy.search.selection import Selection
 from pam_orthosis.discrepancy.systems.system import System
 from pam_orthosis.discrepancy.together import alone
 from pam_orthosis.discrepancy.unknown.unknown import unknown
@@ -63,6 +65,8 @@ def search(start: Beginning, settings: Section, progress: Progress = silent) -> 
 def _searched(start: Beginning, settings: Section, progress: Progress) -> Outcome:
     found = select.extended(start.problem, start.null, start.held_out, settings.evidence, progress)
     start = replace(start, problem=found.problem, null=found.null)
+    if start.moved:
+        start, found = _on_one_clock(start, found, settings.replay.cross_cutoff)
     progress("measuring the gap on held-out recordings")
     remarks = remarks_on_agreement(found.final_problem, start.held_out, found.final)
     outcome = outcome_of(start, found, settings, [*remarks, *remarks_on_inputs(found, settings)])
@@ -78,3 +82,12 @@ def _searched(start: Beginning, settings: Section, progress: Progress) -> Outcom
     named = bool(outcome.effects)  # surrogates explain nothing: what they hide is left too
     model, problem = (found.final, found.final_problem) if named else (start.null, start.problem)
     return outcome.described(unknown(problem, start.held_out, model, outcome.floor))
+
+
+def _on_one_clock(start: Beginning, found: Selection, cutoff: float) -> tuple[Beginning, Selection]:
+    """Return what was found with the recordings' clocks moved to where a periodic effect fits best."""
+    problem, model, held_out = on_one_clock(found.final_problem, found.final, start.held_out, cutoff)
+    null = found.problem.on(problem.scored)
+    found = replace(found, problem=null, final_problem=problem, final=model)
+    remarks = (*start.remarks, *[start.moved] * is_periodic(start.system, model))
+    return replace(start, problem=null, held_out=held_out, remarks=remarks), found

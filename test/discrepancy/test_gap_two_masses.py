@@ -4,6 +4,7 @@
 The recordings are exact samples of the linear system (matrix exponential).
 """
 
+import casadi as ca
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete
@@ -33,11 +34,11 @@ UNITS = {"left": "kg", "right": "kg", "stiffness": "N/m", "damper": "N s/m", "gr
 NOMINAL = {"left": 1.0, "right": 0.5, "stiffness": 100.0, "damper": 0.5, "ground": 40.0, "air": 1.0}
 
 
-def _recording(system, seed, late=0, tilt=0.0, behind=0, **changed):
+def _recording(system, seed, late=0, tilt=0.0, behind=0, phase=None, **changed):
     """Return a recording.
 
     The right position is `late` rows late, the right mass is pulled by `tilt`, N, and its force acts
-    `behind` rows later than recorded.
+    `behind` rows later than recorded. The left mass is pushed with 1.3 Hz in this phase, if in any.
     """
     p, random, time = TRUE | changed, np.random.default_rng(seed), PERIOD * np.arange(SAMPLES)
     k, c = p["stiffness"], p["damper"]
@@ -50,9 +51,10 @@ def _recording(system, seed, late=0, tilt=0.0, behind=0, **changed):
     for _ in range(8):
         waves = 2 * np.pi * random.uniform(0.1, 5.0, 2) * time[:, None] + random.uniform(0, 6, 2)
         forces += random.uniform(0.3, 1.0, 2) * np.sin(waves)
+    pushed = 0.0 * time if phase is None else 0.2 * np.sin(2 * np.pi * 1.3 * time + phase)
     states = np.zeros((SAMPLES, 4))
     for i in range(SAMPLES - 1):
-        acting = [forces[i, 0], forces[np.clip(i - behind, 0, SAMPLES - 1), 1] + tilt]
+        acting = [forces[i, 0] + pushed[i], forces[np.clip(i - behind, 0, SAMPLES - 1), 1] + tilt]
         states[i + 1] = step @ states[i] + push @ acting
     seen = states[:, [0, 2]] + NOISE * random.standard_normal((SAMPLES, 2))
     seen[late:, 1] = seen[: SAMPLES - late, 1]
@@ -184,3 +186,37 @@ def test_an_input_that_is_later_than_the_others_is_held_by_its_mean():
     mean = 0.75 * recorded[99:199] + 0.25 * recorded[98:198]
     assert later[rows, start + 1] == pytest.approx(mean)
     assert later[rows, start + 3] == pytest.approx(mean)
+
+
+def test_a_periodic_push_has_a_phase_of_its_own_in_each_recording():
+    """Recordings that are begun by hand know nothing of its phase."""
+    push = Effect(
+        "push",
+        "left_force",
+        (
+            Quantity("amplitude", 0.1, "N", 0.0, 10.0, "amplitude", 0.0),
+            Quantity("frequency", 1.0, "Hz", 0.01, 20.0, "frequency"),
+            Quantity("phase", 0.0, "rad", -7.0, 7.0, "phase at the time 0"),
+        ),
+        lambda s, p, own: p.amplitude * ca.sin(2 * ca.pi * p.frequency * s.time + p.phase),
+        "Somebody pushes.",
+        "test",
+        periodic=("frequency", "phase"),
+    )
+    system = _system(effects=[push])
+    own, same = (
+        search(begin(system, runs[:2], runs[2:], load().gap), load().gap)
+        for runs in (
+            [_recording(system, seed, phase=phase) for seed, phase in enumerate(phases, 1)]
+            for phases in ((0.3, 2.6, -1.7), (0.3, 0.3, 0.3))
+        )
+    )
+    for outcome in (own, same):
+        assert [one.name for one in outcome.effects] == ["push"]
+        found = {name: value for name, (value, *_) in outcome.effects[0].parameters.items()}
+        assert found["amplitude"] == pytest.approx(0.2, rel=0.03)
+        assert found["frequency"] == pytest.approx(1.3, abs=1e-3)
+        assert outcome.verdict == "explained"
+    said = "the recordings' clocks have no common zero"
+    assert [any(one.startswith(said) for one in outcome.remarks) for outcome in (own, same)] == [True, False]
+    assert search(begin(_system(), [_recording(system, 1)], [], load().gap), load().gap).verdict == "none"

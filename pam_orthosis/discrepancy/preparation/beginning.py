@@ -10,6 +10,7 @@ from pam_orthosis.discrepancy.fitting import measure, refit, structure
 from pam_orthosis.discrepancy.fitting.fit import Fit
 from pam_orthosis.discrepancy.fitting.measure import Samples
 from pam_orthosis.discrepancy.preparation import check
+from pam_orthosis.discrepancy.preparation.clocks import aligned
 from pam_orthosis.discrepancy.preparation.glitches import without_glitches
 from pam_orthosis.discrepancy.preparation.mistakes import mistake_words
 from pam_orthosis.discrepancy.recordings.data import Recording
@@ -40,6 +41,8 @@ class Beginning:
         remarks: on the recordings.
         mistaken: whether one of these says that they seem to have a mistake.
         skewed: whether one says that stamps are off.
+        moved: what to say if an effect over time is named: recordings count from another instant than their
+            clocks say; empty if they do not.
     """
 
     system: System
@@ -50,6 +53,7 @@ class Beginning:
     remarks: tuple[str, ...]
     mistaken: bool = False
     skewed: bool = False
+    moved: str = ""
 
     def configured(self, judged: Samples | None = None) -> measure.Gap:
         """Return the gap of the model as configured; `judged`: the samples that count (all)."""
@@ -101,10 +105,12 @@ def begin(
     check.check_motion(system, held_out, "the judgement")
     progress("compiling the model")
     problem, judge, floor = prepared(replay, training, held_out, settings)
-    recalibrated = refit.recalibrated(problem, progress)
-    mistake = mistake_words(judge, settings.replay.cross_cutoff)
+    problem, null = refit.recalibrated(problem, progress)
+    cutoff = settings.replay.cross_cutoff
+    problem, judge, moved = aligned(problem, null, judge, cutoff)
+    mistake = mistake_words(judge, cutoff)
     remarks += [mistake] * bool(mistake)
-    return Beginning(system, *recalibrated, judge, floor, tuple(remarks), bool(mistake), bool(skewed))
+    return Beginning(system, problem, null, judge, floor, tuple(remarks), bool(mistake), bool(skewed), moved)
 
 
 def _without(system: System, missing: Sequence[str]) -> System:

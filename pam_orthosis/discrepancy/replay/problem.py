@@ -76,6 +76,10 @@ class Problem:
         """Return the same problem with other weights of the equations' residuals."""
         return Problem(self.replay, self.scored, weights, self._shown)
 
+    def on(self, scored: Sequence[Scored]) -> Problem:
+        """Return the same problem of other runs."""
+        return Problem(self.replay, scored, self.weights, self._shown)
+
     def shown(self, samples: Mapping[str, np.ndarray]) -> Problem:
         """Return the same problem with some samples only: equation -> choice (n,) of its row of residuals."""
         return Problem(self.replay, self.scored, self.weights, samples)
