@@ -127,7 +127,7 @@ def describe(found: Identified) -> str:
     """Return the result as text."""
     fit, box = found.force, found.box
     lines = [
-        f"{found.data.specimen}, nominal length {found.data.length:g} m", *_values(found),
+        f"{_title(found)}, nominal length {found.data.length:g} m", *_values(found),
         f"rank {fit.rank} of {len(fit.half_width)}, condition {fit.condition:.3g} (unscaled"
         f" {fit.condition_raw:.3g}), {len(found.training)} samples, {fit.effective:.0f} independent",
         _intervals(fit), *found.remarks,
@@ -154,6 +154,11 @@ def describe(found: Identified) -> str:
     if not found.stiff:
         lines.append("caution: in the box the modelled force does not fall everywhere with the contraction")
     return "\n".join(lines)
+
+
+def _title(found: Identified) -> str:
+    own = f"a muscle of your own, in the place of {found.data.specimen}"
+    return own if found.data.own else found.data.specimen
 
 
 def _values(found: Identified) -> list[str]:

@@ -434,7 +434,7 @@ def test_voltages_of_a_loop_faster_than_the_table_are_left_out_by_name(
     with pytest.raises(OrthosisError, match="read:") as of_library:
         answers.gap([table], model=model)
     assert main(["gap", str(table), "--model", str(model)]) == 2
-    words = "extensor_voltage, flexor_voltage changed every 1 ms and were recorded every 5 ms: left out"
+    words = "change every 1 ms by scenario.control_period and were recorded every 5 ms: left out"
     told = capsys.readouterr().err
     assert str(of_library.value) in in_python(told)
     assert (words in told) != kept
@@ -452,7 +452,7 @@ def test_what_is_left_out_is_not_called_absent(system):
     ("stated", "kept", "said"),
     [
         (False, True, "change every 10 rows: the loop's period is taken to be 20 ms"),
-        (True, False, "changed every 2 ms and were recorded every 20 ms: left out"),
+        (True, False, "change every 2 ms by scenario.control_period and were recorded every 20 ms: left out"),
     ],
 )
 def test_voltages_that_are_held_for_rows_tell_the_period_of_the_loop(system, stated, kept, said):

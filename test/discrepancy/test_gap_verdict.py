@@ -554,3 +554,16 @@ def test_only_a_system_with_pressures_is_asked_for_absolute_ones(bench):
     assert said.endswith("check units, zeros (absolute pressure?) and calibration first")
     carriage = replace(bench.system, channels=bench.system.channels[:1])
     assert verdict._strain(carriage, {"mass": 20.0}).endswith("check units, zeros and calibration first")
+
+
+@pytest.mark.parametrize(
+    ("numbers", "said"),
+    [
+        ((0.28, 0.279995, 0.280005), "0.28 N (0.279995 .. 0.280005)"),
+        ((11.94, 11.7, 12.2), "11.94 N (11.7 .. 12.2)"),
+        ((5.0, 5.0, 5.0), "5 N (5 .. 5)"),
+    ],
+)
+def test_an_interval_has_the_digits_that_show_its_width(numbers, said):
+    value, lower, upper = numbers
+    assert verdict._with_interval(value, "N", lower, upper) == said

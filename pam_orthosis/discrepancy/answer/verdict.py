@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the workflow found, as words."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 from pam_orthosis.discrepancy.answer.curves import curves, in_words
@@ -17,6 +18,7 @@ from pam_orthosis.discrepancy.systems.system import Channel, System
 from pam_orthosis.model.parameters import experiments, scenario_names
 
 LABEL = 25  # characters of the first column, at least
+FEWEST_DIGITS, MOST_DIGITS = 4, 9  # of a value with its interval
 MOST_NAMED, MOST_SHOWN = 3, 8  # parameters in one line: of many, and else
 
 
@@ -183,7 +185,7 @@ def _named(outcome: Outcome, one: Named) -> str:
         order = sorted(shown, key=lambda name: -_certainty(*shown[name]))
         shown = {name: shown[name] for name in order[:MOST_NAMED]}
     values = ", ".join(
-        f"{name} {value:.4g} {unit} ({lower:.4g} .. {upper:.4g}{', at its bound' * (name in one.at_bound)})"
+        f"{name} {_with_interval(value, unit, lower, upper, ', at its bound' * (name in one.at_bound))}"
         for name, (value, unit, lower, upper) in shown.items()
     )
     more = len(one.parameters) - len(shown)
@@ -197,9 +199,18 @@ def _wrong(system: System, one: Named) -> str:
     (quantity,) = system.catalogue[one.name].parameters
     meaning = f": {quantity.meaning}" * (quantity.meaning != system.wrong[one.name])
     return (
-        f"wrong parameter: {system.wrong[one.name]} is {value:.4g} {unit} ({lower:.4g} .. {upper:.4g}), the"
-        f" model has {system.nominal_of(one.name):.4g}{meaning}; evidence {one.evidence:.0f}"
+        f"wrong parameter: {system.wrong[one.name]} is {_with_interval(value, unit, lower, upper)}, the model"
+        f" has {system.nominal_of(one.name):.4g}{meaning}; evidence {one.evidence:.0f}"
     )
+
+
+def _with_interval(value: float, unit: str, lower: float, upper: float, more: str = "") -> str:
+    """Return a value and its interval in so many digits that both ends show two of its width."""
+    width, largest = upper - lower, max(abs(lower), abs(upper))
+    digits = FEWEST_DIGITS
+    if 0 < width < largest:
+        digits = min(max(digits, 1 + math.ceil(math.log10(largest / width))), MOST_DIGITS)
+    return f"{value:.{digits}g} {unit} ({lower:.{digits}g} .. {upper:.{digits}g}{more})"
 
 
 def _certainty(value: float, _unit: str, lower: float, upper: float) -> float:

@@ -152,9 +152,9 @@ def with_prompt_inputs(one: Recording, system: System, changed: float, rows: int
         return one
     kept = {key: values for key, values in one.signals.items() if key not in late}
     remark = (
-        f"{one.name}: {', '.join(late)} changed every {1e3 * changed:.3g} ms and were recorded every"
-        f" {1e3 * recorded:.3g} ms: left out, what they drive cannot be judged; record faster, or correct"
-        f" {system.input_period} (of tables by --model)"
+        f"{one.name}: {', '.join(late)} change every {1e3 * changed:.3g} ms by {system.input_period} and were"
+        f" recorded every {1e3 * recorded:.3g} ms: left out, what they drive cannot be judged; record faster,"
+        f" or correct {system.input_period} (of tables by --model)"
     )
     return replace(one, signals=kept, remarks=(*one.remarks, remark), left_out=late)
 
