@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is tried together, taken in one round, or in place of something else."""
 
+from collections import defaultdict
 from types import SimpleNamespace
 
 import numpy as np
@@ -66,7 +67,8 @@ def test_the_level_of_a_shape_that_has_a_name_is_no_other(monkeypatch):
     monkeypatch.setattr(screening, "widened_shape", lambda *_: candidate("volume_misfit"))
     monkeypatch.setattr(screening, "is_far", lambda *_: True)
     for effects in ((), ("valve_curve_misfit",)):
-        screening.fitted_candidates(problem, SimpleNamespace(effects=effects, free=()), 8, {}, print)
+        base = SimpleNamespace(effects=effects, free=(), values=defaultdict(float))
+        screening.fitted_candidates(problem, base, 8, {}, print)
     levels = {"extensor_valve_gain", "flexor_valve_gain", "valve_conductance"}
     assert asked[0] - asked[1] == levels
 

@@ -120,9 +120,8 @@ def test_what_a_machine_moves_and_its_arms_may_be_wrong(tmp_path, arms, weight, 
     check_system(system)
     each = {f"machine.{name}.transmission.arm" for name in ("push", "pull")}
     both = "common factor of machine.push.transmission.arm and machine.pull.transmission.arm"
-    expected = (
-        (named - {"arms"}) | (each | {both} if "arms" in named else set()) | {"machine.mechanism.inertia"}
-    )
+    always = {"machine.mechanism.inertia", "machine.push.area", "machine.pull.area"}
+    expected = (named - {"arms"}) | (each | {both} if "arms" in named else set()) | always
     assert {what for what in system.wrong.values() if what not in VALVE} == expected
     assert ("weight" in {one.name for one in system.calibrations}) == bool(weight)
 

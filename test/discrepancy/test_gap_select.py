@@ -37,7 +37,9 @@ def touched(name):
 def found_so_far(evidence, alike, present=None):
     problem = SimpleNamespace(
         replay=SimpleNamespace(touched=touched, workers=Workers(1)),
-        system=SimpleNamespace(catalogue=KNEE.catalogue, shapes=(), recalibrating=lambda _: ""),
+        system=SimpleNamespace(
+            catalogue=KNEE.catalogue, shapes=(), recalibrating=lambda _: "", moved_by=lambda _: None
+        ),
     )
     problem.system.taken = partial(System.taken, problem.system)
     return selection.Selection(
@@ -129,7 +131,7 @@ def test_what_was_chosen_before_a_larger_effect_was_known_may_be_what_resembles_
     found.entered = dict(zip(names, (first, 200_000.0, 20.0), strict=False))
     found.final = SimpleNamespace(effects=names)
     problem = SimpleNamespace(weighted=lambda _: None, weights={})
-    base = SimpleNamespace(effects=names[1:])
+    base = SimpleNamespace(effects=names[1:], hessian=np.eye(1))
     for name, stand_in in {
         "loss": lambda *_: (1300.0, base),
         "_candidates": lambda problem, base, name: [name],

@@ -134,9 +134,9 @@ def test_an_answer_without_a_name_says_why(ranked, reason, said):
     torque = SimpleNamespace(name="torque", channels=("angle",))
     outcome = SimpleNamespace(
         verdict="unexplained", effects=(), surrogates=(), empty=(), left=[place], steps=[step],
-        closure={"overall": 0.0}, unknown=None, strained={}, foreign=False, mistaken=False,
-        system=SimpleNamespace(equations=[torque], wrong={}), after=Gap({}, {"angle": 9.0}),
-        floor=Gap({}, {"angle": 1.0}),
+        closure={"overall": 0.0}, unknown=None, strained={}, foreign=False, mistaken=False, skewed=False,
+        system=SimpleNamespace(equations=[torque], wrong={}, inputs=(), sensed=()),
+        after=Gap({}, {"angle": 9.0}), floor=Gap({}, {"angle": 1.0}),
     )  # fmt: skip
     assert said in last_line(outcome)
     assert "in the torque equation 9.0 times the noise is left" in last_line(outcome)
@@ -154,8 +154,9 @@ def test_a_slow_gap_that_whitened_residuals_hardly_show_is_left(times, verdict):
     outcome = SimpleNamespace(
         verdict=verdict, effects=(), surrogates=(), empty=(), steps=(), unknown=None, strained={},
         left=[structure.Where("torque", 0.9, {}, {})], closure={"overall": None}, foreign=False,
-        mistaken=False, system=SimpleNamespace(
-            equations=[SimpleNamespace(name="torque", channels=("angle",))], wrong={}, calibrations=()
+        mistaken=False, skewed=False, configured=floor, system=SimpleNamespace(
+            equations=[SimpleNamespace(name="torque", channels=("angle",))], wrong={}, inputs=(), sensed=(),
+            calibrations=(),
         ),
         after=after, floor=floor, selection=SimpleNamespace(final=SimpleNamespace(free=())),
     )  # fmt: skip
@@ -176,8 +177,8 @@ def test_what_is_left_is_called_noise_where_it_is(residual, after, said):
     outcome = SimpleNamespace(
         verdict="partial", effects=[SimpleNamespace(name="creep", look_alikes=())], surrogates=(), empty=(),
         left=[structure.Where("torque", residual, {}, {})], steps=(), unknown=None, strained={"supply": 7.0},
-        closure={"overall": 0.999}, foreign=False, mistaken=False,
-        system=SimpleNamespace(equations=[torque], wrong={}),
+        closure={"overall": 0.999}, foreign=False, mistaken=False, skewed=False,
+        system=SimpleNamespace(equations=[torque], wrong={}, inputs=(), sensed=()),
         after=Gap({}, {"angle": after, "overall": after}), floor=Gap({}, {"angle": 1.0, "overall": 1.0}),
     )  # fmt: skip
     assert said in last_line(outcome)
@@ -673,13 +674,17 @@ def test_a_gap_that_is_left_is_not_called_none(effects, closed, after, verdict):
     reported = judgement.verdict_on(effects, closed, judgement.Rest(clean, after, False), ())
     assert reported == verdict
     system = SimpleNamespace(
-        equations=[SimpleNamespace(name="torque", channels=("angle",))], wrong={}, calibrations=()
+        equations=[SimpleNamespace(name="torque", channels=("angle",))],
+        wrong={},
+        inputs=(),
+        sensed=(),
+        calibrations=(),
     )
     outcome = SimpleNamespace(
         verdict=reported, effects=[SimpleNamespace(name=name, look_alikes=()) for name in effects],
         surrogates=(), left=left,
         after=gaps[0], floor=gaps[1], empty=(), closure={"overall": closed}, system=system, steps=(),
-        unknown=None, strained={}, foreign=False, mistaken=False,
+        unknown=None, strained={}, foreign=False, mistaken=False, skewed=False, configured=gaps[1],
         selection=SimpleNamespace(final=SimpleNamespace(free=())),
     )  # fmt: skip
     said = last_line(outcome)
@@ -839,7 +844,7 @@ def test_a_page_that_cannot_be_written_does_not_take_the_verdict_with_it(
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    nothing = SimpleNamespace(problem=None, null=None, mistaken=False)
+    nothing = SimpleNamespace(problem=None, null=None, mistaken=False, skewed=False)
     monkeypatch.setattr(beginning, "begin", lambda *_: nothing)
     monkeypatch.setattr(
         "pam_orthosis.discrepancy.preparation.identifiability.identifiability",

@@ -46,7 +46,8 @@ def _between_rows(found: Selection, settings: Section) -> list[str]:
     if problem.system.input_period or not problem.system.inputs:
         return []
     before, remarks = score(problem, final), []
-    for name in problem.system.inputs:
+    late = {problem.system.catalogue[name].late_of for name in final.effects}
+    for name in (one for one in problem.system.inputs if one not in late):  # of one it is known but roughly
         other = _otherwise(problem, name, settings.replay.cross_cutoff)
         evidence = before - score(other, fit(other, final.effects, final.values, final.free, most=STEPS))
         if evidence > settings.evidence.threshold:

@@ -15,7 +15,7 @@ from pam_orthosis.discrepancy.preparation.glitches import without_glitches
 from pam_orthosis.discrepancy.preparation.mistakes import mistake_words
 from pam_orthosis.discrepancy.recordings.data import Recording
 from pam_orthosis.discrepancy.recordings.memory import check_room
-from pam_orthosis.discrepancy.recordings.stamps import remarks_on_stamps
+from pam_orthosis.discrepancy.recordings.stamps import clearly_off, remarks_on, shared_skews
 from pam_orthosis.discrepancy.replay.problem import Problem, Scored
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.replay.run import Run
@@ -40,7 +40,7 @@ class Beginning:
         floor: what noise alone leaves in them.
         remarks: on the recordings.
         mistaken: whether one of these says that they seem to have a mistake.
-        skewed: whether one says that stamps are off.
+        skewed: whether one says that stamps are clearly off.
         moved: what to say if an effect over time is named: recordings count from another instant than their
             clocks say; empty if they do not.
     """
@@ -90,9 +90,8 @@ def begin(
     check.check_unseen(training, held_out)
     replay = replay or Replay(system)
     check_room([*training, *held_out], replay.workers.jobs)
-    skewed = remarks_on_stamps(system, [*training, *held_out], replay.workers)
-    remarks += skewed
-    remarks += check.unread([*training, *held_out])
+    skews = shared_skews(system, [*training, *held_out], replay.workers)
+    remarks += [*check.unread([*training, *held_out]), *remarks_on(skews)]
     missing = check.missing_inputs(system, [*training, *held_out])
     if missing:
         system = _without(system, missing)
@@ -110,7 +109,9 @@ def begin(
     problem, judge, moved = aligned(problem, null, judge, cutoff)
     mistake = mistake_words(judge, cutoff)
     remarks += [mistake] * bool(mistake)
-    return Beginning(system, problem, null, judge, floor, tuple(remarks), bool(mistake), bool(skewed), moved)
+    return Beginning(
+        system, problem, null, judge, floor, tuple(remarks), bool(mistake), clearly_off(skews), moved
+    )
 
 
 def _without(system: System, missing: Sequence[str]) -> System:

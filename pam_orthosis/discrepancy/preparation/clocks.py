@@ -21,7 +21,10 @@ from pam_orthosis.discrepancy.systems.system import Equation, System
 LOWEST, HIGHEST = 0.1, 20.0  # Hz, of a push
 STANDS_OUT = 30.0  # power of a line over the usual power around it, in each recording
 AROUND = 4.0  # times a frequency, up to which, and down to its inverse, is around it
-OWN = 0.05  # of the motion of that frequency, that is left: a model's error follows the motion, and is less
+# of the motion of that frequency, that is left: a model's error follows the motion, and is less, most of all
+# where all motion has that frequency
+OWN, ALL = 0.05, 0.3
+HARMONICS = 9  # of the motion, in which a model's error shows too
 SAME = 0.3  # rad: phases of one clock
 FINE = 8  # zero padding of a spectrum
 ROUNDS = 3  # refinements of the phases, each with a fit
@@ -106,13 +109,19 @@ def _line(groups: Sequence[Problem], base: Fit, equation: Equation) -> Line | No
     frequency = _strongest(rows[longest], every[longest][1].run.period)
     if frequency is None:
         return None
-    phases = []
+    phases: list[float] = []
+    orders: list[int] = []
+    shares: list[float] = []
     for row, (group, one) in zip(rows, every, strict=True):
-        left, motion = (_wave(part, one, frequency) for part in _motion(group, one, base, equation))
-        if not _stands_out(row, one.run.period, frequency) or abs(left) < OWN * abs(motion):
+        raw, seen = _motion(group, one, base, equation)
+        left, motion = (abs(_wave(part, one, frequency)) for part in (raw, seen))
+        orders.append(_harmonic(seen, one.run.period, frequency))
+        shares.append(left / motion)
+        if not _stands_out(row, one.run.period, frequency):
             return None
         phases.append(float(np.angle(_wave(row, one, frequency))))
-    return Line(frequency, phases)
+    of_motion = all(orders) and (max(orders) > 1 or min(shares) < ALL)
+    return None if of_motion or min(shares) < OWN else Line(frequency, phases)
 
 
 def _motion(group: Problem, one: Scored, base: Fit, equation: Equation) -> tuple[np.ndarray, np.ndarray]:
@@ -120,6 +129,16 @@ def _motion(group: Problem, one: Scored, base: Fit, equation: Equation) -> tuple
     raw = group.replay.residuals(one.run, equation, base.effects, base.values)[one.warm_up :, 0]
     seen = one.run.smooth(equation.channels[0])[one.warm_up :]
     return raw, seen - seen.mean()
+
+
+def _harmonic(motion: np.ndarray, period: float, frequency: float) -> int:
+    """Return which harmonic of the motion a frequency is, 1 for its own; 0 if none."""
+    own = _strongest(motion, period)
+    if own is None:
+        return 0
+    order = round(frequency / own)
+    apart = abs(frequency - order * own)
+    return order if 1 <= order <= HARMONICS and apart < order / (len(motion) * period) else 0
 
 
 def _wave(row: np.ndarray, one: Scored, frequency: float) -> complex:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -50,29 +50,46 @@ class Skew(NamedTuple):
     gain: float
 
 
-def remarks_on_stamps(
-    system: System, recordings: Sequence[Recording], workers: Workers | None = None
-) -> list[str]:
-    """Return remarks on signals that are stamped late or early against a coordinate: one on each recording.
+Found: TypeAlias = Sequence[tuple[Recording, Sequence[Skew]]]
+
+
+def shared_skews(system: System, recordings: Sequence[Recording], workers: Workers | None = None) -> Found:
+    """Return the skews of each recording that enough of them show.
 
     At least half of the recordings have to show the same skew, more than half if it is small: a missing
     effect or slack muscles may look like one in some.
     """
     every = (workers or Workers()).together(lambda one: skews(system, one), recordings)
-    found = [
-        (one.name, [skew for skew in many if _is_shared(skew, every)])
+    return [
+        (one, [skew for skew in many if _is_shared(skew, every)])
         for one, many in zip(recordings, every, strict=True)
     ]
+
+
+def clearly_off(found: Found) -> bool:
+    """Whether a skew is longer than a sample, by which an input that is held may seem late or early."""
+    return any(abs(skew.seconds) > one.period for one, many in found for skew in many)
+
+
+def remarks_on_stamps(
+    system: System, recordings: Sequence[Recording], workers: Workers | None = None
+) -> list[str]:
+    """Return remarks on signals that are stamped late or early against a coordinate."""
+    return remarks_on(shared_skews(system, recordings, workers))
+
+
+def remarks_on(found: Found) -> list[str]:
+    """Return remarks on skews: one on each recording, if one has any."""
     if not any(many for _, many in found):
         return []
     unclear = "does not show by itself whether its stamps are off as those of the others are"
     return [
-        f"{name}: {' and '.join(skew.signals)} stamped {1e3 * abs(skew.seconds):.1f} ms"
+        f"{one.name}: {' and '.join(skew.signals)} stamped {1e3 * abs(skew.seconds):.1f} ms"
         f" {'late' if skew.seconds > 0 else 'early'} against {skew.channel}, or a sensor lags as much; give"
         " all signals one clock, or state the delay (`late` of a Model)"
-        for name, many in found
+        for one, many in found
         for skew in many
-    ] + [f"{name} {unclear}" for name, many in found if not many]
+    ] + [f"{one.name} {unclear}" for one, many in found if not many]
 
 
 def _is_shared(skew: Skew, every: Sequence[Sequence[Skew]]) -> bool:

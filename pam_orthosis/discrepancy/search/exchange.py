@@ -3,6 +3,8 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from pam_orthosis.discrepancy.fitting.candidates import Candidate, Trial, candidate
 from pam_orthosis.discrepancy.fitting.fit import Fit
 from pam_orthosis.discrepancy.fitting.free import scales_of
@@ -58,6 +60,8 @@ def _in_place(
     """
     problem, final = found.final_problem, found.final
     _, base = loss(found, name)
+    if not np.isfinite(base.hessian).all():  # its replay goes astray: nothing takes the place
+        return None
     tried = [one for rival in rivals for one in _candidates(problem, base, rival)]
     models = [fitted_with(problem, base, one) for one in tried]
     (own, *_), *judged = weighed(problem, base, [(problem, final), *models])
