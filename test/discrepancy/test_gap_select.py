@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 from pam_orthosis.discrepancy.fitting.candidates import Candidate, Trial, secant_gain
+from pam_orthosis.discrepancy.fitting.fit import Block, Fit, score
+from pam_orthosis.discrepancy.fitting.fit import _descended as descended
+from pam_orthosis.discrepancy.fitting.free import Free
 from pam_orthosis.discrepancy.search import (
     elimination,
     exchange,
@@ -153,6 +156,24 @@ def test_what_was_chosen_before_a_larger_effect_was_known_may_be_what_resembles_
         assert step.ranked == ((rival, evidence), (gain, own))
         assert select._alike(step) == pytest.approx({**like, rival: 1.0, gain: own / evidence})
     assert exchange.exchanged(found, names, problem, SETTINGS, silent) is None  # nothing was added
+    base.hessian = np.full((1, 1), np.nan)  # the model without it goes astray
+    assert exchange.exchanged(found, (gain,), problem, SETTINGS, silent) is None
+
+
+def test_a_model_that_goes_astray_has_no_way_down():
+    """Its derivatives overflow; what it lacks has the evidence with which it was added."""
+    one = Free("mass", 1.0, 0.0, 2.0, 0.1)
+    values, residual = {"mass": 1.0}, np.full(3, 1e160)
+    blocks = {"force": Block(residual, np.full((3, 1), 1e200), ("mass",))}
+    problem = SimpleNamespace(
+        system=SimpleNamespace(equations=(), shapes=()), weights={"force": 1.0}, residuals=lambda *_: {}
+    )
+    assert descended(problem, (), values, [one], blocks) == (values, 0.0, {"force": residual})
+    lost = Fit((), values, np.inf, np.eye(1), (one,), 3, blocks)
+    assert (
+        score(SimpleNamespace(**{**vars(problem), "residuals": lambda *_: {"force": residual}}), lost)
+        == np.inf
+    )
 
 
 def test_a_part_of_what_is_named_takes_no_place():

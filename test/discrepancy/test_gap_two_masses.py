@@ -21,6 +21,7 @@ from pam_orthosis.discrepancy.api import (
     find_gap,
     from_arrays,
 )
+from pam_orthosis.discrepancy.preparation import clocks
 from pam_orthosis.discrepancy.preparation.beginning import begin
 from pam_orthosis.discrepancy.preparation.identifiability import identifiability
 from pam_orthosis.discrepancy.recordings.stamps import skews
@@ -220,3 +221,13 @@ def test_a_periodic_push_has_a_phase_of_its_own_in_each_recording():
     said = "the recordings' clocks have no common zero"
     assert [any(one.startswith(said) for one in outcome.remarks) for outcome in (own, same)] == [True, False]
     assert search(begin(_system(), [_recording(system, 1)], [], load().gap), load().gap).verdict == "none"
+
+
+def test_a_harmonic_of_the_motion_is_known_as_one():
+    """Where all motion is one sine, what a model lacks shows at its harmonics."""
+    time = PERIOD * np.arange(SAMPLES)
+    motion = np.sin(2 * np.pi * 1.1 * time) + 0.1 * np.sin(2 * np.pi * 0.3 * time)
+    orders = {
+        frequency: clocks._harmonic(motion, PERIOD, frequency) for frequency in (1.1, 2.2, 3.31, 1.5, 0.55)
+    }
+    assert orders == {1.1: 1, 2.2: 2, 3.31: 3, 1.5: 0, 0.55: 0}
