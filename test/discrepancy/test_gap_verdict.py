@@ -136,10 +136,12 @@ def test_a_parameter_surely_off_is_excused_by_no_effect_beside_it(friction):
 
 def test_effects_that_are_no_delay_may_make_up_for_stamps_that_are_off(friction):
     _, outcome, _ = friction
+    assert outcome.of_skewed() is outcome, "it explains all alone"
+    outcome = replace(outcome, effects=(*outcome.effects, replace(outcome.effects[0], name="backlash")))
     skewed = outcome.of_skewed()
     assert (skewed.verdict, skewed.skewed) == ("partial", True)
     assert "but stamps seem off: mend them and search again" in describe(skewed).splitlines()[-1]
-    late = replace(outcome, effects=(replace(outcome.effects[0], name="valve_delay"),))
+    late = replace(outcome, effects=(*outcome.effects, replace(outcome.effects[0], name="valve_delay")))
     assert late.of_skewed() is late
     nothing = replace(outcome, verdict="none", effects=())
     assert nothing.of_skewed() is nothing

@@ -31,6 +31,7 @@ WIDE = 10.0  # times its priors: the same of a shape correction that is named, o
 MOVED = 3.0  # tolerances that recalibration moves a parameter: a finding, whatever is left
 MANY_STRAINED = 3  # nuisance parameters so far off: they bend a model to another machine
 NEARLY = 0.9  # of a gap, that a description removes: it is of the machine given
+SEVERAL = 2  # effects, of which one may make up for stamps that are off
 MOST_KEPT = 20.0  # gap of an equation over the noise floor, whatever is described, of the machine given
 OPEN = ("partial", "unexplained")
 GOOD = ("none", "recalibrated", "explained")  # verdicts on a gap that is not there or explained
@@ -109,10 +110,14 @@ class Outcome:
         return replace(self, verdict=verdict, mistaken=True)
 
     def of_skewed(self) -> Outcome:
-        """Return the outcome of recordings whose stamps seem off: what is no delay may make up for it."""
-        named = [self.system.catalogue[one.name] for one in self.effects]
+        """Return the outcome of recordings whose stamps seem off: of several effects one may make up for it.
+
+        One that explains all needs none, and a delay is what is off.
+        """
+        names = (one.name for one in self.effects if one.name not in self.system.wrong)
+        named = [self.system.catalogue[name] for name in names]
         late = any(one.late is not None or one.advance is not None or one.lag is not None for one in named)
-        return replace(self, verdict="partial", skewed=True) if named and not late else self
+        return self if late or len(named) < SEVERAL else replace(self, verdict="partial", skewed=True)
 
     def described(self, left: Unknown | None) -> Outcome:
         """Return the outcome with what can be said of what is left."""
