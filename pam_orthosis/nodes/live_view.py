@@ -30,7 +30,8 @@ from pam_orthosis.nodes.transport import message_class, qos
 from pam_orthosis.report.live import Input, LiveLeg, inputs, live_page
 
 SERVICES = {"stop": "emergency_stop", "reset": "reset"}
-ANSWER_SECONDS = 2.0
+ANSWER_SECONDS = 2.0  # in which a service answers
+HANGS_SECONDS = 2 * ANSWER_SECONDS  # without an answer of the node itself
 WAITING, RUNNING, STOPPED, OVER = "waiting", "running", "stopped", "over"
 
 
@@ -167,10 +168,10 @@ class LiveView(Node):
         answer: Future[str] = Future()
         self._presses.put((service, answer))
         try:
-            return answer.result(2 * ANSWER_SECONDS)
+            return answer.result(HANGS_SECONDS)
         except TimeoutError:
             answer.cancel()
-            return f"no answer within {2 * ANSWER_SECONDS:g} s: press again"
+            return f"no answer within {HANGS_SECONDS:g} s: press again"
 
     def _call(self, service: str, answer: Future[str]) -> None:
         there = {leg: filter(Client.service_is_ready, self._ends[leg, service]) for leg in self._legs}

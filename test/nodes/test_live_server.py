@@ -2,12 +2,12 @@
 """The live view's web server: who knows the address is answered, nobody else, from this host alone."""
 
 import json
-import time
 from http.client import HTTPConnection
 from threading import Event, Thread
 from types import SimpleNamespace
 
 import pytest
+from conftest import LIMIT_S, wait_for
 from own_domain import own_domain
 
 from pam_orthosis.nodes.live_server import LiveServer
@@ -25,7 +25,7 @@ def server():
 
 def asked(server, method, name, token=None, **headers):
     """Return status and text of an answer."""
-    connection = HTTPConnection("127.0.0.1", server.port, timeout=60)
+    connection = HTTPConnection("127.0.0.1", server.port, timeout=LIMIT_S)
     path = f"/{server.token if token is None else token}/{name}"
     connection.request(method, path, headers={key.capitalize(): value for key, value in headers.items()})
     answer = connection.getresponse()
@@ -90,21 +90,22 @@ def test_who_is_slow_hears_the_newest_and_all_hear_the_last(server):
 
 @pytest.fixture
 def view(tmp_path, monkeypatch):
-    """Return a live view of a leg whose valves' node answers no service, and is waited for shortly."""
+    """Return a live view of a leg whose valves' node answers no service; what it waits for is never late."""
     rclpy = pytest.importorskip("rclpy")
     from std_srvs.srv import Trigger
 
     from pam_orthosis.nodes import live_view
 
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
-    monkeypatch.setattr(live_view, "ANSWER_SECONDS", 0.2)
+    for name in ("ANSWER_SECONDS", "HANGS_SECONDS"):
+        monkeypatch.setattr(live_view, name, LIMIT_S)
     rclpy.init(args=[], domain_id=own_domain())
     made, silent = live_view.LiveView(), rclpy.create_node("inverse_valve_model")
     for service in live_view.SERVICES.values():
         silent.create_service(Trigger, f"~/{service}", lambda _, answer: answer)  # nobody spins it
-    clients = [client for ends in made._ends.values() for client in ends]
-    while sum(client.service_is_ready() for client in clients) < 2:
-        time.sleep(0.02)
+    for service in live_view.SERVICES.values():
+        ours, _ = made._ends["", service]
+        assert ours.wait_for_service(LIMIT_S)
     yield made
     made.close()
     made.destroy_node()
@@ -112,26 +113,36 @@ def view(tmp_path, monkeypatch):
     rclpy.shutdown()
 
 
+def overdue(view):
+    """Let the calls that are under way be those that had their time."""
+    view._pressed = [one._replace(until=0.0) for one in view._pressed]
+
+
 def test_a_call_that_nobody_answers_is_forgotten(view):
     said = []
     reader = Thread(target=lambda: said.append(asked(view.server, "POST", "stop")))
     reader.start()
-    pending = []
-    while reader.is_alive():
-        view._turn()
-        pending += [call for one in view._pressed for calls in one.calls.values() for call in calls]
+    wait_for(lambda: view._turn() or view._pressed)
+    ((client, _),) = view._pressed[0].calls[""]
+    assert len(client._pending_requests) == 1
+    overdue(view)
+    view._turn()
+    assert (view._pressed, client._pending_requests) == ([], {})
+    reader.join(LIMIT_S)
     assert said == [(200, "nobody answers: does the graph run?")]
-    assert pending
-    assert [client._pending_requests for client, _ in pending] == [{}] * len(pending)
 
 
 @pytest.mark.parametrize(("button", "done"), [("stop", 1), ("reset", 0)])
-def test_a_view_that_hangs_is_told_of_and_afterwards_stops_but_resets_nothing(view, button, done):
-    assert asked(view.server, "POST", button) == (200, "no answer within 0.4 s: press again")
+def test_a_view_that_hangs_is_told_of_and_afterwards_stops_but_resets_nothing(
+    view, monkeypatch, button, done
+):
+    monkeypatch.setattr("pam_orthosis.nodes.live_view.HANGS_SECONDS", 0.1)  # it hangs: any time is enough
+    assert asked(view.server, "POST", button) == (200, "no answer within 0.1 s: press again")
     view._turn()
     assert len(view._pressed) == done
-    while view._pressed:
-        view._turn()
+    overdue(view)
+    view._turn()
+    assert view._pressed == []
 
 
 def test_the_page_hears_of_the_end_also_if_the_view_fails(monkeypatch):
