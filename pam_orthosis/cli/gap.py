@@ -27,6 +27,7 @@ from pam_orthosis.files import (
 from pam_orthosis.progress import Progress, shown
 
 if TYPE_CHECKING:
+    from pam_orthosis.cli.gap_graph import Emulated
     from pam_orthosis.discrepancy.answer.judgement import Outcome
     from pam_orthosis.discrepancy.preparation.beginning import Beginning
     from pam_orthosis.discrepancy.preparation.identifiability import Identifiability
@@ -74,8 +75,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=output, metavar="DIR", help="write gap.json, gap.html and, without --system, model.yaml"
     )
     parser.add_argument(
-        "--next", type=output, metavar="FILE.csv",
-        help="write the experiment that would help next: a table of positions and mean pressures to follow",
+        "--next", type=output, metavar="FILE.csv|DIR",
+        help="the experiment that would help next: write it as a table of positions and mean pressures to"
+        " follow; or, for bags of `run`, let the graph record it into DIR and search again with it",
     )  # fmt: skip
     parser.add_argument(
         "--until", choices=("check", "replay", "where"),
@@ -94,28 +96,29 @@ def execute(arguments: argparse.Namespace) -> int:
     # the search has threads of its own; set before numpy is loaded
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _check_out(arguments)
-    with shown("loading the search") as progress:
-        from pam_orthosis.discrepancy.answer.judgement import GOOD
-        from pam_orthosis.discrepancy.workflow import search
-
-        case = _begun(arguments, progress)
-        if not arguments.until:
-            outcome = search(case.start, case.read.nominal.parameters.gap, progress)
     if arguments.until:
+        with shown("loading the search") as progress:
+            case = _begun(arguments, progress)
         print(case.read.heading + _stages(case.start, case.data, arguments.until))
         if arguments.next:
             _write_next(arguments, None, case)
         return 0
-    data, words = _described(case, outcome)
+    hardware = _hardware(arguments)
+    found = _searched(arguments)
+    while hardware and (name := _next_of(found, hardware)):
+        if not arguments.json:
+            print(found.words, flush=True)
+        arguments, hardware = _with_next(arguments, name, hardware)
+        found = _searched(arguments)
     try:
         if arguments.out:
             with shown(f"writing {arguments.out}"):
-                _write(arguments, outcome, data, case, words)
+                _write(arguments, found)
     finally:  # a file that cannot be written must not take the verdict with it
-        print(json.dumps(data, indent=2) if arguments.json else words)
-    if arguments.next:
-        _write_next(arguments, outcome, case)
-    return 0 if outcome.verdict in GOOD else 1
+        print(json.dumps(found.data, indent=2) if arguments.json else found.words)
+    if arguments.next and not (hardware and hardware.repeated):
+        _write_next(arguments, found.outcome, found.case)
+    return found.status
 
 
 class Case(NamedTuple):
@@ -124,6 +127,58 @@ class Case(NamedTuple):
     read: Recordings
     start: Beginning
     data: Identifiability
+
+
+class Found(NamedTuple):
+    """What a search found: also as plain data, in words, and as the verb's exit status."""
+
+    case: Case
+    outcome: Outcome
+    data: dict[str, Any]
+    words: str
+    status: int
+
+
+def _searched(arguments: argparse.Namespace) -> Found:
+    with shown("loading the search") as progress:
+        from pam_orthosis.discrepancy.answer.judgement import GOOD
+        from pam_orthosis.discrepancy.workflow import search
+
+        case = _begun(arguments, progress)
+        outcome = search(case.start, case.read.nominal.parameters.gap, progress)
+    return Found(case, outcome, *_described(case, outcome), int(outcome.verdict not in GOOD))
+
+
+def _hardware(arguments: argparse.Namespace) -> Emulated | None:
+    """Return the emulated hardware for the next experiment; nothing if the graph is not to do it."""
+    if not arguments.next or _is_table(arguments.next):
+        return None
+    from pam_orthosis.cli.gap_graph import emulated
+
+    return emulated([*arguments.measured, *arguments.held_out], arguments.namespace)
+
+
+def _next_of(found: Found, hardware: Emulated) -> str:
+    """Return the experiment for the graph to do: once what shows most, then what separates effects."""
+    from pam_orthosis.cli.gap_next import next_experiment
+
+    useful = () if hardware.repeated else found.case.data.experiments
+    return next_experiment(found.outcome, useful, hardware.experiments)
+
+
+def _with_next(
+    arguments: argparse.Namespace, name: str, hardware: Emulated
+) -> tuple[argparse.Namespace, Emulated]:
+    """Let the graph do an experiment; return what to search then, and of which hardware."""
+    from pam_orthosis.model.parameters import experiments
+
+    # without recordings that judge, the last quarter of each one does
+    with instead_of_out("--next"):
+        first, *rest = hardware.record(name, arguments.next / name, judged=bool(arguments.held_out))
+    if not arguments.json:
+        print(f"\nnext: {experiments()[name]}; recorded in {first.parent}\n", flush=True)
+    more = {"measured": [*arguments.measured, first], "held_out": [*arguments.held_out, *rest]}
+    return argparse.Namespace(**{**vars(arguments), **more}), hardware.having(name)
 
 
 def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
@@ -178,13 +233,22 @@ def _check_out(arguments: argparse.Namespace) -> None:
     folder = arguments.out
     if arguments.until and (folder or arguments.json):
         raise OrthosisError("--until prints words only; leave --out and --json out")
+    if arguments.until and arguments.next and not _is_table(arguments.next):
+        raise OrthosisError("--until searches nothing: give --next FILE.csv, not a folder")
     if arguments.system and arguments.next:
         raise OrthosisError("--next knows experiments of machines, none of a --system")
     if arguments.next:
         with instead_of_out("--next"):
-            refuse_existing([arguments.next])
+            if _is_table(arguments.next):
+                refuse_existing([arguments.next])
+            else:
+                refuse_used(arguments.next)
     if folder:
         refuse_used(folder)
+
+
+def _is_table(path: Path) -> bool:
+    return path.suffix == ".csv"
 
 
 def _files(arguments: argparse.Namespace) -> tuple[str, ...]:
@@ -192,18 +256,16 @@ def _files(arguments: argparse.Namespace) -> tuple[str, ...]:
     return tuple(name for name in FILES if not (arguments.system and name == MODEL))
 
 
-def _write(
-    arguments: argparse.Namespace, outcome: Outcome, data: dict[str, Any], case: Case, words: str
-) -> None:
+def _write(arguments: argparse.Namespace, found: Found) -> None:
     from pam_orthosis.discrepancy.answer import patch
     from pam_orthosis.report.gap import page
 
-    nominal, added = case.read.nominal, patch.changes_of(outcome)
+    nominal, added = found.case.read.nominal, patch.changes_of(found.outcome)
     added |= {} if arguments.system else patch.limits(nominal.parameters, added)
     texts = (
-        json.dumps(data, indent=2) + "\n",
+        json.dumps(found.data, indent=2) + "\n",
         patch.text(patch.kept(nominal.given) | added),
-        page(outcome, words, case.data.experiments),
+        page(found.outcome, found.words, found.case.data.experiments),
     )
     made = dict(zip(FILES, texts, strict=True))
     write_files({arguments.out / name: as_text(made[name]) for name in _files(arguments)})
@@ -213,6 +275,8 @@ def _write_next(arguments: argparse.Namespace, outcome: Outcome | None, case: Ca
     from pam_orthosis.cli.gap_next import advice, next_experiment, references
 
     name, parameters = next_experiment(outcome, case.data.experiments), case.read.nominal.parameters
+    if not _is_table(arguments.next):
+        name = ""  # what the graph can do was done
     if name:
         with instead_of_out("--next"):
             write_text(arguments.next, references(name, parameters))

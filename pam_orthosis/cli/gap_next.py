@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from io import StringIO
 from typing import TYPE_CHECKING
 
@@ -16,13 +16,19 @@ if TYPE_CHECKING:
     from pam_orthosis.discrepancy.answer.judgement import Outcome
 
 
-def next_experiment(outcome: Outcome | None, useful: Sequence[str]) -> str:
-    """Return the scenario that separates what was found, if that is known, or else shows most; or nothing."""
+def next_experiment(
+    outcome: Outcome | None, useful: Sequence[str], possible: Collection[str] | None = None
+) -> str:
+    """Return the scenario that separates what was found, if that is known, or else shows most; or nothing.
+
+    `possible`: scenarios to choose from; all diagnostic experiments if None.
+    """
     if outcome and outcome.foreign:
         return ""
+    possible = experiments() if possible is None else possible
     found = (*outcome.effects, *outcome.surrogates) if outcome else ()
     apart = [test for one in found for test in one.separated_by]
-    return next((name for name in (*apart, *useful) if name in experiments()), "")
+    return next((name for name in (*apart, *useful) if name in possible), "")
 
 
 def references(name: str, parameters: Parameters) -> str:

@@ -97,7 +97,7 @@ def execute(arguments: argparse.Namespace) -> int:
         _check_watched(one, assignments(arguments.param))
     with ExitStack() as stack:
         bag = claim(stack, arguments.out, arguments.scenario)
-        _run(parameters, bag.resolve(), arguments.scenario, mode, arguments.open, arguments.watch)
+        run_graph(parameters, bag.resolve(), arguments.scenario, mode, arguments.open, arguments.watch)
     print(f"recorded {bag}", file=sys.stderr)
     return show(judge_all(bag, bound), arguments.json)
 
@@ -185,9 +185,18 @@ def _unused(scenario: str) -> Path:
     return next(folder for folder in folders if not folder.exists())
 
 
-def _run(
-    parameters: Parameters, bag: Path, scenario: str, mode: launch.Mode, visible: bool, watch: bool
+def run_graph(
+    parameters: Parameters,
+    bag: Path,
+    scenario: str,
+    mode: launch.Mode,
+    visible: bool = False,
+    watch: bool = False,
 ) -> None:
+    """Run the nodes to the end of the scenario and record them into a new bag.
+
+    `visible`: to other programs of the ROS domain; `watch`: with the live view. RunFailed if a node fails.
+    """
     from pam_orthosis.nodes import launch  # --help needs none of it
 
     with tempfile.TemporaryDirectory(prefix="pam-orthosis-") as folder, ExitStack() as stack:

@@ -8,9 +8,11 @@ from types import SimpleNamespace
 import pytest
 
 from pam_orthosis.bag.examples import write_example
-from pam_orthosis.cli import gap_next
+from pam_orthosis.bag.record import BagWriter, run_metadata
+from pam_orthosis.cli import gap, gap_graph, gap_next
 from pam_orthosis.cli.main import main
-from pam_orthosis.model.parameters import experiments, load
+from pam_orthosis.errors import RunFailed
+from pam_orthosis.model.parameters import experiments, load, scenario_overrides
 
 
 def _found(*separated_by, foreign=False):
@@ -81,3 +83,97 @@ def test_refusals_name_the_option_that_was_given(tmp_path, capsys):
     assert "choose another --page" in capsys.readouterr().err
     assert main(["identify", "bags/walk"]) == 2
     assert "give bags of `pam-orthosis rig`, or tables of a muscle" in capsys.readouterr().err
+
+
+def _walk(folder, changes=None, scenario="default"):
+    """Write what of a short walk of the graph says that its hardware was emulated."""
+    metadata = run_metadata(load(changes or {}), scenario)
+    with BagWriter(folder, metadata) as bag:
+        bag.add_topic("/truth", "sensor_msgs/msg/JointState")
+    return folder
+
+
+def test_the_graph_repeats_the_hardware_of_a_bag_but_not_its_scenario(tmp_path, monkeypatch):
+    monkeypatch.setattr(gap_graph, "need_ros", lambda: None)
+    friction = {"plant.effects.joint_friction.coulomb": 0.3, "scenario.seed": 5}
+    bag = _walk(tmp_path / "a", friction | scenario_overrides("diagnostic-hold"), "diagnostic-hold")
+    hardware, runs = gap_graph.emulated([bag], ""), []
+    monkeypatch.setattr(gap_graph, "run_graph", lambda *given: runs.append(given) or given[1].mkdir())
+    bags = hardware.record("diagnostic-decay", tmp_path / "next", judged=True)
+    assert [one.name for one in bags] == ["fitted", "held_out"]
+    assert all(one.is_dir() for one in bags)
+    for (parameters, _, scenario, mode), seed in zip(runs, (6, 7), strict=True):
+        assert parameters.at("plant.effects.joint_friction.coulomb") == 0.3
+        assert (
+            parameters.flat()
+            == load(friction | scenario_overrides("diagnostic-decay") | {"scenario.seed": seed}).flat()
+        )
+        assert scenario == "diagnostic-decay"
+        assert mode.composed
+
+
+def test_the_graph_does_what_is_new_and_can_be_used_beside_the_recordings(tmp_path, monkeypatch):
+    monkeypatch.setattr(gap_graph, "need_ros", lambda: None)
+    hardware = gap_graph.emulated([_walk(tmp_path / "a", {}, "diagnostic-hold")], "")
+    left = {*experiments()} - {"diagnostic-hold", "diagnostic-locked"}
+    assert {*hardware.experiments} == left
+    assert {*hardware.having("diagnostic-decay").experiments} == left - {"diagnostic-decay"}
+    found = _found("diagnostic-locked", "diagnostic-triangle")
+    assert gap_next.next_experiment(found, (), hardware.experiments) == "diagnostic-triangle"
+
+
+def test_a_failed_run_leaves_no_experiment(tmp_path, monkeypatch):
+    def fails(_parameters, bag, *_):
+        bag.mkdir()
+        raise RunFailed("a node failed")
+
+    monkeypatch.setattr(gap_graph, "run_graph", fails)
+    hardware = gap_graph.Emulated(load(), frozenset())
+    with pytest.raises(RunFailed):
+        hardware.record("diagnostic-decay", tmp_path / "next" / "one", judged=False)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_only_what_the_graph_emulated_alike_is_repeated(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(gap_graph, "need_ros", lambda: None)
+    new = ["--next", str(tmp_path / "new")]
+    example, *_ = write_example("friction", tmp_path / "case")
+    first = _walk(tmp_path / "a")
+    other = _walk(tmp_path / "b", {"plant.effects.joint_friction.coulomb": 0.3})
+    for measured, message in {
+        (str(example),): "the graph did not emulate the hardware of",
+        (str(first), str(other)): "are of different emulated hardware",
+        (str(first), "--namespace", "left"): "of one joint, without --namespace",
+        (str(first), "--until", "check"): "--until searches nothing",
+    }.items():
+        assert main(["gap", *measured, *new]) == 2
+        assert message in capsys.readouterr().err
+    assert main(["gap", str(first), "--next", str(first)]) == 2
+    assert "is not an empty folder; choose another --next" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_search_goes_on_until_nothing_is_left_to_separate(tmp_path, capsys, monkeypatch):
+    case = SimpleNamespace(data=SimpleNamespace(experiments=["diagnostic-cocontraction"]))
+    # what each search finds must be told apart by
+    answers = iter([("words",), ("diagnostic-decay",), ("diagnostic-decay",)])
+    searched = []
+
+    def search(arguments):
+        searched.append(arguments)
+        number = len(searched)
+        return gap.Found(case, _found(*next(answers)), {"number": number}, f"answer {number}", number - 3)
+
+    monkeypatch.setattr(gap, "_searched", search)
+    monkeypatch.setattr(gap_graph, "need_ros", lambda: None)
+    monkeypatch.setattr(gap_graph, "run_graph", lambda _parameters, bag, *_: bag.mkdir())
+    bag, new = _walk(tmp_path / "a"), tmp_path / "new"
+    assert main(["gap", str(bag), "--next", str(new)]) == 0
+    added = [new / "diagnostic-cocontraction" / "fitted", new / "diagnostic-decay" / "fitted"]
+    assert [one.measured for one in searched] == [[bag], [bag, added[0]], [bag, *added]]
+    assert [one.held_out for one in searched] == [[], [], []]
+    said = capsys.readouterr().out
+    assert [said.index(f"answer {number}") for number in (1, 2, 3)] == sorted(
+        said.index(f"answer {number}") for number in (1, 2, 3)
+    )
+    assert f"recorded in {new / 'diagnostic-decay'}" in said

@@ -104,7 +104,7 @@ def test_gap_reads_it(written, tmp_path, monkeypatch, capsys):
 def test_run_reads_it_and_the_hardware_stays(written, tmp_path, monkeypatch, capsys):
     file, expected = written
     monkeypatch.setattr(run, "need_ros", lambda: None)
-    monkeypatch.setattr(run, "_run", lambda parameters, *_: taken(expected, parameters))
+    monkeypatch.setattr(run, "run_graph", lambda parameters, *_: taken(expected, parameters))
     out = str(tmp_path / "walk")
     assert entry.main(["run", "--scenario", SCENARIO, "--model", str(file), "--out", out]) == 2
     assert "read and taken" in capsys.readouterr().err

@@ -160,7 +160,7 @@ def _execute(monkeypatch, body, *arguments):
     parser = run.argparse.ArgumentParser()
     run.add_arguments(parser)
     monkeypatch.setattr(run, "need_ros", lambda: None)
-    monkeypatch.setattr(run, "_run", body)
+    monkeypatch.setattr(run, "run_graph", body)
     run.execute(parser.parse_args(arguments))
 
 
