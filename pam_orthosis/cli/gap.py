@@ -188,7 +188,7 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     from pam_orthosis.discrepancy.preparation.identifiability import identifiability
     from pam_orthosis.discrepancy.replay.replay import Replay
     from pam_orthosis.discrepancy.request import Asked, read_recordings
-    from pam_orthosis.discrepancy.together import Workers
+    from pam_orthosis.discrepancy.workers import Workers
 
     workers = Workers(arguments.jobs)
     asked = Asked(**{name: getattr(arguments, name) for name in Asked._fields})

@@ -14,7 +14,7 @@ from pam_orthosis.discrepancy.recordings.columns import holds, read_mapping, wit
 from pam_orthosis.discrepancy.recordings.data import Recording, recording, with_loop_of_table
 from pam_orthosis.discrepancy.systems.system import System
 from pam_orthosis.discrepancy.systems.user_file import load_system
-from pam_orthosis.discrepancy.together import Workers
+from pam_orthosis.discrepancy.workers import Workers
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.machines import KNEE, machine_named
@@ -84,7 +84,7 @@ def read_recordings(asked: Asked, workers: Workers, progress: Progress = silent)
     known = known._replace(system=with_columns(known.system, mapping, known.optional))
     heading = assumed_words(known.assumed, len(asked.paths), asked.model)
     heading += unrecorded_words(known.unrecorded, known.parameters)
-    every = workers.together(
+    every = workers.forked(
         lambda path: _read(path, known, asked.namespace), asked.paths, None, progress, "reading"
     )
     fitted = len(asked.measured)

@@ -15,8 +15,8 @@ from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.search import select
 from pam_orthosis.discrepancy.search.selection import Selection
 from pam_orthosis.discrepancy.systems.system import System
-from pam_orthosis.discrepancy.together import alone
 from pam_orthosis.discrepancy.unknown.unknown import unknown
+from pam_orthosis.discrepancy.workers import alone
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Section, load
 from pam_orthosis.progress import Progress, silent

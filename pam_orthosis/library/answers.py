@@ -164,7 +164,7 @@ def gap(
     from pam_orthosis.discrepancy.answer.verdict import describe
     from pam_orthosis.discrepancy.replay.replay import Replay
     from pam_orthosis.discrepancy.request import Asked, read_recordings
-    from pam_orthosis.discrepancy.together import Workers
+    from pam_orthosis.discrepancy.workers import Workers
     from pam_orthosis.discrepancy.workflow import find_gap
 
     fitted, judged = given.several(training, LISTS), given.several(held_out, LISTS)

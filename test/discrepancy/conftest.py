@@ -8,7 +8,7 @@ from pam_orthosis.discrepancy.recordings.data import from_arrays
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.systems.knee import knee
-from pam_orthosis.discrepancy.together import Workers
+from pam_orthosis.discrepancy.workers import Workers
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.testing import case as cases

@@ -17,7 +17,7 @@ from pam_orthosis.discrepancy.request import Asked, read_recordings
 from pam_orthosis.discrepancy.systems.declared import declared_machine
 from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.discrepancy.systems.soundness import check_system
-from pam_orthosis.discrepancy.together import Workers
+from pam_orthosis.discrepancy.workers import Workers
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machines import KNEE, read_machine
 from pam_orthosis.model.parameters import load

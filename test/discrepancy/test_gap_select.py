@@ -22,7 +22,7 @@ from pam_orthosis.discrepancy.search import (
 )
 from pam_orthosis.discrepancy.search.findings import QUANTILE
 from pam_orthosis.discrepancy.systems.system import System
-from pam_orthosis.discrepancy.together import Workers
+from pam_orthosis.discrepancy.workers import Workers
 from pam_orthosis.model.effects.base import Effect, Quantity
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load

@@ -35,7 +35,7 @@ from pam_orthosis.discrepancy.request import unrecorded_words
 from pam_orthosis.discrepancy.search import confirmation, findings, selection
 from pam_orthosis.discrepancy.search.findings import Named, in_all
 from pam_orthosis.discrepancy.systems import knee
-from pam_orthosis.discrepancy.together import Workers
+from pam_orthosis.discrepancy.workers import Workers
 from pam_orthosis.discrepancy.workflow import find_gap
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.machines import KNEE

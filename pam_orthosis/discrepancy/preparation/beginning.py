@@ -143,7 +143,7 @@ def prepared(
     _check_replayed(replay, [run for group in runs for run in group])
     noise = _noise(bare, runs[0], settings)
     numbered = [(seed, run) for group in runs for seed, run in enumerate(group)]
-    whitened = replay.workers.together(lambda one: _whitened(bare, one[1], noise, settings, one[0]), numbered)
+    whitened = replay.workers.forked(lambda one: _whitened(bare, one[1], noise, settings, one[0]), numbered)
     floors = [floor for _, floor in whitened[len(runs[0]) :]]
     units = {name: float(np.mean([floor[name] for floor in floors])) for name in floors[0]}
     white = dict.fromkeys([*units, measure.OVERALL], 1.0)

@@ -114,7 +114,7 @@ def _gram(projection: Projection, trials: list[Trial], progress: Progress) -> np
         return {name: (change, projection.correlated(name, change)) for name, change in changes.items()}
 
     replay = projection.problem.replay
-    signatures = replay.workers.together(seen, trials, replay, progress, "computing what these data can show")
+    signatures = replay.workers.forked(seen, trials, replay, progress, "computing what these data can show")
     for i, of_trial in enumerate(signatures):
         for name, (change, correlated) in of_trial.items():
             rows[name][i] = change

@@ -18,7 +18,7 @@ import numpy as np
 
 from pam_orthosis.discrepancy.recordings.data import Recording, smoothed
 from pam_orthosis.discrepancy.systems.system import Assembled, Names, System
-from pam_orthosis.discrepancy.together import Workers
+from pam_orthosis.discrepancy.workers import Workers
 from pam_orthosis.identification.damping import slip_element
 
 REACH, STEP = 0.025, 0.0025  # s: shifts that are tried
@@ -59,7 +59,7 @@ def shared_skews(system: System, recordings: Sequence[Recording], workers: Worke
     At least half of the recordings have to show the same skew, more than half if it is small: a missing
     effect or slack muscles may look like one in some.
     """
-    every = (workers or Workers()).together(lambda one: skews(system, one), recordings)
+    every = (workers or Workers()).forked(lambda one: skews(system, one), recordings)
     return [
         (one, [skew for skew in many if _is_shared(skew, every)])
         for one, many in zip(recordings, every, strict=True)

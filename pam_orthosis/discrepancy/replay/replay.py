@@ -17,7 +17,7 @@ from pam_orthosis.discrepancy.replay.lanes import WARM_SECONDS, Lanes
 from pam_orthosis.discrepancy.replay.run import Run, Shift
 from pam_orthosis.discrepancy.systems.cut import Part, cut, divided
 from pam_orthosis.discrepancy.systems.system import Assembled, Equation, Names, System, Values
-from pam_orthosis.discrepancy.together import Workers
+from pam_orthosis.discrepancy.workers import Workers
 from pam_orthosis.progress import Progress, silent
 
 STEP_TIMES_RATE = 1.4  # longest Runge-Kutta step times the fastest eigenvalue (stable up to 2.78), and
@@ -78,7 +78,7 @@ class Replay:
         """Return those effects that change something."""
         every = list(names)
         new = [name for name in every if name not in self._touched]
-        self.workers.together(self.touched, new, self, progress, "taking the effects into the equations")
+        self.workers.forked(self.touched, new, self, progress, "taking the effects into the equations")
         return [name for name in every if self.touched(name)]
 
     def news(self) -> dict[str, dict[Hashable, Any]]:

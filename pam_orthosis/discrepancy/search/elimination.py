@@ -35,7 +35,7 @@ def eliminate_weak(found: Selection, settings: Section, progress: Progress) -> N
 def _losses(found: Selection, progress: Progress) -> dict[str, tuple[float, Fit]]:
     """Return the evidence of each effect beside the others, and the model without it."""
     effects, replay = found.final.effects, found.problem.replay
-    lost = replay.workers.together(
+    lost = replay.workers.forked(
         lambda name: loss(found, name), effects, replay, progress, "refitting without each effect"
     )
     losses = dict(zip(effects, lost, strict=True))

@@ -45,7 +45,7 @@ def evidence(problem: Problem, base: Fit, names: Sequence[str], large: Collectio
     free = [one for one in base.free if one.name.partition(".")[0] not in large]
     smaller = fit(quiet, base.effects, base.values, free, most=STEPS)
     before, projection = score(quiet, smaller), Projection(quiet, smaller)
-    scores = problem.replay.workers.together(
+    scores = problem.replay.workers.forked(
         lambda name: score(quiet, _fitted(projection, name)), names, problem.replay
     )
     return {name: before - one for name, one in zip(names, scores, strict=True)}

@@ -98,8 +98,8 @@ class _Look:
         """Return gains of the score tests, and those fitted that promise more than `least` and enough."""
         replay, progress = self._problem.replay, self._progress
         able = replay.touching(names, progress)
-        together = replay.workers.together
-        screened = together(self._screened, able, replay, progress, "screening effects")
+        forked = replay.workers.forked
+        screened = forked(self._screened, able, replay, progress, "screening effects")
         screened = sorted(screened, key=lambda one: -one[0])
         best = screened[0][0] if screened else 0.0  # a small catalogue may be used up
         worth = [
@@ -130,7 +130,7 @@ class _Look:
             if not now:
                 break
             able = [one for one in able if one not in now]
-            found = replay.workers.together(self._fitted, now, replay, self._progress, "fitting candidates")
+            found = replay.workers.forked(self._fitted, now, replay, self._progress, "fitting candidates")
             tried = [(one, gain) for one, (gain, *_) in zip(found, now, strict=True)]
             places -= sum(one.gain > KEPT * gain for one, gain in tried)
             fitted += tried

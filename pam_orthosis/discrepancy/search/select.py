@@ -278,7 +278,7 @@ def _refitted_all(
         return weighted.weights, model
 
     names = ", ".join(candidate.name for candidate in worth)
-    found = problem.replay.workers.together(
+    found = problem.replay.workers.forked(
         one, worth, problem.replay, progress, f"refitting everything with {names}"
     )
     return [(problem.weighted(weights), model) for weights, model in found]

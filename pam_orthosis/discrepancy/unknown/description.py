@@ -117,7 +117,7 @@ def described(problem: Problem, judge: Problem, model: Fit, equation: Equation) 
     def best(channels: Collection[str]) -> _Chosen:
         tried = [term for channel in channels for term in terms[channel]]
         fixed = _splines(one for name, one in chosen.items() if name not in channels)
-        found = problem.replay.workers.together(partial(curves.best, fixed), tried)
+        found = problem.replay.workers.forked(partial(curves.best, fixed), tried)
         return _best(found, curves.reduced(curves.fit(fixed)), own_signals(system, equation))
 
     chosen: dict[str, _Chosen] = {}

@@ -69,7 +69,7 @@ class Workers:
             self._threads = count, ThreadPoolExecutor(count)
         return list(self._threads[1].map(function, items))
 
-    def together(
+    def forked(
         self,
         function: Callable[[One], Result],
         items: Sequence[One],

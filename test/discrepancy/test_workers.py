@@ -12,8 +12,7 @@ from threading import Barrier, BrokenBarrierError
 
 import pytest
 
-from pam_orthosis.discrepancy import together
-from pam_orthosis.discrepancy.together import Workers
+from pam_orthosis.discrepancy.workers import Workers
 from pam_orthosis.errors import OrthosisError
 
 PATIENCE_S = 60.0  # with what goes on for ever, before it fails
@@ -34,13 +33,13 @@ class Memory:
 @pytest.mark.parametrize("jobs", [1, 2, 5])
 def test_results_come_in_the_order_of_their_items(jobs):
     reported, items = [], [3, -1, 2, 0]
-    found = Workers(jobs).together(
+    found = Workers(jobs).forked(
         lambda x: x * x, items, None, lambda *words: reported.append(words), "fitting"
     )
     assert found == [9, 1, 4, 0]
     assert reported == [("fitting", done, 4) for done in range(5)]
     assert Workers(jobs).map(abs, items) == [3, 1, 2, 0]
-    assert Workers(jobs).together(abs, []) == []
+    assert Workers(jobs).forked(abs, []) == []
 
 
 def test_they_are_other_processes_that_fork_no_more_and_what_they_learn_is_kept():
@@ -51,7 +50,7 @@ def test_they_are_other_processes_that_fork_no_more_and_what_they_learn_is_kept(
         memory.known.append(item)
         return os.getpid(), workers.jobs, workers.map(abs, [-1, 2])
 
-    found = workers.together(work, [1, 2, 3], memory)
+    found = workers.forked(work, [1, 2, 3], memory)
     assert len({pid for pid, *_ in found} - {mine}) == 2
     assert all(one[1:] == (1, [1, 2]) for one in found)
     assert memory.known[0] == "before"
@@ -72,7 +71,7 @@ def test_cores_that_nothing_is_left_for_help_the_last_one_along():
             met = at_once()
         return met
 
-    found = workers.together(work, [1, 2, 3])
+    found = workers.forked(work, [1, 2, 3])
     assert found[0]
     assert found[1:] == [None, None]
 
@@ -84,7 +83,7 @@ def test_what_one_raises_is_raised(jobs):
             raise OrthosisError("mine")
 
     with pytest.raises(OrthosisError, match="mine"):
-        Workers(jobs).together(work, [1, 2, 3])
+        Workers(jobs).forked(work, [1, 2, 3])
 
 
 def test_garbage_of_this_process_is_not_collected_in_others():
@@ -100,7 +99,7 @@ def test_garbage_of_this_process_is_not_collected_in_others():
     gc.disable()
     try:
         Loud()
-        assert Workers(2).together(lambda item: gc.collect() * 0 + item, [1, 2]) == [1, 2]
+        assert Workers(2).forked(lambda item: gc.collect() * 0 + item, [1, 2]) == [1, 2]
         assert gc.get_freeze_count() == 0
     finally:
         gc.enable()
@@ -108,11 +107,11 @@ def test_garbage_of_this_process_is_not_collected_in_others():
 
 def test_one_that_is_killed_is_said():
     with pytest.raises(OrthosisError, match="was killed by SIGKILL; if memory is short, --jobs 1"):
-        Workers(2).together(lambda item: os.kill(os.getpid(), signal.SIGKILL), [1, 2])
+        Workers(2).forked(lambda item: os.kill(os.getpid(), signal.SIGKILL), [1, 2])
 
 
 def test_what_a_process_that_hangs_leaves_is_done_here(monkeypatch):
-    monkeypatch.setattr(together, "HUNG_SECONDS", 0.4)
+    monkeypatch.setattr("pam_orthosis.discrepancy.workers.HUNG_SECONDS", 0.4)
     mine = os.getpid()
 
     def work(item):
@@ -120,7 +119,7 @@ def test_what_a_process_that_hangs_leaves_is_done_here(monkeypatch):
             signal.pause()
         return item
 
-    assert Workers(2).together(work, [1, 2, 3]) == [1, 2, 3]
+    assert Workers(2).forked(work, [1, 2, 3]) == [1, 2, 3]
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -129,20 +128,19 @@ def test_they_leave_it_to_the_search_to_end(how):
         os.kill(os.getpid(), how)
         return item
 
-    assert Workers(2).together(work, [1, 2]) == [1, 2]
+    assert Workers(2).forked(work, [1, 2]) == [1, 2]
 
 
 ENDLESS = """
 import os, signal, threading
-from pam_orthosis.discrepancy import together
-from pam_orthosis.discrepancy.together import Workers
+from pam_orthosis.discrepancy.workers import Workers
 
 def work(item):
     os.write(1, b"%d\\n" % os.getpid())
     threading.Event().wait()
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell in the background ignores it
-Workers(2).together(work, [1, 2])
+Workers(2).forked(work, [1, 2])
 """
 
 
