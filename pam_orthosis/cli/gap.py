@@ -142,9 +142,12 @@ class Found(NamedTuple):
 def _searched(arguments: argparse.Namespace) -> Found:
     with shown("loading the search") as progress:
         from pam_orthosis.discrepancy.answer.judgement import GOOD
+        from pam_orthosis.discrepancy.answer.verdict import remark_lines
         from pam_orthosis.discrepancy.workflow import search
 
         case = _begun(arguments, progress)
+        if case.start.mistaken or case.start.skewed:  # before a search that may take minutes
+            progress.note("\n".join(remark_lines(case.start.remarks)))
         outcome = search(case.start, case.read.nominal.parameters.gap, progress)
     return Found(case, outcome, *_described(case, outcome), int(outcome.verdict not in GOOD))
 

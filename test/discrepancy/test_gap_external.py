@@ -174,11 +174,16 @@ def test_recordings_have_it_or_none_does(slide, tmp_path, monkeypatch, capsys, m
 
 
 @pytest.mark.parametrize(
-    ("sign", "said"), [(1.0, ""), (-1.0, "with external_force of the other sign: turn it")]
+    ("factor", "said"),
+    [
+        (1.0, ""),
+        (-1.0, "with external_force of the other sign: turn it"),
+        (1e-3, "with external_force times 1000: is it in kN? --columns 'external_force=COLUMN:kN'"),
+    ],
 )
-def test_a_load_cell_of_the_other_sign_is_said(slide, tmp_path, sign, said):
+def test_a_load_cell_of_the_other_sign_or_in_kn_is_said(slide, tmp_path, factor, said):
     path, samples = slide
-    turned = [rows * [*[1.0] * len(COLUMNS), sign] for rows in samples]
+    turned = [rows * [*[1.0] * len(COLUMNS), factor] for rows in samples]
     tables = [_write(tmp_path / f"{i}.csv", rows, "external_force") for i, rows in enumerate(turned)]
     read = _read(path, tables)
     start = begin(read.nominal.system, read.training[:1], read.training[1:], read.nominal.parameters.gap)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What may be wrong with the recordings themselves: the model as configured fits them far better without it.
 
-Gauge pressures that stay above the ambient one, another sign, exchanged columns, rows in reverse order: all
-look like any recording.
+Gauge pressures that stay above the ambient one, another sign, kN for N, exchanged columns, rows in reverse
+order: all look like any recording.
 """
 
 from collections.abc import Iterator, Mapping
@@ -17,7 +17,7 @@ from pam_orthosis.discrepancy.systems.system import System
 
 Signals = Mapping[str, np.ndarray]
 CHECK = "CHECK THE RECORDINGS"
-SUSPECT, BETTER = 20.0, 4.0  # times the noise that a mistake leaves; the factor by which mending it must help
+SUSPECT, BETTER = 20.0, 4.0  # times the noise that most mistakes leave; the factor by which mending helps
 
 
 def mistake_words(held_out: Problem, cutoff: float) -> str:
@@ -26,9 +26,13 @@ def mistake_words(held_out: Problem, cutoff: float) -> str:
     `cutoff`: with which neighbouring signals are smoothed, Hz.
     """
     own = _gap(held_out)
-    if own < SUSPECT:
+    recorded = [one.run.recording.signals for one in held_out.scored]
+    mistakes = [*_of_load_cells(held_out.system, recorded)]
+    if own >= SUSPECT:
+        mistakes += _mistakes(held_out.system, recorded)
+    elif own < BETTER:
         return ""
-    fits = {words: _fit(held_out, changed, cutoff) for words, changed in _mistakes(held_out)}
+    fits = {words: _fit(held_out, changed, cutoff) for words, changed in mistakes}
     words = min(fits, key=lambda one: fits[one], default="")
     if not words or not fits[words] * BETTER <= own:
         return ""
@@ -58,10 +62,22 @@ def _run(system: System, one: Scored, signals: Signals, cutoff: float) -> Run:
     return Run(system, replace(recording, signals={**recording.signals, **signals}), cutoff)
 
 
-def _mistakes(held_out: Problem) -> Iterator[tuple[str, list[Signals]]]:
-    """Yield each mistake that there may be, and the signals of the held-out recordings without it."""
-    system = held_out.system
-    recorded = [one.run.recording.signals for one in held_out.scored]
+def _of_load_cells(system: System, recorded: list[Signals]) -> Iterator[tuple[str, list[Signals]]]:
+    """Yield what may be wrong with inputs that a sensor measures, and the signals without it."""
+    for name in system.sensed:
+        yield _turned(name, recorded)
+        unit = system.unit(name)
+        asked = f"with {name} times 1000: is it in k{unit}? --columns '{name}=COLUMN:k{unit}'"
+        yield asked, [{name: 1e3 * signals[name]} for signals in recorded]
+
+
+def _turned(name: str, recorded: list[Signals]) -> tuple[str, list[Signals]]:
+    asked = f"with {name} of the other sign: turn it round by --columns {name}=-COLUMN"
+    return asked, [{name: -signals[name]} for signals in recorded]
+
+
+def _mistakes(system: System, recorded: list[Signals]) -> Iterator[tuple[str, list[Signals]]]:
+    """Yield each other mistake that there may be, and the signals of the recordings without it."""
     pressures = [one.name for one in system.channels if system.is_absolute(one.name)]
     voltages = [name for name in system.inputs if system.unit(name) == "V"]
     for gauge in dict.fromkeys([tuple(pressures), *((name,) for name in pressures)] if pressures else ()):
@@ -69,9 +85,7 @@ def _mistakes(held_out: Problem) -> Iterator[tuple[str, list[Signals]]]:
         asked = f"{added}: gauge, it seems, where absolute pressure is needed"
         yield asked, [{name: signals[name] + system.ambient for name in gauge} for signals in recorded]
     coordinates = [one.name for one in system.channels if one.state in system.derived.values()]
-    for name in (*coordinates, *system.sensed):
-        asked = f"with {name} of the other sign: turn it round by --columns {name}=-COLUMN"
-        yield asked, [{name: -signals[name]} for signals in recorded]
+    yield from (_turned(name, recorded) for name in coordinates)
     pairs = [names for names in (pressures, voltages) if len(names) == 2]
     for chosen in (*([one] for one in pairs), pairs if len(pairs) > 1 else []):
         if chosen and all(name in signals for signals in recorded for names in chosen for name in names):
