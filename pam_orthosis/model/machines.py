@@ -15,6 +15,7 @@ from pam_orthosis.model.mechanisms import MECHANISMS
 from pam_orthosis.model.mechanisms.coupled import COUPLED
 from pam_orthosis.model.mechanisms.one_axis import TRANSMISSIONS
 from pam_orthosis.model.rows import Field, Row
+from pam_orthosis.model.specimens import BRANCH as MUSCLE
 from pam_orthosis.reading import (
     check_keys,
     config_folder,
@@ -211,6 +212,8 @@ def _actuator(file: _File, name: str, node: Any, mechanism: str) -> ActuatorOf:
         if not node.get("parameters"):
             raise file.refusal(f"{where} has no parameters: give the branch of its values, as muscle.dmsp_20")
         branch = file.text(node, "parameters", "")
+        if kind == "muscle" and not branch.startswith(MUSCLE):
+            raise file.refusal(f"{where}: its parameters are a branch as {MUSCLE}dmsp_20, not {branch}")
     else:
         branch = file.section(inline, INLINE[kind], f"{OWN}.{name}", where, OF_ACTUATOR)
     own = bool(MECHANISMS[mechanism].fields)

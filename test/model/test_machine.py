@@ -253,6 +253,8 @@ def test_parameters_know_their_machine(read):
         ("meaning: a double-acting cylinder on a carriage", "meaning: [a]", "meaning is a text"),
         ("cylinder, area: 8.0e-4, volume: 2.0e-5, length: 0.3", "muscle, parameters: muscle.dmsp_2",
          "no parameter muscle.dmsp_2"),
+        ("cylinder, area: 8.0e-4, volume: 2.0e-5, length: 0.3", "muscle, parameters: dmsp_20",
+         "actuator push: its parameters are a branch as muscle.dmsp_20, not dmsp_20"),
         ("actuators:\n", "actuators: []\nothers:\n", "others|mapping of names"),
         ("sensor: {noise: 1.0e-5}", "sensor: x", "the machine .* unknown parameter x_noise"),
         ("meaning: a", "start: none.such\nmeaning: a", "the machine .* unknown parameter none.such"),
