@@ -5,12 +5,14 @@ from typing import Any
 
 import numpy as np
 
+from pam_orthosis.discrepancy.answer.digits import digits
 from pam_orthosis.discrepancy.systems.system import System, Values
 from pam_orthosis.discrepancy.unknown.description import Description, holder
 from pam_orthosis.discrepancy.unknown.events import Event
 from pam_orthosis.discrepancy.unknown.unknown import Unknown
 
 MOST_EVENTS = 4  # in one line
+FEWEST_DIGITS = 3  # of a curve's amplitude
 LARGER = 1.5  # half the range of a curve over that of its shape, which is worth a word
 DRIFTING = 0.5  # of the gap, that time explains
 
@@ -55,11 +57,12 @@ def _words(system: System, one: Description, where: str) -> list[str]:
     if one.is_constant:
         return [f"unknown {where}: {_short(system, one)}; removes {one.reduced:.0%} of the held-out gap"]
     _, low, high = one.amplitude
+    shown = digits(low, high, FEWEST_DIGITS)
     ends = " and ".join(_with_unit(system, one, end) for end in (one.places[0], one.places[-1]))
     next_best = "" if one.runner_up is None else f" (next: {one.runner_up[0]}, {one.runner_up[1]:.0%})"
     return [
-        f"unknown {where}: {_short(system, one)}, amplitude {low:.3g} .. {high:.3g} {one.unit} between"
-        f" {ends}{_with_parabola(one)}; removes {one.reduced:.0%} of the held-out gap{next_best}",
+        f"unknown {where}: {_short(system, one)}, amplitude {low:.{shown}g} .. {high:.{shown}g} {one.unit}"
+        f" between {ends}{_with_parabola(one)}; removes {one.reduced:.0%} of the held-out gap{next_best}",
         *resemblance(one),
         *_carried(system, one),
     ]

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the workflow found, as words."""
 
-import math
 from collections.abc import Mapping, Sequence
 
 from pam_orthosis.discrepancy.answer.curves import curves, in_words
+from pam_orthosis.discrepancy.answer.digits import digits
 from pam_orthosis.discrepancy.answer.judgement import Outcome, beyond
 from pam_orthosis.discrepancy.answer.last_line import far, last_line, off_words
 from pam_orthosis.discrepancy.answer.unknown_words import unknown_words
@@ -18,7 +18,7 @@ from pam_orthosis.discrepancy.systems.system import Channel, System
 from pam_orthosis.model.parameters import experiments, scenario_names
 
 LABEL = 25  # characters of the first column, at least
-FEWEST_DIGITS, MOST_DIGITS = 4, 9  # of a value with its interval
+FEWEST_DIGITS = 4  # of a value with its interval
 MOST_NAMED, MOST_SHOWN = 3, 8  # parameters in one line: of many, and else
 
 
@@ -205,12 +205,8 @@ def _wrong(system: System, one: Named) -> str:
 
 
 def _with_interval(value: float, unit: str, lower: float, upper: float, more: str = "") -> str:
-    """Return a value and its interval in so many digits that both ends show two of its width."""
-    width, largest = upper - lower, max(abs(lower), abs(upper))
-    digits = FEWEST_DIGITS
-    if 0 < width < largest:
-        digits = min(max(digits, 1 + math.ceil(math.log10(largest / width))), MOST_DIGITS)
-    return f"{value:.{digits}g} {unit} ({lower:.{digits}g} .. {upper:.{digits}g}{more})"
+    shown = digits(lower, upper, FEWEST_DIGITS)
+    return f"{value:.{shown}g} {unit} ({lower:.{shown}g} .. {upper:.{shown}g}{more})"
 
 
 def _certainty(value: float, _unit: str, lower: float, upper: float) -> float:

@@ -1,0 +1,14 @@
+# SPDX-License-Identifier: Apache-2.0
+"""In how many digits a value is printed beside its interval."""
+
+import math
+
+MOST_DIGITS = 9
+
+
+def digits(lower: float, upper: float, fewest: int) -> int:
+    """Return so many that both ends of an interval show two of its width."""
+    width, largest = upper - lower, max(abs(lower), abs(upper))
+    if not 0 < width < largest:
+        return fewest
+    return min(max(fewest, 1 + math.ceil(math.log10(largest / width))), MOST_DIGITS)
