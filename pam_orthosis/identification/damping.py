@@ -15,7 +15,7 @@ import numpy as np
 from scipy import optimize, signal, stats
 
 from pam_orthosis.errors import OrthosisError, naming
-from pam_orthosis.identification.data import Decay, differentiated
+from pam_orthosis.identification.samples import Decay, differentiated
 
 CONTRACTION_POWERS, PRESSURE_POWERS = range(5), range(4)
 FILTER_SAMPLES = 11
@@ -86,7 +86,7 @@ def check_mass(decay: Decay) -> None:
     """Raise OrthosisError if what swings, by force and acceleration, is not the mass that is stated."""
     if decay.force is None:
         return
-    decay, force = _released(decay), decay.force[turning_points(decay)[0] :]
+    force, decay = decay.force[turning_points(decay)[0] :], _released(decay)
     window = 3 * FILTER_SAMPLES
     if len(force) < 3 * window:
         return
@@ -149,7 +149,7 @@ def viscous_part(decay: Decay) -> tuple[float, float]:
     """Return D, N s/m, freed of dry friction by the force, and the RMS residual, N; else OrthosisError."""
     if decay.force is None:
         raise OrthosisError("a decay without a force does not tell dry friction apart")
-    decay, force = _released(decay), decay.force[turning_points(decay)[0] :]
+    force, decay = decay.force[turning_points(decay)[0] :], _released(decay)
     stamps = np.round(decay.time * 1e9)
     position = signal.savgol_filter(decay.position, FILTER_SAMPLES, 3)
     rate = differentiated(decay.position, stamps)

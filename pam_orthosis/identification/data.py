@@ -118,12 +118,13 @@ def read_data(
         serial = 1 + int(max([serial, *(one.samples.serial.max() for one in parts if one.samples)]))
     _check_copied(tables, parts[len(bags) :])
     samples = [one.samples for one in parts if one.samples]
+    volumes = [one.volumes for one in parts if one.volumes]
     if not samples:
         raise OrthosisError("no force measurement among the data: give bags of `rig` or a table")
     return Data(
         specimen, parameters, nominal, joined(Samples, numbered_repeats(samples)), not bags,
         [one.decay for one in parts if one.decay],
-        joined(Volumes, [one.volumes for one in parts if one.volumes]),
+        joined(Volumes, volumes) if volumes else None,
         next((str(path) for path, one in zip([*bags, *tables], parts, strict=True) if one.volumes), ""),
         any(one.marked for one in parts), own,
         (*_assumed(tables, length, specimen, nominal, own), *_unread(parts), *_copies(parts)),
@@ -242,11 +243,13 @@ def _check_specimen(runs: Runs, specimen: str) -> None:
 
 def _recorded(path: Path, run: Mapping[str, str], key: str, parameters: Parameters) -> float:
     """Return a parameter as the bag has it, else as config/ has it."""
-    return recorded_parameters(path, run).get(key, parameters.flat()[key])
+    value: float = recorded_parameters(path, run).get(key, parameters.flat()[key])
+    return value
 
 
 def _value(bag: Bag, key: str, parameters: Parameters) -> float:
-    return bag.parameters.get(key, parameters.flat()[key])
+    value: float = bag.parameters.get(key, parameters.flat()[key])
+    return value
 
 
 def _measured(

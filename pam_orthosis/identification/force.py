@@ -39,9 +39,9 @@ class ForceModel:
     b: np.ndarray
     damping: float
 
-    def towing(self, contraction: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+    def towing(self, contraction: np.ndarray, pressure: np.ndarray | float) -> np.ndarray:
         """Return F_tow of Eq. (14), N (m, gauge Pa); negative where the muscle hangs slack."""
-        return polynomial(self.a, contraction) * pressure - polynomial(self.b, contraction)
+        return np.asarray(polynomial(self.a, contraction) * pressure - polynomial(self.b, contraction))
 
     def force(self, s: Samples) -> np.ndarray:
         """Return F_M of Eq. (19), N."""
@@ -49,7 +49,7 @@ class ForceModel:
 
     def residual(self, s: Samples) -> np.ndarray:
         """Return e_M of Eq. (20), measured - modelled force, N."""
-        return s.force - self.force(s)
+        return np.asarray(s.force - self.force(s))
 
 
 @dataclass(frozen=True)
@@ -87,8 +87,9 @@ def blocks(length: int) -> Iterator[slice]:
 def triangle(rows: Iterable[np.ndarray]) -> np.ndarray:
     """Return R of the QR decomposition of the matrix that these blocks of rows make up."""
     found = None
-    for block in rows:
-        found = np.linalg.qr(block if found is None else np.vstack([found, block]), mode="r")
+    for block in rows:  # numpy's types know no mode "r": hence `asarray`
+        found = np.asarray(np.linalg.qr(block if found is None else np.vstack([found, block]), mode="r"))
+    assert found is not None  # no matrix is without rows
     return found
 
 
@@ -111,7 +112,7 @@ def balanced_weights(s: Samples) -> np.ndarray:
     """
     level, direction = (np.unique(one, return_inverse=True)[1] for one in (s.level, s.direction))
     member = level * (direction.max() + 1) + direction
-    return 1 / s.sigma / np.sqrt(np.bincount(member)[member])
+    return np.asarray(1 / s.sigma / np.sqrt(np.bincount(member)[member]))
 
 
 def fit_force(s: Samples, damping: float = 0.0, degrees: tuple[int, int] = (3, 4)) -> ForceFit:
@@ -248,13 +249,14 @@ def cluster_spread(parts: Sequence[np.ndarray], kind: str) -> np.ndarray | None:
     if count < LEAST_REPEATS:
         return None
     before, after = _folded_up(parts), _folded_up(parts[::-1])[::-1]
-    solved = [_solved(np.vstack([before[i], after[i]])) for i in range(count)]
-    if any(one is None for one in solved):
+    each = (_solved(np.vstack([before[i], after[i]])) for i in range(count))
+    solved = [one for one in each if one is not None]
+    if len(solved) < count:
         return None
     deviation = np.array(solved) - np.mean(solved, axis=0)
     variance = (count - 1) / count * np.sum(deviation**2, axis=0)
     # a single repeat scatters `count` times as much as the fit to all, which scatters too
-    return np.sqrt(variance * (count + 1 if kind == REPEATS else 1))
+    return np.asarray(np.sqrt(variance * (count + 1 if kind == REPEATS else 1)))
 
 
 def _folded_up(parts: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -264,7 +266,7 @@ def _folded_up(parts: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def _solved(rows: np.ndarray) -> np.ndarray | None:
-    r = np.linalg.qr(rows, mode="r")
+    r = triangle([rows])
     count = rows.shape[1] - 1
     scale = np.linalg.norm(r[:count, :count], axis=0)
     if not scale.all():
@@ -272,4 +274,4 @@ def _solved(rows: np.ndarray) -> np.ndarray | None:
     u, singular, vt = np.linalg.svd(r[:count, :count] / scale)
     if singular[-1] < RANK_TOLERANCE * singular[0]:
         return None
-    return vt.T @ (u.T @ r[:count, count] / singular) / scale
+    return np.asarray(vt.T @ (u.T @ r[:count, count] / singular) / scale)

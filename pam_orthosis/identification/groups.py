@@ -20,7 +20,7 @@ def grouped(values: np.ndarray, gap: float, widest: float, most: int) -> np.ndar
         edges = np.linspace(values.min(), values.max(), bins + 1)[1:-1]
         member = np.unique(np.searchsorted(edges, values), return_inverse=True)[1]
     mean = np.bincount(member, values) / np.bincount(member)
-    return mean[member]
+    return np.asarray(mean[member])
 
 
 def _gathered(values: np.ndarray, gap: float) -> np.ndarray:
@@ -35,7 +35,7 @@ def _widths(values: np.ndarray, member: np.ndarray) -> np.ndarray:
     order = np.lexsort((values, member))
     first = np.flatnonzero(np.diff(member[order], prepend=-1))
     last = np.append(first[1:], len(values)) - 1
-    return values[order][last] - values[order][first]
+    return np.asarray(values[order][last] - values[order][first])
 
 
 def levels(pressure: np.ndarray) -> np.ndarray:

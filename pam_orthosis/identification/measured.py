@@ -47,13 +47,14 @@ def table_parts(path: Path, nominal: float, ambient: float, serial: int) -> Part
         OrthosisError: as `read_table`, lengths that do not fit the nominal one, a decay with gaps.
     """
     table, copies = _without_copies(read_table(path, ambient))
-    contraction = table.contraction if table.contraction is not None else nominal - table.length
+    contraction = table.contraction if table.length is None else nominal - table.length
+    assert contraction is not None  # a table has one of the two
     _check_lengths(path, contraction, nominal, begins=table.length is not None and table.mass is None)
     if table.volume is not None:
         return Parts(volumes=Volumes(table.pressure, contraction, table.volume), unread=table.unread)
     _check_time(path, table.time)
     if table.mass is not None:
-        return Parts(decay=_decay(path, table, contraction), unread=table.unread)
+        return Parts(decay=_decay(path, table, table.mass, contraction), unread=table.unread)
     samples = _samples(path, table, contraction, serial)
     return Parts(samples, marked=table.marked, unread=table.unread, copies=copies)
 
@@ -65,7 +66,8 @@ def _without_copies(table: Table) -> tuple[Table, int]:
     columns = {name: one for name, one in table._asdict().items() if isinstance(one, np.ndarray)}
     first = np.unique(np.column_stack(list(columns.values())), axis=0, return_index=True)[1]
     kept = np.sort(first)
-    return table._replace(**{name: one[kept] for name, one in columns.items()}), len(table.time) - len(kept)
+    rows = {name: one[kept] for name, one in columns.items()}
+    return Table(**rows, marked=table.marked, unread=table.unread), len(table.time) - len(kept)
 
 
 def _check_lengths(path: Path, contraction: np.ndarray, nominal: float, begins: bool) -> None:
@@ -96,21 +98,22 @@ def _check_count(path: Path, what: str, numbers: np.ndarray, advice: str) -> Non
         raise OrthosisError(f"{path}: {count} {what}, {MOST} at most; {advice}")
 
 
-def _decay(path: Path, table: Table, contraction: np.ndarray) -> Decay:
+def _decay(path: Path, table: Table, mass: np.ndarray, contraction: np.ndarray) -> Decay:
     if table.time is None:
         raise OrthosisError(f"{path}: a decay (it has a moved mass) needs a column for the time, e.g. t_s")
-    if np.ptp(table.mass) > 0:
+    if np.ptp(mass) > 0:
         raise OrthosisError(f"{path}: the moved mass changes; give one decay a table")
     if len(table.time) < DERIVATIVE_SAMPLES:
         raise OrthosisError(f"{path} is too short: {len(table.time)} samples")
     check_even(path, np.round(table.time * SECOND_NS))
     shown = table.force is not None and np.ptp(table.force) > 0  # one force, written in, is none measured
     force = table.force if shown else None
-    time, mass = table.time - table.time[0], float(table.mass[0])
-    return Decay(time, contraction, table.pressure, force, mass, str(path))
+    time = table.time - table.time[0]
+    return Decay(time, contraction, table.pressure, force, float(mass[0]), str(path))
 
 
 def _samples(path: Path, table: Table, contraction: np.ndarray, serial: int) -> Samples:
+    assert table.force is not None  # a table without volume and mass has it
     zero = np.zeros(len(table.force))
     sigma = table.sigma if table.sigma is not None else zero + 1.0
     rate, sense, run = table.rate, table.direction, zero - 1
@@ -119,10 +122,11 @@ def _samples(path: Path, table: Table, contraction: np.ndarray, serial: int) -> 
     if table.time is not None:
         run = serial + _runs(table.time)
         _check_count(path, "runs (the time goes back or leaps)", run, "sort the rows, or drop the time")
-        rate, sense = _moved(table, contraction, run, rate, sense)
+        rate, sense = _moved(table.pressure, table.time, contraction, run, rate, sense)
     return Samples(
         table.pressure, contraction, zero if rate is None else rate, table.force, sigma,
-        levels(table.pressure), run, sense, table.repeat,
+        levels(table.pressure), run, zero if sense is None else sense,
+        zero if table.repeat is None else table.repeat,
     )  # fmt: skip
 
 
@@ -134,7 +138,8 @@ def _runs(time: np.ndarray) -> np.ndarray:
 
 
 def _moved(
-    table: Table,
+    pressure: np.ndarray,
+    time: np.ndarray,
     contraction: np.ndarray,
     run: np.ndarray,
     rate: np.ndarray | None,
@@ -144,8 +149,8 @@ def _moved(
     moved, filled, travelled = (np.zeros(len(run)) for _ in range(3))
     for one in np.unique(run):
         rows = run == one
-        moved[rows] = _slope(contraction[rows], table.time[rows])
-        filled[rows] = _slope(table.pressure[rows], table.time[rows])
+        moved[rows] = _slope(contraction[rows], time[rows])
+        filled[rows] = _slope(pressure[rows], time[rows])
         travelled[rows] = np.ptp(contraction[rows])
     given = moved if rate is None else rate
     still = 1.0e-3  # m: a run that moves less was held at one length, and its pressure has the direction
@@ -164,7 +169,7 @@ def _slope(values: np.ndarray, time: np.ndarray) -> np.ndarray:
 def _direction(rate: np.ndarray) -> np.ndarray:
     fast = np.quantile(np.abs(rate), 0.95)
     slow = 0.1  # of the fast changes (95 %): slower ones have no direction
-    return np.sign(rate) * (np.abs(rate) > slow * fast)
+    return np.asarray(np.sign(rate) * (np.abs(rate) > slow * fast))
 
 
 def numbered_repeats(parts: Sequence[Samples]) -> list[Samples]:

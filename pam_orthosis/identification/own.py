@@ -2,6 +2,7 @@
 """A muscle that is none of `config/`: its geometry from a user's file."""
 
 from pathlib import Path
+from typing import cast
 
 from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.identification.data import Bench
@@ -51,4 +52,5 @@ def own_bench(path: Path) -> Bench:
 def _checked(values: dict[str, object]) -> dict[str, float]:
     """Return values as their rows take them."""
     parameters = load()
-    return {key: parameters.row(f"muscle.{SECTION}.{key}").with_value(v).value for key, v in values.items()}
+    rows = {key: parameters.row(f"muscle.{SECTION}.{key}").with_value(v) for key, v in values.items()}
+    return {key: cast(float, row.value) for key, row in rows.items()}

@@ -149,6 +149,7 @@ def _place(root: yaml.Node | None, key: str, name: str) -> tuple[int, int]:
         node = next((value for at, value in pairs if at.value == step), None)
         if node is None or node.start_mark.index == node.end_mark.index:
             raise OrthosisError(f"{name} has no {key}; give a file laid out as config/muscle.yaml")
+    assert node is not None  # a key has one step at least
     start, end = node.start_mark.index, node
     while isinstance(end, yaml.CollectionNode) and not end.flow_style:  # its mark is at what follows
         end = end.value[-1] if isinstance(end, yaml.SequenceNode) else end.value[-1][1]

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -45,12 +45,12 @@ class Samples:
     sigma: np.ndarray
     level: np.ndarray
     serial: np.ndarray
-    sense: np.ndarray | None = None
-    repeat: np.ndarray | None = None
+    sense: np.ndarray = field(default_factory=lambda: np.zeros(0))  # not given: zero in every row
+    repeat: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         for name in ("sense", "repeat"):
-            if getattr(self, name) is None:
+            if not len(getattr(self, name)):
                 object.__setattr__(self, name, np.zeros(len(self.force)))
 
     def __len__(self) -> int:
@@ -110,10 +110,8 @@ def differentiated(position: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     return np.asarray(signal.savgol_filter(position, DERIVATIVE_SAMPLES, 2, deriv=1, delta=period))
 
 
-def joined(kind: type[Kind], parts: Sequence[Kind]) -> Kind | None:
-    """Return the rows of several parts of a kind as one; None if there are none."""
-    if not parts:
-        return None
+def joined(kind: type[Kind], parts: Sequence[Kind]) -> Kind:
+    """Return the rows of several parts of a kind as one."""
     return kind(
         *(np.concatenate(columns) for columns in zip(*(vars(p).values() for p in parts), strict=True))
     )

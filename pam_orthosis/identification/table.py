@@ -44,8 +44,8 @@ def _spellings() -> dict[str, tuple[str, float, bool]]:
         for name, unit in product((symbol, word, word.capitalize()), units):
             found[f"{name}_{unit}"] = (quantity, units[unit], False)
     for plain, ending in product(sorted(UNCERTAIN), (*GAUGE, *ABSOLUTE)):
-        unit = PRESSURES[plain.rpartition("_")[2]]
-        found[plain + ending] = ("pressure", unit, ending in ABSOLUTE)
+        factor = PRESSURES[plain.rpartition("_")[2]]
+        found[plain + ending] = ("pressure", factor, ending in ABSOLUTE)
     return found
 
 
@@ -73,16 +73,16 @@ class Table(NamedTuple):
     """
 
     pressure: np.ndarray
-    length: np.ndarray | None
-    contraction: np.ndarray | None
-    force: np.ndarray | None
-    sigma: np.ndarray | None
-    rate: np.ndarray | None
-    time: np.ndarray | None
-    direction: np.ndarray | None
-    repeat: np.ndarray | None
-    mass: np.ndarray | None
-    volume: np.ndarray | None
+    length: np.ndarray | None = None
+    contraction: np.ndarray | None = None
+    force: np.ndarray | None = None
+    sigma: np.ndarray | None = None
+    rate: np.ndarray | None = None
+    time: np.ndarray | None = None
+    direction: np.ndarray | None = None
+    repeat: np.ndarray | None = None
+    mass: np.ndarray | None = None
+    volume: np.ndarray | None = None
     marked: bool = False
     unread: tuple[str, ...] = ()
 
@@ -114,8 +114,7 @@ def read_table(path: Path, ambient: float) -> Table:
     if slack.all():
         raise OrthosisError(f"{path}: the muscle hangs slack in every row; measure at more pressure")
     kept = ~slack | _force_free_end(slack, columns)
-    names = (name for name in Table._fields if name not in ("marked", "unread"))
-    rows = {name: columns[name][kept] if name in columns else None for name in names}
+    rows = {name: values[kept] for name, values in columns.items()}
     return Table(**rows, marked=marked, unread=unread)
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from scipy import optimize, stats
 
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.identification.data import Volumes
 from pam_orthosis.identification.force import rms_and_max
+from pam_orthosis.identification.samples import Volumes
 from pam_orthosis.model.components.muscle import polynomial
 
 PRESSURE_DEGREE = 2
@@ -24,9 +24,9 @@ class VolumeFit:
     rms: float
     largest: float
 
-    def volume(self, contraction: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+    def volume(self, contraction: np.ndarray, pressure: np.ndarray | float) -> np.ndarray:
         """Return the volume, m^3 (m, gauge Pa)."""
-        return polynomial(self.v, contraction) * polynomial(self.w, pressure)
+        return np.asarray(polynomial(self.v, contraction) * polynomial(self.w, pressure))
 
 
 def fit_volume(data: Volumes, degree: int) -> VolumeFit:
@@ -58,7 +58,8 @@ def _product(data: Volumes, degree: int) -> VolumeFit:
     x, p, volume = data.contraction / length, data.pressure / level, data.volume / size
 
     def error(theta: np.ndarray) -> np.ndarray:
-        return polynomial(theta[: degree + 1], x) * polynomial([1.0, *theta[degree + 1 :]], p) - volume
+        v, w = polynomial(theta[: degree + 1], x), polynomial([1.0, *theta[degree + 1 :]], p)
+        return np.asarray(v * w - volume)
 
     def slopes(theta: np.ndarray) -> np.ndarray:  # exact: differences would blur the rank
         v, w = polynomial(theta[: degree + 1], x), polynomial([1.0, *theta[degree + 1 :]], p)

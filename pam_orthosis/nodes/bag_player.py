@@ -11,6 +11,7 @@ from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
+from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
@@ -76,14 +77,14 @@ class BagPlayer(graph.GraphNode):
         """Close the bag of answers."""
         self._writer.close()
 
-    def _feed_to(self, topic: str, listeners: int):
+    def _feed_to(self, topic: str, listeners: int) -> Publisher:
         kind = transport.message_class(self.topics[topic].type)
         publisher = self.create_publisher(kind, topic, transport.qos())
         there = lambda: publisher.get_subscription_count() >= listeners  # noqa: E731
         self.barrier.await_peer(f"a listener on {topic}", there)
         return publisher
 
-    def _publisher_of(self, topic: str):
+    def _publisher_of(self, topic: str) -> Publisher:
         return self.create_publisher(transport.message_class(self.topics[topic].type), topic, transport.qos())
 
     def _hear(self, topic: str) -> None:
@@ -99,7 +100,7 @@ class BagPlayer(graph.GraphNode):
         def receive(data: bytes) -> None:
             self._answers[topic, serialised_stamp_ns(data)] = bytes(data)
             if self._now:
-                self._go_on()
+                self._go_on(self._now)
 
         return receive
 
@@ -110,45 +111,46 @@ class BagPlayer(graph.GraphNode):
     def _begin(self) -> None:
         """Feed the first instant once all are there, this player too."""
         if self.active and not self._absent and self._now is None:
-            self._feed()
-            self._go_on()
+            self._go_on(self._feed(next(self._instants)))
 
-    def _go_on(self) -> None:
-        """Feed on for as long as nothing is missing."""
-        while not self.ended and not self._missing():
-            for topic in self._now.due:
-                data = self._answers.pop((topic, self._now.stamp_ns))
-                self._writer.write(f"/{topic.lstrip('/')}", self._now.stamp_ns, data)
-            self.step_done(self._now.stamp_ns)
-            self._feed()
+    def _go_on(self, now: Instant) -> None:
+        """Feed on from an instant for as long as nothing is missing."""
+        while not self.ended and not self._missing(now):
+            for topic in now.due:
+                data = self._answers.pop((topic, now.stamp_ns))
+                self._writer.write(f"/{topic.lstrip('/')}", now.stamp_ns, data)
+            self.step_done(now.stamp_ns)
+            now = self._feed(next(self._instants, None) or self._over(now))
 
-    def _missing(self) -> list[str]:
-        return [topic for topic in self._now.due if (topic, self._now.stamp_ns) not in self._answers]
+    def _missing(self, now: Instant) -> list[str]:
+        return [topic for topic in now.due if (topic, now.stamp_ns) not in self._answers]
 
-    def _feed(self) -> None:
+    def _feed(self, now: Instant) -> Instant:
+        """Feed an instant, which is the present one from now on."""
         self._silence.broken = True
-        self._now = next(self._instants, None) or self._over()
+        self._now = now
         if self._count % self._acknowledged == 0:
-            self._recorded.publish(messages.time(self._now.stamp_ns))
+            self._recorded.publish(messages.time(now.stamp_ns))
         self._count += 1
-        for topic, data in self._now.fed:
+        for topic, data in now.fed:
             own = topic == CLOCK
-            self._feeds[topic].publish(Clock(clock=messages.time(self._now.stamp_ns)) if own else data)
+            self._feeds[topic].publish(Clock(clock=messages.time(now.stamp_ns)) if own else data)
+        return now
 
-    def _over(self) -> Instant:
+    def _over(self, last: Instant) -> Instant:
         """Keep answers that were not waited for, references of samples that were skipped; say the end."""
         for (topic, stamp_ns), data in sorted(self._answers.items()):
             if stamp_ns in self._script.messages[topic]:
                 self._writer.write(f"/{topic.lstrip('/')}", stamp_ns, data)
-        self._end.publish(messages.time(self._now.stamp_ns))
+        self._end.publish(messages.time(last.stamp_ns))
         self._end.wait_for_all_acked(Duration(seconds=1.0))
         self.ended = True
-        return Instant(self._now.stamp_ns, [], [])
+        return Instant(last.stamp_ns, [], [])
 
     def _watch(self) -> None:
         limit = self.settings["answer_timeout"]
         if self._now and not self.ended and self._silence.look() > limit:
-            topics = self._missing()
+            topics = self._missing(self._now)
             producers = sorted({self.topics[topic].producers[0] for topic in topics})
             who, what = " and ".join(producers), " and ".join(topics)
             at = f"at {self._now.stamp_ns / SECOND_NS:.3f} s for {limit:g} s"

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
+from std_msgs.msg import String
 
 from pam_orthosis.bag.cdr import Reader, Unreadable, canonical, serialised_stamp_ns
 from pam_orthosis.bag.record import BagWriter, run_metadata
@@ -128,7 +129,7 @@ class BagRecorder(graph.GraphNode):
         for leg in self.legs:
             others = set(self.entry("ready", leg).producers) - {RECORDER}
             there: set[str] = set()
-            self.listen_to("ready", lambda said, there=there: there.add(said.data), leg=leg, latched=True)
+            self.listen_to("ready", partial(_note, there), leg=leg, latched=True)
             self.barrier.await_peer(f"the nodes of {leg}", partial(others.issubset, there))
 
     def _make_legs(self) -> list[RecordedLeg]:
@@ -221,6 +222,7 @@ class BagRecorder(graph.GraphNode):
 
     def _begun(self) -> bool:
         """Whether the other process has begun the bag."""
+        assert isinstance(self._writer, BagWriterProcess)  # there is no other process otherwise
         try:
             return self._writer.ready()
         except OrthosisError as error:
@@ -282,6 +284,10 @@ class BagRecorder(graph.GraphNode):
             driven = not self.settings["with_plant"] and PLANT in topic.producers
             owner = "the hardware driver" if driven else topic.producers[0]
             print(f"{NOTE_PREFIX}the last step lacks {name} of {owner}", file=sys.stderr)
+
+
+def _note(there: set[str], said: String) -> None:
+    there.add(said.data)
 
 
 def let_others_first() -> None:

@@ -1,13 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The start of a run: a node waits until all its peers are there and were started alike."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from rclpy.node import Node
 
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.nodes.agreement import Agreement
+
+if TYPE_CHECKING:
+    from pam_orthosis.nodes.topic_node import TopicNode
 
 PEER_POLL_SECONDS = 0.02
 PEER_SECONDS, PEER_REPORT_SECONDS = 5.0, 30.0  # until it is said who is waited for, and said again
@@ -45,7 +51,7 @@ class Barrier:
 
     def __init__(
         self,
-        node: Node,
+        node: TopicNode,
         begin: Callable[[], None],
         fail: Callable[[OrthosisError], None],
     ):

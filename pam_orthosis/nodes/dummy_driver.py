@@ -27,7 +27,8 @@ class EmulatedHardware:
         """Return the coordinate, rad or m, and the absolute pressure of each actuator, Pa, at an instant."""
         while self.plant.time_ns + self._half_ns <= at_ns:
             self.plant.live_on()
-        return self.plant.measure()
+        sample: Sequence[float] = self.plant.measure()
+        return sample
 
     def write(self, line: int, spool: float, at_ns: int) -> None:
         """Set the spool of an actuator's valve (its number), -1 to 1, at an instant since the start."""

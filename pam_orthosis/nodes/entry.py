@@ -38,11 +38,13 @@ def start(node: str) -> int:
     if {"-h", "--help"}.intersection(sys.argv[1:]):
         print(USAGE.format(node=node, what=(module.__doc__ or "").partition("\n")[0]))
         return 0
-    return module.main(node) if of_a_muscle else module.main()
+    status: int = module.main(node) if of_a_muscle else module.main()
+    return status
 
 
 def _end(_number: int, _frame: FrameType | None) -> NoReturn:
-    os.write(sys.__stderr__.fileno(), INTERRUPTED)
+    if sys.__stderr__:  # none where it was closed
+        os.write(sys.__stderr__.fileno(), INTERRUPTED)
     os._exit(3)
 
 

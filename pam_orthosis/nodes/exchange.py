@@ -38,15 +38,16 @@ class Outlet:
 
     def send(self, data: bytes) -> None:
         """Send a message."""
-        if self._listeners and self._is_alone():
-            self._exchange.post(self._listeners, data)
+        exchange = self._exchange
+        if exchange and self._listeners and self._is_alone(exchange.turn):
+            exchange.post(self._listeners, data)
         else:
             self._publisher.publish(data)
 
-    def _is_alone(self) -> bool:
+    def _is_alone(self, turn: int) -> bool:
         """Return whether nobody else listens; that nobody does holds for a turn of the exchange."""
-        if not self._alone or self._turn != self._exchange.turn:
-            self._turn = self._exchange.turn
+        if not self._alone or self._turn != turn:
+            self._turn = turn
             self._alone = self._count() == len(self._listeners)
         return self._alone
 

@@ -13,6 +13,7 @@ from pam_orthosis.model.components.spool import VENT, spool_position
 from pam_orthosis.nodes import graph, messages, process
 from pam_orthosis.nodes.emergency import EmergencyStop
 from pam_orthosis.nodes.join import Join
+from pam_orthosis.nodes.topic_node import Numbers
 
 
 class InverseValveModelNode(graph.GraphNode):
@@ -91,11 +92,12 @@ class InverseValveModelNode(graph.GraphNode):
         example = messages.joint_state(0, [f"{name}_valve"], position=[0.0])
         return self.publish_numbers(f"{name}/valve_command", example)
 
-    def _step(self, name: str, stamp_ns: int, flow: tuple, pressure: tuple, *watched: tuple) -> None:
-        asked = self._models[name].step(*flow, *pressure, self.periods_since(stamp_ns))
-        for allowed in watched:  # by the safety monitor, if there is one
+    def _step(self, name: str, stamp_ns: int, flow: Numbers, pressure: Numbers, *watched: Numbers) -> None:
+        (mass_flow,), (measured,) = flow, pressure
+        asked = self._models[name].step(mass_flow, measured, self.periods_since(stamp_ns))
+        for (allowed,) in watched:  # by the safety monitor, if there is one
             valve, band = self.parameters.valve, self.parameters.control.limits.band
-            asked = min(asked, ceiling(*pressure, *allowed, valve, band))
+            asked = min(asked, ceiling(measured, allowed, valve, band))
         spool = VENT if self._stop.step() or self._left else spool_position(asked, self.parameters.valve)
         self._publish(name, stamp_ns, spool)
         self._all.add(name, stamp_ns, spool)

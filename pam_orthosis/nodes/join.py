@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Join inputs by stamp: a step is computed when all inputs of its instant are there, once."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 
@@ -12,7 +12,7 @@ class Join:
     which an input never comes are forgotten when more than `horizon` are waiting.
     """
 
-    def __init__(self, inputs: Sequence[str], callback: Callable[..., None], horizon: int = 64):
+    def __init__(self, inputs: Collection[str], callback: Callable[..., None], horizon: int = 64):
         self._inputs, self._count = tuple(inputs), len(inputs)
         self._callback = callback
         self._horizon = horizon
@@ -58,8 +58,8 @@ class HoldingJoin:
 
     def __init__(
         self,
-        inputs: Sequence[str],
-        slow: Sequence[str],
+        inputs: Collection[str],
+        slow: Collection[str],
         callback: Callable[..., None],
         span_ns: int,
         horizon: int = 64,
@@ -71,8 +71,8 @@ class HoldingJoin:
         self._callback, self._span_ns, self._horizon = callback, span_ns, horizon
         self._sampling = Join(self._quick, self._sampled, horizon)
         self._holding = Join(self._slow, self._commanded, horizon)
-        self._samples: dict[int, tuple] = {}
-        self._commands: dict[int, tuple] = {}
+        self._samples: dict[int, tuple[Any, ...]] = {}
+        self._commands: dict[int, tuple[Any, ...]] = {}
         self._begun, self._forgotten = False, 0
 
     @property

@@ -79,12 +79,16 @@ def commands(
 
 
 def _groups_of_legs(
-    work: Path, parameters: Parameters, legs: Mapping, alone: Collection[str], common: Mapping[str, Any]
+    work: Path,
+    parameters: Parameters,
+    legs: Mapping[str, Mapping[str, Any]],
+    alone: Collection[str],
+    common: Mapping[str, Any],
 ) -> Iterator[_Group]:
     for number, (leg, differences) in enumerate(legs.items()):
         own = parameters_of(differences, parameters)
         own_clock = ["-r", f"/clock:=/{leg}/clock"] if number else []
-        settings = common | _of_machine(work, own.declared) | {"leg": leg, "legs": ""}
+        settings = {**common, **_of_machine(work, own.declared), "leg": leg, "legs": ""}
         yield _Group(work, own, _specs(own, alone), leg, settings, own_clock)
 
 
@@ -116,7 +120,8 @@ def replay_commands(
     common = {**_of_machine(work, parameters.declared), "realtime": False}
     common |= {"with_plant": True, "replay": True, "leg": leg}
     spec = NodeSpec(PLAYER, PLAYER, EVERYTHING)
-    group = _Group(work, parameters, [spec], "", common | player | {"nodes": ",".join(nodes)}).commands(False)
+    settings = {**common, **player, "nodes": ",".join(nodes)}
+    group = _Group(work, parameters, [spec], "", settings).commands(False)
     for node in nodes:
         spec, remaps = layout(topics)[node], _aside(topics, node)
         group |= _Group(work, parameters, [spec], "", common, remaps).commands(False)
@@ -192,7 +197,7 @@ class _Group:
         return f"{self.leg}/{name}" if self.leg else name
 
     def _written(self, spec: NodeSpec) -> Path:
-        known = self.settings if spec.name in (RECORDER, PLAYER, VIEWER) else MODE_SETTINGS
+        known: Iterable[str] = self.settings if spec.name in (RECORDER, PLAYER, VIEWER) else MODE_SETTINGS
         if spec.name == PLANT and self.settings.get("legs"):
             known = (*MODE_SETTINGS, "legs")
         changed = self.parameters.only(*spec.branches).changes()

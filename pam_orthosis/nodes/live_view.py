@@ -14,9 +14,11 @@ from functools import partial
 from queue import SimpleQueue
 from typing import Any, NamedTuple
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from pam_orthosis.bag.cdr import Reader, Unreadable
@@ -66,8 +68,8 @@ class LiveView(Node):
         page = live_page(self._views[self._legs[0]], self._legs)
         self.server = LiveServer(page, {act: partial(self._press, name) for act, name in SERVICES.items()})
         for leg in self._legs:
-            self._latched("ready", leg, lambda message, leg=leg: self._ready[leg].add(message.data))
-            self._latched(EMERGENCY_STOP, leg, self._stops[leg].hear)
+            self._latched("ready", leg, partial(self._on_ready, leg))
+            self._latched(EMERGENCY_STOP, leg, partial(self._on_stop, leg))
         self._heard: dict[str, list[Any]] = {}
         self.create_timer(0.05, self._turn, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -87,6 +89,12 @@ class LiveView(Node):
     def _latched(self, topic: str, leg: str, callback: Callable[[Any], None]) -> None:
         kind = message_class(self._table.by_name[topic].type)
         self.create_subscription(kind, self._name(topic, leg), callback, qos(latched=True))
+
+    def _on_ready(self, leg: str, role: String) -> None:
+        self._ready[leg].add(role.data)
+
+    def _on_stop(self, leg: str, report: DiagnosticArray) -> None:
+        self._stops[leg].hear(report)
 
     def _turn(self) -> None:
         """Do what is due some 20 times a second."""
@@ -198,7 +206,7 @@ class LiveView(Node):
 def _words(calls: list[Any]) -> str:
     """Return what either end did, or else why not."""
     answers = [call.result() for call in calls if call.done()]
-    done = [one.message for one in answers if one.success]
+    done: list[str] = [one.message for one in answers if one.success]
     return (done or [one.message for one in answers] or ["nobody answers: does the graph run?"])[0]
 
 

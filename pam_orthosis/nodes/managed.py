@@ -94,7 +94,7 @@ class ManagedNode(LifecycleNode):
 
     def destroy_node(self) -> None:
         """Leave the graph, which in rclpy of Jazzy a state machine would stay in."""
-        super().destroy_node()
+        super().destroy_node()  # type: ignore[no-untyped-call]  # rclpy gives it no types
         self._state_machine.destroy_when_not_in_use()
 
     def _refused(self, act: Callable[[], None]) -> bool:

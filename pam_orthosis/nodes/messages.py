@@ -28,7 +28,7 @@ def time(stamp_ns: int) -> Time:
 
 def nanoseconds(stamp: Time) -> int:
     """Return a ROS time in nanoseconds."""
-    return stamp.sec * SECOND_NS + stamp.nanosec
+    return int(stamp.sec * SECOND_NS + stamp.nanosec)
 
 
 def header(stamp_ns: int, frame: str = "") -> Header:

@@ -7,16 +7,21 @@ acted upon. A node that was killed stays known until its lease ends: one of its 
 silent takes its place. Where several speak, names alone tell who belongs there.
 """
 
+from __future__ import annotations
+
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.node import Node, NodeNameNonExistentError
+from rclpy.node import NodeNameNonExistentError
 from rclpy.subscription import Subscription
 
 from pam_orthosis.errors import OrthosisError, RunFailed
+
+if TYPE_CHECKING:
+    from pam_orthosis.nodes.topic_node import TopicNode
 
 NAME_SECONDS = 1.0  # at most, until the graph knows which node a stranger's publisher belongs to
 PATIENCE_SECONDS = 5.0  # the same for one who may have come again: a starved machine answers late
@@ -32,7 +37,7 @@ class Ownership:
     `refuse` takes what makes the error that names the stranger.
     """
 
-    def __init__(self, node: Node, refuse: Refuse):
+    def __init__(self, node: TopicNode, refuse: Refuse):
         self._node, self._refuse = node, refuse
         self._topics: list[str] = []
         self._services: list[str] = []

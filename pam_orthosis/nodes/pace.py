@@ -115,7 +115,7 @@ class Lockstep:
 
         Who answers may be new too; the recorder knows how far the run is, and no plant is farther ahead.
         """
-        stamp_ns, *_ = self._early or (0,)
+        stamp_ns: int = self._early[0] if self._early else 0
         known = self._recorded_ns < 0 or stamp_ns >= self._recorded_ns or not self._plant.is_lockstep()
         return stamp_ns if known else self._recorded_ns + self._longest_lead_ns
 
@@ -217,7 +217,8 @@ class RealTime:
 
     def _receiver(self, line: int, topic: str) -> Callable[[int, Numbers], None]:
         def receive(stamp_ns: int, spool: Numbers) -> None:
-            self._plant.take(line, *spool, self._plant.now_ns() - self._first_ns)
+            (position,) = spool
+            self._plant.take(line, position, self._plant.now_ns() - self._first_ns)
             if not any(self._answered_ns.values()):  # nobody was silent before there was anybody
                 self._unanswered = dict.fromkeys(self._answered_ns, 0)
             self._unanswered[topic] = 0

@@ -97,10 +97,12 @@ class PlantSimulator(PacedNode):
             return False
         vents = [VENT] * len(self._valves)
         periods = max(1, VENT_SAMPLE_NS // self.period_ns)
-        for _ in range(0 if self._newest_ns is None else VENT_SAMPLES):
-            for _ in range(periods):
-                self.advance(*vents)
-            self.publish_sample(self._newest_ns + periods * self.period_ns)
+        if (stamp_ns := self._newest_ns) is not None:
+            for _ in range(VENT_SAMPLES):
+                for _ in range(periods):
+                    self.advance(*vents)
+                stamp_ns += periods * self.period_ns
+                self.publish_sample(stamp_ns)
         self.wait_until_delivered(0.3)  # less than the supervisor grants for the end
         return False
 
@@ -182,7 +184,8 @@ def order_of_truth(count: int) -> Callable[[Sequence[float]], tuple[Numbers, lis
     """
     kinds = [range(first, first + count) for first in range(3, 3 + 5 * count, count)]
     contractions, rates, forces, pressures, flows = kinds
-    moving = itemgetter(0, *contractions, 1, *rates, 2, *forces)
+    places = (0, *contractions, 1, *rates, 2, *forces)
+    moving = itemgetter(*places)
     gas = [itemgetter(*each) for each in zip(pressures, flows, strict=True)]
     return lambda truth: (moving(truth), [of_one(truth) for of_one in gas])
 

@@ -12,6 +12,7 @@ from pam_orthosis.control.reference import Motion, Reference, as_number, from_nu
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages, process
 from pam_orthosis.nodes.emergency import hear_reset
+from pam_orthosis.nodes.topic_node import Numbers
 
 
 class PositionControllerNode(graph.GraphNode):
@@ -68,12 +69,12 @@ class PositionControllerNode(graph.GraphNode):
         """Take new gains, another mode of cooperation or another load from the next step on."""
         self._controller.retune(parameters)
 
-    def _step(self, stamp_ns: int, sample: tuple, *others: tuple) -> None:
-        count = len(self._pressures)
+    def _step(self, stamp_ns: int, sample: Numbers, *others: Numbers) -> None:
+        count, (position,) = len(self._pressures), sample
         periods = self.periods_since(stamp_ns)
         wanted = _reference(dict(zip(self._asked, others[count:], strict=True)))
-        pressures = tuple(one for (one,) in others[:count])
-        command = self._controller.step(*sample, pressures, wanted, periods)
+        (first,), (second,) = others[:count]
+        command = self._controller.step(position, (first, second), wanted, periods)
         self._estimate(stamp_ns, command.position, command.velocity)
         for send, pressure in zip(self._pressures, command.pressures, strict=True):
             send(stamp_ns, as_number(pressure), 0.0)  # of unknown variance
@@ -85,10 +86,13 @@ class PositionControllerNode(graph.GraphNode):
         self.step_done(stamp_ns)
 
 
-def _reference(asked: Mapping[str, tuple]) -> Reference:
+def _reference(asked: Mapping[str, Numbers]) -> Reference:
+    position, velocity, acceleration = asked[REFERENCE]
     mean, planned, beside = (asked.get(topic) for topic in (MEAN_PRESSURE, PLANNED, BESIDE))
     return Reference(
-        *asked[REFERENCE],
+        position,
+        velocity,
+        acceleration,
         from_number(*mean) if mean else None,
         Motion(*planned) if planned else None,
         Motion(*beside) if beside else None,

@@ -12,6 +12,7 @@ from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages, process
 from pam_orthosis.nodes.emergency import hear_reset
 from pam_orthosis.nodes.parameters import Setting
+from pam_orthosis.nodes.topic_node import Numbers
 
 NAME = "pressure_controller"
 
@@ -52,9 +53,11 @@ class PressureControllerNode(graph.GraphNode):
         """Take a new gain or bandwidth from the next step on."""
         self._controller.retune(parameters)
 
-    def _step(self, stamp_ns: int, pressure: tuple, wanted: tuple, estimate: tuple, age: float = 0.0) -> None:
-        periods = self.periods_since(stamp_ns)
-        flow = self._controller.step(*pressure, from_number(*wanted), *estimate, periods, age)
+    def _step(
+        self, stamp_ns: int, pressure: Numbers, wanted: Numbers, estimate: Numbers, age: float = 0.0
+    ) -> None:
+        periods, (measured,), (position, velocity) = self.periods_since(stamp_ns), pressure, estimate
+        flow = self._controller.step(measured, from_number(*wanted), position, velocity, periods, age)
         self._flow(stamp_ns, flow, 0.0, 0.0)
         self.step_done(stamp_ns)
 

@@ -9,9 +9,9 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import rclpy
+from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -174,7 +174,7 @@ def _ended(nodes: Sequence[GraphNode]) -> bool:
     return all(node.ended for node in nodes)
 
 
-def _close(nodes: Sequence[GraphNode], executor: EventsExecutor, heartbeat: Heartbeat, patient: bool) -> None:
+def _close(nodes: Sequence[GraphNode], executor: Executor, heartbeat: Heartbeat, patient: bool) -> None:
     """Close nodes; those of a run that is cut short say and hear last words before."""
     heartbeat.ends_within(10.0 if heartbeat.orphaned else None)
     if not _ended(nodes):
@@ -186,9 +186,7 @@ def _close(nodes: Sequence[GraphNode], executor: EventsExecutor, heartbeat: Hear
             node.close()
 
 
-def _abandon(
-    nodes: Sequence[GraphNode], executor: EventsExecutor, seconds: float, patient: bool = True
-) -> None:
+def _abandon(nodes: Sequence[GraphNode], executor: Executor, seconds: float, patient: bool = True) -> None:
     """Let nodes say and hear last words; one that is not `patient` does not wait until the others are silent.
 
     Who has failed leaves first: the others go on until the supervisor sees that.
@@ -229,7 +227,7 @@ def run(make_nodes: Callable[[], Sequence[GraphNode]]) -> int:
 
 def spin_while(node: Node, goes_on: Callable[[], bool]) -> None:
     """Spin a node that no run waits for."""
-    executor: Any = EventsExecutor()
+    executor = EventsExecutor()
     executor.add_node(node)
     while goes_on():
         executor.spin_once(timeout_sec=0.2)  # the executor dispatches nothing without a time-out

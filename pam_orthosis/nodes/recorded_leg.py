@@ -71,12 +71,13 @@ class RecordedLeg:
 
     def over(self) -> bool:
         """Whether all is recorded, or in real time all that will ever come; RunFailed if no samples come."""
-        if self.end_ns is None:
+        end_ns = self.end_ns
+        if end_ns is None:
             # the plant waits for all others, and its process is watched; a driver waits for nobody
             if self._node.active and not self._node.settings["with_plant"] and self.silence() > self._limit:
                 self._report_silence()
             return False
-        return self._complete() or (self._node.realtime and self._nothing_more())
+        return self._complete(end_ns) or (self._node.realtime and self._nothing_more(end_ns))
 
     def report_end(self) -> None:
         """Tell the leg's nodes that the run is over, and wait until they know."""
@@ -86,23 +87,25 @@ class RecordedLeg:
                 return
             self._node.pulse()
 
-    def _complete(self) -> bool:
-        return self.steps.done_ns >= self.end_ns - self._node.period_ns
+    def _complete(self, end_ns: int) -> bool:
+        return self.steps.done_ns >= end_ns - self._node.period_ns
 
-    def _nothing_more(self) -> bool:
+    def _nothing_more(self, end_ns: int) -> bool:
         """Whether something much later has come already.
 
         The clock is no proof: on a busy machine much may have arrived that nobody has looked at yet.
         """
+        assert self._newest_ns is not None  # the first sample has set the end
         silent = self.silence() > self._limit
-        if silent and self._newest_ns < self.end_ns - self._node.period_ns:
+        if silent and self._newest_ns < end_ns - self._node.period_ns:
             self._report_silence()
             return False
-        return self._newest_ns >= self.end_ns + GRACE_NS or silent
+        return self._newest_ns >= end_ns + GRACE_NS or silent
 
     @property
     def _limit(self) -> float:
-        return self._node.settings["sample_timeout"]
+        limit: float = self._node.settings["sample_timeout"]
+        return limit
 
     def silence(self) -> float:
         """Return the wall time without a sample, s."""

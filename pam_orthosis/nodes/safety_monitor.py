@@ -65,13 +65,15 @@ class SafetyMonitorNode(graph.GraphNode):
         self._monitor.retune(parameters)
 
     def _step(self, stamp_ns: int, sample: Numbers, *pressures: Numbers) -> None:
-        self._monitor.step(stamp_ns, *sample, [pressure for (pressure,) in pressures])
+        (position,) = sample
+        self._monitor.step(stamp_ns, position, [pressure for (pressure,) in pressures])
         self._vent_if_due()
         self._allowed(stamp_ns, self._monitor.allowed, 0.0)
         self.step_done(stamp_ns)
 
     def _heard(self, line: int, _stamp_ns: int, spool: Numbers) -> None:
-        self._monitor.heard(line, voltage_of(*spool, self.parameters.valve))
+        (position,) = spool
+        self._monitor.heard(line, voltage_of(position, self.parameters.valve))
         self._vent_if_due()
 
     def _look(self) -> None:

@@ -52,7 +52,8 @@ class LedLeg(Leg):
 
     def __init__(self, parameters: Parameters, call: Callable[[str, Mapping[str, Any] | None], Any]):
         super().__init__(parameters)
-        self._call, self._trips, self._accepted_ns = call, [], -1
+        self._call, self._accepted_ns = call, -1
+        self._trips: list[Trip] = []
         self._resuming: Any = None
         self._asked: list[tuple[str, Mapping[str, Any] | None, Any]] = []  # and not known to be done
 
@@ -178,7 +179,8 @@ class SessionConductor(Node):
 
     def _call(self, leg: str, service: str, values: Mapping[str, Any] | None) -> Any:
         client = self._called[f"/{leg}/{service}{'' if values is None else f'/{SETS}'}"]
-        request = client.srv_type.Request()
+        kind: Any = client.srv_type  # whose parts rclpy does not declare
+        request = kind.Request()
         if values is not None:
             request.parameters = [Parameter(key, value=one).to_parameter_msg() for key, one in values.items()]
         return client.call_async(request)

@@ -96,9 +96,9 @@ class TopicNode(ManagedNode):
         self.beside = {topic for leg in self.legs for topic in asked_beside(self.parameters_of(leg))}
         self._tables = {leg: self.topics_of(leg) for leg in self.legs}
         self.topics = {name: one for table in self._tables.values() for name, one in table.items()}
-        self.every = self.parameters.control.position.every
-        self.control_ns = round(self.parameters.scenario.control_period * 1e9)
-        self.period_ns = self.control_ns * (self.every if self.role in SLOW else 1)  # of its own steps
+        self.every: int = self.parameters.control.position.every
+        self.control_ns: int = round(self.parameters.scenario.control_period * 1e9)
+        self.period_ns: int = self.control_ns * (self.every if self.role in SLOW else 1)  # of its own steps
         self.ownership = Ownership(self, self.refuse)
         self.barrier = Barrier(self, self.come_up, self.fail)
 
@@ -124,7 +124,8 @@ class TopicNode(ManagedNode):
         """Return the topics of one of the node's legs by name: each may be of another machine."""
         parameters = self.parameters_of(leg)
         table = self.table if parameters.declared == self.machine else Topics(parameters.declared)
-        return table.of_run(*(self.settings[key] for key in ALIKE), asked_beside(parameters))
+        realtime, with_plant, replay = (self.settings[key] for key in ALIKE)
+        return table.of_run(realtime, with_plant, replay, asked_beside(parameters))
 
     @property
     def leg(self) -> str:
@@ -221,7 +222,9 @@ class TopicNode(ManagedNode):
 
         self.listen_to(topic, receive, raw=True, **options)
 
-    def listen_to(self, topic: str, callback: Callable, leg: str = "", **options: Any) -> Subscription:
+    def listen_to(
+        self, topic: str, callback: Callable[[Any], None], leg: str = "", **options: Any
+    ) -> Subscription:
         """Subscribe to a topic of the table, and wait for its publishers before the start.
 
         Options are `depth`, `latched` (quality of service), `raw` (serialised messages) and `near`, which

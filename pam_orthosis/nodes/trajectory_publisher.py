@@ -9,6 +9,7 @@ from pam_orthosis.control.trajectory import Trajectory, make_trajectory
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Parameters
 from pam_orthosis.nodes import graph, messages, process
+from pam_orthosis.nodes.topic_node import Numbers
 
 
 class TrajectoryPublisher(graph.GraphNode):
@@ -75,7 +76,7 @@ class TrajectoryPublisher(graph.GraphNode):
         """Return the instant, since the start, of the reference that is published next."""
         return (self._next_ns or 0) - self._first_ns
 
-    def _tick(self, now_ns: int, _numbers: tuple = ()) -> None:
+    def _tick(self, now_ns: int, _numbers: Numbers = ()) -> None:
         if self._next_ns is None:
             self._next_ns = now_ns  # not the first if it was started again
             self._first_ns = 0 if self.is_lockstep() else now_ns

@@ -24,4 +24,5 @@ def qos(depth: int = QUEUE_DEPTH, latched: bool = False, reliable: bool = True) 
 def message_class(type_name: str) -> type:
     """Return the class of `package/msg/Type`."""
     package, _, name = type_name.split("/")
-    return getattr(import_module(f"{package}.msg"), name)
+    found: type = getattr(import_module(f"{package}.msg"), name)
+    return found

@@ -33,7 +33,7 @@ def write_animation(bag_path: Path, namespace: str, stream: BinaryIO) -> None:
     if unknown := [name for name, pressure in scene.pressures.items() if pressure is None]:
         raise OrthosisError(f"{bag_path}: no pressure of {', '.join(unknown)}")
     figure = Figure(figsize=(8.4, 3.4), dpi=100, layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=(1.8, 1))
+    left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=(1.8, 1))[0]
     machine_axes = left.subplots()
     machine = Moving(machine_axes, scene)
     cursors = _draw_curves(right, run, instants)
@@ -64,8 +64,10 @@ class Moving:
         self._wheel = axes.add_patch(Circle((0, 0), 0, facecolor="0.85", edgecolor="0.4", zorder=1))
         (self._body,) = axes.plot([], [], "-o", color=GREY, linewidth=5, markersize=7, zorder=2)
         self._chains = {name: axes.plot([], [], color="0.4", linewidth=1.5, zorder=3)[0] for name in names}
-        self._bars = {name: axes.add_patch(Polygon(np.zeros((4, 2)), zorder=4)) for name in names}
+        self._bars = {name: Polygon(np.zeros((4, 2)), zorder=4) for name in names}
         self._names = {name: axes.text(0, 0, name, ha="center", va="center", zorder=5) for name in names}
+        for bar in self._bars.values():
+            axes.add_patch(bar)
         for low, high, set_limits in zip(*sketch.extent, (axes.set_xlim, axes.set_ylim), strict=True):
             set_limits(low - 0.05, high + 0.05)
         if shape.rail:
@@ -81,10 +83,11 @@ class Moving:
         body = self._scene.sketch.body[i]
         self._body.set_data(*body.T)
         for name, one in self._scene.sketch.actuators.items():
-            upper, lower, bar = one.upper[i], one.lower[i], self._scene.pressures[name][i]
+            upper, lower, pressures = one.upper[i], one.lower[i], self._scene.pressures[name]
+            assert pressures is not None  # the animation is of bags that hold them
             self._chains[name].set_data(*np.array([lower, one.chain[i]]).T)
             self._bars[name].set_xy(_outline(upper, lower, one.diameter[i]))
-            self._bars[name].set_facecolor(COLOURS(SCALE(bar)))
+            self._bars[name].set_facecolor(COLOURS(SCALE(pressures[i])))
             along, middle = lower - upper, (lower + upper) / 2
             outward = middle - body[:2].mean(axis=0)
             outward -= along * (outward @ along) / (along @ along)

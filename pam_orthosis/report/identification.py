@@ -122,6 +122,8 @@ def _residual_plot(found: Identified, s: Samples) -> Plot:
 
 def _volume_plot(found: Identified) -> Plot:
     points, fit, data = found.data.volumes, found.volume, []
+    assert points is not None  # it is drawn where it was identified
+    assert fit is not None
     levels = np.unique(np.round(points.pressure, -5))
     for colour, level in zip(cycle(OF_ACTUATORS), levels, strict=False):
         near = np.abs(points.pressure - level) < 0.5e5

@@ -55,9 +55,9 @@ def errors(tracking: Tracking) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def page(rounds: Sequence[Round], words: str) -> str:
     """Return the page; `words` are what the verb prints."""
-    judged = [one for one in rounds if one.tracking is not None]
-    kept = [one for one in judged if one.kept]
-    first, last = kept[0].tracking, kept[-1].tracking
+    judged = _judged(rounds)
+    kept = [tracking for one, tracking in judged if one.kept]
+    first, last = kept[0], kept[-1]
     better, unit = len(kept) > 1, first.verdicts[0].unit
     headline = (
         f"The worst run's largest error falls from {first.largest:.2f} to {last.largest:.2f} {unit},"
@@ -69,9 +69,9 @@ def page(rounds: Sequence[Round], words: str) -> str:
         "The gains stay as they are: only the controllers' model changes, by effects found in recordings."
     ]
     rows = [
-        (label(one), "yes" if one.kept else "no", f"{one.tracking.largest:.3f}", f"{one.tracking.rms:.3f}",
-         f"{one.tracking.variation:.0f}", one.reason)
-        for one in judged
+        (label(one), "yes" if one.kept else "no", f"{tracking.largest:.3f}", f"{tracking.rms:.3f}",
+         f"{tracking.variation:.0f}", one.reason)
+        for one, tracking in judged
     ]  # fmt: skip
     head = ("model of the controllers", "kept", f"maximum / {unit}", f"RMS / {unit}", "valves / V/s", "why")
     by_round, *curves = plots(rounds)
@@ -86,15 +86,19 @@ def page(rounds: Sequence[Round], words: str) -> str:
 
 def plots(rounds: Sequence[Round]) -> list[Plot]:
     """Return the errors of the rounds, then reference and error over time, before and after."""
-    judged = [one for one in rounds if one.tracking is not None]
-    kept = [one for one in judged if one.kept]
-    unit = kept[0].tracking.verdicts[0].unit
+    judged = _judged(rounds)
+    kept = [tracking for one, tracking in judged if one.kept]
+    unit = kept[0].verdicts[0].unit
     return [_rounds(judged, unit), *_curves(kept[0], kept[-1], unit)]
 
 
-def _rounds(judged: Sequence[Round], unit: str) -> Plot:
-    names = [f"round {one.number}" for one in judged]
-    largest, rms = ([getattr(one.tracking, kind) for one in judged] for kind in ("largest", "rms"))
+def _judged(rounds: Sequence[Round]) -> list[tuple[Round, Tracking]]:
+    return [(one, one.tracking) for one in rounds if one.tracking is not None]
+
+
+def _rounds(judged: Sequence[tuple[Round, Tracking]], unit: str) -> Plot:
+    names = [f"round {one.number}" for one, _ in judged]
+    largest, rms = ([getattr(tracking, kind) for _, tracking in judged] for kind in ("largest", "rms"))
     alt = ", ".join(
         f"{name}: maximum {one:.2f}, RMS {other:.2f}"
         for name, one, other in zip(names, largest, rms, strict=True)
@@ -103,9 +107,9 @@ def _rounds(judged: Sequence[Round], unit: str) -> Plot:
     return Plot("Error of the worst run", alt, "", f"error / {unit}", data)
 
 
-def _curves(first: Round, last: Round, unit: str) -> list[Plot]:
+def _curves(first: Tracking, last: Tracking, unit: str) -> list[Plot]:
     drawn = {"before": (first, BEFORE, "dash"), "after": (last, AFTER, "solid")}
-    found = {name: (errors(one.tracking), colour, dash) for name, (one, colour, dash) in drawn.items()}
+    found = {name: (errors(one), colour, dash) for name, (one, colour, dash) in drawn.items()}
     (time, reference, _), _, _ = found["before"]
     data = [line(t, error, name, colour, dash) for name, ((t, _, error), colour, dash) in found.items()]
     largest = [f"{abs(error).max():.2f} {unit} {name}" for name, ((_, _, error), _, _) in found.items()]

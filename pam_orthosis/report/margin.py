@@ -55,7 +55,9 @@ def notes(found: Mapping[str, Any]) -> list[str]:
     return notes + [f"Not in this hardware: {name}." for name in found["not_there"]]
 
 
-def _runs(rows: Sequence[Mapping[str, Any]], unit: str) -> tuple[tuple[Sequence, Sequence], list[float]]:
+def _runs(
+    rows: Sequence[Mapping[str, Any]], unit: str
+) -> tuple[tuple[Sequence[float], Sequence[float]], list[float]]:
     """Return rising values and their maximum errors, and the values at which the machine is lost."""
     runs = {run["value"]: run[f"max_abs_error_{unit}"] for row in rows for run in row["runs"]}
     values, sizes = zip(*sorted(one for one in runs.items() if one[1] is not None), strict=True)

@@ -91,7 +91,7 @@ def listed(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Markup:
 
 def asset(name: str) -> Markup:
     """Return the text of a style sheet or script that comes with the package."""
-    return Markup(files(PACKAGE).joinpath("assets", name).read_text(encoding="utf-8"))
+    return Markup((files(PACKAGE) / "assets" / name).read_text(encoding="utf-8"))
 
 
 @cache

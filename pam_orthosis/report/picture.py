@@ -43,17 +43,17 @@ def draw_plot(axes: Axes, plot: Plot) -> None:
         axes.set_xticks(places, trace["x"])
     for trace in plot.data:
         if trace["type"] == "scatter":
-            places = _numbers(trace["x"]), _numbers(trace["y"])
-            axes.plot(*places, label=_label(trace), **_look(trace))
-            for x, y, word in zip(*places, trace.get("text", ()), strict=False):
+            points = _numbers(trace["x"]), _numbers(trace["y"])
+            axes.plot(*points, label=_label(trace), **_look(trace))
+            for x, y, word in zip(*points, trace.get("text", ()), strict=False):
                 axes.annotate(word, (x, y), xytext=(4, 4), textcoords="offset points", fontsize=7)
     for level in plot.levels:
         axes.axhline(level, color=COLOURS["faint"], ls="--", lw=0.8)
     axes.set_title(plot.title, fontsize="small", wrap=True)
     axes.set(xlabel=plot.x, ylabel=plot.y, yscale="log" if plot.log else "linear")
     if len(axes.get_legend_handles_labels()[0]) > 1:
-        place = {"loc": "upper left", "bbox_to_anchor": (1, 1)}  # beside the axes, where it covers no curve
-        axes.legend(**place, frameon=False, fontsize="small")
+        beside = (1, 1)  # the axes, where it covers no curve
+        axes.legend(loc="upper left", bbox_to_anchor=beside, frameon=False, fontsize="small")
 
 
 def _look(trace: Trace) -> dict[str, Any]:

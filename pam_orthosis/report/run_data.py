@@ -65,7 +65,8 @@ class RunData(NamedTuple):
     def last_cycle(self) -> float:
         """Length of the last cycle, s: of all that there is, where it is shorter."""
         end = float(self.time[-1])
-        return min(self.bag.parameters.get("scenario.cycle_time", end), end)
+        cycle: float = self.bag.parameters.get("scenario.cycle_time", end)
+        return min(cycle, end)
 
 
 class View(NamedTuple):
@@ -132,7 +133,7 @@ def view(run: RunData, picked: np.ndarray) -> View:
             return None
         stamps, value = run.bag[name]
         newest = np.searchsorted(stamps, series.stamp_ns[picked], side="right") - 1
-        return value[np.maximum(newest, 0)] / BAR
+        return np.asarray(value[np.maximum(newest, 0)] / BAR)
 
     pressures = {name: held(f"{name}_pressure") for name in run.machine.names}
     return View(run.time[picked], shape, shape.sketch(series.value[picked]), pressures)
@@ -140,7 +141,7 @@ def view(run: RunData, picked: np.ndarray) -> View:
 
 def rounded(values: npt.ArrayLike) -> Any:
     """Return places in m, angles in degrees and pressures in bar for a script that draws them."""
-    return np.round(values, 4).tolist()
+    return np.round(np.asarray(values), 4).tolist()
 
 
 def thinned(time: np.ndarray, value: np.ndarray, most: int = MOST_POINTS) -> tuple[np.ndarray, np.ndarray]:

@@ -309,7 +309,7 @@ def _wander(rng: Generator, size: float) -> np.ndarray:
     waves = [
         np.sin(k * time + rng.uniform(0, 2 * np.pi)) for k in rng.integers(12, 180, WAVES)
     ]  # 0.1 to 1.5 Hz
-    return size * np.sqrt(2 / WAVES) * np.sum(np.array(waves), axis=0)
+    return np.asarray(size * np.sqrt(2 / WAVES) * np.sum(np.array(waves), axis=0))
 
 
 def _begun_anew(torque: np.ndarray, seed: int) -> np.ndarray:

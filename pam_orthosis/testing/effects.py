@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
@@ -14,7 +14,7 @@ PUSHES, WANDER = "torque", "wander"  # torques over time, others in each recordi
 SIZES = ("small", "medium", "large")
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class HiddenEffect:
     """One effect of the hidden plant.
 
@@ -38,7 +38,7 @@ class HiddenEffect:
     signed: bool = False
     around_one: bool = False
     same_form: bool = False
-    others: Mapping[str, float] = field(default_factory=dict)
+    others: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
 def _both(
@@ -159,8 +159,9 @@ def of_machine(table: Mapping[str, HiddenEffect], machine: Machine, scale: Scale
         name = ON_A_LINE.get(effect.name, effect.name) if machine.coordinate.unit == "m" else effect.name
         for known, own in ends.items():
             name = f"{own}_{name.removeprefix(known)}" if name.startswith(known) else name
-        sizes = tuple(scale.of(effect.field) * size for size in effect.sizes)
+        small, medium, large = (scale.of(effect.field) * size for size in effect.sizes)
         others = effect.others if name == effect.name else {}
         if name in machine.catalogue or table is OUTSIDE:
-            found[name] = replace(effect, name=name, sizes=sizes, others=others)
+            sizes = (small, medium, large)
+            found[name] = dataclasses.replace(effect, name=name, sizes=sizes, others=others)
     return found

@@ -93,7 +93,8 @@ def _foot(q: Array, leg: Section, off: Deviations) -> Array:
         mass = person.foot_mass_fraction * person.mass * (1 + off["person_mass"])
         bodies.append((mass, p.foot.length_fraction * person.height, p.foot))
     knee = p.knee_angle
-    below = hip_angle(np.array([knee]), *lengths, k, leg.bearing_height)[0] - k * knee  # the shank
+    thigh, shank = lengths
+    below = hip_angle(np.array([knee]), thigh, shank, k, leg.bearing_height)[0] - k * knee  # the shank
     table = np.zeros((6, len(q)))
     for mass, size, part in bodies:
         table[0] += mass * size**2 * (part.forward**2 + part.below**2 + part.gyration**2)

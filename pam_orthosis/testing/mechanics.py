@@ -1,34 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
 """The hidden plant's load and how its actuators move it, compiled by numba: part of `physics`."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from numba import njit
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from pam_orthosis.testing.quantities import Apparatus, Hidden, Maps
 
 # inlining matters: the sets of parameters are passed by value
 compiled = njit(cache=True, error_model="numpy", forceinline=True)
 
 
 @compiled
-def clip(x, low, high):
+def clip(x: float, low: float, high: float) -> float:
     """Return x within limits."""
     return min(max(x, low), high)
 
 
 @compiled
-def dragged(follower, leader, play):
+def dragged(follower: float, leader: float, play: float) -> float:
     """Return where a leader takes what follows it with a play (half width)."""
     return clip(follower, leader - play, leader + play)
 
 
 @compiled
-def between(table, row, q, a):
+def between(table: np.ndarray, row: int, q: float, a: Apparatus) -> float:
     """Return the value of a row of a table over the coordinate, by linear interpolation."""
     place = clip((q - a.table_start) / a.table_step, 0.0, table.shape[1] - 1.001)
     k = int(place)
-    return table[row, k] + (place - k) * (table[row, k + 1] - table[row, k])
+    value: float = table[row, k] + (place - k) * (table[row, k + 1] - table[row, k])
+    return value
 
 
 @compiled
-def load_terms(q, a, h, load):
+def load_terms(q: float, a: Apparatus, h: Hidden, load: np.ndarray) -> tuple[float, float, float]:
     """Return inertia, its slope and what pulls back (gravity, springs) at a coordinate."""
     m, s, g = between(load, 0, q, a), between(load, 1, q, a), between(load, 2, q, a)
     if h.foot_mass != 0.0:
@@ -39,7 +49,7 @@ def load_terms(q, a, h, load):
 
 
 @compiled
-def strokes(q, w, a, maps):
+def strokes(q: float, w: float, a: Apparatus, maps: Maps) -> tuple[float, float, float, float]:
     """Return the contractions of both actuators and their rates at a coordinate that moves at w."""
     if maps.strokes.shape[1] == 0:
         wound = a.radius * (q - a.symmetric_angle)
@@ -50,7 +60,7 @@ def strokes(q, w, a, maps):
 
 
 @compiled
-def pulled(first, second, q, a, maps):
+def pulled(first: float, second: float, q: float, a: Apparatus, maps: Maps) -> float:
     """Return the torque or force of both tensions, N, by virtual work."""
     if maps.strokes.shape[1] == 0:
         return a.radius * (second - first)
@@ -58,7 +68,7 @@ def pulled(first, second, q, a, maps):
 
 
 @compiled
-def stops(q, w, a):
+def stops(q: float, w: float, a: Apparatus) -> float:
     """Return the torque or force of the soft ends of the range."""
     if q < a.stop_low:
         return max((a.stop_low - q) * (a.stop_stiffness - a.stop_damping * w), 0.0)
@@ -68,7 +78,7 @@ def stops(q, w, a):
 
 
 @compiled
-def sprocket(q, w, wheel, h):
+def sprocket(q: float, w: float, wheel: float, h: Hidden) -> tuple[float, float]:
     """Return angle and rate of the sprocket behind the play."""
     if h.play == 0.0:
         return q, w

@@ -8,6 +8,10 @@ differ, a hose with a turbulent share. Integration: Heun, one step `STEP`; opera
 updated exactly between steps. SI units; pressures absolute unless named gauge.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from pam_orthosis.testing.mechanics import (
@@ -20,6 +24,9 @@ from pam_orthosis.testing.mechanics import (
     stops,
     strokes,
 )
+
+if TYPE_CHECKING:
+    from pam_orthosis.testing.quantities import Apparatus, Hidden, Maps
 
 STEP = 5.0e-5  # s
 RING = 2048  # steps that the ring buffers remember: 0.1 s
@@ -35,7 +42,7 @@ RING_UE, RING_UF, RING_REFLEX, RING_Q, RING_PE, RING_PF = range(6)  # ring buffe
 
 
 @compiled
-def polynomial(c, x):
+def polynomial(c: np.ndarray, x: float) -> tuple[float, float]:
     """Return the value and the derivative of sum c_i x^i."""
     value, slope = 0.0, 0.0
     for k in range(len(c) - 1, -1, -1):
@@ -45,18 +52,20 @@ def polynomial(c, x):
 
 
 @compiled
-def orifice(conductance, upstream, downstream, critical, temperature):
+def orifice(
+    conductance: float, upstream: float, downstream: float, critical: float, temperature: float
+) -> float:
     """Return the mass flow by ISO 6358, laminar near equal pressures; negative if it reverses."""
     high, low = max(upstream, downstream), min(upstream, downstream)
     r = low / high
     depth = max(min(r, LAMINAR_RATIO) - critical, 0.0) / (1 - critical)
     psi = np.sqrt(1 - depth * depth) * min((1 - r) / (1 - LAMINAR_RATIO), 1.0)
-    flow = conductance * DENSITY * high * np.sqrt(REFERENCE_TEMPERATURE / temperature) * psi
+    flow: float = conductance * DENSITY * high * np.sqrt(REFERENCE_TEMPERATURE / temperature) * psi
     return flow if upstream >= downstream else -flow
 
 
 @compiled
-def spool_opening(deviation, gain, wave, a, h):
+def spool_opening(deviation: float, gain: float, wave: np.ndarray, a: Apparatus, h: Hidden) -> float:
     """Return the relative opening for a voltage above the closed one: edges, gain, curve."""
     fill, vent = 1.25 * h.dead_band, 0.75 * h.dead_band
     free = deviation - clip(deviation, -vent, fill)
@@ -66,7 +75,7 @@ def spool_opening(deviation, gain, wave, a, h):
 
 
 @compiled
-def valve_flow(opening, pressure, supply, a, h):
+def valve_flow(opening: float, pressure: float, supply: float, a: Apparatus, h: Hidden) -> float:
     """Return the mass flow into the muscle through valve and fitting in series."""
     c = abs(opening) * a.conductance
     if c == 0.0:
@@ -78,13 +87,13 @@ def valve_flow(opening, pressure, supply, a, h):
 
 
 @compiled
-def hose_drop(flow, h):
+def hose_drop(flow: float, h: Hidden) -> float:
     """Return the pressure drop of the hose: mostly laminar, with a share that grows with the flow."""
     return h.hose * flow * (0.85 + 0.15 * abs(flow) / 3e-3)
 
 
 @compiled
-def hose_flow(opening, pressure, supply, a, h):
+def hose_flow(opening: float, pressure: float, supply: float, a: Apparatus, h: Hidden) -> float:
     """Return the flow that valve and hose agree upon, by regula falsi (Illinois form)."""
     flow = valve_flow(opening, pressure, supply, a, h)
     if h.hose == 0.0 or flow == 0.0:
@@ -105,7 +114,7 @@ def hose_flow(opening, pressure, supply, a, h):
 
 
 @compiled
-def slip_force(x, anchors):
+def slip_force(x: float, anchors: np.ndarray) -> float:
     """Return the Maxwell-slip force of unit half width at a contraction."""
     force = 0.0
     for i in range(ELEMENTS):
@@ -114,13 +123,13 @@ def slip_force(x, anchors):
 
 
 @compiled
-def slip_distance(i):
+def slip_distance(i: int) -> float:
     """Return the contraction over which an element sticks, m: 0.2 to 2.2 mm."""
     return 2.0e-4 * 1.82**i
 
 
 @compiled
-def map_error(waves, x, gauge):
+def map_error(waves: np.ndarray, x: float, gauge: float) -> float:
     """Return the misfit of a force map, N."""
     error = 0.0
     for k in range(waves.shape[0]):
@@ -132,7 +141,10 @@ def map_error(waves, x, gauge):
 
 
 @compiled
-def muscle(x, rate, gauge, creep, scale, anchors, waves, a, h, maps):
+def muscle(
+    x: float, rate: float, gauge: float, creep: float, scale: float, anchors: np.ndarray,
+    waves: np.ndarray, a: Apparatus, h: Hidden, maps: Maps,
+) -> float:  # fmt: skip
     """Return the tension of a muscle or the push of a chamber, N."""
     s = clip(x * a.stroke_scale, a.box_start, a.box_contraction)
     force = polynomial(maps.a, s)[0] * clip(gauge, 0.0, a.box_gauge) - polynomial(maps.b, s)[0]
@@ -148,7 +160,9 @@ def muscle(x, rate, gauge, creep, scale, anchors, waves, a, h, maps):
 
 
 @compiled
-def volume(x, gauge, dead, wave, a, maps):
+def volume(
+    x: float, gauge: float, dead: float, wave: np.ndarray, a: Apparatus, maps: Maps
+) -> tuple[float, float, float]:
     """Return the volume with its derivatives by pressure and contraction."""
     s = clip(x * a.stroke_scale, a.box_start, a.box_contraction)
     v, v_slope = polynomial(maps.v, s)
@@ -163,7 +177,7 @@ def volume(x, gauge, dead, wave, a, maps):
 
 
 @compiled
-def friction(bristle, w, h):
+def friction(bristle: float, w: float, h: Hidden) -> tuple[float, float]:
     """Return LuGre's torque and the rate of its bristle (deflection in units of the Coulomb torque)."""
     if h.coulomb == 0.0:
         return 0.0, 0.0
@@ -174,7 +188,9 @@ def friction(bristle, w, h):
 
 
 @compiled
-def torque_from_outside(t, w, q, reflex, a, h, maps):
+def torque_from_outside(
+    t: float, w: float, q: float, reflex: float, a: Apparatus, h: Hidden, maps: Maps
+) -> float:
     """Return what acts on the load beside actuators and friction, N m or N."""
     torque = h.constant_torque - h.viscosity * w - h.reflex_gain * reflex
     if h.periodic_torque != 0.0:
@@ -187,11 +203,15 @@ def torque_from_outside(t, w, q, reflex, a, h, maps):
     torque += h.detent * np.exp(-((bend / (0.12 * a.unit)) ** 2)) - h.drag * w * abs(w)
     place = min(t * 1e3, len(maps.torque) - 1.001)
     k = int(place)
-    return torque + maps.torque[k] + (place - k) * (maps.torque[k + 1] - maps.torque[k])
+    whole: float = torque + maps.torque[k] + (place - k) * (maps.torque[k + 1] - maps.torque[k])
+    return whole
 
 
 @compiled
-def rates(x, out, t, ue, uf, reflex, wheel, anchors, a, b, h, maps, mb):
+def rates(
+    x: np.ndarray, out: np.ndarray, t: float, ue: float, uf: float, reflex: float, wheel: float,
+    anchors: np.ndarray, a: Apparatus, b: Apparatus, h: Hidden, maps: Maps, mb: Maps,
+) -> tuple[float, float]:  # fmt: skip
     """Write the rates of all continuous states; return the flows behind the hoses, kg/s."""
     q, w, pe, pf = x[Q], x[W], x[PE], x[PF]
     turned, turning = sprocket(q, w, wheel, h)
@@ -234,7 +254,10 @@ def rates(x, out, t, ue, uf, reflex, wheel, anchors, a, b, h, maps, mb):
 
 
 @compiled
-def pressure_rate(p, flow, x, rate, leak, dead, wave, t, a, h, maps):
+def pressure_rate(
+    p: float, flow: float, x: float, rate: float, leak: float, dead: float, wave: np.ndarray,
+    t: float, a: Apparatus, h: Hidden, maps: Maps,
+) -> float:  # fmt: skip
     """Return dp/dt of a muscle with an orifice as leak and gas that warms with two time constants."""
     if leak > 0.0:
         flow -= leak_flow(leak, p, a)
@@ -248,7 +271,7 @@ def pressure_rate(p, flow, x, rate, leak, dead, wave, t, a, h, maps):
 
 
 @compiled
-def leak_flow(leak, p, a):
+def leak_flow(leak: float, p: float, a: Apparatus) -> float:
     """Return the flow of an orifice that passes `leak` (kg/(s Pa)) times the gauge pressure at 3 bar."""
     there = a.ambient + 3.0e5
     reference = orifice(1.0, there, a.ambient, 0.3, a.temperature)
@@ -256,17 +279,22 @@ def leak_flow(leak, p, a):
 
 
 @compiled
-def late(ring, row, index, delay):
+def late(ring: np.ndarray, row: int, index: int, delay: float) -> float:
     """Return the value that a ring buffer held a delay ago (linear between steps)."""
     steps = delay / STEP
     k = int(steps)
     f = steps - k
     now, before = ring[row, (index - k) % RING], ring[row, (index - k - 1) % RING]
-    return now + f * (before - now)
+    value: float = now + f * (before - now)
+    return value
 
 
 @compiled
-def advance(x, wheel, spools, anchors, ring, index, steps, ue, uf, a, b, h, maps, mb):
+def advance(
+    x: np.ndarray, wheel: np.ndarray, spools: np.ndarray, anchors: np.ndarray, ring: np.ndarray,
+    index: int, steps: int, ue: float, uf: float,
+    a: Apparatus, b: Apparatus, h: Hidden, maps: Maps, mb: Maps,
+) -> int:  # fmt: skip
     """Advance all states by `steps` with the valve voltages (above closed, V) held; return the index."""
     k1, k2, middle = np.zeros(STATES), np.zeros(STATES), np.zeros(STATES)
     for _ in range(steps):
@@ -296,7 +324,10 @@ def advance(x, wheel, spools, anchors, ring, index, steps, ue, uf, a, b, h, maps
 
 
 @compiled
-def sense(x, wheel, anchors, ring, index, ue, uf, a, b, h, maps, mb):
+def sense(
+    x: np.ndarray, wheel: np.ndarray, anchors: np.ndarray, ring: np.ndarray, index: int,
+    ue: float, uf: float, a: Apparatus, b: Apparatus, h: Hidden, maps: Maps, mb: Maps,
+) -> tuple[float, float, float]:  # fmt: skip
     """Return noise-free sensor values at the present instant: coordinate, both pressures."""
     scratch = np.zeros(STATES)
     fe, ff = rates(x, scratch, index * STEP, ue, uf, 0.0, wheel[0], anchors, a, b, h, maps, mb)

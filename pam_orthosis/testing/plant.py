@@ -11,12 +11,14 @@ from pam_orthosis.model.parameters import Parameters, load
 from pam_orthosis.testing import physics
 from pam_orthosis.testing.effects import Scale
 from pam_orthosis.testing.loads import Load, load_of
+from pam_orthosis.testing.mechanics import strokes
 from pam_orthosis.testing.quantities import Apparatus, Hidden, Maps, damping_of, laws, maps, muscle_and_valve
 
 ANGLE_NOISE, ANGLE_RESOLUTION = 3.5e-4, 3.8349519697141030e-4  # rad
 PRESSURE_NOISE, PRESSURE_RESOLUTION = 500.0, 244.0  # Pa
 VOLTAGE_RESOLUTION = 10.0 / 65536
 NO_DEVIATION: Mapping[str, float] = {}
+NO_MISFIT: Mapping[str, np.ndarray] = {}
 
 
 class Truth(NamedTuple):
@@ -43,7 +45,7 @@ class HiddenPlant:
         parameters: Parameters,
         hidden: Hidden = Hidden(),  # noqa: B008 immutable
         deviations: Mapping[str, float] = NO_DEVIATION,
-        misfits: Mapping[str, np.ndarray] = NO_DEVIATION,
+        misfits: Mapping[str, np.ndarray] = NO_MISFIT,
         seed: int = 0,
     ):
         machine, off = parameters.declared, defaultdict(float, deviations)
@@ -70,10 +72,10 @@ class HiddenPlant:
 
     def advance(self, *voltages: float) -> None:
         """Integrate one control period with the voltages of both valves held."""
-        self._held = self._above_closed(*voltages)
+        ue, uf = self._held = self._above_closed(*voltages)
         self._index = physics.advance(
             self.x, self._wheel, self._spools, self._anchors, self._ring, self._index, self._steps,
-            *self._held, *self._parts,
+            ue, uf, *self._parts,
         )  # fmt: skip
 
     def truth(self) -> Truth:
@@ -81,14 +83,16 @@ class HiddenPlant:
         return Truth(*self.x[:2].tolist())
 
     def _sense(self) -> tuple[float, float, float]:
+        ue, uf = self._held
         return physics.sense(
-            self.x, self._wheel, self._anchors, self._ring, self._index, *self._held, *self._parts
+            self.x, self._wheel, self._anchors, self._ring, self._index, ue, uf, *self._parts
         )
 
-    def _above_closed(self, *voltages: float) -> tuple[float, ...]:
+    def _above_closed(self, *voltages: float) -> tuple[float, float]:
         exact = (min(max(v - self._closed, -self._a.half_span), self._a.half_span) for v in voltages)
         quantised = (round(v / VOLTAGE_RESOLUTION) * VOLTAGE_RESOLUTION for v in exact)
-        return tuple(v + shift for v, shift in zip(quantised, self._volts, strict=True))
+        first, second = (v + shift for v, shift in zip(quantised, self._volts, strict=True))
+        return first, second
 
     def _start(self, parameters: Parameters) -> None:
         """Find the state at rest with closed valves at the start, pressures about the mean."""
@@ -98,7 +102,7 @@ class HiddenPlant:
         self.x[:4] = place, 0.0, mean, mean
         self._held = (0.0, 0.0)
         self._wheel, self._spools = np.array([place]), np.zeros(2)
-        first, second, *slopes = physics.strokes(place, 1.0, self._a, self._parts[3])
+        first, second, *slopes = strokes(place, 1.0, self._a, self._parts[3])
         self._anchors = np.outer([first, second], np.ones(physics.ELEMENTS))
         self._ring = np.zeros((6, physics.RING))
         pulls, ambient, supply = np.sign(slopes), self._a.ambient, parameters.valve.supply_pressure
@@ -114,7 +118,7 @@ class HiddenPlant:
     def _acceleration(self) -> float:
         out = np.zeros(physics.STATES)
         physics.rates(self.x, out, 0.0, 0.0, 0.0, 0.0, self._wheel[0], self._anchors, *self._parts)
-        return out[physics.W]
+        return float(out[physics.W])
 
 
 def apparatuses(
@@ -172,7 +176,7 @@ def scale_of(parameters: Parameters) -> Scale:
     if parameters.declared.kind == "knee":
         return Scale()
     known, none = load(), defaultdict(float, NO_DEVIATION)
-    (first, _), (of_knee, _) = (_maps(one, none, NO_DEVIATION) for one in (parameters, known))
+    (first, _), (of_knee, _) = (_maps(one, none, NO_MISFIT) for one in (parameters, known))
     own, other = apparatuses(parameters)[0], apparatuses(known)[0]
     force = first.a[0] / of_knee.a[0]
     effort = force * np.abs(first.strokes[[1, 3]]).max() / other.radius

@@ -159,10 +159,11 @@ def _box(m: Section) -> dict[str, float]:
 def damping_of(one: ActuatorOf, parameters: Parameters, off: Mapping[str, float]) -> float:
     """Return the true damping of an actuator, N s/m."""
     m = parameters.at(one.parameters)
+    damping: float = one.parallel * (m if one.kind == "cylinder" else m.force).damping
     if one.kind == "cylinder":
-        return one.parallel * m.damping
+        return damping
     small = one.parameters == "muscle.dmsp_10"
-    return one.parallel * m.force.damping * (1 + off["small_muscle_damping" if small else "muscle_damping"])
+    return damping * (1 + off["small_muscle_damping" if small else "muscle_damping"])
 
 
 def laws(one: ActuatorOf, parameters: Parameters) -> dict[str, np.ndarray]:

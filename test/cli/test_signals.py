@@ -37,10 +37,11 @@ VERBS = {
 }
 
 
-def _interrupted(folder, module, arguments, at, by="SIGINT"):
+def _interrupted(folder, module, arguments, at, by="SIGINT", within=()):
     environment = {**os.environ, "INTERRUPT_AT": at, "INTERRUPT_BY": by}
-    environment["PYTHONPATH"] = str(Path(__file__).parent / "interrupting")
-    command = [*HEED, sys.executable, "-m", module, *arguments]
+    places = [str(Path(__file__).parent / "interrupting"), os.environ.get("PYTHONPATH")]
+    environment["PYTHONPATH"] = os.pathsep.join(filter(None, places))
+    command = [*HEED, *within, sys.executable, "-m", module, *arguments]
     return subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, check=False)
 
 
@@ -68,6 +69,13 @@ def test_a_node_that_is_interrupted_while_it_loads_says_so_in_one_line(tmp_path,
     pytest.importorskip("rclpy")
     done = _interrupted(tmp_path, "pam_orthosis.nodes.entry", [node], at)
     assert (done.returncode, done.stderr) == (3, "pam-orthosis: error: interrupted while it was started\n")
+
+
+def test_an_interrupted_node_that_cannot_say_so_has_the_same_exit_status(tmp_path):
+    pytest.importorskip("rclpy")
+    closed = ["sh", "-c", 'exec "$@" 2>&-', "sh"]
+    done = _interrupted(tmp_path, "pam_orthosis.nodes.entry", ["bag_recorder"], "numpy", within=closed)
+    assert (done.returncode, done.stdout) == (3, "")
 
 
 @pytest.mark.parametrize("at", ["rclpy", "numpy"])

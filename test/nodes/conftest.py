@@ -38,7 +38,7 @@ def run_graph(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def forked(run_graph):
+def in_processes(run_graph):
     """One second of gait, each node in a process of its own."""
     return run_graph("--duration", "1")
 

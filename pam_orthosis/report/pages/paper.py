@@ -89,10 +89,10 @@ def _over_lag(points: Sequence[TradeOff], kind: str, label: str) -> Plot:
     return Plot(title, f"{label} over the lag of the disturbance", LAG, label, curves)
 
 
-def _pattern(points: Sequence[TradeOff], kind: str, *look: str) -> Trace:
+def _pattern(points: Sequence[TradeOff], kind: str, name: str, colour: str, dash: str) -> Trace:
     lags, values = [one.lag * 1e3 for one in points], [getattr(one, kind) for one in points]
     words = {"text": [f"{one.pole:g}" for one in points], "textposition": "top right"}
-    return line(lags, values, *look) | {"mode": "lines+markers+text"} | words
+    return line(lags, values, name, colour, dash) | {"mode": "lines+markers+text"} | words
 
 
 def tracking_plots(found: Tracking) -> list[Plot]:

@@ -139,7 +139,9 @@ def _drawn(blocks: Iterable[Block], wires: Iterable[Wire], size: Point, low: flo
 def _write_signal(axes: Axes, wire: Wire) -> None:
     """Write a signal above the longest level part of its wire, or beside it if none is level."""
     level = [(a, b) for a, b in pairwise(wire.corners) if a[1] == b[1]]
-    (x1, y1), (x2, y2) = max(level or [wire.corners[:2]], key=lambda part: abs(part[1][0] - part[0][0]))
+    (x1, y1), (x2, y2) = max(
+        level or [(wire.corners[0], wire.corners[1])], key=lambda part: abs(part[1][0] - part[0][0])
+    )
     x, y = (x1 + x2) / 2, (y1 + y2) / 2
     if level:
         axes.text(x, y + 0.06, wire.signal, ha="center", va="bottom", fontsize=9)

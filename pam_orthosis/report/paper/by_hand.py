@@ -60,7 +60,7 @@ class Moved:
     @property
     def resistance(self) -> np.ndarray:
         """What the hand needs beyond weight and inertia, N m: friction and muscles."""
-        return self.torque - self.weight - self.inertia
+        return np.asarray(self.torque - self.weight - self.inertia)
 
     def as_dict(self) -> dict[str, Any]:
         """Return names, range in degrees, and the largest of each torque, N m."""

@@ -2,7 +2,7 @@
 """The paper's figures that show no run: 1, 2 and 6 by the machines' geometry, 3 and 7 of `blocks`."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from io import BytesIO
 from typing import Any, NamedTuple
 
@@ -23,7 +23,7 @@ from pam_orthosis.model.rows import Section
 from pam_orthosis.model.shapes import scenario_shape
 from pam_orthosis.reading import config_folder
 from pam_orthosis.report.paper import blocks
-from pam_orthosis.report.paper.blocks import ARROW, muscle_name
+from pam_orthosis.report.paper.blocks import ARROW, Point, muscle_name
 from pam_orthosis.report.run_data import BAR
 from pam_orthosis.scene.shapes import shape_of
 
@@ -200,7 +200,9 @@ def _draw_frame(axes: Axes, pose: Pose, p: Section, opacity: float = 1.0) -> Non
     """Draw thigh and shank, the sprocket, the swivel-joint of the hip and the bearing of the ankle."""
     axes.plot(*np.array([pose.hip, pose.knee, pose.ankle]).T, "-", color=FRAME, lw=5, alpha=opacity,
               solid_capstyle="round")  # fmt: skip
-    axes.add_patch(Circle(pose.knee, p.cogwheel_diameter / 2, fc="none", ec=FRAME, lw=2, alpha=opacity))
+    axes.add_patch(
+        Circle(tuple(pose.knee), p.cogwheel_diameter / 2, fc="none", ec=FRAME, lw=2, alpha=opacity)
+    )
     axes.plot(*pose.hip, "^", color="k", ms=14, alpha=opacity)
     axes.plot(*pose.ankle, "o", color="k", ms=8, alpha=opacity)
     along = pose.ankle[0] + np.array([-0.2, 0.2])
@@ -230,14 +232,15 @@ def _draw_angles(axes: Axes, pose: Pose, angle: float) -> None:
         (pose.hip, (0.0, thigh), f"$a$ = {thigh:.0f}°", 0.3),
         (pose.knee, (shank, thigh), f"$q$ = {math.degrees(angle):.0f}°", 0.2),
     ):
-        axes.add_patch(Arc(at, size, size, theta1=min(ends), theta2=max(ends)))
+        axes.add_patch(Arc(tuple(at), size, size, theta1=min(ends), theta2=max(ends)))
         middle = math.radians(sum(ends) / 2)
-        axes.text(*(at + 0.55 * size * _towards(middle)), name, va="center")
+        x, z = at + 0.55 * size * _towards(middle)
+        axes.text(x, z, name, va="center")
     axes.plot(*np.array([pose.knee, pose.knee + 0.15 * _towards(pose.thigh)]).T, "k--", lw=0.8)
     axes.plot([0.0, 0.3], [0.0, 0.0], "k--", lw=0.8)
 
 
-def _arrow(axes: Axes, start: Sequence[float], end: Sequence[float], words: str) -> None:
+def _arrow(axes: Axes, start: Point, end: Point, words: str) -> None:
     axes.annotate("", end, start, arrowprops=ARROW)
     axes.text((start[0] + end[0]) / 2, start[1] - 0.008, words, ha="center", va="top", fontsize=9)
 

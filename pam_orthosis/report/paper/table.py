@@ -70,7 +70,7 @@ class Results:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the numbers as plain data for JSON; SI units, angles in degrees."""
-        data = {
+        data: dict[str, Any] = {
             "rows": [row._asdict() for row in rows(self)],
             "force_error": {
                 "held_out": self.identified.errors(held_out=True),
