@@ -2,7 +2,7 @@
 """A ROS node of somebody else that calls the services of a running graph."""
 
 import rclpy
-from conftest import wait_for
+from live_runs import wait_for
 
 
 class Caller:

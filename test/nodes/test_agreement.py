@@ -8,7 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from conftest import wait_for
+from live_runs import wait_for
 from own_domain import own_domain
 
 from pam_orthosis.bag.topics import Topics

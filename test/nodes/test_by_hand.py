@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import LIMIT_S
+from live_runs import LIMIT_S
 
 from pam_orthosis.cli.main import main
 from pam_orthosis.model.parameters import config_folder

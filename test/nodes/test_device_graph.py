@@ -6,7 +6,7 @@ import signal
 from pathlib import Path
 
 import numpy as np
-from conftest import QUICK, common
+from live_runs import QUICK, common
 
 from pam_orthosis.bag.legs import namespaces
 from pam_orthosis.bag.read import read_bag

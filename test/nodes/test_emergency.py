@@ -5,7 +5,7 @@ from itertools import permutations
 from types import SimpleNamespace
 
 import pytest
-from conftest import wait_for
+from live_runs import wait_for
 
 pytest.importorskip("rclpy")
 import rclpy

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import QUICK, wait_for
+from live_runs import QUICK, wait_for
 
 from pam_orthosis.bag.cdr import serialised_stamp_ns
 from pam_orthosis.bag.read import read_bag

@@ -5,7 +5,7 @@ import os
 import signal
 
 import pytest
-from conftest import alive, wait_for
+from live_runs import alive, wait_for
 
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.bag.recover import recover_in_place

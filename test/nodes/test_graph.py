@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from conftest import QUICK, wait_for
+from live_runs import QUICK, wait_for
 from mcap.reader import make_reader
 from own_domain import own_domain
 from rosbags.highlevel import AnyReader

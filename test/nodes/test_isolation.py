@@ -6,7 +6,7 @@ import signal
 
 import numpy as np
 import pytest
-from conftest import QUICK, LiveRun, wait_for
+from live_runs import QUICK, LiveRun, wait_for
 
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.control.loop import ClosedLoop

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import QUICK
 from coupled_loop import CoupledLoop
+from live_runs import QUICK
 
 from pam_orthosis.bag.legs import namespaces
 from pam_orthosis.bag.read import read_bag

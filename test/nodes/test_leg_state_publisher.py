@@ -5,7 +5,7 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from conftest import wait_for
+from live_runs import wait_for
 from rosbags.typesys import Stores, get_typestore
 
 pytest.importorskip("rclpy")

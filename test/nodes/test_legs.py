@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from conftest import QUICK
+from live_runs import QUICK
 from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_typestore
 

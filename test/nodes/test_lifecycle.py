@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from conftest import LIMIT_S, wait_for
+from live_runs import LIMIT_S, wait_for
 
 pytest.importorskip("rclpy")
 from lifecycle_msgs.msg import Transition, TransitionEvent

@@ -7,7 +7,7 @@ from threading import Event, Thread
 from types import SimpleNamespace
 
 import pytest
-from conftest import LIMIT_S, wait_for
+from live_runs import LIMIT_S, wait_for
 from own_domain import own_domain
 
 from pam_orthosis.nodes.live_server import LiveServer

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import LIMIT_S, QUICK, wait_for
+from live_runs import LIMIT_S, QUICK, wait_for
 
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.model.parameters import load

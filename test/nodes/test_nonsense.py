@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import LIMIT_S
+from live_runs import LIMIT_S
 from nonsense import Nonsense
 
 from pam_orthosis.bag.read import read_bag

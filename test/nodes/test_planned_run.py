@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from conftest import QUICK
+from live_runs import QUICK
 from rosbags.highlevel import AnyReader
 
 from pam_orthosis.bag.read import read_bag

@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from conftest import LIMIT_S, _holds_messages, wait_for
+from live_runs import LIMIT_S, holds_messages, wait_for
 
 from pam_orthosis.bag.topics import PLANT, VALVE, Topics
 from pam_orthosis.model.machines import KNEE
@@ -41,7 +41,7 @@ def start(tmp_path):
 
 def test_valve_model_and_plant_that_come_again_together_go_on_to_the_end(start, tmp_path):
     others, *leaving = start(*OTHERS), start(VALVE), start(PLANT)
-    wait_for(lambda: _holds_messages(tmp_path / "bag" / "bag_0.mcap"))
+    wait_for(lambda: holds_messages(tmp_path / "bag" / "bag_0.mcap"))
     for process in leaving:
         process.send_signal(signal.SIGKILL)
         process.wait()

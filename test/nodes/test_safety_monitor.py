@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import QUICK, wait_for
+from live_runs import QUICK, wait_for
 from mcap.reader import make_reader
 from own_domain import own_domain
 

@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from conftest import common
+from live_runs import common
 
 from pam_orthosis.bag.read import read_bag
 from pam_orthosis.model.parameters import load

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import LIMIT_S
+from live_runs import LIMIT_S
 from rosbags.rosbag2 import Reader
 
 from pam_orthosis.control.programme import read_programme
