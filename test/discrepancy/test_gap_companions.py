@@ -60,7 +60,7 @@ def test_the_level_of_a_shape_that_has_a_name_is_no_other(monkeypatch):
         return []
 
     replay = SimpleNamespace(
-        touching=touching, touched=lambda _: (), workers=SimpleNamespace(together=several)
+        touching=touching, touched=lambda _: (), workers=SimpleNamespace(forked=several)
     )
     problem = SimpleNamespace(system=system, replay=replay, weights={"gas": 1.0})
     monkeypatch.setattr(screening, "Projection", lambda *_: None)

@@ -122,7 +122,7 @@ def test_an_effect_whose_promise_comes_to_nothing_takes_no_place_of_another(monk
     def fitted(_, one):
         return Candidate(one[1], gains[one[1]][1], {}, 0.0, {}, (one[1],))
 
-    workers = SimpleNamespace(together=lambda act, ones, *_: [act(one) for one in ones])
+    workers = SimpleNamespace(forked=lambda act, ones, *_: [act(one) for one in ones])
     look = object.__new__(screening._Look)
     look.strained, look._most, look._progress = strained, 2, silent
     look._problem = SimpleNamespace(replay=SimpleNamespace(workers=workers))

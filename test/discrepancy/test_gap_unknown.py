@@ -317,7 +317,7 @@ class Curves:
 def of_gas(bench, monkeypatch):
     """Return (shares of curves) -> how the gas equation is described."""
     monkeypatch.setattr(description, "CurveFit", Curves)
-    monkeypatch.setattr(bench.replay.workers, "together", lambda work, items: [work(one) for one in items])
+    monkeypatch.setattr(bench.replay.workers, "forked", lambda work, items: [work(one) for one in items])
     run = Run(bench.system, bench.recording(1), 40.0)
     problem = Problem(bench.replay, [Scored(run, Whitener({}), 100)])
 
