@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,6 +18,7 @@ from pam_orthosis.cli.batch import at_least_1
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.files import (
     as_text,
+    claimed,
     instead_of_out,
     output,
     refuse_existing,
@@ -103,22 +105,44 @@ def execute(arguments: argparse.Namespace) -> int:
         if arguments.next:
             _write_next(arguments, None, case)
         return 0
-    hardware = _hardware(arguments)
-    found = _searched(arguments)
-    while hardware and (name := _next_of(found, hardware)):
-        if not arguments.json:
-            print(found.words, flush=True)
-        arguments, hardware = _with_next(arguments, name, hardware)
+    if not arguments.next or _is_table(arguments.next):
         found = _searched(arguments)
+        _tell(arguments, found)
+        if arguments.next:
+            _write_next(arguments, found.outcome, found.case)
+        return found.status
+    with instead_of_out("--next"), claimed(arguments.next):
+        return _with_experiments(arguments)
+
+
+def _with_experiments(arguments: argparse.Namespace) -> int:
+    """Search, and again with each experiment that the graph does on emulated hardware."""
+    from pam_orthosis.cli.gap_graph import emulated
+
+    hardware = emulated([*arguments.measured, *arguments.held_out], arguments.namespace)
+    found = _searched(arguments)
+    try:
+        while name := _next_of(found, hardware):
+            print(f"so far: {found.words.splitlines()[-1]}", file=sys.stderr, flush=True)
+            arguments, hardware = _with_next(arguments, name, hardware)
+            found = _searched(arguments)
+    finally:  # an experiment that fails must not take with it what was found
+        _tell(arguments, found)
+    if not arguments.json:
+        left = "the graph has done what is known to help beside these recordings"
+        none = f"no experiment is known that would show more; {arguments.next} is not written"
+        print(f"next: {left if hardware.repeated else none}")
+    return found.status
+
+
+def _tell(arguments: argparse.Namespace, found: Found) -> None:
+    """Write and print what was found."""
     try:
         if arguments.out:
             with shown(f"writing {arguments.out}"):
                 _write(arguments, found)
     finally:  # a file that cannot be written must not take the verdict with it
         print(json.dumps(found.data, indent=2) if arguments.json else found.words)
-    if arguments.next and not (hardware and hardware.repeated):
-        _write_next(arguments, found.outcome, found.case)
-    return found.status
 
 
 class Case(NamedTuple):
@@ -149,16 +173,7 @@ def _searched(arguments: argparse.Namespace) -> Found:
         if case.start.mistaken or case.start.skewed:  # before a search that may take minutes
             progress.note("\n".join(remark_lines(case.start.remarks)))
         outcome = search(case.start, case.read.nominal.parameters.gap, progress)
-    return Found(case, outcome, *_described(case, outcome), int(outcome.verdict not in GOOD))
-
-
-def _hardware(arguments: argparse.Namespace) -> Emulated | None:
-    """Return the emulated hardware for the next experiment; nothing if the graph is not to do it."""
-    if not arguments.next or _is_table(arguments.next):
-        return None
-    from pam_orthosis.cli.gap_graph import emulated
-
-    return emulated([*arguments.measured, *arguments.held_out], arguments.namespace)
+    return Found(case, outcome, *_described(arguments, case, outcome), int(outcome.verdict not in GOOD))
 
 
 def _next_of(found: Found, hardware: Emulated) -> str:
@@ -176,12 +191,11 @@ def _with_next(
     from pam_orthosis.model.parameters import experiments
 
     # without recordings that judge, the last quarter of each one does
-    with instead_of_out("--next"):
-        first, *rest = hardware.record(name, arguments.next / name, judged=bool(arguments.held_out))
-    if not arguments.json:
-        print(f"\nnext: {experiments()[name]}; recorded in {first.parent}\n", flush=True)
+    folder, judged = arguments.next / name, bool(arguments.held_out)
+    (first, *rest), hardware = hardware.record(name, folder, judged)
+    print(f"next: {experiments()[name]}; recorded in {folder}", file=sys.stderr, flush=True)
     more = {"measured": [*arguments.measured, first], "held_out": [*arguments.held_out, *rest]}
-    return argparse.Namespace(**{**vars(arguments), **more}), hardware.having(name)
+    return argparse.Namespace(**{**vars(arguments), **more}), hardware
 
 
 def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
@@ -203,14 +217,22 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     return Case(read, start, data)
 
 
-def _described(case: Case, outcome: Outcome) -> tuple[dict[str, Any], str]:
+def _described(arguments: argparse.Namespace, case: Case, outcome: Outcome) -> tuple[dict[str, Any], str]:
     """Return the outcome as plain data and in words."""
     from pam_orthosis.discrepancy.answer.contract import as_dict, identifiability_as_dict
     from pam_orthosis.discrepancy.answer.verdict import describe, describe_data
 
     nominal = case.read.nominal
     assumed = [str(path) for path in nominal.assumed]
-    known = {"apparatus_assumed": assumed, "parameters_assumed": dict(nominal.unrecorded)}
+    recordings = {
+        "fitted": [str(path) for path in arguments.measured],
+        "held_out": [str(path) for path in arguments.held_out],
+    }
+    known = {
+        "recordings": recordings,
+        "apparatus_assumed": assumed,
+        "parameters_assumed": dict(nominal.unrecorded),
+    }
     data = {**as_dict(outcome), **known, "data": identifiability_as_dict(case.data)}
     return data, f"{case.read.heading}{describe_data(case.data)}\n{describe(outcome)}"
 
@@ -245,13 +267,20 @@ def _check_out(arguments: argparse.Namespace) -> None:
             if _is_table(arguments.next):
                 refuse_existing([arguments.next])
             else:
-                refuse_used(arguments.next)
+                _check_folder(arguments.next, [*arguments.measured, *arguments.held_out])
     if folder:
         refuse_used(folder)
 
 
+def _check_folder(folder: Path, recordings: list[Path]) -> None:
+    refuse_used(folder)
+    for one in recordings:
+        if one.resolve() in folder.resolve().parents:
+            raise OrthosisError(f"{folder} is inside of {one}; choose another --out")
+
+
 def _is_table(path: Path) -> bool:
-    return path.suffix == ".csv"
+    return path.suffix.lower() == ".csv"
 
 
 def _files(arguments: argparse.Namespace) -> tuple[str, ...]:
@@ -278,8 +307,6 @@ def _write_next(arguments: argparse.Namespace, outcome: Outcome | None, case: Ca
     from pam_orthosis.cli.gap_next import advice, next_experiment, references
 
     name, parameters = next_experiment(outcome, case.data.experiments), case.read.nominal.parameters
-    if not _is_table(arguments.next):
-        name = ""  # what the graph can do was done
     if name:
         with instead_of_out("--next"):
             write_text(arguments.next, references(name, parameters))

@@ -4,36 +4,39 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pam_orthosis.bag.bounded import open_bag
+from pam_orthosis.bag.bounded import check_bag, open_bag
 from pam_orthosis.bag.read import machine_of, recorded_parameters, run_record
 from pam_orthosis.bag.topics import TRUTH
 from pam_orthosis.cli.run import need_ros, run_graph
 from pam_orthosis.discrepancy.systems.knee import ALONE
-from pam_orthosis.errors import OrthosisError
-from pam_orthosis.files import filled
+from pam_orthosis.errors import OrthosisError, naming
+from pam_orthosis.files import refuse_used
 from pam_orthosis.model.parameters import Parameters, experiments, load, scenario_overrides
 from pam_orthosis.nodes.launch import Mode
 from pam_orthosis.tables import is_table
 
 BAGS = "fitted", "held_out"
+OF_MOTION = (
+    "scenario.",
+    "plant.external_",
+)  # what a scenario sets of the motion alone
 
 
 class Emulated(NamedTuple):
     """The emulated hardware that recordings are of, with its controllers.
 
-    `done`: scenarios of these; `repeated`: whether the graph has added one.
+    `done`, `seeds`: scenarios of these, and seeds of their sensor noise; `repeated`: whether the graph has
+    added one.
     """
 
     parameters: Parameters
     done: frozenset[str]
+    seeds: frozenset[int]
     repeated: bool = False
-
-    def having(self, name: str) -> Emulated:
-        """Return the same with one more experiment done."""
-        return self._replace(done=self.done | {name}, repeated=True)
 
     @property
     def experiments(self) -> list[str]:
@@ -44,19 +47,20 @@ class Emulated(NamedTuple):
         changes = self.parameters.changed(scenario_overrides(name))
         return all(changes.at(key) == self.parameters.at(key) for key in ALONE)
 
-    def record(self, name: str, folder: Path, judged: bool) -> list[Path]:
-        """Record an experiment into a new folder, to fit and, if `judged`, again to judge; return the bags.
+    def record(self, name: str, folder: Path, judged: bool) -> tuple[list[Path], Emulated]:
+        """Record an experiment, to fit and, if `judged`, again to judge; return the bags, and what is known.
 
         Raises:
-            OrthosisError: the folder is used, or a run failed; then there is no folder.
+            OrthosisError: the folder is used, or a run failed; it says what is left of it.
         """
-        experiment = self.parameters.changed(scenario_overrides(name))
-        bags = BAGS[: 1 + judged]
-        with filled(folder) as part:
-            for number, bag in enumerate(bags, 1):
-                seed = {"scenario.seed": self.parameters.scenario.seed + number}
-                run_graph(experiment.changed(seed), (part / bag).resolve(), name, Mode(composed=True))
-        return [folder / bag for bag in bags]
+        experiment, seeds = self.parameters.changed(scenario_overrides(name)), self.seeds
+        refuse_used(folder)
+        bags = [folder / bag for bag in BAGS[: 1 + judged]]
+        for bag in bags:
+            seed = next(one for one in count(1) if one not in seeds)  # two with one seed have one noise
+            run_graph(experiment.changed({"scenario.seed": seed}), bag.resolve(), name, Mode(composed=True))
+            seeds |= {seed}
+        return bags, Emulated(self.parameters, self.done | {name}, seeds, repeated=True)
 
 
 def emulated(paths: Iterable[Path], namespace: str) -> Emulated:
@@ -69,29 +73,35 @@ def emulated(paths: Iterable[Path], namespace: str) -> Emulated:
     if namespace:
         raise OrthosisError("--next DIR: the graph repeats runs of one joint, without --namespace")
     runs = {path: _run_of(path) for path in paths}
-    (first, (parameters, _)), *others = runs.items()
-    for path, (other, _) in others:
+    (first, (parameters, *_)), *others = runs.items()
+    for path, (other, *_) in others:
         if _hardware(other) != _hardware(parameters):
             raise OrthosisError(f"--next DIR: {first} and {path} are of different emulated hardware")
-    return Emulated(parameters, frozenset(name for _, name in runs.values()))
+    done = frozenset(scenario for _, scenario, _ in runs.values())
+    return Emulated(parameters, done, frozenset(seed for *_, seed in runs.values()))
 
 
 def _hardware(parameters: Parameters) -> dict[str, Any]:
     return {key: value for key, value in parameters.flat().items() if key.startswith("plant.")}
 
 
-def _run_of(path: Path) -> tuple[Parameters, str]:
-    """Return what a bag of the graph was run with, but for its scenario's settings, and the scenario."""
+def _run_of(path: Path) -> tuple[Parameters, str, int]:
+    """Return with what a bag of the graph was run, but for its motion; its scenario and its seed."""
+    if not is_table(path):
+        check_bag(path)
     run = {} if is_table(path) else run_record(path)
-    if not run or not _has_truth(path):
-        raise OrthosisError(
-            f"--next DIR: the graph did not emulate the hardware of {path}; give a FILE.csv to follow"
-        )
-    scenario = run.get("scenario", "")
-    set_by_it: dict[str, Any] = scenario_overrides(scenario)
     recorded = recorded_parameters(path, run)
-    kept = {key: value for key, value in recorded.items() if key not in set_by_it}
-    return load(kept, machine_of(path, run)), scenario
+    if not any(key.startswith("plant.") for key in recorded) or run.get("legs") or not _has_truth(path):
+        raise OrthosisError(
+            f"--next DIR: {path} is no run of one emulated joint by `run`; give a FILE.csv to follow"
+        )
+    machine, scenario = machine_of(path, run), run.get("scenario", "")
+    if not machine.experiments:
+        raise OrthosisError(f"--next: there are experiments for the knee, none for the {machine.name}")
+    motion = {key for key in scenario_overrides(scenario) if key.startswith(OF_MOTION)}
+    kept = {key: value for key, value in recorded.items() if key not in motion}
+    with naming(path):
+        return load(kept, machine), scenario, int(recorded["scenario.seed"])
 
 
 def _has_truth(path: Path) -> bool:

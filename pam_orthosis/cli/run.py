@@ -104,10 +104,10 @@ def execute(arguments: argparse.Namespace) -> int:
 
 def _check_watched(parameters: Parameters, given: Mapping[str, Any]) -> None:
     """Raise OrthosisError if a safety monitor would watch a machine of one's own by the knee's limits."""
-    from pam_orthosis.model.machines import machine_named, shipped_machines
+    from pam_orthosis.model.machines import shipped_machine, shipped_machines
 
     machine = parameters.declared
-    shipped = machine.text in ("", *(machine_named(Path(name)).text for name in shipped_machines()))
+    shipped = machine.text in ("", *(shipped_machine(name).text for name in shipped_machines()))
     if shipped or not parameters.control.limits.enabled:
         return
     own, c = {*machine.values, *given}, machine.coordinate

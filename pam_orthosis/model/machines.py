@@ -292,18 +292,24 @@ def shipped_machines() -> list[str]:
     return [name for name in names if name != RIG.name]
 
 
+def shipped_machine(name: str) -> Machine:
+    """Return a shipped machine, whatever stands in the present folder."""
+    return KNEE if name == KNEE.name else read_machine(config_folder() / "machines" / f"{name}.yaml")
+
+
 def machine_named(name: Path | None = None) -> Machine:
     """Return the machine of a file or, where there is none, the shipped one of this name; none: the knee.
+
+    A folder, perhaps of recordings, that is called as a shipped one stands in nobody's way.
 
     Raises:
         OrthosisError: neither is there, it is that of a device, or the file is unusable.
     """
-    if name is not None and name.exists():
+    shipped = name is None or str(name) in shipped_machines()
+    if name is not None and name.exists() and not (shipped and name.is_dir()):
         return read_machine(name)
-    if name is None or str(name) == KNEE.name:
-        return KNEE
-    if str(name) in shipped_machines():
-        return read_machine(config_folder() / "machines" / f"{name}.yaml")
+    if shipped:
+        return shipped_machine(str(name or KNEE.name))
     if str(name) == RIG.name:
         raise OrthosisError(
             "rig: the test rig has verbs of its own, `rig` and `identify`; give ankle, shoe or a file"

@@ -59,9 +59,7 @@ def test_the_level_of_a_shape_that_has_a_name_is_no_other(monkeypatch):
     def several(*_):
         return []
 
-    replay = SimpleNamespace(
-        touching=touching, touched=lambda _: (), workers=SimpleNamespace(forked=several)
-    )
+    replay = SimpleNamespace(touching=touching, touched=lambda _: (), workers=SimpleNamespace(forked=several))
     problem = SimpleNamespace(system=system, replay=replay, weights={"gas": 1.0})
     monkeypatch.setattr(screening, "Projection", lambda *_: None)
     monkeypatch.setattr(screening, "widened_shape", lambda *_: candidate("volume_misfit"))

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Machines of files: what they declare, what they do, and how a wrong file is refused."""
 
+from pathlib import Path
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model import integrate
 from pam_orthosis.model.assembly import assemble
 from pam_orthosis.model.delay import computing_ns, line_ns
-from pam_orthosis.model.machines import KNEE, RIG, read_machine
+from pam_orthosis.model.machines import KNEE, RIG, machine_named, read_machine
 from pam_orthosis.model.parameters import config_folder, load
 from pam_orthosis.model.plant import Plant, true_hardware
 from pam_orthosis.model.truth import with_nominal
@@ -318,3 +320,13 @@ def test_a_number_needs_no_point(read):
 def test_an_unreadable_file_is_refused(tmp_path):
     with pytest.raises(OrthosisError, match="cannot read"):
         read_machine(tmp_path / "none.yaml")
+
+
+def test_a_folder_called_as_a_shipped_machine_stands_in_nobodys_way(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("ankle", "knee", "mine"):
+        Path(name).mkdir()
+    assert machine_named(Path("ankle")).name == "ankle"
+    assert machine_named(Path("knee")) is KNEE
+    with pytest.raises(OrthosisError, match="mine is a folder"):
+        machine_named(Path("mine"))
