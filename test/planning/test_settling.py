@@ -19,7 +19,7 @@ from pam_orthosis.planning.problem import Cycle, NotFound, nearest_cycle
 
 CREEP = {"effects.creep.enabled": True, "effects.creep.stiffness": 1200.0, "effects.creep.time_constant": 6.0}
 LOW_SUPPLY = 5.4e5  # Pa
-EFFECTS = ("joint_friction", "viscous_friction", "muscle_hysteresis", "valve_lag", "valve_dead_band")
+EFFECTS = ("joint_friction", "muscle_hysteresis")
 PHASES = np.arange(NODES) / NODES
 MIDDLES = PHASES + 0.5 / NODES
 PRESSURES = Cycle(PHASES, np.full((2, NODES), 6e5), 0.0)
@@ -34,7 +34,7 @@ def walk_of(nominal):
 
 @pytest.fixture(scope="module")
 def creeping():
-    """Hardware of a low supply that creeps; most of it is known."""
+    """Hardware of a low supply that creeps, which is known."""
     plant = {f"plant.{key}": value for key, value in CREEP.items()}
     hardware = load(
         scenario_overrides("person") | plant | {"plant.deviation.supply_pressure": LOW_SUPPLY / 7e5}
