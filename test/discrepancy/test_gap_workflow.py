@@ -460,6 +460,9 @@ def test_a_copy_of_what_is_fitted_does_not_judge(bench):
         copy = from_arrays("copy", bench.system, one)
         with pytest.raises(OrthosisError, match=r"copy: .* of its samples are those of run 1; what was"):
             check.check_unseen([bench.recording(2), fitted], [copy])
+        for training, held_out in (([fitted, copy], []), ([bench.recording(2)], [fitted, copy])):
+            with pytest.raises(OrthosisError, match="those of run 1; give each recording once"):
+                check.check_unseen(training, held_out)
     check.check_unseen([fitted], [bench.recording(2)])
     with pytest.raises(OrthosisError, match="cannot judge"):
         find_gap(bench.system, [fitted], [from_arrays("copy", bench.system, arrays)], bench.parameters.gap)

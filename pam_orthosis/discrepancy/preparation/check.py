@@ -19,6 +19,7 @@ WINDOW = 20  # samples, over which motion is looked for
 PARTS, FILTERED = 8, 10.0  # of the upper half of the band: power of the largest over the smallest
 NOTCH, SEGMENTS = 0.05, 16  # of the usual power, which white noise in so many segments never falls below
 COARSE = 0.4  # noise over the step of a signal: that of rounding alone is 0.29
+APART = "what was fitted cannot judge: hold out another recording, or none (the last quarters judge then)"
 SEEN = 0.5  # of the different samples of a recording that judges: they are those of a fitted one
 STILL = 5  # steps without a change, which noise does not allow
 LEAST_CLIPPED = 0.01  # of the samples, that are at one end
@@ -78,21 +79,23 @@ def check_divisible(recordings: Sequence[Recording], share: float, warm_up: floa
 
 
 def check_unseen(training: Sequence[Recording], held_out: Sequence[Recording]) -> None:
-    """Check that no recording which judges holds samples that are fitted, whatever its name and its clock.
+    """Check that no recording holds the samples of another one, whatever its name and its clock.
+
+    What was fitted cannot judge, and a copy would count as a measurement of its own.
 
     Raises:
-        OrthosisError: most samples of one are those of a training recording.
+        OrthosisError: most samples of one are those of another recording.
     """
-    names = sorted(set.intersection(*(set(one.signals) for one in (*training, *held_out))))
-    fitted = [(other.name, _samples(other, names)) for other in training]
-    for one in held_out:
-        judged = _samples(one, names)
-        for name, samples in fitted:
-            share = float(np.isin(judged, samples).mean())
+    every = [*training, *held_out]
+    names = sorted(set.intersection(*(set(one.signals) for one in every)))
+    samples = [_samples(one, names) for one in every]
+    for i, one in enumerate(every):
+        for j, other in enumerate(every[:i]):
+            share = float(np.isin(samples[i], samples[j]).mean())
             if share > SEEN:
+                remedy = APART if j < len(training) <= i else "give each recording once"
                 raise OrthosisError(
-                    f"{one.name}: {share:.0%} of its samples are those of {name}; what was fitted"
-                    " cannot judge: hold out another recording, or none (the last quarters judge then)"
+                    f"{one.name}: {share:.0%} of its samples are those of {other.name}; {remedy}"
                 )
 
 
