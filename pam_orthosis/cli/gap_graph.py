@@ -20,10 +20,7 @@ from pam_orthosis.nodes.launch import Mode
 from pam_orthosis.tables import is_table
 
 BAGS = "fitted", "held_out"
-OF_MOTION = (
-    "scenario.",
-    "plant.external_",
-)  # what a scenario sets of the motion alone
+OF_MOTION = "scenario.", "plant.external_"  # what a scenario sets of the motion alone
 
 
 class Emulated(NamedTuple):
