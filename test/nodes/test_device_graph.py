@@ -52,7 +52,7 @@ def test_an_emergency_stop_at_one_joint_empties_all_and_after_one_reset_all_walk
     assert caller.trigger("plant_simulator/reset").success
     caller.let_pass(BACK_S + WALKED_S)
     os.kill(run.process.pid, signal.SIGINT)
-    status, said, _ = run.ended()
+    status, said = run.ended()
     assert (status, "interrupted" in said) == (3, True)
     assert len(list(run.bag.glob("*.mcap"))) == 1
     _assert_story({name: _course(run.bag, name) for name in namespaces(run.bag)})

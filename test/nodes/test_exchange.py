@@ -4,6 +4,7 @@
 import os
 import signal
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -150,6 +151,10 @@ def _listened(executor, seconds):
     return True
 
 
+def _has_grown(file, size):
+    return file.stat().st_size > size
+
+
 def test_a_listener_elsewhere_gets_each_message_once_and_changes_nothing(stranger, live_run):
     import rclpy
     from sensor_msgs.msg import JointState
@@ -164,7 +169,10 @@ def test_a_listener_elsewhere_gets_each_message_once_and_changes_nothing(strange
     )
     wait_for(lambda: _listened(executor, 0.5) and len(heard) > 500)
     stranger.destroy_subscription(subscription)
-    time.sleep(0.5)
+    file = run.bag / f"{run.bag.name}_0.mcap"
+    for _ in range(3):  # chunks that are recorded without the listener
+        size = file.stat().st_size
+        wait_for(partial(_has_grown, file, size))
     os.kill(run.process.pid, signal.SIGINT)
     run.ended()
     period_ns = round(load().scenario.control_period * 1e9)

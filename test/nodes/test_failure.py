@@ -12,7 +12,7 @@ from pam_orthosis.bag.recover import recover_in_place
 
 
 def _assert_stopped(run, children, node, bag_count=10):
-    status, said, _ = run.ended()
+    status, said = run.ended()
     assert status == 3
     assert f"node {node} " in said
     assert not [name for name, pid in children.items() if alive(pid)]
@@ -58,7 +58,7 @@ def test_interrupted_run_closes_its_bag(live_run):
     run = live_run("--composed")
     run.wait_until_it_records()
     run.process.send_signal(signal.SIGINT)
-    status, said, _ = run.ended()
+    status, said = run.ended()
     assert status == 3
     told = f"interrupted; the bag {run.bag} holds the run up to there; logs in {run.bag / 'log'}"
     assert said.splitlines()[-1] == f"pam-orthosis: {told}"

@@ -57,7 +57,7 @@ def test_a_stranger_on_a_command_topic_is_named_and_moves_no_valve(stranger, liv
     publisher = stranger.create_publisher(JointState, "extensor/valve_command", _kept(20 * STEPS))
     wait_for(lambda: publisher.get_subscription_count() > 0)
     _fill_ahead(publisher)
-    status, said, _ = run.ended()
+    status, said = run.ended()
     assert status == 3
     assert "a stranger publishes on /extensor/valve_command" in said
     assert "/stranger" in said
@@ -110,7 +110,7 @@ def test_a_second_run_in_an_open_domain_is_refused_and_disturbs_nobody(stranger,
     first = live_run("--open", "--composed", *QUICK)
     first.wait_until_it_records()
     second = LiveRun(tmp_path / "second", "--open", "--composed", *QUICK)
-    status, said, _ = second.ended()
+    status, said = second.ended()
     assert status == 2
     assert "publishes on /" in said
     assert "set another ROS_DOMAIN_ID" in said
