@@ -73,9 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="which columns of tables hold which signals, as angle='knee [deg]', time=t:ms or angle=-q;"
         " units in the columns' names are converted",
     )  # fmt: skip
-    parser.add_argument(
-        "--out", type=output, metavar="DIR", help="write gap.json, gap.html and, without --system, model.yaml"
-    )
+    parser.add_argument("--out", type=output, metavar="DIR", help="write gap.json, gap.html and model.yaml")
     parser.add_argument(
         "--next", type=output, metavar="FILE.csv|DIR",
         help="the experiment that would help next: write it as a table of positions and mean pressures to"
@@ -283,11 +281,6 @@ def _is_table(path: Path) -> bool:
     return path.suffix.lower() == ".csv"
 
 
-def _files(arguments: argparse.Namespace) -> tuple[str, ...]:
-    """Return the files to write: a model file is for `--model`, which a system of one's own does not have."""
-    return tuple(name for name in FILES if not (arguments.system and name == MODEL))
-
-
 def _write(arguments: argparse.Namespace, found: Found) -> None:
     from pam_orthosis.discrepancy.answer import patch
     from pam_orthosis.report.gap import page
@@ -300,7 +293,9 @@ def _write(arguments: argparse.Namespace, found: Found) -> None:
         page(found.outcome, found.words, found.case.data.experiments),
     )
     made = dict(zip(FILES, texts, strict=True))
-    write_files({arguments.out / name: as_text(made[name]) for name in _files(arguments)})
+    if arguments.system and nominal.system.changed is None:  # no --model could take it
+        del made[MODEL]
+    write_files({arguments.out / name: as_text(text) for name, text in made.items()})
 
 
 def _write_next(arguments: argparse.Namespace, outcome: Outcome | None, case: Case) -> None:

@@ -15,7 +15,7 @@ from pam_orthosis.discrepancy.recordings.data import Recording, recording, with_
 from pam_orthosis.discrepancy.systems.system import System
 from pam_orthosis.discrepancy.systems.user_file import load_system
 from pam_orthosis.discrepancy.workers import Workers
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.machines import KNEE, machine_named
 from pam_orthosis.model.parameters import Parameters, load
@@ -24,7 +24,7 @@ from pam_orthosis.progress import Progress, silent
 from pam_orthosis.tables import is_table, names_of
 
 MOST_NAMED = 3  # parameters in one line
-TOLERANCE = "gap.tolerance."
+TOLERANCE, LEARNED = "gap.tolerance.", "gap.learned."
 EXTENSOR, FLEXOR = "extensor_", "flexor_"  # of a knee; each actuator of another machine has the extensor's
 
 
@@ -92,13 +92,20 @@ def read_recordings(asked: Asked, workers: Workers, progress: Progress = silent)
 
 
 def _of_system(file: Path, model: Path | None) -> Nominal:
-    """Return a system of the user's, of whose search --model may change the settings."""
-    given = patch.read(model) if model else {}
-    if foreign := [key for key in given if not key.startswith("gap.")]:
-        raise OrthosisError(f"{foreign[0]} is of a machine; beside --system, --model takes gap.* alone")
-    if tolerances := [key for key in given if key.startswith(TOLERANCE)]:
+    """Return a system of the user's, of whose search and model --model may change what it says."""
+    settings, changes = patch.read_of_system(model) if model else ({}, {})
+    if tolerances := [key for key in settings if key.startswith((TOLERANCE, LEARNED))]:
         raise OrthosisError(f"{tolerances[0]} is of a machine; {file} has the tolerances of its parameters")
-    return Nominal(load(given), load_system(file), given=given)
+    system = load_system(file)
+    if changes:
+        if system.changed is None:
+            raise OrthosisError(
+                f"{model}: beside --system it takes gap.* alone, not {next(iter(changes))}, unless {file}"
+                " makes its system by Model(...).system()"
+            )
+        with naming(model):
+            system = system.changed(changes)
+    return Nominal(load(settings), system, given=settings | changes)
 
 
 def _of_apparatus(asked: Asked, mapping: Mapping[str, str]) -> Nominal:

@@ -75,7 +75,7 @@ def _searched(start: Beginning, settings: Section, progress: Progress) -> Outcom
         remarks = remarks_on_agreement(start.problem, start.held_out, start.null)
         outcome = outcome_of(start, bare, settings, remarks)
     if outcome.verdict not in OPEN:
-        return outcome.of_mistaken() if start.mistaken else outcome.of_skewed() if start.skewed else outcome
+        return outcome.of_mistaken() if start.mistaken else outcome.of_skewed(start.stamps, start.skewed)
     if outcome.foreign:
         return outcome.described(None)
     progress("describing what is left")

@@ -92,17 +92,17 @@ class Gap:
         return as_dict(self.outcome)
 
     def changes(self) -> dict[str, Any]:
-        """Return what was found as changes of the nominal model, for `simulate(..., model=...)`.
+        """Return what was found as changes of the nominal model: a `model` file, or for `simulate`.
 
         Raises:
-            OrthosisError: a system of your own was searched.
+            OrthosisError: a system of your own was searched that cannot have other parameters.
         """
         from pam_orthosis.discrepancy.answer import patch
 
-        if self.nominal is None:
-            raise OrthosisError("a system of your own has no parameters to change; see `effects`")
+        if self.nominal is None and self.outcome.system.changed is None:
+            raise OrthosisError("a system written by hand has no parameters to change; see `effects`")
         changed = patch.changes_of(self.outcome)
-        return changed | patch.limits(self.nominal, changed)
+        return changed | ({} if self.nominal is None else patch.limits(self.nominal, changed))
 
     @arguments_named()
     def save_page(self, path: str | Path) -> None:

@@ -9,6 +9,7 @@ import casadi as ca
 import motor_bench
 import numpy as np
 import pytest
+import yaml
 from rosbags.typesys import Stores, get_typestore
 
 import pam_orthosis as po
@@ -36,9 +37,12 @@ from pam_orthosis.discrepancy.api import (
     from_csv,
     load_system,
 )
+from pam_orthosis.discrepancy.preparation.beginning import begin
+from pam_orthosis.discrepancy.request import Asked, read_recordings
 from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.discrepancy.systems.rig import test_rig as rig_system
 from pam_orthosis.discrepancy.systems.system import Entry
+from pam_orthosis.discrepancy.workers import Workers
 from pam_orthosis.model.machines import KNEE
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report.gap_figures import _stand_ins
@@ -53,6 +57,13 @@ FRICTION = 2.0  # N
 def tables(tmp_path_factory):
     folder = tmp_path_factory.mktemp("carriage")
     return [motor_bench.write(folder / f"{seed}.csv", seed, FRICTION) for seed in (1, 2, 3)]
+
+
+def _times_noise(table, *model):
+    """Return how many times the noise a recalibrated model leaves."""
+    read = read_recordings(Asked([Path(table)], [], *model, system=CARRIAGE), Workers(1))
+    start = begin(read.nominal.system, read.training, [], read.nominal.parameters.gap)
+    return start.recalibrated().white["overall"] / start.floor.white["overall"]
 
 
 def _gap(tables, out, capsys):
@@ -72,12 +83,20 @@ def test_a_hidden_friction_of_a_foreign_carriage_is_named(tables, tmp_path, caps
     assert words.splitlines()[-1] == "EXPLAINED by friction"
     assert "knee" not in words
     assert "fits better" not in words  # its current is held between rows, as its system says
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["gap.html", "gap.json"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "gap.html",
+        "gap.json",
+        "model.yaml",
+    ]
     assert sorted(CARRIAGE.parent.iterdir()) == before  # nothing is written beside a user's file
     found = po.gap(tables[:2], tables[2:], system=CARRIAGE)
     assert found.as_dict().items() <= reported.items()
-    with pytest.raises(OrthosisError, match="no parameters to change; see `effects`"):
-        found.changes()
+    model = tmp_path / "out" / "model.yaml"
+    assert found.changes() == yaml.safe_load(model.read_text())
+    third = motor_bench.write(tmp_path / "third.csv", 11, FRICTION)
+    before, after = (_times_noise(third, *known) for known in ([], [model]))
+    assert after < 1.3
+    assert before > 10.0
 
 
 def _searched(folder, friction, **changed):
@@ -186,9 +205,8 @@ def test_gap_refuses_a_file_that_is_none_and_a_model_beside_it(tables, tmp_path,
     model = tmp_path / "found.yaml"
     model.write_text("valve.delay: 0.0\n")
     assert main(["gap", tables[0], "--system", str(CARRIAGE), "--model", str(model)]) == 2
-    assert (
-        "valve.delay is of a machine; beside --system, --model takes gap.* alone" in capsys.readouterr().err
-    )
+    assert "found.yaml: " in (said := capsys.readouterr().err)
+    assert "motor-driven carriage has no 'valve.delay'; it has mass, motor" in said
     model.write_text("gap.tolerance.person_mass: 0.1\n")
     assert main(["gap", tables[0], "--system", str(CARRIAGE), "--model", str(model)]) == 2
     assert f"{CARRIAGE} has the tolerances of its parameters" in capsys.readouterr().err

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
+from pam_orthosis.discrepancy.answer import patch
 from pam_orthosis.discrepancy.api import (
     Channel,
     Contribution,
@@ -96,6 +97,13 @@ def _system(**changed):
     return Model(**(settings | changed)).system()
 
 
+def _left(outcome, run):
+    """Return how many times the noise a model with what was found leaves of a third recording."""
+    better = outcome.system.changed(patch.changes_of(outcome))
+    start = begin(better, [run], [], load().gap)
+    return start.recalibrated().white["overall"] / start.floor.white["overall"]
+
+
 def test_two_coordinates_of_one_clock_show_no_skew():
     """What a damper between them does is seen by the other one's velocity."""
     system = _system()
@@ -121,6 +129,7 @@ def test_a_late_channel_and_a_wrong_parameter_are_named(late, changed):
     assert outcome.verdict == ("explained" if late else "recalibrated")
     assert {name: value for name, (value, *_) in named.items()} == pytest.approx(expected, rel=0.01)
     assert all(("a wrong " + name) in describe(outcome) for name in changed)
+    assert _left(outcome, _recording(system, 3, late, **changed)) < 1.1
 
 
 def test_what_a_model_has_under_such_a_name_is_meant_by_it():
@@ -159,6 +168,7 @@ def test_a_constant_that_the_model_lacks_is_no_curve_over_a_signal():
     assert constant.is_constant
     assert constant.level == pytest.approx(0.2, rel=0.05)
     assert "unknown acceleration of y that is constant (0." in describe(outcome)
+    assert _left(outcome, _recording(system, 3, **NOMINAL, tilt=0.1)) < 1.2
 
 
 def test_one_of_two_inputs_that_acts_late_is_named():
@@ -171,6 +181,7 @@ def test_one_of_two_inputs_that_acts_late_is_named():
     assert [one.name for one in late.effects] == ["other_delay"]
     assert late.effects[0].parameters["delay"][0] == pytest.approx(0.015, abs=1e-4)
     assert late.verdict == "explained"
+    assert _left(late, _recording(system, 3, behind=3)) < 1.1
     assert early.effects == ()
     assert "looks as if other were stamped late: other_delay.delay = -0.015" in describe(early)
 

@@ -136,15 +136,18 @@ def test_a_parameter_surely_off_is_excused_by_no_effect_beside_it(friction):
 
 def test_effects_that_are_no_delay_may_make_up_for_stamps_that_are_off(friction):
     _, outcome, _ = friction
-    assert outcome.of_skewed() is outcome, "it explains all alone"
+    outcome = replace(outcome, remarks=("off", "another"))
+    alone = outcome.of_skewed(["off"], clearly=True)
+    assert (alone.verdict, alone.remarks) == (outcome.verdict, ["another"]), "it explains all: none is off"
     outcome = replace(outcome, effects=(*outcome.effects, replace(outcome.effects[0], name="backlash")))
-    skewed = outcome.of_skewed()
-    assert (skewed.verdict, skewed.skewed) == ("partial", True)
+    assert outcome.of_skewed(["off"], clearly=False) is outcome
+    skewed = outcome.of_skewed(["off"], clearly=True)
+    assert (skewed.verdict, skewed.skewed, skewed.remarks) == ("partial", True, outcome.remarks)
     assert "but stamps seem off: mend them and search again" in describe(skewed).splitlines()[-1]
     late = replace(outcome, effects=(*outcome.effects, replace(outcome.effects[0], name="valve_delay")))
-    assert late.of_skewed() is late
-    nothing = replace(outcome, verdict="none", effects=())
-    assert nothing.of_skewed() is nothing
+    assert late.of_skewed(["off"], clearly=True) is late
+    nothing = replace(outcome, verdict="none", effects=()).of_skewed(["off"], clearly=True)
+    assert (nothing.verdict, nothing.remarks) == ("none", ["another"])
 
 
 def test_a_description_of_one_equation_does_not_describe_the_other(friction):

@@ -109,15 +109,20 @@ class Outcome:
         verdict = "partial" if self.effects else "unexplained"
         return replace(self, verdict=verdict, mistaken=True)
 
-    def of_skewed(self) -> Outcome:
+    def of_skewed(self, told: Sequence[str], clearly: bool) -> Outcome:
         """Return the outcome of recordings whose stamps seem off: of several effects one may make up for it.
 
-        One that explains all needs none, and a delay is what is off.
+        A delay is what is off. Where no other or one effect leaves noise alone, by the stamps as they are,
+        these are right, and remarks on them are left out.
         """
         names = (one.name for one in self.effects if one.name not in self.system.wrong)
         named = [self.system.catalogue[name] for name in names]
         late = any(one.late is not None or one.advance is not None or one.lag is not None for one in named)
-        return self if late or len(named) < SEVERAL else replace(self, verdict="partial", skewed=True)
+        if late:
+            return self
+        if len(named) < SEVERAL:
+            return replace(self, remarks=[one for one in self.remarks if one not in told])
+        return replace(self, verdict="partial", skewed=True) if clearly else self
 
     def described(self, left: Unknown | None) -> Outcome:
         """Return the outcome with what can be said of what is left."""

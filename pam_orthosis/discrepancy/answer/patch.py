@@ -14,7 +14,7 @@ from pam_orthosis.discrepancy.systems.system import System
 from pam_orthosis.discrepancy.unknown.description import Description, holder
 from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.files import write_text
-from pam_orthosis.model.effects.described import settings
+from pam_orthosis.model.effects.described import settings, short
 from pam_orthosis.model.machine import Machine
 from pam_orthosis.model.parameters import NOMINAL, Parameters, load
 from pam_orthosis.reading import flattened, read_yaml
@@ -26,7 +26,8 @@ DESCRIBED = "described"  # verdict
 HEADING = "# Model of the gap workflow: overrides by dotted key, for `--model` and `parameters.load`.\n"
 OF_NOMINAL = tuple(f"{branch}." for branch in NOMINAL if branch != "scenario")
 PLANNED = "scenario.plan."
-OF_GAP = "gap.", "scenario.control_period"  # how recordings are to be read: nothing to a run
+SEARCH = "gap."
+OF_GAP = SEARCH, "scenario.control_period"  # how recordings are to be read: nothing to a run
 SUPPLY, HIGHEST = "valve.supply_pressure", "control.position.maximum_pressure"
 REACH = 0.97  # of a supply pressure: what a controller asks of a muscle at most
 
@@ -36,7 +37,8 @@ def overrides(system: System, effects: Sequence[str], values: Mapping[str, float
     changed: dict[str, Any] = {}
     for name in effects:
         if name in system.wrong:
-            value = values[f"{name}.{VALUE}"]
+            value, own = values[f"{name}.{VALUE}"], system.recalibrating(name)
+            value = value if own is None else float(own.applied(value))
             factors = system.common.get(name, {system.wrong[name]: 1.0})
             changed |= {key: float(f"{value * nominal:.6g}") for key, nominal in factors.items()}
             continue
@@ -71,7 +73,11 @@ def of_description(system: System, one: Description) -> dict[str, Any]:
     if known is None:
         return {}
     name, coordinate = known
-    own = settings(coordinate, one.places.tolist(), one.values.tolist())
+    places, values = one.places.tolist(), one.values.tolist()
+    if system.changed is None:
+        own = settings(coordinate, places, values)
+    else:  # it need not have a parameter that takes the mean
+        own = short(coordinate, places, [value + one.level for value in values])
     return {f"{system.branch}.{name}.{key}": value for key, value in own.items()}
 
 
@@ -102,13 +108,7 @@ def read(path: Path, machine: Machine | None = None) -> dict[str, Any]:
         OrthosisError: missing, empty, malformed, not a mapping, an answer of `gap`, a value that its
             parameter cannot have, a row of the hardware, or one of an effect that the file does not switch.
     """
-    content = read_yaml(path)
-    if content is None:
-        raise OrthosisError(f"{path} is empty: it changes nothing; leave --model out")
-    if not isinstance(content, dict):
-        raise OrthosisError(f"{path} is not a mapping of parameters to values")
-    if {"verdict", "closure"} <= set(content):
-        raise OrthosisError(f"{path} is an answer of gap and no model; the model.yaml beside it is one")
+    content = _mapping(path)
     known = load(machine=machine)
     muscles = {name for name, _ in known.muscle.items()}
     # a file of `identify` has the rows of config/muscle.yaml
@@ -117,6 +117,34 @@ def read(path: Path, machine: Machine | None = None) -> dict[str, Any]:
         changed = {key: known.row(key).with_value(value).value for key, value in flattened(content).items()}
         _check_modelled(changed)
     return changed
+
+
+def read_of_system(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what a model file says of a search (`gap.*`), and of a user's own system, unchecked.
+
+    Raises:
+        OrthosisError: missing, empty, malformed, not a mapping, a setting that a search cannot have.
+    """
+    known = load()
+    with naming(path):
+        content = flattened(_mapping(path))
+        of_gap = {
+            key: known.row(key).with_value(content.pop(key)).value
+            for key in [*content]
+            if key.startswith(SEARCH)
+        }
+    return of_gap, content
+
+
+def _mapping(path: Path) -> dict[str, Any]:
+    content = read_yaml(path)
+    if content is None:
+        raise OrthosisError(f"{path} is empty: it changes nothing; leave --model out")
+    if not isinstance(content, dict):
+        raise OrthosisError(f"{path} is not a mapping of parameters to values")
+    if {"verdict", "closure"} <= set(content):
+        raise OrthosisError(f"{path} is an answer of gap and no model; the model.yaml beside it is one")
+    return content
 
 
 def _check_modelled(changed: Mapping[str, Any]) -> None:

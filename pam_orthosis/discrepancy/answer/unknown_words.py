@@ -91,6 +91,7 @@ def _carried(system: System, one: Description) -> list[str]:
         return ["no model file can carry this description"]
     first = one.channel == system.channels[0].name and one.coordinate != "time"
     use = "controllers and gap use it" if first else "gap uses it, controllers do not"
+    use = use if system.changed is None else "gap uses it"
     return [f"a model file carries this description, which is no cause, as {system.branch}.{known[0]}: {use}"]
 
 

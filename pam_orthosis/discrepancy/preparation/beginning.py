@@ -41,6 +41,7 @@ class Beginning:
         remarks: on the recordings.
         mistaken: whether one of these says that they seem to have a mistake.
         skewed: whether one says that stamps are clearly off.
+        stamps: those that say that stamps are off.
         moved: what to say if an effect over time is named: recordings count from another instant than their
             clocks say; empty if they do not.
     """
@@ -53,6 +54,7 @@ class Beginning:
     remarks: tuple[str, ...]
     mistaken: bool = False
     skewed: bool = False
+    stamps: tuple[str, ...] = ()
     moved: str = ""
 
     def configured(self, judged: Samples | None = None) -> measure.Gap:
@@ -91,7 +93,8 @@ def begin(
     replay = replay or Replay(system)
     check_room([*training, *held_out], replay.workers.jobs)
     skews = shared_skews(system, [*training, *held_out], replay.workers)
-    remarks += [*check.unread([*training, *held_out]), *remarks_on(skews)]
+    stamps = remarks_on(skews)
+    remarks += [*check.unread([*training, *held_out]), *stamps]
     missing = check.missing_inputs(system, [*training, *held_out])
     if missing:
         system = _without(system, missing)
@@ -110,7 +113,16 @@ def begin(
     mistake = mistake_words(judge, cutoff)
     remarks += [mistake] * bool(mistake)
     return Beginning(
-        system, problem, null, judge, floor, tuple(remarks), bool(mistake), clearly_off(skews), moved
+        system,
+        problem,
+        null,
+        judge,
+        floor,
+        tuple(remarks),
+        bool(mistake),
+        clearly_off(skews),
+        tuple(stamps),
+        moved,
     )
 
 

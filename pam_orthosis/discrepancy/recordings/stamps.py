@@ -188,7 +188,8 @@ def _late(system: System, name: str, period: float) -> float:
     """Return how late a recorded signal acts by the model, s."""
     if name not in system.inputs:
         return 0.0
-    return system.late * (name not in system.sensed) + period / 2 * (name not in system.gradual)
+    held = period / 2 * (name not in system.gradual)
+    return system.late * (name not in system.sensed) + system.later.get(name, 0.0) + held
 
 
 def _rates(system: System, drivers: Sequence[str]) -> dict[str, str]:

@@ -209,7 +209,7 @@ class Replay:
     def _shift(self, equation: Equation, part: Part, effects: Names, values: Values) -> Shift:
         """Return how what a part of an equation sees is shifted; it does not see other parts."""
         advance: dict[str, float] = {}
-        later: dict[str, float] = {}
+        later = {**self.system.later}
         own, late = 0.0, self.system.late
         for name in effects:
             if not self.shifts(name, equation, effects):
@@ -217,7 +217,7 @@ class Replay:
             effect, values_of = self.system.catalogue[name], self._own_values(name, values)
             delay = 0.0 if effect.late is None else effect.late(values_of)
             if effect.late_of:
-                later[effect.late_of] = delay
+                later[effect.late_of] = later.get(effect.late_of, 0.0) + delay
             else:
                 late += delay
             for channel, seconds in (effect.advance(values_of) if effect.advance else {}).items():

@@ -7,11 +7,13 @@ of which, in which equation an effect shows, and what needs which input.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
 
+from pam_orthosis.discrepancy.systems.changes import UNKNOWN, Curve, changed, check_present
 from pam_orthosis.discrepancy.systems.implied import (
     late_channel,
     late_input,
@@ -91,6 +93,9 @@ class Model:
         late: s, by which inputs act later than recorded.
         sources: signal -> where recordings have it.
         ambient: absolute pressure, Pa, from which gauge pressures in a table count.
+        present: effects, of `effects` or implied, that the nominal model has already -> their parameters.
+            Those of the expressions are recalibrated by `gap.learned.deviation`; dead times are exact.
+        curves: channel -> what was described of it and has no name.
     """
 
     name: str
@@ -106,6 +111,8 @@ class Model:
     late: float = 0.0
     sources: Mapping[str, Source] = field(default_factory=dict)
     ambient: float = System.ambient
+    present: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    curves: Mapping[str, Curve] = field(default_factory=dict)
 
     def system(self) -> System:
         """Return the system.
@@ -114,18 +121,22 @@ class Model:
             OrthosisError: parts of the model do not fit together.
         """
         self._check_names()
-        traced = Traced(self, ())
+        check_present(self)
+        traced, missing = Traced(self, ()), [one for one in self.effects if one.name not in self.present]
         plain = System(
             name=self.name,
             channels=tuple(self.channels),
             inputs=tuple(one.name for one in self.inputs),
             derived=self._derived(traced),
             equations=(),
-            calibrations=tuple(one.calibration for one in self.parameters if one.tolerance),
-            catalogue={effect.name: effect for effect in self.effects},
+            calibrations=(*(one.calibration for one in self.parameters if one.tolerance), *self.learned),
+            catalogue={effect.name: effect for effect in missing},
             assemble=lambda effects: Traced(self, effects).assembled(),
             limits=self.limits,
-            late=self.late,
+            late=self.late + self._lateness.get("", 0.0),
+            later={name: seconds for name, seconds in self._lateness.items() if name},
+            changed=lambda values: changed(self, values).system(),
+            simpler={name: partial(self._without, name) for name in self.present},
             input_units={one.name: one.unit for one in self.inputs},
             input_noise={one.name: one.noise for one in self.inputs},
             gradual=tuple(one.name for one in self.inputs if not one.held),
@@ -133,13 +144,19 @@ class Model:
             ambient=self.ambient,
         )
         equations = self._equations(plain.derived)
-        places = {one.name: _place(plain, traced, equations, one) for one in self.effects}
+        places = {one.name: _place(plain, traced, equations, one) for one in missing}
         needs = {one.name: traced.inputs_of(plain, one) for one in equations}
         places |= self._implied_places(plain, traced, equations, needs)
         implied = {one.name: one for one in self.implied if one.name in places}
+        entries = {
+            one.name: tuple(replace(e, held=f"{UNKNOWN}{one.name}") for e in plain.entries_of(one.name))
+            for one in self.channels
+            if one.state is not None and one.name not in self.curves
+        }
         return replace(
             plain,
             equations=equations,
+            entries=entries,
             places=places,
             needs=needs,
             catalogue={**plain.catalogue, **implied},
@@ -163,7 +180,8 @@ class Model:
             enters = traced.symbol(key) if key else traced.marks[effect.stage]
             return any(traced.depends(system, equation, enters))
 
-        found = {one.name: [e.name for e in equations if shows(one, e)] for one in self.implied}
+        missing = [one for one in self.implied if one.name not in self.present]
+        found = {one.name: [e.name for e in equations if shows(one, e)] for one in missing}
         return {name: places[0] for name, places in found.items() if places}
 
     @cached_property
@@ -180,14 +198,40 @@ class Model:
         found += [late_channel(one) for one in shown] if len(self.channels) > 1 else []
         return tuple(one for one in found if one.name not in {effect.name for effect in self.effects})
 
+    @cached_property
+    def known(self) -> tuple[Effect, ...]:
+        """The effects that the model has already."""
+        return tuple(one for one in (*self.effects, *self.implied) if one.name in self.present)
+
+    @property
+    def learned(self) -> tuple[Calibration, ...]:
+        """By how much their parameters may be off: not dead times, shapes, nor what is at a bound."""
+        unit, sd = load().row("gap.learned.deviation").unit, load().gap.learned.deviation
+        return tuple(
+            Calibration(f"{one.name}_{q.name}", sd, unit, f"{q.name} of {one.name}", True)
+            for one in self.known
+            if one.late is None and not one.shape
+            for q in one.parameters
+            if not q.at_bound(self.present[one.name].get(q.name, q.typical))
+        )
+
+    @property
+    def _lateness(self) -> dict[str, float]:
+        """By how much the inputs are known to act late, s: one by its name, all under an empty one."""
+        values = {one.name: SimpleNamespace(**self.present[one.name]) for one in self.known}
+        return {one.late_of: one.late(values[one.name]) for one in self.known if one.late is not None}
+
+    def _without(self, name: str) -> System:
+        return replace(self, present={k: v for k, v in self.present.items() if k != name}).system()
+
     def _check_names(self) -> None:
         names = [*self.states, *(one.name for one in self.inputs), TIME]
         names += [state for effect in (*self.effects, *self.implied) for state in effect.states]
         groups = {
             "states and inputs": names,
             "channels and inputs": [*(one.name for one in self.channels), *(one.name for one in self.inputs)],
-            "parameters": [one.name for one in self.parameters],
-            "effects": [one.name for one in self.effects],
+            "parameters": [*(one.name for one in self.parameters), *(one.name for one in self.learned)],
+            "effects": [one.name for one in self.effects] + [f"{UNKNOWN}{one.name}" for one in self.channels],
         }
         for what, group in groups.items():
             _check_group(what, group)

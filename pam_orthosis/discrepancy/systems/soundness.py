@@ -53,6 +53,9 @@ def _check_signals(system: System) -> None:
         _known("input_noise", name, system.inputs)
         _finite(f"noise of {name}", sd, 0.0)
     _finite("late", system.late)
+    for name, seconds in system.later.items():
+        _known("later", name, system.inputs)
+        _finite(f"later of {name}", seconds)
     _finite("ambient", system.ambient, math.ulp(0.0))
     for kind, names in (("gradual", system.gradual), ("sensed", system.sensed)):
         for name in names:

@@ -162,6 +162,8 @@ class System:
         limits: channel or input -> values that it cannot leave, in its unit.
         input_period: parameter in a bag's metadata that says how often the inputs changed, s.
         late: s, by which the model's inputs act later than recorded; effects with `late` count from there.
+        later: input -> s by which it acts still later than the others.
+        changed: key -> value of a model file, `gap.*` left out -> the system that has it; None: it has none.
         unusable: experiments that effects name and whose recordings cannot be searched.
         places: effect -> the equation in which it shows, where the effect does not name it itself.
         input_units: input -> its unit (V).
@@ -194,6 +196,8 @@ class System:
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     input_period: str = ""
     late: float = 0.0
+    later: Values = field(default_factory=dict)
+    changed: Callable[[Mapping[str, Any]], System] | None = None
     unusable: tuple[str, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict)
     input_units: Mapping[str, str] = field(default_factory=dict)

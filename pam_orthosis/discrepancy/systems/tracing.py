@@ -20,6 +20,7 @@ from pam_orthosis.discrepancy.systems.system import Assembled, Equation, System
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.effects import pade
 from pam_orthosis.model.effects.base import Contribution, Effect
+from pam_orthosis.model.effects.described import curve
 
 if TYPE_CHECKING:
     from pam_orthosis.discrepancy.systems.builder import Model, Parameter
@@ -90,17 +91,20 @@ class Traced:
         self._model = model
         implied = {one.name: one for one in model.implied}
         every = implied | {one.name: one for one in model.effects}
-        self._on = [every[name] for name in effects]
-        self._implied = [implied[name] for name in effects if name in implied]
+        tried = [every[name] for name in effects]
+        self._on = [*(one for one in model.known if one.late is None), *tried]
+        self._implied = [one for one in self._on if one.name in implied]
         self.states = (*model.states, *(state for one in self._on for state in one.states))
         self.x, self.u = ca.SX.sym("x", len(self.states)), ca.SX.sym("u", len(model.inputs))
         self.time = ca.SX.sym(TIME)
         self.marks: dict[str, ca.SX] = {}
         tolerances = [one.name for one in model.parameters if one.tolerance]
-        own = [f"{one.name}.{q.name}" for one in self._on for q in one.parameters]
-        self.parameters = (*tolerances, *own)
+        own = [f"{one.name}.{q.name}" for one in tried for q in one.parameters]
+        self.parameters = (*tolerances, *(one.name for one in model.learned), *own)
         self.theta = ca.SX.sym("theta", len(self.parameters))
         self._symbols = {name: self.theta[i] for i, name in enumerate(self.parameters)}
+        known = [(one.name, q.name) for one in model.known for q in one.parameters]
+        self._symbols |= {f"{effect}.{q}": self._known(effect, q) for effect, q in known}
         self._of_state = {name: self.x[i] for i, name in enumerate(self.states)}
         self._effect_rates: dict[str, Any] = {}
         self._evaluate()
@@ -126,6 +130,19 @@ class Traced:
             if len(rates) != len(one.states):
                 raise OrthosisError(f"effect {one.name}: {len(rates)} rates of {len(one.states)} states")
             self.rates |= dict(zip(one.states, rates, strict=True))
+        states = {channel.name: str(channel.state) for channel in model.channels}
+        for name, row in model.curves.items():
+            rate = self._last_rate(states[name])
+            self.rates[rate] += curve(known[row.coordinate], row.places, row.values)
+
+    def _last_rate(self, state: str) -> str:
+        """Return the state that is the rate of a state, or itself if none is."""
+        rates = (one for one in self._model.states if ca.is_equal(self.rate(state), self._of_state[one]))
+        return next(rates, state)
+
+    def _known(self, effect: str, quantity: str) -> Any:
+        """Return a parameter of an effect that the model has, as recalibration moves it."""
+        return self._model.present[effect][quantity] * (1 + self._symbols.get(f"{effect}_{quantity}", 0.0))
 
     def _inputs(self) -> dict[str, Any]:
         """Return the inputs; those that act late by a Pade approximation (1, 1), which no replay needs."""

@@ -2,12 +2,14 @@
 """A user's own system from a Python file with `system() -> System`; the file is run when a user gives it."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from traceback import extract_tb
 from types import ModuleType
+from typing import Any
 
 from pam_orthosis.discrepancy.systems.soundness import check_system
 from pam_orthosis.discrepancy.systems.system import Assembled, System
@@ -40,12 +42,28 @@ def load_system(path: Path) -> System:
                 f"{MAKER}() returns {type(system).__name__}, not a System (Model(...).system())"
             )
         check_system(system)
+    return _guarded(path, system)
+
+
+def _guarded(path: Path, system: System) -> System:
+    """Return a system whose errors name the file, when the engine calls back into it too."""
 
     def assemble(effects: tuple[str, ...]) -> Assembled:
         with _named(path):
             return system.assemble(effects)
 
-    return replace(system, assemble=assemble)
+    def made(make: Callable[..., System], *given: Mapping[str, Any]) -> System:
+        with _named(path):
+            other = make(*given)
+            check_system(other)
+        return _guarded(path, other)
+
+    return replace(
+        system,
+        assemble=assemble,
+        changed=None if system.changed is None else partial(made, system.changed),
+        simpler={name: partial(made, make) for name, make in system.simpler.items()},
+    )
 
 
 @contextmanager

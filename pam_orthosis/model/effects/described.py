@@ -104,9 +104,14 @@ def settings(coordinate: str, places: Sequence[float], values: Sequence[float]) 
     more = KNOTS - len(places)
     step = places[-1] - places[-2]
     behind = [places[-1] + step * (k + 1) for k in range(more)]
+    return short(coordinate, [*places, *behind], [*values, *[values[-1]] * more])
+
+
+def short(coordinate: str, places: Sequence[float], values: Sequence[float]) -> Mapping[str, object]:
+    """Return the settings of a curve where it may have any number of places."""
     return {
         "enabled": True,
         "coordinate": coordinate,
-        "places": rounded([*places, *behind]),
-        "values": rounded([*values, *[values[-1]] * more]),
+        "places": rounded(places),
+        "values": rounded(values),
     }
