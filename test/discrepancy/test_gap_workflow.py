@@ -513,8 +513,10 @@ def test_each_effect_has_its_own_look_alikes_and_none_that_is_named(friction, be
     )
     assert findings.first_accepted(found, [second, first]) is first
     reported = describe(replace(friction, effects=(first, second), look_alikes=("creep",)))
-    assert "do not separate backlash from: creep\n" in reported
-    assert "do not separate valve_lag from: valve_delay\n" in reported
+    assert (
+        "do not separate backlash from: creep; the size holds if nothing of that is there too\n" in reported
+    )
+    assert "do not separate valve_lag from: valve_delay; the size" in reported
     assert "--scenario diagnostic-cocontraction" in reported
 
 

@@ -229,7 +229,9 @@ def _alike(one: Named, several: bool) -> list[str]:
     """Return what an effect is confounded with, and what would part them; nothing if it can."""
     if not one.look_alikes:
         return []
-    lines = [f"these data do not separate {one.name if several else 'it'} from: {', '.join(one.look_alikes)}"]
+    its, others = one.name if several else "it", ", ".join(one.look_alikes)
+    holds = "the size holds if nothing of that is there too"
+    lines = [f"these data do not separate {its} from: {others}; {holds}"]
     if one.separated_by:
         lines += _experiment("an experiment that separates them", one.separated_by[0])
     return lines
