@@ -185,7 +185,7 @@ def _key(part: Part, wrt: Names) -> str:
         for file in (__file__, source_module.__file__, compiled.__file__)
     ]
     # the functions know parameters by their place alone
-    names = repr((part.parameters, wrt, part.switches))
+    names = repr((part.parameters, wrt, part.switches, LANES))
     return "\n".join(
         (part.observe.serialize(), part.rates.serialize(), names, version("casadi"), *code, processor())
     )
