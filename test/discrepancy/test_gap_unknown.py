@@ -135,7 +135,7 @@ def test_without_a_candidate_of_a_constant_the_missing_rate_is_described(bench):
         is_constant=False,
     )  # fmt: skip
     reported = short(system, SimpleNamespace(descriptions=[found], events=()))
-    assert reported == "unknown acceleration of angle of angle (2 rad/s^2)"
+    assert reported == "unknown acceleration of angle over angle (2 rad/s^2)"
 
 
 def test_a_torque_of_the_angle_is_described_with_its_period_and_size(bench, reported):
@@ -344,7 +344,7 @@ def test_of_two_muscles_each_has_a_curve(bench, of_gas, monkeypatch):
         "extensor_pressure": ("flexor_voltage", pytest.approx(0.35)),
     }
     words = short(bench.system, found)
-    assert words.endswith(" and unknown rate of extensor pressure of flexor voltage (0.1 Pa/s)")
+    assert words.endswith(" and unknown rate of extensor pressure over flexor voltage (0.1 Pa/s)")
     told = unknown_as_dict(bench.system, found)
     assert [told["curve"]["channel"], told["other_curves"][0]["channel"]] == list(seen)
     assert of_gas(shares(0.25, 0.24)) == ()

@@ -30,7 +30,9 @@ def _short(system: System, one: Description) -> str:
     if one.is_constant:
         return f"{_name(one)} that is constant ({one.level:.3g} {one.unit})"
     period = "" if one.period is None else f"period {_with_unit(system, one, one.period)}, "
-    return f"{_name(one)} of {one.coordinate.replace('_', ' ')} ({period}{one.amplitude[0]:.3g} {one.unit})"
+    name, signal = _name(one), one.coordinate.replace("_", " ")
+    by = "over" if " of " in name else "of"
+    return f"{name} {by} {signal} ({period}{one.amplitude[0]:.3g} {one.unit})"
 
 
 def unknown_words(system: System, unknown: Unknown, shares: Values | None = None) -> list[str]:
