@@ -2,7 +2,7 @@
 """The stages before the search: recordings are checked and weighted, the model is recalibrated."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -99,14 +99,15 @@ def begin(
     if missing:
         system = _without(system, missing)
         replay = Replay(system, replay.workers)
+    begins: list[int] = []
     if not held_out:
         check.check_divisible(training, HELD_SHARE, settings.replay.warm_up)
-        training, held_out = _split(training)
+        training, held_out, begins = _split(training)
         remarks.append("no recording is held out: the last quarter of each one judges")
     check.check_motion(system, training, "the fit")
-    check.check_motion(system, held_out, "the judgement")
+    check.check_motion(system, _judged(held_out, begins), "the judgement")
     progress("compiling the model")
-    problem, judge, floor = prepared(replay, training, held_out, settings)
+    problem, judge, floor = prepared(replay, training, held_out, settings, begins)
     problem, null = refit.recalibrated(problem, progress)
     cutoff = settings.replay.cross_cutoff
     problem, judge, moved = aligned(problem, null, judge, cutoff)
@@ -134,18 +135,32 @@ def _without(system: System, missing: Sequence[str]) -> System:
     return known
 
 
-def _split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
+def _split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording], list[int]]:
+    """Return what is fitted, the recordings whose last part judges, and the samples at which that begins.
+
+    They are replayed from their beginning: what warms, creeps or acts late at the cut began before it.
+    """
     cut = [round((1 - HELD_SHARE) * one.samples) for one in recordings]
     first = [one.part(0, at, one.name) for one, at in zip(recordings, cut, strict=True)]
-    last = [one.part(at, one.samples, f"{one.name} (end)") for one, at in zip(recordings, cut, strict=True)]
-    return first, last
+    return first, [replace(one, name=f"{one.name} (end)") for one in recordings], cut
+
+
+def _judged(held_out: Sequence[Recording], begins: Sequence[int]) -> list[Recording]:
+    if not begins:
+        return list(held_out)
+    return [one.part(at, one.samples, one.name) for one, at in zip(held_out, begins, strict=True)]
 
 
 def prepared(
-    replay: Replay, training: Sequence[Recording], held_out: Sequence[Recording], settings: Section
+    replay: Replay,
+    training: Sequence[Recording],
+    held_out: Sequence[Recording],
+    settings: Section,
+    begins: Sequence[int] = (),
 ) -> tuple[Problem, Problem, measure.Gap]:
     """Return the training and the held-out problem, whitened, and the noise floor of the latter.
 
+    `begins`: the samples of held-out recordings at which what judges begins, if not after the warm-up.
     What noise does to a replay is found without the effects that the model has already: a model that sticks
     would make of a little noise a large offset.
     """
@@ -155,13 +170,20 @@ def prepared(
     _check_replayed(replay, [run for group in runs for run in group])
     noise = _noise(bare, runs[0], settings)
     numbered = [(seed, run) for group in runs for seed, run in enumerate(group)]
-    whitened = replay.workers.forked(lambda one: _whitened(bare, one[1], noise, settings, one[0]), numbered)
+    skipped = [_warm_up(run, settings) for _, run in numbered]
+    skipped[len(runs[0]) :] = begins or skipped[len(runs[0]) :]
+
+    def whitened_run(place: int) -> tuple[Whitener, dict[str, float]]:
+        seed, run = numbered[place]
+        return noise_whitener(bare, run, noise, cutoff, skipped[place], seed)
+
+    whitened = replay.workers.forked(whitened_run, range(len(numbered)))
     floors = [floor for _, floor in whitened[len(runs[0]) :]]
     units = {name: float(np.mean([floor[name] for floor in floors])) for name in floors[0]}
     white = dict.fromkeys([*units, measure.OVERALL], 1.0)
     scored = [
-        Scored(run, whiten, _warm_up(run, settings))
-        for (_, run), (whiten, _) in zip(numbered, whitened, strict=True)
+        Scored(run, whiten, skip)
+        for (_, run), (whiten, _), skip in zip(numbered, whitened, skipped, strict=True)
     ]
     first, second = scored[: len(runs[0])], scored[len(runs[0]) :]
     return Problem(replay, first), Problem(replay, second), measure.Gap(units, white)
@@ -208,13 +230,6 @@ def residual_noise(
             for i, channel in enumerate(equation.channels):
                 residuals.setdefault(channel, []).append(rows[:, i])
     return noise_levels(residuals, [run.period for run in runs])
-
-
-def _whitened(
-    replay: Replay, run: Run, noise: Values, settings: Section, seed: int
-) -> tuple[Whitener, dict[str, float]]:
-    cutoff, warm_up = settings.replay.cross_cutoff, _warm_up(run, settings)
-    return noise_whitener(replay, run, noise, cutoff, warm_up, seed)
 
 
 def strained_parameters(final: Fit) -> dict[str, float]:
