@@ -20,6 +20,7 @@ from pam_orthosis.discrepancy.answer.judgement import Outcome
 from pam_orthosis.discrepancy.answer.verdict import describe
 from pam_orthosis.discrepancy.recordings.data import Recording, from_arrays, from_bag, from_csv
 from pam_orthosis.discrepancy.systems.builder import Input, Model, Parameter
+from pam_orthosis.discrepancy.systems.changes import Curve
 from pam_orthosis.discrepancy.systems.soundness import check_system
 from pam_orthosis.discrepancy.systems.system import Assembled, Calibration, Channel, Equation, Source, System
 from pam_orthosis.discrepancy.systems.user_file import load_system
@@ -28,7 +29,7 @@ from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
 
 __all__ = [
-    "Assembled", "Calibration", "Channel", "Contribution", "Effect", "Equation", "Input", "Model",
+    "Assembled", "Calibration", "Channel", "Contribution", "Curve", "Effect", "Equation", "Input", "Model",
     "OrthosisError", "Outcome", "Parameter", "Quantity", "Recording", "Source", "System", "as_dict",
     "check_system", "describe", "find_gap", "from_arrays", "from_bag", "from_csv", "load_system",
 ]  # fmt: skip

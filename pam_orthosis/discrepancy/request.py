@@ -95,7 +95,9 @@ def _of_system(file: Path, model: Path | None) -> Nominal:
     """Return a system of the user's, of whose search and model --model may change what it says."""
     settings, changes = patch.read_of_system(model) if model else ({}, {})
     if tolerances := [key for key in settings if key.startswith((TOLERANCE, LEARNED))]:
-        raise OrthosisError(f"{tolerances[0]} is of a machine; {file} has the tolerances of its parameters")
+        raise OrthosisError(
+            f"{model}: {tolerances[0]} is of a machine; {file} has the tolerances of its parameters"
+        )
     system = load_system(file)
     if changes:
         if system.changed is None:

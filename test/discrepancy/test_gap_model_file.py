@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 
 from pam_orthosis.cli.main import main
-from pam_orthosis.discrepancy.api import load_system
+from pam_orthosis.discrepancy.api import (
+    Channel,
+    Curve,
+    Effect,
+    Input,
+    Model,
+    Parameter,
+    Quantity,
+    load_system,
+)
 from pam_orthosis.errors import OrthosisError
 
 CARRIAGE = Path(__file__).resolve().parents[2] / "examples" / "motor_carriage.py"
@@ -65,7 +74,10 @@ def _rates(system, position):
         ({"mass": "heavy"}, "mass is 'heavy', no finite number"),
         ({"mass": float("inf")}, "mass is inf, no finite number"),
         ({"effects.frction.enabled": True}, "has no 'frction'"),
-        ({"effects.wrong_mass.enabled": True}, "has no 'wrong_mass'"),
+        ({"effects.wrong_mass.enabled": True}, "wrong_mass is no effect: give mass: VALUE"),
+        ({"mass": -2.0}, "mass = -2: by its tolerance it keeps the sign of 2"),
+        ({"mass": 10**400}, "no finite number"),
+        ({**ON, "effects.friction.level": None}, "effects.friction.level is None, no finite number"),
         ({"effects.friction.level": 2.0}, "give effects.friction.enabled: true, or leave out what is of it"),
         ({**ON, "effects.friction.enabled": False}, "effects.friction is not on"),
         ({"effects.friction.enabled": True}, "effects.friction.level is missing"),
@@ -73,12 +85,14 @@ def _rates(system, position):
         ({**ON, "effects.friction.level": 51.0}, "effects.friction.level = 51 is outside of 0 .. 50 N"),
         ({**ON, "effects.friction.level": True}, "effects.friction.level is True, no finite number"),
         ({**CURVE, "effects.unknown_position.places": [0.1, -0.1]}, "places have to rise"),
-        ({**CURVE, "effects.unknown_position.places": 0.1}, "position.places is 0.1; it needs two"),
+        ({**CURVE, "effects.unknown_position.places": 0.1}, "unknown_position.places: give 2 to 200 numbers"),
         ({**CURVE, "effects.unknown_position.values": [1.0]}, "places as many as values"),
         ({**CURVE, "effects.unknown_position.values": [1.0, "x"]}, "values is 'x', no finite number"),
         ({**CURVE, "effects.unknown_position.coordinate": "force"}, "coordinate has no 'force'; it has pos"),
         ({k: v for k, v in CURVE.items() if "values" not in k}, "effects.unknown_position.values is missing"),
-        ({"effects": 3}, "has no ''"),
+        ({"effects": 3}, "effects is 3; give effects.NAME.enabled, and its parameters"),
+        ({**CURVE, "effects.unknown_position.coordinate": 5}, "position.coordinate is 5; give one of"),
+        ({**CURVE, "effects.unknown_position.places": list(range(300))}, "give 2 to 200 numbers"),
     ],
 )  # fmt: skip
 def test_what_a_system_cannot_have_is_refused_in_one_line(carriage, changes, said):
@@ -113,3 +127,58 @@ def test_an_error_of_the_users_code_names_its_file(tmp_path):
     _write(file, changed="lambda _: 1 / 0")
     with pytest.raises(OrthosisError, match=r"own.py, line \d+: ZeroDivisionError: division by zero"):
         load_system(file).changed(ON)
+
+
+def _rub(quantity):
+    size = Quantity(quantity, 3.0, "N", 0.0, 50.0, "dry friction", 0.0)
+    law = lambda s, p, own: -getattr(p, quantity) * ca.tanh(s.v / 0.01)  # noqa: E731
+    return Effect("rub", "force", (size,), law, "It rubs.", "")
+
+
+def _model(**changed):
+
+    def equations(s, p):
+        s.force = p.motor * s.current
+        return {"x": s.v, "v": s.force}
+
+    settings = {
+        "name": "slide",
+        "channels": [Channel("x", "x", "m", "mm", 1e3)],
+        "inputs": [Input("current", "A")],
+        "states": ["x", "v"],
+        "equations": equations,
+        "parameters": [Parameter("motor", 2.0, "m/s^2/A", 0.1, "acceleration per current")],
+        "effects": [_rub("level")],
+    }
+    return Model(**(settings | changed))
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"present": ["rub"]}, "`present` is \\['rub'\\]; give a mapping from names"),
+        ({"present": None}, "`present` is None; give a mapping"),
+        ({"present": {"rub": 40}}, "effects.rub is 40; give a mapping from level"),
+        ({"present": {"rub": {"level": "40"}}}, "effects.rub.level is '40', no finite number"),
+        ({"present": {"rub": {}}}, "effects.rub.level is missing"),
+        ({"curves": {"x": {"coordinate": "x"}}}, "effects.unknown_x is .*; give a Curve"),
+        ({"curves": {"x": Curve(None, [0, 1], [0, 1])}}, "unknown_x.coordinate is None; give one of x, v"),
+        ({"curves": {"y": Curve("x", [0, 1], [0, 1])}}, "`curves` has no 'y'"),
+        ({"parameters": [Parameter("rub_level", 1.0, "N", 0.1, "")]}, "effect 'rub' has one of this name"),
+        ({"parameters": [Parameter("effects", 1.0, "N", 0.1, "")]}, "has something else under this name"),
+        ({"effects": [_rub("enabled")]}, "'enabled' says in a model file that it is there"),
+    ],
+)  # fmt: skip
+def test_a_model_that_no_file_could_hold_is_refused_before_a_search(changes, said):
+    with pytest.raises(OrthosisError, match=said):
+        _model(**changes).system()
+
+
+def test_a_model_by_hand_may_have_an_effect_a_curve_and_a_late_sensor():
+    curve = Curve("v", (-1.0, 1.0), (0.5, -0.5))
+    known = {"rub": {"level": np.float64(2.0)}, "current_delay": {"delay": 0.02}, "x_delay": {"delay": 0.01}}
+    channels = [Channel("x", "x", "m", "mm", 1e3), Channel("v", "v", "m/s", "m/s", 1.0)]
+    two = {"inputs": [Input("current", "A"), Input("other", "A")], "channels": channels}
+    system = _model(present=known, curves={"x": curve}, **two).system()
+    assert (system.late, system.later, system.aged) == (0.0, {"current": 0.02}, {"x": 0.01})
+    assert {"rub", "current_delay", "x_delay"} & set(system.catalogue) == set()

@@ -353,6 +353,10 @@ def test_pressures_stamped_late_are_found_and_others_are_not(documented):
     (skew,) = skews(system, stamped_late(one, 0.004, ("extensor_pressure", "flexor_pressure")))
     assert skew.signals == ("extensor_pressure", "flexor_pressure")
     assert skew.seconds == pytest.approx(0.004, abs=0.001)
+    late = {f"effects.{name}_pressure_delay.{key}": value for name in ("extensor", "flexor")
+            for key, value in (("enabled", True), ("delay", 0.004))}  # fmt: skip
+    known = knee(nominal.changed(late))
+    assert not skews(known, stamped_late(one, 0.004, ("extensor_pressure", "flexor_pressure")))
 
 
 @pytest.mark.parametrize("every", [1, 4])

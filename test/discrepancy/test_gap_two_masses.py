@@ -4,12 +4,14 @@
 The recordings are exact samples of the linear system (matrix exponential).
 """
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from pam_orthosis.discrepancy.answer import patch
+from pam_orthosis.discrepancy.answer import patch, standing
 from pam_orthosis.discrepancy.api import (
     Channel,
     Contribution,
@@ -109,6 +111,8 @@ def test_two_coordinates_of_one_clock_show_no_skew():
     system = _system()
     assert skews(system, _recording(system, 1)) == []
     late = skews(system, _recording(system, 1, late=3))
+    known = system.changed({"effects.y_delay.enabled": True, "effects.y_delay.delay": 0.015})
+    assert skews(known, _recording(system, 1, late=3)) == []
     assert {one.channel for one in late} == {"y"}
     assert late[0].seconds == pytest.approx(-0.015, abs=3e-4)
 
@@ -162,13 +166,18 @@ def test_a_model_without_any_tolerance_is_searched_too():
 def test_a_constant_that_the_model_lacks_is_no_curve_over_a_signal():
     system = _system()
     runs = [[_recording(system, seed, **NOMINAL, tilt=0.1)] for seed in (1, 2)]
-    outcome = find_gap(system, *runs)
+    start = begin(system, *runs, load().gap)
+    outcome = search(start, load().gap)
     assert outcome.verdict == "described"
     (constant,) = [one for one in outcome.unknown.descriptions if one.channel == "y"]
     assert constant.is_constant
     assert constant.level == pytest.approx(0.2, rel=0.05)
     assert "unknown acceleration of y that is constant (0." in describe(outcome)
     assert _left(outcome, _recording(system, 3, **NOMINAL, tilt=0.1)) < 1.2
+    assert standing.stands(start, outcome)
+    turned = [replace(one, level=-one.level) for one in outcome.unknown.descriptions]
+    worse = replace(outcome, unknown=replace(outcome.unknown, descriptions=turned))
+    assert not standing.stands(start, worse), "it would leave more than nothing does"
 
 
 def test_one_of_two_inputs_that_acts_late_is_named():

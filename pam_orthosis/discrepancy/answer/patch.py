@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pam_orthosis.discrepancy.answer.judgement import Outcome
 
 DESCRIBED = "described"  # verdict
-HEADING = "# Model of the gap workflow: overrides by dotted key, for `--model` and `parameters.load`.\n"
+HEADING = "# Model of the gap workflow: overrides by dotted key, for `--model`.\n"
 OF_NOMINAL = tuple(f"{branch}." for branch in NOMINAL if branch != "scenario")
 PLANNED = "scenario.plan."
 SEARCH = "gap."
@@ -60,11 +60,15 @@ def limits(nominal: Parameters, changed: Mapping[str, Any]) -> dict[str, float]:
 def changes_of(outcome: Outcome) -> dict[str, Any]:
     """Return what a search found as overrides: named effects, right values, what it could only describe."""
     system, named = outcome.system, [one.name for one in outcome.effects]
-    changed = overrides(system, named, outcome.selection.final.values)
-    if outcome.unknown and outcome.verdict == DESCRIBED:
-        for one in outcome.unknown.descriptions:
-            changed |= of_description(system, one)
-    return changed
+    values = outcome.selection.final.values
+    if not outcome.unknown or outcome.verdict != DESCRIBED:
+        return overrides(system, named, values)
+    curves: dict[str, Any] = {}
+    for one in outcome.unknown.descriptions:
+        if (own := of_description(system, one)) and system.changed is not None:
+            values = {**values, **one.beside}
+        curves |= own
+    return overrides(system, named, values) | curves
 
 
 def of_description(system: System, one: Description) -> dict[str, Any]:
@@ -76,6 +80,8 @@ def of_description(system: System, one: Description) -> dict[str, Any]:
     places, values = one.places.tolist(), one.values.tolist()
     if system.changed is None:
         own = settings(coordinate, places, values)
+    elif one.is_constant:
+        own = short(coordinate, [places[0], places[-1]], [one.level, one.level])
     else:  # it need not have a parameter that takes the mean
         own = short(coordinate, places, [value + one.level for value in values])
     return {f"{system.branch}.{name}.{key}": value for key, value in own.items()}

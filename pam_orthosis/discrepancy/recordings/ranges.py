@@ -87,4 +87,6 @@ def _refusal(system: System, key: str, values: np.ndarray, at: str, written: str
     least, most = _range(system, key)
     flipped = least <= -high and -low <= most
     sign = f", or turn its sign round by --columns {key}=-COLUMN" if flipped else ""
-    return f"{said} leaves {least:g} to {most:g} {system.unit(key)} {at}; check its unit and its zero{sign}"
+    wider = "" if key in system.limits or system.changed is None else ", or give the Model `limits` for it"
+    range_ = f"{least:g} to {most:g} {system.unit(key)}"
+    return f"{said} leaves {range_} {at}; check its unit and its zero{sign}{wider}"

@@ -159,7 +159,8 @@ def _remainders(
     measured = np.gradient(velocity, one.period)[places]
     missing = _missing(smooth[channel], velocity, [smooth[name] for name in drivers])[places]
     law = _law(assembled, rate, len(places), _right(system, assembled))
-    acts = {name: _late(system, name, one.period) for name in drivers}
+    aged = system.aged.get(channel, 0.0)
+    acts = {name: aged + _late(system, name, one.period) for name in drivers}
     beside = _beside(system, one, places)
     rates = {of: np.gradient(smooth[name], one.period) for of, name in _rates(system, drivers).items()}
 
@@ -187,7 +188,7 @@ def _remainders(
 def _late(system: System, name: str, period: float) -> float:
     """Return how late a recorded signal acts by the model, s."""
     if name not in system.inputs:
-        return 0.0
+        return -system.aged.get(name, 0.0)
     held = period / 2 * (name not in system.gradual)
     return system.late * (name not in system.sensed) + system.later.get(name, 0.0) + held
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import casadi as ca
 
-from pam_orthosis.discrepancy.systems.changes import UNKNOWN, Curve, changed, check_present
+from pam_orthosis.discrepancy.systems.changes import ON, UNKNOWN, Curve, changed, check_known
 from pam_orthosis.discrepancy.systems.implied import (
     late_channel,
     late_input,
@@ -28,6 +28,7 @@ from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.parameters import load
 
 KEEPS_SIGN = 0.5  # tolerance of a parameter over its value
+SEARCH = "gap"  # settings of the search, in a model file
 WHOLE = "dynamics"  # the equation of a model that is replayed as a whole
 
 
@@ -94,7 +95,8 @@ class Model:
         sources: signal -> where recordings have it.
         ambient: absolute pressure, Pa, from which gauge pressures in a table count.
         present: effects, of `effects` or implied, that the nominal model has already -> their parameters.
-            Those of the expressions are recalibrated by `gap.learned.deviation`; dead times are exact.
+            Those of the expressions are recalibrated, by a tenth (`gap.learned.deviation`); dead times of
+            inputs are exact.
         curves: channel -> what was described of it and has no name.
     """
 
@@ -120,8 +122,8 @@ class Model:
         Raises:
             OrthosisError: parts of the model do not fit together.
         """
+        check_known(self)
         self._check_names()
-        check_present(self)
         traced, missing = Traced(self, ()), [one for one in self.effects if one.name not in self.present]
         plain = System(
             name=self.name,
@@ -133,6 +135,7 @@ class Model:
             catalogue={effect.name: effect for effect in missing},
             assemble=lambda effects: Traced(self, effects).assembled(),
             limits=self.limits,
+            aged=self._aged,
             late=self.late + self._lateness.get("", 0.0),
             later={name: seconds for name, seconds in self._lateness.items() if name},
             changed=lambda values: changed(self, values).system(),
@@ -221,6 +224,13 @@ class Model:
         values = {one.name: SimpleNamespace(**self.present[one.name]) for one in self.known}
         return {one.late_of: one.late(values[one.name]) for one in self.known if one.late is not None}
 
+    @property
+    def _aged(self) -> dict[str, float]:
+        """By how much channels are known to show the past, s."""
+        sensors = [one for one in self.known if one.advance is not None]
+        known = [one.advance(SimpleNamespace(**self.present[one.name])) for one in sensors if one.advance]
+        return {channel: seconds for each in known for channel, seconds in each.items()}
+
     def _without(self, name: str) -> System:
         return replace(self, present={k: v for k, v in self.present.items() if k != name}).system()
 
@@ -230,12 +240,29 @@ class Model:
         groups = {
             "states and inputs": names,
             "channels and inputs": [*(one.name for one in self.channels), *(one.name for one in self.inputs)],
-            "parameters": [*(one.name for one in self.parameters), *(one.name for one in self.learned)],
+            "parameters": [one.name for one in self.parameters],
             "effects": [one.name for one in self.effects] + [f"{UNKNOWN}{one.name}" for one in self.channels],
         }
         for what, group in groups.items():
             _check_group(what, group)
         self._check_channels()
+        self._check_written()
+
+    def _check_written(self) -> None:
+        """Check that a model file can hold what a search may find."""
+        own = {f"{one.name}_{q.name}": one.name for one in self.effects for q in one.parameters}
+        for one in self.parameters:
+            if one.name in own:
+                raise OrthosisError(
+                    f"parameter {one.name!r}: a recalibrated effect {own[one.name]!r} has one of this name"
+                )
+            if one.name in (System.branch, SEARCH):
+                raise OrthosisError(
+                    f"parameter {one.name!r}: a model file has something else under this name"
+                )
+        for effect in self.effects:
+            if any(q.name == ON for q in effect.parameters):
+                raise OrthosisError(f"effect {effect.name}: {ON!r} says in a model file that it is there")
 
     def _check_channels(self) -> None:
         for one in self.channels:

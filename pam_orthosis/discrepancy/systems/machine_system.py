@@ -74,6 +74,9 @@ class _Described:
         self._learned = [one for one in present if one.parameters and not one.shape and one.late is None]
         self._lateness = {e.name: e.late(self._settings[e.name]) for e in present if e.late is not None}
         self._calibrations = (*view.calibrations, *self._of_learned())
+        sensors = [(one, self._seen(one).advance) for one in present if one.advance is not None]
+        shown = [advance(self._settings[one.name]) for one, advance in sensors if advance is not None]
+        self._aged = {channel: float(seconds) for each in shown for channel, seconds in each.items()}
         names = MOTION if view.neighbour else ()
         self._motion = tuple(f"{view.neighbour}_{name}" for name in names)  # states that are only recorded
         self._sensed = (view.external,) if view.external else ()  # inputs beside the voltages
@@ -112,6 +115,7 @@ class _Described:
             ambient=self._nominal.valve.ambient_pressure,
             input_period=machine.takes.get("scenario.control_period", "scenario.control_period"),
             late=self._nominal.valve.delay + sum(self._lateness.values()) if view.learns else 0.0,
+            aged=self._aged,
             unusable=view.unusable,
             sources=view.sources,
             also_recorded=tuple(Topics(machine).signals),

@@ -147,8 +147,7 @@ class System:
         name: in reports.
         channels: what is measured.
         inputs: recorded inputs, in the order of `Assembled.u`.
-        derived: base state -> base state whose difference quotient it is when it is a neighbour
-            (velocity of angle).
+        derived: base state -> base state whose difference quotient it is as a neighbour (velocity of angle).
         derived_twice: the same, of states whose second difference quotient it is.
         equations: how the model is cut.
         calibrations: nuisance parameters with tolerances.
@@ -162,7 +161,7 @@ class System:
         limits: channel or input -> values that it cannot leave, in its unit.
         input_period: parameter in a bag's metadata that says how often the inputs changed, s.
         late: s, by which the model's inputs act later than recorded; effects with `late` count from there.
-        later: input -> s by which it acts still later than the others.
+        later, aged: input -> s by which it acts later still; channel -> s by which it shows the past.
         changed: key -> value of a model file, `gap.*` left out -> the system that has it; None: it has none.
         unusable: experiments that effects name and whose recordings cannot be searched.
         places: effect -> the equation in which it shows, where the effect does not name it itself.
@@ -197,6 +196,7 @@ class System:
     input_period: str = ""
     late: float = 0.0
     later: Values = field(default_factory=dict)
+    aged: Values = field(default_factory=dict)
     changed: Callable[[Mapping[str, Any]], System] | None = None
     unusable: tuple[str, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict)

@@ -53,9 +53,13 @@ def _guarded(path: Path, system: System) -> System:
             return system.assemble(effects)
 
     def made(make: Callable[..., System], *given: Mapping[str, Any]) -> System:
-        with _named(path):
+        try:
             other = make(*given)
-            check_system(other)
+        except OrthosisError:  # of what was given, not of the file
+            raise
+        except Exception:
+            with _named(path):
+                raise
         return _guarded(path, other)
 
     return replace(

@@ -134,6 +134,14 @@ class CurveFit:
         values, spread = able @ found.step[own], able @ found.covariance[own, own] @ able.T
         return np.linspace(*self._ends(spline.signal), spline.knots), scale * values, scale**2 * spread
 
+    def moved(self, found: Fitted) -> dict[str, float]:
+        """Return the model's free parameters where a fit has them, inside their bounds."""
+        moved = {
+            one.name: self._model.values[one.name] + float(step) * one.scale
+            for one, step in zip(self._model.free, found.step, strict=False)
+        }
+        return {one.name: min(max(moved[one.name], one.lower), one.upper) for one in self._model.free}
+
     def fit(self, splines: tuple[Spline, ...]) -> Fitted:
         """Return splines beside the free parameters.
 

@@ -8,7 +8,7 @@ recordings fit it; the signal whose curve reduces the held-out gap most is given
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import permutations
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from pam_orthosis.discrepancy.fitting.fit import Fit
 from pam_orthosis.discrepancy.fitting.structure import signals_of
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.search.findings import QUANTILE
-from pam_orthosis.discrepancy.systems.system import Entry, Equation, System
+from pam_orthosis.discrepancy.systems.system import Entry, Equation, System, Values
 from pam_orthosis.discrepancy.unknown import textbook
 from pam_orthosis.discrepancy.unknown.curve_fit import (
     SIMPLER,
@@ -58,6 +58,7 @@ class Description:
         period: of the curve, in the signal's unit, if it is a wave.
         level: the mean that is left to recalibration.
         shape_of: the textbook effect that has its shape, if one has.
+        beside: the model's free parameters, as they were fitted with it.
     """
 
     channel: str
@@ -72,6 +73,7 @@ class Description:
     period: float | None
     level: float = 0.0
     shape_of: str | None = None
+    beside: Values = field(default_factory=dict)
 
     @property
     def is_constant(self) -> bool:
@@ -207,7 +209,7 @@ def _description(
     period = wave_period(places, shape, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
     return Description(
         spline.channel, spline.entry, spline.signal, places, values if own else shape, shape,
-        covariance, share, runner_up, period, level,
+        covariance, share, runner_up, period, level, beside=curves.moved(found),
     )  # fmt: skip
 
 
