@@ -141,7 +141,9 @@ def graph(tmp_path, monkeypatch):
             monkeypatch.setenv(name, value)
         rclpy.init(context=context, domain_id=domain)
         node = rclpy.create_node("controllers", context=context)
-        driver = subprocess.Popen([sys.executable, str(DEVICE)], stderr=subprocess.PIPE, text=True)
+        heeding = ["env", "--default-signal=INT"]  # a shell in the background has children ignore it
+        command = [*heeding, sys.executable, str(DEVICE)]
+        driver = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         yield node
         driver.send_signal(signal.SIGINT)
         _, said = driver.communicate(timeout=LIMIT_S)
