@@ -11,15 +11,19 @@ import pytest
 from pam_orthosis.cli.main import main
 from pam_orthosis.discrepancy.api import (
     Channel,
+    Contribution,
     Curve,
     Effect,
     Input,
     Model,
     Parameter,
     Quantity,
+    from_arrays,
     load_system,
 )
+from pam_orthosis.discrepancy.preparation.beginning import begin
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.model.parameters import load
 
 CARRIAGE = Path(__file__).resolve().parents[2] / "examples" / "motor_carriage.py"
 ON = {"effects.friction.enabled": True, "effects.friction.level": 2.0, "effects.friction.speed": 0.005}
@@ -182,3 +186,35 @@ def test_a_model_by_hand_may_have_an_effect_a_curve_and_a_late_sensor():
     system = _model(present=known, curves={"x": curve}, **two).system()
     assert (system.late, system.later, system.aged) == (0.0, {"current": 0.02}, {"x": 0.01})
     assert {"rub", "current_delay", "x_delay"} & set(system.catalogue) == set()
+
+
+def test_what_warms_from_the_beginning_on_is_warm_in_the_last_quarter():
+    """Without recordings that are held out that quarter judges; what came before it acts there still."""
+    gain = Quantity("gain", 0.3, "-", -5.0, 5.0, "what a warm body adds", 0.0)
+    warming = Effect(
+        "warming", "flow", (gain,),
+        lambda s, p, own: Contribution({"flow": p.gain * own[0]}, (s.power,)), "Warms.", "", states=("heat",),
+    )  # fmt: skip
+
+    def equations(s, p):
+        s.flow = p.factor * s.power
+        return {"x": s.flow - s.x}
+
+    system = Model(
+        "heater", [Channel("x", "x", "-", "-", 1.0)], [Input("power", "-", held=False)], ["x"], equations,
+        [Parameter("factor", 1.0, "-", 0.05, "flow by power")], [warming], present={"warming": {"gain": 0.5}},
+    ).system()  # fmt: skip
+    period, count = 0.01, 4000
+    time, random = period * np.arange(count), np.random.default_rng(1)
+    power = 1.0 + np.sin(1.3 * time)
+    heat = time - np.cos(1.3 * time) / 1.3 + 1 / 1.3
+    x = np.zeros(count)
+    for i in range(count - 1):
+        flow = power[i : i + 2] + 0.5 * heat[i : i + 2]
+        x[i + 1] = x[i] * np.exp(-period) + (1 - np.exp(-period)) * flow.mean()
+    one = from_arrays(
+        "one", system, {"time": time, "x": x + 1e-3 * random.standard_normal(count), "power": power}
+    )
+    start = begin(system, [one], [], load().gap)
+    assert start.recalibrated().white["x"] < 1.2 * start.floor.white["x"]
+    assert [scored.samples for scored in start.held_out.scored] == [count // 4]
