@@ -185,7 +185,7 @@ def test_a_model_by_hand_may_have_an_effect_a_curve_and_a_late_sensor():
     two = {"inputs": [Input("current", "A"), Input("other", "A")], "channels": channels}
     system = _model(present=known, curves={"x": curve}, **two).system()
     assert (system.late, system.later, system.aged) == (0.0, {"current": 0.02}, {"x": 0.01})
-    assert {"rub", "current_delay", "x_delay"} & set(system.catalogue) == set()
+    assert {"rub", "current_delay", "x_delay"} & set(system.catalogue) == {"current_delay"}
 
 
 def test_what_warms_from_the_beginning_on_is_warm_in_the_last_quarter():

@@ -191,6 +191,12 @@ def test_one_of_two_inputs_that_acts_late_is_named():
     assert late.effects[0].parameters["delay"][0] == pytest.approx(0.015, abs=1e-4)
     assert late.verdict == "explained"
     assert _left(late, _recording(system, 3, behind=3)) < 1.1
+    short = system.changed({"effects.other_delay.enabled": True, "effects.other_delay.delay": 0.025})
+    runs = [_recording(short, seed, behind=3) for seed in (1, 2)]
+    rest = search(begin(short, runs[:1], runs[1:], load().gap), load().gap)
+    assert [one.name for one in rest.effects] == ["other_delay"]
+    assert "beside the 25 ms that the model has (15" in describe(rest)
+    assert patch.changes_of(rest)["effects.other_delay.delay"] == pytest.approx(0.015, abs=1e-4)
     assert early.effects == ()
     assert "looks as if other were stamped late: other_delay.delay = -0.015" in describe(early)
 

@@ -44,7 +44,8 @@ def overrides(system: System, effects: Sequence[str], values: Mapping[str, float
             continue
         changed[f"{system.branch}.{name}.enabled"] = True
         for q in system.catalogue[name].parameters:
-            changed[f"{system.branch}.{name}.{q.name}"] = float(f"{values[f'{name}.{q.name}']:.6g}")
+            whole = values[f"{name}.{q.name}"] + system.already.get(f"{name}.{q.name}", 0.0)
+            changed[f"{system.branch}.{name}.{q.name}"] = float(f"{whole:.6g}")
     return changed
 
 

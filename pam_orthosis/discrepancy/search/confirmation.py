@@ -157,8 +157,10 @@ def emptied(system: System, name: str, model: Fit) -> tuple[str, ...]:
     """Return the parameters (as `EFFECT.PARAMETER`) at which an effect is not what its name says."""
     effect = system.catalogue[name]
     own = {q.name: model.values[f"{name}.{q.name}"] for q in effect.parameters}
-    if effect.late is not None and system.late + effect.late(SimpleNamespace(**own)) < EARLIEST:
-        return tuple(f"{name}.{q}" for q in own)
+    if effect.late is not None:
+        known = system.late + system.later.get(effect.late_of, 0.0)
+        if known + effect.late(SimpleNamespace(**own)) < EARLIEST:
+            return tuple(f"{name}.{q}" for q in own)
     return tuple(f"{name}.{q.name}" for q in effect.parameters if q.is_empty(own[q.name]))
 
 

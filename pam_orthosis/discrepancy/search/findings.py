@@ -161,7 +161,10 @@ def _look_alikes(found: Selection, name: str, settings: Section) -> tuple[str, .
 def in_all(system: System, one: Named) -> str:
     """Return in words what a delay beside the model's own comes to; empty for what counts from nothing."""
     effect = system.catalogue[one.name]
-    if effect.late is None or not system.late:
+    if effect.late is None:
         return ""
-    delay = system.late + one.parameters[effect.fitted[0].name][0]
-    return f" beside the {1e3 * system.late:.3g} ms that the model has ({1e3 * delay:.2f} ms in all)"
+    known = system.late + system.later.get(effect.late_of, 0.0)
+    if not known:
+        return ""
+    delay = known + one.parameters[effect.fitted[0].name][0]
+    return f" beside the {1e3 * known:.3g} ms that the model has ({1e3 * delay:.2f} ms in all)"

@@ -125,6 +125,7 @@ class Model:
         check_known(self)
         self._check_names()
         traced, missing = Traced(self, ()), [one for one in self.effects if one.name not in self.present]
+        late = [one for one in self.known if one.late is not None]
         plain = System(
             name=self.name,
             channels=tuple(self.channels),
@@ -136,6 +137,7 @@ class Model:
             assemble=lambda effects: Traced(self, effects).assembled(),
             limits=self.limits,
             aged=self._aged,
+            already={f"{one.name}.{q}": value for one in late for q, value in self.present[one.name].items()},
             late=self.late + self._lateness.get("", 0.0),
             later={name: seconds for name, seconds in self._lateness.items() if name},
             changed=lambda values: changed(self, values).system(),
@@ -183,7 +185,8 @@ class Model:
             enters = traced.symbol(key) if key else traced.marks[effect.stage]
             return any(traced.depends(system, equation, enters))
 
-        missing = [one for one in self.implied if one.name not in self.present]
+        # a dead time is exact: what it is off by is a candidate of its name
+        missing = [one for one in self.implied if one.late is not None or one.name not in self.present]
         found = {one.name: [e.name for e in equations if shows(one, e)] for one in missing}
         return {name: places[0] for name, places in found.items() if places}
 

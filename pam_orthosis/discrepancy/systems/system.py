@@ -162,16 +162,15 @@ class System:
         input_period: parameter in a bag's metadata that says how often the inputs changed, s.
         late: s, by which the model's inputs act later than recorded; effects with `late` count from there.
         later, aged: input -> s by which it acts later still; channel -> s by which it shows the past.
+        already: `EFFECT.PARAMETER` -> what the model has of an effect that a candidate of its name adds to.
         changed: key -> value of a model file, `gap.*` left out -> the system that has it; None: it has none.
         unusable: experiments that effects name and whose recordings cannot be searched.
         places: effect -> the equation in which it shows, where the effect does not name it itself.
         input_units: input -> its unit (V).
         input_noise: input -> standard deviation of what is recorded (`gap.replay.input_noise`).
         gradual: inputs that run straight from each sample to the next; others keep their value until then.
-        sensed: inputs that a sensor measures: they act when they are recorded, whatever delays the others,
-            and recordings show their noise.
-        entries: channel -> how something unknown may enter its equation, if not as a rate alone; the first
-            gives the unit of short pushes.
+        sensed: inputs that a sensor measures: no delay of the others is theirs, recordings show their noise.
+        entries: channel -> how something unknown may enter, if not as a rate alone; pushes as the first one.
         wrong: candidate -> key of the parameter that it takes to be wrong; see `recalibrating`.
         common: candidate -> key -> nominal value of all parameters that it multiplies.
         shares: candidate -> calibration by which the same parameter may be off by a share.
@@ -197,6 +196,7 @@ class System:
     late: float = 0.0
     later: Values = field(default_factory=dict)
     aged: Values = field(default_factory=dict)
+    already: Values = field(default_factory=dict)
     changed: Callable[[Mapping[str, Any]], System] | None = None
     unusable: tuple[str, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict)

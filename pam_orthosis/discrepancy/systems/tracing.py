@@ -103,7 +103,7 @@ class Traced:
         self.parameters = (*tolerances, *(one.name for one in model.learned), *own)
         self.theta = ca.SX.sym("theta", len(self.parameters))
         self._symbols = {name: self.theta[i] for i, name in enumerate(self.parameters)}
-        known = [(one.name, q.name) for one in model.known for q in one.parameters]
+        known = [(one.name, q.name) for one in model.known if one.late is None for q in one.parameters]
         self._symbols |= {f"{effect}.{q}": self._known(effect, q) for effect, q in known}
         self._of_state = {name: self.x[i] for i, name in enumerate(self.states)}
         self._effect_rates: dict[str, Any] = {}
