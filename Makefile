@@ -8,6 +8,8 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 
 # blind cases for the gap workflow; resumable, hours: see benchmarks/bench_gap.py
 BENCH ?= bench_gap.jsonl
+# of the tests: one more than there are cores, since many wait for other processes, and four at most
+WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 3); echo $$((n < 3 ? n + 1 : 4)))
 # controllers compared; resumable, an hour or more: see benchmarks/bench_control.py
 BENCH_CONTROL ?= bench_control.jsonl
 # how fast it is, in ratios; minutes: see benchmarks/bench_speed.py
@@ -37,7 +39,7 @@ test: setup
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --max-worker-restart 1 --dist loadfile
+	$(BIN)/python -m pytest -n $(WORKERS) --max-worker-restart 1 --dist loadfile
 
 bench: setup
 	$(GUARD)

@@ -178,6 +178,10 @@ def test_a_constant_that_the_model_lacks_is_no_curve_over_a_signal():
     turned = [replace(one, level=-one.level) for one in outcome.unknown.descriptions]
     worse = replace(outcome, unknown=replace(outcome.unknown, descriptions=turned))
     assert not standing.stands(start, worse), "it would leave more than nothing does"
+    free = [replace(one, entry=replace(one.entry, held="")) for one in turned]
+    unheld = replace(outcome, unknown=replace(outcome.unknown, descriptions=free))
+    assert standing.stands(start, unheld), "no model can be asked"
+    assert "no model file can carry this description" not in describe(outcome)
 
 
 def test_one_of_two_inputs_that_acts_late_is_named():

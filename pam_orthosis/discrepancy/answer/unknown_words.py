@@ -90,7 +90,8 @@ def _carried(system: System, one: Description) -> list[str]:
         return []
     known = holder(system, one)
     if known is None:
-        return ["no model file can carry this description"]
+        why = "" if system.changed is None else ": the model has a curve there already"
+        return [f"no model file can carry this description{why}"]
     first = one.channel == system.channels[0].name and one.coordinate != "time"
     use = "controllers and gap use it" if first else "gap uses it, controllers do not"
     use = use if system.changed is None else "gap uses it"
