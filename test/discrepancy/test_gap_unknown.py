@@ -434,3 +434,15 @@ def test_what_few_places_tell_is_no_wave():
     draw = np.random.default_rng(1)
     steps = [(places > 0.5) + draw.normal(0.0, spread) for _ in range(8)]
     assert not any(description.wave_period(places, step, spread) for step in steps)
+
+
+def test_a_signal_that_judges_where_nothing_was_fitted_is_no_coordinate(monkeypatch):
+    """A curve over time, fitted to three quarters, says nothing of the last one."""
+    shown = {
+        "first": {"time": np.arange(3.0), "angle": np.arange(3.0), "phase": np.zeros(3)},
+        "last": {"time": np.arange(3.0, 5.0), "angle": np.arange(2.0), "phase": np.zeros(2)},
+    }
+    monkeypatch.setattr(description, "signals_of", lambda system, one: shown[one])
+    groups = [SimpleNamespace(system=None, scored=[name]) for name in shown]
+    assert description._coordinates(groups) == ["angle"]
+    assert description._coordinates(groups[:1] * 2) == ["angle", "time"]

@@ -36,6 +36,7 @@ NEAR = 0.05  # of that gap: signals that differ by less are told apart by the eq
 CYCLES, FITS = 1.5, 0.94  # a curve is periodic if so many waves are in its range and explain so much of it
 FEWEST_KNOWN = 6.0  # knots: fewer are matched by almost any wave
 UNSURE = 3.0  # times the median standard deviation: places that were hardly visited
+MOSTLY = 0.5  # of the samples that judge, inside the range that was fitted
 CONSTANT = 3.0  # mean of a curve over half of its range
 ROUNDING = 1e-9  # of a curve's squares: what is smaller is a line
 
@@ -223,9 +224,18 @@ def _compared(system: System, one: Description) -> Description:
 
 
 def _coordinates(groups: list[Problem]) -> list[str]:
-    """Return the signals that all recordings have. A phase is no signal: each recording has its own."""
-    known = [set(signals_of(group.system, one)) for group in groups for one in group.scored]
-    return sorted(set.intersection(*known) - {"phase"})
+    """Return the signals that all recordings have, and that judge mostly where they were fitted.
+
+    A phase is no signal: each recording has its own. Of time a last quarter shows what was not fitted.
+    """
+    seen = [[signals_of(group.system, one) for one in group.scored] for group in groups]
+    names = set.intersection(*(set(each) for many in seen for each in many)) - {"phase"}
+
+    def fitted(name: str) -> bool:
+        own, judging = (np.concatenate([each[name] for each in many]) for many in seen)
+        return bool(np.mean((judging >= own.min()) & (judging <= own.max())) > MOSTLY)
+
+    return sorted(name for name in names if fitted(name))
 
 
 def holder(system: System, one: Description) -> tuple[str, str] | None:
