@@ -295,6 +295,22 @@ def test_what_may_as_well_have_no_size_is_not_named(monkeypatch, half, kept):
     assert tuple(found.evidence) == kept
 
 
+@pytest.mark.parametrize("beside", ["muscle_hysteresis.offset_share", "muscle_damping"])
+def test_a_size_that_depends_on_a_detail_is_a_size(monkeypatch, beside):
+    """What a recalibration could take over is none."""
+    hysteresis = "muscle_hysteresis.half_width"
+    found = found_so_far({"muscle_hysteresis": 12000.0}, {"muscle_hysteresis": {}})
+    found.null = SimpleNamespace(effects=())
+    free = [Free(name, 1.0, -np.inf, np.inf, np.inf) for name in (hysteresis, beside)]
+    hessian = np.array([[1.0, 0.999], [0.999, 1.0]])
+    values = {hysteresis: 12.0, beside: 0.5}
+    found.final = Fit(("muscle_hysteresis",), values, 0.0, hessian, free, 100, {})
+    monkeypatch.setattr(elimination, "covariance", lambda _, model: np.linalg.inv(model.hessian))
+    monkeypatch.setattr(elimination, "deviations", lambda _, model, spread: np.sqrt(np.diag(spread)))
+    elimination.eliminate_weak(found, SETTINGS, silent)
+    assert bool(found.final.effects) == beside.startswith("muscle_hysteresis")
+
+
 def starts_of(effect):
     """Return the start positions of a trial beside a model whose residual is a wave of 3 Hz."""
     equation = SimpleNamespace(name="dynamics", channels=("x",))

@@ -309,19 +309,54 @@ def test_sensors_that_all_are_as_late_are_a_dead_time(bench, monkeypatch):
     assert step.fit.values["valve_delay.delay"] == pytest.approx(4e-3, abs=5e-4)
 
 
-@pytest.mark.parametrize(("left", "tried"), [(1.2, False), (4.0, True)])
-def test_details_are_doubted_only_where_something_is_left(bench, sound, monkeypatch, left, tried):
-    problem, null, held_out = sound
+PAIR = ("joint_friction", "muscle_hysteresis")
+
+
+def beside_friction(sound, monkeypatch, evidence, left=1.0, cleaner=True):
+    """Return a search that has named friction with its details, beside which an effect has some evidence."""
+    problem, null, _ = sound
     posed = problem.weighted(dict.fromkeys(problem.weights, left**-0.5))
-    found, asked = Selection(posed, null, posed, null), []
-    without = second_chance.refit.without_details
-    monkeypatch.setattr(second_chance.refit, "refined_in", lambda *_: ["joint_friction"])
-    monkeypatch.setattr(second_chance, "_alike_pairs", lambda *_: [("joint_friction", "parallel_elasticity")])
-    monkeypatch.setattr(
-        second_chance.refit, "without_details", lambda *args: asked.append(args) or without(*args)
-    )
-    second_chance.or_for_details(found, held_out, NOTHING, load().gap.evidence, silent)
-    assert bool(asked) == tried
+    found = Selection(posed, null, posed, null, evidence={PAIR[0]: 10_000.0})
+    model = SimpleNamespace(effects=PAIR, values={"muscle_hysteresis.half_width": 12.0})
+    monkeypatch.setattr(second_chance, "_alike_pairs", lambda *_: [PAIR])
+    monkeypatch.setattr(second_chance, "_details", lambda _: {PAIR[0]: {}})
+    monkeypatch.setattr(second_chance, "_cleaner", lambda *_: cleaner)
+    monkeypatch.setattr(second_chance, "emptied", lambda *_: ())
+    for fitted in ("without_details", "with_both"):
+        monkeypatch.setattr(second_chance.refit, fitted, lambda *_: (posed, model))
+    monkeypatch.setattr(second_chance, "weighed", lambda *_: [(evidence, posed, model)])
+    confirmed = replace(NOTHING, accepted=PAIR[1])
+    monkeypatch.setattr(second_chance, "accepted", lambda *_: confirmed)
+    monkeypatch.setattr(second_chance.selection, "larger", lambda *_: frozenset(PAIR[:1]))
+    return found, confirmed
+
+
+@pytest.mark.parametrize(
+    ("left", "cleaner", "evidence", "named", "noted"),
+    [
+        (1.2, False, 40.0, True, True),
+        (1.2, False, 5.0, False, True),
+        (1.2, False, -20.0, False, False),
+        (4.0, False, 40.0, False, True),
+        (4.0, True, 40.0, True, True),
+    ],
+)
+def test_an_effect_in_place_of_details(sound, monkeypatch, left, cleaner, evidence, named, noted):
+    """Where much is left it has to leave less; where it does as well, that is noted."""
+    found, confirmed = beside_friction(sound, monkeypatch, evidence, left, cleaner)
+    step = second_chance.or_for_details(found, None, NOTHING, load().gap.evidence, silent)
+    assert step is (confirmed if named else NOTHING)
+    assert found.both == ({PAIR[0]: {PAIR[1]: {"muscle_hysteresis.half_width": 12.0}}} if noted else {})
+    assert found.apart == ({PAIR[1]: frozenset(PAIR[:1])} if named else {})
+
+
+@pytest.mark.parametrize(("evidence", "named"), [(19.0, False), (21.0, True)])
+def test_an_effect_beside_one_like_it_with_the_details_of_both(sound, monkeypatch, evidence, named):
+    """What the form of a large effect leaves over needs more, the larger that is."""
+    found, confirmed = beside_friction(sound, monkeypatch, evidence)
+    step = second_chance.or_for_both(found, None, NOTHING, load().gap.evidence, silent)
+    assert step is (confirmed if named else NOTHING)
+    assert (PAIR[1] in found.apart) == named
 
 
 def test_a_valve_that_is_late_stays_one_and_what_fits_is_let_be(bench):

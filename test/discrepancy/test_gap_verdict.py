@@ -537,7 +537,7 @@ def test_a_share_of_nothing_has_no_sign():
 
 def test_the_last_line_says_what_the_data_do_not_separate():
     system = SimpleNamespace(wrong={"leg_cogwheel_diameter": "leg.cogwheel_diameter"})
-    one = SimpleNamespace(name="valve_lag", look_alikes=("valve_delay", "leg_cogwheel_diameter"))
+    one = SimpleNamespace(name="valve_lag", look_alikes=("valve_delay", "leg_cogwheel_diameter"), both={})
     assert with_rivals(system, one) == "valve lag (or valve delay, or a wrong leg.cogwheel_diameter)"
     assert with_rivals(system, SimpleNamespace(name="valve_lag", look_alikes=())) == "valve lag"
 

@@ -107,7 +107,8 @@ def test_gap_json_keeps_its_contract(friction):
     reported = json.loads(json.dumps(as_dict(friction)))
     assert reported["verdict"] == "explained"
     assert set(reported["effects"][0]) == {
-        "name", "wrong_parameter", "equation", "parameters", "evidence", "look_alikes", "separated_by"
+        "name", "wrong_parameter", "equation", "parameters", "evidence", "look_alikes", "with_both",
+        "separated_by"
     }  # fmt: skip
     assert reported["look_alikes"] == reported["effects"][0]["look_alikes"]
     assert reported["separated_by"] == reported["effects"][0]["separated_by"]
@@ -483,7 +484,7 @@ def test_the_second_of_a_round_is_compared_with_the_others_not_with_itself(bench
     ranked = (("creep", 900.0), ("backlash", 400.0), ("stretch_reflex", 395.0), ("valve_lag", 5.0))
     step = SimpleNamespace(accepted="backlash", fit=None, ranked=ranked, evidence=400.0)
     final, problem = SimpleNamespace(effects=["backlash"]), bench.problem
-    found = SimpleNamespace(final=final, steps=[step], problem=problem)
+    found = SimpleNamespace(final=final, steps=[step], problem=problem, both={})
     settings = bench.parameters.gap.evidence
     assert findings._look_alikes(found, "backlash", settings) == ("creep", "stretch_reflex")
     assert findings.runner_up_of(found) == ("creep", -500.0)
@@ -502,7 +503,7 @@ def test_each_effect_has_its_own_look_alikes_and_none_that_is_named(friction, be
         SimpleNamespace(accepted=name, fit=None, ranked=ranked, evidence=400.0) for name, ranked in rounds
     ]
     final = SimpleNamespace(effects=["backlash", "valve_lag"])
-    found = SimpleNamespace(final=final, steps=steps, problem=bench.problem)
+    found = SimpleNamespace(final=final, steps=steps, problem=bench.problem, both={})
     settings = bench.parameters.gap.evidence
     assert findings._look_alikes(found, "backlash", settings) == ("creep",)
     assert findings._look_alikes(found, "valve_lag", settings) == ("valve_delay",)
@@ -518,6 +519,26 @@ def test_each_effect_has_its_own_look_alikes_and_none_that_is_named(friction, be
     )
     assert "do not separate valve_lag from: valve_delay; the size" in reported
     assert "--scenario diagnostic-cocontraction" in reported
+    assert as_dict(replace(friction, effects=(first, second)))["effects"][0]["with_both"] == {}
+
+
+def test_what_does_as_well_beside_an_effect_is_told_with_both_sizes(friction, bench):
+    """Details of friction can do what a hysteresis does: its size then is that of both."""
+    values = {**friction.selection.final.values, "muscle_hysteresis.half_width": 12.0}
+    both = {"joint_friction": {"muscle_hysteresis": {**values, "joint_friction.coulomb": 0.4}}}
+    found, settings = replace(friction.selection, both=both), bench.parameters.gap.evidence
+    deviation = np.ones(len(found.final.free))
+    (one,) = (findings.named_effect(bench.system, found, deviation, "joint_friction", settings),)
+    assert one.look_alikes == ("muscle_hysteresis",)
+    reported = replace(friction, effects=(one,), look_alikes=one.look_alikes)
+    said = "separate it from: muscle_hysteresis; with muscle_hysteresis (12 N) it is 0.4 N m, which explains"
+    assert said in describe(reported)
+    assert last_line(reported) == "EXPLAINED by joint friction (or with muscle hysteresis)"
+    assert as_dict(reported)["effects"][0]["with_both"] == {
+        "muscle_hysteresis": [{"value": 0.4, "unit": "N m"}, {"value": 12.0, "unit": "N"}]
+    }
+    named = replace(found, final=replace(found.final, effects=("joint_friction", "muscle_hysteresis")))
+    assert "muscle_hysteresis" not in findings._look_alikes(named, "joint_friction", settings)
 
 
 def test_an_effect_of_another_equation_is_no_look_alike(bench):
@@ -529,7 +550,7 @@ def test_an_effect_of_another_equation_is_no_look_alike(bench):
     )
     step = SimpleNamespace(accepted="valve_delay", fit=None, ranked=ranked, evidence=400.0)
     final = SimpleNamespace(effects=["valve_delay"])
-    found = SimpleNamespace(final=final, steps=[step], problem=bench.problem)
+    found = SimpleNamespace(final=final, steps=[step], problem=bench.problem, both={})
     assert findings._look_alikes(found, "valve_delay", bench.parameters.gap.evidence) == (
         "valve_lag",
         "angle_delay",

@@ -60,6 +60,10 @@ def _effect(one: Named, wrong: Mapping[str, str]) -> dict[str, Any]:
         "parameters": parameters,
         "evidence": _number(one.evidence),
         "look_alikes": list(one.look_alikes),
+        "with_both": {
+            other: [{"value": _number(value), "unit": unit} for value, unit in sizes]
+            for other, sizes in one.both.items()
+        },
         "separated_by": list(one.separated_by),
     }
 

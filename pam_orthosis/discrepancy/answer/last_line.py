@@ -146,7 +146,10 @@ def _described(outcome: Outcome, names: str) -> str:
 
 def with_rivals(system: System, one: Named) -> str:
     """Return what was found, with what the recordings do not separate from it."""
-    rivals = [f"or {_title(system, name)}" for name in one.look_alikes[:MOST_RIVALS]]
+    rivals = [
+        f"or {'with ' if name in one.both else ''}{_title(system, name)}"
+        for name in one.look_alikes[:MOST_RIVALS]
+    ]
     return _title(system, one.name) + (f" ({', '.join(rivals)})" if rivals else "")
 
 

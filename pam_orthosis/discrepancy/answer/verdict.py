@@ -230,11 +230,19 @@ def _alike(one: Named, several: bool) -> list[str]:
     if not one.look_alikes:
         return []
     its, others = one.name if several else "it", ", ".join(one.look_alikes)
-    holds = "the size holds if nothing of that is there too"
-    lines = [f"these data do not separate {its} from: {others}; {holds}"]
+    lines = [f"these data do not separate {its} from: {others}; {_holds(one)}"]
     if one.separated_by:
         lines += _experiment("an experiment that separates them", one.separated_by[0])
     return lines
+
+
+def _holds(one: Named) -> str:
+    """Return when the size of an effect holds beside those that resemble it, or what it is with them."""
+    together = [
+        f"with {other} ({theirs[0]:.3g} {theirs[1]}) it is {own[0]:.3g} {own[1]}, which explains as much"
+        for other, (own, theirs) in one.both.items()
+    ]
+    return ", ".join(together) or "the size holds if nothing of that is there too"
 
 
 def _strain(system: System, strained: Mapping[str, float]) -> str:

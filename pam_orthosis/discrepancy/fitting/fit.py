@@ -2,7 +2,7 @@
 """Fits of a model's parameters to recordings: tolerances as priors, bounds, tempered weights."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,6 +45,15 @@ class Fit:
     free: Sequence[Free]
     samples: int
     blocks: Mapping[str, Block]
+
+
+def held(model: Fit, names: Collection[str]) -> Fit:
+    """Return a fit as if some of its free parameters had been known at their values."""
+    kept = [i for i, one in enumerate(model.free) if one.name not in names]
+    if len(kept) == len(model.free):
+        return model
+    free = tuple(model.free[i] for i in kept)
+    return replace(model, free=free, hessian=model.hessian[np.ix_(kept, kept)])
 
 
 def normal_equations(

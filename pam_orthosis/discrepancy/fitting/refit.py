@@ -4,10 +4,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from pam_orthosis.discrepancy.fitting.candidates import Candidate
-from pam_orthosis.discrepancy.fitting.fit import Fit, fit_tempered, prior_cost, score
+from pam_orthosis.discrepancy.fitting.fit import Fit, fit_tempered, held, prior_cost, score
 from pam_orthosis.discrepancy.fitting.free import free_parameters, nuisance, of_effect, scales_of, with_scales
 from pam_orthosis.discrepancy.fitting.projection import Projection
 from pam_orthosis.discrepancy.replay.problem import Problem
@@ -45,13 +43,7 @@ def estimated(system: System, model: Fit) -> Fit:
     """Return a model whose wrong parameters are values without a tolerance: its deviation is part of it."""
     wrong = {one.name: f"{n}.{VALUE}" for n in model.effects if (one := system.recalibrating(n))}
     moved = {key: model.values[key] + model.values[name] for name, key in wrong.items()}
-    kept = [i for i, one in enumerate(model.free) if one.name not in wrong]
-    return replace(
-        model,
-        values={**model.values, **moved, **dict.fromkeys(wrong, 0.0)},
-        free=tuple(model.free[i] for i in kept),
-        hessian=model.hessian[np.ix_(kept, kept)],
-    )
+    return replace(held(model, wrong), values={**model.values, **moved, **dict.fromkeys(wrong, 0.0)})
 
 
 def better(problem: Problem, fits: list[tuple[Problem, Fit]]) -> tuple[Problem, Fit]:
@@ -158,6 +150,15 @@ def without_details(problem: Problem, base: Fit, details: Values, name: str) -> 
     effects, known = (*base.effects, name), {*base.values}
     typical = {k: v for k, v in problem.replay.defaults(effects).items() if k not in known}
     free = [one for one in base.free if one.name not in details] + of_effect(problem.system, name)
+    return fit_tempered(problem, effects, {**base.values, **details, **typical}, free)
+
+
+def with_both(problem: Problem, base: Fit, details: Values, name: str) -> tuple[Problem, Fit]:
+    """Return the model with an effect beside one whose details are free, from these as they usually are."""
+    effects = (*base.effects, name)
+    typical = {k: v for k, v in problem.replay.defaults(effects).items() if k not in base.values}
+    refined = [*refined_in(problem.system, base), *_details(problem.system, [name])]
+    free = free_parameters(problem.system, effects, refined, scales_of(problem.system, base.free))
     return fit_tempered(problem, effects, {**base.values, **details, **typical}, free)
 
 

@@ -4,9 +4,9 @@
 import math
 from collections.abc import Mapping
 
-from pam_orthosis.discrepancy.fitting.fit import Fit, fit, fit_tempered, score
+from pam_orthosis.discrepancy.fitting.fit import Fit, fit, fit_tempered, held, score
 from pam_orthosis.discrepancy.fitting.free import free_parameters, scales_of
-from pam_orthosis.discrepancy.fitting.refit import refined_in
+from pam_orthosis.discrepancy.fitting.refit import details_of, refined_in
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.search import quiet, selection
 from pam_orthosis.discrepancy.search.confirmation import emptied
@@ -56,11 +56,15 @@ def _drop(found: Selection, name: str, losses: Mapping[str, tuple[float, Fit]]) 
 
 
 def _unsized(found: Selection) -> str | None:
-    """Return the least evident of the effects whose interval holds the size at which they vanish, if any."""
-    system, model = found.problem.system, found.final
-    deviation = deviations(system, model, covariance(found.final_problem, model))
+    """Return the least evident of the effects whose interval holds the size at which they vanish, if any.
+
+    Its details are no reason: what a size is worth may depend on a detail that recordings do not show.
+    """
+    system = found.problem.system
     unsized = []
-    for name in set(model.effects) - set(system.shapes):
+    for name in set(found.final.effects) - set(system.shapes):
+        model = held(found.final, details_of(system, name))
+        deviation = deviations(system, model, covariance(found.final_problem, model))
         size = system.catalogue[name].fitted[0]
         low, high = interval(model, deviation, f"{name}.{size.name}")
         if size.neutral is not None and low <= size.neutral <= high:

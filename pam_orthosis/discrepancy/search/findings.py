@@ -2,7 +2,7 @@
 """What is said of an effect that was found: parameters, evidence, what resembles it, what separates them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from pam_orthosis.discrepancy.fitting.fit import Fit, scaled_slopes
 from pam_orthosis.discrepancy.fitting.free import with_wider_shapes
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.search.selection import Selection
-from pam_orthosis.discrepancy.systems.system import Equation, System
+from pam_orthosis.discrepancy.systems.system import Equation, System, Values
 from pam_orthosis.model.parameters import Section
 
 BLOCK = 1.0  # s
@@ -72,7 +72,8 @@ class Named:
     """An effect that was found: parameters (name -> value, unit, lower, upper), evidence.
 
     `look_alikes` are effects that nothing separated from it when it was added, `separated_by` the experiments
-    that would. `at_bound` are parameters that a fit would take farther than they may go.
+    that would; `both` its size beside a look-alike that does as well with it, and that one's, with their
+    units. `at_bound` are parameters that a fit would take farther than they may go.
     """
 
     name: str
@@ -82,6 +83,7 @@ class Named:
     at_bound: tuple[str, ...] = ()
     look_alikes: tuple[str, ...] = ()
     separated_by: tuple[str, ...] = ()
+    both: Mapping[str, tuple[tuple[float, str], tuple[float, str]]] = field(default_factory=dict)
 
 
 def named_effect(
@@ -104,7 +106,17 @@ def named_effect(
     apart = tuple(dict.fromkeys(tests)) if alike else ()
     fitted = [q for q in effect.parameters if q.name in parameters]
     bound = tuple(q.name for q in fitted if q.at_bound(final.values[f"{name}.{q.name}"]))
-    return Named(name, system.equation_of(name), parameters, found.evidence[name], bound, alike, apart)
+    both = {
+        other: (_size(system, name, values), _size(system, other, values))
+        for other, values in found.both.get(name, {}).items()
+        if other in alike
+    }
+    return Named(name, system.equation_of(name), parameters, found.evidence[name], bound, alike, apart, both)
+
+
+def _size(system: System, name: str, values: Values) -> tuple[float, str]:
+    size = system.catalogue[name].fitted[0]
+    return values[f"{name}.{size.name}"], size.unit
 
 
 def first_accepted(found: Selection, named: Sequence[Named]) -> Named | None:
@@ -155,7 +167,9 @@ def _look_alikes(found: Selection, name: str, settings: Section) -> tuple[str, .
     # the form of a wrong parameter is the model's own: it costs no evidence
     share = 0.0 if name in found.problem.system.wrong else settings.ambiguous_share
     near = max(settings.ambiguous, share * own)
-    return tuple(other for other, evidence in others if own - evidence < near)
+    alike = [other for other, evidence in others if own - evidence < near]
+    both = [other for other in found.both.get(name, {}) if other not in found.final.effects]
+    return tuple(dict.fromkeys([*both, *alike]))
 
 
 def in_all(system: System, one: Named) -> str:

@@ -9,7 +9,7 @@ from pam_orthosis.discrepancy.fitting.projection import Projection
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.search import quiet, selection
 from pam_orthosis.discrepancy.search.acceptance import accepted
-from pam_orthosis.discrepancy.search.confirmation import ranking, weighed
+from pam_orthosis.discrepancy.search.confirmation import emptied, ranking, weighed
 from pam_orthosis.discrepancy.search.selection import Selection, Step
 from pam_orthosis.discrepancy.systems.system import Values
 from pam_orthosis.model.parameters import Section
@@ -17,6 +17,7 @@ from pam_orthosis.progress import Progress
 
 ASKED_IN_SILENCE = 3
 ALIKE = 0.5  # of an effect's gain that another one had in its place
+BOTH = 2e-3  # of an effect's evidence, that one like it needs beside it and its details
 CLEANER = 0.6  # of the power density that was left, with an effect in place of another's details
 
 
@@ -81,17 +82,21 @@ def or_for_details(
 ) -> Step:
     """Return the step with an effect in place of the details of one that it resembles, where that is better.
 
-    Details may have taken what another effect does: neither shows then beside the other.
+    Details may have taken what another effect does: neither shows then beside the other. Where both would do
+    as well, that is noted.
     """
     problem, base = found.final_problem, found.final
-    details = {one: refit.details_of(problem.system, one) for one in refit.refined_in(problem.system, base)}
+    details = _details(found)
+    found.both.clear()
     for refined, name in _alike_pairs(found, details):
-        if _is_clean(problem, name):
-            continue
         progress(f"trying {name} in place of the details of {refined}")
         weighted, model = refit.without_details(problem, base, details[refined], name)
         judged = weighed(problem, base, [(weighted, model)])
-        if judged[0][0] < settings.threshold or not _cleaner(problem, weighted, name):
+        if judged[0][0] > -settings.ambiguous and not emptied(problem.system, name, model):
+            found.both.setdefault(refined, {})[name] = model.values
+        if judged[0][0] < settings.threshold:
+            continue
+        if not (_is_clean(problem, name) or _cleaner(problem, weighted, name)):
             continue
         gains = {name: judged[0][0]}
         other = accepted(problem, base, held_out, judged, ranking(judged, ()), gains)
@@ -100,6 +105,34 @@ def or_for_details(
             found.apart[name] = selection.larger(found, name, settings)
             return other
     return step
+
+
+def or_for_both(
+    found: Selection, held_out: Problem, step: Step, settings: Section, progress: Progress
+) -> Step:
+    """Return the step with an effect beside one like it, the details of both free, where it is there.
+
+    Alone, one does most of what both do with its details, and leaves little. No form is left to take it for.
+    """
+    problem, base = found.final_problem, found.final
+    details = _details(found)
+    for refined, name in _alike_pairs(found, details):
+        progress(f"trying {name} beside {refined} with the details of both")
+        judged = weighed(problem, base, [refit.with_both(problem, base, details[refined], name)])
+        if judged[0][0] < max(settings.threshold, BOTH * found.evidence[refined]):
+            continue
+        other = accepted(problem, base, held_out, judged, ranking(judged, ()), {name: judged[0][0]})
+        if other.accepted:
+            found.steps.append(step)
+            found.apart[name] = selection.larger(found, name, settings)
+            return other
+    return step
+
+
+def _details(found: Selection) -> dict[str, dict[str, float]]:
+    """Return the effects whose details are free, each with these at their typical values."""
+    system = found.problem.system
+    return {one: refit.details_of(system, one) for one in refit.refined_in(system, found.final)}
 
 
 def _alike_pairs(found: Selection, refined: Collection[str]) -> list[tuple[str, str]]:

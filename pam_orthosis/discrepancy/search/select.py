@@ -33,7 +33,7 @@ from pam_orthosis.discrepancy.search.screening import (
     strained,
     worth_polishing,
 )
-from pam_orthosis.discrepancy.search.second_chance import or_for_details, or_in_silence
+from pam_orthosis.discrepancy.search.second_chance import or_for_both, or_for_details, or_in_silence
 from pam_orthosis.discrepancy.search.selection import Ranking, Selection, Step
 from pam_orthosis.discrepancy.systems.system import Values
 from pam_orthosis.model.parameters import Section
@@ -64,6 +64,8 @@ def extended(
             step = or_in_silence(found, held_out, step, settings, progress)
         if step.accepted is None:
             step = or_for_details(found, held_out, step, settings, progress)
+        if step.accepted is None:
+            step = or_for_both(found, held_out, step, settings, progress)
         if step.accepted is None:
             step = or_for_delays(found, held_out, step, settings, progress)
         if not _added(found, step, progress):

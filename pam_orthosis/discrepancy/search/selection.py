@@ -49,6 +49,7 @@ class Selection:
         entered: effect -> the same when it was added.
         alike: effect -> other one -> share of its gain that the other one had where it was added.
         apart: effect -> others, larger ones, in whose silence it was seen too.
+        both: effect -> other one that does as well in place of its details -> parameters with both.
         present: effect that the model had before -> the same, and the equations that it changes.
     """
 
@@ -61,6 +62,7 @@ class Selection:
     entered: dict[str, float] = field(default_factory=dict)
     alike: dict[str, Values] = field(default_factory=dict)
     apart: dict[str, frozenset[str]] = field(default_factory=dict)
+    both: dict[str, dict[str, Values]] = field(default_factory=dict)
     present: dict[str, tuple[float, frozenset[str]]] = field(default_factory=dict)
 
     def forget(self, name: str) -> None:

@@ -17,9 +17,11 @@ from pam_orthosis.discrepancy.systems.system import Entry, Equation
 from pam_orthosis.discrepancy.unknown.injection import Injection, injection
 
 KNOTS = (8, 20)  # of a curve: as few as held-out recordings allow
+MORE_KNOTS = 60  # of one that a model of a user's own can hold
 ENDS = (0.002, 0.998)  # quantiles of a signal between which its curve changes
 BOUND = 5.0  # standard deviation of a curve's values, of the unknown's own
 SIMPLER = 0.02  # of the share that a curve removes: what more knots, or a second curve, have to add
+VISIBLE = 0.5  # squares over those of the noise: what more knots have to add where the gap is large
 SLOW = 8.0  # Hz, below which the size of the unknown is looked at
 FEW_BLOCKS_T = 2.0  # of the fall of held-out squares over blocks of time, where few hold most of it
 TRANSFERRED = 0.5  # of the fall in training, that a curve has there then
@@ -83,6 +85,10 @@ class CurveFit:
                 self._linearise(group, one)
         self._size = {(c, entry): self._size_of(c, entry) for _, c, entry in self._levers}
         self._without = self.fit(())
+        self._knots = KNOTS if problem.system.changed is None else (*KNOTS, MORE_KNOTS)
+        squares = self._without.left[1]
+        over = float(squares @ squares) / len(squares) - 1
+        self._simpler = min(SIMPLER, VISIBLE / over) if over > 0 else SIMPLER
 
     def _linearise(self, group: Problem, one: Scored) -> None:
         for channel in self._equation.channels:
@@ -97,11 +103,11 @@ class CurveFit:
     def best(self, fixed: tuple[Spline, ...], term: Term) -> tuple[float, tuple[Spline, ...]]:
         """Return the share that a term removes beside fixed splines, and its own: few knots do as well."""
         shares = []
-        for knots in KNOTS if len(term) == 1 else KNOTS[:1]:
+        for knots in self._knots if len(term) == 1 else KNOTS[:1]:
             splines = tuple(Spline(*place, knots) for place in term)
             shares.append((self.reduced(self.fit((*fixed, *splines))), splines))
         most = max(share for share, _ in shares)
-        return next(one for one in shares if one[0] > most - SIMPLER)
+        return next(one for one in shares if one[0] > most - self._simpler)
 
     def reduced(self, found: Fitted) -> float:
         """Return the share of the held-out squares above the noise that splines remove.
