@@ -572,3 +572,8 @@ def test_only_a_system_with_pressures_is_asked_for_absolute_ones(bench):
 def test_an_interval_has_the_digits_that_show_its_width(numbers, said):
     value, lower, upper = numbers
     assert verdict._with_interval(value, "N", lower, upper) == said
+
+
+@pytest.mark.parametrize("unit", ["-", "1"])
+def test_a_pure_number_has_no_unit(unit):
+    assert verdict._with_interval(0.13, unit, 0.11, 0.15) == "0.13 (0.11 .. 0.15)"
