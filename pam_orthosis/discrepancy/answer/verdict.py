@@ -209,6 +209,10 @@ def _with_interval(value: float, unit: str, lower: float, upper: float, more: st
     return f"{value:.{shown}g}{_unit(unit)} ({lower:.{shown}g} .. {upper:.{shown}g}{more})"
 
 
+def _short(size: tuple[float, str]) -> str:
+    return f"{size[0]:.3g}{_unit(size[1])}"
+
+
 def _unit(unit: str) -> str:
     """Return a unit as it follows a number: a pure number has none."""
     return "" if unit in ("-", "1") else f" {unit}"
@@ -244,8 +248,7 @@ def _alike(one: Named, several: bool) -> list[str]:
 def _holds(one: Named) -> str:
     """Return when the size of an effect holds beside those that resemble it, or what it is with them."""
     together = [
-        f"with {other} ({theirs[0]:.3g}{_unit(theirs[1])}) it is {own[0]:.3g}{_unit(own[1])}, which explains as"
-        " much"
+        f"with {other} ({_short(theirs)}) it is {_short(own)}, which explains as much"
         for other, (own, theirs) in one.both.items()
     ]
     return ", ".join(together) or "the size holds if nothing of that is there too"
