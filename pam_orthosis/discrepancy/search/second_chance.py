@@ -102,7 +102,7 @@ def or_for_details(
         other = accepted(problem, base, held_out, judged, ranking(judged, ()), gains)
         if other.accepted:
             found.steps.append(step)
-            found.apart[name] = selection.larger(found, name, settings)
+            _keep_apart(found, refined, name, settings)
             return other
     return step
 
@@ -124,9 +124,15 @@ def or_for_both(
         other = accepted(problem, base, held_out, judged, ranking(judged, ()), {name: judged[0][0]})
         if other.accepted:
             found.steps.append(step)
-            found.apart[name] = selection.larger(found, name, settings)
+            _keep_apart(found, refined, name, settings)
             return other
     return step
+
+
+def _keep_apart(found: Selection, refined: str, name: str, settings: Section) -> None:
+    """Note that two effects that resemble each other were told apart: neither needs more beside the other."""
+    found.apart[name] = selection.larger(found, name, settings)
+    found.apart[refined] = found.apart.get(refined, frozenset()) | {name}
 
 
 def _details(found: Selection) -> dict[str, dict[str, float]]:
